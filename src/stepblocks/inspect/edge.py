@@ -46,69 +46,9 @@ class Edge:
     dropped: Mask  # shape (n,); points left out as spikes, along the profile as given
 
 
-@dataclass(frozen=True)
-class _Faces:
-    planes: TwoPlanes
-    gamma: Array  # autocovariance of their noise [m^2]
-    errors: Array  # shape (3, 3); rows whose products add up to the covariance of tilt, offset and height
-    asked: Mask  # shape (n,); points beside the exclusion
-    middle: float  # m
-
-    @property
-    def roughness(self) -> float:
-        return float(np.sqrt(self.gamma[0]))
-
-
-@dataclass(frozen=True)
-class _Step:
-    """Two faces of a profile and what lies between them, turned so that it rises; arrays of shape (n,)."""
-
-    x: Array  # m
-    levelled: Array  # height over the lower face [m]
-    faces: _Faces
-    exclusion: float  # half width that was kept out of the faces [m]
-    near: Mask  # measured points within it
-    spikes: Mask  # of those the spikes
-    own: Mask  # of the profile as given: what belongs to this edge
-    rising: bool  # as given
-
-
-def step_height(position: Array, height: Array, exclusion: float) -> Estimate:
-    """Height of a step alone, as `fit_edge` finds it."""
-    return _step(position, height, exclusion).faces.planes.height
-
-
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
     """Height of a step and radius of its edge from one profile across it [m], nan where nothing was measured."""
     # `exclusion` is the half width that is kept out of the faces [m]; half as much again as the edge is rounded by default.
-    step = _step(position, height, exclusion)
-    faces, spikes = step.faces, step.spikes
-    planes = faces.planes
-    arc, flank, on_arc = _arc_or_flank(step, np.flatnonzero(step.near & ~spikes))
-    off = faces.asked & ~planes.fit.used | spikes
-    dropped = np.zeros(len(position), dtype=bool)
-    dropped[np.flatnonzero(step.own)] = off if step.rising else off[::-1]
-    sign = 1.0 if step.rising else -1.0
-    corner, limit = (arc.radius, arc.radius_std), arc.radius_limit
-    if flank is not None:
-        corner, limit = (flank.radius, flank.radius_std), flank.radius + 1.645 * flank.radius_std
-    missing = int(np.isnan(step.levelled).sum())
-    return Edge(
-        height=planes.height,
-        radius=Estimate(*corner, planes.height.dof),  # whitened with noise that is as well known as that of the height
-        radius_limit=limit,
-        position=sign * arc.riser,
-        tilt=sign * planes.tilt,
-        exclusion=step.exclusion,
-        rejected=planes.fit.rejected + int(spikes.sum()) + on_arc + missing,
-        rising=step.rising,
-        flank=flank,
-        dropped=dropped,
-    )
-
-
-def _step(position: Array, height: Array, exclusion: float | None) -> _Step:
-    """Find the edge and fit its faces; refused, with the figure, where there is none or too much of it are spikes."""
     x, z = position, np.where(np.isfinite(height), height, np.nan)
     found = find_edges(x, z)
     if not found:
@@ -137,13 +77,45 @@ def _step(position: Array, height: Array, exclusion: float | None) -> _Step:
     # over the whole profile, so that the points at the ends of the window have their neighbours too
     spikes[known] = _beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))
     spikes &= near
+    levelled = z - planes.offset - planes.tilt * x
+    arc, flank, on_arc = _arc_or_flank(x, levelled, spacing, faces, np.flatnonzero(near & ~spikes))
     if (share := float(spikes.sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
         got = f"{share:.0%} of those within {half_width * 1e6:.3g} um of it"
         raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got {got}")
     if (lost := planes.fit.rejected / int(faces.asked.sum())) > _MOST_DROPPED:
         raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points of the faces may be spikes, got {lost:.0%}")
-    levelled = z - planes.offset - planes.tilt * x
-    return _Step(x, levelled, faces, half_width, near, spikes, own, rising)
+    off = faces.asked & ~planes.fit.used | spikes
+    dropped = np.zeros(len(position), dtype=bool)
+    dropped[np.flatnonzero(own)] = off if rising else off[::-1]
+    sign = 1.0 if rising else -1.0
+    corner, limit = (arc.radius, arc.radius_std), arc.radius_limit
+    if flank is not None:
+        corner, limit = (flank.radius, flank.radius_std), flank.radius + 1.645 * flank.radius_std
+    return Edge(
+        height=step,
+        radius=Estimate(*corner, step.dof),  # the noise that it is whitened with is as well known as that of the height
+        radius_limit=limit,
+        position=sign * arc.riser,
+        tilt=sign * planes.tilt,
+        exclusion=half_width,
+        rejected=planes.fit.rejected + int(spikes.sum()) + on_arc + int((~known).sum()),
+        rising=rising,
+        flank=flank,
+        dropped=dropped,
+    )
+
+
+@dataclass(frozen=True)
+class _Faces:
+    planes: TwoPlanes
+    gamma: Array  # autocovariance of their noise [m^2]
+    errors: Array  # shape (3, 3); rows whose products add up to the covariance of tilt, offset and height
+    asked: Mask  # shape (n,); points beside the exclusion
+    middle: float  # m
+
+    @property
+    def roughness(self) -> float:
+        return float(np.sqrt(self.gamma[0]))
 
 
 def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
@@ -183,10 +155,10 @@ def _beyond_neighbours(heights: Array, limit: float) -> Mask:
     return np.asarray(beyond | below)
 
 
-def _arc_or_flank(step: _Step, kept: NDArray[np.intp]) -> tuple[Arc, Flank | None, int]:
+def _arc_or_flank(
+    x: Array, levelled: Array, spacing: float, faces: _Faces, kept: NDArray[np.intp]
+) -> tuple[Arc, Flank | None, int]:
     """Fit the arc; drop a point where the circle fits the others by far better, as it does for a spike and not for form."""
-    x, levelled, faces = step.x, step.levelled, step.faces
-    spacing = (x[-1] - x[0]) / (len(x) - 1)
 
     def fitted(points: NDArray[np.intp]) -> Arc:
         u = x[points]

@@ -9,7 +9,8 @@ import numpy as np
 from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
-from stepblocks.inspect.edge import Edge, fit_edge, step_height
+from stepblocks.inspect.edge import Edge, fit_edge
+from stepblocks.inspect.edge_arc import edge_profile
 from stepblocks.inspect.form import FaceForm, fit_face, flatness, parallelism, zone_of
 from stepblocks.inspect.margin_gap import fit_margin
 from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, Mask, robust_scale
@@ -20,9 +21,7 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 _NARROWER = 0.7  # of the cap of a tip, over which its radius is fitted again [1]
-_MOST_ACROSS = (
-    300  # points of a map along either side through which the form of a face is fitted; of more, every so many
-)
+_MOST_ACROSS = 300  # points of a map along either side through which the form of a face is fitted
 _LEAST_SHARE = 0.5  # of the profiles of a map that must agree on what they cross [1]
 _MOST_PROFILES = 60  # of a map that are evaluated; of more, as many are taken evenly over the map
 
@@ -81,9 +80,8 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
     """Height and edge radius of a step; of a map also flatness and parallelism of the faces."""
     rows, notes = sampled(scan, how)
     found, refused = tried(lambda row: fit_edge(row.position, row.height, how.exclusion), rows)
-    ones = [one for _, one in found]
-    across = np.array([[(one.height.value, one.position, one.exclusion)] for one in ones]).reshape(-1, 1, 3)
-    results = agreed(found, (across[..., 0], across[..., 1], across[..., 2]), len(rows), refused, notes)
+    crossed = np.array([(one.height.value, one.position, one.exclusion) for _, one in found]).reshape(-1, 3, 1)
+    results = agreed(found, crossed.swapaxes(0, 1), len(rows), refused, notes)
     edges = [edge for _, edge in results]
     form = Component("form", _form_of(results), how="change with twice the exclusion, rectangular")
     height = measured_from_profiles("step height", [one.height for one in edges], instrument, [form])
@@ -128,7 +126,9 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
     windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
     level = first.height - edge.tilt * x
     lower = (x < before) if edge.rising else (x > behind)
-    shown = Shown(x, level - np.nanmedian(level[lower]), windows, dropped=edge.dropped, map=drawn)
+    sign, corner = (1.0 if edge.rising else -1.0), 0.0 if sloped else max(edge.radius.value, 0.0)
+    fitted = edge_profile(sign * x, sign * edge.position, edge.height.value, corner)
+    shown = Shown(x, level - np.nanmedian(level[lower]), windows, fitted, edge.dropped, drawn)
     return Inspected(values, convention, tuple(notes), shown, arc=not sloped)
 
 
@@ -144,7 +144,9 @@ def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profil
     inside = (x >= begin) & (x <= end)
     measured = [row for row in rows if np.isfinite(row.height[inside]).any()]
     if inside.sum() < 3 or not measured:
-        raise MetrologyError(f"the part from {begin:g} to {end:g} m must hold 3 points, got {int(inside.sum())}")
+        raise MetrologyError(
+            f"the part from {begin * 1e6:g} to {end * 1e6:g} um must hold 3 points, got {int(inside.sum())}"
+        )
     x = x[inside]
     heights = [row.height[inside] for row in measured]
     step = float(np.median(np.diff(x)))
@@ -158,21 +160,9 @@ def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profil
     return [Profile(x, z, row.source) for z, row in zip(heights, measured, strict=True)], notes
 
 
-def _evaluated(rows: list[Profile], evaluate: Callable[[Profile], T], notes: list[str]) -> list[tuple[Profile, T]]:
-    """Evaluate profile by profile; refused ones are named, and all refused is an error."""
-    results, refused = tried(evaluate, rows)
-    if not results:
-        raise MetrologyError(f"no profile can be evaluated: {refused[0]}")
-    if refused:
-        notes.append(f"{len(refused)} of {len(rows)} profiles refused, the first since {refused[0]}")
-    return results
-
-
-def agreed(
-    found: list[T], crossed: tuple[Array, Array, Array], asked: int, refused: list[str], notes: list[str]
-) -> list[T]:
+def agreed(found: list[T], crossed: Array, asked: int, refused: list[str], notes: list[str]) -> list[T]:
     """Return the profiles that agree on what they cross; refused, with the share, where they are less than half of those asked."""
-    # `crossed` are height, place and slack of place of each feature, of shape (profiles, features) [m]. They must lie where the
+    # `crossed`, shape (3, profiles, features), are height, place and slack of place of each feature [m]. They must lie where the
     # others have them, a slant over the map allowed, and be as high.
     heights, places, slack = crossed
     alike = np.ones(len(found), dtype=bool)
@@ -210,7 +200,7 @@ def tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S,
 def _form_of(results: list[tuple[Profile, Edge]]) -> float:
     """Change of the mean height when twice as much is excluded, beyond what noise alone changes, as a rectangle."""
     some = results[:: max(len(results) // 10, 1)]
-    wider = tried(lambda one: step_height(one[0].position, one[0].height, 2.0 * one[1].exclusion), some)[0]
+    wider = tried(lambda one: fit_edge(one[0].position, one[0].height, 2.0 * one[1].exclusion).height, some)[0]
     pairs = [(edge.height, wide) for (_, edge), wide in wider]
     if not pairs:
         return 0.0
@@ -259,7 +249,9 @@ def _faces(
 def measure_margin(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:
     """Measure opening and rise of a margin, and the absolute discrepancy."""
     rows, notes = sampled(scan, how)
-    results = _evaluated(rows, lambda row: fit_margin(row.position, row.height), notes)
+    found, refused = tried(lambda row: fit_margin(row.position, row.height), rows)
+    openings = np.array([[one.opening.value] for _, one in found]).reshape(-1, 1)
+    results = agreed(found, np.stack([openings, 0.0 * openings, 0.0 * openings]), len(rows), refused, notes)
     ones = [one for _, one in results]
     share = float(np.mean([one.opening.value / one.absolute.value for one in ones]))
     sampling = float(np.mean([one.sampling for one in ones]))
@@ -269,10 +261,10 @@ def measure_margin(scan: Profile | HeightMap, instrument: Instrument, how: How =
         "absolute_discrepancy": ([one.absolute for one in ones], share, (1.0 - share**2, share**2)),
     }
     values = {}
-    for key, (found, part, axes) in sizes.items():
+    for key, (each, part, axes) in sizes.items():
         origin = "one interval at either edge, rectangular; the same in every profile"
         others = [Component("sampling", part * sampling, how=origin)] if part > 0.0 else []
-        values[key] = measured_from_profiles(key.replace("_", " "), found, instrument, others, axes)
+        values[key] = measured_from_profiles(key.replace("_", " "), each, instrument, others, axes)
     first = results[0][0]
     left = np.nanmedian(first.height[: len(first.height) // 4])
     convention = "shoulders by two planes with a common slope; edges at half the depth of the gap"
