@@ -4,10 +4,7 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from stepblocks.cad.door import Body as Body
-from stepblocks.cad.door import Face as Face
-from stepblocks.cad.door import Outline as Outline
-from stepblocks.cad.door import Tessellation as Tessellation
+from stepblocks.cad import door as door
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel as kernel
