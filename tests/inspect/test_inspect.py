@@ -178,7 +178,7 @@ def test_what_cannot_be_inspected_gives_one_line_and_exit_code_2(arguments, word
         (b"1\n2\n3\n" * 50, [], "a table of numbers in two columns or more, got none [scan.csv]"),
         (b"no scan at all\n", [], "a table of numbers in two columns or more, got none [scan.csv]"),
         (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0", [], "file must be text, got binary data [scan.csv]"),
-        (b"x_um,z_um\n" + b"1,nan\n" * 50, [], "must hold at least one measured height, got none [scan.csv]"),
+        (b"x_um,z_um\n1,nan\n2,nan\n3,nan\n", [], "must hold at least one measured height, got none [scan.csv]"),
         (
             None,
             ["--units", "furlong"],

@@ -133,8 +133,8 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     spans = np.array([one.spans for _, one in same]).reshape(len(same), kind[0], 2)
     begins, widths = spans[..., 0], spans[..., 1] - spans[..., 0]
     slack = np.where(np.isfinite(widths), 0.25 * widths, 0.02 * np.ptp(begins) if begins.size else 0.0)
-    heights = np.array([[each.value for each in one.heights] for _, one in same]).reshape(begins.shape)
-    kept = agreed(same, np.stack([heights, begins, slack]), len(rows), refused, notes)
+    sizes = np.array([[each.value for each in one.heights] for _, one in same]).reshape(begins.shape)
+    kept = agreed(same, np.stack([sizes, begins, slack]), len(rows), refused, notes)
     (first, best), found, usual = kept[0], [one for _, one in kept], kind[0]
     label, each = key.replace("_", " "), []
     for index in range(usual):
