@@ -1,6 +1,9 @@
 """An inspection from file to verdict, exit code and as-built record."""
 
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
@@ -49,6 +52,18 @@ def test_exit_codes_say_the_verdict(height, radius, calibration, code, words, tm
     path = scan(tmp_path / "a.csv", height, radius)
     assert inspect(path, "--stimulus", "step-050", "--calibration", calibration) == code
     assert words in capsys.readouterr().out
+
+
+def test_a_profile_is_inspected_without_loading_the_cad_kernel_or_what_draws(tmp_path):
+    x = np.arange(-200, 200) * 1e-6
+    np.savetxt(tmp_path / "scan.csv", np.stack([x, edge_gauge(x, 50e-6, 5e-6)], axis=1) * 1e6, delimiter=",")
+    code = "import sys\nfrom stepblocks.cli import main\ntry:\n    main(sys.argv[1:])\nexcept SystemExit: pass\n"
+    heavy = "{'cadquery', 'OCP', 'vtk', 'ezdxf', 'scipy.stats', 'pandas', 'matplotlib'}"
+    words = [sys.executable, "-c", f"{code}print(sorted({heavy} & set(sys.modules)))"]
+    words += ["inspect", str(tmp_path / "scan.csv"), "--feature", "edge", "--units", "um"]
+    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert told[0] == "scan: measured"
+    assert told[-1] == "[]"
 
 
 @pytest.mark.parametrize(
@@ -154,6 +169,50 @@ def test_what_cannot_be_inspected_gives_one_line_and_exit_code_2(arguments, word
     captured = capsys.readouterr()
     assert words in captured.err
     assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "words"),
+    [
+        (b"", [], "scan must not be empty [scan.csv]"),
+        (b"1\n2\n3\n" * 50, [], "a table of numbers in two columns or more, got none [scan.csv]"),
+        (b"no scan at all\n", [], "a table of numbers in two columns or more, got none [scan.csv]"),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0", [], "file must be text, got binary data [scan.csv]"),
+        (b"x_um,z_um\n1,nan\n2,nan\n3,nan\n", [], "must hold at least one measured height, got none [scan.csv]"),
+        (
+            None,
+            ["--units", "furlong"],
+            "unit must be one of nm, \u00b5m, mm, m, or by axis as x=mm,z=um, got 'furlong'",
+        ),
+        (None, ["--units", "um", "--channel", "A"], "channel must not be given for a text table [scan.csv]"),
+        (
+            None,
+            ["--units", "um", "--from", "50 um", "--to", "20 um"],
+            "from 50 to 20 \u00b5m must hold 3 points, got 0",
+        ),
+        (None, ["--units", "um", "-o", "scan.csv"], "a folder must stand here, got a file [scan.csv]"),
+    ],
+)
+def test_a_strange_file_is_refused_in_one_line_that_says_what_would_do(
+    content, options, words, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    whole = "".join(f"{i},{50 * (i > 100) + 0.01 * (i % 3)}\n" for i in range(200)).encode()
+    (tmp_path / "scan.csv").write_bytes(whole if content is None else content)
+    assert main(["inspect", "scan.csv", "--feature", "edge", *options]) == 2
+    captured = capsys.readouterr()
+    assert words in captured.err
+    assert captured.err.count("\n") == 1
+
+
+def test_a_folder_without_scans_and_a_pipe_are_refused_in_one_line(tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    os.mkfifo(tmp_path / "pipe.csv")
+    for scan, words in (("empty", "folder must hold scans, got none"), ("pipe.csv", "scan must be a file, got")):
+        assert main(["inspect", str(tmp_path / scan)]) == 2
+        captured = capsys.readouterr()
+        assert words in captured.err
+        assert captured.err.count("\n") == 1
 
 
 def test_records_survive_odd_names_and_refuse_what_they_do_not_know(tmp_path):

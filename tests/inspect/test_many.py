@@ -118,7 +118,7 @@ def test_the_command_takes_files_a_folder_or_a_table_and_says_what_it_left_out(b
     assert told["blocks"][0]["scans"] == 4
     (batch / "flat.csv").write_text("x_um,z_um\n" + "\n".join(f"{i},0" for i in range(80)) + "\n")
     assert main(["inspect", *some, str(batch / "flat.csv"), "--stimulus", "step-050", "--set", "stimuli"]) == 1
-    assert "flat.csv: no profile can be evaluated" in capsys.readouterr().out
+    assert "flat.csv: profile must show a step" in capsys.readouterr().out
     assert main(["inspect", str(batch / "scans.csv")]) == 2
     assert "stimulus must be said, by --stimulus or by a column of the table" in capsys.readouterr().err
     (tmp_path / "scans.csv").write_text("scan\n../B1.csv\n")

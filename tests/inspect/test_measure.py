@@ -61,8 +61,27 @@ def test_profiles_that_cannot_be_evaluated_are_counted_with_the_reason_and_none_
     rows[2] = 1e-9 * np.sin(np.arange(len(X)))
     partly = measure_edge(HeightMap(rows, 1e-6, 50e-6), EXACT)
     assert "1 of 4 profiles refused, the first since profile must show a step above its noise" in partly.notes[0]
-    with pytest.raises(MetrologyError, match="no profile can be evaluated: profile must show a step"):
+    with pytest.raises(MetrologyError, match=r"^profile must show a step"):
         measure_edge(Profile(X, rows[2]), EXACT)
+
+
+@pytest.mark.parametrize(("stepped", "share"), [(range(0, 20, 3), 7), (range(9), 9)])
+def test_a_step_in_less_than_half_of_the_rows_of_a_map_is_no_edge(stepped, share):
+    rows = 20e-9 * np.random.default_rng(2).normal(size=(20, len(X)))
+    rows[list(stepped)] += 40e-6 * (X > 0.0)
+    with pytest.raises(MetrologyError, match=f"must agree on the features that they cross, got {share} of 20 "):
+        measure_edge(HeightMap(rows, 1e-6, 50e-6), EXACT)
+
+
+def test_an_edge_may_slant_over_a_map_but_not_change_its_height_from_row_to_row():
+    places = np.linspace(-60e-6, 60e-6, 20)[:, np.newaxis]
+    noise = 20e-9 * np.random.default_rng(4).normal(size=(20, len(X)))
+    slanted = np.where(places < X, 40e-6, 0.0) + noise
+    height = measure_edge(HeightMap(slanted, 1e-6, 5e-6), EXACT).values["step_height"]
+    assert height.value == pytest.approx(40e-6, abs=5e-9)
+    slanted[::2] *= 0.3
+    with pytest.raises(MetrologyError, match="must agree on the features that they cross"):
+        measure_edge(HeightMap(slanted, 1e-6, 5e-6), EXACT)
 
 
 def test_a_sharp_edge_is_said_to_be_sharper_than_the_sampling_and_a_round_one_is_not():

@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
+from stepblocks.cad import door as door
+
 if TYPE_CHECKING:
     from stepblocks.cad import kernel as kernel
     from stepblocks.cad import pmi as pmi

@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import cadquery as cq
 import numpy as np
@@ -20,32 +19,10 @@ from OCP.STEPControl import STEPControl_Reader
 from OCP.TopAbs import TopAbs_Orientation
 from OCP.TopLoc import TopLoc_Location
 
+from stepblocks.cad.door import Body, Face, Outline, Point, Tessellation
 from stepblocks.errors import MetrologyError, SolidError
 
 _MM = 1e3  # metres to the kernel's millimetres
-Point = Sequence[float]
-Outline = Sequence[Any]  # points, and pairs (middle point, end point) where an arc leads on; it closes by itself
-Body: TypeAlias = Any  # a solid as the kernel holds it [mm]; opaque to every other module
-
-
-@dataclass(frozen=True)
-class Face:
-    """What a tessellation rule may know of a face."""
-
-    kind: str  # ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another type of the kernel
-    radius: float  # of a cylinder or sphere [m]; not-a-number for others
-    low: tuple[float, float, float]  # corners of the bounding box [m]
-    high: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Tessellation:
-    """Triangles of a solid."""
-
-    vertices: NDArray[np.float64]  # shape (n, 3); points [m], each once
-    triangles: NDArray[np.int64]  # shape (m, 3); outward-wound
-    face: NDArray[np.int64]  # shape (m,); index of the face that each triangle lies on
-    faces: tuple[Face, ...]
 
 
 def _vector(point: Point) -> cq.Vector:

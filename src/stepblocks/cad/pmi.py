@@ -22,7 +22,7 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Compound
 from OCP.XCAFDoc import XCAFDoc_Datum, XCAFDoc_Dimension, XCAFDoc_DocumentTool, XCAFDoc_GeomTolerance
 
-from stepblocks.cad.kernel import Body
+from stepblocks.cad.door import Body
 from stepblocks.errors import SolidError
 
 _MM = 1e3

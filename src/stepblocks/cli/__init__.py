@@ -61,7 +61,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
     except OSError as error:  # a full disk, a folder that is read only, a file where a folder should be
         place = f" [{str(error.filename).partition('/.partial-')[0]}]" if error.filename is not None else ""
-        print(f"stepblocks: error: {error.strerror or error}{place}", file=sys.stderr)
+        said = "a folder must stand here, got a file" if isinstance(error, FileExistsError) else error.strerror or error
+        print(f"stepblocks: error: {said}{place}", file=sys.stderr)
         return 2
     except MemoryError:
         print("stepblocks: error: this needs more memory than there is", file=sys.stderr)

@@ -44,7 +44,7 @@ class Arc:
 
 def edge_profile(position: Array, riser: float | Array, height: float, radius: float) -> Array:
     """Ideal edge: lower face at 0, riser, arc tangent to the upper face at `height`."""
-    beyond = np.clip(radius - (position - riser), 0.0, radius)
+    beyond = np.minimum(np.maximum(radius - (position - riser), 0.0), radius)
     arc = height - radius + np.sqrt(radius * radius - beyond * beyond)
     return np.where(position < riser, 0.0, np.maximum(arc, 0.0))
 
@@ -82,7 +82,7 @@ class Window:
             # on the arc the distance is radial, which stays finite where the slope does not
             on_arc = (from_riser >= 0.0) & (from_riser < radius) & (vertical < self.z)
             radial = np.hypot(from_riser - radius, self.z - self.height + radius) - radius
-            inward = np.clip(1.0 - from_riser / radius, 0.0, 1.0)
+            inward = np.minimum(np.maximum(1.0 - from_riser / radius, 0.0), 1.0)
             cosine = np.maximum(np.sqrt(1.0 - inward * inward), _LEAST_COSINE)
             vertical = np.where(on_arc, radial / cosine, vertical)
         # a point beside the riser may belong to it: nearer to the vertical wall than to either face
@@ -214,8 +214,6 @@ class Flank:
 def sloped_flank(position: Array, levelled: Array, height: float, spacing: float, gamma: Array) -> Flank | None:
     """Fit flank and corner to the upper three quarters of an edge; None where fewer than six points lie on its flank."""
     # The arguments are those of `Window`. Errors of flank and radius go together through the autocovariance of the faces.
-    from scipy.optimize import least_squares
-
     inside = (levelled > 0.25 * height) & (levelled < 0.75 * height)
     if inside.sum() < _LEAST_ON_FLANK:
         return None
@@ -232,6 +230,8 @@ def sloped_flank(position: Array, levelled: Array, height: float, spacing: float
 
     variance = max(float(gamma[0]), (1e-4 * height) ** 2)
     start = [(height - offset) / slope / spacing, float(np.arctan(slope)), 0.3 * height / spacing]
+    from scipy.optimize import least_squares
+
     found = least_squares(
         lambda state: (shape(state) - levelled[used]) / np.sqrt(variance),
         start,

@@ -10,13 +10,12 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
 from stepblocks.inspect.levelling import Feature, Levels, measured_features, other_heights
 from stepblocks.inspect.map_levels import fit_grating, masked_step
-from stepblocks.inspect.measure import AS_FOUND, How, Inspected, Shown, ShownMap, Window, sampled, tried
-from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, robust_scale
+from stepblocks.inspect.measure import AS_FOUND, How, Inspected, Shown, ShownMap, Window, agreed, sampled, tried
+from stepblocks.inspect.noise import Array, Estimate
 from stepblocks.inspect.type_a1 import TypeA1, evaluate_a1
 
 _FITS = 2.0  # scatter about type A1 over that about a polynomial, up to which type A1 is taken [1]
 _TRIED = 8  # profiles of a map that are evaluated first: of half that agree, two of them do but once in thirty
-_LEAST_SHARE = 0.5  # of the profiles of a map that must agree on what they cross [1]
 _LEVEL = 0.1  # of a step that its faces may be off, and of a face over which they may be [1]
 _TAKEN_BACK = 0.5  # of steps in one direction, by the slope between them, from which they may be a sawtooth [1]
 _DEGREE_NAMES = {1: "line", 2: "parabola", 3: "cubic"}
@@ -131,18 +130,12 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     kinds = [(len(one.heights), one.name) for _, one in results]
     kind = max(sorted(set(kinds)), key=kinds.count, default=(0, ""))
     same = [pair for pair, own in zip(results, kinds, strict=True) if own == kind]
-    agreed = [pair for pair, alike in zip(same, _alike([one for _, one in same]), strict=True) if alike]
-    reason = f"since {refused[0]}" if refused else "since it crosses others"
-    if len(agreed) < _LEAST_SHARE * len(rows) or not agreed:
-        if len(rows) == 1:
-            raise MetrologyError(refused[0])
-        share = f"{len(agreed)} of {len(rows)} ({_LEAST_SHARE:.0%} needed)"
-        raise MetrologyError(
-            f"profiles must agree on the features that they cross, got {share}, the first other {reason}"
-        )
-    if len(agreed) < len(rows):
-        notes.append(f"{len(rows) - len(agreed)} of {len(rows)} profiles refused, the first {reason}")
-    (first, best), found, usual = agreed[0], [one for _, one in agreed], kind[0]
+    spans = np.array([one.spans for _, one in same]).reshape(len(same), kind[0], 2)
+    begins, widths = spans[..., 0], spans[..., 1] - spans[..., 0]
+    slack = np.where(np.isfinite(widths), 0.25 * widths, 0.02 * np.ptp(begins) if begins.size else 0.0)
+    sizes = np.array([[each.value for each in one.heights] for _, one in same]).reshape(begins.shape)
+    kept = agreed(same, np.stack([sizes, begins, slack]), len(rows), refused, notes)
+    (first, best), found, usual = kept[0], [one for _, one in kept], kind[0]
     label, each = key.replace("_", " "), []
     for index in range(usual):
         heights = [replace(one.heights[index], value=abs(one.heights[index].value)) for one in found]
@@ -174,23 +167,6 @@ def _form(found: list[_Row], index: int) -> float:
     noise = float(np.mean([one.heights[index].std ** 2 for one in found])) / len(found)
     means = [float(np.mean([one[k] for one in changes])) for k in range(min(map(len, changes)))]
     return float(np.sqrt(max(max((one**2 for one in means), default=0.0) - 2.0 * noise, 0.0) / 3.0))
-
-
-def _alike(rows: list[_Row]) -> list[bool]:
-    """Whether the features of each profile lie where the others have them, a slant over the map allowed, and are as high."""
-    if len(rows) < 3:
-        return [True] * len(rows)
-    heights = np.array([[one.value for one in row.heights] for row in rows])
-    begins, ends = np.moveaxis(np.array([row.spans for row in rows]), 2, 0)
-    lag = len(rows) // 2
-    along = begins - np.median((begins[lag:] - begins[:-lag]) / lag, axis=0) * np.arange(len(rows))[:, np.newaxis]
-    off = np.abs(along - np.median(along, axis=0))
-    scatter = np.array([robust_scale(column) for column in along.T])
-    widths = np.where(np.isfinite(ends), 0.25 * (ends - begins), 0.02 * np.ptp(begins))
-    middle = np.median(heights, axis=0)
-    agree = off <= np.maximum(widths, 8.0 * scatter + LEAST_SCATTER)
-    agree &= np.abs(heights - middle) <= 0.5 * np.abs(middle)
-    return [bool(one) for one in agree.all(axis=1)]
 
 
 def _mean_of(label: str, each: list[Measured], instrument: Instrument) -> Measured:

@@ -150,6 +150,8 @@ def _asked(paths: Sequence[Path], stimulus: str | None) -> pd.DataFrame:
             if table.is_file()
             else sorted(one for one in paths[0].iterdir() if one.is_file() and not one.name.startswith("."))
         )
+        if not paths:
+            raise PipelineError(f"folder must hold scans, got none [{table.parent}]")
     if is_table(paths):
         frame = read_table(paths[0])
         for column, likely in misspelt(frame, _OWN).items():

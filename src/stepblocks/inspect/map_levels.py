@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import student_point
 from stepblocks.inspect.noise import Array, Estimate, Mask, estimated, robust_scale
 
 _LEAST_FLOOR = 5  # points of a row in the features
@@ -51,7 +52,7 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
     """Depth of holes, or height of bumps, over a map; missing points take no part."""
     # `exclusion` is the distance to keep to every edge [m]; by default that at which both sides have settled. `inside` is the mask of
     # the features; by default they are sought.
-    from scipy import ndimage, stats
+    from scipy import ndimage
 
     z, measured = scan.height, np.isfinite(scan.height)
     pitch = min(scan.dx, scan.dy)
@@ -82,7 +83,7 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
             f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {got} [{scan.source}]"
         )
     apart = _by_features(level, np.where(floor, labels, 0))
-    reach = [float(stats.t.ppf(0.975, dof)) * std for std, dof in ((depth.std, depth.dof), apart)]
+    reach = [student_point(0.975, dof) * std for std, dof in ((depth.std, depth.dof), apart)]
     if reach[1] > _OWN_HEIGHTS * reach[0]:
         depth = Estimate(value, *apart)
     counts = int(known.sum()), int(features)

@@ -10,9 +10,10 @@ from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
 from stepblocks.inspect.edge import Edge, fit_edge
+from stepblocks.inspect.edge_arc import edge_profile
 from stepblocks.inspect.form import FaceForm, fit_face, flatness, parallelism, zone_of
 from stepblocks.inspect.margin_gap import fit_margin
-from stepblocks.inspect.noise import Array, Estimate, Mask
+from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, Mask, robust_scale
 from stepblocks.inspect.tip import fit_cap
 
 Window = tuple[float, float, str]  # begin, end [m] and name
@@ -20,9 +21,8 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 _NARROWER = 0.7  # of the cap of a tip, over which its radius is fitted again [1]
-_MOST_ACROSS = (
-    300  # points of a map along either side through which the form of a face is fitted; of more, every so many
-)
+_MOST_ACROSS = 300  # points of a map along either side through which the form of a face is fitted
+_LEAST_SHARE = 0.5  # of the profiles of a map that must agree on what they cross [1]
 _MOST_PROFILES = 60  # of a map that are evaluated; of more, as many are taken evenly over the map
 
 
@@ -79,7 +79,9 @@ class Inspected:
 def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:
     """Height and edge radius of a step; of a map also flatness and parallelism of the faces."""
     rows, notes = sampled(scan, how)
-    results = _evaluated(rows, lambda row: fit_edge(row.position, row.height, how.exclusion), notes)
+    found, refused = tried(lambda row: fit_edge(row.position, row.height, how.exclusion), rows)
+    crossed = np.array([(one.height.value, one.position, one.exclusion) for _, one in found]).reshape(-1, 3, 1)
+    results = agreed(found, crossed.swapaxes(0, 1), len(rows), refused, notes)
     edges = [edge for _, edge in results]
     form = Component("form", _form_of(results), how="change with twice the exclusion, rectangular")
     height = measured_from_profiles("step height", [one.height for one in edges], instrument, [form])
@@ -124,7 +126,9 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
     windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
     level = first.height - edge.tilt * x
     lower = (x < before) if edge.rising else (x > behind)
-    shown = Shown(x, level - np.nanmedian(level[lower]), windows, dropped=edge.dropped, map=drawn)
+    sign, corner = (1.0 if edge.rising else -1.0), 0.0 if sloped else max(edge.radius.value, 0.0)
+    fitted = edge_profile(sign * x, sign * edge.position, edge.height.value, corner)
+    shown = Shown(x, level - np.nanmedian(level[lower]), windows, fitted, edge.dropped, drawn)
     return Inspected(values, convention, tuple(notes), shown, arc=not sloped)
 
 
@@ -140,7 +144,9 @@ def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profil
     inside = (x >= begin) & (x <= end)
     measured = [row for row in rows if np.isfinite(row.height[inside]).any()]
     if inside.sum() < 3 or not measured:
-        raise MetrologyError(f"the part from {begin:g} to {end:g} m must hold 3 points, got {int(inside.sum())}")
+        raise MetrologyError(
+            f"the part from {begin * 1e6:g} to {end * 1e6:g} um must hold 3 points, got {int(inside.sum())}"
+        )
     x = x[inside]
     heights = [row.height[inside] for row in measured]
     step = float(np.median(np.diff(x)))
@@ -154,14 +160,30 @@ def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profil
     return [Profile(x, z, row.source) for z, row in zip(heights, measured, strict=True)], notes
 
 
-def _evaluated(rows: list[Profile], evaluate: Callable[[Profile], T], notes: list[str]) -> list[tuple[Profile, T]]:
-    """Evaluate profile by profile; refused ones are named, and all refused is an error."""
-    results, refused = tried(evaluate, rows)
-    if not results:
-        raise MetrologyError(f"no profile can be evaluated: {refused[0]}")
-    if refused:
-        notes.append(f"{len(refused)} of {len(rows)} profiles refused, the first since {refused[0]}")
-    return results
+def agreed(found: list[T], crossed: Array, asked: int, refused: list[str], notes: list[str]) -> list[T]:
+    """Return the profiles that agree on what they cross; refused, with the share, where they are less than half of those asked."""
+    # `crossed`, shape (3, profiles, features), are height, place and slack of place of each feature [m]. They must lie where the
+    # others have them, a slant over the map allowed, and be as high.
+    heights, places, slack = crossed
+    alike = np.ones(len(found), dtype=bool)
+    if len(found) > 2:
+        lag, middle = len(found) // 2, np.median(heights, axis=0)
+        slant = np.median((places[lag:] - places[:-lag]) / lag, axis=0)
+        off = places - slant * np.arange(len(found))[:, np.newaxis]
+        off -= np.median(off, axis=0)
+        scatter = np.array([robust_scale(column) for column in off.T])
+        alike = np.all(np.abs(off) <= np.maximum(slack, 8.0 * scatter + LEAST_SCATTER), axis=1)
+        alike &= np.all(np.abs(heights - middle) <= 0.5 * np.abs(middle), axis=1)
+    kept = [one for one, same in zip(found, alike, strict=True) if same]
+    reason = f"since {refused[0]}" if refused else "since it crosses others"
+    if not kept or len(kept) < _LEAST_SHARE * asked:
+        if asked == 1:
+            raise MetrologyError(refused[0])
+        got = f"{len(kept)} of {asked} ({_LEAST_SHARE:.0%} needed), the first other {reason}"
+        raise MetrologyError(f"profiles must agree on the features that they cross, got {got}")
+    if len(kept) < asked:
+        notes.append(f"{asked - len(kept)} of {asked} profiles refused, the first {reason}")
+    return kept
 
 
 def tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S, T]], list[str]]:
@@ -227,7 +249,9 @@ def _faces(
 def measure_margin(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:
     """Measure opening and rise of a margin, and the absolute discrepancy."""
     rows, notes = sampled(scan, how)
-    results = _evaluated(rows, lambda row: fit_margin(row.position, row.height), notes)
+    found, refused = tried(lambda row: fit_margin(row.position, row.height), rows)
+    openings = np.array([[one.opening.value] for _, one in found]).reshape(-1, 1)
+    results = agreed(found, np.stack([openings, 0.0 * openings, 0.0 * openings]), len(rows), refused, notes)
     ones = [one for _, one in results]
     share = float(np.mean([one.opening.value / one.absolute.value for one in ones]))
     sampling = float(np.mean([one.sampling for one in ones]))
@@ -237,10 +261,10 @@ def measure_margin(scan: Profile | HeightMap, instrument: Instrument, how: How =
         "absolute_discrepancy": ([one.absolute for one in ones], share, (1.0 - share**2, share**2)),
     }
     values = {}
-    for key, (found, part, axes) in sizes.items():
+    for key, (each, part, axes) in sizes.items():
         origin = "one interval at either edge, rectangular; the same in every profile"
         others = [Component("sampling", part * sampling, how=origin)] if part > 0.0 else []
-        values[key] = measured_from_profiles(key.replace("_", " "), found, instrument, others, axes)
+        values[key] = measured_from_profiles(key.replace("_", " "), each, instrument, others, axes)
     first = results[0][0]
     left = np.nanmedian(first.height[: len(first.height) // 4])
     convention = "shoulders by two planes with a common slope; edges at half the depth of the gap"

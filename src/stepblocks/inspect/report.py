@@ -236,21 +236,26 @@ def _draw_map(axes: Any, shown: ShownMap) -> None:
 def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
     thin = max(len(shown.position) // _MOST_DRAWN, 1)
     x, z = shown.position[::thin] * 1e6, shown.height[::thin] * 1e6
-    axis.plot(x, z, color="#1d2a36", linewidth=0.9)
+    axis.plot(x, z, color="#1d2a36", linewidth=1.4)
+    for index, (begin, end, name) in enumerate(shown.windows):
+        label = "evaluated" if name and index == 0 else None
+        axis.axvspan(
+            begin * 1e6, end * 1e6, facecolor="#eaf0f5", edgecolor="#b9c6d2", linewidth=0.5, zorder=0, label=label
+        )
     if shown.fitted is not None:
         fitted = shown.fitted[::thin] * 1e6
-        axis.plot(x, fitted, color="#c07a00", linewidth=0.9, label="fitted")
+        axis.plot(x, fitted, color="#f0a020", linewidth=0.7, label="fitted")
         rest = axis.inset_axes((0.0, -0.42, 1.0, 0.2), sharex=axis)
         rest.plot(x, z - fitted, color="#5a6b7a", linewidth=0.6)
         reach = max(2.0 * float(np.nanpercentile(np.abs(z - fitted), 90)), 1e-9)
-        rest.set(ylim=(-reach, reach), ylabel="residual / um")
-    if shown.dropped is not None and shown.dropped.any():
-        off = shown.dropped
-        axis.plot(
-            shown.position[off] * 1e6, shown.height[off] * 1e6, "x", color="#b3261e", markersize=4, label="left out"
-        )
+        rest.set(ylim=(-reach, reach))
+        rest.set_ylabel("residual / um", fontsize=8)
+        rest.tick_params(labelsize=7, labelbottom=False)
+    if (off := shown.dropped) is not None and off.any():
+        left_out = shown.position[off] * 1e6, shown.height[off] * 1e6
+        axis.plot(*left_out, "x", color="#b3261e", markersize=4, label="left out")
     if axis.get_legend_handles_labels()[0]:
-        axis.legend(loc="lower right", fontsize=7, frameon=False)
+        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=7, frameon=False)
     low, high = np.nanmin(z), np.nanmax(z)
     # of a feature that lies below the faces the limits are drawn below them
     falls = np.nanmedian(z) > 0.5 * (low + high) and low < -0.5 * np.ptp(z)

@@ -9,7 +9,6 @@ from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.contact.counterface import Step, energy_change, scanned_angle
 from stepblocks.contact.energy import Status, release_at
-from stepblocks.declare import load_declared
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, judge, verdict_of
 from stepblocks.inspect.grooves import measure_groove
@@ -18,7 +17,6 @@ from stepblocks.inspect.report import InspectionResult
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet
 from stepblocks.select import stimulus_files
 
 Evaluation = Callable[[Profile | HeightMap, Instrument, Characteristic, How], Inspected]
@@ -93,20 +91,20 @@ def inspect_scan(
     """
     if feature not in _BESIDE:
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
-    part, declared = _declared(stimulus, Path(stimuli))
+    part, order, prediction = _declared(stimulus, Path(stimuli))
     asked = list(part.characteristics())
     if Path(scan).suffix.lower() == ".qif":
-        result = _judged(part, _from_qif(Path(scan), asked), asked, Path(scan), declared.order)
-        return replace(result, felt=_felt_sentence(result, declared.prediction))
+        result = _judged(part, _from_qif(Path(scan), asked), asked, Path(scan), order)
+        return replace(result, felt=_felt_sentence(result, prediction))
     shown = [one for one in asked if one.key in EVALUATIONS and one.key not in _BESIDE[feature]]
     if not shown:
         raise PipelineError(f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can")
     _require_followed(shown[0].key, how)
     inspected = _evaluated(EVALUATIONS[shown[0].key], read_scan(scan, unit, channel), instrument, shown[0], how)
-    result = _judged(part, inspected, asked, Path(scan), declared.order)
+    result = _judged(part, inspected, asked, Path(scan), order)
     if not result.judged:
         raise PipelineError(f"scan of {part.id} must measure at least one characteristic with limits, got none")
-    return replace(result, felt=_felt_sentence(result, declared.prediction))
+    return replace(result, felt=_felt_sentence(result, prediction))
 
 
 def _from_qif(path: Path, asked: list[Characteristic]) -> Inspected:
@@ -172,13 +170,15 @@ def inspect_standard(
     return _judged(None, inspected, [asked] if depth is not None else [], Path(scan))
 
 
-def _declared(identity: str, where: Path) -> tuple[Part, StimulusSet]:
-    """Find a stimulus by its identity in a file or in all files of a folder."""
+def _declared(identity: str, where: Path) -> tuple[Part, OrderSpec, PredictionGrid]:
+    """Find a stimulus by its identity in a file or in all files of a folder, and who orders it and what is predicted of it."""
+    from stepblocks.declare import load_declared
+
     for path in stimulus_files(where):
         declared = load_declared(path)
         for stimulus in declared.stimuli:
             if stimulus.id == identity:
-                return stimulus, declared
+                return stimulus, declared.order, declared.prediction
     raise PipelineError(f"stimulus must be declared in {where}, got {identity!r}")
 
 

@@ -132,7 +132,7 @@ class Block(Part):
             area += _shoelace(outer) - math.fsum(map(_shoelace, inner))
         return holes + area * body.engraving.depth.nominal
 
-    def extruded(self, crest: cad.kernel.Outline) -> cad.kernel.Body:
+    def extruded(self, crest: cad.door.Outline) -> cad.door.Body:
         """Extrude the section, its outline between the working faces a crest from the right one to the left one."""
         body, rise = self.body, self.rise
         half, base, c = 0.5 * body.length.nominal, -body.thickness.nominal, body.edge_break.nominal
@@ -182,7 +182,7 @@ class Block(Part):
         yield below("engraving.height", "leave room over and under the letters", letter, low)
 
 
-def body_cuts(body: Body, identity: str, rise: float) -> list[cad.kernel.Body]:
+def body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body]:
     """Bodies to cut from a block: edge breaks along x and z, holes, engraving."""
     cuts = list(_edge_breaks(body, rise)) if body.edge_break.nominal > 0.0 else []
     cuts += [_hole(body, side * body.mounting.spacing.nominal) for side in (-0.5, 0.5)]
@@ -194,7 +194,7 @@ def body_cuts(body: Body, identity: str, rise: float) -> list[cad.kernel.Body]:
     return cuts
 
 
-def _edge_breaks(body: Body, rise: float) -> Iterator[cad.kernel.Body]:
+def _edge_breaks(body: Body, rise: float) -> Iterator[cad.door.Body]:
     length, width, base, c = body.length.nominal, body.width.nominal, -body.thickness.nominal, body.edge_break.nominal
     long, high = 0.5 * length + OVER, body.thickness.nominal + max(rise, 0.0) + 2.0 * OVER
     along = (-long, 0.0, 0.0, 1.0), (0.0, long, rise, 1.0), (-long, long, base, -1.0)
@@ -210,7 +210,7 @@ def _edge_breaks(body: Body, rise: float) -> Iterator[cad.kernel.Body]:
             yield cad.kernel.extruded([(*point, base - OVER) for point in corner], (0.0, 0.0, high))
 
 
-def _hole(body: Body, x: float) -> cad.kernel.Body:
+def _hole(body: Body, x: float) -> cad.door.Body:
     holes, base = body.mounting, -body.thickness.nominal
     drill, entry, depth = 0.5 * holes.hole_diameter, 0.5 * holes.entry_diameter, holes.depth.nominal
     if holes.kind == "tapped":

@@ -76,7 +76,7 @@ class Characteristic:
         return replace(self, nominal=-self.nominal, lower=-self.upper, upper=-self.lower) if negative else self
 
 
-def find_face(faces: tuple[cad.kernel.Face, ...], rule: FaceRule, place: str) -> int:
+def find_face(faces: tuple[cad.door.Face, ...], rule: FaceRule, place: str) -> int:
     """Find the one face that a rule describes, the largest where the rule fits several."""
     found = [index for index, face in enumerate(faces) if _fits(face, rule)]
     if not found:
@@ -89,7 +89,7 @@ def find_face(faces: tuple[cad.kernel.Face, ...], rule: FaceRule, place: str) ->
     return max(found, key=extent)
 
 
-def _fits(face: cad.kernel.Face, rule: FaceRule) -> bool:
+def _fits(face: cad.door.Face, rule: FaceRule) -> bool:
     if face.kind != ("PLANE" if rule.kind == "SLOPE" else rule.kind):
         return False
     if rule.kind == "SLOPE":

@@ -115,7 +115,7 @@ class Part(Table, ABC):
         return (self.id,)
 
     @abstractmethod
-    def solids(self) -> list[cad.kernel.Body]:
+    def solids(self) -> list[cad.door.Body]:
         """Build its solids."""
 
     @abstractmethod
@@ -131,7 +131,7 @@ class Part(Table, ABC):
     def hulls(self) -> list[Any]:
         """Convex pieces that fill it without overlapping, as manifolds [mm]."""
 
-    def chordal_error(self, face: cad.kernel.Face) -> float:
+    def chordal_error(self, face: cad.door.Face) -> float:
         """Chordal error that a mesh of this face may have [m]."""
         return COARSE_DEFLECTION
 

@@ -28,7 +28,7 @@ class Turned(Part):
     def outlines(self) -> list[Outline]:
         """Half section of each body."""
 
-    def solids(self) -> list[cad.kernel.Body]:
+    def solids(self) -> list[cad.door.Body]:
         """Turn them."""
         return [cad.kernel.turned(outline, (0.0, 0.0, 0.0)) for outline in self.outlines()]
 

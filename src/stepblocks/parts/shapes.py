@@ -22,7 +22,7 @@ class Mesh:
     triangles: NDArray[np.int64]  # indices, shape (m, 3), counter-clockwise seen from outside
 
 
-def build_solids(part: Part) -> list[tuple[str, cad.kernel.Body]]:
+def build_solids(part: Part) -> list[tuple[str, cad.door.Body]]:
     """Build the solids of a part with the CAD kernel.
 
     Parameters
@@ -32,7 +32,7 @@ def build_solids(part: Part) -> list[tuple[str, cad.kernel.Body]]:
 
     Returns
     -------
-    list of (str, cad.kernel.Body)
+    list of (str, cad.door.Body)
         Its named solids, in the frame that its kind documents; opaque but to `stepblocks.cad`.
 
     Raises
@@ -61,7 +61,7 @@ def convex_pieces(part: Part) -> list[Mesh]:
     return [_mesh(f"{part.id}-piece-{number:03}", piece) for number, piece in enumerate(part.hulls(), start=1)]
 
 
-def mesh_solid(part: Part, name: str, body: cad.kernel.Body) -> Mesh:
+def mesh_solid(part: Part, name: str, body: cad.door.Body) -> Mesh:
     """Mesh one solid of a part, finest where the probe touches.
 
     Parameters
@@ -70,7 +70,7 @@ def mesh_solid(part: Part, name: str, body: cad.kernel.Body) -> Mesh:
         What the solid belongs to; it knows where the contact is.
     name : str
         Name of the body.
-    body : cad.kernel.Body
+    body : cad.door.Body
         The solid, as `build_solids` returns it.
 
     Returns
@@ -97,7 +97,7 @@ def enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np.int64])
     return math.fsum((a * np.cross(b, c)).ravel().tolist()) / 6.0
 
 
-def _lifted(raw: cad.kernel.Tessellation, deflection: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
+def _lifted(raw: cad.door.Tessellation, deflection: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
     """Lift the vertices of coarse curved faces along their normals until the mesh encloses `volume`."""
     # chords cut corners: a mesh inscribed in a hole of 2.5 mm at 10 um is 1e-4 of a block too heavy
     curved = np.array([face.kind != "PLANE" for face in raw.faces])
@@ -124,7 +124,7 @@ def _lifted(raw: cad.kernel.Tessellation, deflection: NDArray[np.float64], volum
     return _with_volume(raw, normals, volume)
 
 
-def _with_volume(raw: cad.kernel.Tessellation, direction: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
+def _with_volume(raw: cad.door.Tessellation, direction: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
     """Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear."""
     lift, step = 0.0, 1e-7
     for _ in range(6):

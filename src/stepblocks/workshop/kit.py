@@ -50,7 +50,7 @@ def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> tuple[list[Path
     return [*written, assembly, *drawn, *_write_tables(folder, kit, parts)], wrong
 
 
-def _write_part(folder: Path, part: Machined, body: cad.kernel.Body, order: OrderSpec) -> tuple[list[Path], list[str]]:
+def _write_part(folder: Path, part: Machined, body: cad.door.Body, order: OrderSpec) -> tuple[list[Path], list[str]]:
     folder.mkdir(parents=True, exist_ok=True)
     step = folder / f"{part.id}.step"
     write_step_ap242(step, part, [(part.id, body)])
@@ -64,7 +64,7 @@ def _write_part(folder: Path, part: Machined, body: cad.kernel.Body, order: Orde
     return [step, *drawings, *meshes], missing_from(part, drawings[0], step)
 
 
-def interferences(kit: Apparatus, bodies: Mapping[str, cad.kernel.Body]) -> Iterator[str]:
+def interferences(kit: Apparatus, bodies: Mapping[str, cad.door.Body]) -> Iterator[str]:
     """Name every pair of parts that share volume, all of them in the middle of the travel and what moves past what does not."""
     parts, half = kit.parts(), 0.5 * kit.travel.nominal
     pairs = [(a, b, 0.0) for a, b in itertools.combinations(parts, 2)]

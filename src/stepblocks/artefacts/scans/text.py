@@ -67,7 +67,7 @@ def read_text_scan(path: Path, unit: str | None = None) -> Profile | HeightMap:
     raw = path.read_bytes()
     text = _decoded(raw)
     if "\0" in text[:4096]:
-        raise MetrologyError(f"file must be text, got zero bytes [{path.name}]")
+        raise MetrologyError(f"file must be text, got binary data [{path.name}]")
     head, values = _table(text, path)
     names, common = _names(head, values.shape[1])
     given = given_units(unit)
@@ -152,7 +152,7 @@ def _beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool, int
             return number, mark, comma, len(fields)
     if len(lines) > _MOST_HEADER_LINES:
         raise MetrologyError(f"table must begin within {_MOST_HEADER_LINES} lines [{path.name}]")
-    raise MetrologyError(f"text must hold a table of numbers, got none [{path.name}]")
+    raise MetrologyError(f"text must hold a table of numbers in two columns or more, got none [{path.name}]")
 
 
 def _numbers(fields: list[str], comma: bool) -> list[float] | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from stepblocks.artefacts.on_paper import demands_by_default, limits_text, zone_text
 from stepblocks.atomic import beside
-from stepblocks.cad import kernel
+from stepblocks.cad import door, kernel
 from stepblocks.cad.pmi import Callout, PmiDimension, PmiItem, PmiKind, PmiTolerance, write_step_with_tolerances
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, find_face
@@ -38,7 +38,7 @@ _DENSITY = (  # the two elements of its unit
 )
 
 
-def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, kernel.Body]]) -> None:
+def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, door.Body]]) -> None:
     """Write a part with its tolerances, material and notes."""
     described = [kernel.face_kinds(body) for _, body in bodies]
     everything = [face for part in described for face in part]
@@ -74,7 +74,7 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, ker
 def write_conforming(
     path: Path,
     identity: str,
-    bodies: Sequence[tuple[str, kernel.Body]],
+    bodies: Sequence[tuple[str, door.Body]],
     material: Material,
     dimensions: Sequence[tuple[str, PmiDimension]],
     *,
@@ -106,7 +106,7 @@ def _pmi_kind(one: Characteristic) -> PmiKind:
     return kinds[one.kind]
 
 
-def _item(described: Sequence[tuple[kernel.Face, ...]], rule: Rule, body: int, place: str) -> PmiItem:
+def _item(described: Sequence[tuple[door.Face, ...]], rule: Rule, body: int, place: str) -> PmiItem:
     owner = body if rule.body is None else rule.body
     sides = (rule.first, rule.second) if isinstance(rule, EdgeRule) else (rule,)
     return PmiItem(owner, *(find_face(described[owner], side, place) for side in sides))
@@ -120,7 +120,7 @@ def _callout_text(one: Characteristic, number: int) -> str:
     return f"{number}  {one.label} {sign}{limits}"
 
 
-def _callout_lines(text: str, place: int, part: Sequence[kernel.Face], face: kernel.Face) -> list[tuple[Point, Point]]:
+def _callout_lines(text: str, place: int, part: Sequence[door.Face], face: door.Face) -> list[tuple[Point, Point]]:
     """Draw a callout in the plane before the front of a part."""
     low = np.min([one.low for one in part], axis=0)
     high = np.max([one.high for one in part], axis=0)

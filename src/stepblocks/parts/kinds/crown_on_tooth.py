@@ -133,7 +133,7 @@ class CrownOnTooth(CrownMargin, Turned):
             cells.append([(min(lip), low), (outer, low), (outer, gap), (min(lip), gap)])
         return [*pieces, *(sector for cell in cells for sector in sectors(cell))]
 
-    def chordal_error(self, face: cad.kernel.Face) -> float:
+    def chordal_error(self, face: cad.door.Face) -> float:
         reach = 2.0 * (self.marginal_gap.nominal + abs(self.opening.nominal))
         at_margin = face.kind in ("PLANE", "CYLINDER")
         near = face.low[2] <= reach and face.high[2] >= -reach

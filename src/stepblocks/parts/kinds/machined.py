@@ -96,7 +96,7 @@ class Machined(HeldPart):
     def titled(self) -> str:  # type: ignore[override]
         return self.title
 
-    def solids(self) -> list[cad.kernel.Body]:
+    def solids(self) -> list[cad.door.Body]:
         made = [cad.kernel.box(one.low, one.high) for one in self.boxes] + [_cylinder(one) for one in self.rods]
         body = cad.kernel.fused(made) if len(made) > 1 else made[0]
         return [cad.kernel.cut(body, [_cylinder(one) for one in self.bores]) if self.bores else body]
@@ -180,7 +180,7 @@ def _general(length: float) -> Dimension:
     return Dimension(length, deviation, -deviation, general=True)
 
 
-def _cylinder(one: Round) -> cad.kernel.Body:
+def _cylinder(one: Round) -> cad.door.Body:
     u, v = ([0.5 * one.diameter * (name == axis) for name in "xyz"] for axis in "xyz".replace(one.axis, ""))
     along = [one.length * (name == one.axis) for name in "xyz"]
     return cad.kernel.extruded(cad.kernel.circle(one.start, u, v), along)

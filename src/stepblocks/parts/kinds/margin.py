@@ -116,7 +116,7 @@ class MarginBlock(CrownMargin, Block):
         across = [(a, b) for a, b in lines if a[0] != b[0] and min(a[0], b[0]) <= x <= max(a[0], b[0])]
         return max(za + (zb - za) * (x - xa) / (xb - xa) for (xa, za), (xb, zb) in across)
 
-    def solids(self) -> list[cad.kernel.Body]:
+    def solids(self) -> list[cad.door.Body]:
         gap, depth = self.marginal_gap.nominal, self.gap_depth.nominal
         body = self.extruded([*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)])
         return [cad.kernel.cut(body, body_cuts(self.body, self.id, self.rise))]

@@ -105,7 +105,7 @@ class ScannedMargin(CrownMargin):
         x, z = self.counterface().section(half - SIDE)
         return list(zip(np.minimum(x, half).tolist(), z.tolist(), strict=True))
 
-    def solids(self) -> list[cad.kernel.Body]:
+    def solids(self) -> list[cad.door.Body]:
         half, base = 0.5 * self.length.nominal, -self.thickness.nominal
         return [cad.kernel.prism([(half, base), *reversed(self._section()), (-half, base)], self.width.nominal)]
 

@@ -91,7 +91,7 @@ class Sheath(Turned, HeldPart):
     def hulls(self) -> list[Any]:
         return sectors(self.outline())
 
-    def chordal_error(self, face: cad.kernel.Face) -> float:
+    def chordal_error(self, face: cad.door.Face) -> float:
         return FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:

@@ -56,7 +56,7 @@ class StepBlock(Block):
             return 0.0
         return H if x >= r else H - r + math.sqrt(x * (2.0 * r - x))
 
-    def solids(self) -> list[cad.kernel.Body]:
+    def solids(self) -> list[cad.door.Body]:
         height, radius = self.height.nominal, self.edge_radius.nominal
         crest: list[Any] = [(radius, height)]
         if radius > 0.0:
@@ -71,7 +71,7 @@ class StepBlock(Block):
             cuts.append(self._feature())
         return [cad.kernel.cut(body, cuts)]
 
-    def _feature(self) -> cad.kernel.Body:
+    def _feature(self) -> cad.door.Body:
         """Groove to cut or ridge to add: from z = 0 to the height of the step, from the lane's boundary to the back side."""
         feature, back = self.metrology, 0.5 * self.body.width.nominal
         near, y0 = feature.distance.nominal, back - feature.lane.nominal
@@ -117,7 +117,7 @@ class StepBlock(Block):
         floor, _ = split(groove, "z", 0.0)
         return [left, before, drag, floor, after]
 
-    def chordal_error(self, face: cad.kernel.Face) -> float:
+    def chordal_error(self, face: cad.door.Face) -> float:
         at_edge = face.kind == "CYLINDER" and abs(face.radius - self.edge_radius.nominal) < 1e-9
         return CONTACT_DEFLECTION if at_edge else COARSE_DEFLECTION
 

@@ -58,7 +58,7 @@ class Tip(Turned, HeldPart):
     def outlines(self) -> list[Outline]:
         return [self.outline()]
 
-    def chordal_error(self, face: cad.kernel.Face) -> float:
+    def chordal_error(self, face: cad.door.Face) -> float:
         return CONTACT_DEFLECTION if face.kind == "SPHERE" else COARSE_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
@@ -137,7 +137,7 @@ class HookTip(Tip):
     bend_angle: Angle = usual("75 deg", "1 deg")  # through which the wire is bent [rad], in degrees up to below 180
     straight_length: PositiveLength = usual("20 mm")  # of the shank beyond the bend [m]
 
-    def solids(self) -> list[cad.kernel.Body]:
+    def solids(self) -> list[cad.door.Body]:
         top, wire = self.cone_end, self.shank_radius.nominal
         bend, angle, length = self.bend_radius.nominal, self.bend_angle.nominal, self.straight_length.nominal
         foot, axis = (bend, 0.0, top), (0.0, 1e-3, 0.0)
