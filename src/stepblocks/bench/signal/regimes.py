@@ -134,7 +134,8 @@ def first_swing(motion: Motion) -> tuple[float, float, float]:
     if before < time[motion.peak] + 0.5 * period:
         return depth, std, instant
     # a tip that came down slowly rang meanwhile: which dip was the first below sliding is a matter of noise
-    earlier = int(np.searchsorted(time, before))
+    begin, end = np.searchsorted(time, [before - 0.25 * period, before + 0.25 * period])
+    earlier = int(begin + np.argmin(smooth[begin:end]))
     bottom, spread, _ = extremum(time, force, earlier, _SWING_SHARE * period, motion.noise)
     odds = 0.5 * math.erfc((bottom - motion.level) / spread / math.sqrt(2.0))
     apart = depth - max(motion.level - bottom, 0.0)
