@@ -98,7 +98,7 @@ def test_ways_into_one_slot_differ_in_what_the_bench_shows(state):
 
 def test_a_step_as_high_as_the_ball_counts_as_the_highest_that_a_fit_may_stray_to():
     same = np.ones(2)
-    far = released(np.array([0.97, 1.4]), 0.16 * same, 2.0 * same, 0.05 * same, 0.025 * same)
+    far = released(np.array([0.97, 1.4]), 0.16 * same, 2.0 * same, 0.05 * same, 0.025 * same, 0.0 * same)
     assert far[0][0] == far[0][1]
     assert far[1][0] == far[1][1]
 
@@ -108,5 +108,5 @@ def test_a_release_is_continuous_in_its_friction(height, stiffness):
     # a step of the integration is no step of the answer: a fit takes differences over such changes
     friction = 0.15 + 1e-6 * np.arange(200)
     same = np.ones(200)
-    for figure in released(height * same, friction, stiffness * same, 0.05 * same, 0.025 * same):
+    for figure in released(height * same, friction, stiffness * same, 0.05 * same, 0.025 * same, 0.0 * same):
         assert np.ptp(np.diff(figure)) < 5e-4

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import DragState, Floats, observe
 from stepblocks.errors import ContactError
-from stepblocks.law import Active, Parameter
+from stepblocks.law import Active, Law, Parameter
 
 TOGETHER = " * "  # between the names of two covariates that act together
 PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
@@ -128,7 +128,12 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
 def extended_state(design: BenchDesign, values: Mapping[str, float], active: Active = ()) -> DragState:
     """Fill the slots from the constants and apply the effects: release after contact, what follows the peak when it is known."""
     state = nominal_state(design, values)
-    for law, own in sorted(active, key=lambda pair: (pair[0].covariate == PEAK_FORCE, pair[0].slot == "conversion")):
+
+    def when(pair: tuple[Law, Mapping[str, float]]) -> tuple[bool, bool]:
+        law = pair[0]  # a named spring that hardens asks for no peak, and the release asks for it
+        return law.covariate == PEAK_FORCE and not (law.named and law.slot == "stiffness"), law.slot == "conversion"
+
+    for law, own in sorted(active, key=when):
         state = law.apply(state, covariate_of(design, state, law.covariate), own)
     return state
 

@@ -159,7 +159,8 @@ def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     momentum = state.stiffness / (2.0 * np.pi * state.frequency)
     stiffness, speed = state.stiffness * state.radius / load, state.speed * momentum / load
     damping = state.damping / (2.0 * np.pi * state.frequency * state.decay_time)
-    excess, share = released(state.height / state.radius, state.friction, stiffness, speed, damping)
+    cubic = np.maximum(state.hardening, 0.0) * load**2
+    excess, share = released(state.height / state.radius, state.friction, stiffness, speed, damping, cubic)
     return state.changed(
         climb_load=state.climb_load + load * np.expm1(weight * excess),
         conversion=state.conversion * np.exp(weight * (share - np.log(PAPER.tool.conversion))),

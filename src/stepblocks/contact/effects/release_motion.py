@@ -12,9 +12,18 @@ _HIGHEST, _STEEPEST = 0.97, np.deg2rad(89.0)  # step over radius, and slope, tha
 _LEAST_SHARE = 0.01  # of the peak, below which no gauge tells a swing from noise
 
 
+@njit(cache=True)
+def _stretched(force: float, cubic: float) -> float:
+    """Stretch u of a spring with ``force = u + cubic u^3``."""
+    root = np.sqrt(3.0 * cubic)
+    return 2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0) if cubic > 1e-9 else force
+
+
 @njit(cache=True, error_model="numpy")
-def _climb(height: float, friction: float, stiffness: float, speed: float, damping: float) -> tuple[float, float]:
-    """Peak force over that at which the tip breaks loose, and the first swing below sliding over the peak, undamped."""
+def _climb(
+    height: float, friction: float, stiffness: float, speed: float, damping: float, cubic: float
+) -> tuple[float, float]:
+    """Peak force over that at which the tip breaks loose; energy of the first swing below sliding over that stored, undamped."""
     # The mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), while it is pressed
     # on; it may fly off, stop on its way, and slip back. Time in 1/omega, positions in R, forces in N, k R / N = stiffness.
     edge = np.arccos(1.0 - height)
@@ -23,7 +32,8 @@ def _climb(height: float, friction: float, stiffness: float, speed: float, dampi
     drag = 2.0 * damping * stiffness
     start = max(np.tan(edge + np.arctan(friction)) - drag * drive, _LEAST_SHARE)
     force, peak, lowest = start, start, start
-    x, velocity, y, up, flies, handle, last = 0.0, 0.0, 0.0, 0.0, False, start / stiffness, 1.0 - height
+    x, velocity, y, up, flies, last = 0.0, 0.0, 0.0, 0.0, False, 1.0 - height
+    handle = _stretched(start, cubic) / stiffness
     for _ in range(int(_MOST_RADIANS * _STEPS_PER_RADIAN)):
         sine = min(max(reach - x, 0.0), 1.0)
         ground = np.sqrt(1.0 - sine * sine)
@@ -55,21 +65,26 @@ def _climb(height: float, friction: float, stiffness: float, speed: float, dampi
                     break
                 left, velocity = left + velocity / gained, 0.0
         x, handle, last = x + velocity * step, handle + drive * step, ground
-        force = stiffness * (handle - x)
+        stretch = stiffness * (handle - x)
+        force = stretch + cubic * stretch**3
         peak = max(peak, force)
         if x >= reach or force < friction:
             if force > lowest and (lowest < friction or velocity <= drive):
                 break
             lowest = min(lowest, force)
+    if lowest >= friction:
+        return peak / start, 0.0
+    level, low, top = _stretched(friction, cubic), _stretched(lowest, cubic), _stretched(peak, cubic)
+    swing = 0.5 * (low**2 - level**2) + 0.25 * cubic * (low**4 - level**4) - friction * (low - level)
     # half a period of the damper lies between the swing above sliding, which counts, and the one below
-    return peak / start, (friction - lowest) / peak * np.exp(np.pi * damping)
+    return peak / start, swing / (0.5 * top**2 + 0.25 * cubic * top**4) * np.exp(2.0 * np.pi * damping)
 
 
 @njit(cache=True)
 def _climbs(asked: Floats) -> Floats:
     found = np.empty((asked.shape[1], 2))
     for n in range(asked.shape[1]):
-        found[n] = _climb(asked[0, n], asked[1, n], asked[2, n], asked[3, n], asked[4, n])
+        found[n] = _climb(asked[0, n], asked[1, n], asked[2, n], asked[3, n], asked[4, n], asked[5, n])
     return found
 
 
@@ -77,11 +92,11 @@ _last: list[Floats] = []  # arguments and answer: most parameters of a fit do no
 
 
 def released(
-    height: Floats, friction: Floats, stiffness: Floats, speed: Floats, damping: Floats
+    height: Floats, friction: Floats, stiffness: Floats, speed: Floats, damping: Floats, cubic: Floats
 ) -> tuple[Floats, Floats]:
-    """Logarithms of the peak's excess and of the share that rings, of H/R, mu, k R / N, v k / (omega N) and the damping ratio."""
-    asked = np.stack([np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping])
+    """Logarithms of the peak's excess and of the share that rings, of H/R, mu, k R / N, v k / (omega N), damping ratio and g N^2."""
+    asked = np.stack([np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping, cubic])
     if not (_last and np.array_equal(_last[0], asked)):
         _last[:] = asked, _climbs(asked)
-    excess, swing = _last[1].T
-    return np.log(excess), 2.0 * np.log(np.maximum(swing, _LEAST_SHARE))
+    excess, share = _last[1].T
+    return np.log(excess), np.log(np.maximum(share, _LEAST_SHARE**2))
