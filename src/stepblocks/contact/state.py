@@ -18,6 +18,7 @@ CHANNELS += ("ln_ring_frequency", "ln_decay_time", "normal_load_ratio")
 
 _STEEPEST = np.deg2rad(89.0)  # beyond it the tip locks; a fit needs a finite slope back into the domain
 _LEAST_LOAD, _LEAST_FORCE = 1e-3, 1e-4  # N, where a fit strays
+_LEAST_ENERGY = 1e-30  # of what is left of a ring, below which a fit may stray but no logarithm [J]
 _LINE_SHARE = 0.9  # of the rise, to which the evaluation of a trace fits the line of a bent ramp
 
 
@@ -117,7 +118,7 @@ def observe(state: DragState) -> Floats:
     beside = state.zero + state.cross_talk * pressed
     ring = state.ring_stiffness * spring.pitch / state.nominal_stiffness
     shown = (
-        np.log(state.gain**2 * energy),
+        np.log(np.maximum(state.gain**2 * energy, _LEAST_ENERGY)),
         np.log(np.maximum(state.gain * peak + beside, _LEAST_FORCE)),
         (state.gain * sliding + beside) / sensed,
         state.gain * state.stiffness * spring.slope * np.exp(-state.ln_clock) / state.nominal_stiffness,
