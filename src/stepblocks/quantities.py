@@ -118,7 +118,7 @@ def _magnitude(text: str, unit: str, wanted: str) -> float:
 
 def scaled(number: Any, factor: float) -> Any:
     """Multiply by the size of a unit: 25 / 1e6 is the double nearest to 25e-6, and 25 * 1e-6 is not."""
-    inverse = round(1.0 / factor) if factor < 1.0 else 0
+    inverse = round(1.0 / factor) if 1e-300 < factor < 1.0 else 0  # a foreign file may state any
     return number / inverse if inverse and abs(factor * inverse - 1.0) < 1e-12 else number * factor
 
 

@@ -51,11 +51,8 @@ def _climb(
             up -= step / stiffness
             y += up * step
         else:
-            left, ahead, back = (
-                step,
-                (rise + friction) / (1.0 - rise * friction),
-                (rise - friction) / (1.0 + rise * friction),
-            )
+            left = step
+            ahead, back = (rise + friction) / (1.0 - rise * friction), (rise - friction) / (1.0 + rise * friction)
             for _ in range(2):  # where it stops, it sticks or slips back for the rest of the step
                 moves = velocity != 0.0 or pull > ahead or pull < back
                 resist = back if velocity < 0.0 or (velocity == 0.0 and pull < back) else ahead
