@@ -54,6 +54,8 @@ def test_lengths_are_written_in_the_unit_people_use(value, text):
     assert format_quantity(value, "length") == text
 
 
-@pytest.mark.parametrize(("factor", "expected"), [(0.0, 0.0), (2.0**-1060, 25 * 2.0**-1060), (1e-6, 25e-6), (1e-3, 25e-3)])
+@pytest.mark.parametrize(
+    ("factor", "expected"), [(0.0, 0.0), (2.0**-1060, 25 * 2.0**-1060), (1e-6, 25e-6), (1e-3, 25e-3)]
+)
 def test_a_unit_of_any_size_that_a_file_may_state_is_scaled_by(factor, expected):
     assert scaled(25.0, factor) == expected
