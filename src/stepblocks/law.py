@@ -44,6 +44,7 @@ class Law:
     rank: int = 0  # order of preference among laws that predict the same
     said: str = ""  # what it is in the words of a sentence that ends in its figures
     settled: str = ""  # what to do on the bench to tell it from its rivals
+    given: bool = True  # False where the covariate only says over what it shows, and its formula holds without a value
 
     @property
     def amplitudes(self) -> tuple[str, ...]:

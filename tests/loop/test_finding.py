@@ -20,7 +20,7 @@ def test_figures_are_read_in_the_units_of_the_bench():
         read_as(0.8, "1"),
         read_as(0.2, "1/N^2"),
     ]
-    assert shown == ["13.8 um", "-18 mN", "4.2 ms", "0.8", "0.2 1/N^2"]
+    assert shown == ["13.8 µm", "-18 mN", "4.2 ms", "0.8", "0.2 1/N^2"]
 
 
 def test_an_effect_is_said_with_its_figures_and_the_error_before_and_after(worn):

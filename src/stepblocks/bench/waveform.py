@@ -23,11 +23,13 @@ if TYPE_CHECKING:
 
 # of a fit: friction [1], stiffness [N/m], frequency [Hz], damping ratio [1], R + r [m], instant of the onset [s]
 _NAMES = ("friction", "stiffness", "frequency", "damping", "radius", "onset")
-_SCALE = np.array([5e-3, 100.0, 3.0, 3e-3, 1e-6, 1e-4])  # in which they move
-_SEARCH: dict[str, Any] = {"x_scale": _SCALE, "diff_step": 1e-4, "loss": "soft_l1", "f_scale": 5.0, "max_nfev": 20}
+_STEP = 0.02 * np.array([5e-3, 100.0, 3.0, 3e-3, 1e-6, 1e-4])  # of differences
+# friction, damping and radius lie along one valley: the search is scaled by its slopes, and goes on until it has ended
+_SEARCH: dict[str, Any] = {"x_scale": "jac", "diff_step": 1e-4, "loss": "soft_l1", "f_scale": 5.0, "max_nfev": 100}
 _BEFORE, _AFTER = 4e-3, 18e-3  # [s] of sliding before the ramp and of ring after the peak that are fitted
 _RATE = 4.0  # rows of the drag per sample
-_DRAWS = 200
+_DRAWS = 1000
+_KNOWN = 70.0**2 / 12870.0  # degrees of freedom per sample of a noise told by fourth differences: C(8,4)^2 / C(16,8)
 _FOLDS = 5
 _FIRST = 4e-3  # [s] after the peak in which the first swing lies
 _NEAR = 2.0  # times the noise: a fit that misses by less is taken at once
@@ -108,7 +110,7 @@ def fit_waveform(trace: Trace, measured: Measurement, height: float, radius: flo
     values, residuals = np.asarray(found.x), miss(found.x)
     if not np.isfinite(residuals).all() or float(np.median(np.abs(residuals))) > 50.0:
         return None
-    slopes = numeric_jacobian(miss, values, 0.02 * _SCALE, lower, upper)
+    slopes = numeric_jacobian(miss, values, _STEP, lower, upper)
     covariance = covariance_of(slopes, residuals)
 
     def amplitude(values: Array) -> Array:
@@ -117,21 +119,23 @@ def fit_waveform(trace: Trace, measured: Measurement, height: float, radius: flo
         return np.array([max(swing, 0.0) * math.exp(math.pi * values[3])])
 
     size = float(amplitude(values)[0])
-    std = propagated(numeric_jacobian(amplitude, values, 0.02 * _SCALE, lower, upper)[0], covariance)
+    std = propagated(numeric_jacobian(amplitude, values, _STEP, lower, upper)[0], covariance)
     energy = size**2 / (2.0 * measured.spring_constant)
     spread = math.sqrt(4.0 * size**2 * std**2 + 2.0 * std**4) / (2.0 * measured.spring_constant)
     rms = math.sqrt(float(np.mean(residuals**2)))
-    return Waveform(values, covariance, (energy, spread), rms, _predictive(slopes, covariance, rms))
+    return Waveform(
+        values, covariance, (energy, spread), rms, _predictive(slopes, covariance, rms, _KNOWN * trace.time.size)
+    )
 
 
-def _predictive(slopes: Array, covariance: Array, rms: float) -> float:
-    """Share of records drawn from the posterior that miss the fit by as much, to first order in the parameters."""
+def _predictive(slopes: Array, covariance: Array, rms: float, known: float) -> float:
+    """Share of records drawn from posterior and noise, itself estimated, that miss as much; to first order in the parameters."""
     random = np.random.default_rng(0)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     moved = slopes @ root @ random.standard_normal((covariance.shape[0], _DRAWS))
     drawn = np.sqrt(np.mean((moved + random.standard_normal(moved.shape)) ** 2, axis=0))
-    return float(np.mean(drawn >= rms))
+    return float(np.mean(drawn >= rms * np.sqrt(random.chisquare(known, _DRAWS) / known)))
 
 
 def predict_energies(features: pd.DataFrame, spring_constant: float) -> dict[str, Any]:

@@ -130,11 +130,10 @@ def extended_state(design: BenchDesign, values: Mapping[str, float], active: Act
     state = nominal_state(design, values)
 
     def when(pair: tuple[Law, Mapping[str, float]]) -> tuple[bool, bool]:
-        law = pair[0]  # a named spring that hardens asks for no peak, and the release asks for it
-        return law.covariate == PEAK_FORCE and not (law.named and law.slot == "stiffness"), law.slot == "conversion"
+        return pair[0].given and pair[0].covariate == PEAK_FORCE, pair[0].slot == "conversion"
 
     for law, own in sorted(active, key=when):
-        state = law.apply(state, covariate_of(design, state, law.covariate), own)
+        state = law.apply(state, covariate_of(design, state, law.covariate) if law.given else None, own)
     return state
 
 

@@ -85,6 +85,12 @@ def stored_energy(force: Real, stiffness: Real) -> Real:
     return 0.5 * force * force / stiffness
 
 
+def softened(force: Real, cubic: Real) -> Real:
+    """Return u of a hardening spring ``force = u + cubic u^3``, the force had it not hardened, by Viete's hyperbolic sine."""
+    root = np.sqrt(3.0 * np.maximum(cubic, 1e-9))
+    return 2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0)
+
+
 def release(angle: Real, friction: Real, normal_load: Real, stiffness: Real, conversion: Real) -> tuple[Real, Real]:
     """Force and vibration energy over arrays: both infinite where the tip is held, both 0 where nothing catches."""
     held = angle + np.arctan(friction) >= 0.5 * np.pi

@@ -142,11 +142,10 @@ def _spring(state: DragState, force: Floats, sliding: Floats) -> _Spring:
     if not np.any(state.hardening):
         one = np.ones_like(force)
         return _Spring(kernels.stored_energy(force, state.stiffness), one, one, one)
-    cubic = np.maximum(state.hardening, 1e-9)
-    root = np.sqrt(3.0 * cubic)
+    cubic = state.hardening
     # where a line is fitted to the ramp: sliding, the line's end, the peak
     ends = sliding, sliding + _LINE_SHARE * np.maximum(force - sliding, 0.0), force
-    low, high, top = (2.0 / root * np.sinh(np.arcsinh(1.5 * one * root) / 3.0) for one in ends)
+    low, high, top = (kernels.softened(one, cubic) for one in ends)
     # the least-squares line through u + g u^3 over a stretch of u, in closed form
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     slope = 1.0 + cubic * (3.0 * middle**2 + 0.6 * half**2)

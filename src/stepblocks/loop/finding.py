@@ -7,7 +7,7 @@ from typing import Any
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
 
 # a factor and a unit that people read, by the unit that a parameter has; beyond the limit the plain one
-_READ = {"m": (1e6, "um"), "N": (1e3, "mN"), "s": (1e3, "ms"), "m/s": (1e3, "mm/s"), "rad": (1e3, "mrad")}
+_READ = {"m": (1e6, "µm"), "N": (1e3, "mN"), "s": (1e3, "ms"), "m/s": (1e3, "mm/s"), "rad": (1e3, "mrad")}
 
 
 def read_as(value: float, unit: str) -> str:

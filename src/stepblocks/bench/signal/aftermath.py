@@ -10,17 +10,9 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
 from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, first_swing
-from stepblocks.bench.signal.ring import (
-    GUESSED,
-    TOLD,
-    Ring,
-    RubbingRing,
-    fit_ring,
-    fit_rubbing_ring,
-    guess_ring,
-    softened,
-)
+from stepblocks.bench.signal.ring import GUESSED, TOLD, Ring, RubbingRing, fit_ring, fit_rubbing_ring, guess_ring
 from stepblocks.bench.signal.separable import damped_wave, propagated, wave, weighed
+from stepblocks.contact.kernels import softened
 
 _RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
 _GOOD = 5.0  # misfit up to which a fit is taken at once

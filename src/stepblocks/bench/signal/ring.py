@@ -29,6 +29,7 @@ from stepblocks.bench.signal.separable import (
     propagated,
     wave,
 )
+from stepblocks.contact.kernels import softened
 
 # relative spread of frequency and decay time about a guess from the trial itself, and about what others told
 GUESSED, TOLD = (0.05, 0.4), (0.02, 0.12)
@@ -156,12 +157,6 @@ def _columns(since: Array, origin: float, mains: float, shape: Array, about: flo
     hum = wave(since + origin, mains)
     ring = _hardening_wave(since, (frequency, decay, *cubic), about) if cubic else damped_wave(since, frequency, decay)
     return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])
-
-
-def softened(force: float, cubic: float) -> float:
-    """Return u of ``force = u + cubic u^3``, the force had the spring not hardened, by Viete's hyperbolic sine."""
-    root = math.sqrt(3.0 * max(cubic, 1e-9))
-    return 2.0 / root * math.sinh(math.asinh(1.5 * force * root) / 3.0)
 
 
 def _hardening_wave(since: Array, tool: tuple[float, ...], about: float) -> Array:

@@ -249,6 +249,7 @@ _TOOL = (
             hardening=state.hardening + v["cubic_per_n2"], pitch_share=state.pitch_share + v["pitch_share"]
         ),
         covariate="peak_force_n",
+        given=False,
         shapes=({"pitch_share": 0.0}, {"pitch_share": 0.4}),
         said="the spring hardens: g and the share of the first swing that its pitch shows",
     ),

@@ -1,8 +1,13 @@
 """Motion of the tip from breaking loose to its first swing, in units of radius sum, load and the tool's mass."""
 
+from functools import lru_cache
+from typing import cast
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from stepblocks.contact.kernels import softened
 
 Floats = NDArray[np.float64]
 
@@ -12,11 +17,7 @@ _HIGHEST, _STEEPEST = 0.97, np.deg2rad(89.0)  # step over radius, and slope, tha
 _LEAST_SHARE = 0.01  # of the peak, below which no gauge tells a swing from noise
 
 
-@njit(cache=True)
-def _stretched(force: float, cubic: float) -> float:
-    """Stretch u of a spring with ``force = u + cubic u^3``."""
-    root = np.sqrt(3.0 * cubic)
-    return 2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0) if cubic > 1e-9 else force
+_softened = njit(cache=True)(softened)
 
 
 @njit(cache=True, error_model="numpy")
@@ -33,7 +34,7 @@ def _climb(
     start = max(np.tan(edge + np.arctan(friction)) - drag * drive, _LEAST_SHARE)
     force, peak, lowest = start, start, start
     x, velocity, y, up, flies, last = 0.0, 0.0, 0.0, 0.0, False, 1.0 - height
-    handle = _stretched(start, cubic) / stiffness
+    handle = _softened(start, cubic) / stiffness
     for _ in range(int(_MOST_RADIANS * _STEPS_PER_RADIAN)):
         sine = min(max(reach - x, 0.0), 1.0)
         ground = np.sqrt(1.0 - sine * sine)
@@ -71,7 +72,7 @@ def _climb(
             lowest = min(lowest, force)
     if lowest >= friction:
         return peak / start, 0.0
-    level, low, top = _stretched(friction, cubic), _stretched(lowest, cubic), _stretched(peak, cubic)
+    level, low, top = _softened(friction, cubic), _softened(lowest, cubic), _softened(peak, cubic)
     swing = 0.5 * (low**2 - level**2) + 0.25 * cubic * (low**4 - level**4) - friction * (low - level)
     # half a period of the damper lies between the swing above sliding, which counts, and the one below
     return peak / start, swing / (0.5 * top**2 + 0.25 * cubic * top**4) * np.exp(2.0 * np.pi * damping)
@@ -85,7 +86,9 @@ def _climbs(asked: Floats) -> Floats:
     return found
 
 
-_last: list[Floats] = []  # arguments and answer: most parameters of a fit do not change the motion
+@lru_cache(maxsize=1)  # most parameters of a fit do not change the motion
+def _climbs_of(asked: bytes) -> Floats:
+    return cast(Floats, _climbs(np.frombuffer(asked).reshape(6, -1)))
 
 
 def released(
@@ -93,7 +96,5 @@ def released(
 ) -> tuple[Floats, Floats]:
     """Logarithms of the peak's excess and of the share that rings, of H/R, mu, k R / N, v k / (omega N), damping ratio and g N^2."""
     asked = np.stack([np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping, cubic])
-    if not (_last and np.array_equal(_last[0], asked)):
-        _last[:] = asked, _climbs(asked)
-    excess, share = _last[1].T
+    excess, share = _climbs_of(asked.tobytes()).T
     return np.log(excess), np.log(np.maximum(share, _LEAST_SHARE**2))
