@@ -175,6 +175,7 @@ def test_a_reader_that_is_wrong_by_a_factor_of_eight_is_caught_by_the_header(nam
         ("x_um,z_um\n0,1\n", "at least 3 points"),
         ("x_um,z_um\n0,1\n0,2\n0,3\n", "increase along"),
         ("x_um,z_um\n0,nan\n1,nan\n2,nan\n", "at least one measured height"),
+        (";;0", "must name their unit"),
         ("x_um,z_um\n0,nan\n1,inf\n2,nan\n", "at least one measured height"),
         ("x_um,y_um,z_um\n0,0,1\n1,1,2\n2,2,3\n9,7,1\n3,8,8\n", "on a grid"),
         ("a_um,b_um,c_um,d_um\n1,2,3,4\n", "2 columns"),
@@ -291,6 +292,19 @@ def test_hostile_files_end_in_one_line_and_bounded_memory(name, tmp_path):
 def test_missing_files_are_named(tmp_path):
     with pytest.raises(MetrologyError, match=r"nowhere\.csv"):
         read_scan(tmp_path / "nowhere.csv")
+
+
+@pytest.mark.parametrize(
+    ("heights", "digit"),
+    [("0 2 10", 1e-9), ("0.0 2.5 nan", 0.1e-9), ("0 0 1.25", 0.01e-9), ("1e-3 2e-3 0", 1e-12), ("1.5e1 20 20", 1e-9)],
+)
+def test_heights_in_text_resolve_no_more_than_the_last_digit_they_are_printed_with(heights, digit, tmp_path):
+    rows = [f"{n},{one}" for n, one in enumerate(heights.split())]
+    (tmp_path / "a.csv").write_text("\n".join(["x_um,z_nm", *rows]))
+    grid = [f"{n},{m},{one}" for m in range(2) for n, one in enumerate(heights.split())]
+    (tmp_path / "b.csv").write_text("\n".join(["x_um,y_um,z_nm", *grid]))
+    for name in ("a.csv", "b.csv"):
+        assert read_scan(tmp_path / name).count == pytest.approx(digit, rel=1e-12)
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -123,6 +123,14 @@ def grating(missing=False):
     return HeightMap(z, 0.2e-6, 0.2e-6)
 
 
+@pytest.mark.parametrize("heights", [[0.0, 1.0, np.nan], [0.0, 1.0] * 6, [0.0, 1.0] * 20, [1.0] * 30, [0.0, 1.0, 2.0]])
+def test_a_few_points_and_what_repeats_at_every_second_point_are_no_grating(heights):
+    # a mean in each phase of a period follows any twelve points; and what lies between two points nobody saw
+    profile = Profile(1e-6 * np.arange(len(heights)), 1e-6 * np.array(heights))
+    with pytest.raises(MetrologyError, match="one shape must repeat"):
+        measure_groove(profile, EXACT)
+
+
 def test_many_features_in_a_row_are_a_masked_step_and_one_is_type_a1():
     many = measure_groove(grating(), EXACT)
     assert many.convention.startswith("masked step over")

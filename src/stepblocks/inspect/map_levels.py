@@ -246,7 +246,9 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     fx = np.fft.rfftfreq(4 * len(x), float(x[1] - x[0]))
     fy = np.fft.fftfreq(4 * len(y), float(y[1] - y[0])) if len(y) > 3 else np.zeros(1)
     periods = np.hypot(fx[np.newaxis, :] * extents[0], fy[:, np.newaxis] * extents[1])
-    at = np.unravel_index(int(np.argmax(np.where(periods >= _LEAST_PERIODS, power, 0.0))), power.shape)
+    # what repeats faster than every fourth point is no shape
+    seen = (fx <= 0.5 * fx[-1]) & (np.abs(fy) <= 0.5 * np.abs(fy).max())[:, np.newaxis] & (periods >= _LEAST_PERIODS)
+    at = np.unravel_index(int(np.argmax(np.where(seen, power, 0.0))), power.shape)
     first = np.array([fx[at[1]], fy[at[0]]])
     gx, gy = np.meshgrid(x - x[0], y - y[0])
     points, heights = np.stack([gx[known], gy[known]]), level[known]
@@ -259,11 +261,14 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     unit = 0.25 / np.array([extents[0], extents[1] or np.inf])
     options = {"initial_simplex": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], "xatol": 1e-3, "fatol": 1e-6, "maxfev": 200}
     moved = minimize(unexplained, np.zeros(2), method="Nelder-Mead", options=options).x
-    frequency, share = first + moved * unit, 1.0 - unexplained(moved)
-    pitch, angle = 1.0 / float(np.hypot(*frequency)), float(np.arctan2(frequency[1], frequency[0]))
-    if share < _REPEATS:
+    frequency = first + moved * unit
+    # each phase has a mean of its own, which follows whatever few points there are
+    free = len(heights[::thin]) - np.unique(_folded(frequency @ points[:, ::thin], heights[::thin])[1]).size
+    share = 1.0 - unexplained(moved) * len(heights[::thin]) / free if free > 0 else 0.0
+    if not share >= _REPEATS:
         rule = f"one shape must repeat in at least {_REPEATS:.0%} of the variance of a grating"
         raise MetrologyError(f"{rule}, got {share:.0%}")
+    pitch, angle = 1.0 / float(np.hypot(*frequency)), float(np.arctan2(frequency[1], frequency[0]))
     along = frequency @ points
     depth, form, shape = _depth(along, heights)
     parts = np.array_split(np.argsort(along, kind="stable"), int(min(8, max(np.ptp(along) // 1.5, 2))))

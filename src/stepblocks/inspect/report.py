@@ -63,7 +63,8 @@ class InspectionResult:
         for key, measured in self.inspected.values.items():
             label, decision = limits.get(key, (measured.name, None))
             half = measured.expanded() * 1e6
-            digits = max(1 - math.floor(math.log10(half)), 0) if 0.0 < half < math.inf else 4  # two of the uncertainty
+            # two of the uncertainty, none below a picometre
+            digits = min(max(1 - math.floor(math.log10(half)), 0), 6) if 0.0 < half < math.inf else 4
             value, stated = (f"{x:.{digits}f}" for x in (measured.value * 1e6, half))
             row: dict[str, Any] = {"characteristic": label, "value_um": value, "expanded_uncertainty_95_um": stated}
             row |= {"lower_um": None, "upper_um": None, "guard_um": None}

@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -79,15 +80,22 @@ def read_text_scan(path: Path, unit: str | None = None) -> Profile | HeightMap:
     said = ", ".join(filter(None, named.values())) or f"unit {unit or 'of the head'} as given"
     axes = {axis: values[:, column] * factors[axis][0] / factors[axis][1] for axis, column in columns.items()}
     if "y" in axes:
-        return gridded(axes["x"], axes["y"], axes["z"], path.name, f"columns {said}")
+        grid = gridded(axes["x"], axes["y"], axes["z"], path.name, f"columns {said}")
+        return replace(grid, count=_last_digit(values[:, columns["z"]], factors["z"]))
     x, z, notes = _forward(axes["x"], axes["z"], path)
-    size, per = factors["x"]
-    # value of the last digit that positions are printed with, from the shortest decimal that gives each back
-    printed = [repr(one) for one in values[:2000, columns["x"]].tolist()]
-    decimals = max(17 if "e" in one else len(one.partition(".")[2]) for one in printed)
-    x, snapped = _equal_steps(x, float(10.0 ** -min(decimals, 17)) * size / per)
+    x, snapped = _equal_steps(x, _last_digit(values[:, columns["x"]], factors["x"], least=1))
     notes += ["positions set to equal steps within their last digit"] if snapped else []
-    return Profile(x, z, source=path.name, scale="; ".join([f"columns {said}", *notes]))
+    said = "; ".join([f"columns {said}", *notes])
+    return Profile(x, z, source=path.name, scale=said, count=_last_digit(values[:, columns["z"]], factors["z"]))
+
+
+def _last_digit(values: Array, unit: tuple[float, float], least: int = 0) -> float:
+    """Length of the last digit that numbers are printed with, from the shortest decimal that gives each back [m]."""
+    decimals = least
+    for one in map(repr, values[:: max(len(values) // 2000, 1)].tolist()):
+        mantissa, _, power = one.partition("e")
+        decimals = max(decimals, len(mantissa.partition(".")[2].rstrip("0")) - int(power or 0))
+    return float(10.0**-decimals) * unit[0] / unit[1]
 
 
 def _decoded(raw: bytes) -> str:
@@ -190,7 +198,7 @@ def _columns(names: list[str], values: Array, path: Path) -> dict[str, int]:
     if len(left) == 2:
         return {"x": left[0], "z": left[1]}
     if len(left) == 3:
-        extent = np.nanmax(values[:, left], axis=0) - np.nanmin(values[:, left], axis=0)
+        extent = np.fmax.reduce(values[:, left]) - np.fmin.reduce(values[:, left])  # not a number where all is missing
         flat = extent < _CONSTANT * np.sort(extent)[1]
         single = [len(np.unique(values[:, one])) > 0.5 * len(values) for one in left[:2]]
         if (flat[2] and all(single)) or (flat[1] and single[0]) or (flat[0] and single[1]):
@@ -235,7 +243,8 @@ def _matrix(values: Array, given: dict[str, tuple[float, float]], path: Path) ->
         rule = "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a step and a unit, as x=0.5um,z=nm"
         raise MetrologyError(f"{rule}, got {values.shape[1]} columns [{path.name}]")
     dx, dy, one = (size / per for size, per in (given["x"], given.get("y", given["x"]), given["z"]))
-    return HeightMap(values * one, dx, dy, source=path.name, scale="matrix with the step and unit given")
+    said, count = "matrix with the step and unit given", _last_digit(values.ravel(), given["z"])
+    return HeightMap(values * one, dx, dy, source=path.name, scale=said, count=count)
 
 
 def _equal_steps(x: Array, digit: float) -> tuple[Array, bool]:
