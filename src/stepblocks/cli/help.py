@@ -17,6 +17,7 @@ def _new(arguments: argparse.Namespace) -> Outcome:
     if arguments.shipped:
         return _copy_shipped(arguments.shipped, force=arguments.force)
     file = arguments.file or Path(f"my-{thing}" if thing == "session" else f"my-{thing}.toml")
+    file = file.parent if (thing, file.name) == ("session", "session.toml") else file
     place = file / "session.toml" if thing == "session" else file.with_suffix(".toml")
     text, then = beginning(thing, file if thing == "session" else place)
     _write_new({place: text} | ({file / "trials.csv": _TRIALS} if thing == "session" else {}), force=arguments.force)
