@@ -25,6 +25,7 @@ from oracles.softgauge import (
     flank_gauge,
     groove_gauge,
     margin_gauge,
+    sheets_gauge,
     stylus_trace,
     with_faults,
 )
@@ -42,7 +43,7 @@ from stepblocks.inspect.type_a1 import evaluate_a1
 Draw = Callable[[np.random.Generator], Iterator[tuple[str, float, Measured]]]
 UM, NM = 1e-6, 1e-9
 EXACT = Instrument(0.0, 0.0, 0.0)
-ONE_SIDED = ("unresolved", "on a bow", "oblique grating", "corner")
+ONE_SIDED = ("unresolved", "on a bow", "oblique grating", "corner", "by its form")
 """Values at the end of their range, or with a form in their budget: an interval holds the truth more often than stated, never less."""
 
 SEVERAL_TERMS = "bow, saddle, twist, cubic"
@@ -116,6 +117,19 @@ def tip(radius: float, rough: float, length: float) -> Draw:
             radius,
             measure_tip(HeightMap(z, spacing, spacing), EXACT, nominal=radius).values["ball_radius"],
         )
+
+    return draw
+
+
+def cap(length: float) -> Draw:
+    """Draw the outermost 6.5 degrees of a ball of 0.5 mm, whose form of 10 nm is correlated over so much of its 70 um by 95 um."""
+    x, y = np.arange(-32, 33) * 1.1 * UM, np.arange(-43, 44) * 1.1 * UM
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        z = ball_gauge(x, y, 497 * UM, (random.uniform(-5, 5) * UM, random.uniform(-5, 5) * UM))
+        z = z + correlated_map(z.shape, 1.1 * UM, NM, 10 * NM, length, random)
+        got = measure_tip(HeightMap(z, 1.1 * UM, 1.1 * UM), EXACT, nominal=500 * UM)
+        yield "radius, by its form", 497 * UM, got.values["ball_radius"]
 
     return draw
 
@@ -226,6 +240,21 @@ def sawtooth(rise: float, missing: bool = False) -> Draw:
     return draw
 
 
+def sheets(count: int, own: float) -> Draw:
+    """Draw sheets of their own heights under debris, on rows that a scanner shifts; true is their mean where they were evaluated."""
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        true = sheets_gauge(200, count, 3.5 * NM, own, random)
+        lying = 3.0 * np.maximum(correlated_map(true.shape, 2 * NM, 0.0, NM, 12 * NM, random) - 1.6 * NM, 0.0)
+        z = true + np.where(true < 0.01 * NM, lying, 0.0) + random.normal(0.0, 0.3 * NM, (200, 1))
+        z = z + random.uniform(-NM, NM) * np.linspace(0.0, 1.0, 200)
+        z = z + correlated_map(z.shape, 2 * NM, 0.05 * NM, 0.1 * NM, 8 * NM, random)
+        got = masked_step(HeightMap(z, 2 * NM, 2 * NM))
+        yield "height, masked step", -float(true[got.floor].mean()), value("height", got.depth)
+
+    return draw
+
+
 def gaps(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
     """Columns of a map that are missing at a wall, where light is shaded, and anywhere."""
     x = np.arange(-150, 150) * 2 * UM
@@ -259,10 +288,14 @@ CASES: list[tuple[str, Draw, float]] = [
     ("80.25 um, inside missing", margin(80.25 * UM, -30 * UM, missing=True), 1.0),
     ("rough 50 nm, 4 um", tip(125 * UM, 50 * NM, 4 * UM), 0.5),
     ("white 20 nm", tip(60 * UM, 0.0, UM), 0.5),
+    ("cap, form over 10 um", cap(10 * UM), 0.25),
+    ("cap, form over 30 um", cap(30 * UM), 0.25),
     ("3 rows, wander 30 nm", step_map(3, 30 * NM), 0.25),
     ("12 rows, no wander", step_map(12, 0.0), 0.15),
     ("12 rows, wander 30 nm", step_map(12, 30 * NM), 0.15),
     ("4 x 4 holes", grating(), 0.5),
+    ("3 sheets, debris", sheets(3, 0.1 * NM), 0.25),
+    ("8 sheets, debris", sheets(8, 0.1 * NM), 0.25),
     ("flank 45 deg, corner 4 um", stylus(45.0, 4 * UM), 0.25),
     ("flank 75 deg, corner 3 um", stylus(75.0, 3 * UM), 0.25),
     ("20 um on a bow of 1 um", bowed(20 * UM, UM), 0.25),

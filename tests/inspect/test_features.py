@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oracles.softgauge import correlated_noise, groove_gauge
+from oracles.softgauge import correlated_map, correlated_noise, groove_gauge, sheets_gauge
 from stepblocks.artefacts.scans.read import list_channels, read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.map_levels import masked_step
 from stepblocks.inspect.measure import How
 
 EXACT = Instrument(0.0, 0.0, 0.0)
@@ -69,6 +70,48 @@ def test_an_oblique_sawtooth_is_folded_along_its_own_direction():
     found = measure_groove(HeightMap(z + np.random.default_rng(1).normal(0.0, NM, z.shape), 12 * NM, 12 * NM), EXACT)
     assert found.values["feature_pitch"].value == pytest.approx(320 * NM, rel=3e-3)
     assert found.values["groove_depth"].value == pytest.approx(50 * NM, rel=0.06)  # eight harmonics round the tips
+
+
+def test_teeth_that_run_almost_along_the_columns_are_a_grating_and_no_single_step():
+    # at 12 degrees most rows agreed on one edge of six, and the depth came out 11 % too high with an interval of 2 %
+    y, x = np.mgrid[:160, :160] * 12 * NM
+    random = np.random.default_rng(34)
+    angle, pitch = random.uniform(0.2, 1.2), random.uniform(280, 320) * NM
+    along = (x * np.cos(angle) + y * np.sin(angle)) / pitch + random.uniform()
+    z = 50 * NM * np.interp(along % 1.0, [0.0, 0.9, 1.0], [0.0, 1.0, 0.0])
+    z = z + correlated_map(z.shape, 12 * NM, 0.5 * NM, NM, 30 * NM, random)
+    z[:, 50:58] = np.nan
+    found = measure_groove(HeightMap(z, 12 * NM, 12 * NM), EXACT)
+    assert "grating" in found.convention
+    assert abs(found.values["groove_depth"].value - 50 * NM) < found.values["groove_depth"].expanded()
+
+
+@pytest.mark.parametrize("side", [5, 7, 20])
+def test_a_map_of_few_points_repeats_nothing(side):
+    # a shape of 48 phases fits 28 points whatever they are; a plane leaves nothing but rounding
+    y, x = np.mgrid[: side - 1, :side] * UM
+    for z in (0.02 * (x - 3 * UM) ** 2 / UM + 0.01 * y, np.full(x.shape, 1.427 * UM) + 1e-22 * np.sin(x / UM)):
+        with pytest.raises(MetrologyError, match="must repeat in at least 80% of the variance of a grating, got"):
+            measure_groove(HeightMap(z, UM, UM), EXACT)
+    with pytest.raises(MetrologyError, match="must"):
+        measure_groove(Profile(np.arange(8) * UM, np.full(8, -1.427 * UM)), EXACT)
+
+
+def test_sheets_under_debris_are_as_high_as_they_are_and_grains_are_no_reference():
+    random = np.random.default_rng(3)
+    true = sheets_gauge(200, 3, 3.5 * NM, 0.1 * NM, random)
+    lying = 3.0 * np.maximum(correlated_map(true.shape, 2 * NM, 0.0, NM, 12 * NM, random) - 1.6 * NM, 0.0)
+    z = true + np.where(true < 0.01 * NM, lying, 0.0) + random.normal(0.0, 0.3 * NM, (200, 1))
+    z = z + correlated_map(z.shape, 2 * NM, 0.05 * NM, 0.1 * NM, 8 * NM, random)
+    found = measure_groove(HeightMap(z, 2 * NM, 2 * NM), EXACT)
+    ((_, floor), *_) = found.shown.map.outlines
+    got = found.values["groove_depth"]
+    assert abs(got.value - true[floor].mean()) < got.expanded()
+    assert got.expanded() < 0.3 * NM  # 1.6 nm while scatter over three of them was taken for that of their mean
+    assert any("differ by" in note for note in found.notes)
+    grains = np.where((random.random(true.shape) < 0.25) & (true < 0.01 * NM), 2.0 * NM, 0.0)
+    with pytest.raises(MetrologyError, match="of what lies beside the features must be level, got"):
+        masked_step(HeightMap(z + grains, 2 * NM, 2 * NM), inside=true > 1.7 * NM)
 
 
 def test_a_sloped_flank_is_no_arc_and_its_corner_is_measured_by_itself():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from oracles.softgauge import ball_gauge, correlated_noise, edge_gauge, groove_gauge, margin_gauge
+from oracles.softgauge import ball_gauge, correlated_map, correlated_noise, edge_gauge, groove_gauge, margin_gauge
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
@@ -209,3 +209,28 @@ def test_a_tip_is_a_sphere_through_its_cap_and_spikes_on_it_are_said():
     assert tip.notes[1] == "1 points left out as spikes"
     with pytest.raises(MetrologyError, match=r"must show a cap of a ball|sphere|points must"):
         measure_tip(HeightMap(np.zeros((101, 101)), 2e-6, 2e-6), EXACT, nominal=125e-6)
+
+
+def test_form_of_a_ball_is_no_spike_and_widens_its_interval():
+    grid, held = np.arange(-40, 41) * 1.1e-6, 0
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        z = ball_gauge(grid, grid, 497e-6) + correlated_map((81, 81), 1.1e-6, 1e-9, 10e-9, 20e-6, random)
+        z[:20, 60:] += 40e-9 * np.linspace(1.0, 0.0, 20)[:, np.newaxis] * np.linspace(0.0, 1.0, 21)
+        tip = measure_tip(HeightMap(z, 1.1e-6, 1.1e-6), EXACT, nominal=500e-6)
+        held += abs(tip.values["ball_radius"].value - 497e-6) < tip.values["ball_radius"].expanded()
+        dropped = [int(note.split()[0]) for note in tip.notes if "spikes" in note]
+        assert sum(dropped) < 0.02 * 81 * 81  # a whole corner went before the fit knew of form
+    assert held >= 18  # of 63 in 100 while sixteen sectors of the cap counted as independent
+
+
+def test_a_round_nose_of_a_profile_has_an_interval_from_its_form():
+    x = np.arange(-300, 301) * 0.5e-6
+    found = []
+    for seed in range(12):
+        z = np.sqrt((200e-6) ** 2 - x**2) + correlated_noise(
+            len(x), 0.5e-6, 20e-9, 0.2e-6, 40e-6, np.random.default_rng(seed)
+        )
+        found.append(measure_tip(Profile(x, z), EXACT, nominal=190e-6).values["ball_radius"])
+    assert sum(abs(one.value - 200e-6) < one.expanded() for one in found) >= 11
+    assert np.median([one.expanded() for one in found]) < 10e-6

@@ -73,6 +73,24 @@ def ball_gauge(x: Array, y: Array, radius: float, centre: tuple[float, float] = 
     return np.sqrt(np.maximum(radius * radius - across, 0.0))
 
 
+def sheets_gauge(side: int, count: int, height: float, own: float, random: np.random.Generator) -> Array:
+    """Map of `count` elliptic sheets that do not touch, each of its own height by a normal law, edges over two points."""
+    from scipy.ndimage import binary_dilation, gaussian_filter
+
+    y, x = np.mgrid[:side, :side]
+    heights, taken, placed = np.zeros((side, side)), np.zeros((side, side), dtype=bool), 0
+    while placed < count:
+        (u, v), (a, b) = random.uniform(0.15, 0.85, 2) * side, random.uniform(0.07, 0.13, 2) * side
+        turn = random.uniform(0.0, np.pi)
+        along, across = ((x - u) * np.cos(t) + (y - v) * np.sin(t) for t in (turn, turn + 0.5 * np.pi))
+        sheet = (along / a) ** 2 + (across / b) ** 2 < 1.0
+        if not (sheet & taken).any():
+            heights[sheet] = height + random.normal(0.0, own)
+            taken |= binary_dilation(sheet, iterations=6)
+            placed += 1
+    return np.asarray(gaussian_filter(heights, 0.8))
+
+
 def correlated_noise(
     count: int, spacing: float, white: float, rough: float, length: float, random: np.random.Generator
 ) -> Array:

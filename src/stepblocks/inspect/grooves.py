@@ -136,6 +136,9 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     sizes = np.array([[each.value for each in one.heights] for _, one in same]).reshape(begins.shape)
     kept = agreed(same, np.stack([sizes, begins, slack]), len(rows), refused, notes)
     (first, best), found, usual = kept[0], [one for _, one in kept], kind[0]
+    maps = [scan] if isinstance(scan, HeightMap) and not np.isfinite([one.spans for one in found]).all() else []
+    if tried(lambda one: fit_grating(one.x, one.y, one.height), maps)[0]:
+        raise MetrologyError("single steps must not repeat over a map, as the teeth of a grating do")
     label, each = key.replace("_", " "), []
     for index in range(usual):
         heights = [replace(one.heights[index], value=abs(one.heights[index].value)) for one in found]
@@ -219,11 +222,14 @@ def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Insp
         f"masked step over {step.features} features and {step.rows} rows: each row levelled on the reference between the "
         f"features, {step.exclusion * 1e6:.3g} um kept from every edge"
     )
-    note = "type A1 not used: the profiles cross several features, so its windows would lie on the neighbours"
+    notes = (
+        "type A1 not used: the profiles cross several features, so its windows would lie on the neighbours",
+        f"the features differ by {step.differ * 1e9:.3g} nm, so may another (standard deviation, by area)",
+    )
     rest = np.where(step.reference, step.level, np.where(step.floor, step.level + step.depth.value, np.nan))
     parts = ("features", step.floor), ("reference", step.reference)
     drawn = ShownMap(step.level, rest, parts, (float(scan.x[-1]), float(scan.y[-1])))
-    return Inspected({key: value}, convention, (note,), Shown(scan.x, step.level[step.shown], map=drawn))
+    return Inspected({key: value}, convention, notes, Shown(scan.x, step.level[step.shown], map=drawn))
 
 
 def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
@@ -241,6 +247,9 @@ def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     part = Component("sampling", found.pitch.std, how="a part of a sampling interval over all periods")
     pitch = with_budget("pitch, across the lines", found.pitch.value, [part], instrument, axes=(0.0, 1.0))
     depth = with_budget(key.replace("_", " "), found.depth.value, [noise], instrument, [form])
+    if depth.value < depth.expanded():
+        got = f"{depth.value * 1e9:.3g} +-{depth.expanded() * 1e9:.3g} nm"
+        raise MetrologyError(f"depth of a grating must stand out of its uncertainty, got {got}")
     convention = f"grating: from the lowest to the highest point of the mean shape, which repeats in {found.share:.0%} of the variance"
     note = f"lines at {np.degrees(found.angle):.1f} deg from the y axis"
     return Inspected({key: depth, "feature_pitch": pitch}, convention, (note,), Shown(*found.shape, map=drawn))

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.budget import student_point
-from stepblocks.inspect.noise import Array, Estimate, Mask, estimated, robust_scale
+from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, Mask, estimated, outlier_mask, robust_scale
 
 _LEAST_FLOOR = 5  # points of a row in the features
 _LEAST_REFERENCE = 20  # points of a row beside them
@@ -26,8 +25,7 @@ _LEAST_PERIODS = 4.0  # that a grating must show [1]: a wandering surface bends 
 _HARMONICS = 16  # of a grating's period that are kept
 _PHASES = 48  # into which the period of a grating is folded
 _REPEATS = 0.8  # part of the variance that repeats, from which a map is a grating [1]
-# interval by the scatter over features above that over rows, from which each has a height of its own [1]
-_OWN_HEIGHTS = 1.5
+_LEAST_KEPT = 0.8  # part of the reference that must not be spikes: debris lies on it, a third level is none [1]
 # part of the half width of a feature within which its edge changes heights by what part of the depth, where it is a step [1]
 _SUDDEN = 0.1, 0.5
 _LEAST_BANDS = 4  # of rows, over which a scatter is taken
@@ -37,7 +35,8 @@ _LEAST_BANDS = 4  # of rows, over which a scatter is taken
 class MaskedStep:
     """Depth of the features of a map."""
 
-    depth: Estimate  # weighted mean over rows [m]; negative for ridges
+    depth: Estimate  # of the features that the map shows, each by its area [m]; negative for ridges
+    differ: float  # standard deviation of their heights, by their area [m]
     exclusion: float  # distance that was kept to every edge [m]
     rows: int  # that took part
     features: int  # separate ones in the map
@@ -65,6 +64,13 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
         level = _levelled(z, (outside > 3.0 * pitch) & measured, 1)
         exclusion = _settling_distance(level, within, outside, pitch)
     floor, reference = (within > exclusion) & measured, (outside > exclusion) & measured
+    asked, level = int(reference.sum()), _rows_levelled(z, reference)
+    for _ in range(_TURNS if asked else 0):
+        reference &= ~outlier_mask(level, reference)
+        level = _rows_levelled(z, reference)
+    if reference.sum() < _LEAST_KEPT * asked:
+        rule = f"at least {_LEAST_KEPT:.0%} of what lies beside the features must be level"
+        raise MetrologyError(f"{rule}, got {reference.sum() / asked:.0%} [{scan.source}]")
     depths, weights = _row_depths(scan.x, z, floor, reference)
     known = np.isfinite(depths)
     if known.sum() < 3:
@@ -74,7 +80,6 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
     value = float(np.sum(share[known] * depths[known]))
     labels, features = ndimage.label(inside)
     depth = _by_bands(depths, share, value, known)
-    level = _rows_levelled(z, reference)
     near = max(3.0 * pitch, _SUDDEN[0] * float(within.max()))
     inner, outer = (np.nanmedian(level[np.abs(one - near) <= pitch]) for one in (within, outside))
     if not (jump := float(outer - inner) / value) > _SUDDEN[1]:
@@ -82,12 +87,11 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
         raise MetrologyError(
             f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {got} [{scan.source}]"
         )
-    apart = _by_features(level, np.where(floor, labels, 0))
-    reach = [student_point(0.975, dof) * std for std, dof in ((depth.std, depth.dof), apart)]
-    if reach[1] > _OWN_HEIGHTS * reach[0]:
-        depth = Estimate(value, *apart)
+    own = labels[floor]
+    means = np.bincount(own, level[floor]) / np.maximum(np.bincount(own), 1)
+    differ = float(np.std(means[own]))
     counts = int(known.sum()), int(features)
-    return MaskedStep(depth, exclusion, *counts, level, inside, floor, reference, int(np.argmax(weights)))
+    return MaskedStep(depth, differ, exclusion, *counts, level, inside, floor, reference, int(np.argmax(weights)))
 
 
 def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimate:
@@ -105,19 +109,6 @@ def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimat
         return estimated(depth, share, depths - depth, known, np.ones((1, len(depths))))
     parts = [np.sum(share[band] * (depths[band] - depth)) ** 2 / np.sum(share[band]) for band in bands]
     return Estimate(depth, float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
-
-
-def _by_features(level: Array, labels: NDArray[np.intp]) -> tuple[float, float]:
-    """Scatter and degrees of freedom over features, each weighted by its floor: sheets and islands have heights of their own."""
-    area = np.bincount(labels.ravel())[1:].astype(np.float64)
-    kept = area >= _LEAST_FLOOR
-    share = area[kept] / area[kept].sum()
-    number = 1.0 / float(np.sum(share**2)) if kept.any() else 1.0
-    if number < 1.5:  # of a single one there is none
-        return 0.0, np.inf
-    means = np.bincount(labels.ravel(), np.where(labels > 0, level, 0.0).ravel())[1:][kept] / area[kept]
-    variance = float(np.sum(share * (means - np.sum(share * means)) ** 2)) / (number - 1.0)
-    return float(np.sqrt(variance)), max(number - 1.0, 1.0)
 
 
 def _levelled(z: Array, reference: Mask, degree: int) -> Array:
@@ -254,22 +245,23 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     points, heights = np.stack([gx[known], gy[known]]), level[known]
     thin = max(len(heights) // 40_000, 1)
 
-    def unexplained(scaled: Array, part: slice | Mask = slice(None, None, thin)) -> float:
-        shape, phase = _folded((first + scaled * unit) @ points[:, part], heights[part])
-        return float(np.mean((heights[part] - shape[phase]) ** 2) / np.var(heights[part]))
+    def unexplained(scaled: Array) -> float:
+        shape, phase = _folded((first + scaled * unit) @ points[:, ::thin], heights[::thin])
+        # a shape of half as many phases as there are points fits anything, as it does the rounding of a plane
+        left, floor = len(phase) - 2 * len(np.unique(phase)), LEAST_SCATTER**2 * len(phase)
+        squares = float(np.sum((heights[::thin] - shape[phase]) ** 2)) * len(phase) / max(left, 1)
+        return (squares + floor) / float(len(phase) * np.var(heights[::thin]) + floor) if left > 0 else 1.0
 
     unit = 0.25 / np.array([extents[0], extents[1] or np.inf])
     options = {"initial_simplex": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], "xatol": 1e-3, "fatol": 1e-6, "maxfev": 200}
     moved = minimize(unexplained, np.zeros(2), method="Nelder-Mead", options=options).x
     frequency = first + moved * unit
-    # each phase has a mean of its own, which follows whatever few points there are
-    free = len(heights[::thin]) - np.unique(_folded(frequency @ points[:, ::thin], heights[::thin])[1]).size
-    share = 1.0 - unexplained(moved) * len(heights[::thin]) / free if free > 0 else 0.0
-    if not share >= _REPEATS:
+    along = frequency @ points
+    share = 1.0 - unexplained(moved) if np.ptp(along) > _LEAST_PERIODS - 1.0 else 0.0
+    if share < _REPEATS:
         rule = f"one shape must repeat in at least {_REPEATS:.0%} of the variance of a grating"
         raise MetrologyError(f"{rule}, got {share:.0%}")
     pitch, angle = 1.0 / float(np.hypot(*frequency)), float(np.arctan2(frequency[1], frequency[0]))
-    along = frequency @ points
     depth, form, shape = _depth(along, heights)
     parts = np.array_split(np.argsort(along, kind="stable"), int(min(8, max(np.ptp(along) // 1.5, 2))))
     depths = np.array([_depth(along[part], heights[part])[0] for part in parts])

@@ -5,18 +5,23 @@ alone (astigmatism, coma), and its uncertainty goes through the autocovariance o
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from scipy.linalg import null_space
 
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import Array, Estimate, estimated, outlier_mask
+from stepblocks.inspect.noise import Array, Estimate, Mask, estimated, outlier_mask
 
 # reach of the cap that is fitted, as a part of the nominal radius [1]: 44 degrees of the ball, clear of the cone
 _CAP = 0.7
 _MOST_ACROSS = 256  # points of a map along either side that are fitted; of more, every so many
 _CENTRINGS = 4
-_SECTORS = 16
+_FEW = 4.0  # degrees of freedom below which the residuals are too smooth for their autocovariance [1]
+_CELLS = 150  # into which such residuals are averaged
+_KEPT = 0.5  # part of the usual number of points, from which a cell counts [1]
+_POWERS = 1.0, 1.5, 2.0  # of the lag in the laws of correlation that are tried, from ragged to smooth [1]
 
 
 @dataclass(frozen=True)
@@ -48,14 +53,12 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
         state = _algebraic(np.stack([x[face], y[face], z[face]], axis=1), nominal, flat)
         place = state[0], state[1]
     used = face.copy()
-    for _ in range(20):
+    for left in reversed(range(20)):
         across = state[3] ** 2 - (x - state[0]) ** 2 - (y - state[1]) ** 2
         if not (across[used] > 0.0).all():
             raise MetrologyError(f"tip must show {asked}, got none [{scan.source}]")
         rise = np.sqrt(np.where(used, across, 1.0))
         residuals = np.where(used, z - state[2] - rise, np.nan)
-        spikes = outlier_mask(residuals, used)
-        used &= ~spikes
         u, v = (x - state[0]) / (reach * nominal), (y - state[1]) / (reach * nominal)
         columns = [(x - state[0]) / rise, np.ones_like(rise), state[3] / rise]
         if not flat:
@@ -63,24 +66,21 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
         design = np.stack([np.where(used, column, 0.0) for column in columns])
         weights = np.linalg.pinv(design[:, used].T)
         solution = weights @ residuals[used]
+        residuals -= np.tensordot(solution, design, 1)
         step = np.array([solution[0], 0.0 if flat else solution[3], solution[1], solution[2]])
         state += step
-        if np.abs(step).max() < 1e-9 * state[3] and not spikes.any():
+        spikes = outlier_mask(residuals, used)  # after the fit, since the start knows no form, and form is no spike
+        if not left or (np.abs(step).max() < 1e-9 * state[3] and not spikes.any()):
             break
+        used &= ~spikes
     if used.sum() < 2 * len(design) or not 0.2 < state[3] / nominal < 5.0:
         got = f"{int(used.sum())} points on one of {state[3] * 1e6:.4g} um"
         raise MetrologyError(f"tip must show {asked}, got {got} [{scan.source}]")
-    residuals = np.where(used, residuals - np.tensordot(solution, design, 1), np.nan)
     spread = np.zeros(z.shape)
     spread[used] = weights[2]
     radius = estimated(float(state[3]), spread, residuals, used, design)
-    if radius.dof < _SECTORS / 4 and not flat:
-        # too smooth to tell its form from noise: what sixteen sectors of the cap say of the radius, one term of the fit each
-        turns = np.arctan2(y - state[1], x - state[0]) / (2.0 * np.pi) + 0.5
-        sector = np.floor(_SECTORS * turns).astype(int) % _SECTORS
-        said = _SECTORS * np.bincount(sector[used], (spread * residuals)[used], _SECTORS)
-        dof = float(_SECTORS - len(design))
-        radius = Estimate(radius.value, float(np.sqrt(np.sum(said**2) / dof / _SECTORS)), dof)
+    if radius.dof < _FEW:
+        radius = _by_form(radius.value, x, y, residuals, used, design)
     outward = np.stack([x - state[0], y - state[1], z - state[2]])[:, used]
     distance = np.linalg.norm(outward, axis=0)
     axis = outward.mean(axis=1) / np.linalg.norm(outward.mean(axis=1))
@@ -89,6 +89,36 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
     circle = state[2] + np.sqrt(np.maximum(state[3] ** 2 - (x[row] - state[0]) ** 2 - (y[row] - state[1]) ** 2, 0.0))
     drawn = x[row], z[row], np.where(used[row], circle, np.nan)
     return Cap(radius, float(np.ptp(distance)), cap_angle, int(face.sum() - used.sum()), drawn)
+
+
+def _by_form(value: float, x: Array, y: Array, residuals: Array, used: Mask, design: Array) -> Estimate:
+    """State a radius by residuals that are mostly form: what smooth laws of correlation, each as likely as it is, say of it."""
+    # Restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545), which knows what the fit has swallowed, over
+    # exp(-(lag / length)^power) and a white part; the logarithm of the variance is the mean over all of them.
+    size = int(np.ceil((used.sum() / _CELLS) ** (1.0 if len(used) == 1 else 0.5)))
+    rows, columns = (one // size for one in np.nonzero(used))
+    _, cell, count = np.unique(rows * used.size + columns, return_inverse=True, return_counts=True)
+    kept = count >= _KEPT * np.median(count)
+    means = [(np.bincount(cell, one[used]) / count)[kept] for one in (x, y, residuals, *design)]
+    lag = np.hypot(*(one[:, np.newaxis] - one for one in means[:2]))
+    gain = np.linalg.pinv(np.stack(means[3:]).T)[2]
+    free = null_space(np.stack(means[3:]))
+    found = []
+    for power, length in product(_POWERS, np.geomspace(np.min(lag[lag > 0.0]), lag.max(), 12)):
+        law = np.exp(-((lag / length) ** power))
+        values, vectors = np.linalg.eigh(free.T @ law @ free)
+        squares = (vectors.T @ free.T @ means[2]) ** 2
+        for white in np.geomspace(1e-6, 1.0, 7):
+            seen = np.maximum(values, 0.0) + white
+            scale = float(np.mean(squares / seen))
+            likelihood = -0.5 * float(np.sum(np.log(seen)) + len(seen) * np.log(scale))
+            found.append((likelihood, scale * float(gain @ law @ gain + white * gain @ gain)))
+    likelihood, variance = np.array(found).T[0], np.log(np.array(found).T[1])
+    weight = np.exp(likelihood - likelihood.max())
+    mean = float(np.average(variance, weights=weight))
+    # of a variance with n degrees of freedom the logarithm scatters by the root of 2 / n
+    scatter = float(np.average((variance - mean) ** 2, weights=weight)) + 2.0 / free.shape[1]
+    return Estimate(value, float(np.exp(0.5 * mean)), max(2.0 / scatter, 1.0))
 
 
 def _algebraic(points: Array, unit: float, flat: bool) -> Array:
