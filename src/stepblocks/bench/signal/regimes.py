@@ -137,7 +137,8 @@ def first_swing(motion: Motion) -> tuple[float, float, float]:
     begin, end = np.searchsorted(time, [before - 0.25 * period, before + 0.25 * period])
     earlier = int(begin + np.argmin(smooth[begin:end]))
     bottom, spread, _ = extremum(time, force, earlier, _SWING_SHARE * period, motion.noise)
-    odds = 0.5 * math.erfc((bottom - motion.level) / spread / math.sqrt(2.0))
+    # the odds that another reading would put it below: those of one alone are noise themselves where it just touches the level
+    odds = 0.5 * math.erfc((bottom - motion.level) / spread / 2.0)
     apart = depth - max(motion.level - bottom, 0.0)
     return depth - odds * apart, math.hypot(std, math.sqrt(odds * (1.0 - odds)) * apart), instant
 
