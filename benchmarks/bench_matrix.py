@@ -1,6 +1,7 @@
 """Confusion matrix of the closed loop on traces of a bench that is not the one that fits.
 
-Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--trials 96] [--record FILE]``. Every session is
+Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--first SEED] [--trials 96]
+[--record FILE]``. Every session is
 drawn by ``tests/oracles/virtual_bench.py`` (its own contact, its own integrator, nothing of the program), written to
 a folder, measured from its traces and explained. The folds are left out: they can only take a claim back, so what is
 counted here as falsely claimed is no less than what the command claims. Intervals are exact binomial ones (Clopper and
@@ -201,10 +202,10 @@ def _recorded(record: Path | None) -> dict[str, dict[str, Any]]:
     return {json.dumps(r["task"]): r for r in map(json.loads, record.read_text(encoding="utf-8").splitlines())}
 
 
-def results(names: list[str], sessions: int, trials: int, record: Path | None) -> Iterator[dict[str, Any]]:
+def results(names: list[str], seeds: range, trials: int, record: Path | None) -> Iterator[dict[str, Any]]:
     """Results of all sessions, one of each family in turn; those in the record are not run again."""
     known = _recorded(record)
-    for seed in range(sessions):
+    for seed in seeds:
         for name in names:
             done = known.get(json.dumps([name, trials, seed])) or run_one(name, trials, seed)
             if record and json.dumps(done["task"]) not in known:
@@ -223,11 +224,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("families", nargs="*", default=list(FAMILIES), metavar="FAMILY", help="all where omitted")
     parser.add_argument("--sessions", type=int, default=20, help="of each family")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first of them")
     parser.add_argument("--trials", type=int, default=96)
     parser.add_argument("--record", type=Path, help="file of results, one JSON line per session; gone on with")
     options = parser.parse_args()
+    seeds = range(options.first, options.first + options.sessions)
     rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for done in results(options.families, options.sessions, options.trials, options.record):
+    for done in results(options.families, seeds, options.trials, options.record):
         rows[done["task"][0]].append(done)
     print(f"{'planted':50s} right place; median error of the amplitude; 95 % intervals that hold it; seconds")
     every = [r for own in rows.values() for r in own]
