@@ -1,9 +1,8 @@
 """Confusion matrix of the closed loop on traces of a bench that is not the one that fits.
 
-Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--first SEED] [--trials 96]
-[--record FILE]``. Every session is
-drawn by ``tests/oracles/virtual_bench.py`` (its own contact, its own integrator, nothing of the program), written to
-a folder, measured from its traces and explained. The folds are left out: they can only take a claim back, so what is
+Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--first SEED] [--trials 96] [--record FILE]``. Every
+session is drawn by ``tests/oracles/virtual_bench.py`` (its own contact, its own integrator, nothing of the program),
+written to a folder, measured from its traces and explained. The folds are left out: they can only take a claim back, so what is
 counted here as falsely claimed is no less than what the command claims. Intervals are exact binomial ones (Clopper and
 Pearson), 95 %. With ``--record`` a second run goes on where the first stopped.
 """

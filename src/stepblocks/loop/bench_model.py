@@ -49,9 +49,7 @@ class SessionModel:
     height_std: float = 1e-6  # of blocks that are not scanned [m]
     scanned: Mapping[str, tuple[float, float]] | None = None  # block to height and standard uncertainty [m]
     scanned_radius: tuple[float, float] | None = None  # of the edges from their scans: mean and uncertainty [m]
-    known: Mapping[str, tuple[float, float]] = field(
-        default_factory=dict
-    )  # of gauges, load and spring, certified or tared
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # certified or tared
     quantities: ClassVar = ("friction", "normal_load", "conversion")  # what scatters among trials, by its slot
 
     def order(self, trials: Trials) -> Floats:

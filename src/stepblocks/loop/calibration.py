@@ -61,9 +61,7 @@ class _Calibration(BaseModel):
     normal_cross_talk: _KnownShare = None  # tangential force in the normal one
     bandwidth: _KnownBandwidth = Field(default=None, serialization_alias="time_constant_s")
     clock: _KnownGain = Field(default=None, serialization_alias="ln_clock")  # shown over true time
-    spring_constant: tuple[_Stiffness, _Stiffness] | None = (
-        None  # of the probe, the error of the handle's speed included
-    )
+    spring_constant: tuple[_Stiffness, _Stiffness] | None = None  # with the error of the handle's speed
     load_table: str | None = None  # of the apparatus, ``*.loads.csv`` in the folder of the session
 
 

@@ -253,16 +253,12 @@ def _finding(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: Rules
     rivals: list[Rival] = []
     seen = {_family(effect)}
     for trial in choice[1] if choice else ():
-        law = trial.effect
-        if (
-            _family(law) in seen
-            or (law.place == effect.place and not law.named)
-            or trial.criterion > own + rules.margin
-        ):
+        law, family = trial.effect, _family(trial.effect)
+        if family in seen or (law.place == effect.place and not law.named) or trial.criterion > own + rules.margin:
             continue
         if law.slot == effect.slot and _is_case_of(problem, current, effect, law):
             continue
-        seen.add(_family(law))
+        seen.add(family)
         rivals.append((law, trial.fit, trial.criterion - own))
     elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
     verdict = Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
