@@ -1,8 +1,8 @@
 """Confusion matrix of the closed loop on traces of a bench that is not the one that fits.
 
-Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--trials 96] [--record FILE]``. Every session is
-drawn by ``tests/oracles/virtual_bench.py`` (its own contact, its own integrator, nothing of the program), written to
-a folder, measured from its traces and explained. The folds are left out: they can only take a claim back, so what is
+Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--first SEED] [--trials 96] [--record FILE]``. Every
+session is drawn by ``tests/oracles/virtual_bench.py`` (its own contact, its own integrator, nothing of the program),
+written to a folder, measured from its traces and explained. The folds are left out: they can only take a claim back, so what is
 counted here as falsely claimed is no less than what the command claims. Intervals are exact binomial ones (Clopper and
 Pearson), 95 %. With ``--record`` a second run goes on where the first stopped.
 """
@@ -29,6 +29,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure
+from stepblocks.bench.session import open_session
+from stepblocks.loop.calibration import read_calibration
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
 from stepblocks.loop.session_table import scan_blocks, trials_of
 
@@ -56,6 +58,15 @@ def _constant(name: str, low: float, high: float, law: str, parameter: str, arou
         size = around + _sign(random) * float(random.uniform(low, high))
         shown = math.log(size) if around else size
         return _bench(plan, **{name: size}), ({("sensor", "none")}, {f"{law}.{parameter}": shown})
+
+    return draw
+
+
+def _certified(std: float, family: Family) -> Family:
+    """Return the same with a certificate of the spring."""
+
+    def draw(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+        return family(random, replace(plan, spring_std=std))
 
     return draw
 
@@ -115,12 +126,14 @@ def _rounded(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     return _bench(plan, edge_radius=radius), ({("contact_geometry", "none")}, {"edge_rounding.edge_radius_m": radius})
 
 
+_GAIN = _constant("tangential_gain", 0.01, 0.06, "sensor_gain", "ln_gain", 1.0)
+
 FAMILIES: dict[str, Family] = {
     "nothing": _null,
     "cross-talk 1-5 %": _constant("normal_in_tangential", 0.01, 0.05, "cross_talk", "cross_talk"),
     "tangential zero 5-30 mN": _constant("tangential_zero", 5e-3, 30e-3, "tangential_zero", "zero_n"),
     "normal zero 5-30 mN": _constant("normal_zero", 5e-3, 30e-3, "normal_zero", "normal_zero_n"),
-    "tangential gain 1-6 %": _constant("tangential_gain", 0.01, 0.06, "sensor_gain", "ln_gain", 1.0),
+    "tangential gain 1-6 %": _GAIN,
     "normal gain 1-6 %": _constant("normal_gain", 0.01, 0.06, "normal_gain", "normal_ln_gain", 1.0),
     "edge friction 5-40 %": _edge,
     "operator presses 30-100 mN more": _operator_load,
@@ -132,6 +145,8 @@ FAMILIES: dict[str, Family] = {
     "hidden operator, conversion +20-50 %": _hidden("conversion"),
     "running-in": _running_in,
     "rounded edges": _rounded,
+    "tangential gain 1-6 %, spring certified to 0.5 %": _certified(0.005, _GAIN),
+    "nothing, spring certified to 0.5 %": _certified(0.005, _null),
 }
 
 
@@ -145,8 +160,9 @@ def run_one(name: str, trials: int, seed: int) -> dict[str, Any]:
         features = measure(folder, jobs=1)
         blocks = sorted(set(features["block"].dropna()))
         scans, _ = scan_blocks(folder, "scans/{block}.csv", blocks)
+        spring, known = open_session(folder).probe.spring_constant, read_calibration(folder)
     began = time.process_time()
-    table = trials_of(features, plan.bench.stiffness, plan.bench.tip_radius, scans)
+    table = trials_of(features, spring, plan.bench.tip_radius, scans, known)
     found = explain(table.model, table.trials, table.model.candidates(table.trials), Rules())
     shown = found.extended
     return {
@@ -185,10 +201,10 @@ def _recorded(record: Path | None) -> dict[str, dict[str, Any]]:
     return {json.dumps(r["task"]): r for r in map(json.loads, record.read_text(encoding="utf-8").splitlines())}
 
 
-def results(names: list[str], sessions: int, trials: int, record: Path | None) -> Iterator[dict[str, Any]]:
+def results(names: list[str], seeds: range, trials: int, record: Path | None) -> Iterator[dict[str, Any]]:
     """Results of all sessions, one of each family in turn; those in the record are not run again."""
     known = _recorded(record)
-    for seed in range(sessions):
+    for seed in seeds:
         for name in names:
             done = known.get(json.dumps([name, trials, seed])) or run_one(name, trials, seed)
             if record and json.dumps(done["task"]) not in known:
@@ -207,22 +223,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("families", nargs="*", default=list(FAMILIES), metavar="FAMILY", help="all where omitted")
     parser.add_argument("--sessions", type=int, default=20, help="of each family")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first of them")
     parser.add_argument("--trials", type=int, default=96)
     parser.add_argument("--record", type=Path, help="file of results, one JSON line per session; gone on with")
     options = parser.parse_args()
+    seeds = range(options.first, options.first + options.sessions)
     rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for done in results(options.families, options.sessions, options.trials, options.record):
+    for done in results(options.families, seeds, options.trials, options.record):
         rows[done["task"][0]].append(done)
-    print(f"{'planted':38s} right place; median error of the amplitude; 95 % intervals that hold it; seconds")
+    print(f"{'planted':50s} right place; median error of the amplitude; 95 % intervals that hold it; seconds")
     every = [r for own in rows.values() for r in own]
     for name, own in rows.items():
-        good = "none" if name == "nothing" else "right"
+        good = "none" if name.startswith("nothing") else "right"
         right = sum(r["outcome"].startswith(good) for r in own)
         values = [v for r in own for v in r["values"].values()]
         errors = [abs(found / true - 1.0) for true, found, _ in values if true]
         inside = sum(abs(found - true) < 1.96 * std for true, found, std in values)
         told = f"{100.0 * float(np.median(errors)):.1f} %; {_share(inside, len(values))}" if errors else "-; -"
-        print(f"{name:38s} {_share(right, len(own))}; {told}; {np.mean([r['seconds'] for r in own]):.1f} s")
+        print(f"{name:50s} {_share(right, len(own))}; {told}; {np.mean([r['seconds'] for r in own]):.1f} s")
     print("laws of geometry claimed where there is none:", _share(sum(r["false geometry"] for r in every), len(every)))
     pooled = [v for r in every for v in r["values"].values()]
     if pooled:

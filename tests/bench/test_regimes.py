@@ -6,6 +6,7 @@ import pytest
 from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.features import measure_trace
+from stepblocks.bench.signal.regimes import Motion, first_swing
 
 K, TOOL = 9810.0, (300.0, 1.0 / (0.025 * 2.0 * np.pi * 300.0))
 
@@ -60,6 +61,29 @@ def test_a_tip_that_comes_down_slowly_counts_by_its_first_dip_below_sliding_wher
         pulls.append((size - truth["amplitude_n"]) / std)
     # origin: the integrated motion, whose first dip goes 0.4 mN below sliding and whose second goes 12 mN; noise 4 mN
     assert np.sqrt(np.mean(np.square(pulls))) < 1.3
+
+
+@pytest.mark.parametrize("touch", [-0.1, 0.1])
+def test_a_dip_that_just_touches_the_level_of_sliding_leaves_open_which_swing_was_the_first(touch):
+    random, period, noise, pulls = np.random.default_rng(3), 1.0 / 300.0, 4e-3, []
+    time = np.arange(0.0, 14e-3, 1e-4)
+    spread = 0.646 * noise  # origin: the middle of a quartic through nine samples, sqrt(0.417) of one
+    dips = 3.0 * period + np.array([0.0, period])
+    deep = 3.85 * spread
+    for _ in range(600):
+        # it falls for three periods, touches, and goes deep a period later
+        force = np.interp(time, [0.0, 2.5 * period], [0.4, 0.03])
+        for at, bottom in zip(dips, (touch * spread, -deep), strict=True):
+            near = np.abs(time - at) < 0.5 * period
+            swing = 0.5 * (1.0 + np.cos(2.0 * np.pi * (time[near] - at) / period))
+            force[near] = 0.03 - (0.03 - bottom) * swing
+        force[time > dips[1] + 0.5 * period] = 0.03
+        force += noise * random.standard_normal(time.size)
+        motion = Motion(time, force, force, 0, 0.0, 1.0, 10.0, noise, 300.0)
+        depth, std, _ = first_swing(motion)
+        pulls.append((depth - (deep if touch > 0.0 else -touch * spread)) / std)
+    # origin: both dips drawn with normal errors, 1.25 and 1.12; the odds of one reading alone would make 1.41 of the first
+    assert 0.9 < np.sqrt(np.mean(np.square(pulls))) < 1.34
 
 
 def test_a_saw_before_the_edge_tells_static_friction_and_how_long_the_tip_sticks():

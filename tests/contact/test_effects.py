@@ -1,6 +1,7 @@
 """Effects: each vanishes at its start, changes its slot alone, and keeps the limits of its law."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
 from stepblocks.contact.energy import release_at
 from stepblocks.contact.forward import BenchDesign, constants, height_name, nominal_state
 from stepblocks.contact.state import CHANNELS, DragState, observe
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate
+from stepblocks.drag.track import step_track
 from stepblocks.errors import ContactError
 from stepblocks.law import Law
 
@@ -88,7 +91,8 @@ def test_a_slot_shows_only_in_its_channels(law: Law) -> None:
     parameter = next(p for p in law.parameters if p.name == law.amplitudes[-1])
     moved = np.max(np.abs(_changed(law, **{parameter.name: parameter.start + parameter.scale})), axis=0) > 1e-9
     seen = {
-        "contact_geometry": {_ENERGY, _FORCE, _FRICTION},  # a tilt shows in the sliding force as well
+        # a tilt shows in the sliding force as well, and a contact that gives way in the ramp
+        "contact_geometry": {_ENERGY, _FORCE, _SPRING if law.id.startswith("elastic") else _FRICTION},
         "friction": {_ENERGY, _FORCE, _FRICTION},
         "normal_load": {_ENERGY, _FORCE, _FRICTION, _LOAD},
         "stiffness": {_ENERGY, _SPRING, _RING},
@@ -134,6 +138,58 @@ def test_edge_and_tip_add_to_one_radius() -> None:
     angle = step_angle(50e-6, 120e-6, 14e-6)
     one = release_at(angle, float(edge.set_load[1]), 0.17)
     assert observe(edge)[1, _FORCE] == pytest.approx(math.log(one.pull_force), abs=1e-12)
+
+
+@pytest.mark.parametrize(("law", "power"), [("elastic_indentation", 2.0 / 3.0), ("elastic_indentation~linear", 1.0)])
+def test_a_contact_that_gives_way_takes_what_the_edge_bears_and_not_the_weight(law: str, power: float) -> None:
+    state, depth, friction = _state(), 0.4e-6, 0.17
+
+    def pull(height: float, radius: float, load: float, per_newton: float) -> float:
+        # origin: forces on the ball as its last weight leaves the floor, solved together with the depth at the edge
+        def slope(dent: float) -> float:
+            return math.acos((radius - height) / (radius - dent))
+
+        def borne(dent: float) -> float:
+            return load / (math.cos(slope(dent)) - friction * math.sin(slope(dent)))
+
+        dent = brentq(lambda d: d - per_newton * borne(d) ** power, 0.0, 0.5 * height) if per_newton else 0.0
+        return borne(dent) * (math.sin(slope(dent)) + friction * math.cos(slope(dent)))
+
+    cases = list(zip(state.height.tolist(), state.radius.tolist(), state.load.tolist(), strict=True))
+    exact = [math.log(pull(*case, depth) / pull(*case, 0.0)) for case in cases]
+    shown = np.log(_law(law).apply(state, state.set_load, {"depth_at_1n_m": depth}).peak_force() / state.peak_force())
+    assert shown == pytest.approx(exact, rel=0.04)
+
+
+def test_floor_and_edge_give_way_in_series_with_the_spring() -> None:
+    state, depth = _state(), 0.6e-6
+    shown = observe(_law("elastic_indentation~linear").apply(state, state.set_load, {"depth_at_1n_m": depth}))
+    for n, (height, radius) in enumerate(zip(state.height.tolist(), state.radius.tolist(), strict=True)):
+        # origin: a point held by two springs, one upright and one along the line from edge to centre, pulled level
+        cosine = 1.0 - height / radius
+        across = np.array([-math.sqrt(1.0 - cosine**2), cosine])
+        stiffness = (np.outer(across, across) + np.diag([0.0, 1.0])) / depth
+        level = float(np.linalg.inv(stiffness)[0, 0])
+        spring = 1.05 * 9500.0
+        assert shown[n, _SPRING] == pytest.approx(1.0 / (1.0 / spring + level) / 9500.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(("law", "power"), [("elastic_indentation", 1.5), ("elastic_indentation~linear", 1.0)])
+def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(law: str, power: float) -> None:
+    stiffness, load, friction, speed = (1.66e6 if power == 1.0 else PAPER_DRAG.contact_stiffness), 1.0, 0.15, 1e-3
+    probe = replace(PAPER_DRAG, damping_ratio=0.02, contact_power=power, contact_stiffness=stiffness)
+    for height in (10e-6, 40e-6):
+        settings = DragSettings(load, friction, speed=speed, ring_time=5e-3, resolution=8.0)
+        trace = simulate(step_track(height, 125e-6), probe, settings)
+        time, force = trace.column("time_s"), trace.column("fx_n")
+        share = (force - friction * load) / (force.max() - friction * load)
+        climb = (np.arange(force.size) < np.argmax(force)) & (share > 0.2) & (share < 0.85)
+        shown = np.polyfit(time[climb], force[climb], 1)[0] / speed / probe.stiffness
+        design = BenchDesign(*(np.array([one]) for one in ("b", height, load, speed, 125e-6)), probe.stiffness)
+        state = nominal_state(design, _VALUES | {"friction": friction, "stiffness_ratio": 1.0})
+        soft = observe(_law(law).apply(state, None, {"depth_at_1n_m": (1.0 / stiffness) ** (1.0 / power)}))[0, _SPRING]
+        # origin: the integrated drag, which knows nothing of the formula
+        assert 1.0 - soft == pytest.approx(1.0 - shown, rel=0.1)
 
 
 def test_gain_squared_conversion_and_stiffness_act_on_energy_as_one_product() -> None:

@@ -13,6 +13,7 @@ from stepblocks.loop.bench_model import candidates, covariate_ranges
 from stepblocks.loop.calibration import read_calibration, unloaded_zeros
 from stepblocks.loop.search.adequacy import identifiability
 from stepblocks.loop.search.explain import Rules, Verdict, explain
+from stepblocks.loop.search.fit import fit, problem_of
 from stepblocks.loop.session_table import trials_of
 
 
@@ -37,6 +38,24 @@ def test_bandwidth_and_clock_of_a_certificate_become_a_time_constant_and_a_logar
     assert known["time_constant_s"] == pytest.approx((tau, 0.1 * tau))
     assert known["ln_clock"] == pytest.approx((math.log(1.002), 1e-4 / 1.002))
     assert known["normal_cross_talk"] == pytest.approx((0.02, 0.005))
+
+
+def test_a_certificate_of_the_spring_holds_its_ratio_and_says_what_a_gain_of_the_gauge_is(tmp_path):
+    text = '[calibration]\nspring_constant = ["9.7 N/mm", "50 N/m"]\n'
+    known = read_calibration(_session(tmp_path, text))
+    assert known == {"spring_constant": pytest.approx((9700.0, 50.0))}
+    features, scans = _planted("sensor_gain", ln_gain=0.05)
+    stds = {}
+    for name, told in (("free", {}), ("certified", {"spring_constant": (9810.0, 20.0)})):
+        table = trials_of(features, 9810.0, 125e-6, scans, told)
+        law = {e.id: e for e in table.model.candidates(table.trials)}["sensor_gain"]
+        fitted = fit(problem_of(table.model, table.trials), [law])
+        stds[name] = fitted.std["sensor_gain.ln_gain"]
+        assert fitted.values["sensor_gain.ln_gain"] == pytest.approx(0.05, abs=4.0 * stds[name])
+    # the ramp shows the gain times the spring: a spring known to 0.2 % tells the gain to that, whatever else does
+    assert stds["certified"] < 2.1e-3 < stds["free"]
+    held = {p.name: p for p in table.model.parameters(table.trials)}["stiffness_ratio"]
+    assert (held.start, held.prior_std) == pytest.approx((1.0, 20.0 / 9810.0))
 
 
 def test_every_mistake_of_a_certificate_is_told_in_a_line_of_its_own(tmp_path):

@@ -30,6 +30,7 @@ class Plan:
     conversion_scatter: float = 0.05  # of ln C_v, where there is a conversion
     height_scatter: float = 0.3e-6  # of the blocks about their label [m]
     scans: bool = True
+    spring_std: float = 0.0  # relative uncertainty of the certificate of the spring, where there is one
     operator_load: Mapping[str, float] = field(default_factory=dict)  # added by an operator [N]
     operator_friction: Mapping[str, float] = field(default_factory=dict)  # factor of an operator
     operator_conversion: Mapping[str, float] = field(default_factory=dict)  # factor of an operator
@@ -59,11 +60,16 @@ def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
     """Write a session as laboratories keep it, and return what is true of each of its trials (also ``truth.json``)."""
     random = np.random.default_rng([seed, 1])
     folder.mkdir(parents=True)
+    # a certificate misses the true spring by what it says of itself
+    declared = plan.bench.stiffness * (1.0 + plan.spring_std * np.random.default_rng([seed, 3]).standard_normal())
+    certificate = f'\n[calibration]\nspring_constant = ["{declared} N/m", "{plan.spring_std * declared} N/m"]\n'
     (folder / "session.toml").write_text(
-        f'schema = 1\ntitle = "{folder.name}"\n\n[probe]\nspring_constant = "{plan.bench.stiffness:g} N/m"\n'
+        f'schema = 1\ntitle = "{folder.name}"\n\n[probe]\nspring_constant = "{declared} N/m"\n'
         f'tip_radius = "{plan.bench.tip_radius * 1e6:g} um"\n\n[acquisition]\nsample_rate = "10 kHz"\n'
         'traces = "traces.h5"\nchannels = { time = "time_s", tangential = "fx_n", normal = "fy_n" }\n\n[stimuli]\n'
-        'set = "paper-ten"\n' + ('scans = "scans/{block}.csv"\n' if plan.scans else "")
+        'set = "paper-ten"\n'
+        + ('scans = "scans/{block}.csv"\n' if plan.scans else "")
+        + (certificate if plan.spring_std else "")
     )
     true_heights = {h: h + plan.height_scatter * random.standard_normal() for h in plan.heights}
     if plan.scans:

@@ -38,6 +38,7 @@ class DragState:
     speed: Floats  # of the handle [m/s]
     stiffness: Floats  # of the ramp [N/m]
     ring_stiffness: Floats  # of the ring [N/m]
+    give: Floats  # of the contact, in series with the spring while that is loaded [m/N]
     hardening: Floats  # g of ``F = u + g u^3`` with u = k x [1/N^2]
     pitch_share: Floats  # of the first amplitude squared that the pitch of the fitted ring shows [1]
     conversion: Floats  # share C_v of the stored energy that rings [1]
@@ -116,12 +117,12 @@ def observe(state: DragState) -> Floats:
     normal = pressed + state.normal_cross_talk * sliding
     sensed = np.maximum(state.normal_gain * normal + state.normal_zero, _LEAST_LOAD)
     beside = state.zero + state.cross_talk * pressed
-    ring = state.ring_stiffness * spring.pitch / state.nominal_stiffness
+    ring, ramp = state.ring_stiffness * spring.pitch / state.nominal_stiffness, state.stiffness * spring.slope
     shown = (
         np.log(np.maximum(state.gain**2 * energy, _LEAST_ENERGY)),
         np.log(np.maximum(state.gain * peak + beside, _LEAST_FORCE)),
         (state.gain * sliding + beside) / sensed,
-        state.gain * state.stiffness * spring.slope * np.exp(-state.ln_clock) / state.nominal_stiffness,
+        state.gain * ramp / (1.0 + ramp * state.give) * np.exp(-state.ln_clock) / state.nominal_stiffness,
         np.log(state.frequency * np.sqrt(ring)) - state.ln_clock,
         np.log(state.decay_time / state.damping) + state.ln_clock,
         sensed / state.set_load,

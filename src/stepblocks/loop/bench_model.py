@@ -49,7 +49,7 @@ class SessionModel:
     height_std: float = 1e-6  # of blocks that are not scanned [m]
     scanned: Mapping[str, tuple[float, float]] | None = None  # block to height and standard uncertainty [m]
     scanned_radius: tuple[float, float] | None = None  # of the edges from their scans: mean and uncertainty [m]
-    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # of the gauges, certified or tared
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # certified or tared
     quantities: ClassVar = ("friction", "normal_load", "conversion")  # what scatters among trials, by its slot
 
     def order(self, trials: Trials) -> Floats:
@@ -66,6 +66,9 @@ class SessionModel:
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
         found = forward.constants(_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned)
+        if spring := self.known.get("spring_constant"):
+            ratio, std = (one / self.tool.stiffness for one in spring)
+            found = tuple(replace(p, start=ratio, prior_std=std) if p.name == "stiffness_ratio" else p for p in found)
         # whether the gauge sees what the tool's damper takes nobody knows
         own = [Parameter("damper_share", "1", 0.5, -1.0, 2.0, 0.1, 0.5)]
         if self.scanned_radius and self.scanned_radius[0] < _SHARP:

@@ -26,6 +26,7 @@ _Force = Annotated[float, BeforeValidator(quantity_parser("force"))]
 _Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio"))]
 _Gain = Annotated[_Ratio, Field(gt=0.0)]
 _Frequency = Annotated[float, BeforeValidator(quantity_parser("frequency")), Field(gt=0.0)]
+_Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0)]
 _FEWEST = 5  # traces with unloaded samples
 _LEAST_STD = 1e-4  # N, of a zero: a gauge creeps by more between two tares
 
@@ -48,7 +49,7 @@ _KnownBandwidth = Annotated[tuple[_Frequency, _Frequency], AfterValidator(_time_
 
 
 class _Calibration(BaseModel):
-    """Value and standard uncertainty of each constant, by its parameter in the laws of the sensor; None where not known."""
+    """Value and standard uncertainty of each constant, by its parameter in the laws; None where not known."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -60,6 +61,7 @@ class _Calibration(BaseModel):
     normal_cross_talk: _KnownShare = None  # tangential force in the normal one
     bandwidth: _KnownBandwidth = Field(default=None, serialization_alias="time_constant_s")
     clock: _KnownGain = Field(default=None, serialization_alias="ln_clock")  # shown over true time
+    spring_constant: tuple[_Stiffness, _Stiffness] | None = None  # with the error of the handle's speed
     load_table: str | None = None  # of the apparatus, ``*.loads.csv`` in the folder of the session
 
 

@@ -18,6 +18,7 @@ from stepblocks.loop.search.explain import (
     folds_within_blocks,
     gather,
     hold_out,
+    likeliest,
 )
 from stepblocks.loop.search.fit import fit, problem_of
 from stepblocks.loop.search.forward_model import Floats, Trials
@@ -67,6 +68,17 @@ def test_covariates_that_run_together_are_ambiguous() -> None:
     assert found.verdict is Verdict.AMBIGUOUS
     finding = found.findings[0]
     assert {finding.effect.covariate, *(r[0].covariate for r in finding.rivals)} == {"z", "w"}
+
+
+def test_a_group_holds_the_truth_by_95_percent_and_names_no_more() -> None:
+    base = fit(problem_of(Toy(), toy_trials(60, 3)))
+    rivals = [(replace(toy_effects()[0], id=str(behind)), base, behind) for behind in (0.0, 4.0, 6.0, 7.9)]
+    # origin: exp(-behind / 2) to 1 for the effect itself; with two rivals the group holds 2.135 of 2.204, which is 96.9 %
+    assert [r[2] for r in likeliest(rivals, rivals[:1])] == [0.0, 4.0]
+    assert [r[2] for r in likeliest(rivals, rivals[3:])] == [0.0, 4.0, 7.9]
+    # one alone is named even where the effect holds more than that: 1 of 1.019
+    assert [r[2] for r in likeliest(rivals[3:], rivals[3:])] == [7.9]
+    assert likeliest([], []) == ()
 
 
 def test_a_law_that_differs_between_labels_is_no_rival_of_itself_where_it_does_not_differ() -> None:

@@ -133,11 +133,12 @@ def first_swing(motion: Motion) -> tuple[float, float, float]:
     depth, before = motion.level - bottom, instant - period
     if before < time[motion.peak] + 0.5 * period:
         return depth, std, instant
-    # a tip that came down slowly rang meanwhile: which dip was the first below sliding is a matter of noise
+    # a tip that came down slowly rang meanwhile: which dip was the first below sliding is a matter of noise, and where one
+    # just touches, the odds of that reading alone are noise themselves: they are those that another would put it below
     begin, end = np.searchsorted(time, [before - 0.25 * period, before + 0.25 * period])
     earlier = int(begin + np.argmin(smooth[begin:end]))
     bottom, spread, _ = extremum(time, force, earlier, _SWING_SHARE * period, motion.noise)
-    odds = 0.5 * math.erfc((bottom - motion.level) / spread / math.sqrt(2.0))
+    odds = 0.5 * math.erfc((bottom - motion.level) / spread / 2.0)
     apart = depth - max(motion.level - bottom, 0.0)
     return depth - odds * apart, math.hypot(std, math.sqrt(odds * (1.0 - odds)) * apart), instant
 

@@ -7,12 +7,25 @@ from typing import Any
 import numpy as np
 
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.contact.state import DragState, Floats
+from stepblocks.contact.state import DragState
 from stepblocks.law import Law, Parameter
 
 # the parts of the model that an effect may change
 SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor")
 _geometry = partial(Law, slot="contact_geometry")
+
+
+def _give(power: float, state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+    """Let the edge press its way into the ball, or the block into what holds it."""
+    held = np.cos(np.arctan(state.friction * state.edge_factor))
+    across, per_newton = np.maximum(state.load, 1e-3) * held / np.cos(state.angle()), values["depth_at_1n_m"]
+    depth, cosine = per_newton * across**power, 1.0 - np.clip(state.height / state.radius, 1e-3, 1.0)
+    # in the corner floor and edge give way to the pull, in the middle of the ramp with half of what the edge will bear
+    both = (1.0 + cosine**2) / (1.0 - cosine**2) * power * per_newton * (0.5 * across) ** (power - 1.0)
+    # the ball comes nearer to the edge by the depth: cos a = (R - H) / (R - depth)
+    lower = state.radius * (state.height - depth) / (state.radius - depth)
+    return state.changed(height=lower, give=state.give + both)
+
 
 _GEOMETRY = (
     _geometry(
@@ -59,13 +72,17 @@ _GEOMETRY = (
         said="the blocks are tilted by",
         settled="turn the blocks round: a tilt changes its sign",
     ),
-    _geometry(
-        "elastic_indentation",  # after Hertz
-        "H -> H - d (F_py / 1 N)^(2/3)",
-        (Parameter("depth_at_1n_m", "m", 0.0, -5e-6, 5e-5, 1e-6),),
-        lambda state, _, v: state.changed(height=state.height - v["depth_at_1n_m"] * state.load ** (2.0 / 3.0)),
-        covariate="load_n",
-        said="the contact gives way: depth at 1 N",
+    *(  # of a ball on the edge after Hertz, or of whatever holds block or tip
+        _geometry(
+            f"elastic_indentation{mark}",
+            f"cos a = (R - H) / (R - d N^p), p = {power:.3g}, N = F_py cos(atan mu) / cos(a + atan mu) across the edge",
+            (Parameter("depth_at_1n_m", "m", 0.0, -5e-6, 5e-5, 1e-6),),
+            partial(_give, power),
+            covariate="load_n",
+            rank=rank,
+            said="the contact gives way: depth at 1 N",
+        )
+        for mark, power, rank in (("", 2.0 / 3.0, 0), ("~linear", 1.0, 1))
     ),
 )
 
@@ -82,22 +99,6 @@ def _height_error(block: str) -> Law:
 
 _friction = partial(Law, slot="friction")
 _by_speed = partial(_friction, covariate="speed_mm_s", said="friction falls with speed: excess at rest and speed")
-
-
-def _stribeck(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
-    excess = values["excess"] * np.exp(-state.speed / values["stribeck_speed_m_per_s"])
-    return state.changed(friction=state.friction * (1.0 + excess))
-
-
-def _logarithmic(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
-    factor = 1.0 + values["slope"] * np.log(state.speed / 6e-3)
-    return state.changed(friction=state.friction * np.maximum(factor, 0.02))
-
-
-def _running_in(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
-    excess = values["excess"] * np.exp(-order / values["settling_trials"])
-    return state.changed(friction=state.friction * np.maximum(1.0 + excess, 0.02))
-
 
 _FRICTION = (
     _friction(
@@ -123,21 +124,27 @@ _FRICTION = (
             Parameter("excess", "1", 0.0, -0.95, 10.0, 0.05),
             Parameter("stribeck_speed_m_per_s", "m/s", 5e-3, 5e-4, 1e-1, 1e-3),
         ),
-        _stribeck,
+        lambda state, _, v: state.changed(
+            friction=state.friction * (1.0 + v["excess"] * np.exp(-state.speed / v["stribeck_speed_m_per_s"]))
+        ),
         shapes=tuple({"stribeck_speed_m_per_s": v} for v in (1.5e-3, 4e-3, 9e-3, 2.5e-2)),
     ),
     _by_speed(
         "stribeck_friction~logarithmic",  # the law of dry contacts
         "mu (1 + s ln(v / 6 mm/s))",
         (Parameter("slope", "1", 0.0, -2.0, 2.0, 0.03),),
-        _logarithmic,
+        lambda state, _, v: state.changed(
+            friction=state.friction * np.maximum(1.0 + v["slope"] * np.log(state.speed / 6e-3), 0.02)
+        ),
         rank=1,
     ),
     _friction(
         "running_in",
         "mu (1 + s exp(-n / n0))",
         (Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05), Parameter("settling_trials", "1", 50.0, 3.0, 1000.0, 10.0)),
-        _running_in,
+        lambda state, order, v: state.changed(
+            friction=state.friction * np.maximum(1.0 + v["excess"] * np.exp(-order / v["settling_trials"]), 0.02)
+        ),
         covariate="run_order",
         shapes=tuple({"settling_trials": n} for n in (15.0, 40.0, 100.0, 400.0)),
         said="friction runs in: excess at first and trials to settle",

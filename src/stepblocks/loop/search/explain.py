@@ -20,10 +20,12 @@ _LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in fo
 _DRIFTS = 0.5  # correlation of a reading with the one before, from which it counts as going with the hour
 _OVER_WALK = 8.0  # of the criterion, by which a law along the hour must beat a walk
 _LACKING = 0.005  # level of the lack of fit against replicates
+_GROUP = 0.95  # chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
 _WORTH = 4.0  # of the criterion, below which an exchange is not made
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
 Rows = NDArray[np.intp]
+Rival = tuple[Law, Fit, float]  # an effect that may stand for another, its fit, and how far its criterion is behind
 Asked = Callable[[Trials], Sequence[Law]]  # candidates of a table
 
 
@@ -56,8 +58,7 @@ class Finding:
     verdict: Verdict  # what may be claimed of it
     gate_p: float  # chance that noise opens the gate as wide, over the whole family of candidates
     gain: float  # fall of the cost (twice the log likelihood) when it is added to the others
-    # effects that do as well within the margin: their fit and how far their criterion is behind
-    rivals: tuple[tuple[Law, Fit, float], ...] = ()
+    rivals: tuple[Rival, ...] = ()  # effects that do as well within the margin, the likeliest of them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,21 +250,27 @@ def _finding(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: Rules
     opened = gate(problem, base, _left(candidates, base), draws=0)
     choice = choose(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
     own = problem.criterion(current)
-    rivals: list[tuple[Law, Fit, float]] = []
+    rivals: list[Rival] = []
     seen = {_family(effect)}
     for trial in choice[1] if choice else ():
-        if trial.effect.id == effect.id or _family(trial.effect) in seen or trial.criterion > own + rules.margin:
+        law, family = trial.effect, _family(trial.effect)
+        if family in seen or (law.place == effect.place and not law.named) or trial.criterion > own + rules.margin:
             continue
-        if not trial.effect.named and trial.effect.place == effect.place:
+        if law.slot == effect.slot and _is_case_of(problem, current, effect, law):
             continue
-        if trial.effect.slot == effect.slot and _is_case_of(problem, current, effect, trial.effect):
-            continue
-        seen.add(_family(trial.effect))
-        rivals.append((trial.effect, trial.fit, trial.criterion - own))
+        seen.add(family)
+        rivals.append((law, trial.fit, trial.criterion - own))
     elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
     verdict = Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
     p_value = grown.gates.get(effect.id, grown.last_gate_p)
-    return Finding(effect, verdict, p_value, base.cost - current.cost, tuple(rivals))
+    return Finding(effect, verdict, p_value, base.cost - current.cost, likeliest(rivals, elsewhere[:1]))
+
+
+def likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
+    """Return the likeliest of some rivals, as many as hold the truth with the effect by `_GROUP`, and those in `always`."""
+    odds = np.exp([-0.5 * behind for _, _, behind in rivals])
+    before = (1.0 + np.cumsum(odds) - odds) / (1.0 + odds.sum())
+    return tuple(r for r, share in zip(rivals, before, strict=True) if share < _GROUP or r in always)
 
 
 def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool:
