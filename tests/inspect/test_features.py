@@ -91,7 +91,7 @@ def test_a_map_of_few_points_repeats_nothing(side):
     # a shape of 48 phases fits 28 points whatever they are; a plane leaves nothing but rounding
     y, x = np.mgrid[: side - 1, :side] * UM
     for z in (0.02 * (x - 3 * UM) ** 2 / UM + 0.01 * y, np.full(x.shape, 1.427 * UM) + 1e-22 * np.sin(x / UM)):
-        with pytest.raises(MetrologyError, match="must repeat in at least 80% of the variance of a grating, got"):
+        with pytest.raises(MetrologyError, match=r"one shape must repeat .* of a grating.*, got"):
             measure_groove(HeightMap(z, UM, UM), EXACT)
     with pytest.raises(MetrologyError, match="must"):
         measure_groove(Profile(np.arange(8) * UM, np.full(8, -1.427 * UM)), EXACT)

@@ -22,6 +22,7 @@ _TURNS = 6  # of levelling and looking again
 _BINS = 400  # of the histogram of heights
 _GAP = 0.6  # part of the points of the lesser of two levels that may lie between them [1]
 _LEAST_PERIODS = 4.0  # that a grating must show [1]: a wandering surface bends twice or thrice
+_LEAST_POINTS = 4.0  # of a period: what lies between two of them nobody saw
 _HARMONICS = 16  # of a grating's period that are kept
 _PHASES = 48  # into which the period of a grating is folded
 _REPEATS = 0.8  # part of the variance that repeats, from which a map is a grating [1]
@@ -237,10 +238,14 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     fx = np.fft.rfftfreq(4 * len(x), float(x[1] - x[0]))
     fy = np.fft.fftfreq(4 * len(y), float(y[1] - y[0])) if len(y) > 3 else np.zeros(1)
     periods = np.hypot(fx[np.newaxis, :] * extents[0], fy[:, np.newaxis] * extents[1])
-    # what repeats faster than every fourth point is no shape
-    seen = (fx <= 0.5 * fx[-1]) & (np.abs(fy) <= 0.5 * np.abs(fy).max())[:, np.newaxis] & (periods >= _LEAST_PERIODS)
-    at = np.unravel_index(int(np.argmax(np.where(seen, power, 0.0))), power.shape)
+    at = np.unravel_index(int(np.argmax(np.where(periods >= _LEAST_PERIODS, power, 0.0))), power.shape)
     first = np.array([fx[at[1]], fy[at[0]]])
+    # rows far apart do no harm where each shows several periods
+    over = [abs(float(one)) * extent for one, extent in zip(first, extents, strict=True)]
+    dense = max([(n - 1) / one for one, n in zip(over, z.shape[::-1], strict=True) if one > 1.0], default=_LEAST_POINTS)
+    if dense < _LEAST_POINTS:
+        rule = f"one shape must repeat over {_LEAST_POINTS:.0f} points of a grating or more"
+        raise MetrologyError(f"{rule}, got {dense:.3g}")
     gx, gy = np.meshgrid(x - x[0], y - y[0])
     points, heights = np.stack([gx[known], gy[known]]), level[known]
     thin = max(len(heights) // 40_000, 1)
