@@ -1,8 +1,7 @@
 """Units at the border: what is read is the nearest float, what does not fit is refused with what would."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from stepblocks.errors import QuantityError
 from stepblocks.quantities import format_quantity, parse_quantity, scaled

@@ -2,41 +2,33 @@ from .artefacts.as_built import read_as_built as read_as_built
 from .artefacts.check import check_artefact as check_artefact
 from .artefacts.heightfield import height_field as height_field
 from .artefacts.model_file import read_model as read_model
-from .artefacts.scans.read import list_channels as list_channels
-from .artefacts.scans.read import read_scan as read_scan
+from .artefacts.scans.read import list_channels as list_channels, read_scan as read_scan
 from .artefacts.step.check_step import check_step as check_step
 from .artefacts.verdict import Verdict as Verdict
 from .bench.measure import measure as measure
 from .bench.rehearse.run import simulate_session as simulate_session
-from .build.run import BuildReport as BuildReport
-from .build.run import build_sets as build_sets
-from .build.run import check_output as check_output
-from .contact.counterface import Counterface as Counterface
-from .contact.counterface import Groove as Groove
-from .contact.counterface import Margin as Margin
-from .contact.counterface import Profile as Profile
-from .contact.counterface import Step as Step
-from .contact.counterface import energy_change as energy_change
-from .contact.critical_angle import margin_angles as margin_angles
-from .contact.critical_angle import step_angle as step_angle
-from .contact.energy import Release as Release
-from .contact.energy import Status as Status
-from .contact.energy import release_at as release_at
+from .build.run import BuildReport as BuildReport, build_sets as build_sets, check_output as check_output
+from .contact.counterface import (
+    Counterface as Counterface,
+    Groove as Groove,
+    Margin as Margin,
+    Profile as Profile,
+    Step as Step,
+    energy_change as energy_change,
+)
+from .contact.critical_angle import margin_angles as margin_angles, step_angle as step_angle
+from .contact.energy import Release as Release, Status as Status, release_at as release_at
 from .contact.event import vibration_events as vibration_events
-from .contact.operating_point import PAPER as PAPER
-from .contact.operating_point import OperatingPoint as OperatingPoint
-from .contact.operating_point import Tool as Tool
+from .contact.operating_point import PAPER as PAPER, OperatingPoint as OperatingPoint, Tool as Tool
 from .contact.uncertainty import interval_of as interval_of
 from .declare import load_set as load_set
 from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
 from .evidence.compare import hold_against_evidence as hold_against_evidence
-from .inspect.many import inspect_many as inspect_many
-from .inspect.many import write_many as write_many
+from .inspect.many import inspect_many as inspect_many, write_many as write_many
 from .inspect.measure import How as How
 from .inspect.report import write_inspection as write_inspection
-from .inspect.run import inspect_scan as inspect_scan
-from .inspect.run import inspect_standard as inspect_standard
+from .inspect.run import inspect_scan as inspect_scan, inspect_standard as inspect_standard
 from .loop.run import loop_session as loop_session
 from .loop.several import loop_sessions as loop_sessions
 from .parts.kinds.crown_on_tooth import CrownOnTooth as CrownOnTooth
@@ -44,20 +36,14 @@ from .parts.kinds.margin import MarginBlock as MarginBlock
 from .parts.kinds.scanned_margin import ScannedMargin as ScannedMargin
 from .parts.kinds.sheath import Sheath as Sheath
 from .parts.kinds.step_block import StepBlock as StepBlock
-from .parts.kinds.tips import HookTip as HookTip
-from .parts.kinds.tips import StraightTip as StraightTip
-from .parts.set import StimulusSet as StimulusSet
-from .parts.set import registered as registered
-from .parts.shapes import build_solids as build_solids
-from .parts.shapes import convex_pieces as convex_pieces
-from .parts.shapes import mesh_solid as mesh_solid
+from .parts.kinds.tips import HookTip as HookTip, StraightTip as StraightTip
+from .parts.set import StimulusSet as StimulusSet, registered as registered
+from .parts.shapes import build_solids as build_solids, convex_pieces as convex_pieces, mesh_solid as mesh_solid
 from .parts.tolerance import Dimension as Dimension
 from .predict.predictions import predict_set as predict_set
 from .predict.sweep.run import sweep as sweep
-from .predict.table import predict_table as predict_table
-from .predict.table import predict_trials as predict_trials
-from .quantities import format_quantity as format_quantity
-from .quantities import parse_quantity as parse_quantity
+from .predict.table import predict_table as predict_table, predict_trials as predict_trials
+from .quantities import format_quantity as format_quantity, parse_quantity as parse_quantity
 from .simulators.compare import compare as compare
 from .simulators.export import export as export
 from .simulators.feel import feel as feel
@@ -65,11 +51,13 @@ from .simulators.renderer import Renderer as Renderer
 from .study.adaptive import start_adaptive as start_adaptive
 from .study.conduct import open_run as open_run
 from .study.exchange import share_study as share_study
-from .study.run import analyse_study as analyse_study
-from .study.run import design_study as design_study
-from .study.run import simulate_study as simulate_study
-from .study.run import study_power as study_power
-from .study.run import write_sheets as write_sheets
+from .study.run import (
+    analyse_study as analyse_study,
+    design_study as design_study,
+    simulate_study as simulate_study,
+    study_power as study_power,
+    write_sheets as write_sheets,
+)
 from .workshop.run import order_parts as order_parts
 
 __version__: str

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import x3pio
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from oracles.scan_files import (
     COUNT,

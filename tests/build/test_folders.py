@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from stepblocks.atomic import alone_in, folder_beside, inside
-from stepblocks.build import manifest as manifests
-from stepblocks.build import run as building
+from stepblocks.build import manifest as manifests, run as building
 from stepblocks.build.manifest import (
     MANIFEST,
     RECORD,

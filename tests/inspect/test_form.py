@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from oracles.softgauge import ball_gauge, correlated_map, correlated_noise, groove_gauge, margin_gauge

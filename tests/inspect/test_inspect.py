@@ -19,8 +19,7 @@ from stepblocks.artefacts.as_built import (
     write_as_built,
 )
 from stepblocks.cli import main
-from stepblocks.contact.counterface import Profile as SurfaceProfile
-from stepblocks.contact.counterface import scanned_angle
+from stepblocks.contact.counterface import Profile as SurfaceProfile, scanned_angle
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import MetrologyError
 

@@ -21,8 +21,7 @@ from stepblocks.artefacts.verdict import Verdict
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 from stepblocks.parts.body import Block
-from stepblocks.parts.characteristics import FORM
-from stepblocks.parts.characteristics import Characteristic as Wanted
+from stepblocks.parts.characteristics import FORM, Characteristic as Wanted
 from stepblocks.parts.kind import NANOMETRE, Part
 from stepblocks.text_file import read_document
 

@@ -24,8 +24,7 @@ from stepblocks.bench.signal.features import FEATURE_COLUMNS, Measurement, censo
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, TrialTable, heights_of, open_trials
 from stepblocks.bench.waveform import WAVEFORM_COLUMNS, fit_waveform
-from stepblocks.contact.operating_point import PAPER
-from stepblocks.contact.operating_point import Tool as PointTool
+from stepblocks.contact.operating_point import PAPER, Tool as PointTool
 from stepblocks.errors import PipelineError
 from stepblocks.tables import harmless
 from stepblocks.workers import die_with_parent

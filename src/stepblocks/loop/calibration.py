@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field
 
 from stepblocks.atomic import inside
+from stepblocks.bench.session import Frequency, Stiffness, Strict
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import validated
 from stepblocks.quantities import quantity_parser
@@ -25,8 +26,6 @@ Known = Mapping[str, tuple[float, float]]  # a parameter of the instrument to it
 _Force = Annotated[float, BeforeValidator(quantity_parser("force"))]
 _Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio"))]
 _Gain = Annotated[_Ratio, Field(gt=0.0)]
-_Frequency = Annotated[float, BeforeValidator(quantity_parser("frequency")), Field(gt=0.0)]
-_Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0)]
 _FEWEST = 5  # traces with unloaded samples
 _LEAST_STD = 1e-4  # N, of a zero: a gauge creeps by more between two tares
 
@@ -45,13 +44,11 @@ _KnownZero = tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None
 _KnownShare = tuple[_Ratio, _Gain] | None
 # of gains the law has the logarithm
 _KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_logarithm)] | None
-_KnownBandwidth = Annotated[tuple[_Frequency, _Frequency], AfterValidator(_time_constant)] | None
+_KnownBandwidth = Annotated[tuple[Frequency, Frequency], AfterValidator(_time_constant)] | None
 
 
-class _Calibration(BaseModel):
+class _Calibration(Strict):
     """Value and standard uncertainty of each constant, by its parameter in the laws; None where not known."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     tangential_zero: _KnownZero = Field(default=None, serialization_alias="zero_n")
     normal_zero: _KnownZero = Field(default=None, serialization_alias="normal_zero_n")
@@ -61,7 +58,7 @@ class _Calibration(BaseModel):
     normal_cross_talk: _KnownShare = None  # tangential force in the normal one
     bandwidth: _KnownBandwidth = Field(default=None, serialization_alias="time_constant_s")
     clock: _KnownGain = Field(default=None, serialization_alias="ln_clock")  # shown over true time
-    spring_constant: tuple[_Stiffness, _Stiffness] | None = None  # with the error of the handle's speed
+    spring_constant: tuple[Stiffness, Stiffness] | None = None  # with the error of the handle's speed
     load_table: str | None = None  # of the apparatus, ``*.loads.csv`` in the folder of the session
 
 
