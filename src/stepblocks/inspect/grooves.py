@@ -123,9 +123,7 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     rows, notes = sampled(scan, how)
     some = rows[:: max(len(rows) // _TRIED, 1)]
     if len(some) >= _TRIED and len(tried(lambda row: _row(row.position, row.height, how), some)[0]) < 2:
-        raise MetrologyError(
-            f"profiles must agree on the features that they cross, got less than 2 of {len(some)} tried"
-        )
+        raise MetrologyError(f"profiles must agree on the features that they cross, got less than 2 of {len(some)}")
     results, refused = tried(lambda row: _row(row.position, row.height, how), rows)
     kinds = [(len(one.heights), one.name) for _, one in results]
     kind = max(sorted(set(kinds)), key=kinds.count, default=(0, ""))
@@ -150,9 +148,7 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
         values = {key: each[0], **_width(label, spans, first.spacing, instrument)}
     else:
         values = {key: _mean_of(label, each, instrument)}
-        values |= {f"{key}_{index}": one for index, one in enumerate(each, 1)} | _pitch(
-            spans, first.spacing, instrument
-        )
+        values |= {f"{key}_{n}": one for n, one in enumerate(each, 1)} | _pitch(spans, first.spacing, instrument)
     if outliers := sum(one.rejected for one in found):
         notes.append(f"{outliers} points left out as spikes")
     convention = f"ISO 5436-1 {kind[1]}, profile by profile, unfiltered"
@@ -190,10 +186,8 @@ def _pitch(spans: Array, spacing: float, instrument: Instrument) -> dict[str, Me
         return {}
     pitches = np.diff(spans.mean(axis=2), axis=1).mean(axis=0)
     count = len(pitches)
-    scatter, dof = (
-        (pitches.std(ddof=1) / np.sqrt(count), count - 1.0) if count > 1 else (spacing / np.sqrt(6.0), np.inf)
-    )
-    std = float(np.hypot(scatter, spacing / np.sqrt(6.0) / count))
+    own, dof = (pitches.std(ddof=1) / np.sqrt(count), count - 1.0) if count > 1 else (spacing / np.sqrt(6.0), np.inf)
+    std = float(np.hypot(own, spacing / np.sqrt(6.0) / count))
     part = Component("scatter", std, dof, "over the pitches, and one interval")
     return {"feature_pitch": with_budget("pitch", float(pitches.mean()), [part], instrument, axes=(0.0, 1.0))}
 
@@ -222,14 +216,11 @@ def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Insp
         f"masked step over {step.features} features and {step.rows} rows: each row levelled on the reference between the "
         f"features, {step.exclusion * 1e6:.3g} um kept from every edge"
     )
-    notes = (
-        "type A1 not used: the profiles cross several features, so its windows would lie on the neighbours",
-        f"the features differ by {step.differ * 1e9:.3g} nm, so may another (standard deviation, by area)",
-    )
+    note = f"the features differ by {step.differ * 1e9:.3g} nm, so may another (standard deviation, by area)"
     rest = np.where(step.reference, step.level, np.where(step.floor, step.level + step.depth.value, np.nan))
     parts = ("features", step.floor), ("reference", step.reference)
     drawn = ShownMap(step.level, rest, parts, (float(scan.x[-1]), float(scan.y[-1])))
-    return Inspected({key: value}, convention, notes, Shown(scan.x, step.level[step.shown], map=drawn))
+    return Inspected({key: value}, convention, (note,), Shown(scan.x, step.level[step.shown], map=drawn))
 
 
 def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:

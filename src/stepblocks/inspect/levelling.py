@@ -234,10 +234,8 @@ def _flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> l
         rise, between = float(gap[at]), float(high(x[at]) - low(x[at]))
         if np.sign(between) == np.sign(rise):
             rise = between
-        on_low, on_high = (
-            np.abs(z - line(x)) <= max(6.0 * rough, 0.02 * abs(rise))
-            for line, rough in ((low, rough_low), (high, rough_high))
-        )
+        sides = (low, rough_low), (high, rough_high)
+        on_low, on_high = (np.abs(z - line(x)) <= max(6.0 * rough, 0.02 * abs(rise)) for line, rough in sides)
         begin, end = at, at
         while begin > before and not (on_low[begin] and on_low[max(begin - 2, before)]):
             begin -= 1
@@ -276,9 +274,7 @@ def measured_features(x: Array, z: Array, degree: int | None = None, exclusion: 
             return levels
         gone = {end for one in weak for end in (one.begin, one.end)}
         edges = [edge for edge in edges if edge.position not in gone]
-    raise MetrologyError(
-        f"profile must show a step, got none that stands out {STAND_OUT:g} times over what is usual along it"
-    )
+    raise MetrologyError(f"profile must show a step, got none that stands out {STAND_OUT:g} times over what is usual")
 
 
 def fit_features(

@@ -46,9 +46,8 @@ class ManyScans:
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data; what is infinite or does not exist is null."""
-        tables = {
-            name: json.loads(one.to_json(orient="records", double_precision=15)) for name, one in self.tables.items()
-        }
+        said = self.tables.items()
+        tables = {name: json.loads(one.to_json(orient="records", double_precision=15)) for name, one in said}
         return {"verdict": self.verdict.value, "left_out": list(self.left_out), **tables}
 
 
@@ -126,9 +125,7 @@ def inspect_many(
             row = {"point": name, "value": value, "centre": centre, "lower": centre - half, "upper": centre + half}
             said["chart"].append({**about, **row, "outside": bool(abs(value - centre) > half)})
     tables = {name: _in_um(pd.DataFrame(own)) for name, own in said.items()}
-    tables["scans"] = _in_um(table.assign(scan=[path.name for path in table["scan"]])).drop(
-        columns=["measured", "asked"]
-    )
+    tables["scans"] = _in_um(table.assign(scan=[one.name for one in table["scan"]])).drop(columns=["measured", "asked"])
     return ManyScans(tables, tuple(left_out), verdict_of(decisions))
 
 
@@ -145,11 +142,8 @@ def _asked(paths: Sequence[Path], stimulus: str | None) -> pd.DataFrame:
 
     if len(paths) == 1 and paths[0].is_dir():
         table = paths[0] / "scans.csv"
-        paths = (
-            [table]
-            if table.is_file()
-            else sorted(one for one in paths[0].iterdir() if one.is_file() and not one.name.startswith("."))
-        )
+        within = sorted(one for one in paths[0].iterdir() if one.is_file() and not one.name.startswith("."))
+        paths = [table] if table.is_file() else within
         if not paths:
             raise PipelineError(f"folder must hold scans, got none [{table.parent}]")
     if is_table(paths):
@@ -193,9 +187,7 @@ def variance_components(table: pd.DataFrame) -> list[dict[str, Any]]:
     levels = np.hstack([np.ones((len(frame), 1)), *(pd.get_dummies(frame[short]) for short in varied)]).astype(float)
     if np.linalg.matrix_rank(levels) < levels.shape[1] - len(varied):
         named = " and ".join(names[short] for short in varied)
-        raise PipelineError(
-            f"conditions must not change together, since their effects cannot be told apart, got {named}"
-        )
+        raise PipelineError(f"conditions must not change together, whose effects cannot be told apart, got {named}")
     fit = ols(" + ".join(["value ~ 1", *(f"C({short})" for short in varied)]), frame).fit()
     if fit.df_resid < 1.0:
         return variance_components(table[["value", "block"]]) if len(table.columns) > 2 else []
@@ -208,9 +200,8 @@ def variance_components(table: pd.DataFrame) -> list[dict[str, Any]]:
         mean = float(row["sum_sq"] / row["df"])
         beyond = max(mean - error, 0.0)
         dof = beyond**2 / (mean**2 / row["df"] + error**2 / fit.df_resid) if beyond > 0.0 else math.inf
-        found.append(
-            {"source": names[short], "std": math.sqrt(beyond / each), "dof": float(dof), "levels": len(counts)}
-        )
+        std = math.sqrt(beyond / each)
+        found.append({"source": names[short], "std": std, "dof": float(dof), "levels": len(counts)})
     return found
 
 
@@ -225,9 +216,8 @@ def _of_block(key: str, its: pd.DataFrame, sources: Sequence[Mapping[str, Any]])
             continue
         count = len(its) if one["source"] == "repeatability" else its[one["source"]].nunique()
         name = one["source"] if one["source"] == "repeatability" else f"reproducibility over {one['source']}"
-        parts.append(
-            Component(name, one["std"] / math.sqrt(count), one["dof"], f"analysis of variance, {count} of this block")
-        )
+        how = f"analysis of variance, {count} of this block"
+        parts.append(Component(name, one["std"] / math.sqrt(count), one["dof"], how))
     shared = [part.name for part in budgets[0].components if part.name not in _SCATTER]
     for name in shared:
         stds = [part.std for one in budgets for part in one.components if part.name == name]
@@ -243,9 +233,8 @@ def capability(values: Array, lower: float, upper: float, level: float = 0.95) -
     count, mean, scatter = len(values), float(values.mean()), float(values.std(ddof=1)) or math.nan
     cp = (upper - lower) / (6.0 * scatter) if math.isfinite(upper - lower) else math.nan
     cpk = min(upper - mean, mean - lower) / (3.0 * scatter)
-    low, high = (
-        math.sqrt(stats.chi2.ppf(tail, count - 1) / (count - 1)) for tail in (0.5 - 0.5 * level, 0.5 + 0.5 * level)
-    )
+    tails = 0.5 - 0.5 * level, 0.5 + 0.5 * level
+    low, high = (math.sqrt(stats.chi2.ppf(tail, count - 1) / (count - 1)) for tail in tails)
     half = float(stats.norm.ppf(0.5 + 0.5 * level)) * math.sqrt(1.0 / (9.0 * count) + cpk**2 / (2.0 * (count - 1)))
     found = {"count": count, "mean": mean, "scatter": scatter, "cp": cp, "cp_low": cp * low, "cp_high": cp * high}
     return found | {"cpk": cpk, "cpk_low": cpk - half, "cpk_high": cpk + half}

@@ -84,10 +84,8 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
     near = max(3.0 * pitch, _SUDDEN[0] * float(within.max()))
     inner, outer = (np.nanmedian(level[np.abs(one - near) <= pitch]) for one in (within, outside))
     if not (jump := float(outer - inner) / value) > _SUDDEN[1]:
-        got = f"{jump:.0%} within {near * 1e6:.3g} um of an edge"
-        raise MetrologyError(
-            f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {got} [{scan.source}]"
-        )
+        got = f"{jump:.0%} within {near * 1e6:.3g} um of an edge [{scan.source}]"
+        raise MetrologyError(f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {got}")
     own = labels[floor]
     means = np.bincount(own, level[floor]) / np.maximum(np.bincount(own), 1)
     differ = float(np.std(means[own]))
@@ -156,9 +154,8 @@ def _two_modes(heights: Array, source: str) -> tuple[float, float]:
     density = gaussian_filter1d(np.pad(counts.astype(np.float64), 1), float(np.clip(0.12 * bulk, 0.004, 0.012)) * _BINS)
     peaks = find_peaks(density, height=_LEAST_LEVEL * density.max())[0]
     main = int(np.argmax(density))
-    between = {
-        one: float(density[min(one, main) : max(one, main) + 1].min() / density[one]) for one in peaks if one != main
-    }
+    others = peaks[peaks != main]
+    between = {one: float(density[min(one, main) : max(one, main) + 1].min() / density[one]) for one in others}
     apart = [one for one, part in between.items() if part < _GAP]
     if not apart:
         rule = f"heights of a map must gather at two levels, with less than {_GAP:.0%} as many between as at the lesser"

@@ -89,9 +89,8 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
     sloped = 2 * len(flanks) > len(edges)
     corners = [one.radius for one in edges if (one.flank is not None) == sloped]
     # what lies between two samples of a sharp edge is the same in every profile, and does not average
-    unresolved = (
-        rows[0].spacing / np.sqrt(12.0) if np.mean([one.value for one in corners]) < 3.0 * rows[0].spacing else 0.0
-    )
+    sharp = np.mean([one.value for one in corners]) < 3.0 * rows[0].spacing
+    unresolved = rows[0].spacing / np.sqrt(12.0) if sharp else 0.0
     corners = [
         # a stylus rounds a corner by its own radius
         Estimate(one.value - how.stylus_radius, float(np.sqrt(max(one.std**2 - unresolved**2, 0.0))), one.dof)
@@ -144,9 +143,7 @@ def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profil
     inside = (x >= begin) & (x <= end)
     measured = [row for row in rows if np.isfinite(row.height[inside]).any()]
     if inside.sum() < 3 or not measured:
-        raise MetrologyError(
-            f"the part from {begin * 1e6:g} to {end * 1e6:g} um must hold 3 points, got {int(inside.sum())}"
-        )
+        raise MetrologyError(f"part from {begin * 1e6:g} to {end * 1e6:g} um must hold 3 points, got {inside.sum()}")
     x = x[inside]
     heights = [row.height[inside] for row in measured]
     step = float(np.median(np.diff(x)))
@@ -231,12 +228,10 @@ def _faces(
         "flatness_upper": ("flatness, upper face", flatness, (high,)),
         "parallelism": ("parallelism, upper face to A", parallelism, (high, low)),
     }
+    zones = [(name, zone(*[face.points for face in faces]) * 1e6) for name, zone, faces in asked.values()]
     notes.append(
         f"flatness and parallelism are those of the form, polynomials of degree {max(low.degree, high.degree)}, over what was "
-        "scanned; zones of all points, noise included: "
-        + ", ".join(
-            f"{name} {zone(*[face.points for face in faces]) * 1e6:.3g} um" for name, zone, faces in asked.values()
-        )
+        f"scanned; zones of all points, noise included: {', '.join(f'{name} {size:.3g} um' for name, size in zones)}"
     )
     values = {}
     for key, (name, zone, faces) in asked.items():
@@ -290,11 +285,9 @@ def measure_tip(
         notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.4g} um is taken off")
     # of a cap, height h over width a, R is a^2 / 2h: twice the lateral error, once the vertical
     value = measured_from_profiles("ball radius", [radius], instrument, [form], axes=(1.0, 2.0))
-    notes.append(
-        f"form of the ball {cap.form * 1e6:.3g} um, noise included, over a cap of {np.degrees(cap.cap_angle):.3g} deg"
-    )
+    notes.append(f"form of the ball {cap.form * 1e6:.3g} um, with noise, over {np.degrees(cap.cap_angle):.3g} deg")
     if cap.rejected:
-        notes.append(f"{cap.rejected} points left out as spikes")
+        notes.append(f"{cap.rejected} of {cap.points} points left out as spikes")
     through = "circle through the cap of the profile" if isinstance(scan, Profile) else "sphere through the cap"
     x, z, fitted = cap.drawn
     low = float(np.nanmin(z))

@@ -82,10 +82,10 @@ class InspectionResult:
         """Convention, what was not stated, what was left out, and what is felt."""
         unstated = sorted({name for measured in self.inspected.values.values() for name in measured.unstated})
         said = [f"not stated counts as zero: {', '.join(unstated)}"] if unstated else []
-        said += [f"convention: {self.inspected.convention}"]
-        said += [
-            f"decision: ISO 14253-1, guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of freedom"
-        ]
+        decided = (
+            f"ISO 14253-1, guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of freedom"
+        )
+        said += [f"convention: {self.inspected.convention}", f"decision: {decided}"]
         said += [f"note: {note}" for note in self.inspected.notes]
         return [*said, f"felt: {self.felt}"] if self.felt else said
 
@@ -229,9 +229,8 @@ def _draw_map(axes: Any, shown: ShownMap) -> None:
         if not mask.all():
             axes[0].contour(mask[::thin, ::thin], levels=[0.5], colors=colour, linewidths=0.8, extent=extent)
         lines.append(Line2D([], [], color=colour, label=f"{name}, as evaluated"))
-    axes[0].legend(
-        handles=lines, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, facecolor="#8a97a3", fontsize=7
-    )
+    place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.2), "ncols": 2}
+    axes[0].legend(handles=lines, facecolor="#8a97a3", fontsize=7, **place)
 
 
 def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
@@ -240,9 +239,7 @@ def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
     axis.plot(x, z, color="#1d2a36", linewidth=1.4)
     for index, (begin, end, name) in enumerate(shown.windows):
         label = "evaluated" if name and index == 0 else None
-        axis.axvspan(
-            begin * 1e6, end * 1e6, facecolor="#eaf0f5", edgecolor="#b9c6d2", linewidth=0.5, zorder=0, label=label
-        )
+        axis.axvspan(begin * 1e6, end * 1e6, fc="#eaf0f5", ec="#b9c6d2", linewidth=0.5, zorder=0, label=label)
     if shown.fitted is not None:
         fitted = shown.fitted[::thin] * 1e6
         axis.plot(x, fitted, color="#f0a020", linewidth=0.7, label="fitted")

@@ -232,9 +232,8 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
         if scanned.status is Status.RELEASES:
             surface = f"; by the scanned surface itself {energy_change(asked, scanned, point) * 100:+.1f} %"
             if not result.inspected.arc:  # its radius says little of it
-                return (
-                    f"{verdict}; the edge is no arc{surface}, to {float(scanned.vibration_energy) * 1e6:.3g} uJ {where}"
-                )
+                energy = float(scanned.vibration_energy) * 1e6
+                return f"{verdict}; the edge is no arc{surface}, to {energy:.3g} uJ {where}"
     causes = {
         f"its edge radius of {made.edge_radius * 1e6:.3g} um": energy_change(asked, by_radius, point),
         f"its height of {made.height * 1e6:.2f} um": energy_change(asked, by_height, point),

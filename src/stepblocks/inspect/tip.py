@@ -32,6 +32,7 @@ class Cap:
     form: float  # peak to valley of the distances from the sphere, noise included [m]
     cap_angle: float  # half angle of the cap [rad]
     rejected: int  # points left out as spikes
+    points: int  # of the cap, with these
     drawn: tuple[Array, Array, Array]  # position, height and fit along the row with most of the cap [m]
 
 
@@ -88,7 +89,7 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
     row = int(np.argmax(used.sum(axis=1)))
     circle = state[2] + np.sqrt(np.maximum(state[3] ** 2 - (x[row] - state[0]) ** 2 - (y[row] - state[1]) ** 2, 0.0))
     drawn = x[row], z[row], np.where(used[row], circle, np.nan)
-    return Cap(radius, float(np.ptp(distance)), cap_angle, int(face.sum() - used.sum()), drawn)
+    return Cap(radius, float(np.ptp(distance)), cap_angle, int(face.sum() - used.sum()), int(face.sum()), drawn)
 
 
 def _by_form(value: float, x: Array, y: Array, residuals: Array, used: Mask, design: Array) -> Estimate:

@@ -66,9 +66,8 @@ def _flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
     used = masks[0] | masks[1] | masks[2]
     fit = fit_without_spikes(_design(x, masks), z, used)
     if name := _flank_in(fit, dict(zip("ACB", masks, strict=True))):
-        raise MetrologyError(
-            f"window {name} of type A1 must lie on a face, but a flank or a defect reaches into it for {feature}"
-        )
+        got = f"a flank or a defect reaches into it for {feature}"
+        raise MetrologyError(f"window {name} of type A1 must lie on a face, but {got}")
     if fit.rejected > _MOST_OUTLIERS * used.sum() or any((mask & fit.used).sum() < _LEAST_POINTS for mask in masks):
         got = f"{fit.rejected} of {used.sum()} points for {feature}"
         raise MetrologyError(f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got {got}")

@@ -28,9 +28,8 @@ def gridded(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
         got = f"{len(x)} points on {shape[0]} columns and {shape[1]} rows"
         raise MetrologyError(f"points must lie on a grid, got {got} [{source}]")
     steps = [(axis[-1] - axis[0]) / (len(axis) - 1) for axis in axes]
-    column, row = (
-        np.rint((one - axis[0]) / step).astype(int) for one, axis, step in zip((x, y), axes, steps, strict=True)
-    )
+    grid = zip((x, y), axes, steps, strict=True)
+    column, row = (np.rint((one - axis[0]) / step).astype(int) for one, axis, step in grid)
     off = max(float(np.abs(x - axes[0][column]).max() / steps[0]), float(np.abs(y - axes[1][row]).max() / steps[1]))
     height, count = np.zeros(shape[::-1]), np.zeros(shape[::-1])
     seen = np.isfinite(z)

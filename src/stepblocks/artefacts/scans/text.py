@@ -232,8 +232,11 @@ def _forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[str]]:
         x, z = x[::-1], z[::-1]
     ahead = np.concatenate([[True], x[1:] > np.maximum.accumulate(x)[:-1]])
     lost = int((~ahead).sum())
-    if not np.isfinite(x).all() or lost == 0 or lost > _MOST_BACK * len(x):
+    if not np.isfinite(x).all() or lost == 0:
         return x, z, []
+    if lost > _MOST_BACK * len(x):
+        rule = f"positions must increase along the profile at all but {_MOST_BACK:.0%} of its points"
+        raise MetrologyError(f"{rule}, got {lost / len(x):.0%} that lie behind one before them [{path.name}]")
     return x[ahead], z[ahead], [f"{lost} points left out where the profile goes back"]
 
 
