@@ -67,7 +67,9 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
     floor, reference = (within > exclusion) & measured, (outside > exclusion) & measured
     asked, level = int(reference.sum()), _rows_levelled(z, reference)
     for _ in range(_TURNS if asked else 0):
-        reference &= ~outlier_mask(level, reference)
+        if not (spikes := outlier_mask(level, reference)).any():
+            break
+        reference &= ~spikes
         level = _rows_levelled(z, reference)
     if reference.sum() < _LEAST_KEPT * asked:
         rule = f"at least {_LEAST_KEPT:.0%} of what lies beside the features must be level"
