@@ -1,6 +1,6 @@
 """Regimes and the E_v of each, on records of the tests' own bench, which integrates the motion by rigid contact.
 
-Run as ``python benchmarks/regimes.py [TRIALS [REGIME]]`` (default 400, a third of them with static friction twice the kinetic
+Run as ``python benchmarks/regimes.py [TRIALS [REGIME [SEED]]]`` (default 400, a third of them with static friction twice the kinetic
 one; where a regime is named, its trials alone, of twenty times as many drags). It prints which regime was said of which, and for
 each the error of ln E_v and the pulls of the ring's amplitude (error over its stated standard uncertainty: 1 where that is right).
 """
@@ -28,10 +28,10 @@ SERIES = {
 TOOL = (300.0, 1.0 / (0.025 * 2.0 * np.pi * 300.0))
 
 
-def rows(trials, regime=None):
+def rows(trials, regime=None, seed=1):
     """One row per trial: what was found beside what is true; of one regime alone where it is named."""
     trials *= 20 if regime else 1
-    random = np.random.default_rng(1)
+    random = np.random.default_rng(int(seed))
     for name, (bench, speeds, share) in SERIES.items():
         for _ in range(round(share * trials)):
             height, load, speed = random.choice(HEIGHTS), random.choice(LOADS), random.choice(speeds)
@@ -60,7 +60,7 @@ def rows(trials, regime=None):
 
 def main():
     """Print both tables."""
-    table = pd.DataFrame(rows(int(sys.argv[1]) if len(sys.argv) > 1 else 400, *sys.argv[2:3]))
+    table = pd.DataFrame(rows(int(sys.argv[1]) if len(sys.argv) > 1 else 400, *sys.argv[2:4]))
     print(pd.crosstab(table.true, table.said).to_string())
     print(f"right: {(table.true == table.said).mean():.1%} of {len(table)}")
     found = table.groupby("true").agg(
