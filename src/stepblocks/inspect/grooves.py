@@ -132,7 +132,7 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     begins, widths = spans[..., 0], spans[..., 1] - spans[..., 0]
     slack = np.where(np.isfinite(widths), 0.25 * widths, 0.02 * np.ptp(begins) if begins.size else 0.0)
     sizes = np.array([[each.value for each in one.heights] for _, one in same]).reshape(begins.shape)
-    kept = agreed(same, np.stack([sizes, begins, slack]), len(rows), refused, notes)
+    kept = agreed(same, np.stack([sizes, begins, slack]), rows, refused, notes)
     (first, best), found, usual = kept[0], [one for _, one in kept], kind[0]
     maps = [scan] if isinstance(scan, HeightMap) and not np.isfinite([one.spans for one in found]).all() else []
     if tried(lambda one: fit_grating(one.x, one.y, one.height), maps)[0]:

@@ -81,7 +81,7 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
     rows, notes = sampled(scan, how)
     found, refused = tried(lambda row: fit_edge(row.position, row.height, how.exclusion), rows)
     crossed = np.array([(one.height.value, one.position, one.exclusion) for _, one in found]).reshape(-1, 3, 1)
-    results = agreed(found, crossed.swapaxes(0, 1), len(rows), refused, notes)
+    results = agreed(found, crossed.swapaxes(0, 1), rows, refused, notes)
     edges = [edge for _, edge in results]
     form = Component("form", _form_of(results), how="change with twice the exclusion, rectangular")
     height = measured_from_profiles("step height", [one.height for one in edges], instrument, [form])
@@ -157,7 +157,9 @@ def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profil
     return [Profile(x, z, row.source) for z, row in zip(heights, measured, strict=True)], notes
 
 
-def agreed(found: list[T], crossed: Array, asked: int, refused: list[str], notes: list[str]) -> list[T]:
+def agreed(
+    found: list[tuple[Profile, T]], crossed: Array, rows: list[Profile], refused: list[str], notes: list[str]
+) -> list[tuple[Profile, T]]:
     """Return the profiles that agree on what they cross; refused, with the share, where they are less than half of those asked."""
     # `crossed`, shape (3, profiles, features), are height, place and slack of place of each feature [m]. They must lie where the
     # others have them, a slant over the map allowed, and be as high.
@@ -172,14 +174,18 @@ def agreed(found: list[T], crossed: Array, asked: int, refused: list[str], notes
         alike = np.all(np.abs(off) <= np.maximum(slack, 8.0 * scatter + LEAST_SCATTER), axis=1)
         alike &= np.all(np.abs(heights - middle) <= 0.5 * np.abs(middle), axis=1)
     kept = [one for one, same in zip(found, alike, strict=True) if same]
-    reason = f"since {refused[0]}" if refused else "since it crosses others"
+    asked, reason = len(rows), f"since {refused[0]}" if refused else "since it crosses others"
     if not kept or len(kept) < _LEAST_SHARE * asked:
         if asked == 1:
             raise MetrologyError(refused[0])
         got = f"{len(kept)} of {asked} ({_LEAST_SHARE:.0%} needed), the first other {reason}"
         raise MetrologyError(f"profiles must agree on the features that they cross, got {got}")
-    if len(kept) < asked:
-        notes.append(f"{asked - len(kept)} of {asked} profiles refused, the first {reason}")
+    showing = {id(row) for row, _ in kept}
+    places = [number for number, row in enumerate(rows) if id(row) in showing]
+    if (between := places[-1] - places[0] + 1) > len(kept):
+        notes.append(f"{between - len(kept)} of {between} profiles refused, the first {reason}")
+    if between < asked:  # a feature may end within a map
+        notes.append(f"{asked - between} of {asked} profiles lie beyond those that show it, the first {reason}")
     return kept
 
 
@@ -246,7 +252,7 @@ def measure_margin(scan: Profile | HeightMap, instrument: Instrument, how: How =
     rows, notes = sampled(scan, how)
     found, refused = tried(lambda row: fit_margin(row.position, row.height), rows)
     openings = np.array([[one.opening.value] for _, one in found]).reshape(-1, 1)
-    results = agreed(found, np.stack([openings, 0.0 * openings, 0.0 * openings]), len(rows), refused, notes)
+    results = agreed(found, np.stack([openings, 0.0 * openings, 0.0 * openings]), rows, refused, notes)
     ones = [one for _, one in results]
     share = float(np.mean([one.opening.value / one.absolute.value for one in ones]))
     sampling = float(np.mean([one.sampling for one in ones]))

@@ -123,7 +123,9 @@ def trials_of(
         excluded=excluded,
         flagged=list(flagged.itertuples(index=False, name=None)),
         regimes={str(name): int(count) for name, count in dict(regimes).items()},
-        static_friction=float(table["static_friction"].dropna().median()) if "static_friction" in table else float("nan"),
+        static_friction=float(table["static_friction"].dropna().median())
+        if "static_friction" in table
+        else float("nan"),
         model=model,
         tip_radius_um=tip_radius * 1e6,
     )
