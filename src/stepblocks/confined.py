@@ -129,6 +129,7 @@ def _answer(request: dict[str, Any]) -> Answer:
         raise
     except BaseException as error:  # a foreign reader may raise anything, and one of them leaves the interpreter
         said = " ".join(str(error).split())[:300] or type(error).__name__
+        said = f"no {said}" if isinstance(error, KeyError) else said
         return {}, said, type(error).__module__.startswith("stepblocks.")
     return found, "", False
 

@@ -1,5 +1,6 @@
 """All features of a profile or map, and none where there is none: closed forms of the gauges, and real scans."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -135,3 +136,27 @@ def test_the_channel_of_heights_is_chosen_by_name():
     assert "Scan forward (Z-Axis)" in read_scan(path).scale
     with pytest.raises(MetrologyError, match="channel must name one of"):
         read_scan(path, channel="temperature")
+
+
+def test_what_a_user_crops_or_levels_is_never_evaluated_whole_instead():
+    y, x = np.mgrid[:120, :120]
+    z = np.where(((x - 6) % 40 < 18) & ((y + 3) % 40 < 18), -500 * NM, 0.0)
+    scan = HeightMap(z + np.random.default_rng(4).normal(0.0, 2 * NM, z.shape), 0.2 * UM, 0.2 * UM)
+    assert "masked step over 12 features" in measure_groove(scan, EXACT).convention
+    for asked in (How(begin=0.0, end=4 * UM), How(degree=3), How(edges=(1,))):
+        with suppress(MetrologyError):
+            assert "profile by profile" in measure_groove(scan, EXACT, asked).convention
+
+
+def test_a_depth_is_not_told_from_a_corner_of_the_features_nor_from_edges_that_nobody_saw():
+    y, x = np.mgrid[:240, :240] * UM
+    # a dome of which nothing but the very top is level, beside a plane
+    dome = 20 * UM * np.clip(1.0 - ((x - 120 * UM) ** 2 + (y - 120 * UM) ** 2) / (40 * UM) ** 2, 0.0, 1.0) ** 0.2
+    inside = dome > 0.0
+    with pytest.raises(MetrologyError, match="at least 5% of the features must lie 33 um from their edges"):
+        masked_step(HeightMap(dome, UM, UM), exclusion=33 * UM, inside=inside)
+    box = np.where((x > 30 * UM) & (x < 90 * UM) & (y > 30 * UM) & (y < 90 * UM), 20 * UM, 0.0)
+    shadow = (np.abs(x - 30 * UM) < 9 * UM) | (np.abs(x - 90 * UM) < 9 * UM)
+    shadow |= (np.abs(y - 30 * UM) < 9 * UM) | (np.abs(y - 90 * UM) < 9 * UM)
+    with pytest.raises(MetrologyError, match=r"heights must be measured .* um beside an edge, got none"):
+        masked_step(HeightMap(np.where(shadow, np.nan, box), UM, UM), exclusion=2 * UM, inside=box > 0.0)

@@ -33,6 +33,10 @@ def measure_groove(
         ways = ways[1:] if how.along == "y" else [*ways, lambda: _masked(scan, instrument, how, key)]
     refused = []
     ways.append(lambda: _grating(scan, instrument, how, key))
+    if any(
+        getattr(how, name) is not None for name in ("begin", "end", "degree", "edges")
+    ):  # followed profile by profile alone
+        ways = ways[: 1 if isinstance(scan, Profile) or how.along else 2]
     for way in ways:
         try:
             return way()
@@ -217,6 +221,7 @@ def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Insp
         f"features, {step.exclusion * 1e6:.3g} um kept from every edge"
     )
     note = f"the features differ by {step.differ * 1e9:.3g} nm, so may another (standard deviation, by area)"
+    note = note if step.features > 1 else "one feature alone: another may be of another height"
     rest = np.where(step.reference, step.level, np.where(step.floor, step.level + step.depth.value, np.nan))
     parts = ("features", step.floor), ("reference", step.reference)
     drawn = ShownMap(step.level, rest, parts, (float(scan.x[-1]), float(scan.y[-1])))

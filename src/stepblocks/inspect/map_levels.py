@@ -26,6 +26,7 @@ _LEAST_POINTS = 4.0  # of a period: what lies between two of them nobody saw
 _HARMONICS = 16  # of a grating's period that are kept
 _PHASES = 48  # into which the period of a grating is folded
 _REPEATS = 0.8  # part of the variance that repeats, from which a map is a grating [1]
+_LEAST_SEEN = 0.05  # part of the features that is evaluated: less is a corner of one [1]
 _LEAST_KEPT = 0.8  # part of the reference that must not be spikes: debris lies on it, a third level is none [1]
 # part of the half width of a feature within which its edge changes heights by what part of the depth, where it is a step [1]
 _SUDDEN = 0.1, 0.5
@@ -79,19 +80,24 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
     if known.sum() < 3:
         rule = f"map must keep at least 3 rows with floor and reference beyond {exclusion * 1e6:.3g} um"
         raise MetrologyError(f"{rule}, got {int(known.sum())} [{scan.source}]")
+    if floor.sum() < _LEAST_SEEN * (inside & measured).sum():
+        rule = f"at least {_LEAST_SEEN:.0%} of the features must lie {exclusion * 1e6:.3g} um from their edges, where they are level"
+        raise MetrologyError(f"{rule}, got {floor.sum() / (inside & measured).sum():.1%} [{scan.source}]")
     share = weights / weights.sum()
     value = float(np.sum(share[known] * depths[known]))
-    labels, features = ndimage.label(inside)
     depth = _by_bands(depths, share, value, known)
     near = max(3.0 * pitch, _SUDDEN[0] * float(within.max()))
-    inner, outer = (np.nanmedian(level[np.abs(one - near) <= pitch]) for one in (within, outside))
+    sides = [level[(np.abs(one - near) <= pitch) & measured] for one in (within, outside)]
+    if not all(side.size for side in sides):
+        raise MetrologyError(f"heights must be measured {near * 1e6:.3g} um beside an edge, got none [{scan.source}]")
+    inner, outer = map(np.median, sides)
     if not (jump := float(outer - inner) / value) > _SUDDEN[1]:
         got = f"{jump:.0%} within {near * 1e6:.3g} um of an edge [{scan.source}]"
         raise MetrologyError(f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {got}")
-    own = labels[floor]
+    own = ndimage.label(inside)[0][floor]
     means = np.bincount(own, level[floor]) / np.maximum(np.bincount(own), 1)
     differ = float(np.std(means[own]))
-    counts = int(known.sum()), int(features)
+    counts = int(known.sum()), int(np.unique(own).size)
     return MaskedStep(depth, differ, exclusion, *counts, level, inside, floor, reference, int(np.argmax(weights)))
 
 

@@ -228,7 +228,7 @@ def _named_channel(channels: list[Any], wanted: str, place: str) -> Any:
     found = [one for one in heights if not _NO_HEIGHT.search(str(one.name))]
     if not found:
         rule = "channel must hold heights in a unit of length"
-        raise MetrologyError(f"{rule}, and none of {said or 'none'} says so [{place}]")
+        raise MetrologyError(f"{rule}, and {f'none of {said} says so' if said else 'the file has none'} [{place}]")
     return found[0]
 
 
