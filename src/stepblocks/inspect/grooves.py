@@ -33,9 +33,8 @@ def measure_groove(
         ways = ways[1:] if how.along == "y" else [*ways, lambda: _masked(scan, instrument, how, key)]
     refused = []
     ways.append(lambda: _grating(scan, instrument, how, key))
-    if any(
-        getattr(how, name) is not None for name in ("begin", "end", "degree", "edges")
-    ):  # followed profile by profile alone
+    # a part, a level or an edge is followed profile by profile alone
+    if any(one is not None for one in (how.begin, how.end, how.degree, how.edges)):
         ways = ways[: 1 if isinstance(scan, Profile) or how.along else 2]
     for way in ways:
         try:

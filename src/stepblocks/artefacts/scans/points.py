@@ -125,9 +125,8 @@ def _pcd(path: Path) -> Array:
         first = dict(zip(names, np.cumsum([0, *map(int, counts[:-1])]), strict=True))
         return np.column_stack([table[:, first[axis]] for axis in "xyz"])
     if coding.strip() != b"binary":
-        raise MetrologyError(
-            f"data must be ascii or binary, got {coding[:40].decode('ascii', 'replace').strip()} [{path.name}]"
-        )
+        got = coding[:40].decode("ascii", "replace").strip()
+        raise MetrologyError(f"data must be ascii or binary, got {got} [{path.name}]")
     parts = zip(names, kinds, sizes, counts, strict=True)
     kind = np.dtype([(name, f"<{letter.lower()}{size}", (int(count),)) for name, letter, size, count in parts])
     packed = np.frombuffer(body, kind, int(fields["POINTS"]))
