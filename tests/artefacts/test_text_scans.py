@@ -25,7 +25,7 @@ from stepblocks.errors import MetrologyError
         (";;0", "must name their unit"),
         ("x_um,z_um\n0,nan\n1,inf\n2,nan\n", "at least one measured height"),
         ("x_um,y_um,z_um\n0,0,1\n1,1,2\n2,2,3\n9,7,1\n3,8,8\n", "on a grid"),
-        ("a_um,b_um,c_um,d_um\n1,2,3,4\n", "2 columns"),
+        ("a_um,b_um,c_um,d_um\n1,2,3,4\n", "one column, that of the heights, got none for a_um, b_um"),
     ],
 )
 def test_text_that_is_ambiguous_or_broken_is_refused_with_the_rule(text, rule, tmp_path):
@@ -114,3 +114,41 @@ def test_a_wrong_unit_that_makes_a_block_of_a_street_is_told(tmp_path):
     (tmp_path / "a.csv").write_text("x_m,z_m\n0,0\n100,0\n200,50\n")
     with pytest.raises(MetrologyError, match=r"positions must lie within 10 m, got 200 m \[a.csv\]"):
         read_scan(tmp_path / "a.csv")
+
+
+TENCOR = "Data\tfilm\nRecipe\tSLOW\nPoints\t4\nX-Resolution\t0.500000\n\t   Raw\t RawLevel\t  Wavi\n"
+TENCOR += "".join(f"{n}\t {10.0 * n}\t {n}.5\t -{n}\n" for n in range(1, 5))
+
+
+def test_points_that_are_only_numbered_stand_apart_by_the_step_that_the_head_states(tmp_path):
+    """As Tencor's profilers export: no unit in the file, heights in angstroms, several columns of heights."""
+    path = tmp_path / "film.txt"
+    path.write_text(TENCOR)
+    scan = read_scan(path, "x=um,z=Å", "Raw")
+    assert isinstance(scan, Profile)
+    assert scan.position == pytest.approx([0.5e-6, 1.0e-6, 1.5e-6, 2.0e-6])
+    assert scan.height == pytest.approx([1e-9, 2e-9, 3e-9, 4e-9])
+    levelled = read_scan(path, "x=um,z=Å", "rawlevel")
+    assert levelled.height == pytest.approx([0.15e-9, 0.25e-9, 0.35e-9, 0.45e-9])
+    path.write_text(TENCOR.replace("X-Resolution", "X-Resolution (mm)"))
+    assert read_scan(path, "z=nm", "Wavi").position[0] == pytest.approx(0.5e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "channel", "rule"),
+    [
+        (
+            TENCOR,
+            None,
+            "channel must be a part of the name of one column, that of the heights, got none for x, Raw, RawLevel, Wavi",
+        ),
+        (TENCOR, "Ra", "got Ra for x, Raw"),
+        (TENCOR.replace("X-R", "Y-R"), "Raw", "must name one x"),
+        ("x_um,z_um\n0,1\n1,2\n2,3\n", "A", "got A for x_um, z_um"),
+        ("0,1\n1,2\n2,3\n", "A", "got A for no names"),
+    ],
+)
+def test_a_column_of_heights_that_is_not_known_is_asked_for_with_the_names(text, channel, rule, tmp_path):
+    (tmp_path / "film.txt").write_text(text)
+    with pytest.raises(MetrologyError, match=rule):
+        read_scan(tmp_path / "film.txt", "um", channel)

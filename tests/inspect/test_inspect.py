@@ -183,7 +183,11 @@ def test_what_cannot_be_inspected_gives_one_line_and_exit_code_2(arguments, word
             ["--units", "furlong"],
             "unit must be one of nm, \u00b5m, mm, m, or by axis as x=mm,z=um, got 'furlong'",
         ),
-        (None, ["--units", "um", "--channel", "A"], "channel must not be given for a text table [scan.csv]"),
+        (
+            None,
+            ["--units", "um", "--channel", "A"],
+            "name of one column, that of the heights, got A for no names [scan.csv]",
+        ),
         (
             None,
             ["--units", "um", "--from", "50 um", "--to", "20 um"],

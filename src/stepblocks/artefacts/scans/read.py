@@ -48,7 +48,7 @@ def read_scan(path: str | Path, unit: str | None = None, channel: str | None = N
     unit : str, optional
         Unit of what does not say its own: ``um``, or by axis ``x=mm,z=um``; a number before it is the size of a stored 1.
     channel : str, optional
-        Name of the channel of heights, or a part of it that no other has; the first that is named as heights by default.
+        Name of the channel (of text, the column) of heights, or a part that no other has; the first so named by default.
 
     Returns
     -------
@@ -63,9 +63,7 @@ def read_scan(path: str | Path, unit: str | None = None, channel: str | None = N
     """
     path, form = _known_form(Path(path))
     if form == "text":
-        if channel is not None:
-            raise MetrologyError(f"channel must not be given for a text table [{path.name}]")
-        return read_text_scan(path, unit)
+        return read_text_scan(path, unit, channel)
     if unit is not None and form != "points":
         rule = f"unit must not be given for a {path.suffix.lower()} file"
         raise MetrologyError(f"{rule}, which says its own [{path.name}]")

@@ -11,17 +11,8 @@ from stepblocks.artefacts.scans.points import gridded
 from stepblocks.artefacts.scans.scan import Array, HeightMap, Profile
 from stepblocks.errors import MetrologyError
 
-LENGTH_UNITS = {
-    "pm": 1e12,
-    "å": 1e10,
-    "nm": 1e9,
-    "um": 1e6,
-    "µm": 1e6,
-    "μm": 1e6,
-    "mm": 1e3,
-    "cm": 1e2,
-    "m": 1.0,
-}  # per metre
+# units per metre
+LENGTH_UNITS = {"pm": 1e12, "å": 1e10, "nm": 1e9, "um": 1e6, "µm": 1e6, "μm": 1e6, "mm": 1e3, "cm": 1e2, "m": 1.0}
 LENGTH_UNITS |= {"nanometer": 1e9, "micrometer": 1e6, "micron": 1e6, "microns": 1e6, "millimeter": 1e3, "meter": 1.0}
 LENGTH_UNITS |= {"angstrom": 1e10, "Å": 1e10, "\u212b": 1e10}
 
@@ -33,6 +24,7 @@ _UNIT = "(" + "|".join(sorted(LENGTH_UNITS, key=len, reverse=True)) + ")"
 _UNIT_IN_NAME = re.compile(rf"(?:^|[\s_\[\(/,]){_UNIT}[\]\)]?$")
 _GIVEN = re.compile(rf"(?:([xyz])\s*=)?\s*(\d+\.?\d*|\.\d+)?\s*{_UNIT}")
 _INDEX = {"index", "#", "no", "no.", "nr", "n", "point", "points", "sample"}
+_STEP = re.compile(r"(?i)x[- _]?(resolution|spacing|step)")
 _ROLES = {  # how instruments call the columns of an axis
     "x": ("x", "lateral", "pos", "length", "distance", "scan", "travel"),
     "y": ("y",),
@@ -61,8 +53,8 @@ def holds_matrix(path: Path) -> bool:
         return _MATRIX.search(_decoded(file.read(4000))) is not None
 
 
-def read_text_scan(path: Path, unit: str | None = None) -> Profile | HeightMap:
-    """Read a profile (two columns), a grid of points (three) or a matrix of heights (any more) from text."""
+def read_text_scan(path: Path, unit: str | None = None, channel: str | None = None) -> Profile | HeightMap:
+    """Read a profile (two columns), a grid of points (three), columns by their names or a matrix of heights from text."""
     if (length := path.stat().st_size) > _MOST_BYTES:
         raise MetrologyError(f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]")
     raw = path.read_bytes()
@@ -70,11 +62,11 @@ def read_text_scan(path: Path, unit: str | None = None) -> Profile | HeightMap:
     if "\0" in text[:4096]:
         raise MetrologyError(f"file must be text, got binary data [{path.name}]")
     head, values = _table(text, path)
-    names, common = _names(head, values.shape[1])
+    names, common = _names(head, values)
     given = given_units(unit)
-    if values.shape[1] > 3 and not names:
+    if values.shape[1] > 3 and not names and channel is None:
         return _matrix(values, given, path)
-    columns = _columns(names, values, path)
+    columns = _columns(names, values, path, channel)
     named = {axis: names[column] if names else None for axis, column in columns.items()}
     factors = {axis: _factor(name, axis, common, given, path) for axis, name in named.items()}
     said = ", ".join(filter(None, named.values())) or f"unit {unit or 'of the head'} as given"
@@ -172,12 +164,23 @@ def _numbers(fields: list[str], comma: bool) -> list[float] | None:
     return None if all(np.isnan(value) for value in values) else values
 
 
-def _names(head: list[list[str]], width: int) -> tuple[list[str], tuple[float, float] | None]:
-    """Names of the columns, with the units of a line of units under them; and a unit that stands alone in a line."""
+def _names(head: list[list[str]], values: Array) -> tuple[list[str], tuple[float, float] | None]:
+    """Names of the columns, with the units of a line of units under them; and a unit that stands alone in a line.
+
+    Points that are only numbered become positions by the step that the head states (Tencor: ``X-Resolution``).
+    """
+    width = values.shape[1]
     kept = [[field for field in fields if field] for fields in head if any(fields)]
     single = [fields[0].lower() for fields in kept if len(fields) == 1]
     alone = [LENGTH_UNITS[word] for word in single if word in LENGTH_UNITS]
     common = (1.0, alone[-1]) if alone else None
+    words = kept and not any(_numbers([one], comma=False) for one in kept[-1])
+    if words and len(kept[-1]) == width - 1 > 1 and (np.diff(values[:, 0]) == 1.0).all():
+        step = next(
+            (one for one in kept if len(one) == 2 and _STEP.match(one[0]) and _numbers(one[1:], comma=False)), None
+        )
+        values[:, 0] *= float(step[1]) if step else 1.0
+        return ["x" + _STEP.sub("", step[0]) if step else "#", *kept[-1]], common
     if not kept or len(kept[-1]) != width:
         return [], common
     units = all(re.fullmatch(rf"[\[(]?{_UNIT}[\])]?", one.lower()) for one in kept[-1])
@@ -186,14 +189,23 @@ def _names(head: list[list[str]], width: int) -> tuple[list[str], tuple[float, f
     return kept[-1], common
 
 
-def _columns(names: list[str], values: Array, path: Path) -> dict[str, int]:
+def _columns(names: list[str], values: Array, path: Path, channel: str | None) -> dict[str, int]:
     """Return which column holds which axis: by name, else in the order x, z or x, y, z; what counts the points is none."""
     left = [index for index in range(values.shape[1]) if not names or names[index].lower() not in _INDEX]
-    if len(left) > 3:
-        named = {axis: [i for i in left if names[i].lower().startswith(starts)] for axis, starts in _ROLES.items()}
-        if len(named["x"]) != 1 or len(named["z"]) != 1 or len(named["y"]) > 1:
-            rule = "table must have 2 columns (x, z) or 3 (x, y, z), or name one of each"
-            raise MetrologyError(f"{rule}, got {len(left)} [{path.name}]")
+    if len(left) > 3 or channel is not None:
+        lower = dict(enumerate(map(str.lower, names)))
+        named = {
+            axis: [i for i in lower if i in left and lower[i].startswith(starts)] for axis, starts in _ROLES.items()
+        }
+        if channel is not None:
+            alike = [i for i in left if names and channel.lower() in lower[i]]
+            named["z"] = [i for i in alike if lower[i] == channel.lower()] or alike
+        if len(named["z"]) != 1:
+            rule = "channel must be a part of the name of one column, that of the heights"
+            raise MetrologyError(f"{rule}, got {channel or 'none'} for {', '.join(names) or 'no names'} [{path.name}]")
+        if len(named["x"]) != 1 or len(named["y"]) > 1:
+            rule = "table of more than 3 columns must name one x, and one y if it is a map"
+            raise MetrologyError(f"{rule}, got {', '.join(names)} [{path.name}]")
         return {axis: found[0] for axis, found in named.items() if found}
     if len(left) == 2:
         return {"x": left[0], "z": left[1]}
