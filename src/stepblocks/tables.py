@@ -117,16 +117,13 @@ def harmless(cell: object) -> object:
     return cell
 
 
-def _harmless(frame: pd.DataFrame) -> pd.DataFrame:
-    texts = [name for name in frame.columns if frame[name].dtype.kind not in "biufcM"]
-    return frame.assign(**{str(name): frame[name].map(harmless) for name in texts}).rename(columns=harmless)
-
-
 def csv_text(table: Any, columns: Sequence[str] | None = None, float_format: str | None = None) -> str:
     """Write a table, or rows as mappings, as the text of a CSV."""
     import pandas as pd
 
-    frame = _harmless(pd.DataFrame(table, columns=columns))
+    frame = pd.DataFrame(table, columns=columns)
+    texts = {str(name): frame[name] for name in frame.columns if frame[name].dtype.kind not in "biufcM"}
+    frame = frame.assign(**{name: column.map(harmless) for name, column in texts.items()}).rename(columns=harmless)
     return str(frame.to_csv(index=False, lineterminator="\n", float_format=float_format))
 
 

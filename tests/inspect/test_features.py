@@ -13,7 +13,7 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import masked_step
+from stepblocks.inspect.map_levels import fit_grating, masked_step
 from stepblocks.inspect.measure import How
 
 EXACT = Instrument(0.0, 0.0, 0.0)
@@ -71,6 +71,39 @@ def test_an_oblique_sawtooth_is_folded_along_its_own_direction():
     found = measure_groove(HeightMap(z + np.random.default_rng(1).normal(0.0, NM, z.shape), 12 * NM, 12 * NM), EXACT)
     assert found.values["feature_pitch"].value == pytest.approx(320 * NM, rel=3e-3)
     assert found.values["groove_depth"].value == pytest.approx(50 * NM, rel=0.06)  # eight harmonics round the tips
+
+
+def lines_off_their_places(off: np.ndarray) -> HeightMap:
+    """Oblique grooves of 50 nm without a floor, each off its place by a part of the pitch of 320 nm."""
+    y, x = np.mgrid[:160, :160] * 12 * NM
+    along = (x * np.cos(0.7) + y * np.sin(0.7)) / (320 * NM)
+    places = np.arange(-1, len(off) - 1) + off
+    z = -50 * NM * np.exp(-0.5 * ((along[..., np.newaxis] - places) / 0.15) ** 2).sum(axis=2)
+    return HeightMap(z + np.random.default_rng(2).normal(0.0, 0.5 * NM, z.shape), 12 * NM, 12 * NM)
+
+
+def test_a_pitch_is_no_better_known_than_its_lines_are_even():
+    x, ratios = np.arange(160) * 12 * NM, []
+    even = fit_grating(x, x, lines_off_their_places(np.zeros(12)).height).pitch
+    for seed in range(3, 11):
+        off = 0.03 * np.random.default_rng(seed).standard_normal(12)
+        pitch = fit_grating(x, x, lines_off_their_places(off).height).pitch
+        assert abs(pitch.value - 320 * NM) < 2.5 * pitch.std
+        assert even.std < 0.2 * pitch.std
+        # the standard error of the mean of the distances of eight lines, of which the corners show less
+        ratios.append(pitch.std / (320 * NM * np.diff(off[1:9]).std(ddof=1) / np.sqrt(7)))
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.5, 0.7, 0.9])
+def test_grooves_without_a_floor_say_how_their_depth_hangs_on_what_is_kept_out(angle):
+    # evaluated as two levels, whose interval was 0.1 to 0.5 nm as no more could be kept out
+    y, x = np.mgrid[:160, :160] * 12 * NM
+    along = (x * np.cos(angle) + y * np.sin(angle)) / (320 * NM)
+    z = -50 * NM * np.exp(-0.5 * ((along % 1.0 - 0.5) / 0.15) ** 2)
+    z += np.random.default_rng(2).normal(0.0, 0.5 * NM, z.shape)
+    depth = measure_groove(HeightMap(z, 12 * NM, 12 * NM), EXACT).values["groove_depth"]
+    assert abs(depth.value - 50 * NM * (1.0 - np.exp(-0.5 / 0.09))) < depth.expanded()
 
 
 def test_teeth_that_run_almost_along_the_columns_are_a_grating_and_no_single_step():

@@ -209,11 +209,14 @@ def _width(label: str, spans: Array, spacing: float, instrument: Instrument) -> 
 
 def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
     step = masked_step(scan, how.exclusion)
-    wider = tried(lambda exclusion: masked_step(scan, exclusion, step.inside), [1.5 * step.exclusion])[0]
-    form = max((abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in wider), default=np.nan)
+    # a floor too narrow for more to be kept out is compared with more of its flanks
+    for other in (1.5 * step.exclusion, step.exclusion / 1.5):
+        if again := tried(lambda exclusion: masked_step(scan, exclusion, step.inside), [other])[0]:
+            break
+    form = max((abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in again), default=np.nan)
     how_noise = "scatter over rows, with the correlation of neighbours"
     noise = Component("noise", step.depth.std, step.depth.dof, how_noise)
-    change = Component("form", float(form), how="change with one and a half times the exclusion, rectangular")
+    change = Component("form", float(form), how=f"change with {other * 1e6:.3g} um kept out, rectangular")
     value = with_budget(key.replace("_", " "), abs(step.depth.value), [noise], instrument, [change])
     convention = (
         f"masked step over {step.features} features and {step.rows} rows: each row levelled on the reference between the "
@@ -239,7 +242,7 @@ def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
         drawn = ShownMap(found.level, found.rest, parts, size)
     noise = Component("noise", found.depth.std, found.depth.dof, "scatter over parts of the scan")
     form = Component("form", found.form, how="change by half as many harmonics, rectangular")
-    part = Component("sampling", found.pitch.std, how="a part of a sampling interval over all periods")
+    part = Component("scatter", found.pitch.std, found.pitch.dof, "over the pitches, and a part of a sampling interval")
     pitch = with_budget("pitch, across the lines", found.pitch.value, [part], instrument, axes=(0.0, 1.0))
     depth = with_budget(key.replace("_", " "), found.depth.value, [noise], instrument, [form])
     if depth.value < depth.expanded():

@@ -1,19 +1,12 @@
 """X3D for H3D: the block in metres with H3D's frictional surface."""
 
-from pathlib import Path
-
-from stepblocks.simulators.scene import Scene, SceneFormat, fill
-
-
-def _write(folder: Path, scene: Scene) -> None:
-    fill(folder / "scene.x3d", scene=scene, extent=float(abs(scene.whole.vertices).max()))
-
+from stepblocks.simulators.scene import SceneFormat, fill
 
 X3D = SceneFormat(
     name="x3d",
     title="X3D (H3D)",
     unit="metres",
-    write=_write,
+    write=lambda to, scene: fill(to / "scene.x3d", scene=scene, extent=float(abs(scene.whole.vertices).max())),
     run="`H3DLoad scene.x3d`; other X3D viewers show the block and ignore the haptic surface.",
     settings=(
         "FrictionalSurface with absolute stiffness k/S and the static and dynamic friction of the condition",
