@@ -39,13 +39,12 @@ class Instrument:
     lateral_std: float | None = None  # relative, of the lateral scale [1]; None where it is not stated
 
     def __post_init__(self) -> None:
-        for name, value, most in (
-            ("calibration", self.calibration_std, 1.0),
-            ("lateral calibration", self.lateral_std, 1.0),
-            ("resolution", self.resolution, 1e-3),
-        ):
-            if value is not None and not 0.0 <= value < most:
-                raise MetrologyError(f"{name} must be at least 0 and below {most:g}, got {value:g}")
+        for name, value in (("calibration", self.calibration_std), ("lateral calibration", self.lateral_std)):
+            if value is not None and not 0.0 <= value < 1.0:
+                raise MetrologyError(f"{name} must be at least 0 and below 1, got {value:g}")
+        if not 0.0 <= self.resolution < 1e-3:
+            rule = "resolution, or one count of a scan, must be at least 0 and below 1 mm"
+            raise MetrologyError(f"{rule}, got {self.resolution * 1e3:g} mm")
 
 
 @dataclass(frozen=True)
