@@ -11,17 +11,8 @@ from stepblocks.artefacts.scans.points import gridded
 from stepblocks.artefacts.scans.scan import Array, HeightMap, Profile
 from stepblocks.errors import MetrologyError
 
-LENGTH_UNITS = {
-    "pm": 1e12,
-    "å": 1e10,
-    "nm": 1e9,
-    "um": 1e6,
-    "µm": 1e6,
-    "μm": 1e6,
-    "mm": 1e3,
-    "cm": 1e2,
-    "m": 1.0,
-}  # per metre
+# per metre
+LENGTH_UNITS = {"pm": 1e12, "å": 1e10, "nm": 1e9, "um": 1e6, "µm": 1e6, "μm": 1e6, "mm": 1e3, "cm": 1e2, "m": 1.0}
 LENGTH_UNITS |= {"nanometer": 1e9, "micrometer": 1e6, "micron": 1e6, "microns": 1e6, "millimeter": 1e3, "meter": 1.0}
 LENGTH_UNITS |= {"angstrom": 1e10, "Å": 1e10, "\u212b": 1e10}
 
@@ -192,8 +183,8 @@ def _columns(names: list[str], values: Array, path: Path) -> dict[str, int]:
     if len(left) > 3:
         named = {axis: [i for i in left if names[i].lower().startswith(starts)] for axis, starts in _ROLES.items()}
         if len(named["x"]) != 1 or len(named["z"]) != 1 or len(named["y"]) > 1:
-            rule = "table must have 2 columns (x, z) or 3 (x, y, z), or name one of each"
-            raise MetrologyError(f"{rule}, got {len(left)} [{path.name}]")
+            rule = "table must have 2 columns (x, z) or 3 (x, y, z); of more, one must be named x, one z, at most one y"
+            raise MetrologyError(f"{rule}, got {', '.join(names):.80} [{path.name}]")
         return {axis: found[0] for axis, found in named.items() if found}
     if len(left) == 2:
         return {"x": left[0], "z": left[1]}
