@@ -1,6 +1,8 @@
 """Scans of every format give the heights that were put into them; hostile and ambiguous files give one line."""
 
+import base64
 import hashlib
+import json
 import os
 import re
 import resource
@@ -293,3 +295,17 @@ def test_the_nanosurf_file_reads_with_the_scale_of_its_header():
     assert scale.count == pytest.approx(2.032e-05 / 2**16)  # Dim2Range, SaveBits of the file
     assert scan.dx == pytest.approx(5e-05 / 256)
     assert set(FORMATS) >= {".x3p", ".sdf", ".sur", ".plux", ".gwy", ".opdx", ".nid"}
+
+
+@pytest.mark.parametrize("wrap", [lambda one: one, lambda one: [one], lambda one: [[one]]])
+def test_a_height_image_is_read_alone_and_in_a_list(tmp_path, wrap):
+    counts = np.arange(12, dtype=">u2").reshape(3, 4)
+    pixels = {"endian": "big", "data": base64.b64encode(counts.tobytes()).decode()}
+    data = {"ImageType": "uint16", "Height": 3, "Width": 4, "Pixels": pixels}
+    size, origin = {"x": 0.1, "y": 0.2, "z": 0.01}, {"x": 0.0, "y": 0.0, "z": 5.0}
+    image = {"PixelSize": size, "Origin": origin, "HandleZeroPixels": "MissingData", "Data": data}
+    (tmp_path / "heights.json").write_text(json.dumps(wrap({"class": "Image", "data": image})))
+    found = read_scan(tmp_path / "heights.json", "mm")
+    expected = 1e-3 * (5.0 + 0.01 * np.where(counts == 0, np.nan, counts.astype(float)))
+    np.testing.assert_allclose(found.height, expected, rtol=1e-12)
+    assert (found.dx, found.dy) == pytest.approx((1e-4, 2e-4))

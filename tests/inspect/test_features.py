@@ -193,3 +193,36 @@ def test_a_depth_is_not_told_from_a_corner_of_the_features_nor_from_edges_that_n
     shadow |= (np.abs(y - 30 * UM) < 9 * UM) | (np.abs(y - 90 * UM) < 9 * UM)
     with pytest.raises(MetrologyError, match=r"heights must be measured .* um beside an edge, got none"):
         masked_step(HeightMap(np.where(shadow, np.nan, box), UM, UM), exclusion=2 * UM, inside=box > 0.0)
+
+
+def camera_map(random, rows=16, strays=False, clip=()):
+    """Map of a range camera, 0.1 mm by 0.1 mm: a plate whose narrow border, 5 mm high, ends where nothing is measured."""
+    x = np.arange(640) * 0.1e-3
+    z = np.where(x > 58e-3, 5e-3, 0.0) + random.normal(0.0, 30 * UM, (rows, len(x)))
+    z[:, (x < 4e-3) | (x > 59.8e-3)] = np.nan
+    for row in clip:
+        z[row, (x > 34e-3) & (x < 38e-3)] += 6e-3
+    if strays:
+        z[:, -4:-2] = -11e-3  # of the ground behind it
+    z[random.random(z.shape) < 0.02] = np.nan
+    return HeightMap(z, 0.1e-3, 0.1e-3)
+
+
+@pytest.mark.parametrize("asked", [{}, {"strays": True}, {"clip": range(4, 9)}])
+def test_a_narrow_border_is_measured_in_every_row_whatever_lies_behind_or_beside_it(asked):
+    found = measure_groove(camera_map(np.random.default_rng(2), **asked), EXACT)
+    depth = found.values["groove_depth"]
+    assert abs(depth.value - 5e-3) < depth.expanded(0.99) < 60 * UM
+    assert not [note for note in found.notes if "refused" in note or "beyond" in note]
+
+
+def test_the_shadow_of_a_wall_hides_no_edge_of_a_groove():
+    random = np.random.default_rng(3)
+    x = np.arange(600) * 0.1e-3
+    z = groove_gauge(x, 12e-3, 27e-3, 34e-3) + random.normal(0.0, 30 * UM, (24, len(x)))
+    z[:, (x > 27e-3) & (x < 28.2e-3)] = np.nan
+    z[random.random(z.shape) < 0.02] = np.nan
+    found = measure_groove(HeightMap(z, 0.1e-3, 0.1e-3), EXACT)
+    depth = found.values["groove_depth"]
+    assert abs(depth.value - 12e-3) < depth.expanded(0.99) < 60 * UM
+    assert not [note for note in found.notes if "refused" in note or "beyond" in note]

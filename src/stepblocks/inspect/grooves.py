@@ -55,6 +55,7 @@ class _Row:
     windows: tuple[Window, ...]
     fitted: Array  # shape (n,); m
     rejected: int
+    points: int  # with the rejected
 
 
 def _row(x: Array, z: Array, how: How) -> _Row:
@@ -80,8 +81,8 @@ def _row(x: Array, z: Array, how: How) -> _Row:
         heights.append(height)
         spans.append((feature.begin, feature.end))
         names.add(name)
-    name, rejected = " and ".join(sorted(names)), levels.rejected
-    return _Row(tuple(heights), tuple(spans), tuple(changes), name, tuple(windows), levels.level, rejected)
+    each = tuple(heights), tuple(spans), tuple(changes), " and ".join(sorted(names)), tuple(windows)
+    return _Row(*each, levels.level, levels.rejected, int(levels.used.sum()) + levels.rejected)
 
 
 def _check_level(z: Array, levels: Levels, height: float) -> None:
@@ -130,30 +131,34 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     results, refused = tried(lambda row: _row(row.position, row.height, how), rows)
     kinds = [(len(one.heights), one.name) for _, one in results]
     kind = max(sorted(set(kinds)), key=kinds.count, default=(0, ""))
-    same = [pair for pair, own in zip(results, kinds, strict=True) if own == kind]
+    usual = np.array([one.spans for _, one in results if (len(one.heights), one.name) == kind])
+    same = [(row, _nearest(row, one, np.median(usual[..., 0], axis=0), how)) for row, one in results]
+    same = [(row, one) for row, one in same if (len(one.heights), one.name) == kind]
     spans = np.array([one.spans for _, one in same]).reshape(len(same), kind[0], 2)
     begins, widths = spans[..., 0], spans[..., 1] - spans[..., 0]
     slack = np.where(np.isfinite(widths), 0.25 * widths, 0.02 * np.ptp(begins) if begins.size else 0.0)
     sizes = np.array([[each.value for each in one.heights] for _, one in same]).reshape(begins.shape)
     kept = agreed(same, np.stack([sizes, begins, slack]), rows, refused, notes)
-    (first, best), found, usual = kept[0], [one for _, one in kept], kind[0]
-    maps = [scan] if isinstance(scan, HeightMap) and not np.isfinite([one.spans for one in found]).all() else []
+    (first, best), found, count = kept[0], [one for _, one in kept], kind[0]
+    spans = np.array([one.spans for one in found])
+    single = not np.isfinite(spans).all()  # steps, which have neither width nor pitch
+    maps = [scan] if isinstance(scan, HeightMap) and single else []
     if tried(lambda one: fit_grating(one.x, one.y, one.height), maps)[0]:
         raise MetrologyError("single steps must not repeat over a map, as the teeth of a grating do")
     label, each = key.replace("_", " "), []
-    for index in range(usual):
+    for index in range(count):
         heights = [replace(one.heights[index], value=abs(one.heights[index].value)) for one in found]
         form = Component("form", _form(found, index), how="change by other windows or levelling, rectangular")
-        name = f"{label} {index + 1}" if usual > 1 else label
+        name = f"{label} {index + 1}" if count > 1 else label
         each.append(measured_from_profiles(name, heights, instrument, [form]))
-    spans = np.array([one.spans for one in found])
-    if usual == 1:
-        values = {key: each[0], **_width(label, spans, first.spacing, instrument)}
+    if count == 1:
+        values = {key: each[0]}
     else:
-        values = {key: _mean_of(label, each, instrument)}
-        values |= {f"{key}_{n}": one for n, one in enumerate(each, 1)} | _pitch(spans, first.spacing, instrument)
+        values = {key: _mean_of(label, each, instrument), **{f"{key}_{n}": one for n, one in enumerate(each, 1)}}
+    if not single:
+        values |= (_width if count == 1 else _pitch)(label, spans, first.spacing, instrument)
     if outliers := sum(one.rejected for one in found):
-        notes.append(f"{outliers} points left out as spikes")
+        notes.append(f"{outliers} of {sum(one.points for one in found)} points left out as spikes")
     convention = f"ISO 5436-1 {kind[1]}, profile by profile, unfiltered"
     if "masked" in kind[1]:
         convention = f"{kind[1]} beside the flanks, profile by profile"
@@ -161,6 +166,14 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     line = np.polynomial.Polynomial.fit(first.position[[0, -1]], best.fitted[[0, -1]], 1)(first.position)
     shown = Shown(first.position, first.height - line, windows, best.fitted - line)
     return Inspected(values, convention, tuple(notes), shown)
+
+
+def _nearest(row: Profile, found: _Row, places: Array, how: How) -> _Row:
+    """Keep those features that begin nearest to the usual places [m], where a profile crosses others too."""
+    if len(found.spans) <= len(places):
+        return found
+    edges = [1 + int(np.argmin([abs(begin - one) for begin, _ in found.spans])) for one in places]
+    return _row(row.position, row.height, replace(how, edges=tuple(edges)))
 
 
 def _form(found: list[_Row], index: int) -> float:
@@ -176,17 +189,13 @@ def _mean_of(label: str, each: list[Measured], instrument: Instrument) -> Measur
     heights = np.array([one.value for one in each])
     own = float(heights.std(ddof=1) / np.sqrt(len(each)))
     form = float(np.mean([part.std for one in each for part in one.components if part.name == "form"]))
-    parts = [
-        Component("scatter", own, len(each) - 1.0, f"over {len(each)} features"),
-        Component("form", form, how="mean of theirs"),
-    ]
+    scatter = Component("scatter", own, len(each) - 1.0, f"over {len(each)} features")
+    parts = [scatter, Component("form", form, how="mean of theirs")]
     return with_budget(f"{label}, mean", float(heights.mean()), parts, instrument)
 
 
-def _pitch(spans: Array, spacing: float, instrument: Instrument) -> dict[str, Measured]:
-    """Mean distance of the middles of neighbours, `spans` of shape (rows, features, 2) [m]; none where single steps are among them."""
-    if not np.isfinite(spans).all():
-        return {}
+def _pitch(_: str, spans: Array, spacing: float, instrument: Instrument) -> dict[str, Measured]:
+    """Mean distance of the middles of neighbours, `spans` of shape (rows, features, 2) [m]."""
     pitches = np.diff(spans.mean(axis=2), axis=1).mean(axis=0)
     count = len(pitches)
     own, dof = (pitches.std(ddof=1) / np.sqrt(count), count - 1.0) if count > 1 else (spacing / np.sqrt(6.0), np.inf)
@@ -196,9 +205,7 @@ def _pitch(spans: Array, spacing: float, instrument: Instrument) -> dict[str, Me
 
 
 def _width(label: str, spans: Array, spacing: float, instrument: Instrument) -> dict[str, Measured]:
-    """Mean width of one feature over the profiles; none of a single step."""
-    if not np.isfinite(spans).all():
-        return {}
+    """Mean width of one feature over the profiles."""
     widths = (spans[..., 1] - spans[..., 0]).ravel()
     scatter = float(widths.std(ddof=1) / np.sqrt(len(widths))) if len(widths) > 1 else 0.0
     std = float(np.hypot(spacing / np.sqrt(6.0), scatter))

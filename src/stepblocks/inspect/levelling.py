@@ -31,6 +31,7 @@ _ALIKE = 0.3  # of the largest edge, from which another counts [1]
 _PAIR = 0.35  # relative difference of the two edges of one ridge or groove, at most [1]
 _PLATEAU = 0.8  # of the lesser of two edges, below which the difference must fall between them [1]
 _MOST_EDGES = 400
+_STARTS = 5  # of a fit, each nearer to the least sum of distances
 _DEGREES = (1, 2, 3)
 _SIGNIFICANT = 4.0  # of the last coefficient of a polynomial over its uncertainty, from which it is kept [1]
 LEVELS = {"line": 1, "parabola": 2, "cubic": 3}
@@ -84,12 +85,16 @@ class Fit:
 
 def fit_without_spikes(design: Array, z: Array, used: Mask) -> Fit:
     """Fit the rows of `design` to the heights [m] of those points that are no spikes."""
-    calm, whole = despiked(z), int(used.sum())  # a first fit that spikes must not pull
-    for turn in range(6):
-        weights, solution = weighted(design, z if turn else calm, used)
+    whole, root = int(used.sum()), np.ones(len(z))
+    for _ in range(_STARTS):  # first by distances instead of squares, so that neither spikes nor stray points pull
+        residuals = z - weighted(design * root, z * root, used)[1] @ design
+        root = np.maximum(np.abs(residuals) / max(robust_scale(residuals[used]), LEAST_SCATTER), 1.0) ** -0.5
+    used = used & ~outlier_mask(residuals, used)
+    for _ in range(5):
+        weights, solution = weighted(design, z, used)
         residuals = z - solution @ design
         spikes = outlier_mask(residuals, used)
-        if turn > 0 and not spikes.any():
+        if not spikes.any():
             break
         used = used & ~spikes
     return Fit(design, weights, solution, residuals, used, whole - int(used.sum()))
@@ -154,25 +159,36 @@ def find_edges(x: Array, z: Array) -> list[Found]:
     check_profile(x, z, 2 * LEAST_FACE)
     known = np.isfinite(z)
     calm = despiked(z)
-    best: tuple[float, int, Array] = (STAND_OUT, 0, calm)
-    reach = 4
-    while 3 * reach <= len(x) // 4:
-        gap = _differences(calm, known, reach)
+    best, reaches, gaps = (STAND_OUT, -1), [4], list[Array]()
+    while 3 * reaches[-1] <= len(x) // 4:
+        gap = _differences(calm, known, reaches[-1])
         scale = max(robust_scale(gap[np.isfinite(gap)]), LEAST_SCATTER) if np.isfinite(gap).any() else np.inf
         ratio = float(np.nanmax(np.abs(gap), initial=0.0)) / scale
         if ratio > best[0] * 1.05:
-            best = ratio, reach, gap
-        reach = int(np.ceil(1.5 * reach))
-    ratio, reach, gap = best
-    if reach == 0:
+            best = ratio, len(gaps)
+        gaps.append(np.where(np.abs(gap) < STAND_OUT * scale, 0.0, gap))
+        reaches.append(int(np.ceil(1.5 * reaches[-1])))
+    if (at := best[1]) < 0:
         return []
+    reach, gap = reaches[at], gaps[at]
+    for other in gaps[:at]:  # what is too narrow for the best windows, or too near to where nothing was measured
+        gap = np.where(np.abs(other) > np.nan_to_num(np.abs(gap)), other, gap)
+    for other in gaps[at + 1 :]:  # what missing points hide from them
+        gap = np.where(np.isfinite(gap), gap, other)
     size = np.where(np.isfinite(gap), np.abs(gap), 0.0)
-    least = max(_ALIKE * size.max(), STAND_OUT / ratio * size.max())
+    least = _ALIKE * size.max()
     from scipy.ndimage import maximum_filter1d
 
     peaks = np.flatnonzero((size >= least) & (size == maximum_filter1d(size, 2 * reach + 1)))
-    places = [int(one) for one in peaks[np.diff(peaks, prepend=-reach) > reach]][:_MOST_EDGES]
+    places = sorted({_middle(size, one) for one in peaks[np.diff(peaks, prepend=-reach) > reach]})[:_MOST_EDGES]
     return _flanks(x, calm, known, *_joined(x, calm, known, places, gap))
+
+
+def _middle(size: Array, peak: int) -> int:
+    """Return the middle of what is about as high as a peak: windows with a gap between them see an edge all over it."""
+    ends = np.flatnonzero(np.concatenate([[True], size < _PLATEAU * size[peak], [True]])) - 1
+    behind = int(np.searchsorted(ends, peak))
+    return int(ends[behind - 1] + ends[behind]) // 2
 
 
 def _differences(z: Array, known: Mask, reach: int) -> Array:
@@ -253,8 +269,9 @@ def _flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> l
 
 def _face(x: Array, z: Array, known: Mask, begin: int, end: int) -> tuple[np.polynomial.Polynomial, float] | None:
     """Line through a face without its ends at edges, and its scatter; None where nothing of it was measured."""
-    begin, cut = max(begin, 0), max((end - begin) // 5, 1)
-    inner = begin + cut + np.flatnonzero(known[begin + cut : end - cut])
+    measured = max(begin, 0) + np.flatnonzero(known[max(begin, 0) : end])  # a face ends where it is seen no more
+    cut = max(len(measured) // 5, 1)
+    inner = measured[cut:-cut]
     if len(inner) < 4:
         return None
     line = np.polynomial.Polynomial.fit(x[inner], z[inner], 1 if len(inner) > 10 else 0)

@@ -154,13 +154,14 @@ def _features(scan: HeightMap) -> Mask:
 def _two_modes(heights: Array, source: str) -> tuple[float, float]:
     """Return the two heights at which most points gather with a gap between; refused, with the figure, where they do not."""
     from scipy.ndimage import gaussian_filter1d
-    from scipy.signal import find_peaks
 
     ends = np.percentile(heights, [0.3, 99.7])
     counts, bins = np.histogram(heights, _BINS, (float(ends[0]), float(ends[1]) + 1e-15))
     bulk = robust_scale(heights) / float(ends[1] - ends[0] + 1e-15)
     density = gaussian_filter1d(np.pad(counts.astype(np.float64), 1), float(np.clip(0.12 * bulk, 0.004, 0.012)) * _BINS)
-    peaks = find_peaks(density, height=_LEAST_LEVEL * density.max())[0]
+    # `scipy.signal` finds peaks too, and takes as long to load as all the rest
+    tops = (density[1:-1] > density[:-2]) & (density[1:-1] >= density[2:])
+    peaks = 1 + np.flatnonzero(tops & (density[1:-1] >= _LEAST_LEVEL * density.max()))
     main = int(np.argmax(density))
     others = peaks[peaks != main]
     between = {one: float(density[min(one, main) : max(one, main) + 1].min() / density[one]) for one in others}

@@ -82,10 +82,8 @@ class InspectionResult:
         """Convention, what was not stated, what was left out, and what is felt."""
         unstated = sorted({name for measured in self.inspected.values.values() for name in measured.unstated})
         said = [f"not stated counts as zero: {', '.join(unstated)}"] if unstated else []
-        decided = (
-            f"ISO 14253-1, guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of freedom"
-        )
-        said += [f"convention: {self.inspected.convention}", f"decision: {decided}"]
+        guard = f"guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of freedom"
+        said += [f"convention: {self.inspected.convention}", f"decision: ISO 14253-1, {guard}"]
         said += [f"note: {note}" for note in self.inspected.notes]
         return [*said, f"felt: {self.felt}"] if self.felt else said
 

@@ -229,14 +229,6 @@ def _range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float
     return lowest, highest
 
 
-_HEADERS = {
-    "ezd": _nid,
-    "sur": _sur,
-    "sdf": _sdf,
-    "opdx": _opdx,
-    "gwy": _gwy,
-    "mi": _mi,
-    "wsxm": _wsxm,
-    "metropro": _metropro,
-}
+_HEADERS = {"ezd": _nid, "sur": _sur, "sdf": _sdf, "opdx": _opdx, "gwy": _gwy, "mi": _mi, "wsxm": _wsxm}
+_HEADERS["metropro"] = _metropro
 _PACKED = {"x3p": _x3p, "plux": _plux}

@@ -99,7 +99,8 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
 
 def _json_image(path: Path, per: Array) -> HeightMap:
     """Height image of a line camera: size of a pixel, and big- or little-endian counts in base64, of which 0 is missing."""
-    found = [one["data"] for one in json.loads(path.read_text(encoding="utf-8")) if one.get("class") == "Image"]
+    stored = np.ravel(np.array(json.loads(path.read_text(encoding="utf-8")), dtype=object))  # one, or lists of them
+    found = [one["data"] for one in stored if one.get("class") == "Image"]
     image = next(one for one in found if one["Data"]["ImageType"] in ("uint16", "float32"))
     data, size, origin = image["Data"], image["PixelSize"], image["Origin"]
     kind = ("<" if data["Pixels"]["endian"] == "little" else ">") + {"uint16": "u2", "float32": "f4"}[data["ImageType"]]
