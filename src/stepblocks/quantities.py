@@ -176,8 +176,6 @@ _ENDINGS |= {"khz": "kHz", "deg": "°", "pct": "%", "c": "°C", "pa": "Pa", "db"
 def column_label(name: str) -> str:
     """Say a column's name as people do, its unit at the end.
 
-    Examples
-    --------
     >>> column_label("vibration_energy_95_low_uj"), column_label("ln_peak_force"), column_label("status")
     ('vibration energy 95 low, µJ', 'ln peak force', 'status')
     """
@@ -190,8 +188,6 @@ def column_label(name: str) -> str:
 def figure(value: float) -> str:
     """Write a number as people read it: three digits, no exponent between a ten-thousandth and a million.
 
-    Examples
-    --------
     >>> figure(29612.3), figure(0.00012345), figure(-0.0), figure(1234567.0), figure(1.5e-9), figure(float("nan"))
     ('29600', '0.000123', '0', '1.23e6', '1.5e-9', '-')
     """
@@ -232,8 +228,6 @@ _WRITTEN = re.compile(
 def readable(text: object) -> str:
     """Write the units in a text as people do: on pages, in pictures, in a terminal; files for machines keep theirs.
 
-    Examples
-    --------
     >>> readable("25 um ±1 um at 6 deg"), readable("+2 um/0 um"), readable("E_v 3.86 uJ"), readable("height [um]")
     ('25 µm ±1 µm at 6°', '+2 µm/0 µm', 'E_v 3.86 µJ', 'height [µm]')
     >>> readable("such as '25 um', got '25um' [um/step-25um.toml, block step-25um]")
@@ -253,8 +247,6 @@ def readable(text: object) -> str:
 def format_span(low: float, high: float, dimension: str) -> str:
     """Write a range in one unit, or a single figure where its ends read alike.
 
-    Examples
-    --------
     >>> format_span(0.23, 1.853, "force"), format_span(1.241e-6, 1.239e-6, "energy")
     ('0.23 to 1.85 N', '1.24 µJ')
     >>> format_span(18.5e-6, 2.08e-3, "energy")

@@ -1,7 +1,4 @@
-"""A draft of a digital calibration certificate (DCC 3.3.0, quantities as D-SI 2.2.1) for a laboratory to complete and sign.
-
-What the program cannot know (laboratory, equipment, signer, dates) says so in its place. The page of the inspection lies beside.
-"""
+"""A draft of a digital calibration certificate (DCC 3.3.0, D-SI 2.2.1): what only the laboratory knows says so in its place."""
 
 from collections.abc import Mapping
 from pathlib import Path

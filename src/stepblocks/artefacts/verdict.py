@@ -44,10 +44,7 @@ class Verdict:
         return f"{'ok  ' if self.passed else 'FAIL'} {self.artefact}: {self.quantity} {text}".rstrip()
 
     def as_record(self) -> dict[str, Any]:
-        """Return the verdict as plain values for JSON, with units in the names, to a picometre or nine digits.
-
-        What lies below is rounding, and another number on another processor.
-        """
+        """Return plain values for JSON, units in the names, to a picometre or nine digits: what lies below is rounding."""
         suffix = {"length": "_m", "volume": "_m3", "mass": "_kg"}.get(self.dimension, "")
         measured = round(self.measured, 12) if suffix == "_m" else float(f"{self.measured:.9g}")
         return {

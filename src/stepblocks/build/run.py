@@ -1,7 +1,4 @@
-"""From stimulus files to an output folder, and back: what changed is built, and all that lies there can be measured again.
-
-Nothing heavy is imported before something has to be built.
-"""
+"""From stimulus files to an output folder, and back; nothing heavy is imported before something has to be built."""
 
 from __future__ import annotations
 

@@ -184,14 +184,9 @@ def number(least: int, most: int) -> Callable[[str], int]:
     return read
 
 
-def _numbers(text: str) -> tuple[int, ...]:
-    """Read numbers separated by commas."""
-    return tuple(number(1, 100_000)(part.strip()) for part in text.split(","))
-
-
 _NUMBERS: Readers = {
     "N": number(1, 100_000),
-    "N,N,...": _numbers,
+    "N,N,...": lambda text: tuple(number(1, 100_000)(part.strip()) for part in text.split(",")),
     "JOBS": number(1, 1024),
     "SEED": number(0, 10**18 - 1),
     "X": float,

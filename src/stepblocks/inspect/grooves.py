@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -217,13 +218,13 @@ def _width(label: str, spans: Array, spacing: float, instrument: Instrument) -> 
 def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
     step = masked_step(scan, how.exclusion)
     # a floor too narrow for more to be kept out is compared with more of its flanks
-    for other in (1.5 * step.exclusion, step.exclusion / 1.5):
-        if again := tried(lambda exclusion: masked_step(scan, exclusion, step.inside), [other])[0]:
-            break
-    form = max((abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in again), default=np.nan)
-    how_noise = "scatter over rows, with the correlation of neighbours"
-    noise = Component("noise", step.depth.std, step.depth.dof, how_noise)
-    change = Component("form", float(form), how=f"change with {other * 1e6:.3g} um kept out, rectangular")
+    again = partial(masked_step, scan, inside=step.inside)
+    others = tried(again, [1.5 * step.exclusion])[0] or tried(again, [step.exclusion / 1.5])[0]
+    form = max((abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in others), default=np.nan)
+    noise = Component("noise", step.depth.std, step.depth.dof, "scatter over rows, with the correlation of neighbours")
+    change = Component(
+        "form", float(form), how="change with one and a half times the exclusion or its part, rectangular"
+    )
     value = with_budget(key.replace("_", " "), abs(step.depth.value), [noise], instrument, [change])
     convention = (
         f"masked step over {step.features} features and {step.rows} rows: each row levelled on the reference between the "

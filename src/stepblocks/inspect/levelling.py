@@ -180,15 +180,15 @@ def find_edges(x: Array, z: Array) -> list[Found]:
     from scipy.ndimage import maximum_filter1d
 
     peaks = np.flatnonzero((size >= least) & (size == maximum_filter1d(size, 2 * reach + 1)))
-    places = sorted({_middle(size, one) for one in peaks[np.diff(peaks, prepend=-reach) > reach]})[:_MOST_EDGES]
+    places = sorted({_middle(size, one, reach) for one in peaks[np.diff(peaks, prepend=-reach) > reach]})[:_MOST_EDGES]
     return _flanks(x, calm, known, *_joined(x, calm, known, places, gap))
 
 
-def _middle(size: Array, peak: int) -> int:
-    """Return the middle of what is about as high as a peak: windows with a gap between them see an edge all over it."""
+def _middle(size: Array, peak: int, reach: int) -> int:
+    """Return the middle of what is about as high as a peak: windows with a gap between them see an edge, no flank, all over it."""
     ends = np.flatnonzero(np.concatenate([[True], size < _PLATEAU * size[peak], [True]])) - 1
-    behind = int(np.searchsorted(ends, peak))
-    return int(ends[behind - 1] + ends[behind]) // 2
+    first, last = ends[(behind := int(np.searchsorted(ends, peak))) - 1 : behind + 1]
+    return int(first + last) // 2 if last - first <= 2 * reach else peak
 
 
 def _differences(z: Array, known: Mask, reach: int) -> Array:

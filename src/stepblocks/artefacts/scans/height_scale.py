@@ -230,5 +230,5 @@ def _range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float
 
 
 _HEADERS = {"ezd": _nid, "sur": _sur, "sdf": _sdf, "opdx": _opdx, "gwy": _gwy, "mi": _mi, "wsxm": _wsxm}
-_HEADERS["metropro"] = _metropro
+_HEADERS = _HEADERS | {"metropro": _metropro}
 _PACKED = {"x3p": _x3p, "plux": _plux}

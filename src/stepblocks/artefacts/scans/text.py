@@ -165,10 +165,7 @@ def _numbers(fields: list[str], comma: bool) -> list[float] | None:
 
 
 def _names(head: list[list[str]], values: Array) -> tuple[list[str], tuple[float, float] | None]:
-    """Names of the columns, with the units of a line of units under them; and a unit that stands alone in a line.
-
-    Points that are only numbered become positions by the step that the head states (Tencor: ``X-Resolution``).
-    """
+    """Names of the columns, with a line of units under them, and a unit that stands alone; numbered points get the step of the head."""
     width = values.shape[1]
     kept = [[field for field in fields if field] for fields in head if any(fields)]
     single = [fields[0].lower() for fields in kept if len(fields) == 1]
@@ -193,12 +190,10 @@ def _columns(names: list[str], values: Array, path: Path, channel: str | None) -
     """Return which column holds which axis: by name, else in the order x, z or x, y, z; what counts the points is none."""
     left = [index for index in range(values.shape[1]) if not names or names[index].lower() not in _INDEX]
     if len(left) > 3 or channel is not None:
-        lower = dict(enumerate(map(str.lower, names)))
-        named = {
-            axis: [i for i in lower if i in left and lower[i].startswith(starts)] for axis, starts in _ROLES.items()
-        }
+        lower = {i: names[i].lower() for i in left if names}
+        named = {axis: [i for i in lower if lower[i].startswith(starts)] for axis, starts in _ROLES.items()}
         if channel is not None:
-            alike = [i for i in left if names and channel.lower() in lower[i]]
+            alike = [i for i in lower if channel.lower() in lower[i]]
             named["z"] = [i for i in alike if lower[i] == channel.lower()] or alike
         if len(named["z"]) != 1:
             rule = "channel must be a part of the name of one column, that of the heights"

@@ -145,7 +145,7 @@ def propose(
     return {
         "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
         "trials": [
-            {name: _plain(grid.covariates[name][i]) for name in shown} | {"expected_gain": float(gain[i])}
+            {name: grid.covariates[name].tolist()[i] for name in shown} | {"expected_gain": float(gain[i])}
             for i in order
         ],
         # of the best, after which the difference is expected to reach 12 (odds of 400 to 1)
@@ -163,7 +163,3 @@ def _best_first(gain: Floats) -> list[int]:
         order += sorted(left[:tied].tolist())
         left = left[tied:]
     return order
-
-
-def _plain(value: object) -> float | str:
-    return float(value) if isinstance(value, np.number) else str(value)
