@@ -224,9 +224,7 @@ class Grating:
 
     depth: Estimate  # from the lowest to the highest point of the mean shape [m]
     form: float  # standard uncertainty of it by what the harmonics leave of sharp tips [m]
-    pitch: (
-        Estimate  # m; by the scatter of the distances of neighbours, and a part of a sampling interval over all periods
-    )
+    pitch: Estimate  # m; by the scatter of the distances of neighbours, and a part of a sampling interval
     angle: float  # of the direction in which it repeats, from x [rad]
     share: float  # part of the variance that repeats [1]
     shape: tuple[Array, Array]  # position within a period and mean height [m]
@@ -283,11 +281,8 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     rest = np.full(z.shape, np.nan)
     rest[known] = heights - shape[_folded(along, heights)[1]]
     uneven, dof = _uneven(along, heights, rest[known])
-    found = (
-        Estimate(depth, scatter, len(parts) - 1.0),
-        form,
-        Estimate(pitch, float(np.hypot(pitch * uneven, step)), dof),
-    )
+    own = Estimate(pitch, float(np.hypot(pitch * uneven, step)), dof)
+    found = Estimate(depth, scatter, len(parts) - 1.0), form, own
     drawn = np.where(known, level, np.nan), rest
     return Grating(*found, angle, share, ((np.arange(_PHASES) + 0.5) / _PHASES * pitch, shape), *drawn)
 
@@ -306,11 +301,10 @@ def _uneven(along: Array, heights: Array, rest: Array) -> tuple[float, float]:
     slope, found = np.real(4j * np.pi * first * wave), [(0.0, 1.0)]
     for middle in (0.0, 0.5):  # a line is a ridge or a groove, the more uneven counts
         line = np.rint(along + np.angle(first) / (2.0 * np.pi) + middle).astype(np.intp)
-        weight = np.bincount(line - line.min(), slope**2)
+        line -= line.min()
+        weight = np.bincount(line, slope**2)
         whole = weight > 0.5 * np.median(weight)
-        moved = (
-            np.bincount(line - line.min(), slope * rest)[whole] / weight[whole]
-        )  # what the mean shape leaves, along its slope
+        moved = np.bincount(line, slope * rest)[whole] / weight[whole]
         if len(moved) > 2:
             found.append((float(np.diff(moved).std(ddof=1) / np.sqrt(len(moved) - 1.0)), len(moved) - 2.0))
     return max(found)

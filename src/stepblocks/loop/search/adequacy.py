@@ -145,8 +145,7 @@ def propose(
     return {
         "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
         "trials": [
-            {name: grid.covariates[name].tolist()[i] for name in shown} | {"expected_gain": float(gain[i])}
-            for i in order
+            {name: grid.covariates[name][i].item() for name in shown} | {"expected_gain": float(gain[i])} for i in order
         ],
         # of the best, after which the difference is expected to reach 12 (odds of 400 to 1)
         "repeats": int(np.ceil(12.0 / float(gain[order[0]]))),
