@@ -216,13 +216,16 @@ def test_a_narrow_border_is_measured_in_every_row_whatever_lies_behind_or_beside
     assert not [note for note in found.notes if "refused" in note or "beyond" in note]
 
 
-def test_the_shadow_of_a_wall_hides_no_edge_of_a_groove():
+@pytest.mark.parametrize("begin", [27e-3, 32.8e-3])
+def test_the_shadow_of_a_wall_hides_no_edge_of_a_groove_and_is_in_its_width(begin):
     random = np.random.default_rng(3)
     x = np.arange(600) * 0.1e-3
     z = groove_gauge(x, 12e-3, 27e-3, 34e-3) + random.normal(0.0, 30 * UM, (24, len(x)))
-    z[:, (x > 27e-3) & (x < 28.2e-3)] = np.nan
+    z[:, (x > begin) & (x < begin + 1.2e-3)] = np.nan
     z[random.random(z.shape) < 0.02] = np.nan
     found = measure_groove(HeightMap(z, 0.1e-3, 0.1e-3), EXACT)
     depth = found.values["groove_depth"]
     assert abs(depth.value - 12e-3) < depth.expanded(0.99) < 60 * UM
+    width = found.values["feature_width"]  # its edge may lie anywhere in 1.2 mm of shadow
+    assert abs(width.value - 7e-3) < width.expanded(0.99) < 1.0e-3
     assert not [note for note in found.notes if "refused" in note or "beyond" in note]

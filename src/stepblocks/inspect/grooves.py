@@ -51,6 +51,7 @@ class _Row:
 
     heights: tuple[Estimate, ...]  # of each feature [m]
     spans: tuple[tuple[float, float], ...]  # edges of each [m]
+    unseen: tuple[float, ...]  # half of what was not measured at the edges of each [m]
     changes: tuple[tuple[float, ...], ...]  # of each height by other windows or levellings [m]
     name: str  # of the evaluation
     windows: tuple[Window, ...]
@@ -66,7 +67,7 @@ def _row(x: Array, z: Array, how: How) -> _Row:
     if not chosen:
         raise MetrologyError(f"edges must name features of the {len(levels.features)} found, got {how.edges}")
     others = _otherwise(x, z, levels, how)
-    heights, spans, changes, names, windows = [], [], [], set(), []
+    heights, spans, unseen, changes, names, windows = [], [], [], [], set(), []
     for index in chosen:
         feature = levels.features[index]
         height, name = feature.height, f"masked {_DEGREE_NAMES[levels.degree]}"
@@ -81,8 +82,9 @@ def _row(x: Array, z: Array, how: How) -> _Row:
         changes.append(change)
         heights.append(height)
         spans.append((feature.begin, feature.end))
+        unseen.append(feature.unseen)
         names.add(name)
-    each = tuple(heights), tuple(spans), tuple(changes), " and ".join(sorted(names)), tuple(windows)
+    each = tuple(heights), tuple(spans), tuple(unseen), tuple(changes), " and ".join(sorted(names)), tuple(windows)
     return _Row(*each, levels.level, levels.rejected, int(levels.used.sum()) + levels.rejected)
 
 
@@ -157,7 +159,8 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     else:
         values = {key: _mean_of(label, each, instrument), **{f"{key}_{n}": one for n, one in enumerate(each, 1)}}
     if not single:
-        values |= (_width if count == 1 else _pitch)(label, spans, first.spacing, instrument)
+        hidden = float(np.mean([one.unseen for one in found]))
+        values |= (_width if count == 1 else _pitch)(label, spans, first.spacing, instrument, hidden)
     if outliers := sum(one.rejected for one in found):
         notes.append(f"{outliers} of {sum(one.points for one in found)} points left out as spikes")
     convention = f"ISO 5436-1 {kind[1]}, profile by profile, unfiltered"
@@ -195,24 +198,29 @@ def _mean_of(label: str, each: list[Measured], instrument: Instrument) -> Measur
     return with_budget(f"{label}, mean", float(heights.mean()), parts, instrument)
 
 
-def _pitch(_: str, spans: Array, spacing: float, instrument: Instrument) -> dict[str, Measured]:
+def _pitch(_: str, spans: Array, spacing: float, instrument: Instrument, hidden: float) -> dict[str, Measured]:
     """Mean distance of the middles of neighbours, `spans` of shape (rows, features, 2) [m]."""
     pitches = np.diff(spans.mean(axis=2), axis=1).mean(axis=0)
     count = len(pitches)
     own, dof = (pitches.std(ddof=1) / np.sqrt(count), count - 1.0) if count > 1 else (spacing / np.sqrt(6.0), np.inf)
-    std = float(np.hypot(own, spacing / np.sqrt(6.0) / count))
+    # the middles at either end are off by a half of what was not seen of them
+    std = float(np.hypot(own, np.hypot(spacing, hidden) / np.sqrt(6.0) / count))
     part = Component("scatter", std, dof, "over the pitches, and one interval")
     return {"feature_pitch": with_budget("pitch", float(pitches.mean()), [part], instrument, axes=(0.0, 1.0))}
 
 
-def _width(label: str, spans: Array, spacing: float, instrument: Instrument) -> dict[str, Measured]:
+def _width(label: str, spans: Array, spacing: float, instrument: Instrument, hidden: float) -> dict[str, Measured]:
     """Mean width of one feature over the profiles."""
     widths = (spans[..., 1] - spans[..., 0]).ravel()
     scatter = float(widths.std(ddof=1) / np.sqrt(len(widths))) if len(widths) > 1 else 0.0
     std = float(np.hypot(spacing / np.sqrt(6.0), scatter))
-    part = Component("sampling", std, how="one interval at either edge, rectangular")
+    parts = [Component("sampling", std, how="one interval at either edge, rectangular")]
+    if hidden > 0.0:
+        parts.append(
+            Component("missing", hidden / np.sqrt(3.0), how="half of what was not measured there, rectangular")
+        )
     name = f"width W of the {label.split()[0]}, at half its height"
-    return {"feature_width": with_budget(name, float(widths.mean()), [part], instrument, axes=(0.0, 1.0))}
+    return {"feature_width": with_budget(name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0))}
 
 
 def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:

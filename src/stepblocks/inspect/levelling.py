@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import (
@@ -48,8 +49,6 @@ def check_profile(x: Array, z: Array, least: int) -> None:
 
 def despiked(heights: Array) -> Array:
     """Return the known heights as their running median over five points, which removes spikes and keeps edges."""
-    from scipy.ndimage import median_filter
-
     calm, known = np.array(heights, dtype=np.float64), np.isfinite(heights)
     calm[known] = median_filter(calm[known], size=5, mode="nearest")
     return calm
@@ -129,6 +128,7 @@ class Found:
     rise: float  # height behind it less height before it [m]
     begin: float  # where its flank leaves the face before it [m]
     end: float  # where its flank reaches the face behind it [m]
+    unseen: float  # half of what was not measured there [m]
 
 
 @dataclass(frozen=True)
@@ -137,6 +137,7 @@ class Feature:
 
     begin: float  # first edge [m]
     end: float  # second edge [m]; of a single step infinite
+    unseen: float  # half of what was not measured at its edges, as root of the squares [m]
     height: Estimate  # over the reference, or behind less before the edge [m]
 
 
@@ -175,13 +176,13 @@ def find_edges(x: Array, z: Array) -> list[Found]:
         gap = np.where(np.abs(other) > np.nan_to_num(np.abs(gap)), other, gap)
     for other in gaps[at + 1 :]:  # what missing points hide from them
         gap = np.where(np.isfinite(gap), gap, other)
-    size = np.where(np.isfinite(gap), np.abs(gap), 0.0)
-    least = _ALIKE * size.max()
-    from scipy.ndimage import maximum_filter1d
-
-    peaks = np.flatnonzero((size >= least) & (size == maximum_filter1d(size, 2 * reach + 1)))
-    places = sorted({_middle(size, one, reach) for one in peaks[np.diff(peaks, prepend=-reach) > reach]})[:_MOST_EDGES]
-    return _flanks(x, calm, known, *_joined(x, calm, known, places, gap))
+    seen, places = np.nan_to_num(gap), set[int]()
+    around = maximum_filter1d(np.abs(seen), 2 * reach + 1)
+    least = np.maximum(_ALIKE * around.max(), _PLATEAU * around)  # so that the other edge of a groove is no lesser one
+    for size in (np.maximum(seen, 0.0), np.maximum(-seen, 0.0)):
+        peaks = np.flatnonzero((size >= least) & (size == maximum_filter1d(size, 2 * reach + 1)))
+        places |= {_middle(size, one, reach) for one in peaks[np.diff(peaks, prepend=-reach) > reach]}
+    return _flanks(x, calm, known, *_joined(x, calm, known, sorted(places)[:_MOST_EDGES], gap))
 
 
 def _middle(size: Array, peak: int, reach: int) -> int:
@@ -193,8 +194,6 @@ def _middle(size: Array, peak: int, reach: int) -> int:
 
 def _differences(z: Array, known: Mask, reach: int) -> Array:
     """Difference of the means of two windows beside a gap, less what is usual around it: the slope and bow of the surface."""
-    from scipy.ndimage import median_filter
-
     filled = np.where(known, z, 0.0)
     count, total = (np.concatenate([[0.0], np.cumsum(one)]) for one in (known.astype(float), filled))
     at, gap = np.arange(1, len(z)), reach // 2
@@ -260,10 +259,12 @@ def _flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> l
         part = slice(begin, end + 1)
         above = np.where(known[part], (z[part] - 0.5 * (low(x[part]) + high(x[part]))) * np.sign(rise), 0.0)
         first = int(np.argmax(above > 0.0)) if (above > 0.0).any() else at - begin
-        position = float(x[begin + first])
-        if first > 0 and known[begin + first - 1] and above[first] > 0.0:
-            position -= float(x[1] - x[0]) * float(above[first] / max(above[first] - above[first - 1], 1e-30))
-        found.append(Found(position, rise, float(x[begin]), float(x[end])))
+        position, unseen, measured = float(x[begin + first]), 0.0, np.flatnonzero(known[begin : begin + first])
+        if len(measured) and above[first] > 0.0:
+            last, step = int(measured[-1]), float(x[1] - x[0])
+            position -= (first - last) * step * float(above[first] / max(above[first] - above[last], 1e-30))
+            unseen = 0.5 * (first - last - 1) * step
+        found.append(Found(position, rise, float(x[begin]), float(x[end]), unseen))
     return found
 
 
@@ -327,7 +328,7 @@ def _fits(
         span = (edge.begin - slack, edge.end + slack)
         begin, end = span if exclusion is None else (edge.position - exclusion, edge.position + exclusion)
         used &= (x < begin) | (x > end)
-    steps = np.array([(x > begin) & (x < end) for begin, end in _paired(edges)], dtype=np.float64)
+    steps = np.array([(x > begin) & (x < end) for begin, end, _ in _paired(edges)], dtype=np.float64)
     least = min(*(used & (steps > 0.5)).sum(axis=1), (used & (steps.sum(axis=0) < 0.5)).sum())
     if least < 5:
         raise MetrologyError(f"each feature and its surroundings must keep 5 points beside the flanks, got {least}")
@@ -355,13 +356,14 @@ def _gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[float, float]:
     return float(kept.sum()) / together * float(np.log(squares[0] / squares[1])), together
 
 
-def _paired(edges: Sequence[Found]) -> list[tuple[float, float]]:
-    """Join two edges of opposite sign and like size to a ridge or groove; others are single steps, without an end."""
+def _paired(edges: Sequence[Found]) -> list[tuple[float, float, float]]:
+    """Join two edges of opposite sign and like size to a ridge or groove, with what was not seen of both; others are single steps."""
     spans, waiting = [], list(edges)
     while waiting:
         one = waiting.pop(0)
         if waiting and abs(one.rise + waiting[0].rise) < _PAIR * max(abs(one.rise), abs(waiting[0].rise)):
-            spans.append((one.position, waiting.pop(0).position))
+            other = waiting.pop(0)
+            spans.append((one.position, other.position, float(np.hypot(one.unseen, other.unseen))))
         else:
-            spans.append((one.position, np.inf))
+            spans.append((one.position, np.inf, one.unseen))
     return spans

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
@@ -53,8 +54,6 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
     """Depth of holes, or height of bumps, over a map; missing points take no part."""
     # `exclusion` is the distance to keep to every edge [m]; by default that at which both sides have settled. `inside` is the mask of
     # the features; by default they are sought.
-    from scipy import ndimage
-
     z, measured = scan.height, np.isfinite(scan.height)
     pitch = min(scan.dx, scan.dy)
     if inside is None:
@@ -128,8 +127,6 @@ def _levelled(z: Array, reference: Mask, degree: int) -> Array:
 
 def _features(scan: HeightMap) -> Mask:
     """Mask of the level that covers less of the map; the rows are levelled without it until it stays."""
-    from scipy import ndimage
-
     z, known = scan.height, np.isfinite(scan.height)
     level = _levelled(z, known, 1)
     for _ in range(_TURNS):
@@ -153,12 +150,12 @@ def _features(scan: HeightMap) -> Mask:
 
 def _two_modes(heights: Array, source: str) -> tuple[float, float]:
     """Return the two heights at which most points gather with a gap between; refused, with the figure, where they do not."""
-    from scipy.ndimage import gaussian_filter1d
-
     ends = np.percentile(heights, [0.3, 99.7])
     counts, bins = np.histogram(heights, _BINS, (float(ends[0]), float(ends[1]) + 1e-15))
     bulk = robust_scale(heights) / float(ends[1] - ends[0] + 1e-15)
-    density = gaussian_filter1d(np.pad(counts.astype(np.float64), 1), float(np.clip(0.12 * bulk, 0.004, 0.012)) * _BINS)
+    density = ndimage.gaussian_filter1d(
+        np.pad(counts.astype(np.float64), 1), float(np.clip(0.12 * bulk, 0.004, 0.012)) * _BINS
+    )
     # `scipy.signal` finds peaks too, and takes as long to load as all the rest
     tops = (density[1:-1] > density[:-2]) & (density[1:-1] >= density[2:])
     peaks = 1 + np.flatnonzero(tops & (density[1:-1] >= _LEAST_LEVEL * density.max()))
