@@ -210,9 +210,8 @@ def column_of_figures(values: Sequence[object]) -> list[str]:
     except ValueError:
         return list(map(readable, texts))
     if all(number.is_integer() or math.isnan(number) for number in numbers):
-        return [
-            text.removesuffix(".0") if number == number else "-" for text, number in zip(texts, numbers, strict=True)
-        ]
+        each = zip(texts, numbers, strict=True)
+        return [text.removesuffix(".0") if number == number else "-" for text, number in each]
     return [figure(number) for number in numbers]
 
 

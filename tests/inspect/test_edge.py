@@ -52,7 +52,7 @@ def test_the_radius_is_that_of_the_posterior_summed_over_a_dense_grid(height, ra
     edge = fit_edge(*draw(seed, height, radius))
     radii = edge.radius.value + edge.radius.std * np.linspace(-7.0, 7.0, 99)
     risers = edge.position + np.linspace(-2e-6, 2e-6, 401)
-    costs = np.stack([windows[0].costs(risers, one) for one in radii])
+    costs = windows[0].grid(risers, radii)
     weight = np.exp(costs.min() - costs).sum(axis=1)
     mean = np.average(radii, weights=weight)
     assert edge.radius.value == pytest.approx(mean, abs=0.1 * edge.radius.std)

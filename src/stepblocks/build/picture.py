@@ -105,13 +105,11 @@ def write_view(
 
 def _show(plotter: Any, bodies: list[Any], caption: str) -> None:
     plotter.set_background("white")
-    for index, body in enumerate(bodies):
-        if body.n_cells == 0:
+    for index, one in enumerate(bodies):
+        if one.n_cells == 0:
             continue
-        plotter.add_mesh(
-            body, color=_COLOURS[index % 2], smooth_shading=False, ambient=0.35, diffuse=0.65, specular=0.1
-        )
-        edges = body.extract_feature_edges(25.0, boundary_edges=False, manifold_edges=False)
+        plotter.add_mesh(one, color=_COLOURS[index % 2], smooth_shading=False, ambient=0.35, diffuse=0.65, specular=0.1)
+        edges = one.extract_feature_edges(25.0, boundary_edges=False, manifold_edges=False)
         if edges.n_cells:
             plotter.add_mesh(edges, color=_INK, line_width=1.5)
     plotter.add_text(caption, position=(10, 8), font_size=10, color=_INK)

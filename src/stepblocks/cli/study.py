@@ -15,13 +15,11 @@ from stepblocks.errors import PipelineError
 
 
 def _design(arguments: argparse.Namespace) -> Outcome:
-    design = stepblocks.design_study(
-        _source(arguments), arguments.output, **_options(arguments, stepblocks.design_study)
-    )
-    trials, people = len(design.trials), int(design.trials[-1]["participant"])
-    said = f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; {design.balance}"
-    record = {"trials": trials, "participants": people, "balance": design.balance, "advice": design.advice}
-    return Outcome(said, notes=list(filter(None, [design.advice])), record=record)
+    plan = stepblocks.design_study(_source(arguments), arguments.output, **_options(arguments, stepblocks.design_study))
+    trials, people = len(plan.trials), int(plan.trials[-1]["participant"])
+    said = f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; {plan.balance}"
+    record = {"trials": trials, "participants": people, "balance": plan.balance, "advice": plan.advice}
+    return Outcome(said, notes=list(filter(None, [plan.advice])), record=record)
 
 
 def _sheet(arguments: argparse.Namespace) -> Outcome:

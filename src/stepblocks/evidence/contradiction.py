@@ -75,13 +75,11 @@ def _energy(step: Step, load: float, friction: float = PAPER.friction) -> float:
     return math.inf if release.status is not Status.RELEASES else release.vibration_energy
 
 
-def _best(
-    name: str, numbers: int, tried: Sequence[tuple[str, Sequence[float], list[Step], float, float]]
-) -> Explanation:
+def _best(name: str, count: int, tried: Sequence[tuple[str, Sequence[float], list[Step], float, float]]) -> Explanation:
     """Choose of what was tried (words, energies, steps, load, friction) what misses the band least."""
     setting, energies, steps, load, friction = min(tried, key=lambda one: missed(one[1]))
     point = replace(PAPER, normal_load=load, friction=friction)
-    return Explanation(name, numbers, setting, tuple(energies), tuple((step, point, 0.0) for step in steps))
+    return Explanation(name, count, setting, tuple(energies), tuple((step, point, 0.0) for step in steps))
 
 
 def _one_load(name: str, friction: float, radii: Sequence[float] = (0.0,)) -> Explanation:

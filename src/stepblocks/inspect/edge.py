@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.edge_arc import Arc, Flank, Window, arc_radius, sloped_flank
-from stepblocks.inspect.levelling import LEAST_FACE, STAND_OUT, TwoPlanes, despiked, find_edges, fit_two_planes
+from stepblocks.inspect.levelling import LEAST_FACE, TwoPlanes, despiked, find_edges, fit_two_planes
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     Array,
@@ -49,18 +49,7 @@ class Edge:
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
     """Height of a step and radius of its edge from one profile across it [m], nan where nothing was measured."""
     # `exclusion` is the half width that is kept out of the faces [m]; half as much again as the edge is rounded by default.
-    x, z = position, np.where(np.isfinite(height), height, np.nan)
-    found = find_edges(x, z)
-    if not found:
-        rule = f"profile must show a step above its noise, one that stands out {STAND_OUT:g} times over what is usual along it"
-        raise MetrologyError(f"{rule}, got none")
-    chosen = max(range(len(found)), key=lambda index: abs(found[index].rise))
-    # what stands beside the edge is not its face
-    before, behind = [one.end for one in found[:chosen]], [one.begin for one in found[chosen + 1 :]]
-    own = (x > before[-1] if before else x >= x[0]) & (x < behind[0] if behind else x <= x[-1])
-    x, z, middle, rising = x[own], z[own], found[chosen].position, found[chosen].rise > 0.0
-    if not rising:
-        x, z, middle = -x[::-1], z[::-1], -middle
+    own, rising, x, z, middle = _largest(position, height)
     spacing = (x[-1] - x[0]) / (len(x) - 1)
     half_width = exclusion
     if half_width is None:
@@ -103,6 +92,25 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         flank=flank,
         dropped=dropped,
     )
+
+
+def fit_step(position: Array, height: Array, exclusion: float) -> Estimate:
+    """Height of a step [m] alone, as `fit_edge` with this `exclusion` says it."""
+    _, _, x, z, middle = _largest(position, height)
+    return _fit_faces(x, z, middle, exclusion).planes.height
+
+
+def _largest(x: Array, height: Array) -> tuple[Mask, bool, Array, Array, float]:
+    """Return which points are the largest edge's own, whether it rises, and these points and its place as if it did [m]."""
+    z = np.where(np.isfinite(height), height, np.nan)
+    found = find_edges(x, z)
+    chosen = max(range(len(found)), key=lambda index: abs(found[index].rise))
+    # what stands beside the edge is not its face
+    before, behind = [one.end for one in found[:chosen]], [one.begin for one in found[chosen + 1 :]]
+    own = (x > before[-1] if before else x >= x[0]) & (x < behind[0] if behind else x <= x[-1])
+    if found[chosen].rise > 0.0:
+        return own, True, x[own], z[own], found[chosen].position
+    return own, False, -x[own][::-1], z[own][::-1], -found[chosen].position
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import Array, estimator_covariance, padded
+from stepblocks.inspect.noise import LEAST_SCATTER, Array, estimator_covariance, padded
 
 _MOST_POINTS = 800  # of the window that are whitened together; more are thinned, since the cost grows with their square
 _LOSS = 3.0  # whitened residual beyond which a point is form or spike rather than noise [1]
@@ -22,7 +22,8 @@ _LEAST_COSINE = 0.2
 _UNRESOLVED = 3.0  # sampling intervals below which a radius is not resolved [1]
 _BETWEEN = 25  # positions of the riser that are tried in a sampling interval about half the height
 _ALIKE = 1e-9  # difference of misfit that is none [1]: rounding
-_STARTS = 4  # points of the coarse grid that are followed
+_AT_ONCE = 10_000  # points that are evaluated at once, as many as stay near the processor
+_STARTS = 4  # best points of the coarse grid, of which those in a valley of their own are followed
 _SUSPECTS = 4  # points of either kind that are named as suspects
 _LEAST_ANGLE = 0.02  # of a flank [rad]
 _LEAST_ON_FLANK = 6  # points between a quarter and three quarters of the height
@@ -42,7 +43,7 @@ class Arc:
     suspects: tuple[int, ...]  # points with the largest residuals, and the first on the arc: a spike is among them
 
 
-def edge_profile(position: Array, riser: float | Array, height: float, radius: float) -> Array:
+def edge_profile(position: Array, riser: float, height: float, radius: float) -> Array:
     """Ideal edge: lower face at 0, riser, arc tangent to the upper face at `height`."""
     beyond = np.minimum(np.maximum(radius - (position - riser), 0.0), radius)
     arc = height - radius + np.sqrt(radius * radius - beyond * beyond)
@@ -73,27 +74,33 @@ class Window:
         first = min(max(int(np.argmin(wrong)), 1), len(upper) - 1)
         self.crossing = float(self.x[first - 1]), float(self.x[first])
 
-    def across(self, risers: Array, radius: float) -> Array:
-        """Residuals from the ideal surface [m], one row per position of the riser."""
-        at = risers[:, np.newaxis]
-        vertical = self.z - edge_profile(self.x, at, self.height, radius)
-        from_riser = self.x - at
-        if radius > 0.0:
-            # on the arc the distance is radial, which stays finite where the slope does not
-            on_arc = (from_riser >= 0.0) & (from_riser < radius) & (vertical < self.z)
-            radial = np.hypot(from_riser - radius, self.z - self.height + radius) - radius
-            inward = np.minimum(np.maximum(1.0 - from_riser / radius, 0.0), 1.0)
-            cosine = np.maximum(np.sqrt(1.0 - inward * inward), _LEAST_COSINE)
-            vertical = np.where(on_arc, radial / cosine, vertical)
+    def across(self, risers: Array, radii: Array) -> Array:
+        """Residuals from the ideal surface [m], one row per position of the riser and its radius."""
+        radius = radii[:, np.newaxis]
+        from_riser = self.x - risers[:, np.newaxis]
+        short = np.minimum(np.maximum(radius - from_riser, 0.0), radius) ** 2  # of the end of the arc, squared
+        root, above = np.sqrt(radius * radius - short), self.z - self.height + radius
+        vertical = np.where(from_riser < 0.0, self.z, np.minimum(above - root, self.z))
+        # on the arc the distance is radial, which stays finite where the slope does not
+        on_arc = (from_riser >= 0.0) & (from_riser < radius) & (vertical < self.z)
+        cosine = np.maximum(root / np.maximum(radius, LEAST_SCATTER), _LEAST_COSINE)
+        vertical = np.where(on_arc, (np.sqrt(short + above * above) - radius) / cosine, vertical)
         # a point beside the riser may belong to it: nearer to the vertical wall than to either face
         wall = np.abs(from_riser)
         beside = (self.z > 0.0) & (self.z < self.height - radius) & (wall < 0.5 * self.spacing)
         return np.where(beside, np.sign(vertical) * np.minimum(np.abs(vertical), wall), vertical)
 
-    def costs(self, risers: Array, radius: float) -> Array:
+    def costs(self, risers: Array, radii: Array) -> Array:
         """Robust half sums of squares of the whitened residuals (Cauchy's loss far out, as form is not noise)."""
-        white = self.whitening @ self.across(risers, radius).T
-        return np.asarray(0.5 * _TEMPER * np.sum(_LOSS**2 * np.log1p((white / _LOSS) ** 2), axis=0))
+        parts = max(len(risers) * len(self.x) // _AT_ONCE, 1)
+        pairs = zip(np.array_split(risers, parts), np.array_split(radii, parts), strict=True)
+        whites = (self.across(*pair) @ self.whitening.T for pair in pairs)
+        found = [np.sum(np.log1p((white / _LOSS) ** 2), axis=1) for white in whites]
+        return 0.5 * _TEMPER * _LOSS**2 * np.concatenate(found)
+
+    def grid(self, risers: Array, radii: Array) -> Array:
+        """Costs of every radius, in rows, with every riser."""
+        return self.costs(np.tile(risers, len(radii)), np.repeat(radii, len(risers))).reshape(len(radii), -1)
 
 
 def arc_radius(window: Window) -> Arc:
@@ -107,7 +114,7 @@ def arc_radius(window: Window) -> Arc:
     # of places that are as likely the first, whatever the last bits say
     at = np.unravel_index(int(np.argmax(costs <= costs.min() + _ALIKE)), costs.shape)
     riser, radius = float(risers[at[1]]), float(radii[at[0]])
-    across = window.across(risers[at[1] : at[1] + 1], radius)[0]
+    across = window.across(np.array([riser]), np.array([radius]))[0]
     white = window.whitening @ across
     zone = (window.x > riser - 2.0 * window.spacing) & (window.x < riser + max(radius, 4.0 * window.spacing))
     # where the edge is no circle, the posterior of a circle is too narrow: widen it by the excess of its residuals
@@ -137,38 +144,40 @@ def _unresolved(window: Window) -> tuple[Array, Array, Array]:
     inset = float(radii[-1] - np.sqrt(radii[-1] ** 2 - over**2))
     begin, end = window.crossing[0] - 0.5 * spacing - inset, window.crossing[1] + 0.5 * spacing
     risers = np.linspace(begin, end, round(_BETWEEN * (end - begin) / spacing))
-    return radii, risers, np.stack([window.costs(risers, float(radius)) for radius in radii])
+    return radii, risers, window.grid(risers, radii)
 
 
 def _coarsely(window: Window) -> list[tuple[float, float, float]]:
-    """Misfit, radius and riser over a coarse grid, the best riser of each radius; the best radius first."""
+    """Misfit, radius and riser over a coarse grid, the best riser of each radius."""
     spacing, (below, start) = window.spacing, window.crossing
     # of an arc lower than the step the riser lies between two points, and the arc is steepest there
     between = np.linspace(below - 0.5 * spacing, start + 0.5 * spacing, _BETWEEN)
-    found = []
-    for radius in np.geomspace(0.2 * spacing, 0.5 * float(window.x[-1] - window.x[0]), 48):
-        # the riser lies left of the half-height crossing, at most by the width of the arc below it
-        reach = radius + 2.0 * spacing
-        spread = np.linspace(start - reach, start + spacing, max(12, min(60, int(reach / spacing))))
-        risers = np.concatenate([spread, between])
-        costs = window.costs(risers, float(radius))
-        at = int(np.argmin(costs))
-        found.append((float(costs[at]), float(radius), float(risers[at])))
-    return sorted(found)
+    radii = np.geomspace(0.2 * spacing, 0.5 * float(window.x[-1] - window.x[0]), 48)
+    # the riser lies left of the half-height crossing, at most by the width of the arc below it
+    reach = radii + 2.0 * spacing
+    spread = np.linspace(start - reach, start + spacing, max(12, min(60, int(reach[-1] / spacing))), axis=1)
+    risers = np.hstack([spread, np.tile(between, (len(radii), 1))])
+    costs = window.costs(risers.ravel(), np.repeat(radii, risers.shape[1])).reshape(risers.shape)
+    best = np.argmin(costs, axis=1)
+    rows = np.arange(len(radii))
+    return list(zip(costs[rows, best].tolist(), radii.tolist(), risers[rows, best].tolist(), strict=True))
 
 
 def _followed(window: Window, found: list[tuple[float, float, float]]) -> tuple[float, float]:
-    """Best radius and riser: the few best of a coarse grid followed downhill, since the valley is narrow and bent."""
+    """Best radius and riser: the valleys of a coarse grid followed downhill, since they are narrow and bent."""
     from scipy.optimize import minimize
 
     spacing = window.spacing
 
     def cost(scaled: Array) -> float:
-        radius, riser = scaled * spacing
-        return float(window.costs(np.array([riser]), radius)[0]) if radius >= 0.0 else np.inf
+        radius, riser = scaled[:, np.newaxis] * spacing
+        return float(window.costs(riser, radius)[0]) if radius[0] >= 0.0 else np.inf
 
-    best = found[0]
-    for _, radius, riser in found[:_STARTS]:
+    best, ends = min(found), (np.inf, 0.0, 0.0)
+    # what lies on a slope leads to where its neighbour does; of flat ground the first counts
+    each = zip([ends, *found], found, [*found[1:], ends], strict=False)
+    valleys = {one for before, one, behind in each if one < min(before, behind)}
+    for _, radius, riser in sorted(valleys.intersection(sorted(found)[:_STARTS])):
         simplex = np.array([[radius, riser], [radius + spacing, riser], [radius, riser + 0.3 * spacing]])
         options = {"initial_simplex": simplex / spacing, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 200}
         ended = minimize(cost, simplex[0] / spacing, method="Nelder-Mead", options=options)
@@ -183,7 +192,7 @@ def _refined(window: Window, radius: float, riser: float) -> tuple[Array, Array,
     for _ in range(6):
         radii = np.linspace(max(radius - half_r, 0.0), radius + half_r, 33)
         risers = np.linspace(riser - half_x, riser + half_x, 33)
-        costs = np.stack([window.costs(risers, float(r)) for r in radii])
+        costs = window.grid(risers, radii)
         at = np.unravel_index(int(np.argmin(costs)), costs.shape)
         radius, riser = float(radii[at[0]]), float(risers[at[1]])
         weight = np.exp(costs.min() - costs)

@@ -9,10 +9,10 @@ import numpy as np
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
-from stepblocks.inspect.levelling import Feature, Levels, measured_features, other_heights
+from stepblocks.inspect.levelling import Feature, Found, Levels, find_edges, measured_features, other_heights
 from stepblocks.inspect.map_levels import fit_grating, masked_step
 from stepblocks.inspect.measure import AS_FOUND, How, Inspected, Shown, ShownMap, Window, agreed, sampled, tried
-from stepblocks.inspect.noise import Array, Estimate
+from stepblocks.inspect.noise import Array
 from stepblocks.inspect.type_a1 import TypeA1, evaluate_a1
 
 _FITS = 2.0  # scatter about type A1 over that about a polynomial, up to which type A1 is taken [1]
@@ -46,30 +46,45 @@ def measure_groove(
 
 
 @dataclass(frozen=True)
+class _Seen:
+    """What one profile says of one feature."""
+
+    feature: Feature  # its height by what its windows allow
+    changes: tuple[float, ...]  # of the height by other windows or levellings [m]
+    name: str  # of the evaluation
+    windows: tuple[Window, ...]
+
+
+@dataclass(frozen=True)
 class _Row:
     """What one profile says."""
 
-    heights: tuple[Estimate, ...]  # of each feature [m]
-    spans: tuple[tuple[float, float], ...]  # edges of each [m]
-    unseen: tuple[float, ...]  # half of what was not measured at the edges of each [m]
-    changes: tuple[tuple[float, ...], ...]  # of each height by other windows or levellings [m]
-    name: str  # of the evaluation
-    windows: tuple[Window, ...]
+    seen: tuple[_Seen, ...]
     fitted: Array  # shape (n,); m
     rejected: int
     points: int  # with the rejected
 
+    @property
+    def kind(self) -> tuple[int, str]:
+        """How many features it shows, and how they were evaluated."""
+        return len(self.seen), " and ".join(sorted({one.name for one in self.seen}))
 
-def _row(x: Array, z: Array, how: How) -> _Row:
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """Edges of each feature [m]."""
+        return [(one.feature.begin, one.feature.end) for one in self.seen]
+
+
+def _row(row: Profile, edges: list[Found], how: How) -> _Row:
     """Evaluate all features of a profile, each by what its windows allow; and again with other windows, for the form."""
-    levels = measured_features(x, z, how.degree, how.exclusion)
+    x, z = row.position, row.height
+    levels = measured_features(x, z, edges, how.degree, how.exclusion)
     chosen = [index for index in range(len(levels.features)) if how.edges is None or index + 1 in how.edges]
     if not chosen:
         raise MetrologyError(f"edges must name features of the {len(levels.features)} found, got {how.edges}")
-    others = _otherwise(x, z, levels, how)
-    heights, spans, unseen, changes, names, windows = [], [], [], [], set(), []
+    others, seen = _otherwise(x, z, levels, how), []
     for index in chosen:
-        feature = levels.features[index]
+        feature, windows = levels.features[index], list[Window]()
         height, name = feature.height, f"masked {_DEGREE_NAMES[levels.degree]}"
         change = tuple(float(one[index]) - height.value for one in others)
         best = None if how.degree is not None or how.exclusion is not None else _by_windows(x, z, levels, feature)
@@ -77,15 +92,10 @@ def _row(x: Array, z: Array, how: How) -> _Row:
             _check_level(z, levels, height.value)
         else:
             height, name = replace(best.depth, value=-best.depth.value), f"type {best.kind}"
-            windows += [(*span, one) for span, one in zip(best.windows, "ACB", strict=True)]
+            windows = [(*span, one) for span, one in zip(best.windows, "ACB", strict=True)]
             change = (np.sqrt(3.0) * (best.depth.value - best.near),)
-        changes.append(change)
-        heights.append(height)
-        spans.append((feature.begin, feature.end))
-        unseen.append(feature.unseen)
-        names.add(name)
-    each = tuple(heights), tuple(spans), tuple(unseen), tuple(changes), " and ".join(sorted(names)), tuple(windows)
-    return _Row(*each, levels.level, levels.rejected, int(levels.used.sum()) + levels.rejected)
+        seen.append(_Seen(replace(feature, height=height), change, name, tuple(windows)))
+    return _Row(tuple(seen), levels.level, levels.rejected, int(levels.used.sum()) + levels.rejected)
 
 
 def _check_level(z: Array, levels: Levels, height: float) -> None:
@@ -128,20 +138,24 @@ def _otherwise(x: Array, z: Array, levels: Levels, how: How) -> list[Array]:
 
 def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
     rows, notes = sampled(scan, how)
-    some = rows[:: max(len(rows) // _TRIED, 1)]
-    if len(some) >= _TRIED and len(tried(lambda row: _row(row.position, row.height, how), some)[0]) < 2:
-        raise MetrologyError(f"profiles must agree on the features that they cross, got less than 2 of {len(some)}")
-    results, refused = tried(lambda row: _row(row.position, row.height, how), rows)
-    kinds = [(len(one.heights), one.name) for _, one in results]
+    crossing, refused = tried(lambda row: find_edges(row.position, row.height), rows)
+    rule = "profiles must agree on the features that they cross"
+    if len(rows) > 1 and len(refused) > len(crossing):
+        raise MetrologyError(f"{rule}, got {len(crossing)} of {len(rows)} that cross any, since {refused[0]}")
+    some = crossing[:: max(len(crossing) // _TRIED, 1)]
+    if len(some) >= _TRIED and len(tried(lambda one: _row(*one, how), some)[0]) < 2:
+        raise MetrologyError(f"{rule}, got less than 2 of {len(some)}")
+    results, others = tried(lambda one: _row(*one, how), crossing)
+    kinds = [one.kind for _, one in results]
     kind = max(sorted(set(kinds)), key=kinds.count, default=(0, ""))
-    usual = np.array([one.spans for _, one in results if (len(one.heights), one.name) == kind])
-    same = [(row, _nearest(row, one, np.median(usual[..., 0], axis=0), how)) for row, one in results]
-    same = [(row, one) for row, one in same if (len(one.heights), one.name) == kind]
+    usual = np.array([one.spans for _, one in results if one.kind == kind])
+    same = [(row, _nearest(one, np.median(usual[..., 0], axis=0))) for (row, _), one in results]
+    same = [(row, one) for row, one in same if one.kind == kind]
     spans = np.array([one.spans for _, one in same]).reshape(len(same), kind[0], 2)
     begins, widths = spans[..., 0], spans[..., 1] - spans[..., 0]
     slack = np.where(np.isfinite(widths), 0.25 * widths, 0.02 * np.ptp(begins) if begins.size else 0.0)
-    sizes = np.array([[each.value for each in one.heights] for _, one in same]).reshape(begins.shape)
-    kept = agreed(same, np.stack([sizes, begins, slack]), rows, refused, notes)
+    sizes = np.array([[each.feature.height.value for each in one.seen] for _, one in same]).reshape(begins.shape)
+    kept = agreed(same, np.stack([sizes, begins, slack]), rows, refused + others, notes)
     (first, best), found, count = kept[0], [one for _, one in kept], kind[0]
     spans = np.array([one.spans for one in found])
     single = not np.isfinite(spans).all()  # steps, which have neither width nor pitch
@@ -150,7 +164,8 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
         raise MetrologyError("single steps must not repeat over a map, as the teeth of a grating do")
     label, each = key.replace("_", " "), []
     for index in range(count):
-        heights = [replace(one.heights[index], value=abs(one.heights[index].value)) for one in found]
+        each_row = [one.seen[index].feature.height for one in found]
+        heights = [replace(one, value=abs(one.value)) for one in each_row]
         form = Component("form", _form(found, index), how="change by other windows or levelling, rectangular")
         name = f"{label} {index + 1}" if count > 1 else label
         each.append(measured_from_profiles(name, heights, instrument, [form]))
@@ -159,31 +174,34 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     else:
         values = {key: _mean_of(label, each, instrument), **{f"{key}_{n}": one for n, one in enumerate(each, 1)}}
     if not single:
-        hidden = float(np.mean([one.unseen for one in found]))
+        hidden = float(np.mean([each.feature.unseen for one in found for each in one.seen]))
         values |= (_width if count == 1 else _pitch)(label, spans, first.spacing, instrument, hidden)
     if outliers := sum(one.rejected for one in found):
         notes.append(f"{outliers} of {sum(one.points for one in found)} points left out as spikes")
     convention = f"ISO 5436-1 {kind[1]}, profile by profile, unfiltered"
     if "masked" in kind[1]:
         convention = f"{kind[1]} beside the flanks, profile by profile"
-    windows = best.windows or tuple((begin, min(end, float(first.position[-1])), "") for begin, end in best.spans)
+    windows = sum((one.windows for one in best.seen), ()) or tuple(
+        (begin, min(end, float(first.position[-1])), "") for begin, end in best.spans
+    )
     line = np.polynomial.Polynomial.fit(first.position[[0, -1]], best.fitted[[0, -1]], 1)(first.position)
     shown = Shown(first.position, first.height - line, windows, best.fitted - line)
     return Inspected(values, convention, tuple(notes), shown)
 
 
-def _nearest(row: Profile, found: _Row, places: Array, how: How) -> _Row:
+def _nearest(found: _Row, places: Array) -> _Row:
     """Keep those features that begin nearest to the usual places [m], where a profile crosses others too."""
-    if len(found.spans) <= len(places):
+    if len(found.seen) <= len(places):
         return found
-    edges = [1 + int(np.argmin([abs(begin - one) for begin, _ in found.spans])) for one in places]
-    return _row(row.position, row.height, replace(how, edges=tuple(edges)))
+    begins = np.array([begin for begin, _ in found.spans])
+    chosen = sorted({int(np.argmin(abs(begins - one))) for one in places})
+    return replace(found, seen=tuple(found.seen[at] for at in chosen))
 
 
 def _form(found: list[_Row], index: int) -> float:
     """Largest mean change of a height by another evaluation, less what noise alone changes, as a rectangle [m]."""
-    changes = [one.changes[index] for one in found]
-    noise = float(np.mean([one.heights[index].std ** 2 for one in found])) / len(found)
+    changes = [one.seen[index].changes for one in found]
+    noise = float(np.mean([one.seen[index].feature.height.std ** 2 for one in found])) / len(found)
     means = [float(np.mean([one[k] for one in changes])) for k in range(min(map(len, changes)))]
     return float(np.sqrt(max(max((one**2 for one in means), default=0.0) - 2.0 * noise, 0.0) / 3.0))
 
@@ -216,9 +234,7 @@ def _width(label: str, spans: Array, spacing: float, instrument: Instrument, hid
     std = float(np.hypot(spacing / np.sqrt(6.0), scatter))
     parts = [Component("sampling", std, how="one interval at either edge, rectangular")]
     if hidden > 0.0:
-        parts.append(
-            Component("missing", hidden / np.sqrt(3.0), how="half of what was not measured there, rectangular")
-        )
+        parts += [Component("missing", hidden / np.sqrt(3.0), how="half of what was not measured there, rectangular")]
     name = f"width W of the {label.split()[0]}, at half its height"
     return {"feature_width": with_budget(name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0))}
 
@@ -230,9 +246,7 @@ def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Insp
     others = tried(again, [1.5 * step.exclusion])[0] or tried(again, [step.exclusion / 1.5])[0]
     form = max((abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in others), default=np.nan)
     noise = Component("noise", step.depth.std, step.depth.dof, "scatter over rows, with the correlation of neighbours")
-    change = Component(
-        "form", float(form), how="change with one and a half times the exclusion or its part, rectangular"
-    )
+    change = Component("form", form, how="change with one and a half times the exclusion or its part, rectangular")
     value = with_budget(key.replace("_", " "), abs(step.depth.value), [noise], instrument, [change])
     convention = (
         f"masked step over {step.features} features and {step.rows} rows: each row levelled on the reference between the "

@@ -26,7 +26,7 @@ from stepblocks.inspect.noise import (
 )
 
 LEAST_FACE = 20  # points of a face or shoulder that is fitted
-STAND_OUT = 7.0  # difference of two windows over the usual one, from which it is an edge [1]
+_STAND_OUT = 7.0  # difference of two windows over the usual one, from which it is an edge [1]
 BEAT = 10.0  # by which twice the logarithm of the likelihood, less the parameters, must gain on a smooth curve (Kass and Raftery 1995)
 _ALIKE = 0.3  # of the largest edge, from which another counts [1]
 _PAIR = 0.35  # relative difference of the two edges of one ridge or groove, at most [1]
@@ -156,21 +156,22 @@ class Levels:
 
 
 def find_edges(x: Array, z: Array) -> list[Found]:
-    """Find the edges of a profile in equal steps [m], nan where nothing was measured; none where no difference stands out."""
+    """Find the edges of a profile in equal steps [m], nan where nothing was measured; refused where no difference stands out."""
     check_profile(x, z, 2 * LEAST_FACE)
     known = np.isfinite(z)
     calm = despiked(z)
-    best, reaches, gaps = (STAND_OUT, -1), [4], list[Array]()
+    best, reaches, gaps = (_STAND_OUT, -1), [4], list[Array]()
     while 3 * reaches[-1] <= len(x) // 4:
         gap = _differences(calm, known, reaches[-1])
         scale = max(robust_scale(gap[np.isfinite(gap)]), LEAST_SCATTER) if np.isfinite(gap).any() else np.inf
         ratio = float(np.nanmax(np.abs(gap), initial=0.0)) / scale
         if ratio > best[0] * 1.05:
             best = ratio, len(gaps)
-        gaps.append(np.where(np.abs(gap) < STAND_OUT * scale, 0.0, gap))
+        gaps.append(np.where(np.abs(gap) < _STAND_OUT * scale, 0.0, gap))
         reaches.append(int(np.ceil(1.5 * reaches[-1])))
+    nothing = f"profile must show a step above its noise, one that stands out {_STAND_OUT:g} times over what is usual, got none"
     if (at := best[1]) < 0:
-        return []
+        raise MetrologyError(nothing)
     reach, gap = reaches[at], gaps[at]
     for other in gaps[:at]:  # what is too narrow for the best windows, or too near to where nothing was measured
         gap = np.where(np.abs(other) > np.nan_to_num(np.abs(gap)), other, gap)
@@ -182,7 +183,9 @@ def find_edges(x: Array, z: Array) -> list[Found]:
     for size in (np.maximum(seen, 0.0), np.maximum(-seen, 0.0)):
         peaks = np.flatnonzero((size >= least) & (size == maximum_filter1d(size, 2 * reach + 1)))
         places |= {_middle(size, one, reach) for one in peaks[np.diff(peaks, prepend=-reach) > reach]}
-    return _flanks(x, calm, known, *_joined(x, calm, known, sorted(places)[:_MOST_EDGES], gap))
+    if not (found := _flanks(x, calm, known, *_joined(x, calm, known, sorted(places)[:_MOST_EDGES], gap))):
+        raise MetrologyError(nothing)
+    return found
 
 
 def _middle(size: Array, peak: int, reach: int) -> int:
@@ -279,9 +282,8 @@ def _face(x: Array, z: Array, known: Mask, begin: int, end: int) -> tuple[np.pol
     return line, robust_scale(z[inner] - line(x[inner]))
 
 
-def measured_features(x: Array, z: Array, degree: int | None = None, exclusion: float | None = None) -> Levels:
-    """Find and fit all features of a profile [m]; refused, with the figure, where no step stands out or a smooth curve does as well."""
-    edges = find_edges(x, z)
+def measured_features(x: Array, z: Array, edges: list[Found], degree: int | None, exclusion: float | None) -> Levels:
+    """Fit all features of a profile [m]; refused, with the figure, where none is significant or a smooth curve does as well."""
     while edges:
         levels = fit_features(x, z, edges, degree, exclusion)
         weak = [one for one in levels.features if abs(one.height.value) < _SIGNIFICANT * one.height.std]
@@ -292,7 +294,7 @@ def measured_features(x: Array, z: Array, degree: int | None = None, exclusion: 
             return levels
         gone = {end for one in weak for end in (one.begin, one.end)}
         edges = [edge for edge in edges if edge.position not in gone]
-    raise MetrologyError(f"profile must show a step, got none that stands out {STAND_OUT:g} times over what is usual")
+    raise MetrologyError(f"profile must show a step, got none of {_SIGNIFICANT:g} times its uncertainty")
 
 
 def fit_features(
@@ -318,9 +320,7 @@ def other_heights(x: Array, z: Array, edges: Sequence[Found], degree: int) -> Ar
     return _fits(x, z, edges, (degree,), None)[degree].solution[degree + 1 :]
 
 
-def _fits(
-    x: Array, z: Array, edges: Sequence[Found], degrees: Sequence[int], exclusion: float | None
-) -> dict[int, Fit]:
+def _fits(x: Array, z: Array, edges: Sequence[Found], powers: Sequence[int], exclusion: float | None) -> dict[int, Fit]:
     """Fit polynomials and heights by the degree of the polynomial, as far as the points determine them."""
     used = np.isfinite(z)
     for edge in edges:
@@ -334,7 +334,7 @@ def _fits(
         raise MetrologyError(f"each feature and its surroundings must keep 5 points beside the flanks, got {least}")
     t = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
     fits: dict[int, Fit] = {}
-    for power in degrees:
+    for power in powers:
         design = np.stack([*(t**k for k in range(power + 1)), *steps])
         if np.linalg.matrix_rank(design[:, used]) < len(design):
             break

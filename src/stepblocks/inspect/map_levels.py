@@ -174,12 +174,14 @@ def _two_modes(heights: Array, source: str) -> tuple[float, float]:
 
 def _rows_levelled(z: Array, reference: Mask) -> Array:
     """Level each row by a line through its reference; a row with too little of it keeps its heights less the median."""
-    t = np.linspace(-1.0, 1.0, z.shape[1])
     level = z - float(np.median(z[reference])) if reference.any() else z.copy()
-    for row, used in enumerate(reference):
-        if used.sum() >= _LEAST_REFERENCE:
-            slope, offset = np.polyfit(t[used], z[row, used], 1)
-            level[row] = z[row] - slope * t - offset
+    rows = reference.sum(axis=1) >= _LEAST_REFERENCE
+    share = reference[rows] / reference[rows].sum(axis=1, keepdims=True)
+    heights, t = np.where(reference[rows], z[rows], 0.0), np.linspace(-1.0, 1.0, z.shape[1])
+    mean, middle = ((share * one).sum(axis=1, keepdims=True) for one in (heights, t))
+    lever = share * (t - middle)
+    slope = (lever * (heights - mean)).sum(axis=1, keepdims=True) / (lever * (t - middle)).sum(axis=1, keepdims=True)
+    level[rows] = z[rows] - mean - slope * (t - middle)
     return np.asarray(level)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
-from stepblocks.inspect.edge import Edge, fit_edge
+from stepblocks.inspect.edge import Edge, fit_edge, fit_step
 from stepblocks.inspect.edge_arc import edge_profile
 from stepblocks.inspect.form import FaceForm, fit_face, flatness, parallelism, zone_of
 from stepblocks.inspect.margin_gap import fit_margin
@@ -203,7 +203,7 @@ def tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S,
 def _form_of(results: list[tuple[Profile, Edge]]) -> float:
     """Change of the mean height when twice as much is excluded, beyond what noise alone changes, as a rectangle."""
     some = results[:: max(len(results) // 10, 1)]
-    wider = tried(lambda one: fit_edge(one[0].position, one[0].height, 2.0 * one[1].exclusion).height, some)[0]
+    wider = tried(lambda one: fit_step(one[0].position, one[0].height, 2.0 * one[1].exclusion), some)[0]
     pairs = [(edge.height, wide) for (_, edge), wide in wider]
     if not pairs:
         return 0.0

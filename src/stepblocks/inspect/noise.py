@@ -185,16 +185,12 @@ def _taper(gamma: Array, shape: tuple[int, ...], count: float) -> Array:
     for axis, size in enumerate(shape):
         line: list[int | slice] = [0] * gamma.ndim
         line[axis] = slice(1, max(size // 3, 2))
-        flat = max(_last_correlated(np.abs(gamma[tuple(line)]) / gamma.flat[0], limit), 1)
+        correlation = np.abs(gamma[tuple(line)]) / gamma.flat[0]
+        # five in a row that are indistinguishable from none
+        small = np.convolve(correlation < limit, np.ones(5), mode="full")[4:]
+        flat = max(next(iter(np.flatnonzero(small >= min(5, len(correlation)))), len(correlation)), 1)
         lag = np.abs(np.fft.fftfreq(gamma.shape[axis]) * gamma.shape[axis])
         along = [1] * gamma.ndim
         along[axis] = -1
         taper = taper * np.clip(2.0 - lag / flat, 0.0, 1.0).reshape(along)
     return taper
-
-
-def _last_correlated(correlation: Array, limit: float) -> int:
-    """Return the last lag before five in a row that are indistinguishable from none."""
-    small = np.convolve(correlation < limit, np.ones(5), mode="full")[4:]
-    quiet = np.flatnonzero(small >= min(5, len(correlation)))
-    return int(quiet[0]) if quiet.size else len(correlation)

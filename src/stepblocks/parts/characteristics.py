@@ -143,10 +143,8 @@ def texture_of(demands: FaceDemands, low: FaceRule, high: FaceRule) -> Character
     return _largest("roughness", "roughness Ra, working faces", "roughness", demands, (low, high), how)
 
 
-def _largest(
-    key: str, label: str, kind: Kind, demands: FaceDemands, faces: tuple[Rule, ...], how: str
-) -> Characteristic:
-    zone = demands[kind]
+def _largest(key: str, label: str, kind: Kind, asked: FaceDemands, faces: tuple[Rule, ...], how: str) -> Characteristic:
+    zone = asked[kind]
     states = () if zone.usual else (zone,)
     return Characteristic(key, label, kind, 0.0, 0.0, zone.upper, 0, faces, how, states=states)
 

@@ -109,9 +109,7 @@ def equally_felt_heights(
     """Heights of a set whose blocks are equally spaced in predicted sensation, their spacing, and by whom it is said."""
     # sensation is taken to grow with the logarithm of the energy (Fechner), as a constant Weber fraction implies
     if count < 2 or not 0.0 < lowest < highest:
-        raise ContactError(
-            f"a set needs at least 2 blocks and increasing heights, got {count}, {lowest:g}, {highest:g}"
-        )
+        raise ContactError(f"a set needs at least 2 blocks of increasing height, got {count}, {lowest:g}, {highest:g}")
     for height in (lowest, highest):
         release = Step(height, edge_radius).release(point)
         if release.status is not Status.RELEASES:

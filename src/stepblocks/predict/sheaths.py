@@ -145,9 +145,7 @@ def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, 
     decrement_std = math.hypot(rate_std / frequency, decrement * frequency_std / frequency)
     releases = max(math.ceil((decrement_std / (wanted * decrement)) ** 2), 1)
     if releases > _MOST_RELEASES:
-        raise ContactError(
-            f"the wanted uncertainty {wanted:g} would take {releases} releases, more than {_MOST_RELEASES}"
-        )
+        raise ContactError(f"an uncertainty of {wanted:g} would take {releases} releases, more than {_MOST_RELEASES}")
     return {
         "displacement_um": displacement * 1e6,
         "holding_force_n": tool.stiffness * displacement,

@@ -253,16 +253,14 @@ def blocks_of(
     return Blocks(items, {block.id: block.counterface() for block in blocks}, point)
 
 
-def designed_blocks(
-    design: Sequence[Mapping[str, str]], source: str | Path | None, felt: Mapping[str, float]
-) -> Blocks:
+def designed_blocks(design: Sequence[Mapping[str, str]], where: str | Path | None, felt: Mapping[str, float]) -> Blocks:
     """Find the blocks of a design, standards included, in a stimulus file; without one they are sharp steps."""
     named = [(row[name], row[height]) for row in design for name, height in _NAMED]
     heights = {name: float(height) / 1e6 for name, height in named if name}
-    blocks = blocks_of(sorted(set(heights.values())) if source is None else source, felt)
-    faces = {name: Step(height) for name, height in heights.items()} if source is None else blocks.faces
+    blocks = blocks_of(sorted(set(heights.values())) if where is None else where, felt)
+    faces = {name: Step(height) for name, height in heights.items()} if where is None else blocks.faces
     lacking = ", ".join(sorted(set(heights) - set(faces)))
-    require(not lacking, f"the blocks of the design must be in the stimulus file, got no {lacking} [{source}]")
+    require(not lacking, f"the blocks of the design must be in the stimulus file, got no {lacking} [{where}]")
     return replace(blocks, faces={name: face for name, face in faces.items() if name in heights})
 
 

@@ -96,11 +96,6 @@ def _analyse_estimates(frame: Any, margin: float) -> dict[str, Any]:
     return {"measures": tuple(found), "remarks": tuple(lacking)}
 
 
-def _analyse_virtual(frame: Any, margin: float) -> dict[str, Any]:
-    ordinal = ordinal_model(frame, "rating", "condition", "participant")
-    return {**_analyse_estimates(frame, margin), "ordinal": ordinal}
-
-
 def _read_comparison(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
     text = answer["second_is_higher"].lower()
     if text not in ("y", "n", "yes", "no", "1", "0"):
@@ -185,7 +180,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         design=partial(crossover, "virtual", probes=("vibration-off", "vibration-on")),
         read=_read_virtual,
         simulate=_simulate_virtual,
-        analyse=_analyse_virtual,
+        analyse=lambda frame, margin: (
+            _analyse_estimates(frame, margin) | {"ordinal": ordinal_model(frame, "rating", "condition", "participant")}
+        ),
     ),
     "constant": Experiment(
         title="Comparison with a standard",

@@ -215,9 +215,8 @@ def join_rows(
         files = ", ".join(dict.fromkeys(place.rpartition(", line ")[0] for place, _ in found))
         raise StudyError(told([(place.removeprefix(f"{files}, "), text) for place, text in found], files))
     got = Counter((planned[key]["participant"], planned[key]["condition"]) for key in answered)
-    left = dict.fromkeys(
-        row["participant"] for row in planned.values() if not got[row["participant"], row["condition"]]
-    )
+    short = [row for row in planned.values() if not got[row["participant"], row["condition"]]]
+    left = dict.fromkeys(row["participant"] for row in short)
     stayed = {key: row for key, row in planned.items() if key[0] not in left}
     missing = tuple(key for key in stayed if key not in answered)
     kept = [name for name in (*WHEN, "stimulus", "group") if name in next(iter(planned.values()))]

@@ -150,7 +150,8 @@ def conforming(
         raise MachiningError(f"header must have a FILE_NAME to pin [{identity}]")
     head, _, rest = pinned.partition("DATA;")
     section, _, tail = rest.rpartition("ENDSEC;")
-    data = _instances(section)
+    pairs = (one.partition("=") for one in _INSTANCE.findall(section) if one.strip())
+    data = {ref.strip(): body.strip() for ref, _, body in pairs}
     waiting = {entity: [label for kind, label in names if kind in kinds] for entity, kinds in _NAMED.items()}
     angular = {ref for ref, body in data.items() if "PLANE_ANGLE_UNIT" in body}
     # the kernel counts on over all files that a process writes, and ends a line by how long its number is
@@ -181,12 +182,6 @@ def conforming(
     return head + "DATA;\n" + "".join(f"{ref} = {body};\n" for ref, body in data.items()) + "ENDSEC;" + tail
 
 
-def _instances(section: str) -> dict[str, str]:
-    """Split a data section into its instances by their references."""
-    pairs = (one.partition("=") for one in _INSTANCE.findall(section) if one.strip())
-    return {ref.strip(): body.strip() for ref, _, body in pairs}
-
-
 def _holding(data: dict[str, str], text: str) -> list[str]:
     """List the instances that hold a text, their spaces left out."""
     word = text.partition("(")[0]
@@ -209,15 +204,13 @@ def _mended(body: str, waiting: dict[str, list[str]], angular: set[str]) -> str:
     return _ZERO.sub("LENGTH_MEASURE(0.)", flat) if "POSITIVE_LENGTH_MEASURE(" in flat else body
 
 
-def _add_property(
-    data: dict[str, str], names: tuple[str, str, str], item: str, owners: Sequence[str], rule: str
-) -> None:
+def _add_property(data: dict[str, str], names: tuple[str, str, str], of: str, owners: Sequence[str], rule: str) -> None:
     """Write a property under its kind, name and the name of its value, of a product or of the faces that are toleranced."""
     kind, name, shown_as = names
     context = _holding(data, "GEOMETRIC_REPRESENTATION_CONTEXT(3)")
     if not owners or not context:
         raise MachiningError(rule)
-    shown = _add(data, f"REPRESENTATION('{shown_as}',({_add(data, item)}),{context[0]})")
+    shown = _add(data, f"REPRESENTATION('{shown_as}',({_add(data, of)}),{context[0]})")
     for owner in owners:
         defined = _add(data, f"PROPERTY_DEFINITION('{kind}','{name}',{owner})")
         _add(data, f"PROPERTY_DEFINITION_REPRESENTATION({defined},{shown})")

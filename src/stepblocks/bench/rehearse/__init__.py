@@ -168,7 +168,9 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
         return
     import h5py
 
-    with h5py.File(folder / TRACE_FILES[kind], "w", libver="latest") as file:
+    with h5py.File(
+        folder / TRACE_FILES[kind], "w"
+    ) as file:  # its first layout, since later ones hold the time of writing
         yield lambda trial, trace: _write_group(file.create_group(f"{trial:04d}"), trace)
 
 
