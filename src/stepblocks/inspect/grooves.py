@@ -141,7 +141,7 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     crossing, refused = tried(lambda row: find_edges(row.position, row.height), rows)
     rule = "profiles must agree on the features that they cross"
     if len(rows) > 1 and len(refused) > len(crossing):
-        raise MetrologyError(f"{rule}, got {len(crossing)} of {len(rows)} that cross any, since {refused[0]}")
+        raise MetrologyError(f"{rule}, got {len(crossing)} of {len(rows)} that cross any, others since {refused[0]}")
     some = crossing[:: max(len(crossing) // _TRIED, 1)]
     if len(some) >= _TRIED and len(tried(lambda one: _row(*one, how), some)[0]) < 2:
         raise MetrologyError(f"{rule}, got less than 2 of {len(some)}")
