@@ -98,9 +98,10 @@ def with_budget(
     parts = list(own)
     scales = ("calibration", instrument.calibration_std), ("lateral calibration", instrument.lateral_std)
     for (label, relative), power in zip(scales, axes, strict=True):
-        if power != 0.0:
-            said = "not stated" if relative is None else f"{power * relative:g} of the value"
-            parts.append(Component(label, math.nan if relative is None else power * relative * abs(value), how=said))
+        if power != 0.0 and relative is None:
+            parts.append(Component(label, math.nan, how="not stated"))
+        elif power != 0.0 and relative is not None:
+            parts.append(Component(label, power * relative * abs(value), how=f"{power * relative:g} of the value"))
     resolution = Component("resolution", instrument.resolution / math.sqrt(12.0), how="one count, rectangular")
     return Measured(name, value, (*parts, *others, resolution))
 

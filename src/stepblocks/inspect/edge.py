@@ -95,7 +95,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
 
 
 def fit_step(position: Array, height: Array, exclusion: float) -> Estimate:
-    """Height of a step [m] alone, as `fit_edge` with this `exclusion` says it."""
+    """Height of a step [m] alone, as `fit_edge` with this `exclusion` says it, without its checks."""
     _, _, x, z, middle = _largest(position, height)
     return _fit_faces(x, z, middle, exclusion).planes.height
 

@@ -187,8 +187,8 @@ def _taper(gamma: Array, shape: tuple[int, ...], count: float) -> Array:
         line[axis] = slice(1, max(size // 3, 2))
         correlation = np.abs(gamma[tuple(line)]) / gamma.flat[0]
         # five in a row that are indistinguishable from none
-        small = np.convolve(correlation < limit, np.ones(5), mode="full")[4:]
-        flat = max(next(iter(np.flatnonzero(small >= min(5, len(correlation)))), len(correlation)), 1)
+        quiet = np.flatnonzero(np.convolve(correlation < limit, np.ones(5))[4:] >= min(5, len(correlation)))
+        flat = max(int(quiet[0]) if quiet.size else len(correlation), 1)
         lag = np.abs(np.fft.fftfreq(gamma.shape[axis]) * gamma.shape[axis])
         along = [1] * gamma.ndim
         along[axis] = -1

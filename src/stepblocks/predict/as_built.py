@@ -49,11 +49,11 @@ def surface_releases(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Ca
     return release
 
 
-def by_surface(made: Iterable[Prediction], stimuli: StimulusSet, built: Mapping[str, AsBuilt]) -> Iterator[Prediction]:
+def by_surface(made: Iterable[Prediction], stimuli: StimulusSet, known: Mapping[str, AsBuilt]) -> Iterator[Prediction]:
     """Predict a recorded edge that is no arc from its scanned surface, since its radius says little of it."""
-    scanned = surface_releases(stimuli, built)
+    scanned = surface_releases(stimuli, known)
     for one in made:
-        record = built.get(one.stimulus)
+        record = known.get(one.stimulus)
         release = None if record is None or record.arc else scanned(one)
         if release is not None:
             one = replace(one, release=release, interval=one.interval and _moved_with(one.interval, release))

@@ -168,9 +168,8 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
         return
     import h5py
 
-    with h5py.File(
-        folder / TRACE_FILES[kind], "w"
-    ) as file:  # its first layout, since later ones hold the time of writing
+    # the first layout of HDF5, since an older library writes the time into later ones
+    with h5py.File(folder / TRACE_FILES[kind], "w") as file:
         yield lambda trial, trace: _write_group(file.create_group(f"{trial:04d}"), trace)
 
 
