@@ -67,6 +67,16 @@ def test_an_excluded_trial_keeps_its_row_its_conditions_and_its_reason(session):
     assert row[list(FEATURE_COLUMNS)].isna().all()
 
 
+def test_nothing_in_the_table_of_features_is_a_formula_to_a_spreadsheet(session):
+    trials = session / "trials.csv"
+    trials.write_text(trials.read_text().replace("operator", "@operator").replace("\n3,", "\n=cmd|x,"))
+    table = measure(session, jobs=1)
+    # origin: OWASP, CSV injection: an apostrophe before what begins with =, +, -, @, a tab or a return
+    assert table.trial[2] == "'=cmd|x"
+    assert "'@operator" in table
+    assert {name[0] for name in table.columns} & set("=+-@\t\r") == set()
+
+
 def test_progress_is_told_trial_by_trial(session, tmp_path):
     told = []
     write_features(session, tmp_path / "f.csv", jobs=1, progress=lambda done, total: told.append((done, total)))

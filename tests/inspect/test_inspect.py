@@ -316,6 +316,7 @@ def test_the_loop_takes_records_instead_of_scans_and_names_every_scan_that_it_ca
             copy = session / path.relative_to(shared / "bench" / "quiet")
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_bytes(path.read_bytes())
+    (session / "traces" / "0003.csv").unlink()
     (session / "scans" / "step-060.csv").write_text("x_um,z_um\n0,0\n")
     (session / "scans" / "step-070.csv").unlink()
     (session / "scans" / "step-080.csv").rename(tmp_path / "elsewhere.csv")
@@ -328,7 +329,9 @@ def test_the_loop_takes_records_instead_of_scans_and_names_every_scan_that_it_ca
         record = AsBuilt(f"step-{height:03}", "scan.csv", "0" * 64, "two planes", values)
         write_as_built(tmp_path / f"step-{height:03}.as-built.toml", record)
     assert main(["loop", str(session), "-o", str(tmp_path / "out"), "-j", "1", "--as-built", str(tmp_path)]) == 0
-    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("scan of")]
+    said = capsys.readouterr()
+    told = [line for line in said.err.splitlines() if line.startswith("scan of")]
+    assert said.out.startswith("trials or figures left out, each with its reason in the report: 1\n")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     # the records say 14 um where the blocks of this session are sharp; the forces contradict them
     assert result["scans"]["mean_edge_radius_m"] == pytest.approx(14e-6)

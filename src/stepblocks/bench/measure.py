@@ -142,15 +142,15 @@ def write_features(
         draft = Path(scratch) / "draft.csv"
         with draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*_LEADING, *table.covariates, *columns])
+            writer.writerow([*_LEADING, *map(harmless, table.covariates), *columns])
             for done, result in enumerate(_results(table, jobs, heights), start=1):
                 if not result.reason:
                     check.add(result.trial, result.features, result.digest)
                 seen = [result.features.get(name, math.nan) for name in columns]
                 writer.writerow(
                     [
-                        *(result.trial.name, result.status, result.reason),
-                        *(str(harmless(result.trial.cells.get(name, ""))) for name in table.covariates),
+                        *map(harmless, (result.trial.name, result.status, result.reason)),
+                        *(harmless(result.trial.cells.get(name, "")) for name in table.covariates),
                         *(v if isinstance(v, str) else f"{v:.9g}" if math.isfinite(v) else "" for v in seen),
                     ]
                 )

@@ -34,8 +34,7 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.quantities import readable
 
     asked: dict[str, Any] = {name: getattr(arguments, name) for name in ("jobs", "forces_only")}
-    asked["as_built"] = arguments.as_built or []
-    asked["progress"] = telling(arguments, "measured trials")
+    asked |= {"as_built": arguments.as_built or [], "progress": telling(arguments, "measured trials")}
     if len(arguments.session) > 1:
         document = loop_sessions(arguments.session, arguments.output, **asked)
         rows = [
@@ -49,8 +48,9 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
     result = loop_session(arguments.session[0], arguments.output, waveform=arguments.waveform, **asked)
     for scan in result.document["scans"]["left_out"]:
         print(readable(f"scan of {scan['block']} left out: {scan['reason']}"), file=sys.stderr)
-    page = arguments.output / "report.html"
-    return Outcome(f"{result.document['finding']} ({result.verdict})", look=page, record=result.document)
+    page, excluded = arguments.output / "report.html", len(result.document["excluded"])
+    notes = [f"trials or figures left out, each with its reason in the report: {excluded}"] if excluded else []
+    return Outcome(f"{result.document['finding']} ({result.verdict})", notes=notes, look=page, record=result.document)
 
 
 def _simulate_session(arguments: argparse.Namespace) -> Outcome:

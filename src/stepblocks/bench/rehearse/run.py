@@ -19,6 +19,7 @@ from stepblocks.contact.forward import BenchDesign, covariate_of, height_name, n
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.contact.state import DragState, observe
 from stepblocks.errors import PipelineError
+from stepblocks.tables import harmless
 
 _SCAN_REACH, _SCAN_STEP, _SCAN_NOISE = 600.0, 0.25, 0.05  # [um]
 _LEAST_RISE = 0.02  # [N] a lower peak is no catch
@@ -86,8 +87,7 @@ def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
         step, chance = Step(true, max(sum(added), 0.0)), np.random.default_rng([plan.seed, 3, number])
         _write_scan(folder / "scans" / f"{block_name(nominal)}.csv", step, chance)
     (folder / "session.toml").write_text(_declaration(plan), encoding="utf-8")
-    rows = plan.rows()
-    locked = 0
+    rows, locked = plan.rows(), 0
     with (
         open_writer(folder, plan.format) as write,
         (folder / "trials.csv").open("w", newline="", encoding="utf-8") as trials,
@@ -105,7 +105,7 @@ def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
                 continue
             trace, figures = trial
             write(number, trace)
-            table.writerow(row)
+            table.writerow({name: harmless(cell) for name, cell in row.items()})
             told.writerow([row["trial"], "ok", *(f"{value:.9g}" for value in figures)])
     if locked == len(rows):
         raise PipelineError("every trial of the plan locks; lower the friction or the heights")
