@@ -8,7 +8,9 @@ import pandas as pd
 import pytest
 
 from stepblocks.bench.measure import measure, write_features
+from stepblocks.bench.session import open_session
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, tool_of
+from stepblocks.bench.trials import conditions_of, with_conditions
 from stepblocks.errors import PipelineError
 
 SCRIPT = """
@@ -75,6 +77,15 @@ def test_nothing_in_the_table_of_features_is_a_formula_to_a_spreadsheet(session)
     assert table.trial[2] == "'=cmd|x"
     assert "'@operator" in table
     assert {name[0] for name in table.columns} & set("=+-@\t\r") == set()
+
+
+def test_a_block_column_that_a_spreadsheet_would_run_is_still_the_block(session):
+    trials, said = session / "trials.csv", session / "session.toml"
+    trials.write_text(trials.read_text().replace("block", "=block", 1))
+    said.write_text(said.read_text() + '\n[trials]\ncolumns = { block = "=block" }\n')
+    table = with_conditions(measure(session, jobs=1), conditions_of(open_session(session)))
+    assert set(table.block) == {"step-020", "step-040"}
+    assert "'=block" not in table
 
 
 def test_progress_is_told_trial_by_trial(session, tmp_path):

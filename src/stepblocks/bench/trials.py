@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from stepblocks.bench.session import Channel, Session, TrialColumns, inside, unit_of_name
 from stepblocks.errors import BenchError
 from stepblocks.mistakes import Mistake, noted, told
+from stepblocks.tables import harmless
 from stepblocks.text_file import is_file
 
 if TYPE_CHECKING:
@@ -153,9 +154,7 @@ def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
 
     table, columns, usual = open_trials(session), session.trials.columns, TrialColumns()
     rows = list(table)
-    named = {
-        part: column_name(getattr(columns, part).column, table.header, part) for part in _NAMES if part != "height"
-    }
+    named = {key: column_name(getattr(columns, key).column, table.header, key) for key in _NAMES if key != "height"}
     named["height"], heights = heights_of(session, table.header, rows)
     values = pd.DataFrame({"block": [row.block for row in rows], "load": [row.load for row in rows], "height": heights})
     values["speed"] = [1e3 * row.speed for row in rows]
@@ -179,9 +178,10 @@ def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
 def with_conditions(features: pd.DataFrame, conditions: dict[str, tuple[str, pd.Series]]) -> pd.DataFrame:
     """Return a table of features of all trials with `conditions` in the places of the columns they come from."""
     table = features.copy()
-    for name, (source, values) in conditions.items():
-        place = list(table.columns).index(source) if source in table else list(table.columns).index("sliding_friction")
-        table = table.drop(columns=[column for column in {source, name} if column in table])
+    for name, (column, values) in conditions.items():
+        source, there = harmless(column), list(table.columns)
+        place = there.index(source) if source in there else there.index("sliding_friction")
+        table = table.drop(columns=[one for one in {source, name} if one in there])
         table.insert(min(place, len(table.columns)), name, values.to_numpy())
     return table
 
