@@ -53,9 +53,10 @@ def folders(scenes, tmp_path_factory):
     return {name: write(name, base / name, scenes["step-050"]) for name in SCENE_FORMATS}
 
 
-def run(script, *arguments, cwd="/"):
+def run(script, *arguments, cwd=None):
     command = [sys.executable, "-I", str(script), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
+    # from a folder that is not the script's; MuJoCo leaves its log where it runs
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd or script.parents[1])
     assert done.returncode == 0, done.stderr
     return done.stdout
 
