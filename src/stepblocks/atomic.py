@@ -138,7 +138,7 @@ def settle(folder: Path) -> None:
 
 def replace_text(path: Path, text: str) -> None:
     """Write a text beside its place and rename it there."""
-    replace_bytes(path, text.encode())
+    replace_bytes(path, text.encode(errors="backslashreplace"))  # a file's name in it need be no text
 
 
 def replace_bytes(path: Path, content: bytes) -> None:

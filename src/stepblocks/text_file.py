@@ -16,6 +16,11 @@ def is_file(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113  Path.is_file raises what a name is too long for
 
 
+def as_text(name: str) -> str:
+    """Return a file's name, which need be no text, as one: bytes that are none stand as their escapes."""
+    return name.encode(errors="backslashreplace").decode()
+
+
 def plain_size(path: Path) -> int:
     """Return the size of a plain file [bytes]; a pipe or a device would block or never end, so it is an OSError as a folder is."""
     found = path.stat()

@@ -1,11 +1,14 @@
 """A crash is not a verdict: what nobody foresaw ends with a code of its own, what the disk refuses with one line."""
 
+import csv
 import errno
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from stepblocks.artefacts.as_built import read_as_built
 from stepblocks.cli import main
 from stepblocks.cli.outcome import writing
 
@@ -111,6 +114,28 @@ def test_a_file_may_bear_any_name_that_the_system_knows(name, tmp_path, capsys):
     assert (
         main(["predict", str(stimuli)]) == 2
     )  # a set has the name of its file, and sets are paths and columns of ours
+    assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", [b"\xff", b"a\nb", b"q'u\"o", b"-x"])
+def test_a_scan_may_bear_any_name_and_its_record_is_read_back(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    x = np.arange(-200, 200)
+    scan = Path(os.fsdecode(name) + ".csv")
+    noise = np.random.default_rng(1).normal(0.0, 0.02, x.size)
+    rows = "".join(f"{a},{b:.4f}\n" for a, b in zip(x, np.where(x > 0, 50.0, 0.0) + noise, strict=True))
+    for path in (scan, Path("other.csv")):
+        path.write_text("x_um,z_um\n" + rows)
+    asked = ["--standard", "50 um", "--tolerance", "1 um", "--feature", "edge", "--calibration", "0"]
+    out = Path(os.fsdecode(name) + "-out")
+    assert main(["inspect", f"./{scan}", *asked, "-o", f"./{out}"]) == 0
+    (record,) = out.glob("*.as-built.toml")
+    assert read_as_built(record).height.value == pytest.approx(50e-6, abs=0.1e-6)
+    assert main(["inspect", f"./{scan}", "other.csv", *asked, "-o", f"./{out}-many"]) == 0
+    with (tmp_path / f"{out}-many" / "inspections.csv").open(newline="") as table:
+        assert len(list(csv.reader(table))) == 3
+    assert main(["drag", f"./{scan}", "-o", f"./{out}-drag"]) in (0, 1)
+    assert main(["new", "block", f"./{out}.toml"]) == 0
     assert "Traceback" not in capsys.readouterr().err
 
 

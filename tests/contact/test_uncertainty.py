@@ -110,6 +110,12 @@ def test_the_same_seed_gives_the_same_interval_and_another_nearly_so():
     assert a.energy_high == pytest.approx(c.energy_high, rel=0.01)
 
 
+@pytest.mark.parametrize("width", [1.0, 1e100, 1e293])
+def test_an_uncertainty_larger_than_any_block_leaves_the_energy_unknown_and_says_so(width):
+    with pytest.raises(ContactError, match="spreads as large as the values"):
+        interval_of(STEP, POINT, {"height": width})
+
+
 def test_a_rectangular_tolerance_has_its_width_over_root_three_as_uncertainty():
     assert rectangular({"height": 1e-6})["height"] == pytest.approx(1e-6 / math.sqrt(3))
 

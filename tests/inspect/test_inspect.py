@@ -331,7 +331,7 @@ def test_the_loop_takes_records_instead_of_scans_and_names_every_scan_that_it_ca
     assert main(["loop", str(session), "-o", str(tmp_path / "out"), "-j", "1", "--as-built", str(tmp_path)]) == 0
     said = capsys.readouterr()
     told = [line for line in said.err.splitlines() if line.startswith("scan of")]
-    assert said.out.startswith("trials or figures left out, each with its reason in the report: 1\n")
+    assert said.out.startswith("values or trials excluded, each with its reason in the report: 1\n")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     # the records say 14 um where the blocks of this session are sharp; the forces contradict them
     assert result["scans"]["mean_edge_radius_m"] == pytest.approx(14e-6)

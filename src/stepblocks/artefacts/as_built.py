@@ -18,7 +18,7 @@ from stepblocks.atomic import replace_text
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.mistakes import validated
 from stepblocks.quantities import format_quantity, quantity_parser
-from stepblocks.text_file import is_file, read_document
+from stepblocks.text_file import as_text, is_file, read_document
 
 _SCHEMA = 1  # of the record's format
 _TEXTS = ("stimulus", "scan", "scan_sha256", "convention")
@@ -71,7 +71,7 @@ class _Record(BaseModel):
 
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
     """Write a record as TOML with units, and its surface beside it as CSV; return the paths of both."""
-    lines = [f"schema = {_SCHEMA}", *(f"{name} = {_quoted(getattr(record, name))}" for name in _TEXTS)]
+    lines = [f"schema = {_SCHEMA}", *(f"{name} = {_quoted(as_text(getattr(record, name)))}" for name in _TEXTS)]
     lines += [] if record.arc else ["edge_is_arc = false"]
     written = [path]
     if record.surface is not None:

@@ -49,7 +49,7 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
     for scan in result.document["scans"]["left_out"]:
         print(readable(f"scan of {scan['block']} left out: {scan['reason']}"), file=sys.stderr)
     page, excluded = arguments.output / "report.html", len(result.document["excluded"])
-    notes = [f"trials or figures left out, each with its reason in the report: {excluded}"] if excluded else []
+    notes = [f"values or trials excluded, each with its reason in the report: {excluded}"] if excluded else []
     return Outcome(f"{result.document['finding']} ({result.verdict})", notes=notes, look=page, record=result.document)
 
 

@@ -153,7 +153,7 @@ def interval_of(
     low = high = math.nan  # to first order in the logarithm
     if release.status is Status.RELEASES:
         slopes = sensitivities(face, point, uncertainty, backward)
-        spread = math.sqrt(sum((slopes[name] * width) ** 2 for name, width in uncertainty.items()))
+        spread = math.sqrt(sum(moved * moved for moved in (slopes[name] * uncertainty[name] for name in uncertainty)))
         wide = NormalDist().inv_cdf(_TAILS[1]) * spread
         if not wide < _KNOWN:
             raise ContactError(

@@ -25,6 +25,7 @@ from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import format_quantity, parse_quantity
 from stepblocks.select import matches, stimulus_files
 from stepblocks.tables import read_table, si_columns, write_table
+from stepblocks.text_file import as_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +61,8 @@ def subject_of(
         frame = read_table(path)
         columns = si_columns(frame, {name: ([name], "length", None) for name in ("x", "z")}, path)
         try:
-            return Subject(path.name, Profile(columns["x"], columns["z"]), _changed(PAPER, values), f"[{path}]")
+            shape = Profile(columns["x"], columns["z"])
+            return Subject(as_text(path.name), shape, _changed(PAPER, values), f"[{path}]")
         except ContactError as error:
             raise PipelineError(f"{error} [{path}]") from error
     try:

@@ -22,6 +22,7 @@ from stepblocks.inspect.noise import Array
 from stepblocks.inspect.run import inspect_scan, inspect_standard
 from stepblocks.page_file import render_page
 from stepblocks.tables import misspelt, read_table, write_table
+from stepblocks.text_file import as_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -88,18 +89,19 @@ def inspect_many(
     factors = [name for name in asked.columns if name not in _OWN]
     rows, left_out = [], []
     for own in asked.to_dict("records"):
+        name = as_text(own["scan"].name)
         try:
             if standard is not None:
                 result = inspect_standard(own["scan"], standard, **told)
             else:
                 result = inspect_scan(own["scan"], own["stimulus"], **told)
         except MetrologyError as error:
-            left_out.append(f"{own['scan'].name}: {error}")
+            left_out.append(f"{name}: {error}")
             continue
         for one, decision in result.judged:
             found = {"measured": result.inspected.values[one.key], "asked": one}
             verdict = {"verdict": decision.verdict.value, "value": decision.value, "u": decision.std}
-            rows.append({**own, "characteristic": one.key, **found, **verdict})
+            rows.append({**own, "scan": name, "characteristic": one.key, **found, **verdict})
     if not rows:
         raise MetrologyError(f"no scan can be evaluated: {left_out[0]}")
     table = pd.DataFrame(rows)
@@ -119,13 +121,13 @@ def inspect_many(
         means = own.groupby("block", sort=False)["value"].mean()
         if len(means) > 2:
             said["capability"].append(about | capability(means.to_numpy(), decision.lower, decision.upper))
-        points = means if len(means) > 2 else own.set_index(own["scan"].map(lambda path: path.name))["value"]
+        points = means if len(means) > 2 else own.set_index("scan")["value"]
         centre, half = chart_limits(points.to_numpy())
         for name, value in points.items():
             row = {"point": name, "value": value, "centre": centre, "lower": centre - half, "upper": centre + half}
             said["chart"].append({**about, **row, "outside": bool(abs(value - centre) > half)})
     tables = {name: _in_um(pd.DataFrame(own)) for name, own in said.items()}
-    tables["scans"] = _in_um(table.assign(scan=[one.name for one in table["scan"]])).drop(columns=["measured", "asked"])
+    tables["scans"] = _in_um(table).drop(columns=["measured", "asked"])
     return ManyScans(tables, tuple(left_out), verdict_of(decisions))
 
 

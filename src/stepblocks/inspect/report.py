@@ -150,7 +150,7 @@ def _known(value: float) -> float | None:
 
 
 def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]:
-    """Write page, plot, JSON and as-built record of an inspection, and the inspection sheet filled in.
+    """Write page, plot and JSON of an inspection, the as-built record of what was judged and the sheet filled in.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     inspected, shown = result.inspected, result.inspected.shown
     surface = Profile(shown.position, shown.height) if result.felt and shown is not None else None
     record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface, inspected.arc)
-    paths = [*write_as_built(record_path, record), data, plot, page]
+    paths = [*(write_as_built(record_path, record) if values else ()), data, plot, page]
     replace_text(data, json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
     _draw(plot, result)
     filled_in = {"tables": result.tables, "notes": result.remarks, "said": result.said, "picture": plot.name}

@@ -18,6 +18,7 @@ from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.select import stimulus_files
+from stepblocks.text_file import as_text
 
 Evaluation = Callable[[Profile | HeightMap, Instrument, Characteristic, How], Inspected]
 
@@ -204,7 +205,7 @@ def _judged(
     found = [(one, inspected.values[one.key]) for one in asked if one.key in inspected.values]
     judged = tuple((one, judge(value, one.nominal, one.lower, one.upper)) for one, value in found)
     verdict = verdict_of(decision for _, decision in judged) if judged else None
-    identity = source.stem if part is None else part.id
+    identity = as_text(source.stem) if part is None else part.id
     return InspectionResult(identity, part, inspected, judged, verdict, "", source, order)
 
 

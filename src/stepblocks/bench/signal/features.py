@@ -174,7 +174,7 @@ class Measurement(Loading):
     aftermath: Aftermath
     sympathetic: Estimate  # amplitude of the normal force that rings along, and its standard uncertainty [N]
     shares: tuple[float, float]  # of the energy of loading and of vibration in their bands [1]
-    regime: str  # what the tip did, one of `REGIMES`
+    regime: str  # snap, climb-down, flight, rubbing or stick-slip
     spring_constant: float  # of the explorer, as declared [N/m]
     noise: float  # white, of the tangential force [N]
 

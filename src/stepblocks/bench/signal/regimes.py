@@ -16,7 +16,6 @@ from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Landmarks, white_noise
 from stepblocks.bench.signal.separable import fit_linear, propagated
 
-REGIMES = ("snap", "climb-down", "flight", "rubbing", "stick-slip")
 USUAL_TOOL = (300.0, 21e-3)  # where nothing is known of the ring yet: frequency [Hz] and decay time [s]
 
 _TEETH = 2  # a saw has at least so many
