@@ -111,6 +111,9 @@ def test_no_number_that_is_none_may_be_planted():
     [
         ("trials = 0\n", "design.trials: input should be greater than or equal to 1"),
         ("repeats = 2000000\n", "design.repeats"),
+        ("[scatter]\nenergy = 1e308\n", "scatter.energy: input should be less than or equal to 10"),
+        ("[rig]\ndrift_n_per_s = inf\n", "rig.drift_n_per_s: input should be less than"),
+        ("[model]\ndecay_time = '1000 s'\n", "model.decay_time: input should be less than or equal to 10"),
         ("[rig]\nnoise = 4.5\n", "rig.noise: must be a force .* in quotes"),
         ("[rig]\nnoice = '4 mN'\n", "rig.noice is not a known field.*did you mean rig.noise"),
         ("[model]\nring = 'square'\n", "model.ring"),

@@ -32,6 +32,7 @@ def test_a_tool_that_is_not_declared_is_the_papers():
     [
         ({"normal_loads": []}, "at least 1 item"),
         ({"normal_loads": ["0 N"]}, "must be positive, got '0 N'"),
+        ({"normal_loads": ["1e-300 N"]}, "must be 0 or at least 0.001 mN, got '1e-300 N'"),
         ({"frictions": ["-10 %"]}, "must not be negative"),
         ({"frictions": [0.1] * 101}, "at most 100 items"),
         ({"tip_radii": ["1 N"]}, "must be a length"),

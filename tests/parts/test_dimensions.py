@@ -75,6 +75,7 @@ def test_deviations_may_be_alike_or_not_to_either_side(tolerance, limits_um):
         (Angle, "-1 deg", "must be at least 0 and less than 180 deg"),
         (Length, {"nominal": "1 mm", "tolerance": "0 um"}, "tolerance must be positive"),
         (Length, {"nominal": "1 mm", "tolerance": "-1 um / +1 um"}, "upper deviation above the lower one"),
+        (Length, {"nominal": "1 mm", "tolerance": "1e308 mm / -0 mm"}, "above the lower one, within sense"),
         (Length, {"nominal": "1 mm", "colour": "red"}, "unknown colour"),
         (Length, {"tolerance": "1 um"}, "nominal is missing"),
         (Length, {"nominal": "1 mm", "source": 7}, "source must be text, got 7"),

@@ -59,7 +59,11 @@ def test_a_hundredth_millimetre_states_the_diameter_that_is_solved(tmp_path):
         ([('mass_of = "sheath-hard"', 'mass_of = "sheath-soft"')], "must name a sheath with given dimensions"),
         (
             [('outer_diameter = { nominal = "8 mm"', 'outer_diameter = { nominal = "3 mm"')],
-            r"outer_diameter must exceed bore \(4 mm\), got 3 mm \[sheath 'sheath-hard'\]",
+            r"outer_diameter must exceed bore, within their tolerances too \(4 mm\), got 3 mm \[sheath 'sheath-hard'\]",
+        ),
+        (
+            [("+0.03 mm / -0 mm", "+90 mm / -0 mm")],
+            r"outer_diameter must exceed bore, within their tolerances too \(4 mm\), got 8 mm \[sheath 'sheath-hard'\]",
         ),
         (
             [('length = { nominal = "40 mm", tolerance = "0.05 mm" }', "")],

@@ -40,8 +40,8 @@ _PER_VOLT = re.compile(r"\s*(\S.*?)\s*/\s*(V|mV|uV)\s*")
 _TARE = re.compile(r"\s*first\s+(\S.*?)\s*")
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 
-Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0)]
-Frequency = Annotated[float, BeforeValidator(quantity_parser("frequency")), Field(gt=0.0)]
+Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0, le=1e9)]
+Frequency = Annotated[float, BeforeValidator(quantity_parser("frequency")), Field(gt=0.0, le=1e9)]
 _Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(gt=0.0)]
 _Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(gt=0.0)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]

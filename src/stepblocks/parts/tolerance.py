@@ -11,11 +11,9 @@ from stepblocks.quantities import format_quantity, parse_quantity
 
 BY_ENERGY = "by energy"  # what stands in place of a tolerance that follows from the energy that shall be felt
 
-# What a bench and what is dragged on it can have, in SI: beyond lies a slip of the unit, which shall not be built first
-_LARGEST = {"length": 1.0, "force": 1e3, "stiffness": 1e9, "time": 10.0}
-_LARGEST |= {"frequency": 1e7, "pressure": 1e13, "density": 1e5}
-# of a length that is not zero: what lies below is neither cut nor measured, the check itself tells 1 nm [m]
-_SMALLEST = 10e-9
+# What a bench has unless it is zero, in SI: beyond lies a slip of the unit; 10 nm are neither cut nor measured
+_SENSIBLE = {"length": (10e-9, 1.0), "force": (1e-6, 1e3), "stiffness": (1e-3, 1e9), "time": (1e-9, 10.0)}
+_SENSIBLE |= {"frequency": (0.01, 1e7), "pressure": (1.0, 1e13), "density": (0.1, 1e5), "ratio": (1e-9, 1e6)}
 
 GUARD_FACTOR = 1.65  # guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]
 
@@ -28,11 +26,11 @@ ANGULAR_DEVIATION = math.radians(1.0)
 def parse_sensible(raw: object, quantity: str) -> float:
     """Read a quantity of a size that a bench can have."""
     value = parse_quantity(raw, quantity)
-    largest = _LARGEST.get(quantity, math.inf)
+    least, largest = _SENSIBLE.get(quantity, (0.0, math.inf))
     if abs(value) > largest:
         raise ValueError(f"must not exceed {format_quantity(largest, quantity)}, got {raw!r:.60}")
-    if quantity == "length" and 0.0 < abs(value) < _SMALLEST:
-        raise ValueError(f"must be 0 or at least {format_quantity(_SMALLEST, 'length')}, got {raw!r:.60}")
+    if 0.0 < abs(value) < least:
+        raise ValueError(f"must be 0 or at least {format_quantity(least, quantity)}, got {raw!r:.60}")
     return value
 
 
@@ -97,8 +95,9 @@ def _deviations(raw: object, quantity: str) -> tuple[float, float]:
         if upper <= 0.0:
             raise ValueError(f"tolerance must be positive, got {raw!r}")
         lower = -upper
-    if upper <= lower:
-        raise ValueError(f"tolerance must have its upper deviation above the lower one, got {raw!r}")
+    largest = _SENSIBLE.get(quantity, (0.0, math.inf))[1]
+    if not -largest <= lower < upper <= largest:
+        raise ValueError(f"tolerance must have its upper deviation above the lower one, within sense, got {raw!r:.60}")
     return upper, lower
 
 

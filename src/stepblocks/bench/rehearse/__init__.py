@@ -14,6 +14,7 @@ from stepblocks.bench.signal.ring import rubbing_force
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.errors import PipelineError
 
 _LEAST_SLIDE, _MOST_SLIDE = 50e-3, 80e-3  # [s] before the edge
 _NAMES = ("time_s", "fx_n", "fy_n")
@@ -93,24 +94,24 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.
     release = onset + (truth.peak_force - truth.sliding_force) / truth.slope
     # the clock does not know of the events: their phase against it is any
     count = math.ceil((release + rig.tail * truth.decay_time) * rig.sample_rate) * rig.oversampling
+    if count > 100_000_000:
+        raise PipelineError(f"a record must have at most 100 million samples, the plan asks for {count:.3g}")
     time = np.arange(count) / (rig.sample_rate * rig.oversampling)
     force = truth.sliding_force + truth.slope * np.maximum(time - onset, 0.0)
     force = force + _start_up(rig, time, (truth.frequency, truth.decay_time), onset, random)
     after = time >= release
     since = time[after] - release
+    phase = 2.0 * math.pi * truth.frequency * since
     rest = truth.peak_force - truth.sliding_force - truth.amplitude
     if truth.gap > 0.0:
         start = (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time)
         tool = truth.frequency, truth.decay_time
         ring = rubbing_force(since, truth.sliding_force, truth.gap, tool, start, truth.slope)
     else:
-        swing = truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(2.0 * math.pi * truth.frequency * since)
-        ring = truth.sliding_force + swing
+        ring = truth.sliding_force + truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(phase)
     force[after] = ring + rest * np.exp(-since / truth.release_decay)
-    normal = np.full(count, truth.load)
-    phase = 2.0 * np.pi * truth.frequency * since + 0.25 * np.pi
-    size = truth.sympathetic * truth.amplitude
-    normal[after] = truth.load + size * np.exp(-since / truth.decay_time) * np.cos(phase)
+    normal, size = np.full(count, truth.load), truth.sympathetic * truth.amplitude
+    normal[after] = truth.load + size * np.exp(-since / truth.decay_time) * np.cos(phase + 0.25 * np.pi)
     return rig.disturb(gain * force, normal, random), onset, release
 
 

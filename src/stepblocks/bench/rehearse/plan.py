@@ -25,13 +25,13 @@ _MOST_TRIALS = 1_000_000
 NUMBERS = ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "peak_force_n")
 _LABELS = ("block", "operator", "tip")
 
-_Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(ge=0.0)]
-_Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(ge=0.0)]
-_Load = Annotated[float, BeforeValidator(quantity_parser("force")), Field(gt=0.0)]
-_Speed = Annotated[float, BeforeValidator(quantity_parser("speed")), Field(gt=0.0)]
-_Time = Annotated[float, BeforeValidator(quantity_parser("time")), Field(gt=0.0)]
-_Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio")), Field(ge=0.0)]
-_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(ge=0.0, le=1.0)]
+_Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(ge=0.0, le=1e3)]
+_Load = Annotated[float, BeforeValidator(quantity_parser("force")), Field(ge=1e-6, le=1e3)]
+_Speed = Annotated[float, BeforeValidator(quantity_parser("speed")), Field(ge=1e-6, le=10.0)]
+_Time = Annotated[float, BeforeValidator(quantity_parser("time")), Field(gt=0.0, le=10.0)]
+_Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio")), Field(ge=0.0, le=10.0)]
+_Finite = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
 class Model(Strict):
@@ -75,7 +75,7 @@ class RigPart(Strict):
     quantum: _Force = Rig.quantum
     hum: _Force = Rig.hum
     mains: Frequency = Rig.mains
-    drift_n_per_s: float = Rig.drift
+    drift_n_per_s: _Finite = Rig.drift
     start_up: _Force = Rig.start_up
     bandwidth: Frequency | None = None
 
@@ -99,7 +99,7 @@ class PlantedEffect(Strict):
     reference: _Finite = 0.0
     span: _Finite = 1.0
     exponent: _Finite = 1.0
-    levels: dict[str, float] = Field(default_factory=dict)  # change at each label of a covariate, 0 at one not named
+    levels: dict[str, _Finite] = Field(default_factory=dict)  # change at each label of a covariate, 0 at one not named
 
     def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
         """Return the slot's value after the effect."""

@@ -132,9 +132,10 @@ class Sheath(Turned, HeldPart):
     @rules_validator
     def _is_possible(self) -> Iterator[str]:
         bore, outer, broken = self.bore.nominal, self.outer_diameter.nominal, self.edge_break.nominal
-        yield must(outer > bore, "outer_diameter", "exceed bore", bore, outer)
+        apart = self.outer_diameter.limits[0] > self.bore.limits[1]
+        yield must(apart, "outer_diameter", "exceed bore, within their tolerances too", bore, outer)
         if outer > bore:  # without a wall, nothing can be said of what is cut into it
-            room = min(0.5 * (outer - bore), 0.5 * self.length.nominal)
+            room = 0.5 * min(outer - bore, self.length.nominal)
             yield below("edge_break", "be smaller than the wall and half the length", broken, room)
 
 
