@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -147,8 +148,6 @@ def test_colour_is_for_terminals_and_never_where_it_is_not_wanted():
 
 
 def test_check_names_the_artefact_that_is_wrong_and_exits_with_one(shipped_output, tmp_path, capsys):
-    import shutil
-
     folder = tmp_path / "paper-ten" / "step-010"
     shutil.copytree(shipped_output / "paper-ten" / "step-010", folder)
     arguments = ["check", str(ROOT / "stimuli" / "paper-ten.toml"), "-o", str(tmp_path), "--only", "step-010"]
@@ -233,3 +232,12 @@ def test_the_shipped_stimuli_are_copied_whole_and_nobodys_are_replaced(tmp_path,
     assert "there is one already; --force replaces it [mine/sheaths.toml]" in capsys.readouterr().err
     assert [path.name for path in Path("mine").iterdir()] == ["sheaths.toml"]
     assert main(["new", "--shipped", "mine", "--force"]) == 0
+
+
+@pytest.mark.parametrize("words", ["new block .", "new block /", "feel paper-four.toml --no-open -o ."])
+def test_a_folder_where_a_file_is_to_be_written_is_told_in_one_line(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "stimuli" / "paper-four.toml", tmp_path)
+    assert main(words.split()) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["paper-four.toml"]

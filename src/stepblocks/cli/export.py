@@ -55,7 +55,7 @@ def _devices(own: Path | None) -> Outcome:
 def _feel(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.simulators.feel import feel
 
-    arguments.output = arguments.output if arguments.output.suffix else arguments.output.with_suffix(".html")
+    arguments.output = page.with_suffix(page.suffix or ".html") if (page := arguments.output).name else page
     count = feel(arguments.files, arguments.output)
     if not arguments.no_open:
         import webbrowser

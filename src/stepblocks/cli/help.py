@@ -18,7 +18,7 @@ def _new(arguments: argparse.Namespace) -> Outcome:
         return _copy_shipped(arguments.shipped, force=arguments.force)
     file = arguments.file or Path(f"my-{thing}" if thing == "session" else f"my-{thing}.toml")
     file = file.parent if (thing, file.name) == ("session", "session.toml") else file
-    place = file / "session.toml" if thing == "session" else file.with_suffix(".toml")
+    place = file / "session.toml" if thing == "session" else file.with_suffix(".toml") if file.name else file
     text, then = beginning(thing, file if thing == "session" else place)
     _write_new({place: text} | ({file / "trials.csv": _TRIALS} if thing == "session" else {}), force=arguments.force)
     return Outcome(f"{place}: change it, then run: {then}", record={"written": str(place), "then": then})
