@@ -174,8 +174,11 @@ def _named(path: Path, words: list[str], before: Mapping[str, str]) -> bool:
     path = path.parent if path.name == ".stepblocks.json" else path  # the note of who wrote what lies beside a file
     asked = [word.partition("=")[2] if word.startswith("--") else word.removeprefix("-o") for word in words]
     asked = [word for word in asked if 0 < len(word) < 200 and (word not in before or "--force" in words)]
-    ending = {"new": ".toml", "feel": ".html"}.get(words[0])  # what these give to a name that lacks it
-    asked += [str(Path(word).with_suffix(ending)) for word in asked if ending and Path(word).name]
+    named = [Path(word) for word in asked if Path(word).name]
+    if words[0] == "new":  # gives every name its ending, feel those that have none
+        asked += [str(path.with_suffix(".toml")) for path in named]
+    if words[0] == "feel":
+        asked += [str(path.with_suffix(".html")) for path in named if not path.suffix]
     places = [
         Path(word) for word in ("out", "stimuli", "my-block.toml", "my-session", "study", *asked) if word.strip("./")
     ]
