@@ -18,7 +18,10 @@ from stepblocks.select import stimulus_files
 def main() -> int:
     """Print one line per part; 1 if a file does not pass."""
     wrong = 0
-    print(f"{'part':24} {'KiB':>6} {'write s':>8} {'check s':>8} {'dims':>5} {'tols':>5} {'worst nm':>10}  findings")
+    print(
+        f"{'part':24} {'KiB':>6} {'write s':>8} {'check s':>8} {'dims':>5} {'tols':>5} "
+        f"{'worst nm':>10}  findings"
+    )
     with tempfile.TemporaryDirectory() as folder:
         for source in stimulus_files(Path("stimuli")):
             for stimulus in load_set(source).stimuli:
@@ -33,8 +36,10 @@ def main() -> int:
                 deviations = [abs(one.deviation) for one in lengths if one.deviation is not None]
                 wrong += bool(findings) or any(one.deviation is None for one in report.dimensions)
                 print(
-                    f"{stimulus.id:24} {path.stat().st_size >> 10:6} {middle - start:8.2f} {end - middle:8.2f} "
-                    f"{len(report.dimensions):5} {len(report.tolerances):5} {max(deviations) * 1e9:10.2e}  "
+                    f"{stimulus.id:24} {path.stat().st_size >> 10:6} {middle - start:8.2f} "
+                    f"{end - middle:8.2f} "
+                    f"{len(report.dimensions):5} {len(report.tolerances):5} "
+                    f"{max(deviations) * 1e9:10.2e}  "
                     f"{'; '.join(findings) or 'none'}"
                 )
     return 1 if wrong else 0

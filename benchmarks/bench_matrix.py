@@ -1,10 +1,11 @@
 """Confusion matrix of the closed loop on traces of a bench that is not the one that fits.
 
-Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--first SEED] [--trials 96] [--record FILE]``. Every
-session is drawn by ``tests/oracles/virtual_bench.py`` (its own contact, its own integrator, nothing of the program),
-written to a folder, measured from its traces and explained. The folds are left out: they can only take a claim back, so what is
-counted here as falsely claimed is no less than what the command claims. Intervals are exact binomial ones (Clopper and
-Pearson), 95 %. With ``--record`` a second run goes on where the first stopped.
+Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--first SEED] [--trials 96]
+[--record FILE]``. Every session is drawn by ``tests/oracles/virtual_bench.py`` (its own contact,
+its own integrator, nothing of the program), written to a folder, measured from its traces and
+explained. The folds are left out: they can only take a claim back, so what is counted here as
+falsely claimed is no less than what the command claims. Intervals are exact binomial ones (Clopper
+and Pearson), 95 %. With ``--record`` a second run goes on where the first stopped.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
 from stepblocks.loop.session_table import scan_blocks, trials_of
 
 _FREE = Bench(conversion=0.2)
-Truth = tuple[set[tuple[str, str]], dict[str, float]]  # places that count as right, and parameters with their values
+Truth = tuple[
+    set[tuple[str, str]], dict[str, float]
+]  # places that count as right, and parameters with their values
 Family = Callable[[np.random.Generator, Plan], tuple[Plan, Truth]]
 
 
@@ -51,7 +54,9 @@ def _null(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     return plan, (set(), {})
 
 
-def _constant(name: str, low: float, high: float, law: str, parameter: str, around: float = 0.0) -> Family:
+def _constant(
+    name: str, low: float, high: float, law: str, parameter: str, around: float = 0.0
+) -> Family:
     """One constant of the gauges, of either sign."""
 
     def draw(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
@@ -73,7 +78,10 @@ def _certified(std: float, family: Family) -> Family:
 
 def _edge(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     ratio = 1.0 + _sign(random) * float(random.uniform(0.05, 0.4))
-    return _bench(plan, edge_friction_ratio=ratio), ({("friction", "none")}, {"edge_friction.edge_over_face": ratio})
+    return _bench(plan, edge_friction_ratio=ratio), (
+        {("friction", "none")},
+        {"edge_friction.edge_over_face": ratio},
+    )
 
 
 def _operator_load(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
@@ -85,11 +93,17 @@ def _operator_load(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth
 def _duffing(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     cubic = float(random.uniform(5e6, 2e7))
     truth = {"hardening_spring.cubic_per_n2": cubic / plan.bench.stiffness**2}
-    return _bench(plan, hardening=cubic * plan.bench.stiffness), ({("stiffness", "peak_force_n")}, truth)
+    return _bench(plan, hardening=cubic * plan.bench.stiffness), (
+        {("stiffness", "peak_force_n")},
+        truth,
+    )
 
 
 def _chip(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
-    radius, at = float(random.choice([90e-6, 105e-6, 145e-6, 165e-6])), int(random.uniform(0.25, 0.75) * plan.trials)
+    radius, at = (
+        float(random.choice([90e-6, 105e-6, 145e-6, 165e-6])),
+        int(random.uniform(0.25, 0.75) * plan.trials),
+    )
     return replace(plan, chip_at=at, chip_radius=radius), (
         {("contact_geometry", "run_order")},
         {"tip_chip.radius_step_m": radius - 125e-6},
@@ -98,7 +112,11 @@ def _chip(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
 
 def _batch(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     blocks = random.choice(np.arange(10, 90, 10), 4, replace=False)
-    changed = replace(plan, batch_blocks=tuple(int(b) for b in blocks), batch_friction=float(random.uniform(1.2, 1.5)))
+    changed = replace(
+        plan,
+        batch_blocks=tuple(int(b) for b in blocks),
+        batch_friction=float(random.uniform(1.2, 1.5)),
+    )
     return changed, ({("friction", "block"), ("friction", "height_um"), ("told", "friction")}, {})
 
 
@@ -110,7 +128,10 @@ def _wander(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
 def _hidden(quantity: str) -> Family:
     def draw(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
         factor = {"B": float(random.uniform(1.2, 1.5))}
-        return replace(plan, hide_operator=True, **{f"operator_{quantity}": factor}), ({("told", quantity)}, {})
+        return replace(plan, hide_operator=True, **{f"operator_{quantity}": factor}), (
+            {("told", quantity)},
+            {},
+        )
 
     return draw
 
@@ -118,12 +139,18 @@ def _hidden(quantity: str) -> Family:
 def _running_in(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     size, settling = float(random.uniform(0.3, 0.9)), float(random.uniform(10.0, 30.0))
     truth = {"running_in.excess": size, "running_in.settling_trials": settling}
-    return replace(plan, running_in=size, running_in_trials=settling), ({("friction", "run_order")}, truth)
+    return replace(plan, running_in=size, running_in_trials=settling), (
+        {("friction", "run_order")},
+        truth,
+    )
 
 
 def _rounded(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     radius = float(random.uniform(4e-6, 20e-6))
-    return _bench(plan, edge_radius=radius), ({("contact_geometry", "none")}, {"edge_rounding.edge_radius_m": radius})
+    return _bench(plan, edge_radius=radius), (
+        {("contact_geometry", "none")},
+        {"edge_rounding.edge_radius_m": radius},
+    )
 
 
 _GAIN = _constant("tangential_gain", 0.01, 0.06, "sensor_gain", "ln_gain", 1.0)
@@ -131,7 +158,9 @@ _GAIN = _constant("tangential_gain", 0.01, 0.06, "sensor_gain", "ln_gain", 1.0)
 FAMILIES: dict[str, Family] = {
     "nothing": _null,
     "cross-talk 1-5 %": _constant("normal_in_tangential", 0.01, 0.05, "cross_talk", "cross_talk"),
-    "tangential zero 5-30 mN": _constant("tangential_zero", 5e-3, 30e-3, "tangential_zero", "zero_n"),
+    "tangential zero 5-30 mN": _constant(
+        "tangential_zero", 5e-3, 30e-3, "tangential_zero", "zero_n"
+    ),
     "normal zero 5-30 mN": _constant("normal_zero", 5e-3, 30e-3, "normal_zero", "normal_zero_n"),
     "tangential gain 1-6 %": _GAIN,
     "normal gain 1-6 %": _constant("normal_gain", 0.01, 0.06, "normal_gain", "normal_ln_gain", 1.0),
@@ -169,18 +198,26 @@ def run_one(name: str, trials: int, seed: int) -> dict[str, Any]:
         "task": [name, trials, seed],
         "outcome": judge(found, places),
         "verdict": str(found.verdict),
-        "found": [[f.effect.id, str(f.verdict), [r[0].id for r in f.rivals]] for f in found.findings],
+        "found": [
+            [f.effect.id, str(f.verdict), [r[0].id for r in f.rivals]] for f in found.findings
+        ],
         "told": [[h.kind, h.quantity] for h in found.told],
         "false geometry": ("contact_geometry" not in {slot for slot, _ in places})
         and _claims(found, "contact_geometry"),
-        "named law": any(f.verdict is Verdict.EFFECT for f in found.findings) and found.verdict is Verdict.EFFECT,
-        "values": {k: [v, shown.values[k], shown.std[k]] for k, v in values.items() if k in shown.values},
+        "named law": any(f.verdict is Verdict.EFFECT for f in found.findings)
+        and found.verdict is Verdict.EFFECT,
+        "values": {
+            k: [v, shown.values[k], shown.std[k]] for k, v in values.items() if k in shown.values
+        },
         "seconds": time.process_time() - began,
     }
 
 
 def _claims(found: Explanation, slot: str) -> bool:
-    return any(f.effect.slot == slot and f.effect.named and f.verdict is Verdict.EFFECT for f in found.findings)
+    return any(
+        f.effect.slot == slot and f.effect.named and f.verdict is Verdict.EFFECT
+        for f in found.findings
+    )
 
 
 def judge(found: Explanation, places: set[tuple[str, str]]) -> str:
@@ -198,10 +235,15 @@ def judge(found: Explanation, places: set[tuple[str, str]]) -> str:
 def _recorded(record: Path | None) -> dict[str, dict[str, Any]]:
     if record is None or not record.is_file():
         return {}
-    return {json.dumps(r["task"]): r for r in map(json.loads, record.read_text(encoding="utf-8").splitlines())}
+    return {
+        json.dumps(r["task"]): r
+        for r in map(json.loads, record.read_text(encoding="utf-8").splitlines())
+    }
 
 
-def results(names: list[str], seeds: range, trials: int, record: Path | None) -> Iterator[dict[str, Any]]:
+def results(
+    names: list[str], seeds: range, trials: int, record: Path | None
+) -> Iterator[dict[str, Any]]:
     """Results of all sessions, one of each family in turn; those in the record are not run again."""
     known = _recorded(record)
     for seed in seeds:
@@ -221,17 +263,24 @@ def _share(count: int, of: int) -> str:
 def main() -> None:
     """Run the families and print a row for each."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("families", nargs="*", default=list(FAMILIES), metavar="FAMILY", help="all where omitted")
+    parser.add_argument(
+        "families", nargs="*", default=list(FAMILIES), metavar="FAMILY", help="all where omitted"
+    )
     parser.add_argument("--sessions", type=int, default=20, help="of each family")
     parser.add_argument("--first", type=int, default=0, help="seed of the first of them")
     parser.add_argument("--trials", type=int, default=96)
-    parser.add_argument("--record", type=Path, help="file of results, one JSON line per session; gone on with")
+    parser.add_argument(
+        "--record", type=Path, help="file of results, one JSON line per session; gone on with"
+    )
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.sessions)
     rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for done in results(options.families, seeds, options.trials, options.record):
         rows[done["task"][0]].append(done)
-    print(f"{'planted':50s} right place; median error of the amplitude; 95 % intervals that hold it; seconds")
+    print(
+        f"{'planted':50s} right place; median error of the amplitude; 95 % intervals that hold "
+        "it; seconds"
+    )
     every = [r for own in rows.values() for r in own]
     for name, own in rows.items():
         good = "none" if name.startswith("nothing") else "right"
@@ -239,15 +288,28 @@ def main() -> None:
         values = [v for r in own for v in r["values"].values()]
         errors = [abs(found / true - 1.0) for true, found, _ in values if true]
         inside = sum(abs(found - true) < 1.96 * std for true, found, std in values)
-        told = f"{100.0 * float(np.median(errors)):.1f} %; {_share(inside, len(values))}" if errors else "-; -"
-        print(f"{name:50s} {_share(right, len(own))}; {told}; {np.mean([r['seconds'] for r in own]):.1f} s")
-    print("laws of geometry claimed where there is none:", _share(sum(r["false geometry"] for r in every), len(every)))
+        told = (
+            f"{100.0 * float(np.median(errors)):.1f} %; {_share(inside, len(values))}"
+            if errors
+            else "-; -"
+        )
+        print(
+            f"{name:50s} {_share(right, len(own))}; {told}; "
+            f"{np.mean([r['seconds'] for r in own]):.1f} s"
+        )
+    print(
+        "laws of geometry claimed where there is none:",
+        _share(sum(r["false geometry"] for r in every), len(every)),
+    )
     pooled = [v for r in every for v in r["values"].values()]
     if pooled:
         inside = sum(abs(found - true) < 1.96 * std for true, found, std in pooled)
         print("95 % intervals that hold the truth:", _share(inside, len(pooled)))
     if wandering := rows.get("wandering friction 3-15 %"):
-        print("named laws of wandering friction:", _share(sum(r["named law"] for r in wandering), len(wandering)))
+        print(
+            "named laws of wandering friction:",
+            _share(sum(r["named law"] for r in wandering), len(wandering)),
+        )
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
     python benchmarks/build_against_scripts.py [--runs 3] [--build123d PYTHON]
 
-Prints whole-process wall time, CPU time and peak memory of each, their ratios to the cadquery script, what each further artefact
-costs, and triangles per mesh. The scripts model the same block (step, chamfers, groove, tapped holes, engraving) as their users would.
-build123d needs another build of the CAD kernel than cadquery and so another environment: ``--build123d PYTHON`` names its
+Prints whole-process wall time, CPU time and peak memory of each, their ratios to the cadquery
+script, what each further artefact costs, and triangles per mesh. The scripts model the same block
+(step, chamfers, groove, tapped holes, engraving) as their users would. build123d needs another
+build of the CAD kernel than cadquery and so another environment: ``--build123d PYTHON`` names its
 interpreter; without it, it is said to be missing.
 """
 
@@ -80,7 +81,9 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--build123d", metavar="PYTHON", help="interpreter of an environment with build123d")
+    parser.add_argument(
+        "--build123d", metavar="PYTHON", help="interpreter of an environment with build123d"
+    )
     arguments = parser.parse_args()
     runs = arguments.runs
     stimuli = str(ROOT / "stimuli" / "paper-ten.toml")
@@ -100,7 +103,15 @@ def main() -> None:
             "--jobs",
             "1",
         ],
-        "stepblocks build, everything": lambda out: [python, "-m", "stepblocks", "build", stimuli, "-o", out],
+        "stepblocks build, everything": lambda out: [
+            python,
+            "-m",
+            "stepblocks",
+            "build",
+            stimuli,
+            "-o",
+            out,
+        ],
     }
     if arguments.build123d is None:
         print("build123d: not measured; name its interpreter with --build123d")
@@ -111,7 +122,11 @@ def main() -> None:
             with tempfile.TemporaryDirectory() as out:
                 results[name].append(measure(command(out)))
     base = statistics.median(run[0] for run in results["bare cadquery script, STEP + STL"])
-    print(f"{'median of ' + str(runs) + ' runs':42s} {'wall s':>8s} {'cpu s':>8s} {'peak MiB':>9s} {'wall ratio':>11s}")
+    print(
+        f"{'median of ' + str(runs) + ' runs':42s} {'wall s':>8s} {'cpu s':>8s} "
+        f"{'peak MiB':>9s} "
+        f"{'wall ratio':>11s}"
+    )
     for name, measured in results.items():
         wall, cpu, memory = (statistics.median(column) for column in zip(*measured, strict=True))
         print(f"{name:42s} {wall:8.2f} {cpu:8.2f} {memory:9.0f} {wall / base:11.2f}")
@@ -151,7 +166,10 @@ def extra_costs(stimuli: Path) -> None:
                 timed(ending, partial(write, folder / f"{block.id}{ending}", mesh))
             pieces = timed("convex pieces", partial(convex_pieces, block))
             timed("convex pieces", partial(write_pieces, folder / f"{block.id}.convex.obj", pieces))
-            timed("height field", partial(write_height_field, folder / f"{block.id}.heightfield", block))
+            timed(
+                "height field",
+                partial(write_height_field, folder / f"{block.id}.heightfield", block),
+            )
             arrays = [(mesh.vertices, mesh.triangles)]
             timed("picture", partial(draw, folder / f"{block.id}.png", arrays, *block.close_up()))
             for path in checked_files(block, folder):

@@ -1,11 +1,12 @@
 """Confusion matrix of the closed loop on simulated sessions: false alarms, named effects, foreign effects, pairs.
 
-Run ``python benchmarks/closure_confusion.py null|named|foreign|pairs [--sessions N] [--trials 45 120 240] [--jobs 2]``.
-Sessions have the designs, scatter and height errors (1 um) of the shared ones; heights come from scans unless
-``--forces-only``. A size is the root mean square change of ln E_v over the trials of the design. A constant tilt is in
-the list to show that nothing is claimed of what friction imitates. Sessions are tables of features with their noise,
-not traces: what the evaluation of traces does is the matter of ``trace_bias.py``.
-With ``--record FILE`` every session is written down as it ends, and a second run goes on where the first stopped.
+Run ``python benchmarks/closure_confusion.py null|named|foreign|pairs [--sessions N] [--trials 45
+120 240] [--jobs 2]``. Sessions have the designs, scatter and height errors (1 um) of the shared
+ones; heights come from scans unless ``--forces-only``. A size is the root mean square change of ln
+E_v over the trials of the design. A constant tilt is in the list to show that nothing is claimed of
+what friction imitates. Sessions are tables of features with their noise, not traces: what the
+evaluation of traces does is the matter of ``trace_bias.py``. With ``--record FILE`` every session
+is written down as it ends, and a second run goes on where the first stopped.
 """
 
 from __future__ import annotations
@@ -23,7 +24,13 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from oracles.feature_bench import BenchScatter, bench_trials, block_scans, design_columns, noise_free
+from oracles.feature_bench import (
+    BenchScatter,
+    bench_trials,
+    block_scans,
+    design_columns,
+    noise_free,
+)
 from stepblocks.contact.effects.smooth import SLOT_MOVES
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS
@@ -62,7 +69,8 @@ NAMED: dict[str, tuple[str, float, dict[str, float]]] = {
     "sensor_bandwidth": ("time_constant_s", 1e-4, {}),
 }
 
-# effects that the catalogue has no law for: slot move, covariate, shape over the covariate laid out from -1 to 1
+# effects that the catalogue has no law for: slot move, covariate, shape over the covariate laid out
+# from -1 to 1
 FOREIGN = {
     "friction over humidity, bent": ("friction", "humidity_pct", lambda x: x + 0.6 * x**2),
     "friction over temperature, step": ("friction", "temperature_c", lambda x: np.tanh(4.0 * x)),
@@ -72,7 +80,11 @@ FOREIGN = {
     "conversion over run order, sine": ("conversion", "run_order", lambda x: np.sin(3.0 * x)),
     "conversion by operator": ("conversion", "operator", lambda x: x),
     "stiffness over temperature": ("stiffness", "temperature_c", lambda x: x),
-    "stiffness over temperature, energies weighed": ("weighed_stiffness", "temperature_c", lambda x: x),
+    "stiffness over temperature, energies weighed": (
+        "weighed_stiffness",
+        "temperature_c",
+        lambda x: x,
+    ),
     "gauge gain over run order": ("gain", "run_order", lambda x: x + 0.3 * x**3),
     "radius over temperature": ("radius", "temperature_c", lambda x: x + 0.5 * x**2),
     "load over humidity, unseen": ("climb_load", "humidity_pct", lambda x: x),
@@ -96,20 +108,29 @@ def foreign_effect(name: str, columns: dict[str, Any]) -> Law:
     low, high = (0.0, 1.0) if labels else (float(column.min()), float(column.max()))
 
     def apply(state: Any, values: Any, own: Any) -> Any:
-        x = np.where(values == labels[0], -1.0, 1.0) if labels else 2.0 * (values - low) / (high - low) - 1.0
+        x = (
+            np.where(values == labels[0], -1.0, 1.0)
+            if labels
+            else 2.0 * (values - low) / (high - low) - 1.0
+        )
         return change(state, own["size"] * shape(x))
 
     size = Parameter("size", "1", 0.0, -3.0, 3.0, 0.1)
     return Law(f"foreign {name}", name, (size,), apply, slot, covariate)
 
 
-def sized(effect: Law, amplitude: str, first: float, rest: dict[str, float], columns: Any, target: float) -> Planted:
+def sized(
+    effect: Law, amplitude: str, first: float, rest: dict[str, float], columns: Any, target: float
+) -> Planted:
     """Law with the amplitude at which ln E_v moves by `target` (root mean square)."""
     base = noise_free(columns, 0, height_std=0.0)
 
     def moved(size: float) -> float:
-        change = noise_free(columns, 0, ((effect, rest | {amplitude: size}),), height_std=0.0) - base
-        # a stiffer spring stores less and shows the same amplitude: there the spring constant itself is the measure
+        change = (
+            noise_free(columns, 0, ((effect, rest | {amplitude: size}),), height_std=0.0) - base
+        )
+        # a stiffer spring stores less and shows the same amplitude: there the spring constant
+        # itself is the measure
         own = change[:, 0] if np.any(np.abs(change[:, 0]) > 1e-9) else change[:, 3]
         return float(np.sqrt(np.mean(own**2)))
 
@@ -142,11 +163,16 @@ def run_one(task: Task) -> dict[str, Any]:
     generator = np.random.default_rng([seed, 9])
     scatter = BenchScatter(energy=float(generator.uniform(0.05, 0.15)))
     table = bench_trials(columns, seed, truth, scatter)
-    model = SessionModel(Tool(frequency=300.0, decay_time=0.02), scanned=block_scans(columns, seed) if scans else None)
+    model = SessionModel(
+        Tool(frequency=300.0, decay_time=0.02),
+        scanned=block_scans(columns, seed) if scans else None,
+    )
     began = time.perf_counter()
     found = explain(model, table, candidates(table, covariate_ranges(table)), Rules(draws=300))
     seconds = time.perf_counter() - began
-    outcome = group_named(found) if names == ("block_tilt",) else judge(found, [e for e, _ in truth])
+    outcome = (
+        group_named(found) if names == ("block_tilt",) else judge(found, [e for e, _ in truth])
+    )
     return {
         "task": task,
         "outcome": outcome,
@@ -185,13 +211,17 @@ def judge(found: Explanation, truth: list[Law]) -> str:
 def removed(found: Explanation, seed: int, truth: tuple[Planted, ...]) -> float | None:
     """Share of the removable error of ln E_v that the extended model removes, on new trials of the same blocks.
 
-    Removable is what the nominal model misses beyond a model that is told the effects and fits their sizes: no model
-    knows the constants better than that many trials with that scatter tell them.
+    Removable is what the nominal model misses beyond a model that is told the effects and fits
+    their sizes: no model knows the constants better than that many trials with that scatter tell
+    them.
     """
     columns = design_columns(len(found.problem.trials), seed + 777_000)
     exact = noise_free(columns, seed, truth)[:, 0]
     ahead = Trials(
-        {n: c for n, c in columns.items() if n != "block"}, CHANNELS, *[np.zeros((len(exact), 7))] * 2, columns["block"]
+        {n: c for n, c in columns.items() if n != "block"},
+        CHANNELS,
+        *[np.zeros((len(exact), 7))] * 2,
+        columns["block"],
     )
     start = {f"{e.id}.{name}": value for e, own in truth for name, value in own.items()}
     oracle = fit(found.problem, [e for e, _ in truth], found.nominal.values | start)
@@ -207,7 +237,9 @@ def group_named(found: Explanation) -> str:
     """Right where nothing is claimed and the group that no trial can tell apart is named."""
     table = found.problem.trials
     effects = [e for e in candidates(table, covariate_ranges(table), True) if e.id == "block_tilt"]
-    by = identifiability(found.problem, found.nominal, effects)["imitated_by_constants"].get("block_tilt", ())
+    by = identifiability(found.problem, found.nominal, effects)["imitated_by_constants"].get(
+        "block_tilt", ()
+    )
     return "group named" if not found.findings and "friction" in by else "wrong"
 
 
@@ -215,7 +247,11 @@ def tasks_of(kind: str, sessions: int, sizes: list[int], scans: bool) -> list[Ta
     """List the sessions of a part of the matrix."""
     if kind == "null":
         return [((), 0.0, sizes[i % len(sizes)], 10_000 + i, scans) for i in range(sessions)]
-    names = {"named": [(n,) for n in NAMED], "foreign": [(n,) for n in FOREIGN], "pairs": list(PAIRS)}[kind]
+    names = {
+        "named": [(n,) for n in NAMED],
+        "foreign": [(n,) for n in FOREIGN],
+        "pairs": list(PAIRS),
+    }[kind]
     return [
         (tuple(name), size, max(sizes), 20_000 + 97 * i + j, scans)
         for i, name in enumerate(names)
@@ -228,12 +264,16 @@ def main() -> None:
     """Run a part of the matrix and print it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("kind", choices=["null", "named", "foreign", "pairs"])
-    parser.add_argument("--sessions", type=int, default=5, help="sessions per row, or in all for null")
+    parser.add_argument(
+        "--sessions", type=int, default=5, help="sessions per row, or in all for null"
+    )
     parser.add_argument("--trials", type=int, nargs="+", default=[45, 120, 240])
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--forces-only", action="store_true")
     parser.add_argument("--only", default="", help="rows whose name holds this")
-    parser.add_argument("--record", type=Path, help="file of results, one JSON line per session; gone on with")
+    parser.add_argument(
+        "--record", type=Path, help="file of results, one JSON line per session; gone on with"
+    )
     parser.add_argument("-v", "--verbose", action="store_true")
     options = parser.parse_args()
     tasks = tasks_of(options.kind, options.sessions, options.trials, not options.forces_only)
@@ -241,11 +281,16 @@ def main() -> None:
     show(done_with(tasks, options.jobs, options.record, options.verbose))
 
 
-def done_with(tasks: list[Task], jobs: int, record: Path | None, verbose: bool) -> list[dict[str, Any]]:
+def done_with(
+    tasks: list[Task], jobs: int, record: Path | None, verbose: bool
+) -> list[dict[str, Any]]:
     """Results of all tasks in order; those in the record are not run again."""
     known: dict[str, dict[str, Any]] = {}
     if record and record.is_file():
-        known = {json.dumps(r["task"]): r for r in map(json.loads, record.read_text(encoding="utf-8").splitlines())}
+        known = {
+            json.dumps(r["task"]): r
+            for r in map(json.loads, record.read_text(encoding="utf-8").splitlines())
+        }
     left = [t for t in tasks if json.dumps(t) not in known]
     with ProcessPoolExecutor(jobs) as pool:
         for done in pool.map(run_one, left):
@@ -254,7 +299,11 @@ def done_with(tasks: list[Task], jobs: int, record: Path | None, verbose: bool) 
                 with record.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(done) + "\n")
             if verbose or (not done["task"][0] and done["verdict"] != "none"):
-                print("   ", *(done[key] for key in ("task", "outcome", "verdict", "found", "rivals")), flush=True)
+                print(
+                    "   ",
+                    *(done[key] for key in ("task", "outcome", "verdict", "found", "rivals")),
+                    flush=True,
+                )
     return [known[json.dumps(t)] for t in tasks]
 
 
@@ -268,16 +317,34 @@ def show(results: list[dict[str, Any]]) -> None:
     for (name, size), own in rows.items():
         counts = Counter(r["outcome"] for r in own)
         text = ", ".join(f"{k} {100.0 * v / len(own):.0f} %" for k, v in counts.most_common())
-        gone = [r["removed"] for r in own if r["outcome"] in ("right", "ambiguous") and r["removed"] is not None]
+        gone = [
+            r["removed"]
+            for r in own
+            if r["outcome"] in ("right", "ambiguous") and r["removed"] is not None
+        ]
         share = f"{100.0 * float(np.median(gone)):.0f} %" if gone else "-"
-        print(f"{name:60s} {size:5.2f} {len(own):4d}  {text}; {share}; {np.mean([r['seconds'] for r in own]):.1f} s")
+        print(
+            f"{name:60s} {size:5.2f} {len(own):4d}  {text}; {share}; "
+            f"{np.mean([r['seconds'] for r in own]):.1f} s"
+        )
     for size in sorted({r["task"][1] for r in results}, reverse=True):
         own = [r for r in results if r["task"][1] == size]
         counts = Counter(r["outcome"] for r in own)
         text = ", ".join(f"{k} {v} ({100.0 * v / len(own):.1f} %)" for k, v in counts.most_common())
-        gone = [r["removed"] for r in own if r["outcome"] in ("right", "ambiguous") and r["removed"] is not None]
-        least = f"; removed error at least {100.0 * float(np.quantile(gone, 0.1)):.0f} % in nine of ten" if gone else ""
-        print(f"all of size {size:.2f}: {len(own)}: {text}{least}; verdicts {dict(Counter(r['verdict'] for r in own))}")
+        gone = [
+            r["removed"]
+            for r in own
+            if r["outcome"] in ("right", "ambiguous") and r["removed"] is not None
+        ]
+        least = (
+            f"; removed error at least {100.0 * float(np.quantile(gone, 0.1)):.0f} % in nine of ten"
+            if gone
+            else ""
+        )
+        print(
+            f"all of size {size:.2f}: {len(own)}: {text}{least}; verdicts "
+            f"{dict(Counter(r['verdict'] for r in own))}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
 """Drags per second of our integrator and of MuJoCo on the same drags, at the settings known and at equal accuracy.
 
-The same mass on the same spring, load, friction, speed, lead and ring. MuJoCo has the settings that follow the formula (elliptic
-cone, Newton, impratio 1000, solimp 0.9999 0.9999 1e-6, solref 4e-5 1, step 2e-5 s), and again the step at which the peak
-force comes as near to that of ever smaller steps as ours does. Ours has the Hertz contact of steel, a linear one of
-m / solref^2 = 1.7e6 N/m, and one of 3e7 N/m that comes as near to the rigid formula as MuJoCo.
-"stepping": relative error of the peak against the same model with a step 2 (MuJoCo) or 13 (ours) times as fine as the finest
-shown. "equation (1)": difference from the formula, which knows no speed and no compliance: a property of the contact, not an error.
-Run: python benchmarks/drag_against_mujoco.py
+The same mass on the same spring, load, friction, speed, lead and ring. MuJoCo has the settings that
+follow the formula (elliptic cone, Newton, impratio 1000, solimp 0.9999 0.9999 1e-6, solref 4e-5 1,
+step 2e-5 s), and again the step at which the peak force comes as near to that of ever smaller steps
+as ours does. Ours has the Hertz contact of steel, a linear one of m / solref^2 = 1.7e6 N/m, and one
+of 3e7 N/m that comes as near to the rigid formula as MuJoCo. "stepping": relative error of the peak
+against the same model with a step 2 (MuJoCo) or 13 (ours) times as fine as the finest shown.
+"equation (1)": difference from the formula, which knows no speed and no compliance: a property of
+the contact, not an error. Run: python benchmarks/drag_against_mujoco.py
 """
 
 from __future__ import annotations
@@ -47,19 +48,33 @@ SCENE = """
 """
 
 
-def mujoco_drag(height: float, load: float, mu: float, speed: float, step: float) -> tuple[float, float, float]:
+def mujoco_drag(
+    height: float, load: float, mu: float, speed: float, step: float
+) -> tuple[float, float, float]:
     """Seconds spent in MuJoCo, peak force [N] and seconds simulated."""
     k, mass = PROBE.stiffness, PROBE.mass
     start = -np.sqrt(height * (2 * R - height)) - LEAD
     damping = 2 * PROBE.damping_ratio * np.sqrt(k * mass)
     model = mujoco.MjModel.from_xml_string(
-        SCENE.format(step=step, mu=mu, upper=height - 5e-4, x=start, z=R, damping=damping, mass=mass, radius=R, k=k)
+        SCENE.format(
+            step=step,
+            mu=mu,
+            upper=height - 5e-4,
+            x=start,
+            z=R,
+            damping=damping,
+            mass=mass,
+            radius=R,
+            k=k,
+        )
     )
     data = mujoco.MjData(model)
     data.act[0] = mu * load / k
     data.ctrl[0] = data.qvel[0] = speed
     data.qfrc_applied[1] = -load
-    data.qfrc_applied[0] = damping * speed  # the damper goes to the handle, which moves, not to the ground
+    data.qfrc_applied[0] = (
+        damping * speed
+    )  # the damper goes to the handle, which moves, not to the ground
     peak, released = 0.0, np.inf
     chunk = 5
     begin = time.process_time()
@@ -81,21 +96,36 @@ RESOLUTION = 6.0  # steps per period of the stiffest contact mode
 
 
 def our_drag(
-    height: float, load: float, mu: float, speed: float, contact: str, resolution: float = RESOLUTION, repeats: int = 20
+    height: float,
+    load: float,
+    mu: float,
+    speed: float,
+    contact: str,
+    resolution: float = RESOLUTION,
+    repeats: int = 20,
 ) -> tuple[float, float, float]:
     """Seconds spent, peak force [N] and seconds simulated."""
-    settings = DragSettings(load, mu, speed=speed, lead=LEAD, ring_time=RING, sample_rate=5e3, resolution=resolution)
+    settings = DragSettings(
+        load, mu, speed=speed, lead=LEAD, ring_time=RING, sample_rate=5e3, resolution=resolution
+    )
     track = step_track(height, R)
     simulate(track, CONTACTS[contact], settings)
     begin = time.process_time()
     for _ in range(repeats):
         trace = simulate(track, CONTACTS[contact], settings)
-    return (time.process_time() - begin) / repeats, trace.peak_force, float(trace.column("time_s")[-1])
+    return (
+        (time.process_time() - begin) / repeats,
+        trace.peak_force,
+        float(trace.column("time_s")[-1]),
+    )
 
 
 def main() -> None:
     print(f"mujoco {mujoco.__version__}; CPU time of one core")
-    print(f"{'drag':18s} {'program':28s} {'CPU ms':>8s} {'simulated ms':>13s} {'stepping':>9s} {'equation (1)':>13s}")
+    print(
+        f"{'drag':18s} {'program':28s} {'CPU ms':>8s} {'simulated ms':>13s} {'stepping':>9s} "
+        f"{'equation (1)':>13s}"
+    )
     ratios: dict[tuple[str, float], list[float]] = {}
     for speed in (1e-3, 5e-3):
         for case in CASES:
@@ -105,7 +135,14 @@ def main() -> None:
             theirs = {}
             for step in (2e-5, 5e-6):
                 theirs[step], peak, span = mujoco_drag(*case, speed, step)
-                _line(head, f"MuJoCo, step {step:g} s", theirs[step], span, peak / limit - 1, peak / formula - 1)
+                _line(
+                    head,
+                    f"MuJoCo, step {step:g} s",
+                    theirs[step],
+                    span,
+                    peak / limit - 1,
+                    peak / formula - 1,
+                )
             for name in CONTACTS:
                 seconds, peak, span = our_drag(*case, speed, name)
                 fine = our_drag(*case, speed, name, 80.0, 1)[1]
@@ -113,13 +150,28 @@ def main() -> None:
                 for step, spent in theirs.items():
                     ratios.setdefault((name, step), []).append(spent / seconds)
     for step in (2e-5, 5e-6):
-        means = ", ".join(f"{n} {np.exp(np.mean(np.log(v))):.0f}" for (n, s), v in ratios.items() if s == step)
-        print(f"times faster than MuJoCo with a step of {step:g} s (geometric mean of all drags): {means}")
-    print(f"drags per second per core, Hertz, H 25 um, 1 N, 5 mm/s: {1 / our_drag(*CASES[1], 5e-3, 'Hertz')[0]:.0f}")
+        means = ", ".join(
+            f"{n} {np.exp(np.mean(np.log(v))):.0f}" for (n, s), v in ratios.items() if s == step
+        )
+        print(
+            f"times faster than MuJoCo with a step of {step:g} s (geometric mean of all "
+            "drags): "
+            f"{means}"
+        )
+    print(
+        "drags per second per core, Hertz, H 25 um, 1 N, 5 mm/s: "
+        f"{1 / our_drag(*CASES[1], 5e-3, 'Hertz')[0]:.0f}"
+    )
 
 
-def _line(head: str, program: str, seconds: float, span: float, stepping: float, off: float) -> None:
-    print(f"{head:18s} {program:28s} {seconds * 1e3:8.2f} {span * 1e3:13.1f} {stepping:+9.1e} {off:+13.2%}", flush=True)
+def _line(
+    head: str, program: str, seconds: float, span: float, stepping: float, off: float
+) -> None:
+    print(
+        f"{head:18s} {program:28s} {seconds * 1e3:8.2f} {span * 1e3:13.1f} {stepping:+9.1e} "
+        f"{off:+13.2%}",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

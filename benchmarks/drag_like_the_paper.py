@@ -26,20 +26,36 @@ LIGHT = replace(PAPER_DRAG, damping_ratio=0.01)
 ROD = replace(PAPER_DRAG, damping_ratio=0.033, normal_stiffness=9.81e3, carrier_mass=20e-3)
 """A round rod bends alike in both directions: as stiff along the normal, under 10 g of weight and 10 g of holder."""
 # heights [m], loads [N], frictions, speeds [m/s]
-GRID = ([k * 10e-6 for k in range(1, 11)], [0.25, 0.5, 1.0], [0.10, 0.15, 0.20], [1e-3, 5e-3, 20e-3])
-CASES = [(25e-6, 1.0, 0.15), (50e-6, 0.5, 0.15), (75e-6, 0.2, 0.15), (75e-6, 0.4, 0.15), (100e-6, 0.075, 0.10)]
+GRID = (
+    [k * 10e-6 for k in range(1, 11)],
+    [0.25, 0.5, 1.0],
+    [0.10, 0.15, 0.20],
+    [1e-3, 5e-3, 20e-3],
+)
+CASES = [
+    (25e-6, 1.0, 0.15),
+    (50e-6, 0.5, 0.15),
+    (75e-6, 0.2, 0.15),
+    (75e-6, 0.4, 0.15),
+    (100e-6, 0.075, 0.10),
+]
 
 
-def row(name: str, probe: Probe, height: float, load: float, mu: float, **friction: float) -> DragTrace:
+def row(
+    name: str, probe: Probe, height: float, load: float, mu: float, **friction: float
+) -> DragTrace:
     trace = simulate(step_track(height, R), probe, DragSettings(load, mu, speed=5e-3, **friction))
     formula = release_at(step_angle(height, R), load, friction.get("static_friction", mu))
     if trace.status is not Status.RELEASES:
-        print(f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.status} | | | | | | | | |")
+        print(
+            f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.status} | | | | | | | | |"
+        )
         return trace
     ring = ring_of(trace)
     normal = band_share(*phase_spectrum(trace, "vibration", "fy_n"), RING_BAND)
     print(
-        f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.peak_force:.3f} | {formula.pull_force:.3f} "
+        f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.peak_force:.3f} | "
+        f"{formula.pull_force:.3f} "
         f"| {ring.energy * 1e6:.1f} | {ring.share:.0%} | {ring.duration * 1e3:.1f} "
         f"| {ring.decay_time * 1e3:.1f} | {ring.loading_share:.0%} "
         f"| {ring.ring_band_share:.0%} | {normal:.0%} |"
@@ -48,9 +64,22 @@ def row(name: str, probe: Probe, height: float, load: float, mu: float, **fricti
 
 
 def like_the_figures() -> DragTrace:
-    print("\n## Figures 3 to 5: 300 Hz, damping ratio 0.01 (rod: 0.033), Hertz contact of steel, 5 mm/s")
     print(
-        "| load acts on | H um | N | mu | peak N | eq. (1) N | E_v uJ | share | ring ms | 1/e ms | 0-100 | 250-350 | F_y |"
+        "\n## Figures 3 to 5: 300 Hz, damping ratio 0.01 (rod: 0.033), Hertz contact of "
+        "steel, 5 "
+        "mm/s"
+    )
+    print(
+        "| load acts on | H um | N | mu | peak N | eq. (1) N | "
+        "E_v uJ "
+        "| "
+        "share "
+        "| "
+        "ring "
+        "ms | "
+        "1/e "
+        "ms "
+        "| 0-100 | 250-350 | F_y |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
     for case in CASES:
@@ -62,13 +91,32 @@ def like_the_figures() -> DragTrace:
         row("rod", replace(ROD, carrier_mass=load / 9.81 + 10e-3), height, load, 0.15)
     for kinetic in (0.03, 0.01, 0.0):
         probe = replace(ROD, carrier_mass=1.0 / 9.81 + 10e-3)
-        row("rod, mu falls from 0.15", probe, 25e-6, 1.0, kinetic, static_friction=0.15, stribeck_speed=10e-3)
+        row(
+            "rod, mu falls from 0.15",
+            probe,
+            25e-6,
+            1.0,
+            kinetic,
+            static_friction=0.15,
+            stribeck_speed=10e-3,
+        )
     return shown
 
 
 def where_it_goes() -> None:
-    print("\n## Where the stored energy goes between release and rest, uJ (paper's probe, 5 mm/s, 1 N, mu 0.15)")
-    print("| H um | stored | lift | rings (E_v) | other: friction, contact and damping in the slip | share |")
+    print(
+        "\n## Where the stored energy goes between release and rest, uJ (paper's probe, 5 "
+        "mm/s, 1 "
+        "N, mu 0.15)"
+    )
+    print(
+        "| H um | stored | lift | rings (E_v) | other: friction, contact and "
+        "damping "
+        "in "
+        "the "
+        "slip "
+        "| share |"
+    )
     print("|---|---|---|---|---|---|")
     for height in (10e-6, 25e-6, 50e-6, 75e-6):
         trace = simulate(step_track(height, R), PAPER_DRAG, DragSettings(1.0, 0.15, speed=5e-3))
@@ -87,7 +135,9 @@ def shares() -> np.ndarray:
     share = np.full([len(axis) for axis in GRID], np.nan)
     for place in np.ndindex(*share.shape):
         height, load, friction, speed = (axis[k] for axis, k in zip(GRID, place, strict=True))
-        trace = simulate(step_track(height, R), PAPER_DRAG, DragSettings(load, friction, speed=speed))
+        trace = simulate(
+            step_track(height, R), PAPER_DRAG, DragSettings(load, friction, speed=speed)
+        )
         if trace.status is Status.RELEASES:
             share[place] = ring_of(trace, spectra=False).share
     return share
@@ -102,7 +152,11 @@ def share_map() -> np.ndarray:
         print(f"\nmu = {mu:g}\n\n| H um | {labels} |\n|---|{'---|' * (len(loads) * len(speeds))}")
         for h, height in enumerate(heights):
             cells = share[h, :, j, :].ravel()
-            print(f"| {height * 1e6:.0f} | " + " | ".join("-" if np.isnan(c) else f"{c:.0%}" for c in cells) + " |")
+            print(
+                f"| {height * 1e6:.0f} | "
+                + " | ".join("-" if np.isnan(c) else f"{c:.0%}" for c in cells)
+                + " |"
+            )
     released = share[np.isfinite(share)]
     print(
         f"\nmedian {np.median(released):.0%}, 5 % to 95 %: {np.quantile(released, 0.05):.0%} to "
@@ -118,7 +172,12 @@ def draw_ring_share(share: np.ndarray, path: Path) -> None:
     for j, axis in enumerate(axes):
         for (i, load), (k, speed) in product(enumerate(loads), enumerate(speeds)):
             look = {"marker": ".", "lw": 0.9, "color": f"C{i}", "ls": ("-", "--", ":")[k]}
-            axis.plot(1e6 * np.array(heights), share[:, i, j, k], label=f"{load:g} N, {speed * 1e3:g} mm/s", **look)
+            axis.plot(
+                1e6 * np.array(heights),
+                share[:, i, j, k],
+                label=f"{load:g} N, {speed * 1e3:g} mm/s",
+                **look,
+            )
         axis.axhline(PAPER.tool.conversion, color="k", lw=1)
         degrees = np.degrees(np.arctan(frictions[j]))
         axis.set_title(f"mu = {frictions[j]:g}, angle of friction {degrees:.1f} deg", fontsize=9)

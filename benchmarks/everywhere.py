@@ -1,13 +1,14 @@
 """The same answers on every machine: the tests under other processors, threads, Pythons and library versions.
 
-``make everywhere`` runs all of it (some hours on two cores), in cells of a machine and a folder of tests; ``python
-benchmarks/everywhere.py WORD ...`` those with a word in their name, ``--list`` names them. What passes is noted in
-out/everywhere and not run again while source and tests are the same, so that a run may be broken off and taken up. Prints
-the table of docs/portability.md. Exit code 1 if a cell fails.
+``make everywhere`` runs all of it (some hours on two cores), in cells of a machine and a folder of
+tests; ``python benchmarks/everywhere.py WORD ...`` those with a word in their name, ``--list``
+names them. What passes is noted in out/everywhere and not run again while source and tests are the
+same, so that a run may be broken off and taken up. Prints the table of docs/portability.md. Exit
+code 1 if a cell fails.
 
-A processor is imitated by what its libraries read when they load: OPENBLAS_CORETYPE picks the kernels of the linear
-algebra, NPY_DISABLE_CPU_FEATURES the vector loops of numpy, NUMBA_CPU_NAME those of our compiled kernels. Pythons that
-are not on the machine are left out and named.
+A processor is imitated by what its libraries read when they load: OPENBLAS_CORETYPE picks the
+kernels of the linear algebra, NPY_DISABLE_CPU_FEATURES the vector loops of numpy, NUMBA_CPU_NAME
+those of our compiled kernels. Pythons that are not on the machine are left out and named.
 """
 
 from __future__ import annotations
@@ -30,7 +31,15 @@ ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "out" / "everywhere"
 RECORD = KEPT / "record.json"
 BYTES = "bytes"  # the cell that builds every shipped stimulus and compares the files
-NUMERIC = ("contact", "drag", "predict", "inspect", "bench", "loop", "study")  # folders of tests that compute
+NUMERIC = (
+    "contact",
+    "drag",
+    "predict",
+    "inspect",
+    "bench",
+    "loop",
+    "study",
+)  # folders of tests that compute
 TOP = "top"  # the tests that lie in no folder
 OTHERS = ("artefacts", "build", "cad", "cli", "evidence", "parts", "simulators", "workshop", TOP)
 # what names platform, Python or library versions, and a page that shows them
@@ -54,7 +63,9 @@ def no_simd() -> str:
         "from numpy._core._multiarray_umath import __cpu_dispatch__ as d, __cpu_features__ as f;"
         "print(*(n for n in d if f.get(n)))"
     )
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.strip()
 
 
 def machines() -> list[Machine]:
@@ -71,7 +82,13 @@ def machines() -> list[Machine]:
         Machine("no vector loops", nehalem | plain),
         Machine("Python 3.12, Haswell, 4 threads", haswell, "3.12", cells=whole),
         Machine("Python 3.13, Zen", zen, "3.13", cells=whole),
-        Machine("oldest libraries, SkylakeX", threads(1, OPENBLAS_CORETYPE="SkylakeX"), "3.11", "lowest-direct", whole),
+        Machine(
+            "oldest libraries, SkylakeX",
+            threads(1, OPENBLAS_CORETYPE="SkylakeX"),
+            "3.11",
+            "lowest-direct",
+            whole,
+        ),
         Machine("newest libraries, 4 threads", threads(4), "3.13", "highest", whole),
     ]
 
@@ -81,7 +98,9 @@ def state() -> str:
     files = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
     files += [path for name in ("src", "tests", "stimuli") for path in (ROOT / name).rglob("*")]
     known = hashlib.sha256()
-    for path in sorted(path for path in files if path.is_file() and "__pycache__" not in path.parts):
+    for path in sorted(
+        path for path in files if path.is_file() and "__pycache__" not in path.parts
+    ):
         known.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
     return known.hexdigest()[:16]
 
@@ -101,7 +120,9 @@ def commit() -> str:
 def interpreter(version: str) -> str | None:
     """Path of a Python of this version."""
     known = [shutil.which(f"python{version}")]
-    known += [str(path) for path in sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))]
+    known += [
+        str(path) for path in sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
+    ]
     return next((path for path in known if path and _answers(path)), None)
 
 
@@ -125,8 +146,14 @@ def environment(machine: Machine) -> str | None:
     if ready.is_file() and ready.read_text() == wanted:
         return python
     subprocess.run([base, "-m", "venv", str(folder)], check=True)
-    subprocess.run([python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "uv"], check=True)
-    asked = ["--resolution", machine.resolution] if machine.resolution else ["-c", str(ROOT / "constraints.txt")]
+    subprocess.run(
+        [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "uv"], check=True
+    )
+    asked = (
+        ["--resolution", machine.resolution]
+        if machine.resolution
+        else ["-c", str(ROOT / "constraints.txt")]
+    )
     install = [python, "-m", "uv", "pip", "install", "-q", "--python", python]
     subprocess.run([*install, *asked, "-e", f"{ROOT}[dev]"], check=True)
     ready.write_text(wanted)
@@ -135,12 +162,30 @@ def environment(machine: Machine) -> str | None:
 
 def tested(python: str, cell: str, settings: dict[str, str]) -> tuple[bool, dict[str, Any]]:
     """Run the tests of a folder; whether they pass, and how many did."""
-    asked = sorted(map(str, (ROOT / "tests").glob("test_*.py"))) if cell == TOP else [f"tests/{cell}"]
-    command = [python, "-m", "pytest", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider", *asked]
-    done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False)
+    asked = (
+        sorted(map(str, (ROOT / "tests").glob("test_*.py"))) if cell == TOP else [f"tests/{cell}"]
+    )
+    command = [
+        python,
+        "-m",
+        "pytest",
+        "-n",
+        "auto",
+        "--dist",
+        "loadfile",
+        "-p",
+        "no:cacheprovider",
+        *asked,
+    ]
+    done = subprocess.run(
+        command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False
+    )
     if done.returncode:
         print(done.stdout[-6000:], done.stderr[-2000:], file=sys.stderr)
-    counts = {kind: re.search(rf"(\d+) {kind}", done.stdout) for kind in ("passed", "failed", "skipped", "error")}
+    counts = {
+        kind: re.search(rf"(\d+) {kind}", done.stdout)
+        for kind in ("passed", "failed", "skipped", "error")
+    }
     return done.returncode == 0, {kind: int(found[1]) for kind, found in counts.items() if found}
 
 
@@ -148,10 +193,19 @@ def built(python: str, settings: dict[str, str]) -> tuple[bool, dict[str, Any]]:
     """Build every shipped stimulus; whether that went well, and the hash of each file that names no machine."""
     with tempfile.TemporaryDirectory() as work:
         command = [python, "-m", "stepblocks", "build", "-o", work, "--jobs", "1", "--quiet"]
-        done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False
+        )
         print(done.stderr[-2000:], file=sys.stderr, end="")
-        files = [path for path in sorted(Path(work).rglob("*")) if path.is_file() and path.name not in NAMING]
-        hashes = {str(path.relative_to(work)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+        files = [
+            path
+            for path in sorted(Path(work).rglob("*"))
+            if path.is_file() and path.name not in NAMING
+        ]
+        hashes = {
+            str(path.relative_to(work)): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in files
+        }
     return done.returncode == 0, {"files": hashes}
 
 
@@ -168,29 +222,51 @@ def run(machine: Machine, cell: str) -> dict[str, Any]:
     settings = {**os.environ, **machine.settings, **own}
     started = time.monotonic()
     good, found = built(python, settings) if cell == BYTES else tested(python, cell, settings)
-    return {"outcome": "passes" if good else "FAILS", **found, "seconds": round(time.monotonic() - started)}
+    return {
+        "outcome": "passes" if good else "FAILS",
+        **found,
+        "seconds": round(time.monotonic() - started),
+    }
 
 
 def row(machine: Machine, found: dict[str, dict[str, Any]]) -> str:
     """Line of the table: what was run on a machine and how it ended."""
-    here = {cell: found[f"{machine.name}: {cell}"] for cell in machine.cells if f"{machine.name}: {cell}" in found}
+    here = {
+        cell: found[f"{machine.name}: {cell}"]
+        for cell in machine.cells
+        if f"{machine.name}: {cell}" in found
+    }
     wrong = [
         f"{cell} {one['outcome']} {one.get('why', '')}".strip()
         for cell, one in here.items()
         if one["outcome"] != "passes"
     ]
     tests = [one for cell, one in here.items() if cell != BYTES]
-    told = [f"{sum(one.get(kind, 0) for one in tests)} {kind}" for kind in ("passed", "failed", "skipped")]
+    told = [
+        f"{sum(one.get(kind, 0) for one in tests)} {kind}"
+        for kind in ("passed", "failed", "skipped")
+    ]
     if missing := [cell for cell in machine.cells if cell not in here]:
         told.append(f"not run: {', '.join(missing)}")
     # other versions of a kernel or a writer of meshes may write other bytes; the same ones must not
     alike = [f"{one.name}: {BYTES}" for one in machines() if one.resolution == machine.resolution]
     reference = next((found[name]["files"] for name in alike if name in found), {})
     if files := here.get(BYTES, {}).get("files"):
-        other = sorted(name for name in reference.keys() | files.keys() if reference.get(name) != files.get(name))
-        told.append(f"{len(files)} files" if not other else f"{len(other)} files differ: {', '.join(other[:3])}")
+        other = sorted(
+            name
+            for name in reference.keys() | files.keys()
+            if reference.get(name) != files.get(name)
+        )
+        told.append(
+            f"{len(files)} files"
+            if not other
+            else f"{len(other)} files differ: {', '.join(other[:3])}"
+        )
         wrong += ["bytes differ"] if other else []
-    return f"| {machine.name} | {'; '.join(wrong) or ('passes' if here else 'not run')} | {', '.join(told)} |"
+    return (
+        f"| {machine.name} | {'; '.join(wrong) or ('passes' if here else 'not run')} | "
+        f"{', '.join(told)} |"
+    )
 
 
 def main() -> int:
@@ -198,13 +274,25 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("word", nargs="*", help="parts of names of cells (default: all)")
     parser.add_argument("--list", action="store_true", help="name the cells that would be run")
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no cell after so long")
+    parser.add_argument(
+        "--minutes", type=float, default=float("inf"), help="begin no cell after so long"
+    )
     arguments = parser.parse_args()
     everything, now = machines(), state()
     record = json.loads(RECORD.read_text()) if RECORD.is_file() else {}
-    found = {name: one for name, one in record.items() if one["state"] == now and one["outcome"] == "passes"}
-    asked = [(f"{machine.name}: {cell}", machine, cell) for machine in everything for cell in machine.cells]
-    asked = [one for one in asked if not arguments.word or any(word in one[0] for word in arguments.word)]
+    found = {
+        name: one
+        for name, one in record.items()
+        if one["state"] == now and one["outcome"] == "passes"
+    }
+    asked = [
+        (f"{machine.name}: {cell}", machine, cell)
+        for machine in everything
+        for cell in machine.cells
+    ]
+    asked = [
+        one for one in asked if not arguments.word or any(word in one[0] for word in arguments.word)
+    ]
     pending = [one for one in asked if one[0] not in found]
     if arguments.list:
         print("\n".join(name for name, *_ in pending))
@@ -216,7 +304,12 @@ def main() -> int:
             break
         print(name, end=" ", file=sys.stderr, flush=True)
         found[name] = {"state": now, "commit": commit(), **run(machine, cell)}
-        print(found[name]["outcome"], f"{found[name].get('seconds', 0)} s", file=sys.stderr, flush=True)
+        print(
+            found[name]["outcome"],
+            f"{found[name].get('seconds', 0)} s",
+            file=sys.stderr,
+            flush=True,
+        )
         record[name] = found[name]
         draft = RECORD.with_suffix(".draft")
         draft.write_text(json.dumps(record, indent=1))

@@ -1,8 +1,8 @@
 """What goes wrong while a command writes: a full disk, a sync or a rename that fails, no memory, a kill, at one point after another.
 
-``python benchmarks/faults.py`` runs the matrix (some minutes); ``python benchmarks/faults.py sweep study`` some commands. Each
-fault must end in one line and exit code 2 (a kill in none), and the next run must give the bytes of one that nothing disturbed.
-Exit code 1 if one does not.
+``python benchmarks/faults.py`` runs the matrix (some minutes); ``python benchmarks/faults.py sweep
+study`` some commands. Each fault must end in one line and exit code 2 (a kill in none), and the
+next run must give the bytes of one that nothing disturbed. Exit code 1 if one does not.
 """
 
 from __future__ import annotations
@@ -25,7 +25,13 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-COUNTED = ("sync", "rename", "memory", "kill", "kill-rename")  # faults of the first call, the second and so on
+COUNTED = (
+    "sync",
+    "rename",
+    "memory",
+    "kill",
+    "kill-rename",
+)  # faults of the first call, the second and so on
 FAULTS = ("size", *COUNTED)
 POINTS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89)
 # what the commands load: once, and every run is a fork of it
@@ -111,20 +117,50 @@ def run(command: list[str], fault: str = "none", point: int = 0) -> Done:
 def commands(work: Path) -> dict[str, list[str]]:
     """Each command that writes, with ``OUT`` for where."""
     four = str(ROOT / "stimuli" / "paper-four.toml")
-    grid = 'kind = "grid"\nrows_per_partition = 2\n[parameters]\nheight = ["12 um", "50 um"]\nfriction = [0.1, 0.2]\n'
+    grid = (
+        'kind = "grid"\nrows_per_partition = 2\n[parameters]\nheight = ["12 um", "50 '
+        'um"]\nfriction = [0.1, 0.2]\n'
+    )
     (work / "s.toml").write_text(f'[sweep]\n{grid}normal_load = "0.5 N"\n')
     for name, trials in (("session", 6), ("longer", 20)):
-        plan = f'heights = ["20 um", "40 um"]\nloads = ["0.4 N"]\nspeeds = ["5 mm/s"]\ntrials = {trials}\n'
+        plan = (
+            'heights = ["20 um", "40 um"]\nloads = ["0.4 N"]\nspeeds = ["5 mm/s"]\ntrials = '
+            f"{trials}\n"
+        )
         (work / "p.toml").write_text(f'schema = 1\nseed = 5\nformat = "hdf5"\n[design]\n{plan}')
         run(["simulate-session", str(work / "p.toml"), "-o", str(work / name)])
     return {
         "study": ["study", "design", four, "--seed", "1", "-o", "OUT"],
         "sweep": ["sweep", str(work / "s.toml"), "-o", "OUT", "--quiet"],
-        "measure": ["measure", str(work / "session"), "-o", "OUT/features.csv", "--jobs", "1", "--quiet"],
+        "measure": [
+            "measure",
+            str(work / "session"),
+            "-o",
+            "OUT/features.csv",
+            "--jobs",
+            "1",
+            "--quiet",
+        ],
         "predict": ["predict", four, "-o", "OUT/table.csv"],
-        "workshop": ["workshop", str(ROOT / "stimuli" / "sheaths.toml"), "-o", "OUT", "--only", "sheath-hard"],
+        "workshop": [
+            "workshop",
+            str(ROOT / "stimuli" / "sheaths.toml"),
+            "-o",
+            "OUT",
+            "--only",
+            "sheath-hard",
+        ],
         "loop": ["loop", str(work / "longer"), "-o", "OUT", "--jobs", "1", "--quiet"],
-        "build": ["build", str(ROOT / "stimuli" / "sheaths.toml"), "-o", "OUT", "--only", "sheath-hard", "--jobs", "1"],
+        "build": [
+            "build",
+            str(ROOT / "stimuli" / "sheaths.toml"),
+            "-o",
+            "OUT",
+            "--only",
+            "sheath-hard",
+            "--jobs",
+            "1",
+        ],
     }
 
 
@@ -132,11 +168,14 @@ def tree(folder: Path) -> dict[str, str]:
     """Hash of every file, also of the note of who wrote what; a folder has none, so that a draft left empty is seen."""
     found = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*")}
     return {
-        name: "" if path.is_dir() else hashlib.sha256(path.read_bytes()).hexdigest() for name, path in found.items()
+        name: "" if path.is_dir() else hashlib.sha256(path.read_bytes()).hexdigest()
+        for name, path in found.items()
     }
 
 
-def disturbed(command: list[str], fault: str, point: int, wanted: dict[str, str], work: Path) -> str:
+def disturbed(
+    command: list[str], fault: str, point: int, wanted: dict[str, str], work: Path
+) -> str:
     """Run a command with a fault, then again without; what is wrong, empty where nothing is, "none" where it has no such point."""
     folder = work / "out"
     shutil.rmtree(folder, ignore_errors=True)
@@ -145,7 +184,11 @@ def disturbed(command: list[str], fault: str, point: int, wanted: dict[str, str]
     first = run(asked, fault, point)
     if first.code == 99 or (first.code == 0 and fault == "size"):
         return "none"
-    said = [line for line in first.said.splitlines() if line.startswith(("stepblocks: error", "Traceback"))]
+    said = [
+        line
+        for line in first.said.splitlines()
+        if line.startswith(("stepblocks: error", "Traceback"))
+    ]
     if (
         first.code != (-9 if fault.startswith("kill") else 2)
         or len(said) != (not fault.startswith("kill"))
@@ -156,7 +199,9 @@ def disturbed(command: list[str], fault: str, point: int, wanted: dict[str, str]
     if again.code:
         return f"the next run ended with {again.code}: {again.said.strip()[-200:]}"
     found = tree(folder)
-    differing = sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name))
+    differing = sorted(
+        name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name)
+    )
     return f"the next run differs in {', '.join(differing[:5])}" if differing else ""
 
 
@@ -166,14 +211,20 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("command", nargs="*", help="commands (default: all)")
     parser.add_argument("--faults", nargs="+", choices=FAULTS, default=FAULTS)
     parser.add_argument(
-        "--points", type=int, nargs="+", default=POINTS, help="which call fails; of a size, 10 bytes times 2 to this"
+        "--points",
+        type=int,
+        nargs="+",
+        default=POINTS,
+        help="which call fails; of a size, 10 bytes times 2 to this",
     )
     arguments = parser.parse_args(argv)
     failed = held = 0
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        os.environ["MPLCONFIGDIR"] = str(work / "fonts")  # a list of fonts that a fault cut short would stay
+        os.environ["MPLCONFIGDIR"] = str(
+            work / "fonts"
+        )  # a list of fonts that a fault cut short would stay
         for name in LOADED:
             with suppress(ImportError):
                 import_module(name)
@@ -192,7 +243,11 @@ def main(argv: list[str] | None = None) -> int:
                     said = disturbed(command, fault, point, wanted, work)
                     failed += said not in ("", "none")
                     held += said == ""
-                    print(f"| {name} | {fault} | {point} | {said or 'one line, then the same bytes'} |", flush=True)
+                    print(
+                        f"| {name} | {fault} | {point} | "
+                        f"{said or 'one line, then the same bytes'} |",
+                        flush=True,
+                    )
                     if said == "none":
                         break
     print(f"\n{held} faults held, {failed} not")

@@ -1,8 +1,9 @@
 """Strange files for every reader: each answers, or refuses in our own words; none takes long, much memory, or a traceback.
 
-``python benchmarks/fuzz.py`` mutates 2,000 inputs of each kind; ``python benchmarks/fuzz.py step mesh --count 500 --seed 3``
-fewer of some. What fails is kept in ``--keep``, one file each. Exit code 1 if one did. Inputs depend on kind, seed and number
-alone. Foreign formats are read as the commands read them, in their confined process.
+``python benchmarks/fuzz.py`` mutates 2,000 inputs of each kind; ``python benchmarks/fuzz.py step
+mesh --count 500 --seed 3`` fewer of some. What fails is kept in ``--keep``, one file each. Exit
+code 1 if one did. Inputs depend on kind, seed and number alone. Foreign formats are read as the
+commands read them, in their confined process.
 """
 
 from __future__ import annotations
@@ -53,7 +54,19 @@ TOKENS = [
         b"1 m^9^9^9",
         b"1 m/0",
     ),
-    *(b"a" * 5000, b"\n", b"\r", b",", b";", b"#1", b"$", b"\xe2\x80\xae", b"1000 km", b"1e-12 m", b"\xff\xff\xff\xff"),
+    *(
+        b"a" * 5000,
+        b"\n",
+        b"\r",
+        b",",
+        b";",
+        b"#1",
+        b"$",
+        b"\xe2\x80\xae",
+        b"1000 km",
+        b"1e-12 m",
+        b"\xff\xff\xff\xff",
+    ),
     *(b"\x00\x00\x00\x80", b"\x7f\xff\xff\xff", b"true", b"{}", b"[]", b"null"),
 ]
 Read = Callable[[Path], object]
@@ -124,23 +137,52 @@ def _texts(work: Path) -> Iterator[Kind]:
         ),
     )
     source = ROOT / "src" / "stepblocks"
-    yield "devices", ([("d.toml", (source / "simulators" / "devices.toml").read_bytes())], load_devices)
-    head = b'[sweep]\nkind = "random"\nrows = 40\nseed = 11\nmode = "drag"\n[parameters]\nheight = { from = "12 um", to = "80 um" }\n'
-    rest = b'normal_load = ["0.3 N", "0.7 N"]\nfriction = { from = 0.1, to = 0.2 }\n[draws]\ncount = 3\nheight = "0.5 um"\n'
+    yield (
+        "devices",
+        ([("d.toml", (source / "simulators" / "devices.toml").read_bytes())], load_devices),
+    )
+    head = (
+        b'[sweep]\nkind = "random"\nrows = 40\nseed = 11\nmode = "drag"\n[parameters]\nheight = '
+        b'{ from = "12 um", to = "80 um" }\n'
+    )
+    rest = (
+        b'normal_load = ["0.3 N", "0.7 N"]\nfriction = { from = 0.1, to = 0.2 }\n[draws]\ncount '
+        b'= 3\nheight = "0.5 um"\n'
+    )
     yield "sweeps", ([("s.toml", head + rest)], load_sweep)
-    plan = b'schema = 1\nseed = 5\nformat = "hdf5"\n[design]\nheights = ["10 um", "20 um"]\nloads = ["0.3 N"]\nspeeds = ["2 mm/s"]\n'
-    effects = b'trials = 24\n[scatter]\nenergy = 0.05\n[[effects]]\nslot = "friction"\nchange = "multiply"\nform = "exponential"\n'
-    yield "plans", ([("p.toml", plan + effects + b'covariate = "run_order"\nsize = 0.5\nspan = 40\n')], read_plan)
+    plan = (
+        b'schema = 1\nseed = 5\nformat = "hdf5"\n[design]\nheights = ["10 um", "20 um"]\nloads = '
+        b'["0.3 N"]\nspeeds = ["2 mm/s"]\n'
+    )
+    effects = (
+        b'trials = 24\n[scatter]\nenergy = 0.05\n[[effects]]\nslot = "friction"\nchange = '
+        b'"multiply"\nform = "exponential"\n'
+    )
+    yield (
+        "plans",
+        (
+            [("p.toml", plan + effects + b'covariate = "run_order"\nsize = 0.5\nspan = 40\n')],
+            read_plan,
+        ),
+    )
     model = json.dumps(model_document(taught_model(std=0.1))).encode()
     yield "models", ([("model.json", model)], read_model)
     value = AsBuiltValue(50e-6, 1e-7, "conforms")
-    write_as_built(work / "x.as-built.toml", AsBuilt("step-050", "x.csv", "0" * 64, "c", {"step_height": value}))
-    yield "as-built", ([("x.as-built.toml", (work / "x.as-built.toml").read_bytes())], read_as_built)
+    write_as_built(
+        work / "x.as-built.toml",
+        AsBuilt("step-050", "x.csv", "0" * 64, "c", {"step_height": value}),
+    )
+    yield (
+        "as-built",
+        ([("x.as-built.toml", (work / "x.as-built.toml").read_bytes())], read_as_built),
+    )
     block = load_declared(ROOT / "stimuli" / "paper-four.toml").stimuli[0]
     said = {one.key: (one.nominal + one.upper, 1e-8, "conforms") for one in block.characteristics()}
     write_qif(work / "q.qif", block, None, said)
     yield "qif", ([("q.qif", (work / "q.qif").read_bytes())], read_qif_results)
-    write_sealed(work / "record.json", {"outputs": {"a.stl": "0" * 64}, "verdicts": [], "kind": "x"})
+    write_sealed(
+        work / "record.json", {"outputs": {"a.stl": "0" * 64}, "verdicts": [], "kind": "x"}
+    )
 
     def records(path: Path) -> object:
         return load_record(path.parent), load_json(path)
@@ -172,15 +214,21 @@ def _tables(work: Path) -> Iterator[Kind]:
     answers = (work / "study" / "answers.csv").read_bytes()
     yield (
         "answers",
-        ([("a.csv", answers[: answers.rindex(b"\n", 0, 3000) + 1])], lambda path: read_answers(path, "estimates")),
+        (
+            [("a.csv", answers[: answers.rindex(b"\n", 0, 3000) + 1])],
+            lambda path: read_answers(path, "estimates"),
+        ),
     )
     session = (
-        b'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\ntraces = "t.h5"\n'
+        b'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 '
+        b'kHz"\ntraces = "t.h5"\n'
         b'channels = { tangential = "x", normal = "y" }\n[trials]\nfile = "trials.csv"\n'
     )
 
     def sessions(path: Path) -> object:
-        (path.parent / "trials.csv").write_text("trial,speed_mm_s,load_n,block\n1,2,0.5,a\n2,2,0.5,b\n")
+        (path.parent / "trials.csv").write_text(
+            "trial,speed_mm_s,load_n,block\n1,2,0.5,a\n2,2,0.5,b\n"
+        )
         return list(open_trials(open_session(path.parent)))
 
     def trials(path: Path) -> object:
@@ -188,16 +236,28 @@ def _tables(work: Path) -> Iterator[Kind]:
         return list(open_trials(open_session(path.parent)))
 
     yield "sessions", ([("session.toml", session)], sessions)
-    yield "trials", ([("trials.csv", b"trial,speed_mm_s,load_n,block,note\n1,2,0.5,a,x\n2,2,0.5,b,y\n" * 5)], trials)
+    yield (
+        "trials",
+        (
+            [("trials.csv", b"trial,speed_mm_s,load_n,block,note\n1,2,0.5,a,x\n2,2,0.5,b,y\n" * 5)],
+            trials,
+        ),
+    )
     x = np.linspace(0.0, 400.0, 300)
-    lines = "".join(f"{a:.3f},{b:.4f}\n" for a, b in zip(x, np.where(x > 200.0, 50.0, 0.0), strict=True))
+    lines = "".join(
+        f"{a:.3f},{b:.4f}\n" for a, b in zip(x, np.where(x > 200.0, 50.0, 0.0), strict=True)
+    )
     scans = [
         ("s.csv", b"x_um,z_um\n" + lines.encode()),
         ("s.txt", b"x [mm]\tz [nm]\n" + lines.replace(",", "\t").encode()),
     ]
     shared = ROOT.parent / "shared" / "real"
     endings = (".x3p", ".sdf", ".sur", ".nid", ".plux", ".gwy", ".opdx")
-    real = sorted(path for path in shared.rglob("*") if path.suffix in endings and path.stat().st_size < 200_000)[:8]
+    real = sorted(
+        path
+        for path in shared.rglob("*")
+        if path.suffix in endings and path.stat().st_size < 200_000
+    )[:8]
     yield "scans", (scans + [(f"s{path.suffix}", path.read_bytes()) for path in real], read_scan)
     yield "clouds", (_clouds(), lambda path: read_scan(path, unit="mm"))
 
@@ -210,11 +270,17 @@ def _clouds() -> list[tuple[str, bytes]]:
     points = np.column_stack([x, y, 0.05 * (x > 3)])
     corner = np.arange(5 * 8).reshape(5, 8)[:, :-1].ravel()
     faces = np.vstack(
-        [np.column_stack([corner, corner + 1, corner + 8]), np.column_stack([corner + 1, corner + 9, corner + 8])]
+        [
+            np.column_stack([corner, corner + 1, corner + 8]),
+            np.column_stack([corner + 1, corner + 9, corner + 8]),
+        ]
     )
     mesh = trimesh.Trimesh(points, faces, process=False)
     rows = "".join("{:g} {:g} {:g}\n".format(*point) for point in points)
-    head = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 48\nHEIGHT 1\nPOINTS 48\nDATA "
+    head = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 48\nHEIGHT "
+        "1\nPOINTS 48\nDATA "
+    )
     return [
         ("c.stl", mesh.export(file_type="stl")),
         ("c.ply", mesh.export(file_type="ply")),
@@ -254,7 +320,10 @@ def _traces(work: Path) -> Iterator[Kind]:
         ]
         traces = "{trial:04d}.csv" if kind == "csv" else file.name
         names = 'time = "time_s", tangential = "fx_n", normal = "fy_n"'
-        told = f'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\ntraces = "{traces}"\n'
+        told = (
+            'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = '
+            f'"10 kHz"\ntraces = "{traces}"\n'
+        )
 
         def read(path: Path, told: str = told, names: str = names) -> object:
             (path.parent / "session.toml").write_text(f"{told}channels = {{ {names} }}\n")
@@ -281,12 +350,21 @@ def _parts(work: Path) -> Iterator[Kind]:
 
     yield (
         "step",
-        ([("sheath-hard.step", (folder / "sheath-hard.step").read_bytes())], lambda path: step_table(check_step(path))),
+        (
+            [("sheath-hard.step", (folder / "sheath-hard.step").read_bytes())],
+            lambda path: step_table(check_step(path)),
+        ),
     )
     for ending in ("stl", "obj", "ply", "3mf", "glb", "convex.obj", "png"):
-        yield ending, ([(f"sheath-hard.{ending}", (folder / f"sheath-hard.{ending}").read_bytes())], check)
+        yield (
+            ending,
+            ([(f"sheath-hard.{ending}", (folder / f"sheath-hard.{ending}").read_bytes())], check),
+        )
     yield "view", ([("view.js", (folder / "view.js").read_bytes())], check)
-    yield "specification", ([("specification.json", (folder / "specification.json").read_bytes())], check)
+    yield (
+        "specification",
+        ([("specification.json", (folder / "specification.json").read_bytes())], check),
+    )
 
 
 def _arguments(work: Path) -> Iterator[Kind]:
@@ -305,7 +383,9 @@ def _late(*_: object) -> None:
     raise TimeoutError(f"longer than {SECONDS} s")
 
 
-def fuzz(name: str, seeds: list[tuple[str, bytes]], read: Read, count: int, seed: int, keep: Path) -> tuple[str, int]:
+def fuzz(
+    name: str, seeds: list[tuple[str, bytes]], read: Read, count: int, seed: int, keep: Path
+) -> tuple[str, int]:
     """Try so many inputs of a kind; a line of the table, and how many failed."""
     random = np.random.default_rng([seed, *name.encode()])
     faults = accepted = 0
@@ -338,7 +418,8 @@ def fuzz(name: str, seeds: list[tuple[str, bytes]], read: Read, count: int, seed
         assert set(left) <= {file for file, _ in seeds} | {"session.toml", "trials.csv"}, left
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     return (
-        f"| {name} | {count} | {accepted} | {count - accepted - faults} | {faults} | {slowest:.1f} | {peak:.1f} |",
+        f"| {name} | {count} | {accepted} | {count - accepted - faults} | {faults} | "
+        f"{slowest:.1f} | {peak:.1f} |",
         faults,
     )
 
@@ -349,12 +430,17 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("kind", nargs="*", help="kinds (default: all)")
     parser.add_argument("--count", type=int, default=2000, help="inputs of each kind")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path, default=Path("fuzz-faults"), help="folder for what failed")
+    parser.add_argument(
+        "--keep", type=Path, default=Path("fuzz-faults"), help="folder for what failed"
+    )
     arguments = parser.parse_args(argv)
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
     signal.signal(signal.SIGALRM, _late)
     failed = 0
-    print("| kind | inputs | read | refused | faults | slowest s | peak GiB |\n|---|---|---|---|---|---|---|")
+    print(
+        "| kind | inputs | read | refused | faults | slowest s | peak GiB "
+        "|\n|---|---|---|---|---|---|---|"
+    )
     with tempfile.TemporaryDirectory() as work:
         for name, (seeds, read) in kinds(Path(work), arguments.kind):
             line, faults = fuzz(name, seeds, read, arguments.count, arguments.seed, arguments.keep)

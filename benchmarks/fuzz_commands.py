@@ -1,7 +1,7 @@
 """Strange words on the command line, for ``benchmarks/fuzz.py``: each option alone as it is parsed, and whole commands.
 
-A command runs in a fork with a limit of processor time and memory, in a folder of its own that it may leave no trace in but
-where its words say so.
+A command runs in a fork with a limit of processor time and memory, in a folder of its own that it
+may leave no trace in but where its words say so.
 """
 
 from __future__ import annotations
@@ -24,9 +24,17 @@ BETWEEN = "\x1f"  # words
 SECONDS = 20  # of the processor, for one command
 _WAITING = 20  # as often that by the clock
 Kind = tuple[list[tuple[str, bytes]], Callable[[Path], object]]
-# an honest word for what an option takes, by its metavar and else by what the metavar is the name of
+# an honest word for what an option takes, by its metavar and else by what the metavar is the name
+# of
 HONEST = {
-    **{"LENGTH": "20 um", "FORCE": "0.5 N", "RATIO": "0.15", "SPEED": "5 mm/s", "TIME": "40 ms", "MASS": "100 g"},
+    **{
+        "LENGTH": "20 um",
+        "FORCE": "0.5 N",
+        "RATIO": "0.15",
+        "SPEED": "5 mm/s",
+        "TIME": "40 ms",
+        "MASS": "100 g",
+    },
     **{
         "FREQUENCY": "300 Hz",
         "STIFFNESS": "9.81 N/mm",
@@ -36,35 +44,72 @@ HONEST = {
         "X": "2",
         "S": "2",
     },
-    **{"H,H,...": "20,40", "A,B,...": "bare,soft", "A=X,B=Y": "bare=1,soft=0.5", "LOW-HIGH": "1-7", "LIST": "1,2"},
-    **{"OURS=YOURS,...": "participant=subject", "UNIT": "x=um,z=nm", "NUMBER": "1", "STIMULUS": "25 um"},
+    **{
+        "H,H,...": "20,40",
+        "A,B,...": "bare,soft",
+        "A=X,B=Y": "bare=1,soft=0.5",
+        "LOW-HIGH": "1-7",
+        "LIST": "1,2",
+    },
+    **{
+        "OURS=YOURS,...": "participant=subject",
+        "UNIT": "x=um,z=nm",
+        "NUMBER": "1",
+        "STIMULUS": "25 um",
+    },
 }
 WHOLE = (
     "predict paper-four.toml -o out/t.csv",
     "predict paper-four.toml --conversion constant --perception out/p.csv -o out/t.csv --wide",
     "predict t.csv -o out/t.csv --force --json",
     "predict paper-four.toml --plots out/plots",
-    "drag 25|um --load 0.5|N --friction 0.15 --edge-radius 3|um --tip-radius 125|um -o out/drag --quiet",
-    "drag 25|um --handle-mass 100|g --static-friction 0.2 --ring-time 40|ms --sample-rate 10|kHz --speed 5|mm/s -o out/drag",
-    "drag 25|um --stiffness 9.81|N/mm --frequency 300|Hz --damping-ratio 0.037 --backward --json -o out/drag",
+    "drag 25|um --load 0.5|N --friction 0.15 --edge-radius 3|um --tip-radius 125|um -o "
+    "out/drag "
+    "--quiet",
+    "drag 25|um --handle-mass 100|g --static-friction 0.2 --ring-time 40|ms --sample-rate "
+    "10|kHz "
+    "--speed 5|mm/s -o out/drag",
+    "drag 25|um --stiffness 9.81|N/mm --frequency 300|Hz --damping-ratio 0.037 --backward "
+    "--json "
+    "-o out/drag",
     "drag paper-four.toml/apparatus-050 --pull 0.4|N --setting figures-3-to-5 -o out/drag",
     "sweep s.toml -o out/sweep --wide",
-    "export paper-four.toml --for forcelaw -o out/scenes --scale 20 --load 0.5|N --friction 0.1 --tip-radius 125|um",
-    "export paper-four.toml --for gltf -o out/scenes --only apparatus-050 --device touch --ring exponential",
+    "export paper-four.toml --for forcelaw -o out/scenes --scale 20 --load 0.5|N "
+    "--friction "
+    "0.1 "
+    "--tip-radius 125|um",
+    "export paper-four.toml --for gltf -o out/scenes --only apparatus-050 --device touch "
+    "--ring "
+    "exponential",
     "export --list-devices --json",
     "feel paper-four.toml -o out/feel.html --no-open",
     "compare record.csv --to paper-four.toml/apparatus-050 -o out/c.csv",
-    "inspect scan.csv --stimulus apparatus-050 --stimuli paper-four.toml --calibration 0.1|% --exclusion 20|um -o out/inspect",
-    "inspect scan.csv --standard 50|um --tolerance 1|um --feature edge --unit um --from 1|um --to 390|um",
-    "inspect scan.csv --standard 50|um --feature edge --stylus-radius 2|um --stylus-cone 90|deg --resolution 1|nm",
-    "study design paper-four.toml --seed 1 --participants 2 --repetitions 2 --probes bare,soft -o out/study",
-    "study design --heights 20,40,60 --experiment constant --standard step-020 --seed 1 -o out/study",
-    "study simulate study paper-four.toml --seed 2 --damping bare=1,soft=0.5 --noisier soft=3 --weber 0.2 -o out/a.csv",
-    "study simulate study paper-four.toml --seed 2 --noise 5|um --spread 3|um --lapse 0.01 --condition-spread 1|um -o out/a.csv",
+    "inspect scan.csv --stimulus apparatus-050 --stimuli paper-four.toml --calibration 0.1|% "
+    "--exclusion 20|um -o out/inspect",
+    "inspect scan.csv --standard 50|um --tolerance 1|um --feature edge --unit um "
+    "--from "
+    "1|um "
+    "--to "
+    "390|um",
+    "inspect scan.csv --standard 50|um --feature edge --stylus-radius 2|um --stylus-cone "
+    "90|deg "
+    "--resolution 1|nm",
+    "study design paper-four.toml --seed 1 --participants 2 --repetitions 2 --probes "
+    "bare,soft -o "
+    "out/study",
+    "study design --heights 20,40,60 --experiment constant --standard step-020 --seed 1 -o "
+    "out/study",
+    "study simulate study paper-four.toml --seed 2 --damping bare=1,soft=0.5 --noisier soft=3 "
+    "--weber 0.2 -o out/a.csv",
+    "study simulate study paper-four.toml --seed 2 --noise 5|um --spread 3|um --lapse 0.01 "
+    "--condition-spread 1|um -o out/a.csv",
     "study analyse study study/answers.csv --equivalent 5|um --ratings 1-7 -o out/report",
-    "study power --heights 20,40 --damping bare=1,soft=0.5 --participants 2 --repetitions 2 --runs 10 --seed 1 -o out/p.csv",
+    "study power --heights 20,40 --damping bare=1,soft=0.5 --participants 2 --repetitions 2 "
+    "--runs 10 --seed 1 -o out/p.csv",
     "study share study study/answers.csv --as bids -o out/data",
-    "study adaptive start --heights 20,40,60 --standard step-020 --trials 5 --reversals 4 --seed 1 --participants 2 -o out/a",
+    "study adaptive start --heights 20,40,60 --standard step-020 --trials 5 --reversals 4 "
+    "--seed "
+    "1 --participants 2 -o out/a",
     "new block out/mine.toml",
     "new --shipped out",
     "help export",
@@ -77,7 +122,9 @@ WHOLE = (
 
 def _words(path: Path) -> list[str]:
     """Words of a command line: the system passes no zero, and what leads out of the folder is the user's own wish."""
-    words = [os.fsdecode(word.replace(b"\0", b"")) for word in path.read_bytes().split(BETWEEN.encode())]
+    words = [
+        os.fsdecode(word.replace(b"\0", b"")) for word in path.read_bytes().split(BETWEEN.encode())
+    ]
     return [word.replace("../", "").replace("=/", "=").lstrip("/") for word in words]
 
 
@@ -104,10 +151,14 @@ def arguments() -> Kind:
             return False
         return True
 
-    return _lines([line for words, one in _leaves(parser) for line in _each(words, one) if parses(line)]), parse
+    return _lines(
+        [line for words, one in _leaves(parser) for line in _each(words, one) if parses(line)]
+    ), parse
 
 
-def _leaves(parser: Parser, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Parser]]:
+def _leaves(
+    parser: Parser, words: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Parser]]:
     if not parser.commands:
         yield words, parser
     for name, one in parser.commands.items():
@@ -116,7 +167,9 @@ def _leaves(parser: Parser, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple
 
 def _each(words: tuple[str, ...], parser: Parser) -> Iterator[list[str]]:
     """Yield a line for each option of a command, which has what must be given as well."""
-    one_of = [group._group_actions[0] for group in parser._mutually_exclusive_groups if group.required]
+    one_of = [
+        group._group_actions[0] for group in parser._mutually_exclusive_groups if group.required
+    ]
     must = [action for action in parser._actions if action.required or action in one_of]
     for action in parser._actions:
         asked = [other for other in must if other is not action]
@@ -129,7 +182,12 @@ def _honest(action: argparse.Action) -> list[str]:
     named = list(action.option_strings[-1:])
     if action.nargs == 0:
         return named
-    return [*named, str(next(iter(action.choices))) if action.choices else HONEST.get(str(action.metavar), "one")]
+    return [
+        *named,
+        str(next(iter(action.choices)))
+        if action.choices
+        else HONEST.get(str(action.metavar), "one"),
+    ]
 
 
 def commands(work: Path) -> Kind:
@@ -151,7 +209,9 @@ def commands(work: Path) -> Kind:
         finally:
             os.chdir(ROOT)
         after = tree(here)
-        changed = [name for name in before.keys() | after.keys() if before.get(name) != after.get(name)]
+        changed = [
+            name for name in before.keys() | after.keys() if before.get(name) != after.get(name)
+        ]
         strange = [name for name in changed if not _named(Path(name), words, before)]
         left = [name for name in after if ".partial-" in name]
         if (
@@ -161,7 +221,10 @@ def commands(work: Path) -> Kind:
             or strange
             or left
         ):
-            raise AssertionError(f"{words} ended with {done.code}: {done.said[-2000:]}; outside {strange}; left {left}")
+            raise AssertionError(
+                f"{words} ended with {done.code}: {done.said[-2000:]}; outside {strange}; left "
+                f"{left}"
+            )
         if done.code == 2:
             raise StepblocksError(done.said)
         return done
@@ -171,16 +234,25 @@ def commands(work: Path) -> Kind:
 
 def _named(path: Path, words: list[str], before: Mapping[str, str]) -> bool:
     """Whether the words name a path or what it lies in; what is read is not to be written, and some words mean a folder."""
-    path = path.parent if path.name == ".stepblocks.json" else path  # the note of who wrote what lies beside a file
-    asked = [word.partition("=")[2] if word.startswith("--") else word.removeprefix("-o") for word in words]
-    asked = [word for word in asked if 0 < len(word) < 200 and (word not in before or "--force" in words)]
+    path = (
+        path.parent if path.name == ".stepblocks.json" else path
+    )  # the note of who wrote what lies beside a file
+    asked = [
+        word.partition("=")[2] if word.startswith("--") else word.removeprefix("-o")
+        for word in words
+    ]
+    asked = [
+        word for word in asked if 0 < len(word) < 200 and (word not in before or "--force" in words)
+    ]
     named = [Path(word) for word in asked if Path(word).name]
     if words[0] == "new":  # gives every name its ending, feel those that have none
         asked += [str(path.with_suffix(".toml")) for path in named]
     if words[0] == "feel":
         asked += [str(path.with_suffix(".html")) for path in named if not path.suffix]
     places = [
-        Path(word) for word in ("out", "stimuli", "my-block.toml", "my-session", "study", *asked) if word.strip("./")
+        Path(word)
+        for word in ("out", "stimuli", "my-block.toml", "my-session", "study", *asked)
+        if word.strip("./")
     ]
     return any(path.is_relative_to(place) or place.is_relative_to(path) for place in places)
 
@@ -190,19 +262,26 @@ def _prepare(given: Path) -> None:
     (given / "out").mkdir(parents=True)
     os.chdir(given)
     shutil.copy(ROOT / "stimuli" / "paper-four.toml", "paper-four.toml")
-    Path("t.csv").write_text("block,height_um,load_n,friction,edge_radius_um,u_height_um\na,25,1,0.15,0,0.1\n")
+    Path("t.csv").write_text(
+        "block,height_um,load_n,friction,edge_radius_um,u_height_um\na,25,1,0.15,0,0.1\n"
+    )
     lines = [f"{0.5 * number:.1f},{50.0 * (number > 400)}\n" for number in range(800)]
     Path("scan.csv").write_text("x_um,z_um\n" + "".join(lines))
-    lines = [f"{number / 1e4:.4f},{0.3 if number < 200 else 0.1 * (-1) ** (number // 17)}\n" for number in range(2000)]
+    lines = [
+        f"{number / 1e4:.4f},{0.3 if number < 200 else 0.1 * (-1) ** (number // 17)}\n"
+        for number in range(2000)
+    ]
     Path("record.csv").write_text("time_s,force_n\n" + "".join(lines))
     Path("s.toml").write_text(
-        '[sweep]\nkind = "grid"\n[parameters]\nheight = ["12 um", "50 um"]\nnormal_load = "0.5 N"\nfriction = 0.1\n'
+        '[sweep]\nkind = "grid"\n[parameters]\nheight = ["12 um", "50 um"]\nnormal_load = "0.5 '
+        'N"\nfriction = 0.1\n'
     )
     design = 'heights = ["20 um"]\nloads = ["0.4 N"]\nspeeds = ["5 mm/s"]\ntrials = 2\n'
     Path("p.toml").write_text(f"schema = 1\nseed = 5\n[design]\n{design}")
     for line in (
         "simulate-session p.toml -o session",
-        "study design paper-four.toml --seed 1 --participants 2 --repetitions 2 --probes bare,soft -o study",
+        "study design paper-four.toml --seed 1 --participants 2 --repetitions 2 --probes "
+        "bare,soft -o study",
         "study simulate study paper-four.toml --seed 2",
         "build paper-four.toml --only apparatus-050 -o built --jobs 1",
     ):

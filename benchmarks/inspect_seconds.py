@@ -1,8 +1,9 @@
 """How long ``stepblocks inspect`` takes from its start to the verdict, the confined reader's start included.
 
-Run from the root of the repository: ``python benchmarks/inspect_seconds.py``. A profile of 4,000 points is to take about 1 s and a
-map of 1,000 x 1,000 about 5 s. Judged is the processor time of the command and of its reader, which another load changes little; the
-wall time stands beside it, and what the command takes to start and to say its version. As after an installation, the code is
+Run from the root of the repository: ``python benchmarks/inspect_seconds.py``. A profile of 4,000
+points is to take about 1 s and a map of 1,000 x 1,000 about 5 s. Judged is the processor time of
+the command and of its reader, which another load changes little; the wall time stands beside it,
+and what the command takes to start and to say its version. As after an installation, the code is
 compiled: the first of the rounds does so, into a folder of its own. Exit code 1 if one is slower.
 """
 
@@ -26,8 +27,14 @@ ROUNDS = 3
 
 def least(compiled: Path, *words: str) -> tuple[float, float]:
     """Least wall time and least processor time of a command over some rounds [s]; its code is compiled into a folder."""
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPYCACHEPREFIX": str(compiled)}
+    environment = {
+        name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"
+    }
+    environment |= {
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+        "PYTHONPYCACHEPREFIX": str(compiled),
+    }
     walls, busy = [], []
     for _ in range(ROUNDS):
         wall, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -45,7 +52,9 @@ def write(folder: Path) -> dict[str, tuple[Path, str]]:
 
     random = np.random.default_rng(1)
     x = np.arange(-2000, 2000) * 0.25 * UM
-    z = edge_gauge(x, 50 * UM, 5 * UM, 5e-4) + correlated_noise(len(x), 0.25 * UM, 10 * NM, 30 * NM, 2 * UM, random)
+    z = edge_gauge(x, 50 * UM, 5 * UM, 5e-4) + correlated_noise(
+        len(x), 0.25 * UM, 10 * NM, 30 * NM, 2 * UM, random
+    )
     profile = folder / "profile.csv"
     rows = np.stack([x, z], axis=1) * 1e6
     np.savetxt(profile, rows, delimiter=",", header="x_um,z_um", comments="", fmt="%.4f")

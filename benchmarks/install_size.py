@@ -47,15 +47,25 @@ def megabytes(one: Distribution) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("roots", nargs="*", default=["stepblocks"], help="what is asked for, such as stepblocks[sim]")
-    parser.add_argument("--least", type=float, default=10.0, help="smallest size that has a line [MB]")
+    parser.add_argument(
+        "roots",
+        nargs="*",
+        default=["stepblocks"],
+        help="what is asked for, such as stepblocks[sim]",
+    )
+    parser.add_argument(
+        "--least", type=float, default=10.0, help="smallest size that has a line [MB]"
+    )
     arguments = parser.parse_args()
     found = demanded(arguments.roots)
     sizes = {name: megabytes(one) for name, (one, _) in found.items()}
     print("| distribution | MB | demanded by |\n|---|---:|---|")
     for name in sorted(sizes, key=lambda name: -sizes[name]):
         if sizes[name] >= arguments.least:
-            print(f"| {name} {found[name][0].version} | {sizes[name]:.0f} | {', '.join(sorted(found[name][1]))} |")
+            print(
+                f"| {name} {found[name][0].version} | {sizes[name]:.0f} | "
+                f"{', '.join(sorted(found[name][1]))} |"
+            )
     few = [name for name in sizes if sizes[name] < arguments.least]
     print(f"| {len(few)} smaller ones | {sum(sizes[name] for name in few):.0f} | |")
     print(f"| **all {len(sizes)}** | **{sum(sizes.values()):.0f}** | |")

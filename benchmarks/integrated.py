@@ -1,8 +1,9 @@
 """What the loop says of sessions whose contact is integrated, in all its regimes, and how well it then foretells E_v.
 
-Run as ``python benchmarks/integrated.py [SESSIONS [TRIALS]]`` (default 3 of 96). Every session is integrated by rigid contact in
-``tests/oracles/virtual_bench.py``, which shares no code with the model of the loop: nothing is planted in it but the motion itself,
-which equations (1) and (2) lack. Errors are root mean squares of ln E_v over trials held out within blocks, and over whole blocks.
+Run as ``python benchmarks/integrated.py [SESSIONS [TRIALS]]`` (default 3 of 96). Every session is
+integrated by rigid contact in ``tests/oracles/virtual_bench.py``, which shares no code with the
+model of the loop: nothing is planted in it but the motion itself, which equations (1) and (2) lack.
+Errors are root mean squares of ln E_v over trials held out within blocks, and over whole blocks.
 """
 
 import sys
@@ -21,15 +22,21 @@ FIRST = 2  # seed; the model was looked at on others
 
 def main():
     """Print a few lines per session."""
-    sessions, trials = (int(sys.argv[i]) if len(sys.argv) > i else usual for i, usual in ((1, 3), (2, 96)))
+    sessions, trials = (
+        int(sys.argv[i]) if len(sys.argv) > i else usual for i, usual in ((1, 3), (2, 96))
+    )
     for seed in range(FIRST, FIRST + sessions):
         with tempfile.TemporaryDirectory() as folder:
             session = Path(folder) / "integrated"
             plan = Plan(trials=trials)
             write_session(session, plan, seed)
             features = measure(session)
-            scans, _ = scan_blocks(session, "scans/{block}.csv", sorted(set(features["block"].dropna())))
-        result = analyse_features(features, plan.bench.stiffness, plan.bench.tip_radius, scans, jobs=2)
+            scans, _ = scan_blocks(
+                session, "scans/{block}.csv", sorted(set(features["block"].dropna()))
+            )
+        result = analyse_features(
+            features, plan.bench.stiffness, plan.bench.tip_radius, scans, jobs=2
+        )
         errors = [result.document[part]["error"] for part in ("nominal", "extended")]
         print(f"session {seed}: {result.verdict}: {result.document['finding']}")
         for name in ("ln_energy_rms", "ln_energy_rms_blocks_left_out"):

@@ -1,6 +1,7 @@
 """Licences of everything that is installed beside us: ``make licences``, or ``python benchmarks/licences.py``.
 
-One line each; those with a copyleft are marked. Exit code 1 where one is GPL or AGPL, which nothing of ours may need.
+One line each; those with a copyleft are marked. Exit code 1 where one is GPL or AGPL, which nothing
+of ours may need.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ import sys
 from importlib.metadata import Distribution, distributions
 
 _TROVE = "License :: "
-# whose own licence is permissive, and whose wheels carry a library that is not: as that library says, not the package
+# whose own licence is permissive, and whose wheels carry a library that is not: as that library
+# says, not the package
 _WITHIN = {
     "cadquery-ocp": "OpenCASCADE: LGPL-2.1 with an exception",
     "nlopt": "Luksan's solvers: LGPL-2.1",
@@ -25,8 +27,14 @@ _CHOICE = re.compile(r"\bOR\b|dual|exception|or later;", re.IGNORECASE)
 def licence(one: Distribution) -> str:
     """Find what a distribution says of its licence, the shortest true form first."""
     data = one.metadata
-    trove = [name.rsplit(" :: ", 1)[-1] for name in data.get_all("Classifier", []) if name.startswith(_TROVE)]
-    listed = [name for name in trove if name != "OSI Approved"]  # which says nothing, and stands before what does
+    trove = [
+        name.rsplit(" :: ", 1)[-1]
+        for name in data.get_all("Classifier", [])
+        if name.startswith(_TROVE)
+    ]
+    listed = [
+        name for name in trove if name != "OSI Approved"
+    ]  # which says nothing, and stands before what does
     stated = (data.get("License-Expression") or "").strip()
     free = (data.get("License") or "").strip().splitlines()
     said = stated or ", ".join(listed) or (free[0][:60] if free else "not stated")
@@ -37,10 +45,16 @@ def licence(one: Distribution) -> str:
 def main() -> int:
     """Print the table."""
     found = sorted(
-        {(one.metadata["Name"], one.version, licence(one)) for one in distributions() if one.metadata["Name"]}
+        {
+            (one.metadata["Name"], one.version, licence(one))
+            for one in distributions()
+            if one.metadata["Name"]
+        }
     )
     refused = [
-        row for row in found if _REFUSED.search(row[2]) and not _NAMES.search(row[2]) and not _CHOICE.search(row[2])
+        row
+        for row in found
+        if _REFUSED.search(row[2]) and not _NAMES.search(row[2]) and not _CHOICE.search(row[2])
     ]
     print("| package | version | licence | copyleft |\n|---|---|---|---|")
     for name, version, said in found:

@@ -1,7 +1,8 @@
 """Time of `stepblocks loop` from a folder of traces to the report, by the wall and in processor seconds.
 
-``python benchmarks/loop_seconds.py SESSION ...`` takes sessions that are there, ``--trials 240 4000`` makes some of so many
-trials by ``tests/oracles/virtual_session.py``, friction that runs in among them; ``--jobs`` and ``--waveform`` as of the command.
+``python benchmarks/loop_seconds.py SESSION ...`` takes sessions that are there, ``--trials 240
+4000`` makes some of so many trials by ``tests/oracles/virtual_session.py``, friction that runs in
+among them; ``--jobs`` and ``--waveform`` as of the command.
 """
 
 from __future__ import annotations
@@ -26,11 +27,23 @@ def seconds(session: Path, *options: str) -> tuple[int, float, float]:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         begin = time.perf_counter()
         code = "import sys; from stepblocks.cli import main; sys.exit(main(sys.argv[1:]))"
-        asked = [sys.executable, "-c", code, "loop", str(session), "-o", f"{scratch}/loop", *options]
+        asked = [
+            sys.executable,
+            "-c",
+            code,
+            "loop",
+            str(session),
+            "-o",
+            f"{scratch}/loop",
+            *options,
+        ]
         subprocess.run(asked, check=True, capture_output=True)
         wall = time.perf_counter() - begin
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        trials = len((Path(scratch) / "loop" / "features.csv").read_text(encoding="utf-8").splitlines()) - 1
+        trials = (
+            len((Path(scratch) / "loop" / "features.csv").read_text(encoding="utf-8").splitlines())
+            - 1
+        )
     return trials, wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
@@ -39,7 +52,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("sessions", nargs="*", type=Path, metavar="SESSION")
     parser.add_argument(
-        "--trials", nargs="+", type=int, default=[], metavar="N", help="make sessions of so many trials"
+        "--trials",
+        nargs="+",
+        type=int,
+        default=[],
+        metavar="N",
+        help="make sessions of so many trials",
     )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--waveform", action="store_true")
@@ -49,7 +67,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         made = [Path(scratch) / f"of-{count}" for count in options.trials]
         for folder, count in zip(made, options.trials, strict=True):
-            write_session(folder, Plan(bench=Bench(conversion=0.2), trials=count, running_in=0.5), 1)
+            write_session(
+                folder, Plan(bench=Bench(conversion=0.2), trials=count, running_in=0.5), 1
+            )
         for session in (*options.sessions, *made):
             trials, wall, processors = seconds(session, *passed)
             print(f"{session.name:20s} {trials:7d} {wall:9.1f} {processors:15.1f}", flush=True)

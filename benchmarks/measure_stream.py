@@ -2,9 +2,10 @@
 
     python benchmarks/measure_stream.py [trials ...]
 
-Writes sessions of one HDF5 file each and measures them in a process of its own. Every trial has a tangential force of its own,
-one of sixteen kinds under noise of its own, so that no row is the duplicate of another; time and normal force are links to those
-of its kind, so that 100000 trials need 0.9 GB of disk.
+Writes sessions of one HDF5 file each and measures them in a process of its own. Every trial has a
+tangential force of its own, one of sixteen kinds under noise of its own, so that no row is the
+duplicate of another; time and normal force are links to those of its kind, so that 100000 trials
+need 0.9 GB of disk.
 """
 
 import resource
@@ -47,7 +48,9 @@ def write(folder: Path, count: int) -> None:
             pulls.append(trace.tangential)
         for trial in range(1, count + 1):
             group, kind = file.create_group(f"{trial:04d}"), trial % 16
-            group["fx_n"] = (pulls[kind] + random.normal(0.0, 0.5e-3, pulls[kind].shape)).astype("f4")
+            group["fx_n"] = (pulls[kind] + random.normal(0.0, 0.5e-3, pulls[kind].shape)).astype(
+                "f4"
+            )
             for name in ("time_s", "fy_n"):
                 group[name] = h5py.SoftLink(f"/kinds/{kind}/{name}")
     (folder / "session.toml").write_text(HEAD)
@@ -59,7 +62,8 @@ def write(folder: Path, count: int) -> None:
 
 def main(counts: list[int], jobs: int = 2) -> None:
     print(
-        f"{'trials':>8s} {'seconds':>8s} {'processors / s':>15s} {'ms/trial':>9s} {'largest process / MiB':>22s} {'measured':>9s}"
+        f"{'trials':>8s} {'seconds':>8s} {'processors / s':>15s} {'ms/trial':>9s} "
+        f"{'largest process / MiB':>22s} {'measured':>9s}"
     )
     for count in counts:
         with tempfile.TemporaryDirectory() as scratch:
@@ -67,13 +71,23 @@ def main(counts: list[int], jobs: int = 2) -> None:
             folder.mkdir()
             write(folder, count)
             begin, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-            subprocess.run([sys.executable, "-c", RUN, str(folder), f"{scratch}/out.csv", str(jobs)], check=True)
+            subprocess.run(
+                [sys.executable, "-c", RUN, str(folder), f"{scratch}/out.csv", str(jobs)],
+                check=True,
+            )
             with Path(f"{scratch}/out.csv").open() as table:
                 measured = sum(",ok," in row for row in table)
             spent = time.perf_counter() - begin
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        busy, peak = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, after.ru_maxrss / 1024.0
-        print(f"{count:8d} {spent:8.1f} {busy:15.1f} {1e3 * busy / count:9.1f} {peak:22.0f} {measured:9d}", flush=True)
+        busy, peak = (
+            after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+            after.ru_maxrss / 1024.0,
+        )
+        print(
+            f"{count:8d} {spent:8.1f} {busy:15.1f} {1e3 * busy / count:9.1f} {peak:22.0f} "
+            f"{measured:9d}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

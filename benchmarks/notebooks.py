@@ -23,7 +23,8 @@ def main() -> None:
             continue
         notebook = jupytext.read(source)
         with TemporaryDirectory() as folder:
-            # the kernel is spoken to through files of ours, not through ports that anybody on the machine reads
+            # the kernel is spoken to through files of ours, not through ports that anybody on the
+            # machine reads
             private = Config({"KernelManager": {"transport": "ipc", "ip": f"{folder}/kernel"}})
             place = {"metadata": {"path": folder}}
             NotebookClient(notebook, timeout=600, resources=place, config=private).execute()

@@ -1,8 +1,9 @@
 """Name every function that no command and no public name calls: run the tests of commands and list what stayed cold.
 
-Run ``python benchmarks/reached.py`` under Python 3.12 or newer (``sys.monitoring`` tells of a function's first call and then
-costs nothing). Confined readers, workers and commands in processes of their own are watched too. What numba compiles is
-never called as Python: it counts as called where a called function names it. Exits 1 where a function stayed cold.
+Run ``python benchmarks/reached.py`` under Python 3.12 or newer (``sys.monitoring`` tells of a
+function's first call and then costs nothing). Confined readers, workers and commands in processes
+of their own are watched too. What numba compiles is never called as Python: it counts as called
+where a called function names it. Exits 1 where a function stayed cold.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "stepblocks"
-RUNS_A_COMMAND = re.compile(r"stepblocks\.cli|-m[\", ]+stepblocks|^import stepblocks|^from stepblocks import", re.M)
+RUNS_A_COMMAND = re.compile(
+    r"stepblocks\.cli|-m[\", ]+stepblocks|^import stepblocks|^from stepblocks import", re.M
+)
 WATCH = """
 import os, sys
 told = os.open({record!r}, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
@@ -35,10 +38,22 @@ def called_by(tests: list[Path]) -> set[str]:
     """``file:function`` of all that these tests call, in whatever process."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder, "called")
-        Path(folder, "sitecustomize.py").write_text(WATCH.format(record=str(record), source=str(SOURCE)))
+        Path(folder, "sitecustomize.py").write_text(
+            WATCH.format(record=str(record), source=str(SOURCE))
+        )
         environment = os.environ | {"PYTHONPATH": os.pathsep.join([folder, str(SOURCE.parent)])}
         subprocess.run(
-            [sys.executable, "-m", "pytest", "-q", "-n", "auto", "--dist", "loadfile", *map(str, tests)],
+            [
+                sys.executable,
+                "-m",
+                "pytest",
+                "-q",
+                "-n",
+                "auto",
+                "--dist",
+                "loadfile",
+                *map(str, tests),
+            ],
             cwd=ROOT,
             env=environment,
             check=False,  # a test that fails has called what it called, and fails elsewhere too
@@ -53,13 +68,19 @@ def functions_of(path: Path) -> dict[str, ast.FunctionDef]:
         if isinstance(node, ast.FunctionDef):
             found[node.name] = node
         elif isinstance(node, ast.ClassDef):
-            found |= {f"{node.name}.{m.name}": m for m in node.body if isinstance(m, ast.FunctionDef)}
+            found |= {
+                f"{node.name}.{m.name}": m for m in node.body if isinstance(m, ast.FunctionDef)
+            }
     return {name: node for name, node in found.items() if ast.unparse(node.body[-1]) != "..."}
 
 
 def main() -> int:
     """Run the tests and print the cold functions."""
-    tests = [p for p in sorted((ROOT / "tests").rglob("test_*.py")) if RUNS_A_COMMAND.search(p.read_text())]
+    tests = [
+        p
+        for p in sorted((ROOT / "tests").rglob("test_*.py"))
+        if RUNS_A_COMMAND.search(p.read_text())
+    ]
     called = called_by(tests)
     cold, named = {}, set()
     for path in sorted(SOURCE.rglob("*.py")):
@@ -72,7 +93,9 @@ def main() -> int:
         at: node
         for at, node in cold.items()
         if node.name in named
-        and re.search(r"\b(njit|jit|guvectorize|vectorize)\b", " ".join(map(ast.unparse, node.decorator_list)))
+        and re.search(
+            r"\b(njit|jit|guvectorize|vectorize)\b", " ".join(map(ast.unparse, node.decorator_list))
+        )
     }:
         for at, node in kernels.items():
             named |= {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}

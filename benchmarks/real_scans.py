@@ -1,11 +1,13 @@
 """What the program says of real scans beside what others found in them, read and evaluated as ``stepblocks inspect`` does.
 
-Run from the root of the repository: ``python benchmarks/real_scans.py FOLDER``, FOLDER a place below which the files of the table
-lie under their own names; files that are not there are left out. One line per file: what was asked, the answer with its 95 %
-interval, the independent value, how the two compare, and whether the answer comes with a warning: profiles refused, points of a
-face or cap beyond one in a hundred left out, an edge that the sampling or the stylus does not resolve. Exit code 1 if a value is
-wrong, a step is a phantom, or a file is not read as a second reader does; a refusal is no fault, but at least 60 % of the files
-with a step must be answered, and at most 10 % of what is answered rightly may come with a warning once ten are.
+Run from the root of the repository: ``python benchmarks/real_scans.py FOLDER``, FOLDER a place
+below which the files of the table lie under their own names; files that are not there are left out.
+One line per file: what was asked, the answer with its 95 % interval, the independent value, how the
+two compare, and whether the answer comes with a warning: profiles refused, points of a face or cap
+beyond one in a hundred left out, an edge that the sampling or the stylus does not resolve. Exit
+code 1 if a value is wrong, a step is a phantom, or a file is not read as a second reader does; a
+refusal is no fault, but at least 60 % of the files with a step must be answered, and at most 10 %
+of what is answered rightly may come with a warning once ten are.
 """
 
 import re
@@ -30,7 +32,9 @@ class Known:
     """What is known of a scan: its feature, and where the value comes from (public repository, licence, how)."""
 
     feature: str  # groove, edge, ball; none; reader
-    low: float = np.nan  # spread of the independent estimates [m]; of a reader peak to valley or width
+    low: float = (
+        np.nan
+    )  # spread of the independent estimates [m]; of a reader peak to valley or width
     high: float = np.nan  # likewise [m]
     source: str = ""
     unit: str | None = None
@@ -71,13 +75,24 @@ SCANS |= {
         for one, radius in enumerate((189.2659, 190.0973, 190.5985, 191.9384, 191.8101), 1)
     },
     # plate and border of several rows, by their medians
-    "image_34.json": Known("groove", 4.87 * MM, 4.97 * MM, "sick-appspace-samples/OCR_3D, Unlicense", "mm"),
-    "matchImages.json": Known("none", source="sick-appspace-samples/EdgeMatcher3D, Unlicense", unit="mm"),
-    "teachImages.json": Known("none", source="sick-appspace-samples/EdgeMatcher3D, Unlicense", unit="mm"),
+    "image_34.json": Known(
+        "groove", 4.87 * MM, 4.97 * MM, "sick-appspace-samples/OCR_3D, Unlicense", "mm"
+    ),
+    "matchImages.json": Known(
+        "none", source="sick-appspace-samples/EdgeMatcher3D, Unlicense", unit="mm"
+    ),
+    "teachImages.json": Known(
+        "none", source="sick-appspace-samples/EdgeMatcher3D, Unlicense", unit="mm"
+    ),
     "image_42.json": Known("none", source="sick-appspace-samples/OCR_3D, Unlicense", unit="mm"),
     "5.011": Known("none", source="ifidontrelapse/AFM-analysis, Apache-2.0"),
-    **{name: Known("none", source=TOPOGRAPHY) for name in ("csv-3.csv", "sdf-1.sdf", "gwyddion-export-english.txt")},
-    **{name: Known("none", source="heike/x3ptools, MIT") for name in ("pyramid.x3p", "testing.x3p")},
+    **{
+        name: Known("none", source=TOPOGRAPHY)
+        for name in ("csv-3.csv", "sdf-1.sdf", "gwyddion-export-english.txt")
+    },
+    **{
+        name: Known("none", source="heike/x3ptools, MIT") for name in ("pyramid.x3p", "testing.x3p")
+    },
 }
 LEAST_ANSWERED = 0.6
 MOST_WARNED = 0.1  # of the right answers
@@ -107,7 +122,11 @@ def asked(path: Path, known: Known) -> InspectionResult:
 def warned(result: InspectionResult) -> bool:
     """Whether a note casts doubt on the answer."""
     notes, drawn = result.inspected.notes, result.inspected.shown
-    seen = 1 if drawn is None else int(np.isfinite(drawn.height if drawn.map is None else drawn.map.height).sum())
+    seen = (
+        1
+        if drawn is None
+        else int(np.isfinite(drawn.height if drawn.map is None else drawn.map.height).sum())
+    )
     left_out = [LEFT_OUT.search(note) for note in notes]
     many = any(int(found[1]) > MOST_LEFT_OUT * int(found[2] or seen) for found in left_out if found)
     return many or any(WARNS.search(note) for note in notes)
@@ -121,10 +140,20 @@ def compared(path: Path, known: Known) -> tuple[str, str, str, str]:
             height = read_scan(path, known.unit).height
             got = float(np.nanmax(height) - np.nanmin(height))
             right = np.isclose(got, known.low, rtol=1e-4, atol=1e-12)
-            return f"{shown(got)} peak to valley", "-", spread, "as the second reader" if right else "WRONG"
+            return (
+                f"{shown(got)} peak to valley",
+                "-",
+                spread,
+                "as the second reader" if right else "WRONG",
+            )
         result = asked(path, known)
     except MetrologyError as error:
-        return f"refused: {str(error)[:110]}", "-", spread, "rightly" if known.feature == "none" else "no answer"
+        return (
+            f"refused: {str(error)[:110]}",
+            "-",
+            spread,
+            "rightly" if known.feature == "none" else "no answer",
+        )
     one = next(iter(result.inspected.values.values()))
     half = one.expanded()
     interval = f"{shown(one.value - half)} to {shown(one.value + half)}"
@@ -133,7 +162,12 @@ def compared(path: Path, known: Known) -> tuple[str, str, str, str]:
     holds = one.value - half <= known.high and known.low <= one.value + half
     wide = known.high > known.low and 2.0 * half > WIDEST * (known.high - known.low)
     verdict = "WRONG" if not holds else "holds, wide" if wide else "holds"
-    return shown(one.value), interval, spread, f"{verdict}, with a warning" if warned(result) else verdict
+    return (
+        shown(one.value),
+        interval,
+        spread,
+        f"{verdict}, with a warning" if warned(result) else verdict,
+    )
 
 
 def main() -> int:
@@ -145,7 +179,10 @@ def main() -> int:
         for path in Path(sys.argv[1]).rglob("*")
     }
     files = sorted(path for path, name in named.items() if name)
-    print("| file | asked | answer | 95 % interval | independent | comparison | s |\n|---|---|---|---|---|---|---|")
+    print(
+        "| file | asked | answer | 95 % interval | independent | comparison | s "
+        "|\n|---|---|---|---|---|---|---|"
+    )
     verdicts = []
     for path in files:
         began = time.perf_counter()
@@ -154,13 +191,15 @@ def main() -> int:
         verdicts.append((known.feature, verdict))
         seconds = time.perf_counter() - began
         print(
-            f"| {named[path]} | {known.feature} | {answer} | {interval} | {independent} | {verdict} | {seconds:.1f} |",
+            f"| {named[path]} | {known.feature} | {answer} | {interval} | {independent} | "
+            f"{verdict} | {seconds:.1f} |",
             flush=True,
         )
     steps = [verdict for feature, verdict in verdicts if feature not in ("none", "reader")]
     answered = sum(verdict.startswith("holds") for verdict in steps)
     print(
-        f"\n{answered} of {len(steps)} with a step answered rightly; {sum(v == 'PHANTOM' for _, v in verdicts)} phantoms"
+        f"\n{answered} of {len(steps)} with a step answered rightly; "
+        f"{sum(v == 'PHANTOM' for _, v in verdicts)} phantoms"
     )
     doubted = sum("with a warning" in verdict for verdict in steps if verdict.startswith("holds"))
     print(f"{doubted} of {answered} right answers with a warning")

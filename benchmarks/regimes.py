@@ -1,8 +1,9 @@
 """Regimes and the E_v of each, on records of the tests' own bench, which integrates the motion by rigid contact.
 
-Run as ``python benchmarks/regimes.py [TRIALS [REGIME [SEED]]]`` (default 400, a third of them with static friction twice the kinetic
-one; where a regime is named, its trials alone, of twenty times as many drags). It prints which regime was said of which, and for
-each the error of ln E_v and the pulls of the ring's amplitude (error over its stated standard uncertainty: 1 where that is right).
+Run as ``python benchmarks/regimes.py [TRIALS [REGIME [SEED]]]`` (default 400, a third of them with
+static friction twice the kinetic one; where a regime is named, its trials alone, of twenty times as
+many drags). It prints which regime was said of which, and for each the error of ln E_v and the
+pulls of the ring's amplitude (error over its stated standard uncertainty: 1 where that is right).
 """
 
 import sys
@@ -34,7 +35,11 @@ def rows(trials, regime=None, seed=1):
     random = np.random.default_rng(int(seed))
     for name, (bench, speeds, share) in SERIES.items():
         for _ in range(round(share * trials)):
-            height, load, speed = random.choice(HEIGHTS), random.choice(LOADS), random.choice(speeds)
+            height, load, speed = (
+                random.choice(HEIGHTS),
+                random.choice(LOADS),
+                random.choice(speeds),
+            )
             friction = 0.15 * (1.0 + 0.03 * random.standard_normal())
             done = drag(replace(bench, friction=friction), height, load, speed, random)
             if done is None:
@@ -73,7 +78,8 @@ def main():
     print(found.round(3).to_string())
     static = table.static[table.true == "stick-slip"]
     print(
-        f"static friction named in {static.notna().mean():.0%}; over the kinetic one {static.median():.2f} (true 2.00)"
+        f"static friction named in {static.notna().mean():.0%}; over the kinetic one "
+        f"{static.median():.2f} (true 2.00)"
     )
 
 

@@ -1,8 +1,9 @@
 """Tick times of the reference renderer, and the energy of the ring it renders against E_v: python benchmarks/renderer_ticks.py.
 
-Every tick is timed on its own, called from Python as a servo loop would, over drags of the ten blocks there and back. Each drag
-is repeated: the first figures are of all ticks, interruptions by the machine included, the last two of the fastest of the repeats
-of each tick, which is what the code takes.
+Every tick is timed on its own, called from Python as a servo loop would, over drags of the ten
+blocks there and back. Each drag is repeated: the first figures are of all ticks, interruptions by
+the machine included, the last two of the fastest of the repeats of each tick, which is what the
+code takes.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def main() -> None:
     print(
-        "| surface | ticks | median us | 99.9 % us | worst us | fastest of 5: 99.9 % | worst | ring uJ | E_v uJ | deviation |"
+        "| surface | ticks | median us | 99.9 % us | worst us | fastest of 5: 99.9 % | worst | "
+        "ring uJ | E_v uJ | deviation |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
     blocks = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
@@ -65,13 +67,19 @@ def drag(renderer: Renderer, event: object) -> tuple[np.ndarray, float]:
     return times, ring_energy(np.array(ring), RATE, event.tool)
 
 
-def row(name: str, nanoseconds: np.ndarray, energy: float | None = None, expected: float | None = None) -> None:
+def row(
+    name: str, nanoseconds: np.ndarray, energy: float | None = None, expected: float | None = None
+) -> None:
     median, most, worst = (float(np.quantile(nanoseconds, q)) * 1e-3 for q in (0.5, 0.999, 1.0))
     own, longest = (float(np.quantile(nanoseconds.min(axis=0), q)) * 1e-3 for q in (0.999, 1.0))
-    times = f"{nanoseconds.size} | {median:.2f} | {most:.1f} | {worst:.0f} | {own:.1f} | {longest:.1f}"
+    times = (
+        f"{nanoseconds.size} | {median:.2f} | {most:.1f} | {worst:.0f} | {own:.1f} | {longest:.1f}"
+    )
     tail = "| | |"
     if energy is not None:
-        tail = f"{energy * 1e6:.3f} | {expected * 1e6:.3f} | {100 * (energy / expected - 1):+.2f} % |"
+        tail = (
+            f"{energy * 1e6:.3f} | {expected * 1e6:.3f} | {100 * (energy / expected - 1):+.2f} % |"
+        )
     print(f"| {name} | {times} | {tail}", flush=True)
 
 

@@ -1,8 +1,8 @@
 """Peak force of every block in every simulator beside the formula: python benchmarks/simulators.py [--load '1 N'] [--friction 0.15].
 
-A cell is what that program printed when its exported folder was run here; what cannot be run here says so. Programs that do
-not come with the extra `[sim]` are named on the command line: an interpreter that has newton, the compile and link
-flags of an installed CHAI3D.
+A cell is what that program printed when its exported folder was run here; what cannot be run here
+says so. Programs that do not come with the extra `[sim]` are named on the command line: an
+interpreter that has newton, the compile and link flags of an installed CHAI3D.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ from stepblocks.simulators.scenes import SCENE_FORMATS
 
 ROOT = Path(__file__).resolve().parents[1]
 RADIUS = 125e-6
-Result = tuple[float, bool] | None  # peak force [N] and whether the ball crossed; None: not run here
+Result = (
+    tuple[float, bool] | None
+)  # peak force [N] and whether the ball crossed; None: not run here
 
 
 def main() -> None:
@@ -35,11 +37,19 @@ def main() -> None:
     parser.add_argument("--load", default="1 N")
     parser.add_argument("--friction", type=float, default=0.15)
     parser.add_argument("--only", default="", help="start of the blocks' names")
-    parser.add_argument("--newton", metavar="PYTHON", help="interpreter that has newton[importers,sim]")
-    parser.add_argument("--chai3d", metavar="FLAGS", help="compile and link flags of an installed CHAI3D")
+    parser.add_argument(
+        "--newton", metavar="PYTHON", help="interpreter that has newton[importers,sim]"
+    )
+    parser.add_argument(
+        "--chai3d", metavar="FLAGS", help="compile and link flags of an installed CHAI3D"
+    )
     arguments = parser.parse_args()
     point = OperatingPoint(RADIUS, parse_quantity(arguments.load, "force"), arguments.friction)
-    print(f"R 125 um, F_py {arguments.load}, mu {arguments.friction:g}; peak force in N (deviation from the formula)\n")
+    print(
+        f"R 125 um, F_py {arguments.load}, mu {arguments.friction:g}; peak force in N "
+        "(deviation "
+        "from the formula)\n"
+    )
     print("| surface | formula | " + " | ".join(COLUMNS) + " | SOFA, H3D, Unity, Unreal, Isaac |")
     print("|---|---|" + "---|" * len(COLUMNS) + "---|")
     crowns = load_set(ROOT / "stimuli" / "crown-margins.toml").crown_on_tooth
@@ -49,7 +59,9 @@ def main() -> None:
                 row(Path(folder) / surface.id, surface, point, arguments)
 
 
-def row(folder: Path, surface: object, point: OperatingPoint, arguments: argparse.Namespace) -> None:
+def row(
+    folder: Path, surface: object, point: OperatingPoint, arguments: argparse.Namespace
+) -> None:
     scene = scene_of(surface, point)
     event = scene.events[0]
     formula = event.critical_force if event.status == "releases" else None
@@ -71,7 +83,9 @@ def travel(scene: Scene) -> float:
 
 
 def in_python(folder: Path, scene: Scene, _: argparse.Namespace) -> Result:
-    words = output([sys.executable, "-I", str(written(folder, scene, "forcelaw") / "force_law.py")]).split()
+    words = output(
+        [sys.executable, "-I", str(written(folder, scene, "forcelaw") / "force_law.py")]
+    ).split()
     return float(words[1]), words[-1] == "1"
 
 
@@ -80,17 +94,37 @@ def in_c(folder: Path, scene: Scene, _: argparse.Namespace) -> Result:
     if compiler is None:
         return None
     place = written(folder, scene, "forcelaw")
-    output([compiler, "-std=c99", "-O2", str(place / "force_law_demo.c"), "-lm", "-o", str(place / "demo")])
+    output(
+        [
+            compiler,
+            "-std=c99",
+            "-O2",
+            str(place / "force_law_demo.c"),
+            "-lm",
+            "-o",
+            str(place / "demo"),
+        ]
+    )
     words = output([str(place / "demo")]).split()
     return float(words[1]), words[-1] == "1"
 
 
 def in_mujoco(folder: Path, scene: Scene, _: argparse.Namespace) -> Result:
-    return result([sys.executable, "-I", str(written(folder, scene, "mujoco") / "drag.py"), "--json"])
+    return result(
+        [sys.executable, "-I", str(written(folder, scene, "mujoco") / "drag.py"), "--json"]
+    )
 
 
 def in_mujoco_over_heights(folder: Path, scene: Scene, _: argparse.Namespace) -> Result:
-    return result([sys.executable, "-I", str(written(folder, scene, "mujoco") / "drag.py"), "--json", "--heightfield"])
+    return result(
+        [
+            sys.executable,
+            "-I",
+            str(written(folder, scene, "mujoco") / "drag.py"),
+            "--json",
+            "--heightfield",
+        ]
+    )
 
 
 def in_chai3d(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Result:
@@ -98,7 +132,18 @@ def in_chai3d(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Resu
         return None
     place = written(folder, scene, "chai3d")
     flags = shlex.split(arguments.chai3d)
-    output(["c++", "-std=c++11", "-O2", "-w", str(place / "blocks.cpp"), *flags, "-o", str(place / "blocks")])
+    output(
+        [
+            "c++",
+            "-std=c++11",
+            "-O2",
+            "-w",
+            str(place / "blocks.cpp"),
+            *flags,
+            "-o",
+            str(place / "blocks"),
+        ]
+    )
     words = output([str(place / "blocks")], "1\nq\n").split()
     return float(words[words.index("peak") + 1]), words[-1] == "crossed"
 
@@ -130,7 +175,9 @@ def written(folder: Path, scene: Scene, name: str) -> Path:
 
 
 def output(command: list[str], said: str = "") -> str:
-    return subprocess.run(command, input=said, capture_output=True, text=True, check=True, cwd="/").stdout
+    return subprocess.run(
+        command, input=said, capture_output=True, text=True, check=True, cwd="/"
+    ).stdout
 
 
 def result(command: list[str]) -> Result:
@@ -144,7 +191,9 @@ def cell(found: Result, formula: float | None) -> str:
     peak, crossed = found
     if formula is None:
         return f"slips at {peak:.3f}" if crossed else f"holds {peak:.3f}"
-    return f"{peak:.4f} ({100 * (peak / formula - 1):+.2f} %)" + ("" if crossed else ", did not cross")
+    return f"{peak:.4f} ({100 * (peak / formula - 1):+.2f} %)" + (
+        "" if crossed else ", did not cross"
+    )
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
 """Mean error and coverage of every evaluation of scans, over software gauges whose truth is known in closed form.
 
-Run from the root of the repository: ``python benchmarks/softgauge_coverage.py [DRAWS [NOISE]]``, NOISE a part of the label of
-the cases to run. One line per value and kind of noise:
-mean error over the stated standard uncertainty u, and the share of stated 95 % intervals that hold the truth. The share itself
-scatters by sqrt(0.95 0.05 / draws); exit code 1 if a mean error exceeds 0.1 u (of one form of a face 0.33 u) or a share is off by more
-than three of that.
+Run from the root of the repository: ``python benchmarks/softgauge_coverage.py [DRAWS [NOISE]]``,
+NOISE a part of the label of the cases to run. One line per value and kind of noise: mean error over
+the stated standard uncertainty u, and the share of stated 95 % intervals that hold the truth. The
+share itself scatters by sqrt(0.95 0.05 / draws); exit code 1 if a mean error exceeds 0.1 u (of one
+form of a face 0.33 u) or a share is off by more than three of that.
 """
 
 import math
@@ -56,7 +56,9 @@ def value(name: str, got: Estimate) -> Measured:
     return Measured(name, got.value, (Component("noise", got.std, got.dof),))
 
 
-def a1(rough: float, length: float, depth: float = 10 * UM, missing: int = 0, spikes: int = 0) -> Draw:
+def a1(
+    rough: float, length: float, depth: float = 10 * UM, missing: int = 0, spikes: int = 0
+) -> Draw:
     x = np.arange(-50, 951) * UM
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
@@ -115,7 +117,9 @@ def tip(radius: float, rough: float, length: float) -> Draw:
         yield (
             "tip radius, map",
             radius,
-            measure_tip(HeightMap(z, spacing, spacing), EXACT, nominal=radius).values["ball_radius"],
+            measure_tip(HeightMap(z, spacing, spacing), EXACT, nominal=radius).values[
+                "ball_radius"
+            ],
         )
 
     return draw
@@ -162,7 +166,9 @@ def grating() -> Draw:
     return draw
 
 
-def form(bow: float, rough: float, saddle: float = 0.0, twist: float = 0.0, cubic: float = 0.0) -> Draw:
+def form(
+    bow: float, rough: float, saddle: float = 0.0, twist: float = 0.0, cubic: float = 0.0
+) -> Draw:
     x, y = np.meshgrid(np.linspace(-1.0, 1.0, 60), np.linspace(-1.0, 1.0, 40))
     shape = bow * x**2 + saddle * y**2 + twist * x * y + cubic * x**3
     # minimum zone of the form itself; heights in units that its linear programme resolves
@@ -180,11 +186,19 @@ def form(bow: float, rough: float, saddle: float = 0.0, twist: float = 0.0, cubi
 def stylus(angle: float, radius: float) -> Draw:
     """Draw a flank as a stylus of 2 um and 60 degrees sees it, sampled every 0.5 um."""
     fine = np.arange(-8000, 8000) * 0.02 * UM
-    trace = stylus_trace(fine, flank_gauge(fine, 20 * UM, math.radians(angle), radius), 2 * UM, math.radians(60.0))
-    x, how = np.arange(-300, 300) * 0.5 * UM, How(stylus_radius=2 * UM, stylus_cone=math.radians(60.0))
+    trace = stylus_trace(
+        fine, flank_gauge(fine, 20 * UM, math.radians(angle), radius), 2 * UM, math.radians(60.0)
+    )
+    x, how = (
+        np.arange(-300, 300) * 0.5 * UM,
+        How(stylus_radius=2 * UM, stylus_cone=math.radians(60.0)),
+    )
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
-        z = np.interp(x + random.uniform(-0.25, 0.25) * UM, fine, trace) + random.uniform(-1e-3, 1e-3) * x
+        z = (
+            np.interp(x + random.uniform(-0.25, 0.25) * UM, fine, trace)
+            + random.uniform(-1e-3, 1e-3) * x
+        )
         z = z + correlated_noise(len(x), 0.5 * UM, 10 * NM, 30 * NM, 2 * UM, random)
         got = measure_edge(Profile(x, z), EXACT, how).values
         yield "height, two planes", 20 * UM, got["step_height"]
@@ -202,11 +216,22 @@ def bowed(height: float, bow: float) -> Draw:
     x = np.arange(2000) * UM
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
-        z = np.where(x > 0.4 * x[-1], height, 0.0) + 4.0 * bow * (x / x[-1] - random.uniform(0.2, 0.8)) ** 2
+        z = (
+            np.where(x > 0.4 * x[-1], height, 0.0)
+            + 4.0 * bow * (x / x[-1] - random.uniform(0.2, 0.8)) ** 2
+        )
         z = z + correlated_noise(len(x), UM, 3 * NM, 3 * NM, 5 * UM, random)
-        yield "height, masked polynomial", height, measure_groove(Profile(x, z), EXACT).values["groove_depth"]
+        yield (
+            "height, masked polynomial",
+            height,
+            measure_groove(Profile(x, z), EXACT).values["groove_depth"],
+        )
         if height > bow:  # lower than the bow, two planes see no step: refused
-            yield "two planes on a bow", height, measure_edge(Profile(x, z), EXACT).values["step_height"]
+            yield (
+                "two planes on a bow",
+                height,
+                measure_edge(Profile(x, z), EXACT).values["step_height"],
+            )
 
     return draw
 
@@ -216,7 +241,10 @@ def dome(height: float) -> Draw:
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
         middle = (1000 + random.uniform(-0.5, 0.5)) * UM
-        z = np.maximum(height * (1.0 - ((x - middle) / (250 * UM)) ** 2), 0.0) + random.uniform(-1e-3, 1e-3) * x
+        z = (
+            np.maximum(height * (1.0 - ((x - middle) / (250 * UM)) ** 2), 0.0)
+            + random.uniform(-1e-3, 1e-3) * x
+        )
         z = z + correlated_noise(len(x), UM, 10 * NM, 30 * NM, 3 * UM, random)
         yield "height, type A2", height, measure_groove(Profile(x, z), EXACT).values["groove_depth"]
 
@@ -262,7 +290,9 @@ def sheets(count: int, own: float) -> Draw:
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
         true = sheets_gauge(200, count, 3.5 * NM, own, random)
-        lying = 3.0 * np.maximum(correlated_map(true.shape, 2 * NM, 0.0, NM, 12 * NM, random) - 1.6 * NM, 0.0)
+        lying = 3.0 * np.maximum(
+            correlated_map(true.shape, 2 * NM, 0.0, NM, 12 * NM, random) - 1.6 * NM, 0.0
+        )
         z = true + np.where(true < 0.01 * NM, lying, 0.0) + random.normal(0.0, 0.3 * NM, (200, 1))
         z = z + random.uniform(-NM, NM) * np.linspace(0.0, 1.0, 200)
         z = z + correlated_map(z.shape, 2 * NM, 0.05 * NM, 0.1 * NM, 8 * NM, random)
@@ -279,7 +309,11 @@ def gaps(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
     z = edge_gauge(x, 40 * UM, 0.0, 1e-4) + np.stack(rough)
     z[:, (x > -8 * UM) & (x < 4 * UM)] = np.nan
     z[:, random.integers(0, 300, 20)] = np.nan
-    yield "height, two planes", 40 * UM, measure_edge(HeightMap(z, 2 * UM, 50 * UM), EXACT).values["step_height"]
+    yield (
+        "height, two planes",
+        40 * UM,
+        measure_edge(HeightMap(z, 2 * UM, 50 * UM), EXACT).values["step_height"],
+    )
     x = np.arange(-50, 951) * UM
     z = groove_gauge(x, 10 * UM, 300 * UM, 600 * UM, 20 * UM) + correlated_noise(
         len(x), UM, 10 * NM, 40 * NM, 3 * UM, random

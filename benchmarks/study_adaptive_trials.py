@@ -2,9 +2,9 @@
 
     python benchmarks/study_adaptive_trials.py [observers]
 
-Simulated observers compare each block with the one of 50 um; the logarithm of the height is felt with a normal noise, 2 % lapse.
-The error is that of the logarithm of the Weber fraction, its root mean square and its mean over observers; what tells no Weber
-fraction is counted apart.
+Simulated observers compare each block with the one of 50 um; the logarithm of the height is felt
+with a normal noise, 2 % lapse. The error is that of the logarithm of the Weber fraction, its root
+mean square and its mean over observers; what tells no Weber fraction is counted apart.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ STANDARD, LAPSE = "50", 0.02
 def higher(compared: str, spread: float, generator: np.random.Generator) -> bool:
     if generator.random() < LAPSE:
         return bool(generator.random() < 0.5)
-    return math.log(HEIGHTS[compared] / HEIGHTS[STANDARD]) + spread * generator.standard_normal() > 0.0
+    return (
+        math.log(HEIGHTS[compared] / HEIGHTS[STANDARD]) + spread * generator.standard_normal() > 0.0
+    )
 
 
 def fitted(hits: dict[str, list[bool]]) -> float:
@@ -36,7 +38,12 @@ def fitted(hits: dict[str, list[bool]]) -> float:
 
 def constant(trials: int, spread: float, generator: np.random.Generator) -> float:
     others = [code for code in HEIGHTS if code != STANDARD]
-    return fitted({code: [higher(code, spread, generator) for _ in range(trials // len(others))] for code in others})
+    return fitted(
+        {
+            code: [higher(code, spread, generator) for _ in range(trials // len(others))]
+            for code in others
+        }
+    )
 
 
 def adaptive(method: str, trials: int, spread: float, generator: np.random.Generator) -> float:
@@ -49,7 +56,12 @@ def adaptive(method: str, trials: int, spread: float, generator: np.random.Gener
 
 def main() -> None:
     observers = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    print(f"{observers} observers each; error of ln(Weber fraction): root mean square (mean), share that tells none")
+    print(
+        f"{observers} observers each; error of ln(Weber fraction): root mean square "
+        "(mean), "
+        "share "
+        "that tells none"
+    )
     print("Weber   trials  constant stimuli     QUEST+               staircase")
     for spread in (0.2, 0.4):
         weber = math.expm1(0.6744897501960817 * spread)
@@ -58,9 +70,15 @@ def main() -> None:
             for number, method in enumerate(("constant", "quest", "staircase")):
                 errors, silent = [], 0
                 for observer in range(observers):
-                    generator = np.random.default_rng([number, trials, observer, round(1000 * spread)])
+                    generator = np.random.default_rng(
+                        [number, trials, observer, round(1000 * spread)]
+                    )
                     try:
-                        run = constant if method == "constant" else lambda *a, m=method: adaptive(m, *a)
+                        run = (
+                            constant
+                            if method == "constant"
+                            else lambda *a, m=method: adaptive(m, *a)
+                        )
                         errors.append(math.log(run(trials, spread, generator) / weber))
                     except StudyError:
                         silent += 1

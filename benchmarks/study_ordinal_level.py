@@ -2,7 +2,8 @@
 
     python benchmarks/study_ordinal_level.py [runs]
 
-Participants differ in their level, and in the second row in how they take to the vibration too (0.6 in logistic units).
+Participants differ in their level, and in the second row in how they take to the vibration too (0.6
+in logistic units).
 """
 
 from __future__ import annotations
@@ -16,12 +17,25 @@ from statsmodels.stats.proportion import proportion_confint
 from stepblocks.study.analysis.ordinal import ordinal_model
 
 
-def ratings(response: float, generator: np.random.Generator, people: int = 10, each: int = 10) -> pd.DataFrame:
+def ratings(
+    response: float, generator: np.random.Generator, people: int = 10, each: int = 10
+) -> pd.DataFrame:
     person = np.repeat(np.arange(people), 2 * each)
     on = np.tile(np.repeat([0, 1], each), people)
-    latent = generator.standard_normal(people)[person] + response * generator.standard_normal(people)[person] * on
-    rating = np.clip(np.round(4.0 + latent + generator.logistic(size=person.size)), 1, 7).astype(int)
-    return pd.DataFrame({"rating": rating, "condition": np.where(on, "on", "off"), "participant": person.astype(str)})
+    latent = (
+        generator.standard_normal(people)[person]
+        + response * generator.standard_normal(people)[person] * on
+    )
+    rating = np.clip(np.round(4.0 + latent + generator.logistic(size=person.size)), 1, 7).astype(
+        int
+    )
+    return pd.DataFrame(
+        {
+            "rating": rating,
+            "condition": np.where(on, "on", "off"),
+            "participant": person.astype(str),
+        }
+    )
 
 
 def main() -> None:
@@ -31,7 +45,10 @@ def main() -> None:
         hits = 0
         for run in range(runs):
             fit = ordinal_model(
-                ratings(response, np.random.default_rng([run, 1])), "rating", "condition", "participant"
+                ratings(response, np.random.default_rng([run, 1])),
+                "rating",
+                "condition",
+                "participant",
             )
             hits += fit.participants["p"] < 0.05
         low, high = proportion_confint(hits, runs, method="wilson")

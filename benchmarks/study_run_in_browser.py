@@ -1,7 +1,8 @@
 """A whole run of experiment 2, driven in headless Chromium from start to analysed report, killed twice on the way.
 
-Run as ``PYTHONPATH=tests python benchmarks/study_run_in_browser.py [PARTICIPANTS]``: ten blocks, two conditions, three
-repetitions, sixty trials each. Prints what was shown, what is left on the disk, and the first sentence of the report.
+Run as ``PYTHONPATH=tests python benchmarks/study_run_in_browser.py [PARTICIPANTS]``: ten blocks,
+two conditions, three repetitions, sixty trials each. Prints what was shown, what is left on the
+disk, and the first sentence of the report.
 """
 
 from __future__ import annotations
@@ -31,12 +32,20 @@ def main() -> None:
             start = time.monotonic()
             shown = whole_run(window, folder, str(participant), [17, 42], str(SET))
             expected = sorted([*range(1, 61), 17, 42])
-            lines = (folder / "runs" / f"participant-{participant}.csv").read_text().splitlines()[1:]
+            lines = (
+                (folder / "runs" / f"participant-{participant}.csv").read_text().splitlines()[1:]
+            )
             motions = sorted((folder / "runs" / f"participant-{participant}").glob("*.h5"))
             late = [file.attrs["late_999_s"] for file in map(h5py.File, motions)]
             print(
-                f"participant {participant}: {len(lines)} answers, {len(motions)} motions, order kept with 17 and 42 asked again: "
-                f"{shown == expected}, {time.monotonic() - start:.0f} s, 99.9 % of ticks late by {np.median(late) * 1e6:.0f} us",
+                f"participant {participant}: {len(lines)} answers, {len(motions)} motions, "
+                "order "
+                "kept with 17 and 42 asked again: "
+                f"{shown == expected}, {time.monotonic() - start:.0f} s, 99.9 % of "
+                "ticks "
+                "late "
+                "by "
+                f"{np.median(late) * 1e6:.0f} us",
                 flush=True,
             )
         result = analyse_study(folder, [folder / "runs"], folder / "report")

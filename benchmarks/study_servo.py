@@ -1,8 +1,9 @@
 """How late the ticks of the servo loop come, and whether its log holds what the renderer says. Prints a table.
 
-Run as ``python benchmarks/study_servo.py [SECONDS] [SLICES]``: the loop alone, and with a page that posts a mouse as a browser
-does; before each, for as long, a bare loop in C that does nothing but wait for its ticks, with the same priority: what the
-machine does to anybody. The three take turns, so that they see the same other programs; the load average stands beside.
+Run as ``python benchmarks/study_servo.py [SECONDS] [SLICES]``: the loop alone, and with a page that
+posts a mouse as a browser does; before each, for as long, a bare loop in C that does nothing but
+wait for its ticks, with the same priority: what the machine does to anybody. The three take turns,
+so that they see the same other programs; the load average stands beside.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from stepblocks.study.conduct import Run, RunServer, open_run
 from stepblocks.study.run import design_study
 from stepblocks.study.servo import hurry
 
-# waits as the servo does: asleep until 60 us before a tick is due, then by the clock; prints how late each came [s]
+# waits as the servo does: asleep until 60 us before a tick is due, then by the clock; prints how
+# late each came [s]
 BARE = """
 #define _GNU_SOURCE
 #include <sched.h>
@@ -56,18 +58,25 @@ int main(int count, char **given) {
 def main() -> None:
     seconds, slices = (int(text) for text in (*sys.argv[1:], "10", "4")[:2])
     print(
-        "| loop | load | ticks | late by 50 % us | 99 % | 99.9 % | worst | over 200 us | force deviates N | ring / E_v |"
+        "| loop | load | ticks | late by 50 % us | 99 % | 99.9 % | worst | over 200 us | force "
+        "deviates N | ring / E_v |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
     found: dict[str, list[tuple[np.ndarray, float, float, float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         bare = compiled(Path(folder))
-        design_study((50e-6, 60e-6), folder, seed=2, experiment="virtual", participants=1, repetitions=1)
+        design_study(
+            (50e-6, 60e-6), folder, seed=2, experiment="virtual", participants=1, repetitions=1
+        )
         for _ in range(slices):
             if bare:
-                said = subprocess.run([bare, str(1000 * seconds)], capture_output=True, text=True, check=True).stdout
+                said = subprocess.run(
+                    [bare, str(1000 * seconds)], capture_output=True, text=True, check=True
+                ).stdout
                 late = np.array(said.split(), dtype=float)
-                found.setdefault("bare, in C", []).append((late, os.getloadavg()[0], np.nan, np.nan))
+                found.setdefault("bare, in C", []).append(
+                    (late, os.getloadavg()[0], np.nan, np.nan)
+                )
             for name, drive in (("a hand alone", by_hand), ("a page at 60 Hz", by_page)):
                 run = open_run(folder, "1")
                 while run.now["condition"] != "vibration-on":
@@ -87,7 +96,10 @@ def main() -> None:
 
 def places(seconds: float) -> list[float]:
     """Back and forth over the edge at 20 mm/s in the magnified frame, 60 times a second."""
-    return [-8e-3 + 34e-3 * abs(((0.02 * n / 60 / 34e-3) + 1.0) % 2.0 - 1.0) for n in range(round(60 * seconds))]
+    return [
+        -8e-3 + 34e-3 * abs(((0.02 * n / 60 / 34e-3) + 1.0) % 2.0 - 1.0)
+        for n in range(round(60 * seconds))
+    ]
 
 
 def by_page(server: RunServer, seconds: float) -> None:
@@ -148,7 +160,10 @@ def row(name: str, rows: list[tuple[np.ndarray, float, float, float]]) -> None:
     figures = " | ".join(f"{np.quantile(late, q):.0f}" for q in (0.5, 0.99, 0.999, 1.0))
     over = 100.0 * float((late > 200.0).mean())
     checks = f"{worst.max():.1e} | {ring.mean():.4f}" if np.isfinite(worst).all() else "- | -"
-    print(f"| {name} | {load.mean():.1f} | {len(late)} | {figures} | {over:.3f} % | {checks} |", flush=True)
+    print(
+        f"| {name} | {load.mean():.1f} | {len(late)} | {figures} | {over:.3f} % | {checks} |",
+        flush=True,
+    )
 
 
 def compiled(folder: Path) -> str:

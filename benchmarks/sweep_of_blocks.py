@@ -25,7 +25,8 @@ def source(count: int) -> str:
     text = text.replace('id = "step-{height_um:03}"', 'id = "s-{height_um:03}-{edge_radius_um:02}"')
     last = 20.0 + 0.1 * (count // 5 - 1)
     text = text.replace(
-        'from = "10 um", to = "100 um", step = "10 um"', f'from = "20 um", to = "{last:.1f} um", step = "0.1 um"'
+        'from = "10 um", to = "100 um", step = "10 um"',
+        f'from = "20 um", to = "{last:.1f} um", step = "0.1 um"',
     )
     return text.replace(
         'nominal = "0 um", tolerance = "+2 um / -0 um"',
@@ -39,7 +40,11 @@ def resident(pid: int) -> float:
     while waiting:
         one = waiting.pop()
         try:
-            total += int(Path(f"/proc/{one}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+            total += (
+                int(Path(f"/proc/{one}/statm").read_text().split()[1])
+                * os.sysconf("SC_PAGE_SIZE")
+                / 2**20
+            )
             for task in Path(f"/proc/{one}/task").iterdir():
                 waiting += [int(child) for child in (task / "children").read_text().split()]
         except (OSError, ValueError):
@@ -53,7 +58,10 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=[50, 100, 200])
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
-    print(f"{'blocks':>7s} {'wall s':>8s} {'s per block':>12s} {'peak MiB, all processes':>24s} {'second run s':>13s}")
+    print(
+        f"{'blocks':>7s} {'wall s':>8s} {'s per block':>12s} {'peak MiB, all processes':>24s} "
+        f"{'second run s':>13s}"
+    )
     for count in arguments.sizes:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "sweep.toml"
@@ -88,7 +96,8 @@ def main() -> None:
             started = time.perf_counter()
             subprocess.run(command, check=True)
             print(
-                f"{count:7d} {wall:8.1f} {wall / count:12.3f} {peak[0]:24.0f} {time.perf_counter() - started:13.2f}",
+                f"{count:7d} {wall:8.1f} {wall / count:12.3f} {peak[0]:24.0f} "
+                f"{time.perf_counter() - started:13.2f}",
                 flush=True,
             )
 

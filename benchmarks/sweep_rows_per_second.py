@@ -40,7 +40,10 @@ def main() -> None:
             plans[mode] = load_sweep(path)
             begin = time.perf_counter()
             sweep(plans[mode], folder / f"{mode}-0")
-            print(f"{mode:6s} in this process: {rows / (time.perf_counter() - begin):8.0f} rows/s", flush=True)
+            print(
+                f"{mode:6s} in this process: {rows / (time.perf_counter() - begin):8.0f} rows/s",
+                flush=True,
+            )
         for workers in (1, 2):
             cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
             with cluster, Client(cluster, set_as_default=False) as client:
@@ -53,7 +56,12 @@ def main() -> None:
                         p.read_bytes() == (folder / f"{mode}-0" / p.name).read_bytes()
                         for p in (folder / f"{mode}-{workers}").glob("part-*.parquet")
                     )
-                    print(f"{mode:6s} {workers} worker(s): {plan.rows / seconds:8.0f} rows/s, same bytes: {same}")
+                    print(
+                        f"{mode:6s} {workers} worker(s): {plan.rows / seconds:8.0f} "
+                        "rows/s, "
+                        "same "
+                        f"bytes: {same}"
+                    )
 
 
 if __name__ == "__main__":

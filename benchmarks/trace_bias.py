@@ -2,8 +2,8 @@
 
     python benchmarks/trace_bias.py [records per case [word in the name of the case]]
 
-Prints, for each disturbance and feature, the mean error, its spread and the pull: (measured - true) / stated standard
-uncertainty, whose mean should be 0 and whose standard deviation should be 1.
+Prints, for each disturbance and feature, the mean error, its spread and the pull: (measured - true)
+/ stated standard uncertainty, whose mean should be 0 and whose standard deviation should be 1.
 """
 
 import math
@@ -60,7 +60,8 @@ def draw(random: np.random.Generator, rubbing: bool) -> Truth:
         frequency=270.0 if rubbing else 300.0,
         decay_time=28.4e-3 if rubbing else 21.2e-3,
         gap=2.0 * mu * load if rubbing else 0.0,
-        # a tip that rubs leaves the edge in a slip of its own; here its rest is gone before the first trough
+        # a tip that rubs leaves the edge in a slip of its own; here its rest is gone before the
+        # first trough
         release_decay=0.15e-3 if rubbing else 0.4e-3,
     )
 
@@ -83,7 +84,9 @@ def expected(truth: Truth, drift: float, onset: float, release: float) -> dict[s
     }
 
 
-def study(rig: Rig, count: int, rubbing: bool, seed: int = 7) -> dict[str, tuple[float, float, float, float, float]]:
+def study(
+    rig: Rig, count: int, rubbing: bool, seed: int = 7
+) -> dict[str, tuple[float, float, float, float, float]]:
     """Relative bias and spread, mean, width and tail of the pull, for each feature."""
     random = np.random.default_rng(seed)
     errors: dict[str, list[float]] = {name: [] for name in FEATURES}
@@ -92,7 +95,9 @@ def study(rig: Rig, count: int, rubbing: bool, seed: int = 7) -> dict[str, tuple
         truth = draw(random, rubbing)
         trace, onset, release = record(truth, rig, random)
         # a session tells frequency and decay of its tool from a few clear trials
-        features = measure_trace(trace, K, truth.slope / K, (truth.frequency, truth.decay_time)).features
+        features = measure_trace(
+            trace, K, truth.slope / K, (truth.frequency, truth.decay_time)
+        ).features
         for name, value in expected(truth, rig.drift, onset, release).items():
             error = features[name] - value
             errors[name].append(error / value if value else error)
@@ -121,14 +126,22 @@ def dragged(count: int, seed: int = 7) -> dict[str, tuple[float, float, float, f
     errors: dict[str, list[float]] = {name: [] for name in names}
     pulls: dict[str, list[float]] = {name: [] for name in names}
     while len(errors["peak_force_n"]) < count:
-        load, height = float(random.choice([0.3, 0.5, 0.8, 1.1])), float(random.uniform(10e-6, 80e-6))
+        load, height = (
+            float(random.choice([0.3, 0.5, 0.8, 1.1])),
+            float(random.uniform(10e-6, 80e-6)),
+        )
         speed = float(random.choice([2e-3, 5e-3, 10e-3, 20e-3]))
-        point = OperatingPoint(125e-6, load, 0.16, Tool(stiffness=K, frequency=270.0, decay_time=28.4e-3), speed)
+        point = OperatingPoint(
+            125e-6, load, 0.16, Tool(stiffness=K, frequency=270.0, decay_time=28.4e-3), speed
+        )
         trial = drag_trial(Step(height), point, Rig(), random)
         if trial is None or trial.amplitude < 0.05:
             continue  # locked, or climbed down without a ring
         features = measure_trace(trial.trace, K, speed, (270.0, 28.4e-3)).features
-        true = {"peak_force_n": trial.peak_force, "vibration_energy_j": trial.amplitude**2 / (2.0 * K)}
+        true = {
+            "peak_force_n": trial.peak_force,
+            "vibration_energy_j": trial.amplitude**2 / (2.0 * K),
+        }
         for name, value in true.items():
             errors[name].append(features[name] / value - 1.0)
             pulls[name].append((features[name] - value) / features[FEATURES[name]])
@@ -147,15 +160,22 @@ def dragged(count: int, seed: int = 7) -> dict[str, tuple[float, float, float, f
 def main(count: int, word: str = "") -> None:
     print(f"\ndrag in time, as the shared sessions, {count} records")
     for name, (bias, spread, mean, width, tail) in dragged(count).items():
-        print(f"{name:26s} {bias * 100:9.4f}% {spread * 100:9.4f} {mean:10.2f} {width:10.2f} {tail:9.3f}")
+        print(
+            f"{name:26s} {bias * 100:9.4f}% {spread * 100:9.4f} {mean:10.2f} {width:10.2f} "
+            f"{tail:9.3f}"
+        )
     for rubbing in (False, True):
         for case, rig in ((name, one) for name, one in CASES.items() if word in name):
             print(f"\n{'rubbing' if rubbing else 'damped'} ring, {case}, {count} records")
             print(
-                f"{'feature':26s} {'bias':>10s} {'spread':>10s} {'pull mean':>10s} {'pull std':>10s} {'|pull|>3':>9s}"
+                f"{'feature':26s} {'bias':>10s} {'spread':>10s} {'pull mean':>10s} "
+                f"{'pull std':>10s} {'|pull|>3':>9s}"
             )
             for name, (bias, spread, mean, width, tail) in study(rig, count, rubbing).items():
-                print(f"{name:26s} {bias * 100.0:9.4f}% {spread * 100.0:9.4f} {mean:10.2f} {width:10.2f} {tail:9.3f}")
+                print(
+                    f"{name:26s} {bias * 100.0:9.4f}% {spread * 100.0:9.4f} {mean:10.2f} "
+                    f"{width:10.2f} {tail:9.3f}"
+                )
 
 
 if __name__ == "__main__":

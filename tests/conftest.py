@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-# as the command line does, before numpy is loaded: threads of the linear algebra only wait for each other
+# as the command line does, before numpy is loaded: threads of the linear algebra only wait for each
+# other
 for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(library, "1")
 

@@ -49,7 +49,9 @@ def killed_while_writing(target):
             draft.write_text("half")
             os.kill(os.getpid(), signal.SIGKILL)
     """
-    assert subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=False).returncode == -9
+    assert (
+        subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=False).returncode == -9
+    )
 
 
 def test_a_killed_writer_leaves_the_old_file_and_the_next_one_sweeps_its_draft(tmp_path):
@@ -63,7 +65,9 @@ def test_a_killed_writer_leaves_the_old_file_and_the_next_one_sweeps_its_draft(t
     assert names(tmp_path) == [target.name]
 
 
-def test_what_the_living_prepare_is_not_swept_and_whatever_bears_the_name_of_a_draft_is_not_followed(tmp_path):
+def test_what_the_living_prepare_is_not_swept_and_whatever_bears_the_name_of_a_draft_is_not_followed(
+    tmp_path,
+):
     theirs = tmp_path / "theirs"
     theirs.mkdir()
     (theirs / "kept.txt").write_text("kept")
@@ -81,7 +85,10 @@ def test_what_the_living_prepare_is_not_swept_and_whatever_bears_the_name_of_a_d
     assert (theirs / "kept.txt").read_text() == "kept"
 
 
-SWEEP = '[sweep]\nkind = "grid"\n[parameters]\nheight = "12 um"\nnormal_load = "0.3 N"\nfriction = 0.1\n'
+SWEEP = (
+    '[sweep]\nkind = "grid"\n[parameters]\nheight = "12 um"\nnormal_load = "0.3 N"\nfriction = '
+    "0.1\n"
+)
 SESSION = """schema = 1
 [probe]
 spring_constant = "9810 N/m"
@@ -100,7 +107,9 @@ def test_one_run_holds_an_output_folder_and_a_second_is_told_so(command, tmp_pat
     for session in ("a", "b"):
         (tmp_path / session).mkdir()
         (tmp_path / session / "session.toml").write_text(SESSION)
-        (tmp_path / session / "trials.csv").write_text("trial,speed_mm_s,load_n,block,height_um\n1,2,0.5,a,20\n")
+        (tmp_path / session / "trials.csv").write_text(
+            "trial,speed_mm_s,load_n,block,height_um\n1,2,0.5,a,20\n"
+        )
     a, b = str(tmp_path / "a"), str(tmp_path / "b")
     files = {
         "build": [stimuli],
@@ -123,6 +132,8 @@ def test_what_is_renamed_has_reached_the_disk(tmp_path, monkeypatch):
     done = []
     fsync, replace = os.fsync, Path.replace
     monkeypatch.setattr(os, "fsync", lambda number: (done.append("sync"), fsync(number)))
-    monkeypatch.setattr(Path, "replace", lambda self, to: (done.append("rename"), replace(self, to))[1])
+    monkeypatch.setattr(
+        Path, "replace", lambda self, to: (done.append("rename"), replace(self, to))[1]
+    )
     replace_text(tmp_path / "a.txt", "text")
     assert done == ["sync", "rename", "sync"]

@@ -77,7 +77,9 @@ def test_arrays_and_values_come_back_as_they_were(file):
     found = call(file, "good", 0.1)
     np.testing.assert_array_equal(found["x"], np.arange(6.0).reshape(2, 3) * 0.1)
     assert (found["flag"].dtype, found["none"].shape, found["name"]) == (np.bool_, (0, 3), "x.bin")
-    assert call(file, "number") == call(file, "number") != {"pid": os.getpid()}  # one other process for all calls
+    assert (
+        call(file, "number") == call(file, "number") != {"pid": os.getpid()}
+    )  # one other process for all calls
 
 
 @pytest.mark.parametrize(
@@ -93,7 +95,9 @@ def test_arrays_and_values_come_back_as_they_were(file):
         ("says", r"^height must be given \[x.bin\]$"),
     ],
 )
-def test_whatever_a_reader_does_is_one_line_and_the_next_file_is_read(reader, words, file, monkeypatch):
+def test_whatever_a_reader_does_is_one_line_and_the_next_file_is_read(
+    reader, words, file, monkeypatch
+):
     with monkeypatch.context() as hurried:
         if reader in ("loops", "sleeps"):
             call(file, "number")  # its start does not count
@@ -105,14 +109,17 @@ def test_whatever_a_reader_does_is_one_line_and_the_next_file_is_read(reader, wo
     assert call(file, "good", 1.0)["name"] == "x.bin"
 
 
-def test_a_sound_file_is_read_however_long_a_busy_machine_keeps_its_reader_waiting(file, monkeypatch):
+def test_a_sound_file_is_read_however_long_a_busy_machine_keeps_its_reader_waiting(
+    file, monkeypatch
+):
     call(file, "number")
     monkeypatch.setattr(confined, "_SECONDS", 0.3)
     assert call(file, "waits", 3.0) == {"waited": 3.0}  # ten times what it may compute
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"), [("pipe", "Not a plain file"), ("folder", "Is a directory"), ("none", "No such")]
+    ("kind", "words"),
+    [("pipe", "Not a plain file"), ("folder", "Is a directory"), ("none", "No such")],
 )
 def test_a_pipe_a_folder_and_nothing_are_no_files(kind, words, file, tmp_path):
     path = tmp_path / "odd.bin"
@@ -133,7 +140,9 @@ def test_a_reader_ends_with_the_process_that_asked(file, tmp_path):
         print(found["pid"], flush=True)
         os.kill(os.getpid(), signal.SIGKILL)
     """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=False
+    )
     assert done.returncode == -signal.SIGKILL
     for _ in range(100):
         try:

@@ -12,10 +12,16 @@ from stepblocks.cli import make_parser
 ROOT = Path(__file__).resolve().parents[1]
 HOUSE = ROOT / "src" / "stepblocks"
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
-ROOMS = sorted(path.name for path in HOUSE.iterdir() if path.is_dir() and (path / "__init__.py").exists())
-PLACES = re.compile(rf"(?<![\w/.<>-])(?:tests|src|benchmarks|stimuli|docs|{'|'.join(ROOMS)})/[\w./{{}}*-]*(?:::\w+)?")
+ROOMS = sorted(
+    path.name for path in HOUSE.iterdir() if path.is_dir() and (path / "__init__.py").exists()
+)
+PLACES = re.compile(
+    rf"(?<![\w/.<>-])(?:tests|src|benchmarks|stimuli|docs|{'|'.join(ROOMS)})/[\w./{{}}*-]*(?:::\w+)?"
+)
 SUFFIXES = "json|cpp|py|toml|csv|html"  # drag.json is a file, no name of the library
-NAMES = re.compile(rf"(?<![\w./-])(?:stepblocks|{'|'.join(ROOMS)})(?:\.(?!(?:{SUFFIXES})\b)\w+)+(?!\w*\.?[/\w])")
+NAMES = re.compile(
+    rf"(?<![\w./-])(?:stepblocks|{'|'.join(ROOMS)})(?:\.(?!(?:{SUFFIXES})\b)\w+)+(?!\w*\.?[/\w])"
+)
 THEIRS = {"stimuli/mine.toml", "stimuli/x.toml"}  # files of the reader's own, in examples
 SHELLS = ("", "bash", "sh", "console", "text")
 
@@ -82,13 +88,19 @@ def shown_commands(line):
         yield (
             command,
             said.split()[0],
-            {word.split("=")[0] for word in words if re.fullmatch(r"--[a-z][a-z0-9-]*(=.*)?", word)},
+            {
+                word.split("=")[0]
+                for word in words
+                if re.fullmatch(r"--[a-z][a-z0-9-]*(=.*)?", word)
+            },
         )
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_file_that_a_page_names_exists(page):
-    assert [place for place in named_places(page) if place not in THEIRS and not exists(place)] == []
+    assert [
+        place for place in named_places(page) if place not in THEIRS and not exists(place)
+    ] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -109,7 +121,9 @@ def test_every_option_of_a_benchmark_that_a_page_shows_is_one(page):
         for script, rest in re.findall(r"python (benchmarks/\w+\.py)(.*)", line):
             text = (ROOT / script).read_text(encoding="utf-8")
             wrong += [
-                f"{script} {option}" for option in re.findall(r"--[a-z][a-z0-9-]*", rest) if f'"{option}"' not in text
+                f"{script} {option}"
+                for option in re.findall(r"--[a-z][a-z0-9-]*", rest)
+                if f'"{option}"' not in text
             ]
     assert wrong == []
 
@@ -117,15 +131,24 @@ def test_every_option_of_a_benchmark_that_a_page_shows_is_one(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_option_named_by_itself_is_one_of_some_command(page):
     known = set().union(*OPTIONS.values())
-    scripts = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "benchmarks").rglob("*.py"))
-    named = {word for span in spans(page) if span.startswith("--") for word in re.findall(r"--[a-z][a-z0-9-]*", span)}
+    scripts = "".join(
+        path.read_text(encoding="utf-8") for path in (ROOT / "benchmarks").rglob("*.py")
+    )
+    named = {
+        word
+        for span in spans(page)
+        if span.startswith("--")
+        for word in re.findall(r"--[a-z][a-z0-9-]*", span)
+    }
     assert {option for option in named - known if f'"{option}"' not in scripts} == set()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_relative_link_leads_to_a_file(page):
     targets = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
-    assert [target for target in targets if "://" not in target and not (page.parent / target).exists()] == []
+    assert [
+        target for target in targets if "://" not in target and not (page.parent / target).exists()
+    ] == []
 
 
 def resolves(dotted):

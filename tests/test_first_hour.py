@@ -1,6 +1,7 @@
 """Promise to five users: from an empty folder, with the commands of docs/first-hour.md and nothing else, each gets what they came for.
 
-The pages are opened in a real browser: links lead somewhere, nothing overflows, no error, no request leaves.
+The pages are opened in a real browser: links lead somewhere, nothing overflows, no error, no
+request leaves.
 """
 
 import json
@@ -26,7 +27,9 @@ def path_of(user):
             name = body.splitlines()[0].removeprefix("# ").strip()
             yield "file", (name, body)
         elif language == "":
-            yield from (("command", line) for line in body.replace("\\\n", " ").splitlines() if line.strip())
+            yield from (
+                ("command", line) for line in body.replace("\\\n", " ").splitlines() if line.strip()
+            )
 
 
 def walk(user, folder, monkeypatch):
@@ -39,9 +42,15 @@ def walk(user, folder, monkeypatch):
         program, *words = shlex.split(what.split("  #")[0])
         assert program == "stepblocks"
         wanted = 1 if "# exit code 1" in what else 0
-        assert main([*words, *(["--no-open"] if words[0] == "feel" and "--no-open" not in words else [])]) == wanted, (
-            what
-        )
+        assert (
+            main(
+                [
+                    *words,
+                    *(["--no-open"] if words[0] == "feel" and "--no-open" not in words else []),
+                ]
+            )
+            == wanted
+        ), what
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +70,18 @@ def look_at(browser, page):
         wide = browser.execute_script("return document.documentElement.scrollWidth")
         assert wide <= width, f"{page.name} is {wide} wide on {width}"
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
-    loaded = browser.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
+    loaded = browser.execute_script(
+        "return performance.getEntriesByType('resource').map(e => e.name)"
+    )
     assert [name for name in loaded if not name.startswith(("file:", "data:", "blob:"))] == []
-    links = browser.execute_script("return [...document.querySelectorAll('a[href]')].map(a => a.getAttribute('href'))")
+    links = browser.execute_script(
+        "return [...document.querySelectorAll('a[href]')].map(a => a.getAttribute('href'))"
+    )
     for link in links:
         if link.startswith("#"):
-            assert browser.execute_script("return document.getElementById(arguments[0]) !== null", link[1:]), link
+            assert browser.execute_script(
+                "return document.getElementById(arguments[0]) !== null", link[1:]
+            ), link
         elif "://" not in link:
             assert (page.parent / link.partition("#")[0]).exists(), link
     return browser.find_element("tag name", "body").text
@@ -106,8 +121,24 @@ def test_the_page_of_an_inspection_opens_with_its_finding_and_shows_every_budget
     z = edge_gauge(x, 50.2e-6, 14e-6, tilt=5e-4)
     z = z + correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, np.random.default_rng(1))
     scan, stimuli = tmp_path / "a.csv", str(Path(__file__).parents[1] / "stimuli")
-    np.savetxt(scan, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="", fmt="%.4f")
-    asked = ["--stimulus", "step-050", "--set", stimuli, "--calibration", "0.1 %", "-o", str(tmp_path / "out")]
+    np.savetxt(
+        scan,
+        np.stack([x, z], axis=1) * 1e6,
+        delimiter=",",
+        header="x_um,z_um",
+        comments="",
+        fmt="%.4f",
+    )
+    asked = [
+        "--stimulus",
+        "step-050",
+        "--set",
+        stimuli,
+        "--calibration",
+        "0.1 %",
+        "-o",
+        str(tmp_path / "out"),
+    ]
     assert main(["inspect", str(scan), *asked]) == 1  # an edge of 14 um is not what was asked for
     text = look_at(browser, tmp_path / "out" / "step-050.inspection.html")
     assert "Inspection of step-050: does not conform" in text

@@ -20,13 +20,38 @@ FOUR = str(ROOT / "stimuli" / "paper-four.toml")
 
 
 def tree(folder):
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir() if path.is_file()}
+    return {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in folder.iterdir()
+        if path.is_file()
+    }
 
 
 def test_strange_files_are_read_or_refused_in_our_own_words(tmp_path):
-    texts = ("stimuli", "devices", "sweeps", "plans", "models", "as-built", "records", "tables", "trials")
-    command = [sys.executable, str(ROOT / "benchmarks" / "fuzz.py"), *texts, "hdf5", "mat", "tdms", "--count", "20"]
-    done = subprocess.run([*command, "--keep", str(tmp_path)], capture_output=True, text=True, check=False)
+    texts = (
+        "stimuli",
+        "devices",
+        "sweeps",
+        "plans",
+        "models",
+        "as-built",
+        "records",
+        "tables",
+        "trials",
+    )
+    command = [
+        sys.executable,
+        str(ROOT / "benchmarks" / "fuzz.py"),
+        *texts,
+        "hdf5",
+        "mat",
+        "tdms",
+        "--count",
+        "20",
+    ]
+    done = subprocess.run(
+        [*command, "--keep", str(tmp_path)], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert len(done.stdout.splitlines()) == 2 + 12  # head and kinds
 
@@ -50,7 +75,11 @@ def test_whatever_fails_while_a_study_is_written_the_next_run_gives_the_same_byt
         nonlocal count
         count += 1
         if count == point:
-            raise MemoryError if fault == "memory" else OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            raise (
+                MemoryError
+                if fault == "memory"
+                else OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            )
         return call(*arguments)
 
     command = ["study", "design", FOUR, "--seed", "1", "-o", str(tmp_path)]
@@ -76,11 +105,16 @@ os.fsync = killing
 main(sys.argv[1:])
 """
     command = ["study", "design", FOUR, "--seed", "1", "-o", str(tmp_path)]
-    assert subprocess.run([sys.executable, "-c", code, *command], check=False).returncode == -signal.SIGKILL
+    assert (
+        subprocess.run([sys.executable, "-c", code, *command], check=False).returncode
+        == -signal.SIGKILL
+    )
     assert 0 < len(tree(tmp_path)) < len(whole)
     assert main(command) == 0
     assert tree(tmp_path) == whole
-    assert {path.name for path in tmp_path.iterdir()} == whole.keys()  # what the killed one prepared is gone
+    assert {
+        path.name for path in tmp_path.iterdir()
+    } == whole.keys()  # what the killed one prepared is gone
 
 
 def led(folder):
@@ -97,9 +131,18 @@ def led(folder):
 
 @pytest.mark.parametrize("point", [1, 2, 3, 5, 8, 13, 14])
 @pytest.mark.parametrize("fault", ["kill", "sync", "memory", "disk"])
-def test_whatever_happens_while_a_study_is_run_every_trial_is_answered_once(fault, point, tmp_path, monkeypatch):
+def test_whatever_happens_while_a_study_is_run_every_trial_is_answered_once(
+    fault, point, tmp_path, monkeypatch
+):
     for name in ("whole", "disturbed"):
-        design_study((20e-6, 50e-6), tmp_path / name, seed=1, participants=1, repetitions=3, probes=("bare", "soft"))
+        design_study(
+            (20e-6, 50e-6),
+            tmp_path / name,
+            seed=1,
+            participants=1,
+            repetitions=3,
+            probes=("bare", "soft"),
+        )
     whole, fsync, count = led(tmp_path / "whole"), os.fsync, 0
 
     def failing(number):
@@ -110,7 +153,11 @@ def test_whatever_happens_while_a_study_is_run_every_trial_is_answered_once(faul
         if count == point and fault == "disk":  # half of the line fits
             os.ftruncate(number, os.fstat(number).st_size - 9)
         if count == point:
-            raise MemoryError if fault == "memory" else OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            raise (
+                MemoryError
+                if fault == "memory"
+                else OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            )
         return fsync(number)
 
     with monkeypatch.context() as disturbed:

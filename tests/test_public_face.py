@@ -20,11 +20,16 @@ def test_every_public_name_stands_in_the_reference():
     page = SimpleNamespace(file=SimpleNamespace(src_uri="reference.md"))
     hook = runpy.run_path(str(Path(__file__).resolve().parents[1] / "docs" / "reference_page.py"))
     text = hook["on_page_markdown"]("# Reference", page)
-    assert {line.rsplit(".", 1)[1] for line in text.splitlines() if line.startswith("::: ")} == set(stepblocks.__all__)
+    assert {line.rsplit(".", 1)[1] for line in text.splitlines() if line.startswith("::: ")} == set(
+        stepblocks.__all__
+    )
 
 
 def test_importing_the_package_loads_nothing_else():
-    code = "import sys, stepblocks; print(sorted({'numpy', 'pydantic', 'pint', 'OCP'} & set(sys.modules)))"
+    code = (
+        "import sys, stepblocks; print(sorted({'numpy', 'pydantic', 'pint', 'OCP'} & "
+        "set(sys.modules)))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
@@ -39,6 +44,8 @@ def test_every_public_function_says_what_it_takes_and_gives():
     for name in stepblocks.__all__:
         found = getattr(stepblocks, name)
         if inspect.isfunction(found):
-            assert "Returns\n-------" in inspect.getdoc(found) or "Yields" in inspect.getdoc(found), name
+            assert "Returns\n-------" in inspect.getdoc(found) or "Yields" in inspect.getdoc(
+                found
+            ), name
             if inspect.signature(found).parameters:
                 assert "Parameters\n----------" in inspect.getdoc(found), name

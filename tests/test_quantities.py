@@ -31,7 +31,22 @@ def test_whole_micrometres_are_exact(number):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "um", "25", "25 N", "25 um um", "1,5 mm", "25 um; 3", "x" * 100, "0x10 um", None, True, 3, [1]]
+    "text",
+    [
+        "",
+        "um",
+        "25",
+        "25 N",
+        "25 um um",
+        "1,5 mm",
+        "25 um; 3",
+        "x" * 100,
+        "0x10 um",
+        None,
+        True,
+        3,
+        [1],
+    ],
 )
 def test_what_is_no_length_is_refused_with_an_example(text):
     with pytest.raises(QuantityError, match="such as '25 um'"):
@@ -39,7 +54,8 @@ def test_what_is_no_length_is_refused_with_an_example(text):
 
 
 @pytest.mark.parametrize(
-    "text", ["1 m^9^9^9", "1 m/0", "1 m**99", "1 m*1e300", "1 (m)", "9" * 60 + " m^4 m^4", "1e999 m"]
+    "text",
+    ["1 m^9^9^9", "1 m/0", "1 m**99", "1 m*1e300", "1 (m)", "9" * 60 + " m^4 m^4", "1e999 m"],
 )
 def test_a_unit_is_read_and_never_evaluated(text):
     with pytest.raises(QuantityError, match="must be a length such as '25 um'"):
@@ -47,14 +63,16 @@ def test_a_unit_is_read_and_never_evaluated(text):
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(0.0, "0 um"), (1e-9, "1 nm"), (2.5e-5, "25 um"), (1e-3, "1 mm"), (-2e-5, "-20 um")]
+    ("value", "text"),
+    [(0.0, "0 um"), (1e-9, "1 nm"), (2.5e-5, "25 um"), (1e-3, "1 mm"), (-2e-5, "-20 um")],
 )
 def test_lengths_are_written_in_the_unit_people_use(value, text):
     assert format_quantity(value, "length") == text
 
 
 @pytest.mark.parametrize(
-    ("factor", "expected"), [(0.0, 0.0), (2.0**-1060, 25 * 2.0**-1060), (1e-6, 25e-6), (1e-3, 25e-3)]
+    ("factor", "expected"),
+    [(0.0, 0.0), (2.0**-1060, 25 * 2.0**-1060), (1e-6, 25e-6), (1e-3, 25e-3)],
 )
 def test_a_unit_of_any_size_that_a_file_may_state_is_scaled_by(factor, expected):
     assert scaled(25.0, factor) == expected

@@ -13,12 +13,17 @@ from stepblocks.predict.table import predict_table
 from stepblocks.tables import csv_text, harmless, read_table, write_table
 
 
-@pytest.mark.parametrize("cell", ["=cmd|' /C calc'!A0", "+1+cmd", "-2+3", "@SUM(1)", "\t=1", "\r=1"])
+@pytest.mark.parametrize(
+    "cell", ["=cmd|' /C calc'!A0", "+1+cmd", "-2+3", "@SUM(1)", "\t=1", "\r=1"]
+)
 def test_a_text_that_a_spreadsheet_would_run_gets_an_apostrophe(cell, tmp_path):
     """The rule of OWASP's page on CSV injection."""
     assert harmless(cell) == "'" + cell.replace("\r", "\n")
     frame = pd.DataFrame({"note": [cell], "height_um": [-2.5]})
-    for text in (csv_text(frame), (write_table(frame, tmp_path / "t.csv"), (tmp_path / "t.csv").read_text())[1]):
+    for text in (
+        csv_text(frame),
+        (write_table(frame, tmp_path / "t.csv"), (tmp_path / "t.csv").read_text())[1],
+    ):
         note, height = list(csv.reader(io.StringIO(text)))[1]
         assert note.strip().startswith("'")
         assert float(height) == -2.5
@@ -33,7 +38,8 @@ TABLE = "height_um,load_n,friction,{}\n25,1,0.15,3\n"
 
 
 @pytest.mark.parametrize(
-    "column", ["edge_radius", "edgeradius_um", "tip_radus_um", "stifness_n_m", "u_heigth_um", "load_kn"]
+    "column",
+    ["edge_radius", "edgeradius_um", "tip_radus_um", "stifness_n_m", "u_heigth_um", "load_kn"],
 )
 def test_a_misspelt_optional_column_is_refused(column, tmp_path, capsys):
     path = tmp_path / "t.csv"

@@ -13,5 +13,7 @@ with ProcessPoolExecutor(2, initializer=die_with_parent) as workers:
 
 
 def test_workers_without_a_fork_server_start_in_silence():
-    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True
+    )
     assert (done.stdout, done.stderr) == ("10\n", "")

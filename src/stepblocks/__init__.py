@@ -1,6 +1,7 @@
 """Haptic step stimuli, asked for, shaped, made, checked, predicted, felt and explained.
 
-Everything a command does, a notebook can. The names below are the public face, in the order in which data walks through them:
+Everything a command does, a notebook can. The names below are the public face, in the order in
+which data walks through them:
 
 - asked for: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `ScannedMargin`, `StraightTip`, `HookTip`,
   `Sheath`, `Dimension`; `registered` for a kind of one's own;
@@ -18,7 +19,8 @@ Everything a command does, a notebook can. The names below are the public face, 
   `start_adaptive`;
 - and when something is wrong: `StepblocksError`; at the border of units: `parse_quantity`, `format_quantity`.
 
-Importing this package imports nothing heavy; each name is loaded when it is first used (its home stands in ``__init__.pyi``).
+Importing this package imports nothing heavy; each name is loaded when it is first used (its home
+stands in ``__init__.pyi``).
 """
 
 import lazy_loader

@@ -7,7 +7,11 @@ from .artefacts.step.check_step import check_step as check_step
 from .artefacts.verdict import Verdict as Verdict
 from .bench.measure import measure as measure
 from .bench.rehearse.run import simulate_session as simulate_session
-from .build.run import BuildReport as BuildReport, build_sets as build_sets, check_output as check_output
+from .build.run import (
+    BuildReport as BuildReport,
+    build_sets as build_sets,
+    check_output as check_output,
+)
 from .contact.counterface import (
     Counterface as Counterface,
     Groove as Groove,
@@ -38,7 +42,11 @@ from .parts.kinds.sheath import Sheath as Sheath
 from .parts.kinds.step_block import StepBlock as StepBlock
 from .parts.kinds.tips import HookTip as HookTip, StraightTip as StraightTip
 from .parts.set import StimulusSet as StimulusSet, registered as registered
-from .parts.shapes import build_solids as build_solids, convex_pieces as convex_pieces, mesh_solid as mesh_solid
+from .parts.shapes import (
+    build_solids as build_solids,
+    convex_pieces as convex_pieces,
+    mesh_solid as mesh_solid,
+)
 from .parts.tolerance import Dimension as Dimension
 from .predict.predictions import predict_set as predict_set
 from .predict.sweep.run import sweep as sweep

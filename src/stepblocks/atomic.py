@@ -38,7 +38,9 @@ def beside(path: Path) -> Iterator[Path]:
         yield draft
         # what a killed run wrote, and had no time to note as ours, is the same again
         if path.is_file() and _kept.get()(path) and not filecmp.cmp(draft, path, shallow=False):
-            raise PipelineError(f"the file is not ours, or was changed since; --force replaces it [{path}]")
+            raise PipelineError(
+                f"the file is not ours, or was changed since; --force replaces it [{path}]"
+            )
         _to_disk(draft)
         draft.replace(path)
         _to_disk(path.parent)
@@ -79,13 +81,18 @@ def alone_in(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         number = os.open(folder, os.O_RDONLY)
     except OSError as error:
-        raise PipelineError(f"the output folder cannot be made: {error.strerror} [{folder}]") from error
+        raise PipelineError(
+            f"the output folder cannot be made: {error.strerror} [{folder}]"
+        ) from error
     try:
         with suppress(OSError):  # a file system without locks: drafts are unique all the same
             try:
                 fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                rule = "another run is writing into this folder: wait until it has ended, or choose another"
+                rule = (
+                    "another run is writing into this folder: wait until it has ended, or choose "
+                    "another"
+                )
                 raise PipelineError(f"{rule} [{folder}]") from None
         _sweep(folder)
         yield
@@ -119,7 +126,9 @@ def _sweep(folder: Path) -> None:
                 os.close(number)
 
 
-_sweep_once = lru_cache(_sweep)  # a process looks through a folder when it first writes there, not at every file
+_sweep_once = lru_cache(
+    _sweep
+)  # a process looks through a folder when it first writes there, not at every file
 
 
 def _to_disk(path: Path) -> None:
@@ -138,7 +147,9 @@ def settle(folder: Path) -> None:
 
 def replace_text(path: Path, text: str) -> None:
     """Write a text beside its place and rename it there."""
-    replace_bytes(path, text.encode(errors="backslashreplace"))  # a file's name in it need be no text
+    replace_bytes(
+        path, text.encode(errors="backslashreplace")
+    )  # a file's name in it need be no text
 
 
 def replace_bytes(path: Path, content: bytes) -> None:

@@ -1,8 +1,9 @@
 """Bytes that others made are parsed in a process of their own, with a limit on memory and time.
 
-Readers of HDF5, MATLAB, TDMS, STEP, meshes and the files of instruments are made for honest files. Here a file that lies
-about its size, or whose reader never ends or dies, is one line and not a full machine. ``python -m`` on this module is that
-process: it takes calls as lines of JSON and answers in JSON and the bytes of arrays; nothing is unpickled, nothing evaluated.
+Readers of HDF5, MATLAB, TDMS, STEP, meshes and the files of instruments are made for honest files.
+Here a file that lies about its size, or whose reader never ends or dies, is one line and not a full
+machine. ``python -m`` on this module is that process: it takes calls as lines of JSON and answers
+in JSON and the bytes of arrays; nothing is unpickled, nothing evaluated.
 """
 
 import atexit
@@ -23,18 +24,27 @@ import numpy as np
 
 from stepblocks.text_file import plain_size
 
-Answer = tuple[dict[str, Any], str, bool]  # what was found; else what is wrong, and whether our own code says so
+Answer = tuple[
+    dict[str, Any], str, bool
+]  # what was found; else what is wrong, and whether our own code says so
 
-MEMORY = 2 * 2**30  # that a reader may fill [bytes]; what its libraries map but do not fill comes on top
+MEMORY = (
+    2 * 2**30
+)  # that a reader may fill [bytes]; what its libraries map but do not fill comes on top
 _MAPPED = 4 * 2**30
 _SECONDS, _PER_BYTE = 15.0, 1e-6  # of the processor, and more of it for a large file [s], [s/byte]
-_WAITING = 40.0  # as long as that many times the processor time: a busy machine is no fault of the file
+_WAITING = (
+    40.0  # as long as that many times the processor time: a busy machine is no fault of the file
+)
 _LARGEST_ANSWER = 2**24  # of what is no array [bytes]
 
 
-def read_confined(function: str, path: Path, *arguments: Any, raises: type[Exception]) -> dict[str, Any]:
+def read_confined(
+    function: str, path: Path, *arguments: Any, raises: type[Exception]
+) -> dict[str, Any]:
     """Call ``module:function`` with a path and more arguments of JSON; it returns arrays and values of JSON by name."""
-    # What our own code says of the file is raised as it stands; a limit, or what a library says of it, with the file's name.
+    # What our own code says of the file is raised as it stands; a limit, or what a library says of
+    # it, with the file's name.
     request = {"function": function, "arguments": [os.path.abspath(path), *arguments]}  # noqa: PTH100  a link stays one
     try:
         seconds = _SECONDS + _PER_BYTE * plain_size(path)
@@ -43,7 +53,9 @@ def read_confined(function: str, path: Path, *arguments: Any, raises: type[Excep
         raise raises(f"file cannot be read: {error.strerror or error} [{path.name}]") from error
     if refused:
         kind = f"{path.suffix[1:].upper()} file".strip()
-        raise raises(refused if ours else f"file must be a sound {kind}, got: {refused} [{path.name}]")
+        raise raises(
+            refused if ours else f"file must be a sound {kind}, got: {refused} [{path.name}]"
+        )
     return found
 
 
@@ -71,7 +83,9 @@ class _Reader:
                 found = answer["values"]
                 for name, kind, shape in answer["arrays"]:
                     size = np.dtype(kind).itemsize * int(np.prod(shape))
-                    found[name] = np.frombuffer(_received(process.stdout, size), kind).reshape(shape)
+                    found[name] = np.frombuffer(_received(process.stdout, size), kind).reshape(
+                        shape
+                    )
             except (EOFError, BrokenPipeError):
                 code = self.close(5.0)
                 too_long = code == -signal.SIGXCPU or watch.finished.is_set()
@@ -86,10 +100,16 @@ class _Reader:
     def _started(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
             paths = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
-            own = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(paths)}
+            own = {
+                "OMP_NUM_THREADS": "1",
+                "OPENBLAS_NUM_THREADS": "1",
+                "PYTHONPATH": os.pathsep.join(paths),
+            }
             command = [sys.executable, "-P", "-W", "ignore", "-m", "stepblocks.confined"]
             pipe, null, environment = subprocess.PIPE, subprocess.DEVNULL, {**os.environ, **own}
-            self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=null, env=environment)
+            self._process = subprocess.Popen(
+                command, stdin=pipe, stdout=pipe, stderr=null, env=environment
+            )
         return self._process
 
     def close(self, grace: float = 0.0) -> int | None:
@@ -127,7 +147,9 @@ def _answer(request: dict[str, Any]) -> Answer:
         return {}, f"it needs more than {MEMORY >> 30} GiB of memory", False
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # a foreign reader may raise anything, and one of them leaves the interpreter
+    except (
+        BaseException
+    ) as error:  # a foreign reader may raise anything, and one of them leaves the interpreter
         said = " ".join(str(error).split())[:300] or type(error).__name__
         said = f"no {said}" if isinstance(error, KeyError) else said
         return {}, said, type(error).__module__.startswith("stepblocks.")
@@ -150,7 +172,11 @@ def _serve() -> None:
         hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
         resource.setrlimit(resource.RLIMIT_CPU, (int(spent + request["seconds"]) + 1, hard))
         found, refused, ours = _answer(request)
-        arrays = {name: np.ascontiguousarray(one) for name, one in found.items() if isinstance(one, np.ndarray)}
+        arrays = {
+            name: np.ascontiguousarray(one)
+            for name, one in found.items()
+            if isinstance(one, np.ndarray)
+        }
         values = {name: one for name, one in found.items() if name not in arrays}
         told = [[name, one.dtype.str, one.shape] for name, one in arrays.items()]
         content = {"refused": refused, "ours": ours, "values": values, "arrays": told}

@@ -34,21 +34,32 @@ def load_set(path: str | Path) -> StimulusSet:
     Raises
     ------
     StimulusError
-        With file, stanza, field, rule and value, if the file cannot be read or asks for something impossible.
+        With file, stanza, field, rule and value, if the file cannot be read or asks for something
+        impossible.
     """
     path = Path(path)
     raw, known = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES), kinds()
     if "apparatus" in raw:
-        raise StimulusError(f"apparatus is no stimulus: stepblocks workshop makes it, not build [{path}]")
+        raise StimulusError(
+            f"apparatus is no stimulus: stepblocks workshop makes it, not build [{path}]"
+        )
     name = raw.pop("set", path.stem)
     mistakes: list[Mistake] = []
     if (schema := raw.pop("schema", SCHEMA)) != SCHEMA:
         mistakes.append(("", f"schema must be {SCHEMA}, got {brief(schema)}"))
     if name != path.stem:
-        mistakes.append(("", f"set must be the name of its file, {path.stem!r}, or be left out, got {brief(name)}"))
+        mistakes.append(
+            (
+                "",
+                f"set must be the name of its file, {path.stem!r}, or be left out, got "
+                f"{brief(name)}",
+            )
+        )
     defaults = raw.pop("defaults", {})
     if not isinstance(defaults, dict) or not set(defaults) <= set(known):
-        mistakes.append(("", f"defaults must be tables named {', '.join(known)}, got {brief(defaults)}"))
+        mistakes.append(
+            ("", f"defaults must be tables named {', '.join(known)}, got {brief(defaults)}")
+        )
         defaults = {}
     for kind in [kind for kind in known if kind in raw]:
         stanzas = _stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, path.parent)
@@ -83,7 +94,9 @@ def load_kit(path: Path) -> Kit | None:
     if "apparatus" not in raw:
         return None
     if raw.pop("schema", SCHEMA) != SCHEMA or raw.pop("set", path.stem) != path.stem:
-        raise StimulusError(f"schema must be {SCHEMA} and set the name of the file, {path.stem!r} [{path}]")
+        raise StimulusError(
+            f"schema must be {SCHEMA} and set the name of the file, {path.stem!r} [{path}]"
+        )
     return validated(Kit, raw, path, StimulusError)
 
 

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-# ``apply(state, covariate, values)``: the model's state, what the effect follows, the values by name
+# ``apply(state, covariate, values)``: the model's state, what the effect follows, the values by
+# name
 Apply = Callable[[Any, Any, Mapping[str, float]], Any]
 
 
@@ -37,14 +38,17 @@ class Law:
     parameters: tuple[Parameter, ...]
     apply: Apply
     slot: str  # the part of the model that it changes
-    covariate: str = "none"  # a column of the table of trials, a quantity of the model, or ``block``
+    covariate: str = (
+        "none"  # a column of the table of trials, a quantity of the model, or ``block``
+    )
     # values at which a search looks of the parameters that are no amplitudes
     shapes: tuple[Mapping[str, float], ...] = ({},)
     named: bool = True  # False for a smooth, which claims no law
     rank: int = 0  # order of preference among laws that predict the same
     said: str = ""  # what it is in the words of a sentence that ends in its figures
     settled: str = ""  # what to do on the bench to tell it from its rivals
-    given: bool = True  # False where the covariate only says over what it shows, and its formula holds without a value
+    # False where the covariate only says over what it shows, and its formula holds without a value
+    given: bool = True
 
     @property
     def amplitudes(self) -> tuple[str, ...]:

@@ -16,7 +16,9 @@ Mistake = tuple[str, str]  # where in the file, empty for the file itself; name,
 Located = Callable[[tuple[Any, ...]], tuple[str, tuple[Any, ...]]]
 
 
-def validated(model: type[Model], data: object, place: object, raised: type[StepblocksError]) -> Model:
+def validated(
+    model: type[Model], data: object, place: object, raised: type[StepblocksError]
+) -> Model:
     """Validate what a file holds, or tell all that is wrong with it."""
     try:
         return model.model_validate(data)
@@ -37,10 +39,14 @@ def unknown_names(table: Iterable[str], known: Sequence[str], place: str = "") -
     """List names that nobody knows, with what was probably meant."""
     found = [name for name in table if name not in known]
     hints = [
-        f"did you mean {meant}?" if (meant := similar(name, known)) else f"known are {', '.join(known)}"
+        f"did you mean {meant}?"
+        if (meant := similar(name, known))
+        else f"known are {', '.join(known)}"
         for name in found
     ]
-    return [(place, f"{name!r} is not known; {hint}") for name, hint in zip(found, hints, strict=True)]
+    return [
+        (place, f"{name!r} is not known; {hint}") for name, hint in zip(found, hints, strict=True)
+    ]
 
 
 def told(mistakes: Sequence[Mistake], file: object) -> str:
@@ -70,8 +76,12 @@ def mistakes_in(
     """List what is wrong by its places, unknown names first; what depends on them is looked at as if they were mended."""
     found: dict[tuple[Any, ...], Mapping[str, Any]] = {}
     for again in (True, False):
-        new = {(*one["loc"], one["type"], one["msg"]): one for one in error.errors(include_url=False)}
-        found = {key: one for key, one in found.items() if one["type"] == "extra_forbidden" or key in new}
+        new = {
+            (*one["loc"], one["type"], one["msg"]): one for one in error.errors(include_url=False)
+        }
+        found = {
+            key: one for key, one in found.items() if one["type"] == "extra_forbidden" or key in new
+        }
         found.update(new)
         unknown = [one for one in new.values() if one["type"] == "extra_forbidden"]
         if not (again and unknown):
@@ -85,7 +95,11 @@ def mistakes_in(
             error = other
     # that too few are left is no mistake of its own where those that fell out are told
     deeper = {one["loc"][:end] for one in found.values() for end in range(len(one["loc"]))}
-    found = {key: one for key, one in found.items() if one["type"] != "too_short" or one["loc"] not in deeper}
+    found = {
+        key: one
+        for key, one in found.items()
+        if one["type"] != "too_short" or one["loc"] not in deeper
+    }
     mistakes = []
     for one in sorted(found.values(), key=lambda one: one["type"] != "extra_forbidden"):
         place, rest = locate(one["loc"])
@@ -107,7 +121,10 @@ def _rules(finding: Mapping[str, Any], name: str) -> list[str]:
         text = str(finding["ctx"]["error"]) if "ctx" in finding else finding["msg"]
         last = name.rsplit(".", 1)[-1]
         said = (last, f"`{name}")
-        return [f"{name}: {line}" if name and not line.startswith(said) else line for line in text.splitlines()]
+        return [
+            f"{name}: {line}" if name and not line.startswith(said) else line
+            for line in text.splitlines()
+        ]
     if kind == "string_pattern_mismatch":
         return [f"{name} must be lower-case words and digits joined by hyphens, got {brief(value)}"]
     text = finding["msg"]
@@ -129,10 +146,14 @@ def _meant(model: type[BaseModel], place: Sequence[Any]) -> str | None:
     """Find what was meant by a name: one like it in the same table, or the same in a table below."""
     tables = [model]
     for step in place[:-1]:
-        fields = [field for table in tables if (field := table.model_fields.get(str(step))) is not None]
+        fields = [
+            field for table in tables if (field := table.model_fields.get(str(step))) is not None
+        ]
         tables = [below for field in fields for below in _models(field.annotation)] or tables
     word = str(place[-1])
-    known = {field.alias or name: field for table in tables for name, field in table.model_fields.items()}
+    known = {
+        field.alias or name: field for table in tables for name, field in table.model_fields.items()
+    }
     deeper = [
         f"{name}.{word}"
         for name, field in known.items()
@@ -156,7 +177,9 @@ def _mended(data: object, model: type[BaseModel], unknown: Sequence[Mapping[str,
         *way, name = one["loc"]
         table: Any = data
         for step in way:
-            if isinstance(table, Mapping | list | tuple) and not (isinstance(table, Mapping) and step not in table):
+            if isinstance(table, Mapping | list | tuple) and not (
+                isinstance(table, Mapping) and step not in table
+            ):
                 table = table[step]
         if isinstance(table, dict) and name in table:
             value, meant = table.pop(name), _meant(model, one["loc"])

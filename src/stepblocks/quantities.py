@@ -1,7 +1,7 @@
 """Units at the border, SI floats inside.
 
-A stimulus file says ``"25 um"``; everything behind this module holds ``2.5e-05``. Pint knows the units; this
-module knows which dimension each field must have and says so when it does not fit.
+A stimulus file says ``"25 um"``; everything behind this module holds ``2.5e-05``. Pint knows the
+units; this module knows which dimension each field must have and says so when it does not fit.
 """
 
 from __future__ import annotations
@@ -40,15 +40,20 @@ DIMENSIONS = {dimension: unit for dimension, (unit, _) in _KNOWN.items()}
 
 _MAX_TEXT = 64  # longer text is no quantity and must not reach the library
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_ATOM = r"[A-Za-zµμΩ°%]+(?:\s*(?:\^|\*\*)\s*-?[1-4])?"  # a unit with a small power: no expression is ever evaluated
-_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*((?:(?:1\s*/\s*)?{_ATOM}(?:\s*[*/ ]\s*{_ATOM}){{0,3}})?)\s*")
+# a unit with a small power: no expression is ever evaluated
+_ATOM = r"[A-Za-zµμΩ°%]+(?:\s*(?:\^|\*\*)\s*-?[1-4])?"
+_QUANTITY = re.compile(
+    rf"\s*({_NUMBER})\s*((?:(?:1\s*/\s*)?{_ATOM}(?:\s*[*/ ]\s*{_ATOM}){{0,3}})?)\s*"
+)
 
 
 @cache
 def _registry() -> pint.UnitRegistry[Any]:
     import pint
 
-    registry: pint.UnitRegistry[Any] = pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
+    registry: pint.UnitRegistry[Any] = pint.UnitRegistry(
+        autoconvert_offset_to_baseunit=True, cache_folder=None
+    )
     return registry
 
 
@@ -58,7 +63,8 @@ def parse_quantity(text: object, dimension: str) -> float:
     Parameters
     ----------
     text : str
-        A number and a unit, such as ``"25 um"`` or ``"0.5 N"``. A ratio may be a bare number or a percentage.
+        A number and a unit, such as ``"25 um"`` or ``"0.5 N"``. A ratio may be a bare number or a
+        percentage.
     dimension : str
         One of `DIMENSIONS`.
 
@@ -70,7 +76,8 @@ def parse_quantity(text: object, dimension: str) -> float:
     Raises
     ------
     QuantityError
-        If the text has no number or no unit, if the unit has another dimension, or if the value is not finite.
+        If the text has no number or no unit, if the unit has another dimension, or if the value is
+        not finite.
 
     Examples
     --------
@@ -109,7 +116,15 @@ def _magnitude(text: str, unit: str, wanted: str) -> float:
         meant = _registry().Quantity(1.0, symbol).units
         factor = float(_registry().Quantity(1.0, meant).to(unit or "dimensionless").magnitude)
         offset_free = meant.is_compatible_with(unit or "dimensionless")
-    except (pint.PintError, ValueError, AttributeError, TypeError, KeyError, SyntaxError, OverflowError) as error:
+    except (
+        pint.PintError,
+        ValueError,
+        AttributeError,
+        TypeError,
+        KeyError,
+        SyntaxError,
+        OverflowError,
+    ) as error:
         raise QuantityError(f"{wanted}, got {shown!r}") from error
     if not offset_free:
         raise QuantityError(f"{wanted}, got {shown!r}")
@@ -167,9 +182,28 @@ def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
 
 
 # endings of column names, the longest first, and the unit as people write it
-_ENDINGS = {"n_per_mm": "N/mm", "n_per_m": "N/m", "kg_m3": "kg/m³", "n_mm": "N/mm", "n_m": "N/m", "mm_s": "mm/s"}
-_ENDINGS |= {"m_s": "m/s"} | {name: name for name in ("nm", "mm", "m", "ms", "s", "kg", "g", "h", "rad")}
-_ENDINGS |= {"um": "µm", "uj": "µJ", "uw": "µW", "us": "µs", "mn": "mN", "n": "N", "j": "J", "w": "W", "hz": "Hz"}
+_ENDINGS = {
+    "n_per_mm": "N/mm",
+    "n_per_m": "N/m",
+    "kg_m3": "kg/m³",
+    "n_mm": "N/mm",
+    "n_m": "N/m",
+    "mm_s": "mm/s",
+}
+_ENDINGS |= {"m_s": "m/s"} | {
+    name: name for name in ("nm", "mm", "m", "ms", "s", "kg", "g", "h", "rad")
+}
+_ENDINGS |= {
+    "um": "µm",
+    "uj": "µJ",
+    "uw": "µW",
+    "us": "µs",
+    "mn": "mN",
+    "n": "N",
+    "j": "J",
+    "w": "W",
+    "hz": "Hz",
+}
 _ENDINGS |= {"khz": "kHz", "deg": "°", "pct": "%", "c": "°C", "pa": "Pa", "db": "dB"}
 
 
@@ -216,10 +250,12 @@ def column_of_figures(values: Sequence[object]) -> list[str]:
 
 
 _SIGNS = {"um": "µm", "uJ": "µJ", "uW": "µW", "us": "µs", "uN": "µN", "deg": "°"}
-# what a user typed stands in quotes and stays, and so do names and paths; else a unit behind its number, or by itself
+# what a user typed stands in quotes and stays, and so do names and paths; else a unit behind its
+# number, or by itself
 _WRITTEN = re.compile(
     r"(?<!\w)'[^']*'"
-    r"|(?<![\w-])(?P<number>[-+±]?\d[\d.]*(?:e[-+]?\d+)?)(?P<space> ?)(?P<behind>um|uJ|uW|us|uN|deg)\b(?!\.\w|[/-][A-Za-z_]|=)"
+    r"|(?<![\w-])(?P<number>[-+±]?\d[\d.]*(?:e[-+]?\d+)?)(?P<space> "
+    r"?)(?P<behind>um|uJ|uW|us|uN|deg)\b(?!\.\w|[/-][A-Za-z_]|=)"
     r"|(?<![\w=./-])(?P<alone>um|uJ|uW|uN)\b(?!\.\w|[/=-])"
 )
 
@@ -238,7 +274,11 @@ def readable(text: object) -> str:
             return _SIGNS[found["alone"]]
         if not found["behind"]:
             return found[0]
-        return found["number"] + ("" if found["behind"] == "deg" else found["space"]) + _SIGNS[found["behind"]]
+        return (
+            found["number"]
+            + ("" if found["behind"] == "deg" else found["space"])
+            + _SIGNS[found["behind"]]
+        )
 
     return _WRITTEN.sub(signed, str(text))
 

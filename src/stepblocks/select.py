@@ -31,7 +31,11 @@ def _near(path: Path) -> str:
     """Say what there is in place of a file that is not, and how one begins."""
     from difflib import get_close_matches
 
-    there = [str(path.parent / one.name) for one in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+    there = (
+        [str(path.parent / one.name) for one in path.parent.glob("*.toml")]
+        if path.parent.is_dir()
+        else []
+    )
     near = get_close_matches(str(path), there, 1, 0.6)
     return f"did you mean {near[0]}?" if near else f"'stepblocks new block {path}' writes one"
 
@@ -46,4 +50,6 @@ def _is_kit(path: Path) -> bool:
 
 def matches(only: str, set_name: str, identity: str) -> bool:
     """Tell whether a pattern, as ``paper-ten/*`` or ``step-02?``, means a stimulus."""
-    return fnmatch.fnmatchcase(identity, only) or fnmatch.fnmatchcase(f"{set_name}/{identity}", only)
+    return fnmatch.fnmatchcase(identity, only) or fnmatch.fnmatchcase(
+        f"{set_name}/{identity}", only
+    )

@@ -56,45 +56,66 @@ def read_table(path: Path) -> pd.DataFrame:
 
 def misspelt(frame: pd.DataFrame, known: Collection[str]) -> dict[str, str]:
     """Find columns that are nearly one of the known, and which."""
-    near = {str(name): difflib.get_close_matches(str(name), known, 1, 0.8) for name in frame if name not in known}
+    near = {
+        str(name): difflib.get_close_matches(str(name), known, 1, 0.8)
+        for name in frame
+        if name not in known
+    }
     return {name: likely[0] for name, likely in near.items() if likely}
 
 
 def si_columns(
-    frame: pd.DataFrame, wanted: Mapping[str, tuple[Sequence[str], str, float | None]], place: object
+    frame: pd.DataFrame,
+    wanted: Mapping[str, tuple[Sequence[str], str, float | None]],
+    place: object,
 ) -> dict[str, NDArray[np.float64]]:
     """Find columns, each by one of its names and any unit of its dimension, and return them in SI; tell all mistakes at once."""
-    # one without a default must be there; where one has a default, a column that is nearly one of them is refused: else the
-    # default would be taken without a word
+    # one without a default must be there; where one has a default, a column that is nearly one of
+    # them is refused: else the default would be taken without a word
     mistakes: list[Mistake] = []
     found: dict[str, NDArray[np.float64]] = {}
     units = {
-        key: {f"{name}_{suffix}".rstrip("_"): unit for name in names for suffix, unit in SUFFIXES[dimension].items()}
+        key: {
+            f"{name}_{suffix}".rstrip("_"): unit
+            for name in names
+            for suffix, unit in SUFFIXES[dimension].items()
+        }
         for key, (names, dimension, _) in wanted.items()
     }
     known = sorted(column for columns in units.values() for column in columns)
     guessed = set(known) if any(default is not None for *_, default in wanted.values()) else set()
     near = misspelt(frame, guessed)
-    mistakes += [("", f"column {column!r} is not known, is it {likely!r}?") for column, likely in near.items()]
+    mistakes += [
+        ("", f"column {column!r} is not known, is it {likely!r}?")
+        for column, likely in near.items()
+    ]
     meant = set(near.values())
     for key, (_, dimension, default) in wanted.items():
         here = [column for column in units[key] if column in frame.columns]
         if len(here) > 1:
-            mistakes.append(("", f"table must have one of the columns {' and '.join(here)}, not both"))
+            mistakes.append(
+                ("", f"table must have one of the columns {' and '.join(here)}, not both")
+            )
         elif here:
             found[key] = _in_si(frame[here[0]], units[key][here[0]], dimension, mistakes)
         elif default is not None:
             found[key] = np.full(len(frame), default)
         elif not meant & set(units[key]):
             mistakes.append(
-                ("", f"table must have a column {' or '.join(list(units[key])[: len(SUFFIXES[dimension])])}")
+                (
+                    "",
+                    "table must have a column "
+                    f"{' or '.join(list(units[key])[: len(SUFFIXES[dimension])])}",
+                )
             )
     if mistakes:
         raise PipelineError(told(mistakes, place))
     return found
 
 
-def _in_si(cells: pd.Series, unit: str, dimension: str, mistakes: list[Mistake]) -> NDArray[np.float64]:
+def _in_si(
+    cells: pd.Series, unit: str, dimension: str, mistakes: list[Mistake]
+) -> NDArray[np.float64]:
     """Read a column; cells that are no finite number are among the mistakes."""
     import pandas as pd
 
@@ -107,7 +128,8 @@ def _in_si(cells: pd.Series, unit: str, dimension: str, mistakes: list[Mistake])
 
 def harmless(cell: object) -> object:
     """Return a text that a spreadsheet would run as a formula with an apostrophe before it, which keeps it text."""
-    # It is one that begins with ``=``, ``+``, ``-``, ``@``, a tab or a return (OWASP, CSV injection) and is no number.
+    # It is one that begins with ``=``, ``+``, ``-``, ``@``, a tab or a return (OWASP, CSV
+    # injection) and is no number.
     if not isinstance(cell, str) or not cell.startswith(("=", "+", "-", "@", "\t", "\r")):
         return cell
     try:
@@ -117,13 +139,19 @@ def harmless(cell: object) -> object:
     return cell
 
 
-def csv_text(table: Any, columns: Sequence[str] | None = None, float_format: str | None = None) -> str:
+def csv_text(
+    table: Any, columns: Sequence[str] | None = None, float_format: str | None = None
+) -> str:
     """Write a table, or rows as mappings, as the text of a CSV."""
     import pandas as pd
 
     frame = pd.DataFrame(table, columns=columns)
-    texts = {str(name): frame[name] for name in frame.columns if frame[name].dtype.kind not in "biufcM"}
-    frame = frame.assign(**{name: column.map(harmless) for name, column in texts.items()}).rename(columns=harmless)
+    texts = {
+        str(name): frame[name] for name in frame.columns if frame[name].dtype.kind not in "biufcM"
+    }
+    frame = frame.assign(**{name: column.map(harmless) for name, column in texts.items()}).rename(
+        columns=harmless
+    )
     return str(frame.to_csv(index=False, lineterminator="\n", float_format=float_format))
 
 

@@ -14,7 +14,8 @@ def die_with_parent() -> None:
     import ctypes
     import multiprocessing
 
-    # a fork server stands between and lives as long as we do; who started us without one has no sentinel
+    # a fork server stands between and lives as long as we do; who started us without one has no
+    # sentinel
     if (asked := multiprocessing.parent_process()) is not None and asked.sentinel is not None:
         threading.Thread(target=_end_with, args=(asked.sentinel,), daemon=True).start()
     parent = os.getppid()

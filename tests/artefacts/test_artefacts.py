@@ -139,7 +139,8 @@ def test_an_eight_bit_height_field_is_caught(folder, block):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "found"), [("AP242", "AP214", "schema AP242"), (",5.E-02)", ",5.0002E-02)", "step height")]
+    ("old", "new", "found"),
+    [("AP242", "AP214", "schema AP242"), (",5.E-02)", ",5.0002E-02)", "step height")],
 )
 def test_a_falsified_step_file_is_caught(folder, block, old, new, found):
     path = folder / f"{block.id}.step"
@@ -157,7 +158,9 @@ def test_an_empty_picture_is_caught(folder, block):
     assert failures(block, path) == ["something is drawn"]
 
 
-@pytest.mark.parametrize("artefact", [path.name for path in checked_files(SETS["paper-ten"].stimuli[4], Path())])
+@pytest.mark.parametrize(
+    "artefact", [path.name for path in checked_files(SETS["paper-ten"].stimuli[4], Path())]
+)
 @pytest.mark.parametrize("damage", ["missing", "empty", "truncated", "garbage"])
 def test_a_damaged_file_is_a_failed_verdict_not_a_traceback(folder, block, artefact, damage):
     path = folder / artefact
@@ -165,7 +168,11 @@ def test_a_damaged_file_is_a_failed_verdict_not_a_traceback(folder, block, artef
     path.unlink()
     if damage != "missing":
         path.write_bytes(
-            {"empty": b"", "truncated": content[: len(content) // 3], "garbage": b"\x00\xff garbage " * 40}[damage]
+            {
+                "empty": b"",
+                "truncated": content[: len(content) // 3],
+                "garbage": b"\x00\xff garbage " * 40,
+            }[damage]
         )
     verdicts = check_artefact(block, path)
     assert any(not verdict.passed for verdict in verdicts)
@@ -186,7 +193,9 @@ def test_a_sphere_fitted_to_exact_points_has_their_radius():
     angles = np.linspace(0.1, 1.4, 20)[:, None], np.linspace(0.0, 6.0, 25)[None, :]
     ball = np.stack(
         np.broadcast_arrays(
-            np.sin(angles[0]) * np.cos(angles[1]), np.sin(angles[0]) * np.sin(angles[1]), -np.cos(angles[0])
+            np.sin(angles[0]) * np.cos(angles[1]),
+            np.sin(angles[0]) * np.sin(angles[1]),
+            -np.cos(angles[0]),
         ),
         axis=-1,
     )

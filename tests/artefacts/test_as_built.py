@@ -20,7 +20,9 @@ RADIUS = AsBuiltValue(14e-6, 0.3e-6, "does not conform")
 
 def record(stimulus="step-050", **values):
     surface = values.pop("surface", None)
-    return AsBuilt(stimulus, "scan.csv", "0" * 64, "two planes", values or {"step_height": HEIGHT}, surface)
+    return AsBuilt(
+        stimulus, "scan.csv", "0" * 64, "two planes", values or {"step_height": HEIGHT}, surface
+    )
 
 
 def test_a_record_reads_back_as_it_was_written_with_its_surface_to_a_picometre(tmp_path):
@@ -29,7 +31,10 @@ def test_a_record_reads_back_as_it_was_written_with_its_surface_to_a_picometre(t
     z[7] = np.nan
     written = record(step_height=HEIGHT, edge_radius=RADIUS, surface=Profile(x, z))
     paths = write_as_built(tmp_path / "step-050.as-built.toml", written)
-    assert [path.name for path in paths] == ["step-050.as-built.toml", "step-050.as-built.profile.csv"]
+    assert [path.name for path in paths] == [
+        "step-050.as-built.toml",
+        "step-050.as-built.profile.csv",
+    ]
     back = read_as_built(str(paths[0]))
     assert back == written  # the surface is compared below
     np.testing.assert_allclose(back.surface.position, x, atol=0.5e-12)
@@ -76,15 +81,23 @@ def test_a_record_without_a_height_says_nothing_of_an_edge():
 @pytest.mark.parametrize(
     ("change", "rule"),
     [
-        (lambda text: text.replace('scan = "scan.csv"', "scan = 5"), "scan: input should be a valid string, got 5"),
+        (
+            lambda text: text.replace('scan = "scan.csv"', "scan = 5"),
+            "scan: input should be a valid string, got 5",
+        ),
         (
             lambda text: text.replace('std = "20 nm"', 'std = "-20 nm"'),
             "values.step_height.std: input should be greater than or equal to 0",
         ),
         (lambda text: text + " " * 1_000_001, "must be at most 1000000 bytes, got"),
-        (lambda text: text.replace("schema = 1", 'schema = 1\nprofile = "a.csv"'), "with profile_sha256"),
         (
-            lambda text: text.replace("schema = 1", f'schema = 1\nprofile = "{"a" * 5000}"\nprofile_sha256 = "b"'),
+            lambda text: text.replace("schema = 1", 'schema = 1\nprofile = "a.csv"'),
+            "with profile_sha256",
+        ),
+        (
+            lambda text: text.replace(
+                "schema = 1", f'schema = 1\nprofile = "{"a" * 5000}"\nprofile_sha256 = "b"'
+            ),
             "must lie beside the record",
         ),
     ],

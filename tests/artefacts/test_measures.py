@@ -65,7 +65,9 @@ def test_the_volume_does_not_depend_on_where_the_mesh_lies_and_changes_sign_with
     vertices, faces = box()
     assert MeshMeasures(vertices + 0.37, faces).volume == pytest.approx(6e-9, rel=1e-10)
     assert MeshMeasures(vertices, faces[:, ::-1]).volume == pytest.approx(-6e-9, rel=1e-12)
-    assert MeshMeasures(vertices, faces).volume == pytest.approx(enclosed_volume(vertices, faces), rel=1e-12)
+    assert MeshMeasures(vertices, faces).volume == pytest.approx(
+        enclosed_volume(vertices, faces), rel=1e-12
+    )
 
 
 def test_a_hole_a_flip_and_a_double_are_counted_by_their_edges():
@@ -113,21 +115,31 @@ def test_a_notch_shows_as_the_farthest_corner_beyond_any_face():
 
 
 def ball(radius, rows=40, around=60):
-    lat, lon = np.linspace(0.05, 2.0, rows)[:, None], np.linspace(0.0, math.tau, around, endpoint=False)[None, :]
+    lat, lon = (
+        np.linspace(0.05, 2.0, rows)[:, None],
+        np.linspace(0.0, math.tau, around, endpoint=False)[None, :],
+    )
     x, y, z = np.sin(lat) * np.cos(lon), np.sin(lat) * np.sin(lon), 1.0 - np.cos(lat) + 0.0 * lon
     points = radius * np.stack([x, y, z], axis=-1).reshape(-1, 3)
     index = np.arange(rows * around).reshape(rows, around)
     a, b = index[:-1], np.roll(index, -1, axis=1)[:-1]
     c, d = index[1:], np.roll(index, -1, axis=1)[1:]
-    return points, np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, d), (a, d, c))])
+    return points, np.concatenate(
+        [np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, d), (a, d, c))]
+    )
 
 
 def test_a_ball_is_fitted_up_to_where_the_cone_begins():
     radius, form, sag = MeshMeasures(*ball(83e-6)).sphere(83e-6, 100e-6)
     assert radius == pytest.approx(83e-6, rel=1e-9)
     assert form < 1e-14
-    # chords of a sixtieth of a turn at the ball's widest sag by R (1 - cos(pi / 60)) at most, by more across a quad
-    assert 83e-6 * (1.0 - math.cos(math.pi / 60.0)) * 0.5 < sag < 83e-6 * (1.0 - math.cos(math.pi / 30.0))
+    # chords of a sixtieth of a turn at the ball's widest sag by R (1 - cos(pi / 60)) at most, by
+    # more across a quad
+    assert (
+        83e-6 * (1.0 - math.cos(math.pi / 60.0)) * 0.5
+        < sag
+        < 83e-6 * (1.0 - math.cos(math.pi / 30.0))
+    )
 
 
 def test_too_few_points_make_no_sphere():
@@ -144,7 +156,10 @@ def test_another_library_reads_what_each_writer_wrote(form, tmp_path):
     assert mesh.vertices.min(axis=0) == pytest.approx(vertices.min(axis=0), abs=1e-9)
     assert mesh.vertices.max(axis=0) == pytest.approx(vertices.max(axis=0), abs=1e-9)
     assert mesh.volume == pytest.approx(3e-3 * 2e-3 * 1.25e-5, rel=1e-6)
-    assert path.read_bytes() == (MESH_FORMATS[form](path, Mesh("box", vertices, faces)), path.read_bytes())[1]
+    assert (
+        path.read_bytes()
+        == (MESH_FORMATS[form](path, Mesh("box", vertices, faces)), path.read_bytes())[1]
+    )
 
 
 def test_pieces_come_back_apart(tmp_path):
@@ -183,19 +198,35 @@ def test_what_is_no_mesh_is_refused_with_its_place(tmp_path, name, content):
 
 def crowded(path):
     """A sound 3MF of half a megabyte that holds four million points (3MF core specification 1.3)."""
-    space, package = "http://schemas.microsoft.com/3dmanufacturing", "http://schemas.openxmlformats.org/package/2006"
-    of = {"rels": "openxmlformats-package.relationships", "model": "ms-package.3dmanufacturing-3dmodel"}
+    space, package = (
+        "http://schemas.microsoft.com/3dmanufacturing",
+        "http://schemas.openxmlformats.org/package/2006",
+    )
+    of = {
+        "rels": "openxmlformats-package.relationships",
+        "model": "ms-package.3dmanufacturing-3dmodel",
+    }
     kinds = "".join(
-        f'<Default Extension="{name}" ContentType="application/vnd.{kind}+xml"/>' for name, kind in of.items()
+        f'<Default Extension="{name}" ContentType="application/vnd.{kind}+xml"/>'
+        for name, kind in of.items()
     )
     head = (
-        f'<model unit="millimeter" xmlns="{space}/core/2015/02"><resources><object id="1" type="model"><mesh><vertices>'
+        f'<model unit="millimeter" xmlns="{space}/core/2015/02"><resources><object id="1" '
+        'type="model"><mesh><vertices>'
     )
-    tail = '</vertices><triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh></object></resources>'
+    tail = (
+        '</vertices><triangles><triangle v1="0" v2="1" '
+        'v3="2"/></triangles></mesh></object></resources>'
+    )
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        archive.writestr("[Content_Types].xml", f'<Types xmlns="{package}/content-types">{kinds}</Types>')
+        archive.writestr(
+            "[Content_Types].xml", f'<Types xmlns="{package}/content-types">{kinds}</Types>'
+        )
         target = f'<Relationship Target="/3D/3dmodel.model" Id="r" Type="{space}/2013/01/3dmodel"/>'
-        archive.writestr("_rels/.rels", f'<Relationships xmlns="{package}/relationships">{target}</Relationships>')
+        archive.writestr(
+            "_rels/.rels",
+            f'<Relationships xmlns="{package}/relationships">{target}</Relationships>',
+        )
         with archive.open("3D/3dmodel.model", "w") as file:
             file.write(head.encode())
             for _ in range(100):
@@ -203,7 +234,9 @@ def crowded(path):
             file.write(f'{tail}<build><item objectid="1"/></build></model>'.encode())
 
 
-def test_a_small_mesh_file_that_unpacks_without_end_is_one_line_and_no_memory(tmp_path, monkeypatch):
+def test_a_small_mesh_file_that_unpacks_without_end_is_one_line_and_no_memory(
+    tmp_path, monkeypatch
+):
     path = tmp_path / "a.3mf"
     crowded(path)
     assert path.stat().st_size < 1_000_000
@@ -232,8 +265,16 @@ def test_a_small_mesh_file_that_unpacks_without_end_is_one_line_and_no_memory(tm
             True,
             "ok   a.stl: volume +5.0e-07 relative (limit 1e-06)",
         ),
-        (Verdict("a.stl", "open edges", 0.0, 3.0, 0.0, "count"), False, "FAIL a.stl: open edges 3, 0 expected"),
-        (Verdict("a.stl", "cannot be read", 1.0, 0.0, 0.0, "file"), False, "FAIL a.stl: cannot be read"),
+        (
+            Verdict("a.stl", "open edges", 0.0, 3.0, 0.0, "count"),
+            False,
+            "FAIL a.stl: open edges 3, 0 expected",
+        ),
+        (
+            Verdict("a.stl", "cannot be read", 1.0, 0.0, 0.0, "file"),
+            False,
+            "FAIL a.stl: cannot be read",
+        ),
     ],
 )
 def test_a_verdict_reads_as_one_line(verdict, passed, text):
@@ -310,7 +351,9 @@ def test_the_relief_of_a_crown_is_round_about_its_axis():
     assert np.allclose(middle, CROWN.counterface().heights(field.x), atol=1e-15)
     radius = CROWN.margin_radius.nominal
     # every column lies on a circle about the tooth's axis
-    assert np.allclose(np.hypot(field.heights + radius, field.y[:, None]), middle + radius, rtol=1e-12)
+    assert np.allclose(
+        np.hypot(field.heights + radius, field.y[:, None]), middle + radius, rtol=1e-12
+    )
 
 
 def test_the_relief_of_a_block_is_the_same_along_its_edge_and_reaches_as_far_as_the_ball():

@@ -9,7 +9,10 @@ from oracles.taught import taught_model
 from stepblocks.artefacts.model_file import model_document, read_model
 from stepblocks.errors import PipelineError
 
-_EFFECTS = {"edge_rounding": {"edge_radius_m": 14e-6}, "running_in": {"excess": 0.8, "settling_trials": 40.0}}
+_EFFECTS = {
+    "edge_rounding": {"edge_radius_m": 14e-6},
+    "running_in": {"excess": 0.8, "settling_trials": 40.0},
+}
 
 
 @pytest.fixture
@@ -29,7 +32,10 @@ def test_what_is_written_is_read_and_written_again_the_same(tmp_path, document):
 
 
 def test_a_read_model_has_laws_that_act(tmp_path, document):
-    asked, back = taught_model(_EFFECTS, std=0.01, scatter=0.05), read_model(str(_written(tmp_path, document)))
+    asked, back = (
+        taught_model(_EFFECTS, std=0.01, scatter=0.05),
+        read_model(str(_written(tmp_path, document))),
+    )
     assert [law.id for law in back.extended.laws] == ["edge_rounding", "running_in"]
     assert back.nominal.laws == ()
     assert [dict(own) for _, own in back.extended.active()] == list(_EFFECTS.values())
@@ -48,12 +54,18 @@ def _give(document, **effects):
     fit = document["extended"]
     values = dict(zip(fit["names"], fit["values"], strict=True))
     values |= {f"{law}.{name}": 0.0 for law, names in effects.items() for name in names}
-    fit |= {"names": list(values), "values": list(values.values()), "effects": [{"id": law} for law in effects]}
+    fit |= {
+        "names": list(values),
+        "values": list(values.values()),
+        "effects": [{"id": law} for law in effects],
+    }
     fit["covariance"] = np.zeros((len(values), len(values))).tolist()
 
 
 def test_smooths_are_found_again_by_their_names(tmp_path, document):
-    _give(document, smooth_friction_run_order=("g1", "g2", "g3", "g4"), trend_gain_load_n=("slope",))
+    _give(
+        document, smooth_friction_run_order=("g1", "g2", "g3", "g4"), trend_gain_load_n=("slope",)
+    )
     laws = read_model(_written(tmp_path, document)).extended.laws
     assert [(law.place, len(law.parameters), law.named) for law in laws] == [
         (("friction", "run_order"), 4, False),
@@ -91,9 +103,18 @@ def _set(*keys, value):
         (_set("scatter", "channel_std", value=[0.1]), "channel_std must be 7"),
         (_set("scatter", "quantity_std", value=None), "quantity_std must be 3"),
         (lambda document: document.pop("blocks"), "damaged: 'blocks'"),
-        (_set("nominal", "values", 0, value=1e300), "friction of nominal must lie between 0.005 and 0.9, got 1e\\+300"),
-        (_set("extended", "values", 2, value=0.0), "stiffness_ratio of extended must lie between 0.2 and 5, got 0"),
-        (_set("extended", "values", 7, value=-1.0), "edge_rounding.edge_radius_m of extended must lie between 0 and"),
+        (
+            _set("nominal", "values", 0, value=1e300),
+            "friction of nominal must lie between 0.005 and 0.9, got 1e\\+300",
+        ),
+        (
+            _set("extended", "values", 2, value=0.0),
+            "stiffness_ratio of extended must lie between 0.2 and 5, got 0",
+        ),
+        (
+            _set("extended", "values", 7, value=-1.0),
+            "edge_rounding.edge_radius_m of extended must lie between 0 and",
+        ),
         (_set("extended", "names", 0, value="frictoin"), "damaged: 'friction'"),
     ],
 )
@@ -107,7 +128,8 @@ def test_damage_is_named_in_one_line(tmp_path, document, damage, said):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"), [("", "must be JSON"), ("[1]", "must have the format"), ("[" * 100_000, "must be JSON")]
+    ("text", "said"),
+    [("", "must be JSON"), ("[1]", "must have the format"), ("[" * 100_000, "must be JSON")],
 )
 def test_what_is_no_model_is_refused(tmp_path, text, said):
     with pytest.raises(PipelineError, match=said):

@@ -8,7 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.artefacts.on_paper import COLUMNS, decimals_for, limits_text, millimetres, sheet_table
+from stepblocks.artefacts.on_paper import (
+    COLUMNS,
+    decimals_for,
+    limits_text,
+    millimetres,
+    sheet_table,
+)
 from stepblocks.artefacts.step.write import _callout_lines, _callout_text, conforming
 from stepblocks.cad.kernel import Face
 from stepblocks.declare import load_declared
@@ -47,7 +53,9 @@ def test_deviations_carry_their_signs_the_upper_first(nominal, lower, upper, tex
 
 @pytest.fixture(scope="module")
 def tip():
-    return next(one for one in load_declared(STIMULI / "probe-tips.toml").stimuli if one.id == "tip-125")
+    return next(
+        one for one in load_declared(STIMULI / "probe-tips.toml").stimuli if one.id == "tip-125"
+    )
 
 
 def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
@@ -55,7 +63,11 @@ def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
     assert tuple(table.columns) == COLUMNS
     assert table.number.tolist() == [str(count) for count in range(1, len(table) + 1)]
     ball = table[table.characteristic.str.contains("ball")].iloc[0]
-    assert (ball.measured_mm_or_deg, ball.std_mm_or_deg, ball.verdict) == ("0.125400", "0.000100", "conforms")
+    assert (ball.measured_mm_or_deg, ball.std_mm_or_deg, ball.verdict) == (
+        "0.125400",
+        "0.000100",
+        "conforms",
+    )
     shank = table[table.kind == "diameter"].iloc[0]  # ISO 1797: 2.35 mm +0 / -0.032 mm
     assert (shank.nominal_mm_or_deg, shank.lower_limit_mm_or_deg, shank.upper_limit_mm_or_deg) == (
         "2.350",
@@ -63,7 +75,11 @@ def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
         "2.350",
     )
     cone = table[table.unit == "deg"].iloc[0]
-    assert (cone.nominal_mm_or_deg, cone.lower_limit_mm_or_deg, cone.upper_limit_mm_or_deg) == ("16", "15", "17")
+    assert (cone.nominal_mm_or_deg, cone.lower_limit_mm_or_deg, cone.upper_limit_mm_or_deg) == (
+        "16",
+        "15",
+        "17",
+    )
     assert (table.verdict != "").sum() == 1
 
 
@@ -97,14 +113,19 @@ def test_outlines_of_letters_are_closed():
     lines = _callout_lines("8", 0, FACES, FACES[0])[:-1]
     ends = [point for line in lines for point in line]
     assert all(ends.count(point) % 2 == 0 for point in ends)
-    assert sum(a[1] != b[0] for a, b in itertools.pairwise(lines)) == 2  # from the outline to either hole
+    assert (
+        sum(a[1] != b[0] for a, b in itertools.pairwise(lines)) == 2
+    )  # from the outline to either hole
 
 
 @pytest.mark.parametrize(
     ("one", "text"),
     [
         (Characteristic("a", "ball", "radius", 125e-6, -2e-6, 2e-6), "7  ball R 0.125 ±0.002"),
-        (Characteristic("a", "shank", "diameter", 2.35e-3, -32e-6, 0.0), "7  shank dia. 2.350 0/-0.032"),
+        (
+            Characteristic("a", "shank", "diameter", 2.35e-3, -32e-6, 0.0),
+            "7  shank dia. 2.350 0/-0.032",
+        ),
         (Characteristic("a", "flatness", "flatness", 0.0, 0.0, 0.5e-6), "7  flatness 0.0005"),
     ],
 )
@@ -114,7 +135,10 @@ def test_a_callout_says_number_name_sign_and_limits(one, text):
 
 @pytest.mark.parametrize("roughness", [0.1e-6, 2e-3, 1e-9, 1.25e-9])
 def test_a_real_of_part_21_has_a_point(roughness):
-    shape = "#1 = (LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));\n#2 = FLATNESS_TOLERANCE('',$,#3,#4);\n"
+    shape = (
+        "#1 = (LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));\n#2 = "
+        "FLATNESS_TOLERANCE('',$,#3,#4);\n"
+    )
     text = mended(shape + "#5 = (GEOMETRIC_REPRESENTATION_CONTEXT(3));\n", texture=roughness)
     (real,) = re.findall(r"'Ra',LENGTH_MEASURE\((.*?)\)", text)
     assert re.fullmatch(r"[-+]?\d+\.\d*(E[-+]?\d+)?", real)
@@ -123,7 +147,8 @@ def test_a_real_of_part_21_has_a_point(roughness):
 
 def test_semicolons_in_strings_do_not_end_an_instance():
     text = mended(
-        "#1 = A('x;''y;');\n#7 = PRODUCT_DEFINITION\n  ();\n#8 = (GEOMETRIC_REPRESENTATION_CONTEXT(3));\n",
+        "#1 = A('x;''y;');\n#7 = PRODUCT_DEFINITION\n  ();\n#8 = "
+        "(GEOMETRIC_REPRESENTATION_CONTEXT(3));\n",
         notes=[("a", "b")],
     )
     assert "#1 = A('x;''y;');" in text
@@ -139,10 +164,13 @@ def mended(data, **more):
 
 
 def test_limits_get_the_type_of_their_unit_and_zero_no_sign():
-    units = "#1 = (LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));\n#2 = (NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.));\n"
+    units = (
+        "#1 = (LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));\n#2 = "
+        "(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.));\n"
+    )
     text = mended(
-        units
-        + "#3 = MEASURE_WITH_UNIT(-1.E-03,#1);\n#4 = MEASURE_WITH_UNIT(0.5,#2);\n#5 = MEASURE_WITH_UNIT(-0.,#1);\n"
+        units + "#3 = MEASURE_WITH_UNIT(-1.E-03,#1);\n#4 = MEASURE_WITH_UNIT(0.5,#2);\n#5 = "
+        "MEASURE_WITH_UNIT(-0.,#1);\n"
     )
     assert "#3 = MEASURE_WITH_UNIT(LENGTH_MEASURE(-1.E-03),#1);" in text
     assert "#4 = MEASURE_WITH_UNIT(PLANE_ANGLE_MEASURE(0.5),#2);" in text
@@ -152,7 +180,8 @@ def test_limits_get_the_type_of_their_unit_and_zero_no_sign():
 
 def test_names_go_to_dimensions_in_their_order_and_none_may_be_left():
     data = (
-        "#1 = DIMENSIONAL_LOCATION('linear distance',$,#8,#9);\n#2 = DIMENSIONAL_LOCATION('linear distance',$,#8,#9);\n"
+        "#1 = DIMENSIONAL_LOCATION('linear distance',$,#8,#9);\n#2 = "
+        "DIMENSIONAL_LOCATION('linear distance',$,#8,#9);\n"
     )
     text = mended(data, names=[("distance", "step height"), ("to_outer", "length")])
     assert "#1 = DIMENSIONAL_LOCATION('linear distance','step height',#8,#9)" in text

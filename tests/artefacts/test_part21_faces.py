@@ -5,7 +5,12 @@ import math
 import pytest
 
 from oracles.part21_text import SHAPE, circle, exchange_of, face, line
-from stepblocks.artefacts.step.faces import faces_of, measured_angle, measured_distance, measured_size
+from stepblocks.artefacts.step.faces import (
+    faces_of,
+    measured_angle,
+    measured_distance,
+    measured_size,
+)
 
 Z = (0.0, 0.0, 1.0)
 X = (1.0, 0.0, 0.0)
@@ -67,18 +72,26 @@ def test_what_is_not_level_over_a_plane_has_no_distance_from_it(tmp_path):
 
 
 def test_axes_and_centres_are_apart_by_pythagoras(tmp_path):
-    pair = surfaces(tmp_path, cylinder(100, (0.0, 0.0, 7.0), Z, 1.0), cylinder(200, (3.0, 4.0, -2.0), Z, 2.0))
+    pair = surfaces(
+        tmp_path, cylinder(100, (0.0, 0.0, 7.0), Z, 1.0), cylinder(200, (3.0, 4.0, -2.0), Z, 2.0)
+    )
     assert measured_distance(*pair) == pytest.approx(5e-3)
     pair = surfaces(tmp_path, ball(100, (0.0, 0.0, 0.0), 0.1), ball(200, (2.0, 3.0, 6.0), 0.1))
     assert measured_distance(*pair) == pytest.approx(7e-3)
-    pair = surfaces(tmp_path, cylinder(100, (0.0, 0.0, 7.0), Z, 1.0), ball(200, (3.0, 4.0, 11.0), 0.1))
+    pair = surfaces(
+        tmp_path, cylinder(100, (0.0, 0.0, 7.0), Z, 1.0), ball(200, (3.0, 4.0, 11.0), 0.1)
+    )
     assert measured_distance(*pair) == pytest.approx(5e-3)
 
 
 def test_the_far_side_of_a_ball_lies_its_radius_beyond_its_centre(tmp_path):
     pair = surfaces(tmp_path, plane(100, (0.0, 0.0, 40.0)), ball(200, (0.0, 0.0, 0.125), 0.125))
-    assert measured_distance(*pair, "linear distance centre outer") == pytest.approx(40e-3, abs=1e-15)
-    assert measured_distance(*pair, "linear distance centre inner") == pytest.approx(39.75e-3, abs=1e-15)
+    assert measured_distance(*pair, "linear distance centre outer") == pytest.approx(
+        40e-3, abs=1e-15
+    )
+    assert measured_distance(*pair, "linear distance centre inner") == pytest.approx(
+        39.75e-3, abs=1e-15
+    )
     assert measured_distance(*pair, "linear distance") == pytest.approx(39.875e-3, abs=1e-15)
 
 
@@ -88,7 +101,9 @@ def test_a_gap_across_two_cones_is_square_to_them(way, tmp_path):
     half = math.radians(6.0)
     inner = cone(100, (0.0, 0.0, 0.0), Z, 3.0, half)
     wider = 3.0 + 2.0 * math.tan(half) + 0.06 / math.cos(half)
-    outer = cone(200, (0.0, 0.0, 2.0), (0.0, 0.0, way), wider, way * half)  # an axis may point either way
+    outer = cone(
+        200, (0.0, 0.0, 2.0), (0.0, 0.0, way), wider, way * half
+    )  # an axis may point either way
     assert measured_distance(*surfaces(tmp_path, inner, outer)) == pytest.approx(60e-6, abs=1e-15)
 
 
@@ -98,7 +113,10 @@ def test_a_round_edge_is_measured_square_to_the_cone_about_it(tmp_path):
     pair = surfaces(tmp_path, cone(100, (0.0, 0.0, 0.0), Z, 3.0, half), edge)
     assert measured_distance(*pair) == pytest.approx(50e-6, abs=1e-15)
     beside = circle(200, (0.1, 0.0, 1.0), Z, 3.0)
-    assert measured_distance(*surfaces(tmp_path, cone(100, (0.0, 0.0, 0.0), Z, 3.0, half), beside)) is None
+    assert (
+        measured_distance(*surfaces(tmp_path, cone(100, (0.0, 0.0, 0.0), Z, 3.0, half), beside))
+        is None
+    )
 
 
 def test_sizes_are_named_by_what_they_measure(tmp_path):

@@ -7,7 +7,12 @@ import pytest
 
 from oracles.part21_text import MILLIMETRE, SHAPE, exchange_of, face, text_of
 from stepblocks.artefacts.step import exchange
-from stepblocks.artefacts.step.check_step import check_step, dimensions_of, step_table, tolerances_of
+from stepblocks.artefacts.step.check_step import (
+    check_step,
+    dimensions_of,
+    step_table,
+    tolerances_of,
+)
 from stepblocks.artefacts.step.exchange import Typed, is_reference, number
 from stepblocks.artefacts.step.units import density_findings, measure_of, unit_of, untyped_measures
 from stepblocks.errors import MetrologyError
@@ -15,7 +20,9 @@ from stepblocks.errors import MetrologyError
 
 def test_strings_comments_and_types_are_told_apart(tmp_path):
     file = exchange_of(
-        "#10=PRODUCT('it''s; (#11) /', /* not #12 = X( */ 'b',LENGTH_MEASURE(1.5E-1),.T.,$,(1,#10));", tmp_path
+        "#10=PRODUCT('it''s; (#11) /', /* not #12 = X( */ "
+        "'b',LENGTH_MEASURE(1.5E-1),.T.,$,(1,#10));",
+        tmp_path,
     )
     name, other, length, _, _, listed = file.parameters("#10", "PRODUCT")
     assert name == "it's; (#11) /"
@@ -25,7 +32,9 @@ def test_strings_comments_and_types_are_told_apart(tmp_path):
 
 
 def test_an_instance_is_found_by_any_of_its_entities_and_by_its_users(tmp_path):
-    file = exchange_of(f"{MILLIMETRE}#7=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(2.),#1);#8=SET((#7,#7));", tmp_path)
+    file = exchange_of(
+        f"{MILLIMETRE}#7=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(2.),#1);#8=SET((#7,#7));", tmp_path
+    )
     assert [ref for ref, _ in file.named("SI_UNIT", "NAMED_UNIT")] == ["#1", "#1"]
     assert file.users("#1") == ["#7"]
     assert file.users("#7") == ["#8"]
@@ -56,7 +65,9 @@ def test_a_data_section_that_is_not_whole_is_refused_with_its_place(data, rule, 
 
 
 def test_a_lost_quote_in_a_long_file_is_told_at_once(tmp_path):
-    whole = "".join(f"#{number}=POINT('it''s no {number}',(0.,1.,2.));\n" for number in range(1, 20_000))
+    whole = "".join(
+        f"#{number}=POINT('it''s no {number}',(0.,1.,2.));\n" for number in range(1, 20_000)
+    )
     started = time.process_time()
     with pytest.raises(MetrologyError, match="no whole DATA section"):
         exchange_of(whole.replace("#3=POINT('it", "#3=POINT(it"), tmp_path)
@@ -103,17 +114,32 @@ def test_units_are_those_of_the_si_and_the_inch(tmp_path):
         "#8": ("degree", "angle"),
         "#10": ("um", "length"),
     }
-    factors = {"#1": 1e-3, "#2": 1.0, "#3": 1.0, "#4": 1.0, "#6": 25.4e-3, "#8": math.pi / 180.0, "#10": 1e-6}
+    factors = {
+        "#1": 1e-3,
+        "#2": 1.0,
+        "#3": 1.0,
+        "#4": 1.0,
+        "#6": 25.4e-3,
+        "#8": math.pi / 180.0,
+        "#10": 1e-6,
+    }
     assert {ref: one.factor for ref, one in found.items()} == pytest.approx(factors, rel=1e-14)
     assert unit_of(file, "#99").dimension == "unknown"
 
 
 @pytest.mark.parametrize(
     ("unit", "value", "metres"),
-    [("#1", "0.01", 0.01 / 1000), ("#6", "1.", 25.4e-3), ("#10", "7.", 7 / 1e6), ("#4", "0.3", 0.3)],
+    [
+        ("#1", "0.01", 0.01 / 1000),
+        ("#6", "1.", 25.4e-3),
+        ("#10", "7.", 7 / 1e6),
+        ("#4", "0.3", 0.3),
+    ],
 )
 def test_a_measure_is_the_nearest_double_of_its_si_value(unit, value, metres, tmp_path):
-    file = exchange_of(f"{UNITS}#20=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE({value}),{unit});", tmp_path)
+    file = exchange_of(
+        f"{UNITS}#20=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE({value}),{unit});", tmp_path
+    )
     assert measure_of(file, "#20").si == pytest.approx(metres, rel=2e-16 if unit != "#6" else 1e-14)
     assert measure_of(file, "#1") is None
 
@@ -124,7 +150,10 @@ def test_a_measure_is_the_nearest_double_of_its_si_value(unit, value, metres, tm
         ("MEASURE_WITH_UNIT(1.E-03,#1)", "value must be typed"),
         ("MEASURE_WITH_UNIT(POSITIVE_LENGTH_MEASURE(0.),#1)", "must be positive, got 0"),
         ("MEASURE_WITH_UNIT(LENGTH_MEASURE(1.),#2)", "must not carry a unit of angle"),
-        ("MEASURE_REPRESENTATION_ITEM('x',PLANE_ANGLE_MEASURE(1.),#10)", "must not carry a unit of length"),
+        (
+            "MEASURE_REPRESENTATION_ITEM('x',PLANE_ANGLE_MEASURE(1.),#10)",
+            "must not carry a unit of length",
+        ),
     ],
 )
 def test_measures_must_be_typed_and_fit_their_unit(measure, finding, tmp_path):
@@ -144,9 +173,15 @@ def test_measures_must_be_typed_and_fit_their_unit(measure, finding, tmp_path):
     ids=["kg per m3", "kg per mm3", "a wrong power", "a value of no solid"],
 )
 def test_a_density_has_its_unit_and_the_size_of_a_solid(elements, value, wanted, tmp_path):
-    parts = "".join(f"#{21 + index}=DERIVED_UNIT_ELEMENT({one});" for index, one in enumerate(elements))
-    item = f"#24=MEASURE_REPRESENTATION_ITEM('mass density',POSITIVE_RATIO_MEASURE({value:.9E}),#23);"
-    densities, findings = density_findings(exchange_of(f"{UNITS}{parts}#23=DERIVED_UNIT((#21,#22));{item}", tmp_path))
+    parts = "".join(
+        f"#{21 + index}=DERIVED_UNIT_ELEMENT({one});" for index, one in enumerate(elements)
+    )
+    item = (
+        f"#24=MEASURE_REPRESENTATION_ITEM('mass density',POSITIVE_RATIO_MEASURE({value:.9E}),#23);"
+    )
+    densities, findings = density_findings(
+        exchange_of(f"{UNITS}{parts}#23=DERIVED_UNIT((#21,#22));{item}", tmp_path)
+    )
     if isinstance(wanted, str):
         assert densities == []
         assert wanted in findings[0]
@@ -181,14 +216,21 @@ PLUS_MINUS = "#310=PLUS_MINUS_TOLERANCE(#311,#300);#311=TOLERANCE_VALUE(#312,#31
 @pytest.mark.parametrize(
     ("limits", "wanted", "problem"),
     [
-        (("#301", PLUS_MINUS + bound("#312", "", "-0.002") + bound("#313", "", "0.001")), (-2e-6, 1e-6), ""),
+        (
+            ("#301", PLUS_MINUS + bound("#312", "", "-0.002") + bound("#313", "", "0.001")),
+            (-2e-6, 1e-6),
+            "",
+        ),
         (
             ("#301", PLUS_MINUS + bound("#312", "", "0.001") + bound("#313", "", "-0.002")),
             (1e-6, -2e-6),
             "not in order",
         ),
         (
-            ("#301,#304,#305", bound("#304", "lower limit", "0.009") + bound("#305", "upper limit", "0.012")),
+            (
+                "#301,#304,#305",
+                bound("#304", "lower limit", "0.009") + bound("#305", "upper limit", "0.012"),
+            ),
             (-1e-6, 2e-6),
             "",
         ),
@@ -213,7 +255,9 @@ def test_limits_keep_their_signs_in_every_way_to_write_them(limits, wanted, prob
 
 def test_a_damaged_point_under_a_dimension_is_one_line(tmp_path):
     data = dimensioned(("#301", "")).replace("CARTESIAN_POINT('',(", "CARTESIAN_POINT('',(?")
-    with pytest.raises(MetrologyError, match=r"sound Part 21 text, got: no parameter: .* \[hand.step\]$"):
+    with pytest.raises(
+        MetrologyError, match=r"sound Part 21 text, got: no parameter: .* \[hand.step\]$"
+    ):
         dimensions_of(exchange_of(data, tmp_path))
 
 
@@ -228,20 +272,33 @@ def test_a_flatness_without_a_width_and_a_parallelism_with_its_datum(tmp_path):
     )
     flat, parallel = tolerances_of(exchange_of(data, tmp_path))
     assert (flat.kind, flat.name, flat.problem) == ("flatness", "flat", "zone must be positive")
-    assert (parallel.kind, parallel.value, parallel.datums) == ("parallelism", pytest.approx(0.5e-6), ("A",))
+    assert (parallel.kind, parallel.value, parallel.datums) == (
+        "parallelism",
+        pytest.approx(0.5e-6),
+        ("A",),
+    )
     assert flat.faces == parallel.faces == ("#100",)
 
 
 def test_anybodys_file_is_told_as_a_table_with_what_is_wrong(tmp_path):
     path = tmp_path / "any.step"
-    path.write_text(text_of(dimensioned(("#301", "")).replace("(0.01)", "(0.011)"), "CONFIG_CONTROL_DESIGN"))
+    path.write_text(
+        text_of(dimensioned(("#301", "")).replace("(0.01)", "(0.011)"), "CONFIG_CONTROL_DESIGN")
+    )
     report = check_step(str(path))
     assert not report.passes
     table = step_table(report)
     assert table.splitlines()[0] == "any.step: CONFIG_CONTROL_DESIGN"
     assert "linear distance" in table
     assert (
-        "WRONG #300 linear distance (step): says 0.011 mm, but its faces #100, #200 have 0.01 mm (-1000.000 nm)"
-        in table
+        "WRONG #300 linear distance (step): says 0.011 mm, but its faces #100, "
+        "#200 "
+        "have "
+        "0.01 "
+        "mm "
+        "(-1000.000 nm)" in table
     )
-    assert check_step(path, require_ap242=True).findings[0] == "FILE_SCHEMA: must be AP242, got CONFIG_CONTROL_DESIGN"
+    assert (
+        check_step(path, require_ap242=True).findings[0]
+        == "FILE_SCHEMA: must be AP242, got CONFIG_CONTROL_DESIGN"
+    )

@@ -48,7 +48,9 @@ def test_plan_and_results_are_valid_by_the_schema_and_its_checks(identity, done,
     assert schemas.findings(path) == []
 
 
-def test_the_plan_numbers_its_characteristics_as_the_drawing_does_and_names_datum_and_tolerances(tmp_path):
+def test_the_plan_numbers_its_characteristics_as_the_drawing_does_and_names_datum_and_tolerances(
+    tmp_path,
+):
     part, path = PARTS["step-050"], tmp_path / "a.qif"
     write_qif(path, part, ORDER)
     root = etree.parse(path).getroot()
@@ -81,7 +83,10 @@ def test_results_come_back_as_they_were(identity, tmp_path):
         assert one.name == asked.key
         assert one.value == pytest.approx(value, abs=2e-11)
         assert one.std == pytest.approx(std, abs=1e-12 if asked.quantity == "length" else 2e-11)
-        assert one.status == {"conforms": "PASS", "does not conform": "FAIL", "not proven": "UNDEFINED"}[verdict]
+        assert (
+            one.status
+            == {"conforms": "PASS", "does not conform": "FAIL", "not proven": "UNDEFINED"}[verdict]
+        )
         if asked.kind in ("flatness", "parallelism", "roughness"):
             assert one.limits == pytest.approx((0.0, asked.upper), abs=1e-12)
         else:
@@ -89,7 +94,8 @@ def test_results_come_back_as_they_were(identity, tmp_path):
             assert one.limits == pytest.approx((asked.lower, asked.upper), abs=2e-11)
 
 
-# by hand after the structure of the standard: no units named (so metres), limits as limits, no uncertainty, a foreign prefix
+# by hand after the structure of the standard: no units named (so metres), limits as limits, no
+# uncertainty, a foreign prefix
 BY_HAND = """<q:QIFDocument xmlns:q="http://qifstandards.org/xsd/qif3" versionQIF="3.0.0" idMax="9">
 <q:Characteristics><q:CharacteristicDefinitions n="1"><q:DistanceBetweenCharacteristicDefinition id="1"><q:Tolerance>
 <q:MaxValue>0.000051</q:MaxValue><q:MinValue>0.000049</q:MinValue><q:DefinedAsLimit>true</q:DefinedAsLimit></q:Tolerance>
@@ -118,7 +124,10 @@ def test_results_written_by_hand_are_read_and_judged(tmp_path):
     assert result.inspected.values["step_height"].unstated == ("as stated in the file",)
     assert result.felt == ""
     path.write_text(BY_HAND.replace("VALUE", "0.0000520"))
-    assert inspect_scan(path, "step-050", stimuli=STIMULI / "paper-ten.toml").verdict.value == "does not conform"
+    assert (
+        inspect_scan(path, "step-050", stimuli=STIMULI / "paper-ten.toml").verdict.value
+        == "does not conform"
+    )
 
 
 @pytest.mark.parametrize(
@@ -139,17 +148,24 @@ def test_what_is_no_result_is_refused_in_one_line(text, said, tmp_path):
 
 
 def test_samples_of_other_programs_are_read():
-    # CheckMate for SOLIDWORKS, published with the standard: a bore of 19 mm measured at 19.007, within 0.13 mm
+    # CheckMate for SOLIDWORKS, published with the standard: a bore of 19 mm measured at 19.007,
+    # within 0.13 mm
     results = read_qif_results(schemas.installed("qif3/samples/QIFwidget/WIDGET_QIF_RESULTS.QIF"))
     assert len(results) == 42
     bore = next(one for one in results if one.kind == "Diameter")
-    assert (bore.designator, bore.value, bore.nominal) == ("10", pytest.approx(19.007e-3), pytest.approx(19e-3))
+    assert (bore.designator, bore.value, bore.nominal) == (
+        "10",
+        pytest.approx(19.007e-3),
+        pytest.approx(19e-3),
+    )
     assert bore.limits == pytest.approx((-0.13e-3, 0.13e-3))
     assert matched_by(results, {"10": "bore"}).keys() == {"bore"}
 
 
 def certificate_of(folder):
-    write_qif(folder / "a.qif", PARTS["step-050"], None, {"step_height": (50.9e-6, 0.1e-6, "not proven")})
+    write_qif(
+        folder / "a.qif", PARTS["step-050"], None, {"step_height": (50.9e-6, 0.1e-6, "not proven")}
+    )
     result = inspect_scan(folder / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
     path = folder / "step-050.dcc.xml"
     write_certificate(path, PARTS["step-050"], result.as_record(), ORDER, "ab" * 32)
@@ -160,15 +176,23 @@ def test_the_draft_certificate_says_value_uncertainty_limits_budget_and_rule(tmp
     xml = certificate_of(tmp_path)
     n = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
     root = etree.parse(xml).getroot()
-    value, expanded = (float(root.findtext(f".//si:{tag}", namespaces=n)) for tag in ("value", "valueExpandedMU"))
+    value, expanded = (
+        float(root.findtext(f".//si:{tag}", namespaces=n)) for tag in ("value", "valueExpandedMU")
+    )
     assert value == 293.15  # the reference temperature comes first
     real = root.find(".//dcc:result//si:real", n)
     assert float(real.findtext("si:value", namespaces=n)) == pytest.approx(50.9e-6, abs=1e-12)
     assert expanded == pytest.approx(1.96e-7, rel=1e-3)
-    # within the limits, but by less than the guard band: neither proven, a conditional pass in the words of ILAC-G8
+    # within the limits, but by less than the guard band: neither proven, a conditional pass in the
+    # words of ILAC-G8
     assert {one.text for one in root.iter(f"{{{n['dcc']}}}conformity")} == {"conditionalPass"}
     text = xml.read_text(encoding="utf-8")
-    for said in ("A &amp; B &lt;c&gt;", "STEP-050 not proven", "guard band of 1.65 u", "as stated in the file"):
+    for said in (
+        "A &amp; B &lt;c&gt;",
+        "STEP-050 not proven",
+        "guard band of 1.65 u",
+        "as stated in the file",
+    ):
         assert said in text
 
 

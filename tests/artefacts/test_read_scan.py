@@ -38,11 +38,15 @@ SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".
 def test_every_format_gives_back_the_heights_and_steps_that_were_written(name, tmp_path):
     path = tmp_path / name
     WRITERS[name](path)
-    content = scan_in(path)  # the confined process itself is exercised below; here only what it runs
+    content = scan_in(
+        path
+    )  # the confined process itself is exercised below; here only what it runs
     height = np.asarray(content["height"])
     assert height.dtype == np.float64
     np.testing.assert_allclose(np.abs(np.diff(height, axis=1)), 7 * COUNT, rtol=2e-6)
-    assert np.sort(height.ravel()) - height.min() == pytest.approx(np.arange(12) * 7 * COUNT, rel=2e-6, abs=1e-15)
+    assert np.sort(height.ravel()) - height.min() == pytest.approx(
+        np.arange(12) * 7 * COUNT, rel=2e-6, abs=1e-15
+    )
     assert content["dx"] == pytest.approx(1e-6, rel=1e-6)
     assert content["dy"] == pytest.approx(2e-6, rel=1e-6)
 
@@ -51,7 +55,9 @@ def test_the_confined_process_gives_the_same_map_and_says_what_was_checked(tmp_p
     write_sdf(tmp_path / "a.sdf")
     scan = read_scan(tmp_path / "a.sdf")
     assert isinstance(scan, HeightMap)
-    np.testing.assert_allclose(scan.height - scan.height[0, 0], (COUNTS - COUNTS[0, 0]) * COUNT, rtol=1e-9)
+    np.testing.assert_allclose(
+        scan.height - scan.height[0, 0], (COUNTS - COUNTS[0, 0]) * COUNT, rtol=1e-9
+    )
     assert "Zscale of the header: 2e-10 m per count, checked" in scan.scale
 
 
@@ -86,10 +92,14 @@ def test_the_unit_of_floating_formats_is_read_a_second_time_from_the_file_itself
 
 
 @pytest.mark.parametrize(("name", "one"), [("d.x3p", 1.0), ("e.plux", 1e-6), ("counts.x3p", None)])
-def test_the_scale_of_packed_formats_is_read_a_second_time_from_index_and_stored_numbers(name, one, tmp_path):
+def test_the_scale_of_packed_formats_is_read_a_second_time_from_index_and_stored_numbers(
+    name, one, tmp_path
+):
     path = tmp_path / name
     if name == "counts.x3p":  # int32 counts whose length the axis states
-        x3pio.write(str(path), COUNTS * COUNT, x_scale=1e-6, y_scale=2e-6, z_type=x3pio.DataType.INT32)
+        x3pio.write(
+            str(path), COUNTS * COUNT, x_scale=1e-6, y_scale=2e-6, z_type=x3pio.DataType.INT32
+        )
         one = x3pio.read(str(path)).layers[0].header.z.increment
         assert 0.0 < one < COUNT
     else:
@@ -174,14 +184,20 @@ def test_a_unit_is_refused_where_the_file_says_its_own(tmp_path):
 
 
 def bomb(path):
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("main.xml", "w") as member:
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("main.xml", "w") as member,
+    ):
         for _ in range(1100):
             member.write(b"\0" * 2**20)
 
 
 def entities(path):
     levels = "".join(f'<!ENTITY a{i + 1} "{f"&a{i};" * 10}">' for i in range(9))
-    xml = f'<?xml version="1.0"?><!DOCTYPE b [<!ENTITY a0 "ha">{levels}]><p:ISO5436_2 xmlns:p="x">&a9;</p:ISO5436_2>'
+    xml = (
+        f'<?xml version="1.0"?><!DOCTYPE b [<!ENTITY a0 "ha">{levels}]><p:ISO5436_2 '
+        'xmlns:p="x">&a9;</p:ISO5436_2>'
+    )
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("main.xml", xml)
 
@@ -243,8 +259,13 @@ def test_missing_files_are_named(tmp_path):
         read_scan(tmp_path / "nowhere.csv")
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(name=st.sampled_from(["a.sdf", "b.sdf", "c.sur", "g.nid", "f.gwy", "h.opdx"]), seed=st.integers(0, 2**32 - 1))
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    name=st.sampled_from(["a.sdf", "b.sdf", "c.sur", "g.nid", "f.gwy", "h.opdx"]),
+    seed=st.integers(0, 2**32 - 1),
+)
 def test_fuzz_any_header_states_a_scale_or_is_refused_in_one_line(name, seed, tmp_path):
     path = tmp_path / name
     WRITERS[name](path)
@@ -261,7 +282,9 @@ def test_fuzz_any_header_states_a_scale_or_is_refused_in_one_line(name, seed, tm
         assert scale is None or scale.count > 0.0
 
 
-def test_a_scan_that_the_system_will_not_open_is_said_to_be_that_and_no_unsound_archive(tmp_path, monkeypatch):
+def test_a_scan_that_the_system_will_not_open_is_said_to_be_that_and_no_unsound_archive(
+    tmp_path, monkeypatch
+):
     write_x3p(tmp_path / "a.x3p")
 
     def refused(*_, **__):
@@ -282,7 +305,9 @@ def real(name):
 def test_the_dektak_file_reads_with_its_own_unit_and_equal_steps():
     scan = read_scan(real("surfacetopography/dektak-1.csv"))
     assert scan.height.shape == (9600,)
-    assert scan.spacing == pytest.approx(0.156e-6, rel=0.01)  # "Resolution,0.156 um/sample" of the file
+    assert scan.spacing == pytest.approx(
+        0.156e-6, rel=0.01
+    )  # "Resolution,0.156 um/sample" of the file
     assert np.ptp(np.diff(scan.position)) < 1e-15
 
 

@@ -55,7 +55,9 @@ def test_energy_is_what_a_damped_oscillator_spends():
     )
     spent = np.trapezoid(damping * solved.y[1] ** 2, times)
     assert spent == pytest.approx(event.energy, rel=1e-5)
-    assert ring_energy(event.tool.stiffness * solved.y[0], 1e5, event.tool) == pytest.approx(event.energy, rel=0.01)
+    assert ring_energy(event.tool.stiffness * solved.y[0], 1e5, event.tool) == pytest.approx(
+        event.energy, rel=0.01
+    )
 
 
 def test_most_of_the_ring_lies_where_the_paper_found_it():
@@ -78,7 +80,9 @@ def test_wav_read_by_another_library_holds_the_energy(tmp_path, event, rate):
     info = soundfile.info(path)
     assert (read_rate, info.channels, info.subtype) == (rate, 1, "FLOAT")
     assert np.abs(samples).max() <= 1.0
-    assert ring_energy(samples * full_scale, rate, event.tool) == pytest.approx(event.energy, rel=0.01)
+    assert ring_energy(samples * full_scale, rate, event.tool) == pytest.approx(
+        event.energy, rel=0.01
+    )
 
 
 @pytest.mark.parametrize("event", RINGING, ids=lambda event: event.stimulus)
@@ -119,9 +123,54 @@ def test_a_simulated_waveform_replaces_the_exponential(tmp_path):
         (("perceptions", 0, "channels", 0, "gain"), "loud"),
         (("perceptions", 0, "channels", 0, "bands", 0, "band_type"), "Transient"),
         (("perceptions", 0, "channels", 0, "bands", 0, "upper_frequency_limit"), 0),
-        (("perceptions", 0, "channels", 0, "bands", 0, "effects", 0, "keyframes", 1, "amplitude_modulation"), 1.5),
-        (("perceptions", 0, "channels", 0, "bands", 0, "effects", 0, "keyframes", 1, "relative_position"), 0),
-        (("perceptions", 0, "channels", 0, "bands", 0, "effects", 0, "keyframes", 0, "frequency_modulation"), 300.5),
+        (
+            (
+                "perceptions",
+                0,
+                "channels",
+                0,
+                "bands",
+                0,
+                "effects",
+                0,
+                "keyframes",
+                1,
+                "amplitude_modulation",
+            ),
+            1.5,
+        ),
+        (
+            (
+                "perceptions",
+                0,
+                "channels",
+                0,
+                "bands",
+                0,
+                "effects",
+                0,
+                "keyframes",
+                1,
+                "relative_position",
+            ),
+            0,
+        ),
+        (
+            (
+                "perceptions",
+                0,
+                "channels",
+                0,
+                "bands",
+                0,
+                "effects",
+                0,
+                "keyframes",
+                0,
+                "frequency_modulation",
+            ),
+            300.5,
+        ),
         (("perceptions", 0, "channels", 0, "bands", 0, "effects", 0, "base_signal"), "sine"),
     ],
 )
@@ -157,7 +206,12 @@ def test_every_field_that_the_standard_requires_is_required(tmp_path, kind):
         document = written(tmp_path)
         perception = document["perceptions"][0]
         channel = perception["channels"][0]
-        places = {"document": document, "avatar": document["avatars"][0], "perception": perception, "channel": channel}
+        places = {
+            "document": document,
+            "avatar": document["avatars"][0],
+            "perception": perception,
+            "channel": channel,
+        }
         places |= {"band": channel["bands"][0], "effect": channel["bands"][0]["effects"][0]}
         del places[kind][field]
         with pytest.raises(HapticsError, match=f"{field}: "):
@@ -177,7 +231,9 @@ def test_identities_are_unique(tmp_path, kind):
 def test_a_file_of_level_1_has_its_most(tmp_path, most, kind):
     document = written(tmp_path)
     channels = document["perceptions"][0]["channels"]
-    channels += [{**channels[0], "id": number} for number in range(1, most if kind == "channels" else 1)]
+    channels += [
+        {**channels[0], "id": number} for number in range(1, most if kind == "channels" else 1)
+    ]
     channels[0]["bands"] *= most if kind == "bands" else 1
     check_hjif(document, "full")
     if kind == "bands":
@@ -208,7 +264,10 @@ def test_a_frequency_is_written_in_whole_hertz_and_the_sign_of_the_drag_as_a_dir
     event = replace(RINGING[2], tool=replace(RINGING[2].tool, frequency=280.4), direction=-1)
     write_hjif(tmp_path / "ring.hjif", event)
     channel = json.loads((tmp_path / "ring.hjif").read_text())["perceptions"][0]["channels"][0]
-    tones = [frame.get("frequency_modulation") for frame in channel["bands"][0]["effects"][0]["keyframes"]]
+    tones = [
+        frame.get("frequency_modulation")
+        for frame in channel["bands"][0]["effects"][0]["keyframes"]
+    ]
     assert (tones[0], tones[-1], set(tones[1:-1])) == (280, 280, {None})
     assert channel["direction"] == {"X": -127, "Y": 0, "Z": 0}
     assert channel["gain"] == pytest.approx(event.amplitude)
@@ -231,13 +290,18 @@ def test_the_previews_intensity_decays_with_the_ring(tmp_path):
     points = curve["ParameterCurve"]["ParameterCurveControlPoints"]
     assert event["Event"]["EventDuration"] == pytest.approx(7 * PAPER.tool.decay_time, abs=1e-4)
     for point in points:
-        assert point["ParameterValue"] == pytest.approx(math.exp(-point["Time"] / PAPER.tool.decay_time), abs=3e-3)
+        assert point["ParameterValue"] == pytest.approx(
+            math.exp(-point["Time"] / PAPER.tool.decay_time), abs=3e-3
+        )
 
 
 def test_a_locked_probe_has_no_ring_to_write(tmp_path):
     locked = vibration_events(TEN[9].counterface(), OperatingPoint(125e-6, 1.0, 0.3))[0]
     assert as_record(locked)["energy_j"] is None
-    for write in (lambda path: write_wav(path, locked, 10_000, 3.0), lambda path: write_hjif(path, locked)):
+    for write in (
+        lambda path: write_wav(path, locked, 10_000, 3.0),
+        lambda path: write_hjif(path, locked),
+    ):
         with pytest.raises(HapticsError):
             write(tmp_path / "none")
     assert not list(tmp_path.iterdir())
@@ -245,7 +309,10 @@ def test_a_locked_probe_has_no_ring_to_write(tmp_path):
 
 def test_the_preview_says_that_it_loses(tmp_path):
     write_ahap(tmp_path / "ring.ahap", RINGING[0])
-    assert "lossy preview" in json.loads((tmp_path / "ring.ahap").read_text())["Metadata"]["Description"]
+    assert (
+        "lossy preview"
+        in json.loads((tmp_path / "ring.ahap").read_text())["Metadata"]["Description"]
+    )
 
 
 def test_positions_scale_and_energy_does_not():

@@ -46,7 +46,8 @@ def test_every_stimulus_names_only_faces_that_its_solid_has():
             assert len(found) == len(one.faces)
 
 
-# the checks of one part of every kind and of every way a margin can be made; benchmarks/ap242.py runs all
+# the checks of one part of every kind and of every way a margin can be made; benchmarks/ap242.py
+# runs all
 @pytest.mark.parametrize(
     "identity",
     [
@@ -81,7 +82,8 @@ def test_equal_parts_give_equal_bytes_and_the_header_time_is_pinned(block, tmp_p
 
 
 def test_an_assembly_is_the_same_bytes_however_many_were_written_before_it(tmp_path):
-    # the kernel numbers occurrences on over all files of a process, so that the order of a build would show
+    # the kernel numbers occurrences on over all files of a process, so that the order of a build
+    # would show
     first = written("crown-shoulder", tmp_path).read_bytes()
     assert written("crown-shoulder", tmp_path).read_bytes() == first
     numbers = re.findall(rb"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('(\d+)'", first)
@@ -89,7 +91,8 @@ def test_an_assembly_is_the_same_bytes_however_many_were_written_before_it(tmp_p
 
 
 def test_an_assembly_alone_is_the_same_bytes_as_after_a_hundred_others(tmp_path):
-    # the kernel's number of an occurrence moved the end of its line when it had one digit more; a process of its own begins at 1
+    # the kernel's number of an occurrence moved the end of its line when it had one digit more; a
+    # process of its own begins at 1
     code = """
 import sys
 from pathlib import Path
@@ -104,7 +107,11 @@ for _ in range(50):
 assert written(crown.id, folder).read_bytes() == alone
 """
     folders = os.pathsep.join(str(ROOT / name) for name in ("src", "tests"))
-    subprocess.run([sys.executable, "-c", code, str(tmp_path)], env={**os.environ, "PYTHONPATH": folders}, check=True)
+    subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": folders},
+        check=True,
+    )
 
 
 def test_steel_stays_steel_and_its_density_is_one(block):
@@ -117,7 +124,9 @@ def test_every_dimension_and_tolerance_has_a_visible_callout_linked_to_it(block)
     text = re.sub(r"\s*\n\s*", "", block.read_text())
     links = re.findall(r"DRAUGHTING_MODEL_ITEM_ASSOCIATION\([^;]*?,(#\d+),#\d+,(#\d+)\);", text)
     report = check_step(block)
-    assert {target for target, _ in links} == {one.ref for one in (*report.dimensions, *report.tolerances)}
+    assert {target for target, _ in links} == {
+        one.ref for one in (*report.dimensions, *report.tolerances)
+    }
     names = [re.search(rf"{seen} = DRAUGHTING_CALLOUT\('([^']*)'", text)[1] for _, seen in links]
     assert "1  step height 0.010 +-0.001" in names
     assert all(re.search(r"COORDINATES_LIST\('',(\d+)", text) for _ in names)
@@ -163,12 +172,19 @@ def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
     (bevel,) = [one for one in report.dimensions if one.angular]
     assert math.degrees(bevel.geometry) == pytest.approx(45.0, abs=1e-9)
     (opening,) = [one for one in report.dimensions if one.name == "vertical discrepancy"]
-    assert opening.geometry == pytest.approx(80e-6, abs=1e-12)  # from a wall to the edge of the bevel
+    assert opening.geometry == pytest.approx(
+        80e-6, abs=1e-12
+    )  # from a wall to the edge of the bevel
 
 
 def test_only_what_no_face_carries_is_a_requirement_without_one():
     # where a sheath sits, how high letters are, what a rounded or missing ledge has no edge for
-    notes = {(one.id, line.key) for one in STIMULI.values() for line in one.characteristics() if line.kind == "note"}
+    notes = {
+        (one.id, line.key)
+        for one in STIMULI.values()
+        for line in one.characteristics()
+        if line.kind == "note"
+    }
     ledges = {("crown-chamfer-over", "finish_line_width"), ("crown-feather", "finish_line_width")}
     letters = {(one.id, "engraving_height") for one in STIMULI.values() if one.has_working_faces}
     assert notes == {("sheath-hard", "position"), ("sheath-soft", "position"), *ledges, *letters}
@@ -177,18 +193,26 @@ def test_only_what_no_face_carries_is_a_requirement_without_one():
 def test_a_tip_reaches_to_the_far_side_of_its_ball_and_a_hook_is_bent_about_a_ring(tmp_path):
     report = check_step(written("tip-125", tmp_path))
     (length,) = [one for one in report.dimensions if "contact point" in one.name]
-    assert (length.kind, length.geometry) == ("linear distance centre outer", pytest.approx(40e-3, abs=1e-12))
+    assert (length.kind, length.geometry) == (
+        "linear distance centre outer",
+        pytest.approx(40e-3, abs=1e-12),
+    )
     report = check_step(written("hook-125", tmp_path))
     kinds = {one.kind: one.geometry for one in report.dimensions}
     assert kinds["spherical radius"] == pytest.approx(125e-6, abs=1e-12)
     assert kinds["toroidal major radius"] == pytest.approx(4e-3, abs=1e-12)
     (bend,) = [one for one in report.dimensions if one.name == "bend angle"]
-    assert (bend.kind, math.degrees(bend.geometry)) == ("angular location", pytest.approx(75.0, abs=1e-9))
+    assert (bend.kind, math.degrees(bend.geometry)) == (
+        "angular location",
+        pytest.approx(75.0, abs=1e-9),
+    )
     # another ring, another ball: each is named by what it misses
     wrong = tmp_path / "wrong.step"
     text = (tmp_path / "hook-125.step").read_text()
     wrong.write_text(re.sub(r"(TOROIDAL_SURFACE\('',#\d+,)4\.,", r"\g<1>4.001,", text))
-    assert [line for line in check_step(wrong).findings if "toroidal major radius: says 4 mm" in line]
+    assert [
+        line for line in check_step(wrong).findings if "toroidal major radius: says 4 mm" in line
+    ]
     text = (tmp_path / "tip-125.step").read_text()
     wrong.write_text(re.sub(r"(SPHERICAL_SURFACE\('',#\d+,)0\.125\)", r"\g<1>0.1251)", text))
     assert [line for line in check_step(wrong).findings if "have 40.0001 mm (+100.000 nm)" in line]
@@ -222,9 +246,13 @@ def crown(tmp_path, finish, vertical):
 
 
 @pytest.mark.parametrize(
-    ("finish", "vertical"), [("shoulder", "80 um"), ("chamfer", "-60 um")], ids=["bevelled", "lipped"]
+    ("finish", "vertical"),
+    [("shoulder", "80 um"), ("chamfer", "-60 um")],
+    ids=["bevelled", "lipped"],
 )
-def test_every_form_of_a_crown_is_dimensioned_checked_and_meshed_true_to_its_margin(finish, vertical, tmp_path):
+def test_every_form_of_a_crown_is_dimensioned_checked_and_meshed_true_to_its_margin(
+    finish, vertical, tmp_path
+):
     stimulus = crown(tmp_path, finish, vertical)
     bodies = build_solids(stimulus)
     write_step_ap242(tmp_path / "crown.step", stimulus, bodies)
@@ -234,9 +262,13 @@ def test_every_form_of_a_crown_is_dimensioned_checked_and_meshed_true_to_its_mar
     by_name = {one.name: one for one in report.dimensions}
     assert by_name["internal gap"].geometry == pytest.approx(60e-6, abs=1e-12)
     opening = next(one for name, one in by_name.items() if name.startswith("vertical discrepancy"))
-    assert opening.geometry == pytest.approx(abs(float(vertical.removesuffix(" um"))) * 1e-6, abs=1e-12)
+    assert opening.geometry == pytest.approx(
+        abs(float(vertical.removesuffix(" um"))) * 1e-6, abs=1e-12
+    )
     lipped = vertical.startswith("-")  # a distance has no sign, so the limits change places
-    assert (opening.lower, opening.upper) == pytest.approx((-3e-6, 2e-6) if lipped else (-2e-6, 3e-6))
+    assert (opening.lower, opening.upper) == pytest.approx(
+        (-3e-6, 2e-6) if lipped else (-2e-6, 3e-6)
+    )
     for name, body in bodies:  # volume by Guldin's rule, margin by the outermost points
         write_stl(tmp_path / f"{name}.stl", mesh_solid(stimulus, name, body))
         verdicts = check_artefact(stimulus, tmp_path / f"{name}.stl")
@@ -259,8 +291,9 @@ def test_texture_stands_typed_at_every_working_face_and_what_is_by_default_is_sa
     open_block = STIMULI["step-010"].model_copy(update={"working_faces": None})
     path = tmp_path / "open.step"
     write_step_ap242(path, open_block, build_solids(open_block))
-    assert "by default from the tolerance of the height: flatness, parallelism, roughness" in re.sub(
-        r"\s*\n\s*", "", path.read_text()
+    assert (
+        "by default from the tolerance of the height: flatness, parallelism, roughness"
+        in re.sub(r"\s*\n\s*", "", path.read_text())
     )
 
 
@@ -290,7 +323,8 @@ END-ISO-10303-21;
 
 
 def test_nist_ctc_01_reports_the_values_that_stand_in_the_file():
-    # read from the text of nist_ctc_01_asme1_ap242.stp by eye: TOLERANCE_VALUE #58 to #63, tolerances #82, #83, #90 to #96
+    # read from the text of nist_ctc_01_asme1_ap242.stp by eye: TOLERANCE_VALUE #58 to #63,
+    # tolerances #82, #83, #90 to #96
     path = SHARED / "real" / "nist" / "nist_ctc_01_asme1_ap242.stp"
     if not path.is_file():
         pytest.skip("shared real data is not here")
@@ -306,7 +340,9 @@ def test_nist_ctc_01_reports_the_values_that_stand_in_the_file():
         "#128": (25.0, -0.15, 0.15),
     }.items():
         assert limits[ref] == pytest.approx([value * 1e-3 for value in mm], abs=1e-12)
-    zones = {one.ref: (one.kind, round(one.value * 1e3, 9), one.datums) for one in report.tolerances}
+    zones = {
+        one.ref: (one.kind, round(one.value * 1e3, 9), one.datums) for one in report.tolerances
+    }
     assert zones == {
         "#21": ("position", 0.75, ("A", "B", "C")),
         "#22": ("position", 0.75, ("A", "B", "C")),
@@ -316,7 +352,9 @@ def test_nist_ctc_01_reports_the_values_that_stand_in_the_file():
         "#57": ("flatness", 0.2, ()),
     }
     assert report.passes
-    assert all(abs(one.deviation) < 1e-9 for one in report.dimensions if one.deviation == one.deviation)
+    assert all(
+        abs(one.deviation) < 1e-9 for one in report.dimensions if one.deviation == one.deviation
+    )
     table = step_table(report)
     assert "60" in table
     assert "+0.2" in table

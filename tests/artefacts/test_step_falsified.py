@@ -27,34 +27,49 @@ def test_a_falsified_dimension_is_caught(block, tmp_path):
     findings = falsified(
         block,
         tmp_path,
-        lambda text: text.replace("POSITIVE_LENGTH_MEASURE(1.E-02)", "POSITIVE_LENGTH_MEASURE(1.1E-02)", 1),
+        lambda text: text.replace(
+            "POSITIVE_LENGTH_MEASURE(1.E-02)", "POSITIVE_LENGTH_MEASURE(1.1E-02)", 1
+        ),
     )
-    assert any("(step height): says 0.011 mm, but its faces" in line and "(-1000.000 nm)" in line for line in findings)
+    assert any(
+        "(step height): says 0.011 mm, but its faces" in line and "(-1000.000 nm)" in line
+        for line in findings
+    )
 
 
 def test_a_dimension_off_by_2_nm_is_caught(block, tmp_path):
     findings = falsified(
         block,
         tmp_path,
-        lambda text: text.replace("POSITIVE_LENGTH_MEASURE(1.E-02)", "POSITIVE_LENGTH_MEASURE(1.0002E-02)", 1),
+        lambda text: text.replace(
+            "POSITIVE_LENGTH_MEASURE(1.E-02)", "POSITIVE_LENGTH_MEASURE(1.0002E-02)", 1
+        ),
     )
     assert any("-2.000 nm" in line for line in findings)
 
 
 def test_a_face_swapped_for_one_that_is_not_parallel_is_caught(block, tmp_path):
     def to_an_end(text):
-        step = re.search(r"DIMENSIONAL_LOCATION\('linear distance','step height',\s*(#\d+),\s*(#\d+)\)", text)
-        end = re.search(r"DIMENSIONAL_LOCATION\('linear distance','length',\s*(#\d+),\s*(#\d+)\)", text)
+        step = re.search(
+            r"DIMENSIONAL_LOCATION\('linear distance','step height',\s*(#\d+),\s*(#\d+)\)", text
+        )
+        end = re.search(
+            r"DIMENSIONAL_LOCATION\('linear distance','length',\s*(#\d+),\s*(#\d+)\)", text
+        )
         return text.replace(step[0], step[0].replace(step[2], end[2]), 1)
 
     findings = falsified(block, tmp_path, to_an_end)
-    assert any("(step height): names planes" in line and "not parallel" in line for line in findings)
+    assert any(
+        "(step height): names planes" in line and "not parallel" in line for line in findings
+    )
     assert not check_step(tmp_path / "false.step").passes  # as anybody's file, too
 
 
 def test_a_falsified_sign_is_caught(block, tmp_path):
     findings = falsified(
-        block, tmp_path, lambda text: text.replace("LENGTH_MEASURE(-1.E-03)", "LENGTH_MEASURE(1.E-03)", 1)
+        block,
+        tmp_path,
+        lambda text: text.replace("LENGTH_MEASURE(-1.E-03)", "LENGTH_MEASURE(1.E-03)", 1),
     )
     assert any("limits are not in order" in line for line in findings)
     assert any(line.startswith("step height: must stand in the file") for line in findings)
@@ -78,24 +93,36 @@ def test_a_swapped_face_is_caught(block, tmp_path):
     other = next(one for one in report.dimensions if one.name == "thickness").faces[0]
 
     def swap(text):
-        return re.sub(rf"(GEOMETRIC_ITEM_SPECIFIC_USAGE\([^;]*),{step.faces[1]}\)", rf"\1,{other})", text)
+        return re.sub(
+            rf"(GEOMETRIC_ITEM_SPECIFIC_USAGE\([^;]*),{step.faces[1]}\)", rf"\1,{other})", text
+        )
 
     findings = falsified(block, tmp_path, swap)
     assert any("(step height): says 0.01 mm, but its faces" in line for line in findings)
 
 
 def test_untyped_limits_and_a_density_that_is_none_are_caught(block, tmp_path):
-    findings = falsified(block, tmp_path, lambda text: text.replace("LENGTH_MEASURE(-1.E-03)", "-1.E-03", 1))
+    findings = falsified(
+        block, tmp_path, lambda text: text.replace("LENGTH_MEASURE(-1.E-03)", "-1.E-03", 1)
+    )
     assert any("value must be typed" in line for line in findings)
-    findings = falsified(block, tmp_path, lambda text: re.sub(r"(DERIVED_UNIT_ELEMENT\(#\d+,)-3\.", r"\g<1>2.", text))
+    findings = falsified(
+        block, tmp_path, lambda text: re.sub(r"(DERIVED_UNIT_ELEMENT\(#\d+,)-3\.", r"\g<1>2.", text)
+    )
     assert any("density: unit must be mass^1 length^-3" in line for line in findings)
-    findings = falsified(block, tmp_path, lambda text: text.replace("AP242_MANAGED_MODEL_BASED_3D", "AUTOMOTIVE", 1))
+    findings = falsified(
+        block, tmp_path, lambda text: text.replace("AP242_MANAGED_MODEL_BASED_3D", "AUTOMOTIVE", 1)
+    )
     assert any("must be AP242" in line for line in findings)
 
 
 def test_a_missing_tolerance_is_caught(block, tmp_path):
-    findings = falsified(block, tmp_path, lambda text: re.sub(r"#\d+ = FLATNESS_TOLERANCE[^;]*;", "", text, count=1))
-    assert any(line.startswith("flatness") and "must stand in the file" in line for line in findings)
+    findings = falsified(
+        block, tmp_path, lambda text: re.sub(r"#\d+ = FLATNESS_TOLERANCE[^;]*;", "", text, count=1)
+    )
+    assert any(
+        line.startswith("flatness") and "must stand in the file" in line for line in findings
+    )
 
 
 def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
@@ -110,7 +137,11 @@ def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
 
     sphere = [face.kind for face in kernel.face_kinds(bodies[0][1])].index("SPHERE")
     write_step_with_tolerances(
-        raw, bodies, [PmiDimension("radius", (PmiItem(0, sphere),), 125e-6, -2e-6, 2e-6)], [], ("steel", 7900.0)
+        raw,
+        bodies,
+        [PmiDimension("radius", (PmiItem(0, sphere),), 125e-6, -2e-6, 2e-6)],
+        [],
+        ("steel", 7900.0),
     )
     findings = check_step(raw, require_ap242=True).findings
     assert sum("value must be typed" in line for line in findings) == 2

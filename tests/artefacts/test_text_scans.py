@@ -25,7 +25,10 @@ from stepblocks.errors import MetrologyError
         (";;0", "must name their unit"),
         ("x_um,z_um\n0,nan\n1,inf\n2,nan\n", "at least one measured height"),
         ("x_um,y_um,z_um\n0,0,1\n1,1,2\n2,2,3\n9,7,1\n3,8,8\n", "on a grid"),
-        ("a_um,b_um,c_um,d_um\n1,2,3,4\n", "one column, that of the heights, got none for a_um, b_um"),
+        (
+            "a_um,b_um,c_um,d_um\n1,2,3,4\n",
+            "one column, that of the heights, got none for a_um, b_um",
+        ),
     ],
 )
 def test_text_that_is_ambiguous_or_broken_is_refused_with_the_rule(text, rule, tmp_path):
@@ -41,7 +44,8 @@ def test_units_may_differ_by_column_and_separators_by_laboratory(tmp_path):
         "a.csv": "x_mm,z_nm\n0,1000\n0.001,2000\n0.002,3000\n",
         "b.txt": "# made by hand\nX [um]; Z [um]\n0;1\n1;2\n2;3\n",
         "c.xyz": "0 1\n1 2\n2 3\n",
-        "d.csv": "Stylus,Radius: 2.5 \xb5m\nLateral um,Raw Micrometer,\n0.0,1,,\n1.0,2,,\n2.0,3,,\n",
+        "d.csv": "Stylus,Radius: 2.5 \xb5m\nLateral um,Raw "
+        "Micrometer,\n0.0,1,,\n1.0,2,,\n2.0,3,,\n",
     }.items():
         (tmp_path / name).write_bytes(text.encode("latin-1"))
         scan = read_scan(tmp_path / name, "um" if name == "c.xyz" else None)
@@ -63,9 +67,17 @@ def test_a_grid_of_points_becomes_a_map_and_missing_points_stay_missing(tmp_path
 
 @pytest.mark.parametrize(
     ("heights", "digit"),
-    [("0 2 10", 1e-9), ("0.0 2.5 nan", 0.1e-9), ("0 0 1.25", 0.01e-9), ("1e-3 2e-3 0", 1e-12), ("1.5e1 20 20", 1e-9)],
+    [
+        ("0 2 10", 1e-9),
+        ("0.0 2.5 nan", 0.1e-9),
+        ("0 0 1.25", 0.01e-9),
+        ("1e-3 2e-3 0", 1e-12),
+        ("1.5e1 20 20", 1e-9),
+    ],
 )
-def test_heights_in_text_resolve_no_more_than_the_last_digit_they_are_printed_with(heights, digit, tmp_path):
+def test_heights_in_text_resolve_no_more_than_the_last_digit_they_are_printed_with(
+    heights, digit, tmp_path
+):
     rows = [f"{n},{one}" for n, one in enumerate(heights.split())]
     (tmp_path / "a.csv").write_text("\n".join(["x_um,z_nm", *rows]))
     grid = [f"{n},{m},{one}" for m in range(2) for n, one in enumerate(heights.split())]
@@ -74,7 +86,9 @@ def test_heights_in_text_resolve_no_more_than_the_last_digit_they_are_printed_wi
         assert read_scan(tmp_path / name).count == pytest.approx(digit, rel=1e-12)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
     raw=st.one_of(
         st.binary(max_size=300),
@@ -112,11 +126,15 @@ def test_a_unit_that_is_none_is_one_line(unit, tmp_path):
 
 def test_a_wrong_unit_that_makes_a_block_of_a_street_is_told(tmp_path):
     (tmp_path / "a.csv").write_text("x_m,z_m\n0,0\n100,0\n200,50\n")
-    with pytest.raises(MetrologyError, match=r"positions must lie within 10 m, got 200 m \[a.csv\]"):
+    with pytest.raises(
+        MetrologyError, match=r"positions must lie within 10 m, got 200 m \[a.csv\]"
+    ):
         read_scan(tmp_path / "a.csv")
 
 
-TENCOR = "Data\tfilm\nRecipe\tSLOW\nPoints\t4\nX-Resolution\t0.500000\n\t   Raw\t RawLevel\t  Wavi\n"
+TENCOR = (
+    "Data\tfilm\nRecipe\tSLOW\nPoints\t4\nX-Resolution\t0.500000\n\t   Raw\t RawLevel\t  Wavi\n"
+)
 TENCOR += "".join(f"{n}\t {10.0 * n}\t {n}.5\t -{n}\n" for n in range(1, 5))
 
 
@@ -140,7 +158,12 @@ def test_points_that_are_only_numbered_stand_apart_by_the_step_that_the_head_sta
         (
             TENCOR,
             None,
-            "channel must be a part of the name of one column, that of the heights, got none for x, Raw, RawLevel, Wavi",
+            "channel must be a part of the name of one column, that of the "
+            "heights, "
+            "got "
+            "none "
+            "for "
+            "x, Raw, RawLevel, Wavi",
         ),
         (TENCOR, "Ra", "got Ra for x, Raw"),
         (TENCOR.replace("X-R", "Y-R"), "Raw", "must name one x"),
@@ -148,7 +171,9 @@ def test_points_that_are_only_numbered_stand_apart_by_the_step_that_the_head_sta
         ("0,1\n1,2\n2,3\n", "A", "got A for no names"),
     ],
 )
-def test_a_column_of_heights_that_is_not_known_is_asked_for_with_the_names(text, channel, rule, tmp_path):
+def test_a_column_of_heights_that_is_not_known_is_asked_for_with_the_names(
+    text, channel, rule, tmp_path
+):
     (tmp_path / "film.txt").write_text(text)
     with pytest.raises(MetrologyError, match=rule):
         read_scan(tmp_path / "film.txt", "um", channel)

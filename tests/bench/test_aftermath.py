@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.aftermath import Swing, as_bell, normal_level, settle, sympathetic_force
+from stepblocks.bench.signal.aftermath import (
+    Swing,
+    as_bell,
+    normal_level,
+    settle,
+    sympathetic_force,
+)
 from stepblocks.bench.signal.approach import find_landmarks, fit_approach
 from stepblocks.bench.signal.ring import RubbingRing, rubbing_force
 
@@ -40,7 +46,11 @@ def settled(time, force, tool=None):
 def test_a_bell_is_taken_for_a_bell_with_its_figures():
     after, _, _ = settled(TIME, COURSE.force(TIME) + noise(TIME.size))
     assert after.damped
-    for (value, std), truth in ((after.frequency, 287.0), (after.decay_time, 17e-3), (after.level, 0.12)):
+    for (value, std), truth in (
+        (after.frequency, 287.0),
+        (after.decay_time, 17e-3),
+        (after.level, 0.12),
+    ):
         assert value == pytest.approx(truth, abs=4.0 * std)
 
 
@@ -53,7 +63,9 @@ def test_counted_from_the_release_the_amplitude_is_that_of_the_release():
     assert amplitude == pytest.approx(COURSE.amplitude, abs=4.0 * std)
     later = again.carried_to(COURSE.release + 5e-3)
     # origin: exp(-5 ms / tau)
-    assert later.amplitude[0] / amplitude == pytest.approx(np.exp(-5e-3 / again.decay_time[0]), rel=1e-9)
+    assert later.amplitude[0] / amplitude == pytest.approx(
+        np.exp(-5e-3 / again.decay_time[0]), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("tool", [None, (270.0, 28e-3)])
@@ -72,8 +84,11 @@ def test_a_tip_that_rubs_is_taken_for_one_and_tells_its_friction(tool):
 def test_last_bits_of_a_record_move_no_figure_of_a_rubbing_ring_by_a_hundredth_of_its_uncertainty(
     amplitude, monkeypatch
 ):
-    # docs/portability.md; with starts that tie decided by rounding, a decay was 379 N/s here and 121 N/s on another processor
-    monkeypatch.setitem(globals(), "RUBBING", replace(RUBBING, peak=0.4 + amplitude, amplitude=amplitude))
+    # docs/portability.md; with starts that tie decided by rounding, a decay was 379 N/s here and
+    # 121 N/s on another processor
+    monkeypatch.setitem(
+        globals(), "RUBBING", replace(RUBBING, peak=0.4 + amplitude, amplitude=amplitude)
+    )
     time = RUBBING.clock(tail=0.14)
     force = rubbed(time) + noise(time.size)
     bits = 1e-13 * np.random.default_rng(1).choice([-1.0, 1.0], time.size)

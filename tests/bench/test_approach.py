@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.approach import LandmarkError, find_landmarks, fit_approach, mains_of, white_noise
+from stepblocks.bench.signal.approach import (
+    LandmarkError,
+    find_landmarks,
+    fit_approach,
+    mains_of,
+    white_noise,
+)
 
 COURSE = Course()
 TIME = COURSE.clock()
@@ -111,7 +117,9 @@ def test_stated_uncertainties_cover_the_scatter_of_many_records():
     pulls = []
     for seed in range(40):
         found = approached(COURSE.force(TIME) + noise(5e-3, seed))
-        predicted = found.line(np.array([COURSE.release]))[0] - found.hum(np.array([COURSE.release]))[0]
+        predicted = (
+            found.line(np.array([COURSE.release]))[0] - found.hum(np.array([COURSE.release]))[0]
+        )
         pulls.append(
             [
                 (found.level - COURSE.level) / found.level_std,
@@ -119,7 +127,8 @@ def test_stated_uncertainties_cover_the_scatter_of_many_records():
                 (predicted - COURSE.peak) / found.line_std(COURSE.release),
             ]
         )
-    # origin: a standard normal number; the mean of 40 scatters by 0.16, its spread by 0.11; four sigma
+    # origin: a standard normal number; the mean of 40 scatters by 0.16, its spread by 0.11; four
+    # sigma
     assert np.all(np.abs(np.mean(pulls, axis=0)) < 0.64)
     assert np.all(np.abs(np.std(pulls, axis=0) - 1.0) < 0.45)
 

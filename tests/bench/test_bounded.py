@@ -30,7 +30,9 @@ def squeezed(prefix, zeros):
     block = deflate.compress(bytes(size)) + deflate.flush(zlib.Z_FULL_FLUSH)
     low, high = (whole := zlib.adler32(prefix)) & 0xFFFF, whole >> 16
     sum_of = (high + zeros // size * size * low) % 65521 << 16 | low
-    return b"\x78\x9c" + head + block * (zeros // size) + deflate.flush() + struct.pack(">I", sum_of)
+    return (
+        b"\x78\x9c" + head + block * (zeros // size) + deflate.flush() + struct.pack(">I", sum_of)
+    )
 
 
 def zeros_of_matlab(path):
@@ -41,11 +43,19 @@ def zeros_of_matlab(path):
     name = struct.pack("<II8s", 1, 7, b"trial_1")
     body = flags + shape + name + struct.pack("<II", 9, zeros)
     stream = squeezed(struct.pack("<II", 14, len(body) + zeros) + body, zeros)
-    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + struct.pack("<II", 15, len(stream)) + stream)
+    path.write_bytes(
+        b"MATLAB 5.0 MAT-file".ljust(124)
+        + b"\x00\x01IM"
+        + struct.pack("<II", 15, len(stream))
+        + stream
+    )
 
 
 FILES = {
-    "compound.h5": (empty_compound, 'group = "{trial}"\nchannels = { time = "t", tangential = "x", normal = "y" }'),
+    "compound.h5": (
+        empty_compound,
+        'group = "{trial}"\nchannels = { time = "t", tangential = "x", normal = "y" }',
+    ),
     "zeros.mat": (zeros_of_matlab, "channels = { time = 0, tangential = 1, normal = 2 }"),
 }
 
@@ -55,11 +65,16 @@ def test_a_small_file_that_unpacks_to_gigabytes_costs_its_trial_and_no_memory(na
     write, channels = FILES[name]
     text = (session / "session.toml").read_text()
     assert CHANNELS in text
-    (session / "session.toml").write_text(text.replace("traces/{trial:04d}.csv", name).replace(CHANNELS, channels))
+    (session / "session.toml").write_text(
+        text.replace("traces/{trial:04d}.csv", name).replace(CHANNELS, channels)
+    )
     write(session / name)
     assert (session / name).stat().st_size < 4_000_000
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with Traces(open_session(session)) as traces, pytest.raises(TraceError, match="needs more than 2 GiB") as caught:
+    with (
+        Traces(open_session(session)) as traces,
+        pytest.raises(TraceError, match="needs more than 2 GiB") as caught,
+    ):
         traces.read("1")
     assert "\n" not in str(caught.value)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300 * 1024  # [KiB]
@@ -68,7 +83,10 @@ def test_a_small_file_that_unpacks_to_gigabytes_costs_its_trial_and_no_memory(na
 def test_a_session_without_a_column_of_blocks_is_measured(session, tmp_path):
     lines = (session / "trials.csv").read_text().splitlines()
     assert lines[0].split(",")[1] == "block"
-    left = [",".join(cell for number, cell in enumerate(line.split(",")) if number != 1) for line in lines]
+    left = [
+        ",".join(cell for number, cell in enumerate(line.split(",")) if number != 1)
+        for line in lines
+    ]
     (session / "trials.csv").write_text("\n".join(left) + "\n")
     summary = write_features(session, tmp_path / "features.csv", jobs=1)
     assert summary.total - summary.excluded == 6

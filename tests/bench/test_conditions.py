@@ -22,7 +22,10 @@ STIMULI = Path(__file__).parents[2] / "stimuli" / "paper-ten.toml"
 def rewrite(session, table, columns, decimal=".", delimiter=",", more=""):
     table.to_csv(session / "trials.csv", index=False, decimal=decimal, sep=delimiter)
     path = session / "session.toml"
-    told = f'[trials]\ndecimal = "{decimal}"\ndelimiter = "{delimiter}"\n[trials.columns]\n{columns}\n{more}'
+    told = (
+        f'[trials]\ndecimal = "{decimal}"\ndelimiter = '
+        f'"{delimiter}"\n[trials.columns]\n{columns}\n{more}'
+    )
     path.write_text(path.read_text() + told)
 
 
@@ -52,7 +55,10 @@ def test_other_names_units_decimal_commas_and_stamps_come_to_the_same_conditions
             "temperature_c": 21.5 + 0.25 * np.arange(len(table)),
         }
     )
-    columns = 'trial = "run"\nblock = "specimen"\nload = "weight_g"\nspeed = { column = "v", unit = "m/s" }'
+    columns = (
+        'trial = "run"\nblock = "specimen"\nload = "weight_g"\nspeed = { column = "v", unit = '
+        '"m/s" }'
+    )
     rewrite(session, other, columns, ",", ";")
     found = features_of(session)
     for name in ("load_n", "speed_mm_s", "height_um"):
@@ -67,7 +73,9 @@ def test_other_names_units_decimal_commas_and_stamps_come_to_the_same_conditions
 def test_heights_come_from_the_stimulus_set_where_the_table_has_none(session):
     table = pd.read_csv(session / "trials.csv")
     table.drop(columns="height_um").to_csv(session / "trials.csv", index=False)
-    with pytest.raises(BenchError, match="must have a column 'height_um' or another length that begins with height"):
+    with pytest.raises(
+        BenchError, match="must have a column 'height_um' or another length that begins with height"
+    ):
         conditions_of(open_session(session))
     shutil.copy(STIMULI, session)
     path = session / "session.toml"
@@ -118,9 +126,15 @@ def test_a_tare_is_the_mean_of_the_first_part(session):
     ("channel", "said"),
     [
         ('{ column = "u_v" }', "`acquisition.channels.tangential.factor` must say what a volt is"),
-        ('{ column = "u", factor = "2 N" }', "must be a number, or a force per volt such as '2.35 N/V'"),
+        (
+            '{ column = "u", factor = "2 N" }',
+            "must be a number, or a force per volt such as '2.35 N/V'",
+        ),
         ('{ column = "fx_n", tare = "0.1 s" }', "must say how long, such as 'first 0.1 s'"),
-        ('{ column = "fx_n", offset = "3 um" }', "`acquisition.channels.tangential.offset` must be a force"),
+        (
+            '{ column = "fx_n", offset = "3 um" }',
+            "`acquisition.channels.tangential.offset` must be a force",
+        ),
     ],
 )
 def test_a_gauge_that_is_told_wrongly_is_refused_in_one_line(channel, said, session):
@@ -137,13 +151,26 @@ def test_one_long_record_is_cut_into_its_drags_and_the_cuts_are_drawn(unloaded, 
     table, pieces, peaks = pd.read_csv(session / "trials.csv"), [], []
     for n, row in enumerate(table.itertuples()):
         bench = Bench(unloaded=unloaded, conversion=0.2)
-        made = drag(bench, row.height_um * 1e-6, 0.8, row.speed_mm_s * 1e-3, np.random.default_rng(n))
+        made = drag(
+            bench, row.height_um * 1e-6, 0.8, row.speed_mm_s * 1e-3, np.random.default_rng(n)
+        )
         pieces.append(np.column_stack(made[1:3]))
         peaks.append(made[3]["peak_n"])
     table.assign(load_n=0.8).to_csv(session / "trials.csv", index=False)
-    np.savetxt(session / "long.csv", np.vstack(pieces), delimiter=",", header="fx_n,fy_n", comments="", fmt="%.5f")
+    np.savetxt(
+        session / "long.csv",
+        np.vstack(pieces),
+        delimiter=",",
+        header="fx_n,fy_n",
+        comments="",
+        fmt="%.5f",
+    )
     path = session / "session.toml"
-    text = path.read_text().replace("traces/{trial:04d}.csv", "long.csv").replace('time = "time_s", ', "")
+    text = (
+        path.read_text()
+        .replace("traces/{trial:04d}.csv", "long.csv")
+        .replace('time = "time_s", ', "")
+    )
     path.write_text(text.replace("[acquisition]", '[acquisition]\nsplit = "drags"'))
     found = measure(session, jobs=1)
     assert set(found.status) == {"ok"}
@@ -151,5 +178,8 @@ def test_one_long_record_is_cut_into_its_drags_and_the_cuts_are_drawn(unloaded, 
     drawn = draw_trials(session, tmp_path / "plots", ["1"])
     assert [one.name for one in drawn] == ["cuts.png", "trial-1.png"]
     pd.concat([table, table.tail(1).assign(trial=99)]).to_csv(session / "trials.csv", index=False)
-    with pytest.raises(BenchError, match="one drag for each of the 7 trials of the table, the record shows 6 releases"):
+    with pytest.raises(
+        BenchError,
+        match="one drag for each of the 7 trials of the table, the record shows 6 releases",
+    ):
         measure(session, jobs=1)

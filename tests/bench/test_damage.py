@@ -73,36 +73,76 @@ SESSION_DAMAGE = {
     "no folder": (lambda f: shutil.rmtree(f), "must be a folder"),
     "no session.toml": (lambda f: (f / "session.toml").unlink(), "session.toml is missing"),
     "session.toml is no TOML": (lambda f: (f / "session.toml").write_text("= ="), "must be TOML"),
-    "session.toml without a probe": (lambda f: edit(f / "session.toml", "[probe]", "[sonde]"), "probe is missing"),
-    "spring constant without unit": (lambda f: edit(f / "session.toml", '"9810 N/m"', "9810"), "spring_constant"),
-    "sample rate is a length": (lambda f: edit(f / "session.toml", "10 kHz", "10 mm"), "sample_rate"),
-    "no normal channel declared": (lambda f: edit(f / "session.toml", ', normal = "fy_n"', ""), "channels.normal"),
-    "a misspelt channel": (lambda f: edit(f / "session.toml", "normal =", "norml ="), "norml|channels.normal"),
+    "session.toml without a probe": (
+        lambda f: edit(f / "session.toml", "[probe]", "[sonde]"),
+        "probe is missing",
+    ),
+    "spring constant without unit": (
+        lambda f: edit(f / "session.toml", '"9810 N/m"', "9810"),
+        "spring_constant",
+    ),
+    "sample rate is a length": (
+        lambda f: edit(f / "session.toml", "10 kHz", "10 mm"),
+        "sample_rate",
+    ),
+    "no normal channel declared": (
+        lambda f: edit(f / "session.toml", ', normal = "fy_n"', ""),
+        "channels.normal",
+    ),
+    "a misspelt channel": (
+        lambda f: edit(f / "session.toml", "normal =", "norml ="),
+        "norml|channels.normal",
+    ),
     "unknown format": (lambda f: edit(f / "session.toml", ".csv", ".xyz"), "acquisition.format"),
-    "code in the pattern": (lambda f: edit(f / "session.toml", "{trial:04d}", "{trial.__class__}"), "no other braces"),
-    "traces outside the session": (lambda f: edit(f / "session.toml", "traces/", "../traces/"), "inside the session"),
+    "code in the pattern": (
+        lambda f: edit(f / "session.toml", "{trial:04d}", "{trial.__class__}"),
+        "no other braces",
+    ),
+    "traces outside the session": (
+        lambda f: edit(f / "session.toml", "traces/", "../traces/"),
+        "inside the session",
+    ),
     "a table with a name of 5,000 letters": (
-        lambda f: edit(f / "session.toml", "[probe]", f'[trials]\nfile = "{"a" * 5000}.csv"\n[probe]', 1),
+        lambda f: edit(
+            f / "session.toml", "[probe]", f'[trials]\nfile = "{"a" * 5000}.csv"\n[probe]', 1
+        ),
         "table of trials is missing",
     ),
     "no trials.csv": (lambda f: (f / "trials.csv").unlink(), "table of trials is missing"),
     "empty trials.csv": (lambda f: (f / "trials.csv").write_text(""), "is empty"),
-    "trials.csv without rows": (lambda f: (f / "trials.csv").write_text("trial,load_n\n"), "has no rows"),
+    "trials.csv without rows": (
+        lambda f: (f / "trials.csv").write_text("trial,load_n\n"),
+        "has no rows",
+    ),
     "trials.csv is binary": (
         lambda f: (f / "trials.csv").write_bytes(b"\xff\xfe\x00\x01" * 50),
         "must be CSV in UTF-8",
     ),
-    "no trial column": (lambda f: edit(f / "trials.csv", "trial,", "id,", 1), "must have a column 'trial'"),
-    "a column twice": (lambda f: edit(f / "trials.csv", "operator", "block", 1), "names the column 'block' twice"),
+    "no trial column": (
+        lambda f: edit(f / "trials.csv", "trial,", "id,", 1),
+        "must have a column 'trial'",
+    ),
+    "a column twice": (
+        lambda f: edit(f / "trials.csv", "operator", "block", 1),
+        "names the column 'block' twice",
+    ),
     "a column named like a feature": (
         lambda f: edit(f / "trials.csv", "operator", "peak_force_n"),
         "name that features use",
     ),
-    "all traces missing": (lambda f: shutil.rmtree(f / "traces"), "no trial of 6 could be measured"),
+    "all traces missing": (
+        lambda f: shutil.rmtree(f / "traces"),
+        "no trial of 6 could be measured",
+    ),
     "unknown channel": (lambda f: edit(f / "session.toml", '"fx_n"', '"force"'), "unknown channel"),
-    "sample rate of another session": (lambda f: edit(f / "session.toml", "10 kHz", "20 kHz"), "wrong rate"),
+    "sample rate of another session": (
+        lambda f: edit(f / "session.toml", "10 kHz", "20 kHz"),
+        "wrong rate",
+    ),
     "normal channel in other units": (
-        lambda f: edit(f / "session.toml", 'normal = "fy_n"', 'normal = { column = "fy_n", unit = "mN" }'),
+        lambda f: edit(
+            f / "session.toml", 'normal = "fy_n"', 'normal = { column = "fy_n", unit = "mN" }'
+        ),
         "units",
     ),
 }
@@ -115,7 +155,10 @@ def test_a_session_that_cannot_be_read_ends_in_one_line(name, session, tmp_path,
     with pytest.raises(StepblocksError, match=message) as caught:
         write_features(session, tmp_path / "out.csv", jobs=1)
     assert "\n" not in str(caught.value)
-    assert main(["measure", str(session), "-o", str(tmp_path / "out.csv"), "--jobs", "1", "--quiet"]) == 2
+    assert (
+        main(["measure", str(session), "-o", str(tmp_path / "out.csv"), "--jobs", "1", "--quiet"])
+        == 2
+    )
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "out.csv").exists()
 
@@ -129,32 +172,65 @@ TRIAL_DAMAGE = {
         ),
         "missing: there is no",
     ),
-    "a name of 5,000 letters": (lambda f: edit(f / "trials.csv", "\n3,", f"\n{'a' * 5000},"), "is no whole number"),
-    "a name of 5,000 digits": (lambda f: edit(f / "trials.csv", "\n3,", f"\n{'9' * 5000},"), "is no whole number"),
+    "a name of 5,000 letters": (
+        lambda f: edit(f / "trials.csv", "\n3,", f"\n{'a' * 5000},"),
+        "is no whole number",
+    ),
+    "a name of 5,000 digits": (
+        lambda f: edit(f / "trials.csv", "\n3,", f"\n{'9' * 5000},"),
+        "is no whole number",
+    ),
     "empty file": (lambda f: (f / "traces/0003.csv").write_text(""), "unreadable"),
-    "header only": (lambda f: (f / "traces/0003.csv").write_text("time_s,fx_n,fy_n\n"), "truncated|no numbers"),
-    "text among numbers": (lambda f: edit(f / "traces/0003.csv", "0.0100", "oops", 1), "no numbers"),
+    "header only": (
+        lambda f: (f / "traces/0003.csv").write_text("time_s,fx_n,fy_n\n"),
+        "truncated|no numbers",
+    ),
+    "text among numbers": (
+        lambda f: edit(f / "traces/0003.csv", "0.0100", "oops", 1),
+        "no numbers",
+    ),
     "another header": (lambda f: edit(f / "traces/0003.csv", "fx_n", "force"), "unknown channel"),
     "not-a-number": (lambda f: change_trace(f, with_nan), "not-a-number: 3 of"),
     "saturated": (lambda f: change_trace(f, clipped), "saturated"),
-    "recording stopped before the slip": (lambda f: change_trace(f, stopped), "no release|truncated"),
+    "recording stopped before the slip": (
+        lambda f: change_trace(f, stopped),
+        "no release|truncated",
+    ),
     "recording stopped after the slip": (lambda f: change_trace(f, cut_after_slip), "truncated"),
     "few samples": (lambda f: change_trace(f, lambda t: t.iloc[:100]), "truncated"),
     "half the rate": (lambda f: change_trace(f, lambda t: t.iloc[::2]), "wrong rate"),
     "clock runs back": (lambda f: change_trace(f, backwards), "wrong clock"),
     "samples lost": (lambda f: change_trace(f, gap), "gap"),
     "dead channel": (lambda f: change_trace(f, frozen), "dead channel"),
-    "forces in another unit": (lambda f: change_trace(f, lambda t: t.assign(fy_n=1e3 * t.fy_n)), "units changed"),
-    "no slip": (lambda f: change_trace(f, lambda t: t.assign(fx_n=0.1 + 0.001 * np.sin(t.time_s * 3e4))), "no slip"),
+    "forces in another unit": (
+        lambda f: change_trace(f, lambda t: t.assign(fy_n=1e3 * t.fy_n)),
+        "units changed",
+    ),
+    "no slip": (
+        lambda f: change_trace(f, lambda t: t.assign(fx_n=0.1 + 0.001 * np.sin(t.time_s * 3e4))),
+        "no slip",
+    ),
     "a row with a cell too few": (
         lambda f: edit(f / "trials.csv", "3,step-020,20,0.8,5.0,A", "3,step-020,20"),
         "cells",
     ),
-    "speed is text": (lambda f: edit(f / "trials.csv", "0.8,5.0,A", "0.8,fast,A", 1), "speed_mm_s must be a number"),
-    "load is negative": (lambda f: edit(f / "trials.csv", "20,0.8,5.0", "20,-0.8,5.0"), "load_n must be positive"),
+    "speed is text": (
+        lambda f: edit(f / "trials.csv", "0.8,5.0,A", "0.8,fast,A", 1),
+        "speed_mm_s must be a number",
+    ),
+    "load is negative": (
+        lambda f: edit(f / "trials.csv", "20,0.8,5.0", "20,-0.8,5.0"),
+        "load_n must be positive",
+    ),
     "trial without a name": (lambda f: edit(f / "trials.csv", "\n3,", "\n,"), "names no trial"),
-    "load of another trial": (lambda f: edit(f / "trials.csv", "20,0.8,5.0", "20,0.3,5.0"), "mislabelled: the normal"),
-    "speed of another trial": (lambda f: edit(f / "trials.csv", "20,0.8,5.0", "20,0.8,20.0"), "mislabelled: the ramp"),
+    "load of another trial": (
+        lambda f: edit(f / "trials.csv", "20,0.8,5.0", "20,0.3,5.0"),
+        "mislabelled: the normal",
+    ),
+    "speed of another trial": (
+        lambda f: edit(f / "trials.csv", "20,0.8,5.0", "20,0.8,20.0"),
+        "mislabelled: the ramp",
+    ),
 }
 
 
@@ -166,8 +242,11 @@ def test_a_damaged_trial_is_told_with_its_reason_and_the_rest_goes_on(name, sess
     bad = [row for row in rows if row["status"] != "ok"]
     assert len(bad) == 1
     assert pd.Series(bad[0]["reason"]).str.contains(reason).all(), bad[0]["reason"]
-    # what may carry an effect stays in the table: a label that does not fit, a force that reached the end of its range
-    status = {"saturated": "censored", "recording stopped before the slip": "censored"}.get(name, "excluded")
+    # what may carry an effect stays in the table: a label that does not fit, a force that reached
+    # the end of its range
+    status = {"saturated": "censored", "recording stopped before the slip": "censored"}.get(
+        name, "excluded"
+    )
     status = "flagged" if "of another trial" in name else status
     assert bad[0]["status"] == status
     assert summary.excluded == (status == "excluded")
@@ -194,18 +273,29 @@ def test_a_row_that_stands_twice_counts_once(session, tmp_path):
 
 def test_the_same_samples_under_two_trials_are_out_both_times(session, tmp_path):
     # trials 1 and 1' have the same conditions, so nothing else could tell
-    set_rows(session, lambda t: t.assign(load_n="0.5", speed_mm_s="5.0", block="step-020", height_um="20"))
+    set_rows(
+        session,
+        lambda t: t.assign(load_n="0.5", speed_mm_s="5.0", block="step-020", height_um="20"),
+    )
     for trial in (2, 3, 4, 5, 6):
         shutil.copy(session / "traces/0001.csv", session / f"traces/{trial:04d}.csv")
-        change_trace(session, lambda t, trial=trial: t.assign(fx_n=t.fx_n + 1e-4 * (trial if trial != 6 else 5)), trial)
+        change_trace(
+            session,
+            lambda t, trial=trial: t.assign(fx_n=t.fx_n + 1e-4 * (trial if trial != 6 else 5)),
+            trial,
+        )
     _, rows = run(session, tmp_path)
-    assert [row["trial"] for row in rows if row["reason"].startswith("duplicate: the same samples")] == ["5", "6"]
+    assert [
+        row["trial"] for row in rows if row["reason"].startswith("duplicate: the same samples")
+    ] == ["5", "6"]
 
 
 def test_a_trace_of_another_block_is_found_by_its_angle(make_session, tmp_path):
     folder = make_session(tmp_path / "s", count=36)
     rows = pd.read_csv(folder / "trials.csv", dtype=str)
-    (low,) = rows.index[(rows.block == "step-020") & (rows.load_n == "0.5") & (rows.speed_mm_s == "5.0")][:1]
+    (low,) = rows.index[
+        (rows.block == "step-020") & (rows.load_n == "0.5") & (rows.speed_mm_s == "5.0")
+    ][:1]
     rows.loc[low, ["block", "height_um"]] = ["step-060", "60"]
     rows.to_csv(folder / "trials.csv", index=False)
     _, found = run(folder, tmp_path)
@@ -217,7 +307,9 @@ def test_a_trace_of_another_block_is_found_by_its_angle(make_session, tmp_path):
 def test_a_session_of_one_block_or_one_speed_is_measured_and_said_to_be_so(make_session, tmp_path):
     folder = make_session(tmp_path / "s", count=6)
     rows = pd.read_csv(folder / "trials.csv", dtype=str)
-    rows[(rows.speed_mm_s == "5.0") & (rows.block == "step-020")].to_csv(folder / "trials.csv", index=False)
+    rows[(rows.speed_mm_s == "5.0") & (rows.block == "step-020")].to_csv(
+        folder / "trials.csv", index=False
+    )
     summary, found = run(folder, tmp_path)
     assert summary.excluded == 0
     assert found

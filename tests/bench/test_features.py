@@ -14,7 +14,13 @@ from stepblocks.bench.signal.ring import rubbing_force
 
 K = 9810.0
 PLAIN = Truth(
-    load=0.8, sliding_force=0.12, slope=98.1, peak_force=1.2, amplitude=0.53, frequency=300.0, decay_time=21.2e-3
+    load=0.8,
+    sliding_force=0.12,
+    slope=98.1,
+    peak_force=1.2,
+    amplitude=0.53,
+    frequency=300.0,
+    decay_time=21.2e-3,
 )
 RIGS = {
     "hum 50": Rig(hum=10e-3),
@@ -51,7 +57,8 @@ def pulls(rig: Rig, count: int, seed: int, truth: Truth = PLAIN) -> dict[str, np
 def test_no_disturbance_biases_a_feature_and_uncertainties_are_honest(name):
     count = 40
     for feature, pull in pulls(RIGS[name], count, seed=3).items():
-        # origin: the mean of n standard normal numbers scatters by 1/sqrt(n), their spread by 1/sqrt(2n); four sigma
+        # origin: the mean of n standard normal numbers scatters by 1/sqrt(n), their spread by
+        # 1/sqrt(2n); four sigma
         assert abs(pull.mean()) < 4.0 / math.sqrt(count) + 0.1, feature
         assert 0.55 < pull.std() < 1.6, feature
 
@@ -61,9 +68,15 @@ def test_a_drift_moves_the_zero_and_nothing_else():
     trace, onset, _ = record(PLAIN, Rig(drift=50e-3), random)
     features = measure_trace(trace, K, PLAIN.slope / K).features
     zero = 50e-3 * onset / 2.0
-    assert features["peak_force_n"] == pytest.approx(1.2 + zero, abs=5 * features["peak_force_std_n"])
-    assert features["ring_amplitude_n"] == pytest.approx(0.53, abs=5 * features["ring_amplitude_std_n"])
-    assert features["loading_slope_n_per_s"] == pytest.approx(98.1, abs=5 * features["loading_slope_std_n_per_s"])
+    assert features["peak_force_n"] == pytest.approx(
+        1.2 + zero, abs=5 * features["peak_force_std_n"]
+    )
+    assert features["ring_amplitude_n"] == pytest.approx(
+        0.53, abs=5 * features["ring_amplitude_std_n"]
+    )
+    assert features["loading_slope_n_per_s"] == pytest.approx(
+        98.1, abs=5 * features["loading_slope_std_n_per_s"]
+    )
 
 
 def test_without_disturbance_the_truth_comes_back():
@@ -113,8 +126,9 @@ def test_a_rubbing_ring_gives_its_friction_and_its_amplitude():
 
 @pytest.mark.parametrize("slope", [5.0, 60.0, 300.0])
 def test_the_pieces_of_a_rubbing_ring_solve_its_equation_of_motion(slope):
-    # origin: scipy's integrator on f'' = -w^2 (f - L(sign)) - (2/tau) f' - f/tau^2, sign smoothed over 1e-3 N/s;
-    # the damped cosine with frequency w and decay tau belongs to w0^2 = w^2 + 1/tau^2
+    # origin: scipy's integrator on f'' = -w^2 (f - L(sign)) - (2/tau) f' - f/tau^2, sign smoothed
+    # over 1e-3 N/s; the damped cosine with frequency w and decay tau belongs to w0^2 = w^2 +
+    # 1/tau^2
     level, gap, frequency, decay = 0.1, 0.3, 270.0, 0.03
     stiff = (2 * math.pi * frequency) ** 2 + decay**-2
 
@@ -124,7 +138,14 @@ def test_the_pieces_of_a_rubbing_ring_solve_its_equation_of_motion(slope):
 
     time = np.linspace(0.0, 0.012, 121)
     exact = solve_ivp(
-        motion, (0.0, 0.012), [-1.0, 0.0], t_eval=time, method="LSODA", rtol=1e-8, atol=1e-9, max_step=2e-5
+        motion,
+        (0.0, 0.012),
+        [-1.0, 0.0],
+        t_eval=time,
+        method="LSODA",
+        rtol=1e-8,
+        atol=1e-9,
+        max_step=2e-5,
     )
     ours = rubbing_force(time, level, gap, (frequency, decay), (-1.0, 0.0), slope)
     assert np.abs(exact.y[0] - ours).max() < 4e-3
@@ -132,10 +153,13 @@ def test_the_pieces_of_a_rubbing_ring_solve_its_equation_of_motion(slope):
 
 @pytest.mark.parametrize(("amplitude", "slope"), [(0.168, 196.2), (0.45, 196.2), (0.7, 20.0)])
 def test_a_tip_that_comes_to_rest_never_chatters(amplitude, slope):
-    # these starts end close to the lower level, where damping at the speed of the ramp decides whether it sticks
+    # these starts end close to the lower level, where damping at the speed of the ramp decides
+    # whether it sticks
     time = np.linspace(0.0, 0.15, 1501)
     for gap in np.linspace(0.05, 0.15, 41):
-        force = rubbing_force(time, 0.048, gap, (270.0, 0.0284), (0.048 + amplitude, -amplitude / 0.0284), slope)
+        force = rubbing_force(
+            time, 0.048, gap, (270.0, 0.0284), (0.048 + amplitude, -amplitude / 0.0284), slope
+        )
         assert np.abs(force).max() < 1.0 + amplitude
         assert force[-200:].mean() == pytest.approx(0.048, abs=0.01)
 
@@ -145,7 +169,8 @@ def test_band_shares_follow_parseval():
     ring = np.exp(-time / 0.02) * np.cos(2 * np.pi * 300.0 * time)
     parts = [band_share(ring, rate, band) for band in ((0.0, 250.0), (250.0, 350.0), (350.0, 1e9))]
     assert sum(parts) == pytest.approx(1.0, abs=1e-9)
-    # origin: a damped cosine is a Lorentz line of half width 1/tau; share within +-d is (2/pi) atan(2 pi d tau)
+    # origin: a damped cosine is a Lorentz line of half width 1/tau; share within +-d is (2/pi)
+    # atan(2 pi d tau)
     assert parts[1] == pytest.approx(2 / math.pi * math.atan(2 * math.pi * 50.0 * 0.02), abs=0.03)
 
 
@@ -164,4 +189,6 @@ def test_a_record_without_the_course_of_a_trial_says_what_it_lacks(change, reaso
         with pytest.raises(LandmarkError, match=reason):
             measure_trace(changed, K)
     else:
-        assert measure_trace(changed, K).features["ring_amplitude_n"] == pytest.approx(0.53, rel=0.03)
+        assert measure_trace(changed, K).features["ring_amplitude_n"] == pytest.approx(
+            0.53, rel=0.03
+        )

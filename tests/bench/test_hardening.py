@@ -22,20 +22,28 @@ def stretched(force):
     return next(root.real for root in np.roots([G, 0.0, 1.0, -force]) if abs(root.imag) < 1e-12)
 
 
-@pytest.mark.parametrize(("height", "load"), [(30e-6, 1.1), (50e-6, 0.8), (80e-6, 0.5), (80e-6, 1.1)])
+@pytest.mark.parametrize(
+    ("height", "load"), [(30e-6, 1.1), (50e-6, 0.8), (80e-6, 0.5), (80e-6, 1.1)]
+)
 def test_peak_slope_amplitude_and_pitch_are_those_of_the_integrated_motion(height, load):
     bench, speed = Bench(conversion=0.2, hardening=CUBIC * K), 5e-3
     time, tangential, normal, truth = drag(bench, height, load, speed, np.random.default_rng(3))
     found = measure_trace(Trace(time, tangential, normal), K, speed).features
-    assert found["peak_force_n"] == pytest.approx(truth["peak_n"], abs=4.0 * found["peak_force_std_n"])
+    assert found["peak_force_n"] == pytest.approx(
+        truth["peak_n"], abs=4.0 * found["peak_force_std_n"]
+    )
     assert found["peak_force_std_n"] < 5e-3
     amplitude = found["ring_amplitude_n"]
     assert amplitude == pytest.approx(truth["amplitude_n"], abs=4.0 * found["ring_amplitude_std_n"])
     assert amplitude == pytest.approx(truth["amplitude_n"], rel=0.01)
     low = stretched(truth["level_n"])
     # origin: small swings about the level, where the stiffness is K (1 + 3 G u^2)
-    assert found["ring_frequency_hz"] == pytest.approx(300.0 * math.sqrt(1.0 + 3.0 * G * low**2), abs=0.4)
-    u = np.linspace(low, stretched(truth["level_n"] + 0.9 * (truth["peak_n"] - truth["level_n"])), 2001)
+    assert found["ring_frequency_hz"] == pytest.approx(
+        300.0 * math.sqrt(1.0 + 3.0 * G * low**2), abs=0.4
+    )
+    u = np.linspace(
+        low, stretched(truth["level_n"] + 0.9 * (truth["peak_n"] - truth["level_n"])), 2001
+    )
     # origin: the least-squares line through the spring's law up to nine tenths of the rise
     line = np.polyfit(u, u + G * u**3, 1)[0]
     slope, std = found["spring_constant_n_per_m"] / K, found["spring_constant_std_n_per_m"] / K

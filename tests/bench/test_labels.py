@@ -30,7 +30,10 @@ def session(changes=None, mu=lambda row: MU, radius=R, scatter=0.005):
         block = list(HEIGHTS)[row % 3]
         load, speed = (0.3, 0.8)[row // 3 % 2], (2e-3, 5e-3)[row // 6 % 2]
         found = features(HEIGHTS[block], load, speed, mu(row), radius)
-        found = {name: value * (1.0 + scatter * random.standard_normal()) for name, value in found.items()}
+        found = {
+            name: value * (1.0 + scatter * random.standard_normal())
+            for name, value in found.items()
+        }
         found |= (changes or {}).get(row, {})
         digest = int(found.pop("digest", row))
         check.add(Trial(str(row), row, speed=speed, load=load, block=block), found, digest)
@@ -67,7 +70,9 @@ def test_a_whole_session_in_another_unit_says_so_of_every_trial():
         check.add(Trial(str(row), row, load=0.5), {"normal_load_n": 500.0}, row)
     faults = check.faults()
     assert len(faults) == 20
-    assert set(faults.values()) == {"units: the normal force is 500 N, the load of this row is 0.5 N"}
+    assert set(faults.values()) == {
+        "units: the normal force is 500 N, the load of this row is 0.5 N"
+    }
 
 
 def test_a_gauge_that_reads_a_tenth_more_throughout_is_no_mislabelling():
@@ -79,7 +84,9 @@ def test_a_gauge_that_reads_a_tenth_more_throughout_is_no_mislabelling():
 
 
 def test_a_trace_of_another_block_is_named_with_both_blocks():
-    faults = session({30: features(HEIGHTS["high"], 0.3, 5e-3), 31: features(HEIGHTS["low"], 0.3, 5e-3)})
+    faults = session(
+        {30: features(HEIGHTS["high"], 0.3, 5e-3), 31: features(HEIGHTS["low"], 0.3, 5e-3)}
+    )
     assert faults == {
         30: "mislabelled: the forces are those of block high, the row says low",
         31: "mislabelled: the forces are those of block low, the row says middle",
@@ -117,23 +124,34 @@ def test_what_is_not_known_is_not_held_against_a_trial():
 
 def test_a_group_that_fails_together_is_data_and_a_trial_that_fails_alone_is_not():
     faults = dict.fromkeys(
-        [4, 8, 12, 16, 20, 31], "mislabelled: the normal force is 0.39 N, the load of this row is 0.3 N"
+        [4, 8, 12, 16, 20, 31],
+        "mislabelled: the normal force is 0.39 N, the load of this row is 0.3 N",
     )
-    rows = [(n, {"operator": "B" if n % 4 == 0 and n <= 24 else "A", "load_n": "0.3"}) for n in range(1, 61)]
+    rows = [
+        (n, {"operator": "B" if n % 4 == 0 and n <= 24 else "A", "load_n": "0.3"})
+        for n in range(1, 61)
+    ]
     assert together(rows, faults) == dict.fromkeys([4, 8, 12, 16, 20], "trials of operator B")
 
 
 def test_what_fails_where_two_labels_meet_is_data_too():
-    rows = [(n, {"operator": "AB"[n % 2], "load_n": ("0.3", "0.8")[n // 2 % 2]}) for n in range(1, 61)]
+    rows = [
+        (n, {"operator": "AB"[n % 2], "load_n": ("0.3", "0.8")[n // 2 % 2]}) for n in range(1, 61)
+    ]
     like = [n for n, cells in rows if cells == {"operator": "B", "load_n": "0.3"}]
-    assert set(together(rows, dict.fromkeys(like, "mislabelled: x")).values()) == {"trials of load_n 0.3, operator B"}
+    assert set(together(rows, dict.fromkeys(like, "mislabelled: x")).values()) == {
+        "trials of load_n 0.3, operator B"
+    }
 
 
 def test_trials_that_fail_one_after_the_other_are_data():
     rows = [(n, {"run_order": str(n)}) for n in range(1, 41)]
     faults = dict.fromkeys(range(20, 27), "mislabelled: x")
     assert set(together(rows, faults)) == set(range(20, 27))
-    assert together(rows, {5: "duplicate: x", 6: "duplicate: x", 7: "duplicate: x", 8: "duplicate: x"}) == {}
+    assert (
+        together(rows, {5: "duplicate: x", 6: "duplicate: x", 7: "duplicate: x", 8: "duplicate: x"})
+        == {}
+    )
 
 
 def test_a_zero_offset_of_the_gauge_is_no_mislabelling():

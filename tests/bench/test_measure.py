@@ -54,8 +54,12 @@ def test_the_table_and_the_file_say_the_same(session, tmp_path):
 def test_a_script_without_a_main_guard_may_measure_over_processes(tmp_path):
     (tmp_path / "plan.toml").write_text(PLAN)
     script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(plan=str(tmp_path / "plan.toml"), session=str(tmp_path / "session")))
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, check=False)
+    script.write_text(
+        SCRIPT.format(plan=str(tmp_path / "plan.toml"), session=str(tmp_path / "session"))
+    )
+    done = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 0, done.stderr
     # a worker that loaded the script again would say so
     assert done.stdout == "loaded\n18 18\n"
@@ -65,15 +69,22 @@ def test_an_excluded_trial_keeps_its_row_its_conditions_and_its_reason(session):
     (session / "traces" / "0003.csv").unlink()
     table = measure(session, jobs=1)
     row = table[table.status == "excluded"].iloc[0]
-    assert (row.trial, row.block, row.reason) == ("3", "step-020", "missing: there is no traces/0003.csv")
+    assert (row.trial, row.block, row.reason) == (
+        "3",
+        "step-020",
+        "missing: there is no traces/0003.csv",
+    )
     assert row[list(FEATURE_COLUMNS)].isna().all()
 
 
 def test_nothing_in_the_table_of_features_is_a_formula_to_a_spreadsheet(session):
     trials = session / "trials.csv"
-    trials.write_text(trials.read_text().replace("operator", "@operator").replace("\n3,", "\n=cmd|x,"))
+    trials.write_text(
+        trials.read_text().replace("operator", "@operator").replace("\n3,", "\n=cmd|x,")
+    )
     table = measure(session, jobs=1)
-    # origin: OWASP, CSV injection: an apostrophe before what begins with =, +, -, @, a tab or a return
+    # origin: OWASP, CSV injection: an apostrophe before what begins with =, +, -, @, a tab or a
+    # return
     assert table.trial[2] == "'=cmd|x"
     assert "'@operator" in table
     assert {name[0] for name in table.columns} & set("=+-@\t\r") == set()
@@ -90,7 +101,9 @@ def test_a_block_column_that_a_spreadsheet_would_run_is_still_the_block(session)
 
 def test_progress_is_told_trial_by_trial(session, tmp_path):
     told = []
-    write_features(session, tmp_path / "f.csv", jobs=1, progress=lambda done, total: told.append((done, total)))
+    write_features(
+        session, tmp_path / "f.csv", jobs=1, progress=lambda done, total: told.append((done, total))
+    )
     assert told == [(n, 6) for n in range(1, 7)]
 
 
@@ -109,7 +122,10 @@ def test_an_output_that_cannot_be_is_refused_before_anything_is_measured(session
 
 def test_the_tool_is_the_median_of_trials_that_show_it_clearly():
     def row(frequency, decay, doubt=1e-4):
-        stds = {"ring_frequency_std_hz": doubt * frequency, "decay_time_std_s": 10.0 * doubt * decay}
+        stds = {
+            "ring_frequency_std_hz": doubt * frequency,
+            "decay_time_std_s": 10.0 * doubt * decay,
+        }
         return {"ring_frequency_hz": frequency, "decay_time_s": decay, **stds}
 
     clear = [row(300.0, 14e-3), row(301.0, 15e-3), row(290.0, 16e-3)]

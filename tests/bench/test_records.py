@@ -89,7 +89,9 @@ def test_a_tip_that_rubs_loses_its_gap_every_half_cycle():
     truth = Truth(0.8, 0.12, 20.0, 1.2, 1.08, 287.0, 1e3, gap=0.1)
     trace, _, release = made(Rig(noise=0.0, hum=0.0, quantum=0.0, tail=2e-5), truth)
     since = trace.time - release
-    lows = [trace.tangential[(since > n / 287.0) & (since < (n + 1) / 287.0)].min() for n in range(3)]
+    lows = [
+        trace.tangential[(since > n / 287.0) & (since < (n + 1) / 287.0)].min() for n in range(3)
+    ]
     # origin: undamped, each half cycle costs the gap
     np.testing.assert_allclose(np.diff(lows), 0.2, atol=5e-3)
 

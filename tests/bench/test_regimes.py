@@ -45,7 +45,11 @@ def test_the_regime_is_that_of_the_motion_and_the_ring_counts_by_its_first_swing
 def test_pulls_of_the_ring_s_amplitude_are_those_of_its_stated_uncertainty():
     pulls, random = [], np.random.default_rng(5)
     for seed in range(24):
-        height, load, speed = 1e-6 * random.integers(2, 9) * 10, random.choice([0.5, 1.1]), random.choice([5e-3, 10e-3])
+        height, load, speed = (
+            1e-6 * random.integers(2, 9) * 10,
+            random.choice([0.5, 1.1]),
+            random.choice([5e-3, 10e-3]),
+        )
         measured, truth = made({}, height, load, speed, seed)
         size, std = measured.aftermath.amplitude
         pulls.append((size - truth["amplitude_n"]) / std)
@@ -59,7 +63,8 @@ def test_a_tip_that_comes_down_slowly_counts_by_its_first_dip_below_sliding_wher
         measured, truth = made({}, 10e-6, 0.3, 2e-3, seed)
         size, std = measured.aftermath.amplitude
         pulls.append((size - truth["amplitude_n"]) / std)
-    # origin: the integrated motion, whose first dip goes 0.4 mN below sliding and whose second goes 12 mN; noise 4 mN
+    # origin: the integrated motion, whose first dip goes 0.4 mN below sliding and whose second goes
+    # 12 mN; noise 4 mN
     assert np.sqrt(np.mean(np.square(pulls))) < 1.3
 
 
@@ -67,7 +72,9 @@ def test_a_tip_that_comes_down_slowly_counts_by_its_first_dip_below_sliding_wher
 def test_a_dip_that_just_touches_the_level_of_sliding_leaves_open_which_swing_was_the_first(touch):
     random, period, noise, pulls = np.random.default_rng(3), 1.0 / 300.0, 4e-3, []
     time = np.arange(0.0, 14e-3, 1e-4)
-    spread = 0.646 * noise  # origin: the middle of a quartic through nine samples, sqrt(0.417) of one
+    spread = (
+        0.646 * noise
+    )  # origin: the middle of a quartic through nine samples, sqrt(0.417) of one
     dips = 3.0 * period + np.array([0.0, period])
     deep = 3.85 * spread
     for _ in range(600):
@@ -82,15 +89,20 @@ def test_a_dip_that_just_touches_the_level_of_sliding_leaves_open_which_swing_wa
         motion = Motion(time, force, force, 0, 0.0, 1.0, 10.0, noise, 300.0)
         depth, std, _ = first_swing(motion)
         pulls.append((depth - (deep if touch > 0.0 else -touch * spread)) / std)
-    # origin: both dips drawn with normal errors, 1.25 and 1.12; the odds of one reading alone would make 1.41 of the first
+    # origin: both dips drawn with normal errors, 1.25 and 1.12; the odds of one reading alone would
+    # make 1.41 of the first
     assert 0.9 < np.sqrt(np.mean(np.square(pulls))) < 1.34
 
 
 def test_a_saw_before_the_edge_tells_static_friction_and_how_long_the_tip_sticks():
     measured, _ = made({"static_ratio": 2.0}, 40e-6, 1.1, 1e-3)
     features = measured.features
-    assert features["static_friction"] == pytest.approx(0.30, abs=4.0 * features["static_friction_std"])
-    assert features["sliding_friction"] == pytest.approx(0.15, abs=4.0 * features["sliding_friction_std"])
+    assert features["static_friction"] == pytest.approx(
+        0.30, abs=4.0 * features["static_friction_std"]
+    )
+    assert features["sliding_friction"] == pytest.approx(
+        0.15, abs=4.0 * features["sliding_friction_std"]
+    )
     # the handle loads the spring by k v while the tip stands
     rise = features["stick_slip_amplitude_n"]
     assert features["stick_time_s"] == pytest.approx(rise / (K * 1e-3), rel=0.1)

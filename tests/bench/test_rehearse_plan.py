@@ -31,7 +31,10 @@ def effect(**fields):
 
 def test_what_a_plan_leaves_out_is_the_papers_tool_and_rubs_at_no_turn(tmp_path):
     model = plan(tmp_path).model
-    assert (model.spring_constant, model.decay_time) == (PAPER.tool.stiffness, PAPER.tool.decay_time)
+    assert (model.spring_constant, model.decay_time) == (
+        PAPER.tool.stiffness,
+        PAPER.tool.decay_time,
+    )
     assert (model.tip_radius, model.ring) == (PAPER.ball_radius, "damped")
 
 
@@ -40,7 +43,11 @@ def test_every_combination_is_crossed_once_before_any_comes_again(tmp_path):
     combinations = [(row["height_um"], row["load_n"], row["speed_mm_s"]) for row in rows]
     assert len(rows) == 3 * 12
     assert {combinations.count(one) for one in combinations} == {3}
-    assert [row["trial"] for row in rows] == [row["run_order"] for row in rows] == [str(n) for n in range(1, 37)]
+    assert (
+        [row["trial"] for row in rows]
+        == [row["run_order"] for row in rows]
+        == [str(n) for n in range(1, 37)]
+    )
 
 
 def test_some_trials_of_a_design_are_as_even_as_their_number_allows(tmp_path):
@@ -55,7 +62,9 @@ def test_the_seed_alone_decides_the_order(tmp_path):
     assert plan(tmp_path).rows() == one
     other = plan(tmp_path).model_copy(update={"seed": 5})
     assert other.rows() != one
-    assert sorted(row["height_um"] for row in other.rows()) == sorted(row["height_um"] for row in one)
+    assert sorted(row["height_um"] for row in other.rows()) == sorted(
+        row["height_um"] for row in one
+    )
 
 
 def test_the_order_is_free_of_trends_in_the_conditions(tmp_path):
@@ -68,7 +77,8 @@ def test_the_order_is_free_of_trends_in_the_conditions(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("height", "name"), [(5e-6, "step-005"), (30e-6, "step-030"), (12.5e-6, "step-012.5"), (0.5e-6, "step-000.5")]
+    ("height", "name"),
+    [(5e-6, "step-005"), (30e-6, "step-030"), (12.5e-6, "step-012.5"), (0.5e-6, "step-000.5")],
 )
 def test_a_block_is_named_by_its_height(height, name):
     assert block_name(height) == name
@@ -81,7 +91,10 @@ def test_a_block_is_named_by_its_height(height, name):
         ({"form": "constant", "size": 0.07}, 0.07),
         ({"form": "linear", "size": 0.3, "reference": 2.0, "span": 4.0}, 0.3 * (5.0 - 2.0) / 4.0),
         ({"form": "power", "size": 0.3, "reference": 2.0, "exponent": 1.5}, 0.3 * 2.5**1.5),
-        ({"form": "exponential", "size": 0.3, "reference": 2.0, "span": 4.0}, 0.3 * math.exp(-0.75)),
+        (
+            {"form": "exponential", "size": 0.3, "reference": 2.0, "span": 4.0},
+            0.3 * math.exp(-0.75),
+        ),
         ({"form": "levels", "levels": {"5": 0.4}}, 0.4),
         ({"form": "levels", "levels": {"6": 0.4}}, 0.0),
     ],
@@ -97,7 +110,9 @@ def test_a_form_adds_its_change_or_multiplies_by_one_and_its_change(fields, chan
 
 @pytest.mark.parametrize("form", ["linear", "exponential"])
 def test_at_its_reference_a_linear_form_vanishes_and_an_exponential_one_is_whole(form):
-    found = effect(form=form, covariate="c", size=0.3, reference=7.0, span=3.0).apply(0.0, {"c": 7.0})
+    found = effect(form=form, covariate="c", size=0.3, reference=7.0, span=3.0).apply(
+        0.0, {"c": 7.0}
+    )
     assert found == {"linear": 0.0, "exponential": 0.3}[form]
 
 
@@ -113,15 +128,26 @@ def test_no_number_that_is_none_may_be_planted():
         ("repeats = 2000000\n", "design.repeats"),
         ("[scatter]\nenergy = 1e308\n", "scatter.energy: input should be less than or equal to 10"),
         ("[rig]\ndrift_n_per_s = inf\n", "rig.drift_n_per_s: input should be less than"),
-        ("[model]\ndecay_time = '1000 s'\n", "model.decay_time: input should be less than or equal to 10"),
+        (
+            "[model]\ndecay_time = '1000 s'\n",
+            "model.decay_time: input should be less than or equal to 10",
+        ),
         ("[rig]\nnoise = 4.5\n", "rig.noise: must be a force .* in quotes"),
         ("[rig]\nnoice = '4 mN'\n", "rig.noice is not a known field.*did you mean rig.noise"),
         ("[model]\nring = 'square'\n", "model.ring"),
         ("[[effects]]\nsize = 1.0\n", "slot of effect 1 or law must be given"),
-        ("[[effects]]\nslot = 'drag'\ncovariate = 'block'\n", "must be one of none where its form is constant"),
-        ("[[effects]]\nslot = 'drag'\nform = 'levels'\ncovariate = 'load_n'\n", "must be one of block, operator, tip"),
         (
-            "[[effects]]\nslot = 'drag'\n[[effects]]\nslot = 'drag'\nform = 'linear'\ncovariate = 'load_n'\nspan = 0\n",
+            "[[effects]]\nslot = 'drag'\ncovariate = 'block'\n",
+            "must be one of none where its form is constant",
+        ),
+        (
+            "[[effects]]\nslot = 'drag'\nform = 'levels'\ncovariate = 'load_n'\n",
+            "must be one of block, operator, tip",
+        ),
+        (
+            "[[effects]]\nslot = 'drag'\n[[effects]]\nslot = 'drag'\nform = "
+            "'linear'\ncovariate = "
+            "'load_n'\nspan = 0\n",
             "span and, of a power, reference of effect 2 must not be 0",
         ),
         ("[[effects]]\nlaw = 'running_in'\n", "parameters of effect 1 must be among .*, got none"),
@@ -141,11 +167,15 @@ def test_what_is_wrong_with_a_plan_is_said_in_one_line_with_its_place(text, mess
 def test_where_the_drag_in_time_rings_its_conversion_cannot_be_planted(tmp_path):
     path = tmp_path / "plan.toml"
     path.write_text('source = "drag"\n' + PLAN + '[[effects]]\nslot = "conversion"\n')
-    with pytest.raises(PipelineError, match="must not be conversion where the drag in time decides what rings"):
+    with pytest.raises(
+        PipelineError, match="must not be conversion where the drag in time decides what rings"
+    ):
         read_plan(path)
 
 
-@pytest.mark.parametrize(("content", "message"), [(None, "cannot be read"), (b"a = ", "TOML"), (b"\xff", "UTF-8")])
+@pytest.mark.parametrize(
+    ("content", "message"), [(None, "cannot be read"), (b"a = ", "TOML"), (b"\xff", "UTF-8")]
+)
 def test_a_plan_that_is_no_file_or_no_toml_is_said_to_be_none(content, message, tmp_path):
     path = tmp_path / "plan.toml"
     if content is not None:

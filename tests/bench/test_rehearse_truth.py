@@ -11,7 +11,12 @@ from stepblocks.errors import PipelineError
 
 HEIGHT, LOAD, SPEED = 40e-6, 0.7, 4e-3
 STILL = {"energy": 0.0, "friction": 0.0, "load": 0.0, "height": "0 um"}
-MODEL = {"friction": 0.21, "conversion": 0.31, "tip_radius": "140 um", "spring_constant": "7.7 N/mm"}
+MODEL = {
+    "friction": 0.21,
+    "conversion": 0.31,
+    "tip_radius": "140 um",
+    "spring_constant": "7.7 N/mm",
+}
 ROW = {
     "block": block_name(HEIGHT),
     "height_um": "40",
@@ -71,10 +76,20 @@ def test_a_blocks_own_height_counts_and_not_its_nominal_one():
         ({"slot": "normal_load", "change": "multiply", "size": 0.1}, force(load=1.1 * LOAD)),
         ({"slot": "drag", "size": 0.03}, force() + 0.03),
         (
-            {"slot": "friction", "form": "linear", "covariate": "run_order", "size": 0.02, "reference": 1, "span": 10},
+            {
+                "slot": "friction",
+                "form": "linear",
+                "covariate": "run_order",
+                "size": 0.02,
+                "reference": 1,
+                "span": 10,
+            },
             force(mu=0.22),
         ),
-        ({"slot": "friction", "form": "levels", "covariate": "operator", "levels": {"B": 0.04}}, force(mu=0.25)),
+        (
+            {"slot": "friction", "form": "levels", "covariate": "operator", "levels": {"B": 0.04}},
+            force(mu=0.25),
+        ),
         ({"law": "edge_rounding", "parameters": {"edge_radius_m": 20e-6}}, force(radius=160e-6)),
     ],
 )
@@ -142,7 +157,9 @@ def test_the_drag_in_time_gets_the_same_trial():
     declared = plan({"slot": "contact_geometry", "size": 15e-6}, {"slot": "drag", "size": 0.02})
     step, point, pull = true_drag(declared, state(declared))
     assert (step.height, step.edge_radius) == pytest.approx((HEIGHT, 15e-6), rel=1e-9)
-    assert (point.ball_radius, point.normal_load, point.friction) == pytest.approx((140e-6, LOAD, 0.21))
+    assert (point.ball_radius, point.normal_load, point.friction) == pytest.approx(
+        (140e-6, LOAD, 0.21)
+    )
     assert (point.speed, point.tool.stiffness, pull) == pytest.approx((SPEED, 7700.0, 0.02))
     assert point.tool.decay_time == pytest.approx(declared.model.decay_time)
 

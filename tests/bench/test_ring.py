@@ -77,7 +77,9 @@ def test_hum_and_drift_beside_a_ring_do_not_move_it():
     plain = ring_of(after())
     disturbed = ring_of(after() + hum(SINCE, 30e-3) + 0.2 * (SINCE - COURSE.release))
     assert disturbed.frequency[0] == pytest.approx(plain.frequency[0], abs=1e-3)
-    assert disturbed.amplitude(COURSE.release)[0] == pytest.approx(plain.amplitude(COURSE.release)[0], rel=1e-4)
+    assert disturbed.amplitude(COURSE.release)[0] == pytest.approx(
+        plain.amplitude(COURSE.release)[0], rel=1e-4
+    )
     assert disturbed.level[0] == pytest.approx(plain.level[0], abs=2e-4)
 
 
@@ -87,7 +89,9 @@ def test_a_ring_of_another_kind_misses_its_noise_where_it_begins():
     since = SINCE - COURSE.release
     # a triangle wave of the same period is no cosine
     phase = (since * COURSE.frequency) % 1.0
-    triangle = COURSE.amplitude * np.exp(-since / COURSE.decay_time) * (4.0 * np.abs(phase - 0.5) - 1.0)
+    triangle = (
+        COURSE.amplitude * np.exp(-since / COURSE.decay_time) * (4.0 * np.abs(phase - 0.5) - 1.0)
+    )
     wrong = after() - COURSE.ring(SINCE) + triangle
     assert ring_of(wrong).misfit > 20.0
 
@@ -97,7 +101,9 @@ def test_the_band_of_the_curve_covers_its_scatter():
     pulls = []
     for seed in range(30):
         ring = ring_of(after(seed=seed))
-        pulls.append((ring.curve(np.array([at]))[0] - COURSE.force(np.array([at]))[0]) / ring.curve_std(at))
+        pulls.append(
+            (ring.curve(np.array([at]))[0] - COURSE.force(np.array([at]))[0]) / ring.curve_std(at)
+        )
     # origin: a standard normal number; four sigma of the mean and of the spread of 30
     assert abs(np.mean(pulls)) < 0.73
     assert 0.5 < np.std(pulls) < 1.5

@@ -21,15 +21,23 @@ TIME = np.linspace(0.0, 0.4, 500)
 
 
 def decaying(rate_scale=1.0):
-    return lambda shape: np.column_stack([np.ones_like(TIME), np.exp(-TIME * rate_scale / shape[0])])
+    return lambda shape: np.column_stack(
+        [np.ones_like(TIME), np.exp(-TIME * rate_scale / shape[0])]
+    )
 
 
 def noisy(seed=1, std=0.02):
-    return 2.0 + 3.0 * np.exp(-TIME / 0.11) + std * np.random.default_rng(seed).standard_normal(TIME.size)
+    return (
+        2.0
+        + 3.0 * np.exp(-TIME / 0.11)
+        + std * np.random.default_rng(seed).standard_normal(TIME.size)
+    )
 
 
 def fitted(values, start=0.05):
-    return fit_separable(decaying(), values, np.array([start]), np.array([0.01]), np.array([1.0]), np.array([0.1]))
+    return fit_separable(
+        decaying(), values, np.array([start]), np.array([0.01]), np.array([1.0]), np.array([0.1])
+    )
 
 
 def test_a_separable_fit_is_the_fit_of_all_parameters_at_once():
@@ -37,7 +45,11 @@ def test_a_separable_fit_is_the_fit_of_all_parameters_at_once():
     ours = fitted(values)
     # origin: scipy's curve_fit, which searches all three parameters together
     theirs, covariance = curve_fit(
-        lambda t, tau, level, size: level + size * np.exp(-t / tau), TIME, values, p0=(0.1, 1.9, 2.9), xtol=1e-12
+        lambda t, tau, level, size: level + size * np.exp(-t / tau),
+        TIME,
+        values,
+        p0=(0.1, 1.9, 2.9),
+        xtol=1e-12,
     )
     np.testing.assert_allclose([*ours.shape, *ours.weights], theirs, rtol=1e-5)
     widening = correlation_inflation(ours.residuals)
@@ -75,7 +87,9 @@ def test_the_mean_of_white_noise_is_known_to_sigma_over_root_n():
     # origin: var(mean) = s^2 / n
     values = 5e-3 * np.random.default_rng(8).standard_normal(4000)
     covariance = covariance_of(np.ones((4000, 1)), values - values.mean())
-    assert math.sqrt(covariance[0, 0]) == pytest.approx(values.std(ddof=1) / math.sqrt(4000), rel=0.05)
+    assert math.sqrt(covariance[0, 0]) == pytest.approx(
+        values.std(ddof=1) / math.sqrt(4000), rel=0.05
+    )
 
 
 def test_columns_of_very_different_size_and_an_empty_one_do_no_harm():
@@ -133,6 +147,7 @@ def test_the_misfit_of_white_noise_is_a_few_standard_errors_and_grows_with_a_wro
     assert abs(misfit(noise, 10, 80, 3e-3)) < 4.0
     begun_wrong = noise.copy()
     begun_wrong[:80] += 6e-3
-    # origin: 80 samples with a variance of five times the noise miss it by 4 / sqrt(2 / 80) standard errors
+    # origin: 80 samples with a variance of five times the noise miss it by 4 / sqrt(2 / 80)
+    # standard errors
     assert misfit(begun_wrong, 10, 80, 3e-3) == pytest.approx(4.0 / math.sqrt(2.0 / 80.0), rel=0.3)
     assert misfit(noise, 10, 80, 0.0) == math.inf

@@ -5,7 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.bench.session import FORMATS, Channel, check_pattern, fill_pattern, inside, open_session, unit_of_name
+from stepblocks.bench.session import (
+    FORMATS,
+    Channel,
+    check_pattern,
+    fill_pattern,
+    inside,
+    open_session,
+    unit_of_name,
+)
 from stepblocks.bench.signal import TraceError
 from stepblocks.errors import BenchError
 
@@ -89,7 +97,9 @@ def test_every_format_is_known_by_its_suffixes_and_by_its_name(name, tmp_path):
     for suffix in FORMATS[name]:
         session = declared(tmp_path, ("{trial:04d}.csv", f"{{trial}}{suffix.upper()}"))
         assert session.acquisition.kind == name
-    other = declared(tmp_path, ("{trial:04d}.csv", "{trial}.dat"), ("range", f'format = "{name}"\nrange'))
+    other = declared(
+        tmp_path, ("{trial:04d}.csv", "{trial}.dat"), ("range", f'format = "{name}"\nrange')
+    )
     assert other.acquisition.kind == name
 
 
@@ -100,16 +110,32 @@ def test_every_format_is_known_by_its_suffixes_and_by_its_name(name, tmp_path):
         ('"9.81 N/mm"', "9810", r"probe.spring_constant: must be a stiffness .* in quotes"),
         ('"9.81 N/mm"', '"-1 N/mm"', r"probe.spring_constant: input should be greater than 0"),
         ('"10 kHz"', '"10 km"', r"acquisition.sample_rate: must be a frequency"),
-        ('unit = "mN"', 'unit = "mm"', r"`acquisition.channels.tangential` must have a unit of force, got 'mm'"),
+        (
+            'unit = "mN"',
+            'unit = "mm"',
+            r"`acquisition.channels.tangential` must have a unit of force, got 'mm'",
+        ),
         ("factor = -2", "factor = nan", r"acquisition.channels.tangential.factor"),
         ("factor = -2", "gain = -2", r"acquisition.channels.tangential.gain"),
-        ("range", 'format = "xls"\nrange', r"acquisition.format: .* 'csv', 'hdf5', 'tdms' or 'mat', got 'xls'"),
+        (
+            "range",
+            'format = "xls"\nrange',
+            r"acquisition.format: .* 'csv', 'hdf5', 'tdms' or 'mat', got 'xls'",
+        ),
         ("range", 'delimiter = ";;"\nrange', r"acquisition.delimiter"),
-        ("{trial:04d}", "{run}", r"`acquisition.traces` may hold \{trial\}, \{trial:04d\} and no other braces"),
+        (
+            "{trial:04d}",
+            "{run}",
+            r"`acquisition.traces` may hold \{trial\}, \{trial:04d\} and no other braces",
+        ),
         ("scans/{block}", "scans/{trial}", r"`stimuli.scans` may hold \{block\}"),
         ("{trial:04d}", "all", r"`acquisition.traces` must hold \{trial\} for CSV traces"),
         ("traces/", "/etc/", r"`acquisition.traces` must lie inside the session"),
-        ("[stimuli]", '[trials]\nfile = "list.csv"\n[stimuli]', r"table of trials is missing, expected list.csv"),
+        (
+            "[stimuli]",
+            '[trials]\nfile = "list.csv"\n[stimuli]',
+            r"table of trials is missing, expected list.csv",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_with_field_rule_and_value(old, new, message, tmp_path):
@@ -119,7 +145,9 @@ def test_what_is_wrong_is_said_with_field_rule_and_value(old, new, message, tmp_
 
 
 def test_words_that_are_not_ours_are_left_to_the_laboratory(tmp_path):
-    session = declared(tmp_path, ("[probe]", '[probe]\nmaker = "us"'), ("title", 'room = "2.14"\ntitle'))
+    session = declared(
+        tmp_path, ("[probe]", '[probe]\nmaker = "us"'), ("title", 'room = "2.14"\ntitle')
+    )
     assert session.title == "a rig"
 
 
@@ -129,7 +157,9 @@ def test_patterns_are_filled_as_python_formats_numbers():
         fill_pattern("{trial:04d}", trial="7b")
 
 
-@pytest.mark.parametrize("pattern", ["{}", "{trial", "{trial!r}", "{trial:s}", "{trial.x}", "{0}", "  ", "{block}"])
+@pytest.mark.parametrize(
+    "pattern", ["{}", "{trial", "{trial!r}", "{trial:s}", "{trial.x}", "{0}", "  ", "{block}"]
+)
 def test_a_pattern_holds_no_other_braces(pattern):
     with pytest.raises(BenchError, match="no other braces"):
         check_pattern(pattern, "trial", "x")

@@ -41,17 +41,22 @@ def measure(folder, tmp_path, jobs=1, name="features.csv"):
 
 
 def test_four_formats_of_one_session_say_the_same(tmp_path):
-    tables = [measure(simulate(tmp_path, "csv"), tmp_path), measure(simulate(tmp_path, "hdf5"), tmp_path)]
+    tables = [
+        measure(simulate(tmp_path, "csv"), tmp_path),
+        measure(simulate(tmp_path, "hdf5"), tmp_path),
+    ]
     for kind in ("tdms", "mat"):
         (tmp_path / kind).mkdir()
         tables.append(measure(turned(simulate(tmp_path / kind, "hdf5"), kind), tmp_path))
     for table in tables[1:]:
-        # origin: float32 holds 7 digits, the forces of the CSV 6: mostly nothing against the noise, and
-        # sometimes a tie for the highest sample falls the other way
+        # origin: float32 holds 7 digits, the forces of the CSV 6: mostly nothing against the noise,
+        # and sometimes a tie for the highest sample falls the other way
         for name in ("peak_force_n", "ring_amplitude_n", "normal_load_n", "ring_frequency_hz"):
             std = name.replace("_n", "_std_n").replace("_hz", "_std_hz")
             assert (abs(table[name] - tables[0][name]) < 1.5 * table[std] + 1e-5).all(), name
-            assert (abs(table[name] - tables[0][name]) < 0.02 * table[std] + 1e-5).mean() > 0.5, name
+            assert (abs(table[name] - tables[0][name]) < 0.02 * table[std] + 1e-5).mean() > 0.5, (
+                name
+            )
     assert list(tables[0].columns[:3]) == ["trial", "status", "reason"]
     assert tuple(tables[0].columns[-len(FEATURE_COLUMNS) :]) == FEATURE_COLUMNS
 
@@ -81,7 +86,9 @@ def test_a_laboratorys_own_names_units_and_separators_are_read(make_session, tmp
     (own / "raw").mkdir(parents=True)
     for path in sorted((plain / "traces").iterdir()):
         table = pd.read_csv(path)
-        mapped = pd.DataFrame({"t/ms": table.time_s * 1e3, "Fx": -1e3 * table.fx_n, "Fz": table.fy_n})
+        mapped = pd.DataFrame(
+            {"t/ms": table.time_s * 1e3, "Fx": -1e3 * table.fx_n, "Fz": table.fy_n}
+        )
         text = mapped.to_csv(index=False, sep=";", decimal=",")
         (own / "raw" / f"run{int(path.stem)}.dat").write_text("Rig 3\n" + text)
     trials = pd.read_csv(plain / "trials.csv")
@@ -112,7 +119,13 @@ load = { column = "Last", unit = "N" }
 """
     )
     ours, theirs = measure(plain, tmp_path), measure(own, tmp_path)
-    for name in ("peak_force_n", "ring_amplitude_n", "spring_constant_n_per_m", "normal_load_n", "decay_time_s"):
+    for name in (
+        "peak_force_n",
+        "ring_amplitude_n",
+        "spring_constant_n_per_m",
+        "normal_load_n",
+        "decay_time_s",
+    ):
         np.testing.assert_allclose(theirs[name], ours[name], rtol=2e-4)
     assert {"v", "Last"} <= set(theirs.columns)
 
@@ -140,7 +153,9 @@ def test_matrices_compound_tables_and_new_matlab_files_are_read(make_session, tm
         ("old.mat", indexed),
         ("new.mat", named),
     ):
-        (plain / "session.toml").write_text(text.replace("traces/{trial:04d}.csv", file_name).replace(named, channels))
+        (plain / "session.toml").write_text(
+            text.replace("traces/{trial:04d}.csv", file_name).replace(named, channels)
+        )
         with Traces(open_session(plain)) as traces:
             other = traces.read("2")
         np.testing.assert_array_equal(other.tangential, trace.tangential)
@@ -152,11 +167,16 @@ def test_without_a_time_channel_the_sample_rate_is_the_clock(make_session, tmp_p
     text = (folder / "session.toml").read_text()
     before = measure(folder, tmp_path)
     (folder / "session.toml").write_text(text.replace('time = "time_s", ', ""))
-    np.testing.assert_allclose(measure(folder, tmp_path).peak_force_n, before.peak_force_n, rtol=1e-6)
+    np.testing.assert_allclose(
+        measure(folder, tmp_path).peak_force_n, before.peak_force_n, rtol=1e-6
+    )
 
 
 def test_a_planted_edge_radius_stands_in_the_forces_and_in_the_scans(tmp_path):
-    effect = '[scatter]\nheight = "0 um"\nfriction = 0\n[[effects]]\nslot = "contact_geometry"\nsize = 14e-6\n'
+    effect = (
+        '[scatter]\nheight = "0 um"\nfriction = 0\n[[effects]]\nslot = "contact_geometry"\nsize '
+        "= 14e-6\n"
+    )
     folder = simulate(tmp_path, trials=12, extra=effect)
     table = measure(folder, tmp_path)
     angle = np.arctan(table.peak_force_n / table.normal_load_n) - np.arctan(table.sliding_friction)
@@ -166,7 +186,9 @@ def test_a_planted_edge_radius_stands_in_the_forces_and_in_the_scans(tmp_path):
     scan = pd.read_csv(folder / "scans" / "step-040.csv")
     left, right = scan[scan.x_um < -50], scan[(scan.x_um > 50)]
     top = np.polyval(np.polyfit(right.x_um, right.z_um, 1), 0.0)
-    assert top - np.polyval(np.polyfit(left.x_um, left.z_um, 1), 0.0) == pytest.approx(40.0, abs=0.2)
+    assert top - np.polyval(np.polyfit(left.x_um, left.z_um, 1), 0.0) == pytest.approx(
+        40.0, abs=0.2
+    )
     # at x = r - r sqrt(1/2) the quarter circle has fallen by the same
     depth = 14.0 * (1.0 - np.sqrt(0.5))
     assert float(np.interp(depth, scan.x_um, scan.z_um)) == pytest.approx(top - depth, abs=0.4)
@@ -190,7 +212,8 @@ def test_the_drag_in_time_is_a_source_of_sessions_and_features_find_what_it_did(
     assert (table.status == "ok").all()
     # origin: the force of the simulated spring itself, before gauge and noise
     assert (
-        abs(table.peak_force_n - truth.peak_force_n) < 4.0 * table.peak_force_std_n + 0.005 * truth.peak_force_n
+        abs(table.peak_force_n - truth.peak_force_n)
+        < 4.0 * table.peak_force_std_n + 0.005 * truth.peak_force_n
     ).all()
     np.testing.assert_allclose(table.vibration_energy_j, truth.vibration_energy_j, rtol=0.12)
 
@@ -200,11 +223,16 @@ def test_a_law_of_the_catalogue_can_be_planted_by_its_name(tmp_path):
     folder = simulate(tmp_path, extra=law + "parameters = { excess = 1.0, settling_trials = 4 }\n")
     truth = pd.read_csv(folder / "truth.csv")
     # origin: mu (1 + s exp(-n / n0)) at the default friction of 0.15
-    np.testing.assert_allclose(truth.sliding_friction, 0.15 * (1.0 + np.exp(-truth.trial / 4.0)), rtol=1e-6)
+    np.testing.assert_allclose(
+        truth.sliding_friction, 0.15 * (1.0 + np.exp(-truth.trial / 4.0)), rtol=1e-6
+    )
 
 
 def test_operators_can_be_told_apart(tmp_path):
-    levels = '[scatter]\nenergy = 0\nfriction = 0\nload = 0\nheight = "0 um"\n[[effects]]\nslot = "conversion"\n'
+    levels = (
+        '[scatter]\nenergy = 0\nfriction = 0\nload = 0\nheight = "0 um"\n[[effects]]\nslot = '
+        '"conversion"\n'
+    )
     levels += 'change = "multiply"\nform = "levels"\ncovariate = "operator"\nlevels = { B = 0.5 }\n'
     folder = simulate(tmp_path, extra=levels)
     truth, trials = pd.read_csv(folder / "truth.csv"), pd.read_csv(folder / "trials.csv")
@@ -218,12 +246,18 @@ def test_operators_can_be_told_apart(tmp_path):
     [
         ("trials = 12", None),
         ('[[effects]]\nslot = "spring"', "effects.0.slot"),
-        ('[[effects]]\nslot = "friction"\nform = "linear"\ncovariate = "moon"', "covariate of effect 1"),
+        (
+            '[[effects]]\nslot = "friction"\nform = "linear"\ncovariate = "moon"',
+            "covariate of effect 1",
+        ),
         ('[[effects]]\nslot = "friction"\nform = "linear"', "must have a covariate"),
         ('[model]\nspring_constant = "9 N"', "model.spring_constant"),
         ("[model]\nfrction = 0.2", "model.frction"),
         ('[[effects]]\nlaw = "gravity"', "law of effect 1 must be one of"),
-        ('[[effects]]\nlaw = "running_in"\nparameters = { speed = 1.0 }', "must be among excess, settling_trials"),
+        (
+            '[[effects]]\nlaw = "running_in"\nparameters = { speed = 1.0 }',
+            "must be among excess, settling_trials",
+        ),
     ],
 )
 def test_a_plan_that_asks_for_the_impossible_is_one_line(line, message, tmp_path, capsys):
@@ -242,9 +276,21 @@ def test_figures_show_any_trial_even_an_excluded_one(make_session, tmp_path, cap
     folder = make_session(tmp_path / "s", count=3)
     trace = pd.read_csv(folder / "traces/0002.csv")
     trace.iloc[:900].to_csv(folder / "traces/0002.csv", index=False)
-    arguments = ["measure", str(folder), "-o", str(tmp_path / "f.csv"), "--jobs", "1", "--plots", str(tmp_path / "p")]
+    arguments = [
+        "measure",
+        str(folder),
+        "-o",
+        str(tmp_path / "f.csv"),
+        "--jobs",
+        "1",
+        "--plots",
+        str(tmp_path / "p"),
+    ]
     assert main([*arguments, "--trials", "1,2"]) == 0
-    assert sorted(path.name for path in (tmp_path / "p").iterdir()) == ["trial-1.png", "trial-2.png"]
+    assert sorted(path.name for path in (tmp_path / "p").iterdir()) == [
+        "trial-1.png",
+        "trial-2.png",
+    ]
     assert "excluded 1" in capsys.readouterr().out
     first = (tmp_path / "p" / "trial-1.png").read_bytes()
     assert main([*arguments, "--trials", "1", "--quiet"]) == 0
@@ -252,8 +298,11 @@ def test_figures_show_any_trial_even_an_excluded_one(make_session, tmp_path, cap
     assert main([*arguments, "--trials", "99"]) == 2
 
 
-# Origin: the shared sessions as their README declares them: k = 9810 N/m, normal load set by weights.
-@pytest.mark.parametrize(("name", "count", "frequency"), [("quiet", 45, 300.0), ("unexplained-a", 232, 285.0)])
+# Origin: the shared sessions as their README declares them: k = 9810 N/m, normal load set by
+# weights.
+@pytest.mark.parametrize(
+    ("name", "count", "frequency"), [("quiet", 45, 300.0), ("unexplained-a", 232, 285.0)]
+)
 def test_the_shared_sessions_are_read_whole(name, count, frequency, shared_bench, tmp_path):
     table = measure(shared_bench / name, tmp_path, jobs=2)
     assert len(table) == count
@@ -279,10 +328,14 @@ def test_a_rig_whose_tip_rubs_is_measured(shared_bench, tmp_path):
     strong = table[table.ring_amplitude_n > 0.5]
     assert len(strong) >= 3
     np.testing.assert_allclose(strong.ring_frequency_hz, 270.0, atol=1.5)
-    # origin: dry friction turns with the tip, so the amplitude loses four times the sliding force per period
+    # origin: dry friction turns with the tip, so the amplitude loses four times the sliding force
+    # per period
     loss = 4.0 * strong.sliding_friction * strong.normal_load_n * strong.ring_frequency_hz
     known = strong.friction_decay_std_n_per_s < 0.05 * loss
     assert known.sum() >= 3
     np.testing.assert_allclose(strong.friction_decay_n_per_s[known], loss[known], rtol=0.1)
-    assert (abs(strong.friction_decay_n_per_s - loss) < 0.1 * loss + 3.0 * strong.friction_decay_std_n_per_s).all()
+    assert (
+        abs(strong.friction_decay_n_per_s - loss)
+        < 0.1 * loss + 3.0 * strong.friction_decay_std_n_per_s
+    ).all()
     assert strong.ln_vibration_energy_std.max() < 0.5

@@ -15,7 +15,9 @@ COURSE = Course()
 def whole(scale=1.0, start=0.0):
     time = COURSE.clock(RATE)
     noise = 2e-3 * np.random.default_rng(4).standard_normal(time.size)
-    return Trace(time + start, scale * (COURSE.force(time) + noise), scale * (COURSE.load + hum(time, 5e-3)))
+    return Trace(
+        time + start, scale * (COURSE.force(time) + noise), scale * (COURSE.load + hum(time, 5e-3))
+    )
 
 
 def changed(**channels):
@@ -48,7 +50,9 @@ def test_what_is_no_number_is_counted_and_its_channel_named(channel, bad):
 def test_a_clock_that_stands_still_for_a_sample_is_named_with_its_instant():
     time = whole().time.copy()
     time[123] = time[122]
-    assert screen_trace(changed(time=time), RATE) == "wrong clock: time does not ascend after 0.0122 s"
+    assert (
+        screen_trace(changed(time=time), RATE) == "wrong clock: time does not ascend after 0.0122 s"
+    )
 
 
 def test_lost_samples_are_a_gap_and_their_duration_is_told():
@@ -66,7 +70,9 @@ def test_a_jitter_of_the_clock_below_half_a_sample_is_no_gap():
     assert screen_trace(changed(time=trace.time + jitter), RATE) == ""
 
 
-@pytest.mark.parametrize(("declared", "passes"), [(10.05e3, True), (9.95e3, True), (10.2e3, False), (5e3, False)])
+@pytest.mark.parametrize(
+    ("declared", "passes"), [(10.05e3, True), (9.95e3, True), (10.2e3, False), (5e3, False)]
+)
 def test_the_rate_must_be_the_declared_one_to_a_hundredth(declared, passes):
     reason = screen_trace(whole(), declared)
     assert (reason == "") is passes
@@ -105,18 +111,24 @@ def test_a_top_that_noise_touched_before_it_saturated_is_saturated_on_any_ramp(s
     # a slow ramp nears the end of the gauge by less than its noise from sample to sample
     time = np.arange(0.0, 0.1 + 1.0 / slope, 1.0 / RATE)
     for seed in range(20):
-        noisy = slope * np.maximum(time - 0.1, 0.0) + 4e-3 * np.random.default_rng(seed).standard_normal(time.size)
+        noisy = slope * np.maximum(time - 0.1, 0.0) + 4e-3 * np.random.default_rng(
+            seed
+        ).standard_normal(time.size)
         read = np.round(noisy / 0.5e-3) * 0.5e-3
         normal = np.full(time.size, 0.8)
         assert screen_trace(Trace(time, read, normal), RATE) == ""
-        assert screen_trace(Trace(time, np.minimum(read, 0.7), normal), RATE).startswith("saturated: ")
+        assert screen_trace(Trace(time, np.minimum(read, 0.7), normal), RATE).startswith(
+            "saturated: "
+        )
 
 
 def test_the_declared_range_saturates_before_anything_is_flat():
     force = whole().tangential
     top = float(force.max())
     assert screen_trace(whole(), RATE, limit=1.01 * top) == ""
-    assert screen_trace(whole(), RATE, limit=0.99 * top).startswith("saturated: the tangential force reaches the range")
+    assert screen_trace(whole(), RATE, limit=0.99 * top).startswith(
+        "saturated: the tangential force reaches the range"
+    )
 
 
 def test_a_coarse_converter_alone_is_no_saturation():

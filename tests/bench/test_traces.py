@@ -23,7 +23,8 @@ INDEXED = "time = 0, tangential = 1, normal = 2"
 
 def session(folder, traces, channels=NAMED, extra=""):
     (folder / "session.toml").write_text(
-        f'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\n'
+        'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 '
+        'kHz"\n'
         f'traces = "{traces}"\nchannels = {{ {channels} }}\n{extra}\n'
     )
     (folder / "trials.csv").write_text("trial\n1\n2\n")
@@ -80,7 +81,9 @@ def mat_struct(folder):
 
 
 def mat_matrix_uncompressed(folder):
-    savemat(folder / "all.mat", {"other": np.eye(3), "trial2": np.column_stack(list(COLUMNS.values()))})
+    savemat(
+        folder / "all.mat", {"other": np.eye(3), "trial2": np.column_stack(list(COLUMNS.values()))}
+    )
     return "all.mat", INDEXED, ""
 
 
@@ -98,14 +101,18 @@ def mat_of_version_7_3(folder):
 
 def tdms_groups(folder):
     with TdmsWriter(str(folder / "all.tdms")) as file:
-        file.write_segment([ChannelObject("trial 2", name, values) for name, values in COLUMNS.items()])
+        file.write_segment(
+            [ChannelObject("trial 2", name, values) for name, values in COLUMNS.items()]
+        )
     return "all.tdms", NAMED, ""
 
 
 def tdms_file_per_trial(folder):
     # a file of its own may call its one group anything
     with TdmsWriter(str(folder / "2.tdms")) as file:
-        file.write_segment([ChannelObject("Untitled", name, values) for name, values in COLUMNS.items()])
+        file.write_segment(
+            [ChannelObject("Untitled", name, values) for name, values in COLUMNS.items()]
+        )
     return "{trial}.tdms", INDEXED, ""
 
 
@@ -197,7 +204,9 @@ def test_bytes_that_turned_within_a_variable_cost_that_trial(tmp_path):
 def test_channels_of_different_length_are_truncated(tmp_path):
     with h5py.File(tmp_path / "all.h5", "w") as file:
         file["2/x"], file["2/y"] = np.zeros(100), np.zeros(90)
-    with pytest.raises(TraceError, match=r"different lengths \(tangential 100, normal 90 samples\)"):
+    with pytest.raises(
+        TraceError, match=r"different lengths \(tangential 100, normal 90 samples\)"
+    ):
         read(tmp_path, "all.h5", channels='tangential = "x", normal = "y"')
 
 
@@ -244,5 +253,8 @@ def test_nothing_outside_the_session_is_read_through_an_hdf5_file(tmp_path, way)
                 layout[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "group/fx", (8,))
                 group.create_virtual_dataset("fx", layout)
     place = SimpleNamespace(is_file=False, groups=("0001",), trial="1")
-    with open_hdf5(path, None) as file, pytest.raises(TraceError, match="lies in another file, which is not read"):
+    with (
+        open_hdf5(path, None) as file,
+        pytest.raises(TraceError, match="lies in another file, which is not read"),
+    ):
         hdf5_column(hdf5_group(file, place), "fx")

@@ -30,7 +30,13 @@ def test_conditions_are_read_into_si_and_every_cell_is_kept_as_written(tmp_path)
     first, second, _ = found
     assert (found.count, found.covariates) == (3, ("block", "load_n", "speed_mm_s", "room"))
     assert (first.name, first.row, first.block, first.load, first.speed) == ("1", 1, "a", 0.5, 2e-3)
-    assert first.cells == {"trial": "1", "block": "a", "load_n": "0.5", "speed_mm_s": "2", "room": "A 12"}
+    assert first.cells == {
+        "trial": "1",
+        "block": "a",
+        "load_n": "0.5",
+        "speed_mm_s": "2",
+        "room": "A 12",
+    }
     assert (second.cells["room"], second.fault) == ("", "")
 
 
@@ -99,10 +105,18 @@ def test_of_equal_rows_the_first_counts_and_of_contradicting_ones_none(tmp_path)
         ("trial,load_n\n", "", "has no rows"),
         ("trial,a,a\n1,2,3\n", "", "names the column 'a' twice"),
         ("id,a\n1,2\n", "", "must have a column 'trial' for the trial, it has id, a"),
-        ("trial,a\n1,2\n", '[trials.columns]\nload = "weight"\n', "must have a column 'weight' for the load"),
+        (
+            "trial,a\n1,2\n",
+            '[trials.columns]\nload = "weight"\n',
+            "must have a column 'weight' for the load",
+        ),
         ("trial,a,a\n1,2,3\n", '[trials.columns]\nload = "weight"\n', "2 mistakes"),
         ("trial,a\n1,2\n", "[trials.columns]\ntrial = 2\n", "must have a column 2 for the trial"),
-        ("trial," + ",".join(f"c{i}" for i in range(1000)) + "\n1\n", "", "at most 1000 columns, got 1001"),
+        (
+            "trial," + ",".join(f"c{i}" for i in range(1000)) + "\n1\n",
+            "",
+            "at most 1000 columns, got 1001",
+        ),
     ],
 )
 def test_a_table_that_cannot_be_read_is_one_line(rows, head, message, tmp_path):
@@ -113,5 +127,7 @@ def test_a_table_that_cannot_be_read_is_one_line(rows, head, message, tmp_path):
 def test_a_column_must_not_have_the_name_of_a_feature(tmp_path):
     (tmp_path / "session.toml").write_text(HEAD)
     (tmp_path / "trials.csv").write_text("trial,status\n1,fine\n")
-    with pytest.raises(BenchError, match="column `status` of the table of trials has a name that features use"):
+    with pytest.raises(
+        BenchError, match="column `status` of the table of trials has a name that features use"
+    ):
         open_trials(open_session(tmp_path), frozenset({"status"}))

@@ -21,7 +21,9 @@ def made(bench=SILENT, height=40e-6, load=0.8, speed=5e-3, seed=3):
 
 
 def test_it_shares_no_line_with_what_it_tests():
-    trees = [ast.parse(Path(module.__file__).read_text()) for module in (virtual_bench, virtual_session)]
+    trees = [
+        ast.parse(Path(module.__file__).read_text()) for module in (virtual_bench, virtual_session)
+    ]
     nodes = [node for tree in trees for node in ast.walk(tree)]
     names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
     names += [str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)]
@@ -32,7 +34,8 @@ def test_it_shares_no_line_with_what_it_tests():
 @pytest.mark.parametrize("hardening", [0.0, 9810.0 * 1.5e7])
 def test_the_tip_leaves_at_the_force_that_lifts_it_over_the_edge(edge, hardening):
     truth = made(replace(SILENT, edge_friction_ratio=edge, hardening=hardening))[3]
-    # origin: equilibrium of weight, pull and friction on a face at the critical angle; the damper pulls along with c v
+    # origin: equilibrium of weight, pull and friction on a face at the critical angle; the damper
+    # pulls along with c v
     angle = math.acos(1.0 - 40e-6 / 125.3e-6) + math.atan(0.15 * edge)
     damper = 2.0 * 0.025 * 9810.0 / (2.0 * math.pi * 300.0) * 5e-3
     assert truth["left_n"] + damper == pytest.approx(0.8 * math.tan(angle), rel=1e-3)
@@ -47,8 +50,14 @@ def test_the_ramp_has_the_stiffness_of_the_spring_and_a_hard_spring_bends_it():
     time, force, _, truth = made(replace(SILENT, hardening=9810.0 * 1.5e7))
     ramp = (force > 0.3) & (force < 1.0) & (time < truth["release_s"])
     stretch = 5e-3 * (time[ramp] - time[ramp][0])
-    start = next(r.real for r in np.roots([9810.0 * 1.5e7, 0.0, 9810.0, -force[ramp][0]]) if abs(r.imag) < 1e-12)
-    np.testing.assert_allclose(force[ramp], 9810.0 * ((start + stretch) + 1.5e7 * (start + stretch) ** 3), rtol=1e-6)
+    start = next(
+        r.real
+        for r in np.roots([9810.0 * 1.5e7, 0.0, 9810.0, -force[ramp][0]])
+        if abs(r.imag) < 1e-12
+    )
+    np.testing.assert_allclose(
+        force[ramp], 9810.0 * ((start + stretch) + 1.5e7 * (start + stretch) ** 3), rtol=1e-6
+    )
 
 
 def test_a_tip_that_only_slides_forward_rings_with_the_tool_s_own_frequency_and_decay():
@@ -69,7 +78,9 @@ def test_no_release_gives_more_than_was_stored():
 
 
 def test_gauges_show_their_zeros_unloaded_and_their_gains_and_cross_talk_under_load():
-    odd = replace(SILENT, tangential_zero=-18e-3, normal_zero=25e-3, normal_gain=0.96, unloaded=30e-3)
+    odd = replace(
+        SILENT, tangential_zero=-18e-3, normal_zero=25e-3, normal_gain=0.96, unloaded=30e-3
+    )
     time, force, normal, _ = made(odd)
     still = time < 30e-3
     np.testing.assert_allclose(force[still], -18e-3)
@@ -102,12 +113,16 @@ def test_a_session_is_one_that_the_program_reads_and_the_same_seed_gives_the_sam
 
 
 def test_a_deleted_operator_leaves_no_column(tmp_path):
-    write_session(tmp_path / "s", Plan(Bench(conversion=0.2), trials=4, hide_operator=True, scans=False), 5)
+    write_session(
+        tmp_path / "s", Plan(Bench(conversion=0.2), trials=4, hide_operator=True, scans=False), 5
+    )
     assert "operator" not in (tmp_path / "s" / "trials.csv").read_text().splitlines()[0]
     assert not (tmp_path / "s" / "scans").exists()
 
 
-def test_what_a_gauge_could_not_show_is_a_bound_without_an_uncertainty_and_the_rest_of_it_stands(tmp_path):
+def test_what_a_gauge_could_not_show_is_a_bound_without_an_uncertainty_and_the_rest_of_it_stands(
+    tmp_path,
+):
     plan = Plan(Bench(limit=0.9), trials=24, scans=False, loads=(0.5, 0.8), speeds=(2e-3, 10e-3))
     true = np.array([row["peak_n"] for row in write_session(tmp_path / "s", plan, 5)])
     table = measure(tmp_path / "s", jobs=1)

@@ -26,7 +26,8 @@ def fitted(bench, height, load, speed, seed=1):
 def test_mass_damping_friction_and_radius_of_another_bench_come_back_from_its_waveform(condition):
     found, truth = fitted(Bench(), *condition)
     friction, stiffness, frequency, damping, radius, _ = found.values
-    # origin: the constants that bench integrates with; a contact that gives and one that does not differ by some percent
+    # origin: the constants that bench integrates with; a contact that gives and one that does not
+    # differ by some percent
     assert friction == pytest.approx(0.15, rel=0.03)
     assert stiffness == pytest.approx(K, rel=0.03)
     assert frequency == pytest.approx(300.0, rel=0.02)
@@ -46,7 +47,11 @@ def test_a_record_that_no_drag_of_this_kind_draws_is_said_to_be_none():
 
 
 def test_one_drag_foretells_the_rings_of_trials_it_was_not_fitted_to(tmp_path):
-    write_session(tmp_path / "s", Plan(trials=24, heights=(20e-6, 30e-6, 40e-6), loads=(0.5, 0.8), scans=False), 3)
+    write_session(
+        tmp_path / "s",
+        Plan(trials=24, heights=(20e-6, 30e-6, 40e-6), loads=(0.5, 0.8), scans=False),
+        3,
+    )
     plain = measure(tmp_path / "s", jobs=1)
     table = measure(tmp_path / "s", jobs=1, waveform=True)
     assert tuple(table.columns[-len(WAVEFORM_COLUMNS) :]) == WAVEFORM_COLUMNS

@@ -26,7 +26,9 @@ SMALL = (
 
 def tree(folder):
     return {
-        path.relative_to(folder).as_posix(): hash_file(path) for path in sorted(folder.rglob("*")) if path.is_file()
+        path.relative_to(folder).as_posix(): hash_file(path)
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
     }
 
 
@@ -90,7 +92,9 @@ def copy(first, tmp_path):
 
 @pytest.mark.parametrize("damage", ["changed", "missing", "no record"])
 def test_only_what_is_damaged_is_built_again(copy, source, first, damage):
-    victim = copy / "small" / "step-020" / ("record.json" if damage == "no record" else "step-020.stl")
+    victim = (
+        copy / "small" / "step-020" / ("record.json" if damage == "no record" else "step-020.stl")
+    )
     if damage == "changed":
         victim.write_bytes(b"changed")
     else:
@@ -103,7 +107,11 @@ def test_only_what_is_damaged_is_built_again(copy, source, first, damage):
 
 def test_a_changed_stimulus_is_built_again_and_a_dropped_one_removed(copy, tmp_path):
     source = tmp_path / "small.toml"
-    source.write_text(SMALL.replace('to = "20 um"', 'to = "10 um"').replace('nominal = "2 mm"', 'nominal = "2.5 mm"'))
+    source.write_text(
+        SMALL.replace('to = "20 um"', 'to = "10 um"').replace(
+            'nominal = "2 mm"', 'nominal = "2.5 mm"'
+        )
+    )
     report = build_sets([source], copy, jobs=1)
     assert report.built == ["small/step-010"]
     assert not (copy / "small" / "step-020").exists()
@@ -141,7 +149,8 @@ def test_an_interrupted_build_goes_on_where_it_stopped(source, tmp_path, monkeyp
     assert tree(tmp_path / "out") == tree(first)
 
 
-# a build that does not end before it is asked to, however late that is on a busy machine; its workers go on meanwhile
+# a build that does not end before it is asked to, however late that is on a busy machine; its
+# workers go on meanwhile
 HELD = """
 import signal, sys
 from contextlib import closing
@@ -161,7 +170,9 @@ sys.exit(main(sys.argv[1:]))
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGKILL])
-def test_a_build_that_is_asked_to_end_or_killed_takes_its_workers_along_and_leaves_no_draft(number, tmp_path):
+def test_a_build_that_is_asked_to_end_or_killed_takes_its_workers_along_and_leaves_no_draft(
+    number, tmp_path
+):
     output = tmp_path / "out"
     paper = str(ROOT / "stimuli" / "paper-ten.toml")
     process = subprocess.Popen(
@@ -206,7 +217,17 @@ def test_a_failed_check_is_reported_every_time(source, tmp_path, monkeypatch, ca
     from stepblocks.cli import main
 
     monkeypatch.setattr(artefacts, "VOLUME_LIMIT", 1e-30)
-    arguments = ["build", str(source), "-o", str(tmp_path), "--only", "step-010", "--jobs", "1", "--quiet"]
+    arguments = [
+        "build",
+        str(source),
+        "-o",
+        str(tmp_path),
+        "--only",
+        "step-010",
+        "--jobs",
+        "1",
+        "--quiet",
+    ]
     assert main(arguments) == 1
     monkeypatch.undo()
     assert main(arguments) == 1
@@ -239,7 +260,9 @@ def test_predictions_have_units_in_their_columns_and_no_number_where_the_tip_loc
     assert all(row["pull_force_n"] == row["vibration_energy_uj"] == "" for row in locked)
     assert all(float(row["step_height_um"]) >= float(row["locking_height_um"]) for row in locked)
     assert all(
-        float(row["step_height_um"]) < float(row["locking_height_um"]) for row in rows if row["status"] == "releases"
+        float(row["step_height_um"]) < float(row["locking_height_um"])
+        for row in rows
+        if row["status"] == "releases"
     )
 
 
@@ -261,8 +284,15 @@ build_sets(files, output, only="step-010", jobs=1)  # with tables and page of al
 def test_tips_crowns_and_rounded_edges_are_the_same_bytes_from_process_to_process(tmp_path):
     """The kernel's own three-point arcs and the hull's own order varied by the run; a second process shows it."""
     rounded = tmp_path / "small.toml"
-    rounded.write_text(SMALL.replace('to = "20 um"', 'to = "10 um"').replace('nominal = "0 um"', 'nominal = "4 um"'))
-    files = [str(rounded), *(str(ROOT / "stimuli" / f"{name}.toml") for name in ("probe-tips", "crown-margins"))]
+    rounded.write_text(
+        SMALL.replace('to = "20 um"', 'to = "10 um"').replace(
+            'nominal = "0 um"', 'nominal = "4 um"'
+        )
+    )
+    files = [
+        str(rounded),
+        *(str(ROOT / "stimuli" / f"{name}.toml") for name in ("probe-tips", "crown-margins")),
+    ]
 
     def run(seed):
         command = [sys.executable, "-c", CHOSEN, str(tmp_path / seed), *files]

@@ -64,7 +64,9 @@ def test_plain_names_are_ours_and_links_on_the_way_are_not(tmp_path):
     (folder / "set" / "file").symlink_to(folder / "set")
     assert inside(folder, "link/a.stl") is None
     assert inside(folder, "set/file") is None
-    (tmp_path / "here").symlink_to(folder)  # the folder itself may be one: that is the user's own choice
+    (tmp_path / "here").symlink_to(
+        folder
+    )  # the folder itself may be one: that is the user's own choice
     assert inside(tmp_path / "here", "set/a.stl") == tmp_path / "here" / "set" / "a.stl"
 
 
@@ -123,7 +125,9 @@ def test_a_record_that_names_a_file_outside_does_not_delete_it(place, copy, tmp_
     content["outputs"][str(victim) if place == "absolute" else "../../mine.txt"] = hash_file(victim)
     write_sealed(path, content)
     report = build_sets(SHEATHS, copy, jobs=1)
-    assert report.built == ["sheaths/sheath-soft"]  # its record is not believed, so it is made again
+    assert report.built == [
+        "sheaths/sheath-soft"
+    ]  # its record is not believed, so it is made again
     assert victim.read_text() == "mine"
 
 
@@ -159,7 +163,11 @@ def test_a_second_run_into_the_same_folder_is_told_so_and_writes_nothing(tmp_pat
 
 def test_check_looks_at_tables_specifications_and_views_too(copy):
     folder = copy / "sheaths" / "sheath-soft"
-    table, view, asked = copy / "sheaths" / "predictions.csv", folder / "view.js", folder / "specification.json"
+    table, view, asked = (
+        copy / "sheaths" / "predictions.csv",
+        folder / "view.js",
+        folder / "specification.json",
+    )
     rows = [line.split(",") for line in table.read_text().splitlines()]
     at = rows[0].index("pull_force_n")
     rows[3][at] = str(1.001 * float(rows[3][at]))
@@ -169,9 +177,14 @@ def test_check_looks_at_tables_specifications_and_views_too(copy):
     data["bodies"][0]["z"] = base64.b64encode((np.float32(1.001) * z).tobytes()).decode()
     view.write_text(f"stepblocksView({json.dumps(data)});\n")
     asked.write_text(asked.read_text().replace("1410", "1411").replace("0.0005", "0.0006"))
-    failed = {name for name, verdicts in check_output(SHEATHS, copy) if not all(one.passed for one in verdicts)}
+    failed = {
+        name
+        for name, verdicts in check_output(SHEATHS, copy)
+        if not all(one.passed for one in verdicts)
+    }
     assert failed == {
-        f"sheaths/{name}" for name in ("predictions.csv", "sheath-soft/view.js", "sheath-soft/specification.json")
+        f"sheaths/{name}"
+        for name in ("predictions.csv", "sheath-soft/view.js", "sheath-soft/specification.json")
     }
 
 
@@ -195,7 +208,9 @@ def test_a_record_that_has_lost_a_part_counts_as_not_built(lost, copy):
     del content[lost]
     path.write_text(json.dumps(content))
     assert load_record(path.parent) == {}
-    assert build_sets(SHEATHS, copy, only="sheath-hard", jobs=1).built == []  # the other is left out of the page
+    assert (
+        build_sets(SHEATHS, copy, only="sheath-hard", jobs=1).built == []
+    )  # the other is left out of the page
     assert "sheath-soft.step" not in (copy / "index.html").read_text()
     assert build_sets(SHEATHS, copy, jobs=1).built == ["sheaths/sheath-soft"]
 
@@ -229,8 +244,12 @@ def test_two_runs_in_two_containers_never_share_a_draft(tmp_path, monkeypatch):
 
 def test_a_script_without_a_main_guard_builds_in_several_processes(tmp_path):
     script = tmp_path / "plain.py"
-    script.write_text(f"import stepblocks\nprint(stepblocks.build_sets({str(SHEATHS)!r}, 'out', jobs=2).built)\n")
-    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)
+    script.write_text(
+        f"import stepblocks\nprint(stepblocks.build_sets({str(SHEATHS)!r}, 'out', jobs=2).built)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("sheaths/sheath-") == 2
     assert done.stdout.count("\n") == 1  # the script ran once
@@ -251,7 +270,9 @@ def test_a_set_is_predicted_once_a_build(copy, monkeypatch):
     calls = []
     counted = predictions.predictions_of
     monkeypatch.setattr(
-        predictions, "predictions_of", lambda stimuli: (calls.append(stimuli.name), counted(stimuli))[1]
+        predictions,
+        "predictions_of",
+        lambda stimuli: (calls.append(stimuli.name), counted(stimuli))[1],
     )
     (copy / "index.html").unlink()
     build_sets(SHEATHS, copy, jobs=1)

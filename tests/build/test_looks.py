@@ -15,7 +15,9 @@ from stepblocks.build.picture import draw, exaggerated, write_view
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_declared
 
-BOX_CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * 1e-3
+BOX_CORNERS = (
+    np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * 1e-3
+)
 BOX_FACES = np.array(
     [
         *((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)),
@@ -90,8 +92,14 @@ def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
         trace = by_name[f"E<sub>v</sub>, µ {friction:g}"]
         for height, energy in list(zip(trace["x"], trace["y"], strict=True))[10::50]:
             a = math.acos(1.0 - height * 1e-6 / radius)
-            pull = load * (math.sin(a) + friction * math.cos(a)) / (math.cos(a) - friction * math.sin(a))
-            assert energy == pytest.approx(1e6 * grid.tool.conversion * 0.5 * pull**2 / stiffness, rel=1e-3)
+            pull = (
+                load
+                * (math.sin(a) + friction * math.cos(a))
+                / (math.cos(a) - friction * math.sin(a))
+            )
+            assert energy == pytest.approx(
+                1e6 * grid.tool.conversion * 0.5 * pull**2 / stiffness, rel=1e-3
+            )
 
 
 def test_no_curve_or_mark_goes_on_where_the_tip_locks(blocks):
@@ -102,9 +110,15 @@ def test_no_curve_or_mark_goes_on_where_the_tip_locks(blocks):
     for trace, limit in zip(energies, np.repeat(locking, 2), strict=True):
         assert max(trace["x"]) < limit
         assert len(trace.get("text", trace["x"])) == len(trace["x"])
-    # every locking height that lies in the picture has its line, also where the curve ends before it at a limit of the tool
-    lines, right = {shape["x0"] for shape in figure["layout"]["shapes"]}, figure["layout"]["xaxis"]["range"][1]
-    assert sorted(lines) == pytest.approx(sorted(limit for limit in locking if limit < 1.02 * right))
+    # every locking height that lies in the picture has its line, also where the curve ends before
+    # it at a limit of the tool
+    lines, right = (
+        {shape["x0"] for shape in figure["layout"]["shapes"]},
+        figure["layout"]["xaxis"]["range"][1],
+    )
+    assert sorted(lines) == pytest.approx(
+        sorted(limit for limit in locking if limit < 1.02 * right)
+    )
 
 
 def test_a_set_without_blocks_has_no_curves(request):
@@ -120,16 +134,25 @@ def test_the_summary_says_what_is_felt_and_what_is_not():
     felt = [release(Status.RELEASES, 0.5, 1e-6), release(Status.RELEASES, 2.0, 30e-6)]
     locked, flat = release(Status.LOCKED), release(Status.NO_CATCH)
     assert list(_summary(felt)) == ["up: 0.5 to 2 N, 1 to 30 µJ"]
-    assert list(_summary([*felt, locked, locked])) == ["up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4"]
+    assert list(_summary([*felt, locked, locked])) == [
+        "up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4"
+    ]
     assert list(_summary([locked, flat])) == ["up: locked in 1 of 2; no catch in 1 of 2"]
     assert list(_summary([])) == []
 
 
-def test_the_page_opens_with_the_steps_of_the_paper_and_else_keeps_the_order_of_the_user(blocks, tmp_path):
+def test_the_page_opens_with_the_steps_of_the_paper_and_else_keeps_the_order_of_the_user(
+    blocks, tmp_path
+):
     others = [blocks.model_copy(update={"name": name}) for name in ("zebra", "apple")]
     sections = [Section(one, (), {}) for one in (*others, blocks)]
     _, page = write_page(sections, tmp_path)
-    assert re.findall(r'<section id="(.*?)"', page.read_text()) == ["overview", "paper-ten", "zebra", "apple"]
+    assert re.findall(r'<section id="(.*?)"', page.read_text()) == [
+        "overview",
+        "paper-ten",
+        "zebra",
+        "apple",
+    ]
 
 
 def test_the_page_links_what_other_commands_left_and_nothing_else(blocks, tmp_path):

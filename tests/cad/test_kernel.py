@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from stepblocks.cad import kernel
-from stepblocks.cad.pmi import Callout, PmiDimension, PmiItem, PmiTolerance, write_step_with_tolerances
+from stepblocks.cad.pmi import (
+    Callout,
+    PmiDimension,
+    PmiItem,
+    PmiTolerance,
+    write_step_with_tolerances,
+)
 from stepblocks.errors import MetrologyError, SolidError
 
 
@@ -57,7 +63,8 @@ def test_what_does_not_give_one_solid_is_refused():
 
 @pytest.mark.parametrize("error", [20e-6, 5e-6])
 def test_the_chordal_error_is_absolute(error):
-    # cadquery's own tessellation at 1e-3 sags 5.1 um on a ball of 3 mm; here it is what was asked for
+    # cadquery's own tessellation at 1e-3 sags 5.1 um on a ball of 3 mm; here it is what was asked
+    # for
     raw = kernel.tessellate(ball(3e-3), lambda face: error)
     assert np.allclose(np.linalg.norm(raw.vertices, axis=1), 3e-3, rtol=0.0, atol=1e-12)
     middles = raw.vertices[raw.triangles].mean(axis=1)
@@ -87,9 +94,13 @@ def test_neighbouring_faces_share_their_points_and_no_triangle_is_flat():
     assert len(raw.triangles) == 12
     assert sorted(set(raw.face.tolist())) == list(range(6))
     corners = raw.vertices[raw.triangles]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     assert areas.min() > 0.0
-    assert np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0 == pytest.approx(6e-9)
+    assert np.einsum(
+        "ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])
+    ) / 6.0 == pytest.approx(6e-9)
 
 
 def test_faces_are_described_in_metres():
@@ -123,15 +134,20 @@ def test_tolerances_stand_in_the_file_with_both_signs(tmp_path):
         next(
             i
             for i, face in enumerate(faces)
-            if face.low[2] == pytest.approx(z, abs=2e-7) and face.high[2] == pytest.approx(z, abs=2e-7)
+            if face.low[2] == pytest.approx(z, abs=2e-7)
+            and face.high[2] == pytest.approx(z, abs=2e-7)
         )
         for z in (0.0, 1e-3)
     )
     seen = Callout("1.000", [((0.0, 0.0, 2e-3), (1e-3, 0.0, 2e-3))])
-    dimension = PmiDimension("distance", (PmiItem(0, low), PmiItem(0, high)), 1e-3, -3e-6, 7e-6, seen)
+    dimension = PmiDimension(
+        "distance", (PmiItem(0, low), PmiItem(0, high)), 1e-3, -3e-6, 7e-6, seen
+    )
     flat = PmiTolerance("flatness", 0, high, 0.4e-6)
     parallel = PmiTolerance("parallelism", 0, high, 0.9e-6, ("A", low))
-    write_step_with_tolerances(path, [("box", body)], [dimension], [flat, parallel], ("brass", 8470.0))
+    write_step_with_tolerances(
+        path, [("box", body)], [dimension], [flat, parallel], ("brass", 8470.0)
+    )
     text = path.read_text()
     assert "DIMENSIONAL_LOCATION" in text
     assert "FLATNESS_TOLERANCE" in text
@@ -146,12 +162,18 @@ def test_two_faces_that_do_not_meet_carry_no_edge(tmp_path):
     body = box(3e-3, 2e-3, 1e-3)
     faces = kernel.face_kinds(body)
     low, high = (
-        next(i for i, face in enumerate(faces) if abs(face.low[0] - x) < 2e-7 and abs(face.high[0] - x) < 2e-7)
+        next(
+            i
+            for i, face in enumerate(faces)
+            if abs(face.low[0] - x) < 2e-7 and abs(face.high[0] - x) < 2e-7
+        )
         for x in (0.0, 3e-3)
     )
     wrong = PmiDimension("radius", (PmiItem(0, low, high),), 1e-3, 0.0, 1e-6)
     with pytest.raises(SolidError, match="two faces that carry an edge must meet in one"):
-        write_step_with_tolerances(tmp_path / "x.step", [("box", body)], [wrong], [], ("brass", 8470.0))
+        write_step_with_tolerances(
+            tmp_path / "x.step", [("box", body)], [wrong], [], ("brass", 8470.0)
+        )
 
 
 def test_two_bodies_stay_products_of_one_assembly(tmp_path):
@@ -160,4 +182,6 @@ def test_two_bodies_stay_products_of_one_assembly(tmp_path):
     write_step_with_tolerances(path, pair, [], [], ("zirconia", 6050.0), "seated")
     text = path.read_text()
     assert all(f"PRODUCT('{name}'" in text for name in ("tooth", "crown", "seated"))
-    assert sum(kernel.volume(body) for body in kernel.read_step(path)) == pytest.approx(2e-9, rel=1e-12)
+    assert sum(kernel.volume(body) for body in kernel.read_step(path)) == pytest.approx(
+        2e-9, rel=1e-12
+    )

@@ -39,7 +39,9 @@ def keyed(monkeypatch, capsys, folder, text):
     return run(capsys, "run", folder, "--participant", 1)[1]
 
 
-def test_answers_given_one_by_one_or_at_the_keyboard_make_the_same_record(folder, capsys, tmp_path, monkeypatch):
+def test_answers_given_one_by_one_or_at_the_keyboard_make_the_same_record(
+    folder, capsys, tmp_path, monkeypatch
+):
     for trial, letter in enumerate("ynyyn", start=1):
         answer(folder, 1, trial, letter == "y")
     record = (folder / "answers" / "participant-1.csv").read_bytes()
@@ -56,7 +58,18 @@ def test_answers_given_one_by_one_or_at_the_keyboard_make_the_same_record(folder
 
 
 def test_a_trainee_is_told_what_was_right(tmp_path, capsys, monkeypatch):
-    start = ["start", TEN, "--standard", "step-050", "--method", "training", "--seed", 5, "-o", tmp_path]
+    start = [
+        "start",
+        TEN,
+        "--standard",
+        "step-050",
+        "--method",
+        "training",
+        "--seed",
+        5,
+        "-o",
+        tmp_path,
+    ]
     assert run(capsys, *start)[0] == 0
     pair = (study := open_adaptive(tmp_path)).session(1).next_pair()
     second = study.blocks[pair.second].height > study.blocks[pair.first].height
@@ -80,9 +93,24 @@ def test_answers_go_on_into_results_and_report(folder, capsys):
     rows = table(folder / "adaptive-results.csv")
     assert [row["state"] for row in rows] == ["done", "done"]
     assert all(
-        float(row["weber_low_95_ratio"]) < float(row["weber_ratio"]) < float(row["weber_high_95_ratio"]) for row in rows
+        float(row["weber_low_95_ratio"])
+        < float(row["weber_ratio"])
+        < float(row["weber_high_95_ratio"])
+        for row in rows
     )
-    assert main(["study", "analyse", str(folder), str(folder / "answers.csv"), "-o", str(folder / "report")]) == 0
+    assert (
+        main(
+            [
+                "study",
+                "analyse",
+                str(folder),
+                str(folder / "answers.csv"),
+                "-o",
+                str(folder / "report"),
+            ]
+        )
+        == 0
+    )
     assert "point of subjective equality" in (folder / "report" / "results.csv").read_text()
 
 
@@ -91,16 +119,28 @@ def test_damage_is_named_with_its_line(folder, capsys):
         answer(folder, 1, trial, True)
     with pytest.raises(StudyError, match="trial must be 3"):
         answer(folder, 1, 2, False)
-    assert "participant must be one of 1 to 2, got 3" in run(capsys, "run", folder, "--participant", 3)[2]
+    assert (
+        "participant must be one of 1 to 2, got 3"
+        in run(capsys, "run", folder, "--participant", 3)[2]
+    )
     path = folder / "answers" / "participant-1.csv"
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines[:2], lines[2].replace("1,2,", "1,2,X")]) + "\n")
     code, _, err = run(capsys, "run", folder, "--participant", 1)
-    assert (code, "the procedure asks for participant, trial and codes 1 2" in err, "line 3" in err) == (2, True, True)
+    assert (
+        code,
+        "the procedure asks for participant, trial and codes 1 2" in err,
+        "line 3" in err,
+    ) == (2, True, True)
     path.write_text("\n".join([*lines[:2], lines[2][:-1] + "?"]) + "\n")
     assert "second_is_higher must be y or n, got '?'" in run(capsys, "result", folder)[2]
     setup = json.loads((folder / "setup.json").read_text())
-    for broken in ("", "[]", json.dumps(setup | {"schema": 9}), json.dumps(setup | {"trials": "many"})):
+    for broken in (
+        "",
+        "[]",
+        json.dumps(setup | {"schema": 9}),
+        json.dumps(setup | {"trials": "many"}),
+    ):
         (folder / "setup.json").write_text(broken)
         code, _, err = run(capsys, "run", folder, "--participant", 1)
         assert code == 2

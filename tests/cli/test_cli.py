@@ -16,18 +16,24 @@ import pytest
 from stepblocks.cli import main, make_parser
 
 ROOT = Path(__file__).resolve().parents[2]
-LIGHT = "import sys; from stepblocks.cli import main\ntry:\n    main(sys.argv[1:])\nexcept SystemExit: pass\n"
+LIGHT = (
+    "import sys; from stepblocks.cli import main\ntry:\n    main(sys.argv[1:])\nexcept "
+    "SystemExit: pass\n"
+)
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["--version"], ["build", "--help"], ["build", "--jobs", "0"], ["nonsense"], []]
+    "arguments",
+    [["--help"], ["--version"], ["build", "--help"], ["build", "--jobs", "0"], ["nonsense"], []],
 )
 def test_help_and_usage_errors_import_nothing_heavy(arguments):
     code = (
-        LIGHT
-        + "print(sorted({'numpy', 'cadquery', 'OCP', 'pydantic', 'pyvista', 'matplotlib', 'scipy', 'pandas'} & set(sys.modules)))"
+        LIGHT + "print(sorted({'numpy', 'cadquery', 'OCP', 'pydantic', 'pyvista', 'matplotlib', "
+        "'scipy', 'pandas'} & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True
+    )
     assert done.stdout.splitlines()[-1] == "[]"
 
 
@@ -62,7 +68,10 @@ def test_the_help_shows_every_command_in_a_group():
     words = [
         line.split()[-2:]
         for line in subprocess.run(
-            [sys.executable, "-m", "stepblocks", "help", "study", "power"], capture_output=True, text=True, check=True
+            [sys.executable, "-m", "stepblocks", "help", "study", "power"],
+            capture_output=True,
+            text=True,
+            check=True,
         ).stdout.splitlines()[:1]
     ]
     assert words
@@ -78,7 +87,9 @@ def test_the_help_shows_every_command_in_a_group():
         (["build", "--jobs", "0"], "see stepblocks build --help"),
     ],
 )
-def test_a_slip_of_the_pen_is_answered_in_one_line_with_what_was_meant(words, meant, capsys, monkeypatch):
+def test_a_slip_of_the_pen_is_answered_in_one_line_with_what_was_meant(
+    words, meant, capsys, monkeypatch
+):
     monkeypatch.setattr(sys, "argv", ["stepblocks", *words])
     assert main(words) == 2
     error = capsys.readouterr().err
@@ -140,23 +151,41 @@ def test_json_and_quiet_are_taken_at_their_word(tmp_path, capsys):
 def test_colour_is_for_terminals_and_never_where_it_is_not_wanted():
     command = [sys.executable, "-m", "stepblocks", "export", "--list-devices"]
     shown = {
-        name: subprocess.run(command, env={**os.environ, **extra}, capture_output=True, text=True, check=True).stdout
-        for name, extra in (("plain", {}), ("forced", {"FORCE_COLOR": "1"}), ("not", {"NO_COLOR": "1"}))
+        name: subprocess.run(
+            command, env={**os.environ, **extra}, capture_output=True, text=True, check=True
+        ).stdout
+        for name, extra in (
+            ("plain", {}),
+            ("forced", {"FORCE_COLOR": "1"}),
+            ("not", {"NO_COLOR": "1"}),
+        )
     }
     assert "\x1b[" not in shown["plain"] + shown["not"]
     assert "\x1b[" in shown["forced"]
 
 
-def test_check_names_the_artefact_that_is_wrong_and_exits_with_one(shipped_output, tmp_path, capsys):
+def test_check_names_the_artefact_that_is_wrong_and_exits_with_one(
+    shipped_output, tmp_path, capsys
+):
     folder = tmp_path / "paper-ten" / "step-010"
     shutil.copytree(shipped_output / "paper-ten" / "step-010", folder)
-    arguments = ["check", str(ROOT / "stimuli" / "paper-ten.toml"), "-o", str(tmp_path), "--only", "step-010"]
+    arguments = [
+        "check",
+        str(ROOT / "stimuli" / "paper-ten.toml"),
+        "-o",
+        str(tmp_path),
+        "--only",
+        "step-010",
+    ]
     assert main(arguments) == 0
     assert "artefacts, all within tolerance" in capsys.readouterr().out
     path = folder / "step-010.ply"
     path.write_bytes(path.read_bytes()[:-1])
     assert main(arguments) == 1
-    assert re.search("1 of [0-9]+ artefacts out of tolerance: paper-ten/step-010/step-010.ply", capsys.readouterr().out)
+    assert re.search(
+        "1 of [0-9]+ artefacts out of tolerance: paper-ten/step-010/step-010.ply",
+        capsys.readouterr().out,
+    )
     assert main([*arguments, "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["failed"] == ["paper-ten/step-010/step-010.ply"]
 
@@ -171,7 +200,9 @@ def test_predict_prints_a_table_and_writes_the_same_as_csv(tmp_path, capsys, mon
     table = list(csv.DictReader((tmp_path / "table.csv").read_text().splitlines()))
     shown = [line.split() for line in lines if line.startswith("apparatus")]
     assert [line[0] for line in shown] == [row["stimulus"] for row in table]
-    assert f"{float(table[0]['pull_force_n']):.3g}" in shown[0]  # three digits, wherever the column stands
+    assert (
+        f"{float(table[0]['pull_force_n']):.3g}" in shown[0]
+    )  # three digits, wherever the column stands
 
 
 @pytest.mark.parametrize(
@@ -191,7 +222,13 @@ def test_what_is_not_there_is_said_in_one_line(arguments, message, capsys, tmp_p
 
 
 def test_a_reader_that_has_seen_enough_gets_no_traceback():
-    command = [sys.executable, "-m", "stepblocks", "predict", str(ROOT / "stimuli" / "paper-ten.toml")]
+    command = [
+        sys.executable,
+        "-m",
+        "stepblocks",
+        "predict",
+        str(ROOT / "stimuli" / "paper-ten.toml"),
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.close()
         assert process.stderr.read() == b""
@@ -201,12 +238,32 @@ def test_a_reader_that_has_seen_enough_gets_no_traceback():
 @pytest.mark.parametrize(
     ("arguments", "option", "said"),
     [
-        (["drag", "25 um", "--load", "1 m"], "--load", "must be a force such as '0.5 N', got '1 m'"),
-        (["drag", "25 um", "--handle-mass", "1"], "--handle-mass", "must be a mass such as '3 g', got '1'"),
+        (
+            ["drag", "25 um", "--load", "1 m"],
+            "--load",
+            "must be a force such as '0.5 N', got '1 m'",
+        ),
+        (
+            ["drag", "25 um", "--handle-mass", "1"],
+            "--handle-mass",
+            "must be a mass such as '3 g', got '1'",
+        ),
         (["drag", "25 um", "--pull", "0 N"], "--pull", "must be positive, got 0 N"),
-        (["export", "--for", "x3d", "--tip-radius", "1 N"], "--tip-radius", "must be a length such as '25 um'"),
-        (["inspect", "s.csv", "--stimulus", "a", "--resolution", "1"], "--resolution", "must be a length such as"),
-        (["inspect", "s.csv", "--standard", "1 N"], "--standard", "must be a length such as '25 um', got '1 N'"),
+        (
+            ["export", "--for", "x3d", "--tip-radius", "1 N"],
+            "--tip-radius",
+            "must be a length such as '25 um'",
+        ),
+        (
+            ["inspect", "s.csv", "--stimulus", "a", "--resolution", "1"],
+            "--resolution",
+            "must be a length such as",
+        ),
+        (
+            ["inspect", "s.csv", "--standard", "1 N"],
+            "--standard",
+            "must be a length such as '25 um', got '1 N'",
+        ),
     ],
 )
 def test_a_quantity_that_cannot_be_read_is_said_with_its_option_before_anything_is_done(
@@ -219,23 +276,33 @@ def test_a_quantity_that_cannot_be_read_is_said_with_its_option_before_anything_
     assert not place.exists()
 
 
-def test_the_shipped_stimuli_are_copied_whole_and_nobodys_are_replaced(tmp_path, monkeypatch, capsys):
+def test_the_shipped_stimuli_are_copied_whole_and_nobodys_are_replaced(
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "--shipped"]) == 0
     assert "6 files in stimuli: stepblocks build stimuli" in capsys.readouterr().out
     shipped = sorted((ROOT / "stimuli").glob("*.toml"))
-    assert [path.name for path in sorted(Path("stimuli").iterdir())] == [path.name for path in shipped]
+    assert [path.name for path in sorted(Path("stimuli").iterdir())] == [
+        path.name for path in shipped
+    ]
     assert all((Path("stimuli") / path.name).read_bytes() == path.read_bytes() for path in shipped)
     Path("mine").mkdir()
     Path("mine/sheaths.toml").write_text("mine")
     assert main(["new", "--shipped", "mine"]) == 2
-    assert "there is one already; --force replaces it [mine/sheaths.toml]" in capsys.readouterr().err
+    assert (
+        "there is one already; --force replaces it [mine/sheaths.toml]" in capsys.readouterr().err
+    )
     assert [path.name for path in Path("mine").iterdir()] == ["sheaths.toml"]
     assert main(["new", "--shipped", "mine", "--force"]) == 0
 
 
-@pytest.mark.parametrize("words", ["new block .", "new block /", "feel paper-four.toml --no-open -o ."])
-def test_a_folder_where_a_file_is_to_be_written_is_told_in_one_line(words, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    "words", ["new block .", "new block /", "feel paper-four.toml --no-open -o ."]
+)
+def test_a_folder_where_a_file_is_to_be_written_is_told_in_one_line(
+    words, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "stimuli" / "paper-four.toml", tmp_path)
     assert main(words.split()) == 2

@@ -22,7 +22,9 @@ def one_line(capsys):
     return lines[0]
 
 
-def test_a_fault_of_ours_exits_with_70_and_keeps_its_details_in_a_file(monkeypatch, capsys, tmp_path):
+def test_a_fault_of_ours_exits_with_70_and_keeps_its_details_in_a_file(
+    monkeypatch, capsys, tmp_path
+):
     def fail(*_):
         raise ZeroDivisionError("a\nb")
 
@@ -30,7 +32,9 @@ def test_a_fault_of_ours_exits_with_70_and_keeps_its_details_in_a_file(monkeypat
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert main(["predict", FOUR]) == 70
     line = one_line(capsys)
-    assert line.startswith("stepblocks: a fault of ours, not a verdict: ZeroDivisionError: a b (please send ")
+    assert line.startswith(
+        "stepblocks: a fault of ours, not a verdict: ZeroDivisionError: a b (please send "
+    )
     (kept,) = tmp_path.iterdir()
     assert str(kept) in line
     assert "Traceback" in kept.read_text()
@@ -56,8 +60,14 @@ def test_a_file_where_a_folder_should_be_is_named(capsys, tmp_path):
     assert (tmp_path / "out").read_text() == "mine"
 
 
-GRID = '[sweep]\nkind = "grid"\n[parameters]\nheight = "12 um"\nnormal_load = "0.3 N"\nfriction = 0.1\n'
-PLAN = 'schema = 1\nseed = 5\n[design]\nheights = ["20 um"]\nloads = ["0.4 N"]\nspeeds = ["5 mm/s"]\ntrials = 1\n'
+GRID = (
+    '[sweep]\nkind = "grid"\n[parameters]\nheight = "12 um"\nnormal_load = "0.3 N"\nfriction = '
+    "0.1\n"
+)
+PLAN = (
+    'schema = 1\nseed = 5\n[design]\nheights = ["20 um"]\nloads = ["0.4 N"]\nspeeds = ["5 '
+    'mm/s"]\ntrials = 1\n'
+)
 SHEATHS = str(Path(FOUR).with_name("sheaths.toml"))
 WRITERS = {
     "new": ["new", "block", "OUT/mine.toml"],
@@ -87,7 +97,9 @@ WRITERS = {
 
 
 @pytest.mark.parametrize("command", WRITERS)
-def test_on_a_full_disk_every_command_ends_in_one_line_and_leaves_nothing(command, monkeypatch, capsys, tmp_path):
+def test_on_a_full_disk_every_command_ends_in_one_line_and_leaves_nothing(
+    command, monkeypatch, capsys, tmp_path
+):
     given, out = tmp_path / "in", tmp_path / "out"
     for folder in (given, out):
         folder.mkdir()
@@ -123,10 +135,21 @@ def test_a_scan_may_bear_any_name_and_its_record_is_read_back(name, tmp_path, mo
     x = np.arange(-200, 200)
     scan = Path(os.fsdecode(name) + ".csv")
     noise = np.random.default_rng(1).normal(0.0, 0.02, x.size)
-    rows = "".join(f"{a},{b:.4f}\n" for a, b in zip(x, np.where(x > 0, 50.0, 0.0) + noise, strict=True))
+    rows = "".join(
+        f"{a},{b:.4f}\n" for a, b in zip(x, np.where(x > 0, 50.0, 0.0) + noise, strict=True)
+    )
     for path in (scan, Path("other.csv")):
         path.write_text("x_um,z_um\n" + rows)
-    asked = ["--standard", "50 um", "--tolerance", "1 um", "--feature", "edge", "--calibration", "0"]
+    asked = [
+        "--standard",
+        "50 um",
+        "--tolerance",
+        "1 um",
+        "--feature",
+        "edge",
+        "--calibration",
+        "0",
+    ]
     out = Path(os.fsdecode(name) + "-out")
     assert main(["inspect", f"./{scan}", *asked, "-o", f"./{out}"]) == 0
     (record,) = out.glob("*.as-built.toml")
@@ -154,10 +177,13 @@ def test_too_little_memory_is_no_fault_of_ours(monkeypatch, capsys):
 
 
 def test_what_a_build_that_failed_had_to_note_is_left_to_the_manifest_of_the_next_one(tmp_path):
-    # the note said of a disturbed build what the next one says in its manifest, and an undisturbed one left no note
+    # the note said of a disturbed build what the next one says in its manifest, and an undisturbed
+    # one left no note
     with writing(tmp_path, force=False):  # as far as it came
         (tmp_path / "part.step").write_text("part")
     assert "part.step" in (tmp_path / ".stepblocks.json").read_text()
     with writing(tmp_path, force=False):
         (tmp_path / "manifest.json").write_text('{"outputs": {"part.step": "its hash"}}')
-    assert [path.name for path in tmp_path.iterdir() if path.name != "part.step"] == ["manifest.json"]
+    assert [path.name for path in tmp_path.iterdir() if path.name != "part.step"] == [
+        "manifest.json"
+    ]

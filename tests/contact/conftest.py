@@ -2,7 +2,9 @@
 
 import pytest
 
-APPROX = type(pytest.approx(1.0))  # the scalar comparison, to which those of arrays and lists come down
+APPROX = type(
+    pytest.approx(1.0)
+)  # the scalar comparison, to which those of arrays and lists come down
 
 
 @pytest.fixture(autouse=True)

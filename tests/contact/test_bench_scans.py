@@ -22,10 +22,16 @@ def radius_seen_by_the_ball(path):
     return (upper - lower) / (1.0 - math.cos(steepest(rolled).angle)) - R
 
 
-# Origin: the README of the bench sessions: the edges of `blunt` are rounded by 14 um, `quiet` is carefully made.
-# Blocks below 20 um are left out: there the waviness of the scan (50 nm) turns the contact on the arc by a degree.
-@pytest.mark.parametrize(("session", "radius", "tolerance"), [("blunt", 14e-6, 1e-6), ("quiet", 0.0, 1e-6)])
+# Origin: the README of the bench sessions: the edges of `blunt` are rounded by 14 um, `quiet` is
+# carefully made. Blocks below 20 um are left out: there the waviness of the scan (50 nm) turns the
+# contact on the arc by a degree.
+@pytest.mark.parametrize(
+    ("session", "radius", "tolerance"), [("blunt", 14e-6, 1e-6), ("quiet", 0.0, 1e-6)]
+)
 def test_scans_of_the_bench_tell_the_rounding_of_their_edges(shared, session, radius, tolerance):
     heights = range(20, 90, 10)
-    found = [radius_seen_by_the_ball(shared / "bench" / session / "scans" / f"step-{h:03d}.csv") for h in heights]
+    found = [
+        radius_seen_by_the_ball(shared / "bench" / session / "scans" / f"step-{h:03d}.csv")
+        for h in heights
+    ]
     assert np.median(found) == pytest.approx(radius, abs=tolerance)

@@ -11,7 +11,8 @@ from stepblocks.errors import ContactError
 
 EI, LINE, L = 1.7, 0.083, 0.077
 ROD = Rod(EI, LINE, L, 0.0, 0.05)
-FIRST = 1.8751040687119611  # first root of 1 + cos x cosh x, Blevins, Formulas for Natural Frequency, table 8-1
+# first root of 1 + cos x cosh x, Blevins, Formulas for Natural Frequency, table 8-1
+FIRST = 1.8751040687119611
 
 
 def mode(x):
@@ -43,7 +44,8 @@ def test_a_small_mass_lowers_the_frequency_as_rayleigh_says(at):
     # df/f = -m phi(x)^2 / (2 M), and the modal mass of a uniform cantilever is a quarter of its own
     mass, short = 1e-4 * LINE * L, 5e-3 * L
     shift = (
-        ring_of(ROD, Sleeve(at * L - 0.5 * short, short, 0.0, mass / short, 0.0)).frequency / ring_of(ROD).frequency
+        ring_of(ROD, Sleeve(at * L - 0.5 * short, short, 0.0, mass / short, 0.0)).frequency
+        / ring_of(ROD).frequency
         - 1.0
     )
     assert shift == pytest.approx(-0.5 * mass * mode(at * L) ** 2 / (0.25 * LINE * L), rel=2e-3)
@@ -56,7 +58,9 @@ def test_a_short_stiff_sheath_stiffens_as_castigliano_says():
         return ((L - start) ** 3 - (L - end) ** 3) / (3.0 * bending)
 
     total = compliance(0.0, a, EI) + compliance(a, b, EI + more) + compliance(b, L, EI)
-    assert ring_of(ROD, Sleeve(a, b - a, more, 0.02, 0.1)).stiffness == pytest.approx(1.0 / total, rel=1e-8)
+    assert ring_of(ROD, Sleeve(a, b - a, more, 0.02, 0.1)).stiffness == pytest.approx(
+        1.0 / total, rel=1e-8
+    )
 
 
 def test_the_tip_mass_solves_for_the_frequency_and_an_impossible_one_is_refused():
@@ -68,21 +72,27 @@ def test_the_tip_mass_solves_for_the_frequency_and_an_impossible_one_is_refused(
     # without its own mass a rod is a spring: M = k / w^2
     light = rod_for(9.81e3, 300.0, 14.2e-3, 3.1e-3, 200e9, 1e-3)
     assert light.end_mass == pytest.approx(9.81e3 / (math.tau * 300.0) ** 2, rel=1e-5)
-    with pytest.raises(ContactError, match=r"must not exceed that of the bare shank .*, got 300 Hz"):
+    with pytest.raises(
+        ContactError, match=r"must not exceed that of the bare shank .*, got 300 Hz"
+    ):
         rod_for(9.81e3, 300.0, 14.2e-3, 5e-3, 200e9, 7900.0)
 
 
 def test_loss_by_strain_energy_agrees_with_the_complex_frequency():
-    # a uniform composite has the complex frequency in closed form: w ~ sqrt(E I (1 + i eta)); they differ by eta^2
+    # a uniform composite has the complex frequency in closed form: w ~ sqrt(E I (1 + i eta)); they
+    # differ by eta^2
     for eta in (0.01, 0.2):
         exact = 2.0 * cmath.sqrt(1.0 + 1j * eta).imag / cmath.sqrt(1.0 + 1j * eta).real
         ring = ring_of(Rod(EI, LINE, L, 0.0, eta))
         assert ring.loss_factor == pytest.approx(exact, rel=0.3 * eta**2)
-        assert ring.log_decrement == pytest.approx(1.0 / (ring.decay_time * ring.frequency), rel=1e-12)
+        assert ring.log_decrement == pytest.approx(
+            1.0 / (ring.decay_time * ring.frequency), rel=1e-12
+        )
 
 
 def test_a_bush_follows_its_thin_limits():
-    # thin and incompressible: the squeezed film, 12 pi G / e^3; thin and compressible: pi (M + G) / e
+    # thin and incompressible: the squeezed film, 12 pi G / e^3; thin and compressible: pi (M + G) /
+    # e
     shear, e = 1.0e6, 1e-3
     firm = bush_stiffness(4e-3, 4e-3 * (1.0 + e), 3.0 * shear, 0.5)
     assert firm == pytest.approx(12.0 * math.pi * shear / e**3, rel=5e-3)

@@ -23,7 +23,9 @@ def test_over_a_slope_the_centre_runs_a_radius_beside_it():
     slope = math.tan(math.radians(20.0))
     path = corner_path([(-1e-3, -1e-3 * slope), (1e-3, 1e-3 * slope)], R)
     middle = np.abs(path.x) < 0.5e-3
-    assert path.z[middle] == pytest.approx(path.x[middle] * slope + R / math.cos(math.radians(20.0)), rel=1e-9)
+    assert path.z[middle] == pytest.approx(
+        path.x[middle] * slope + R / math.cos(math.radians(20.0)), rel=1e-9
+    )
     assert path.notch(+1.0)[2] == pytest.approx(math.radians(20.0), rel=1e-9)
 
 
@@ -37,7 +39,8 @@ def test_a_corner_is_a_disc_of_no_radius():
 
 
 def test_a_rounding_and_a_ball_exchange_their_radii():
-    # seen from the centre of the arc, a ball of R over a rounding of r is a ball of R + r over a sharp edge
+    # seen from the centre of the arc, a ball of R over a rounding of r is a ball of R + r over a
+    # sharp edge
     lines = [((-1e-3, 0.0), (0.0, 0.0)), ((12e-6, 30e-6), (1e-3, 30e-6))]
     rounded = envelope_path([(12e-6, 18e-6, 12e-6)], lines, R)
     assert rounded.notch(+1.0)[2] == pytest.approx(step_angle(30e-6, R + 12e-6), rel=1e-9)

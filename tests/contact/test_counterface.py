@@ -42,7 +42,10 @@ def test_the_notches_of_the_centre_path_have_the_critical_angles(face):
     back = path.mirrored()
     assert (back.notch(+1.0)[2], back.notch(-1.0)[2]) == (path.notch(-1.0)[2], path.notch(+1.0)[2])
     again = back.mirrored()
-    assert all((getattr(again, name) == getattr(path, name)).all() for name in ("x", "z", "slope_start", "slope_end"))
+    assert all(
+        (getattr(again, name) == getattr(path, name)).all()
+        for name in ("x", "z", "slope_start", "slope_end")
+    )
     assert path.x[0] == -5e-3
     assert path.x[-1] == 5e-3
     assert path.z[-1] - path.z[0] == pytest.approx(face.far_side, abs=1e-15)
@@ -85,7 +88,9 @@ def test_on_an_edge_itself_the_higher_side_counts():
 
 def test_arrays_of_dimensions_give_what_each_gives_alone():
     rng = np.random.default_rng(3)
-    gap, wider, rise, ball = (rng.uniform(a, b, 40) * 1e-6 for a, b in ((5, 250), (-60, 90), (-90, 90), (40, 200)))
+    gap, wider, rise, ball = (
+        rng.uniform(a, b, 40) * 1e-6 for a, b in ((5, 250), (-60, 90), (-90, 90), (40, 200))
+    )
     forward, backward = MARGINS[0].angles(ball, gap=gap, opening=gap + wider, rise=rise)
     for k in range(gap.size):
         alone = bevelled_margin_angles(gap[k], gap[k] + wider[k], rise[k], ball[k])
@@ -102,22 +107,35 @@ def test_releases_over_arrays_are_those_of_each_drag():
         for k, angle in enumerate(angles):
             alone = release_at(angle, 0.7, mu)
             assert together.status[i, k] == alone.status
-            for name in ("angle", "pull_force", "vibration_energy", "mean_power", "threshold_ratio"):
-                assert getattr(together, name)[i, k] == pytest.approx(getattr(alone, name), rel=1e-15, nan_ok=True)
+            for name in (
+                "angle",
+                "pull_force",
+                "vibration_energy",
+                "mean_power",
+                "threshold_ratio",
+            ):
+                assert getattr(together, name)[i, k] == pytest.approx(
+                    getattr(alone, name), rel=1e-15, nan_ok=True
+                )
     assert set(together.status.ravel()) == {"no-catch", "releases", "locked", "too-high"}
 
 
 def test_crown_and_tooth_change_places_when_the_drag_turns_round():
     point = OperatingPoint(R, 0.6, 0.2)
     over, under = Margin(62e-6, 62e-6, 9e-6), Margin(62e-6, 62e-6, -9e-6)
-    assert over.release(point).vibration_energy == under.release(point, backward=True).vibration_energy
+    assert (
+        over.release(point).vibration_energy == under.release(point, backward=True).vibration_energy
+    )
     assert over.release(point, backward=True) == under.release(point)
     assert Step(31e-6).release(point, backward=True).status is Status.NO_CATCH
 
 
 def test_the_opening_of_a_square_end_follows_its_gap_and_a_stated_one_does_not():
     moved = np.array([-1e-6, 2e-6])
-    square, stated = MARGINS[0].moved({"gap": moved}), MARGINS[0].moved({"gap": moved, "opening": 0.0})
+    square, stated = (
+        MARGINS[0].moved({"gap": moved}),
+        MARGINS[0].moved({"gap": moved, "opening": 0.0}),
+    )
     assert (square["opening"] - square["gap"]).tolist() == pytest.approx([0.0, 0.0], abs=1e-20)
     assert np.ravel(stated["opening"]).tolist() == [62e-6]
     assert Margin(1e-6, 1e-6, 0.0).moved({"gap": -3e-6})["gap"] == 0.0
@@ -128,8 +146,13 @@ def test_the_slopes_of_a_steps_angle_are_its_derivatives():
     step, tiny = Step(31e-6, 12e-6), 1e-12
     slopes = step.angle_slopes(R)
     for name in ("height", "edge_radius"):
-        ends = (replace(step, **{name: getattr(step, name) + sign * tiny}).angles(R)[0] for sign in (1, -1))
-        assert slopes[name] == pytest.approx(-np.subtract(*reversed(list(ends))) / (2 * tiny), rel=1e-3)
+        ends = (
+            replace(step, **{name: getattr(step, name) + sign * tiny}).angles(R)[0]
+            for sign in (1, -1)
+        )
+        assert slopes[name] == pytest.approx(
+            -np.subtract(*reversed(list(ends))) / (2 * tiny), rel=1e-3
+        )
     assert slopes["ball_radius"] == slopes["edge_radius"] < 0.0
 
 
@@ -158,7 +181,9 @@ def test_draws_over_a_margin_whose_sides_bend_lie_close_to_the_dilation_of_each(
     drawn = bent.angles(R, gap=gaps, opening=gaps)
     each = [replace(bent, gap=gap, opening=gap).angles(R) for gap in gaps.tolist()]
     assert np.transpose(drawn) == pytest.approx(np.array(each), abs=2e-3)
-    assert np.abs(np.array(each)[0] - bent.angles(R)).max() > 0.05  # so much do they differ from the nominal
+    assert (
+        np.abs(np.array(each)[0] - bent.angles(R)).max() > 0.05
+    )  # so much do they differ from the nominal
 
 
 @pytest.mark.parametrize(
@@ -168,10 +193,19 @@ def test_draws_over_a_margin_whose_sides_bend_lie_close_to_the_dilation_of_each(
         (lambda: Profile(np.zeros(1), np.zeros(1)), "at least 2 points"),
         (lambda: Profile(np.array([1.0, 0.0]), np.zeros(2)).centre_path(R), "do not descend"),
         (lambda: Step(-1e-6).angles(R), "height must be finite and not negative"),
-        (lambda: Step([1e-6, math.nan]).angles(R), "height must be finite and not negative, got nan m"),
-        (lambda: Margin(-1e-6, 0.0, 0.0).angles(R), "gap must be finite and not negative, got -1e-06 m"),
+        (
+            lambda: Step([1e-6, math.nan]).angles(R),
+            "height must be finite and not negative, got nan m",
+        ),
+        (
+            lambda: Margin(-1e-6, 0.0, 0.0).angles(R),
+            "gap must be finite and not negative, got -1e-06 m",
+        ),
         (lambda: Margin(1e-6, math.inf, 0.0).angles(R), "opening must be finite"),
-        (lambda: step_angle([1e-6, 2e-6], [R, 0.0]), "ball_radius must be positive and finite, got 0 m"),
+        (
+            lambda: step_angle([1e-6, 2e-6], [R, 0.0]),
+            "ball_radius must be positive and finite, got 0 m",
+        ),
         (lambda: release_at([0.1, 3.2], 1.0, 0.1), "angle must lie between 0 and 90 deg, got 183"),
     ],
 )

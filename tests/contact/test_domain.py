@@ -9,7 +9,9 @@ from stepblocks.contact.domain import plain, require_finite, require_not_negativ
 from stepblocks.errors import ContactError
 
 
-@pytest.mark.parametrize("value", [1e-300, 3, 2.5, np.float64(4.0), np.array([1.0, 2.0]), np.array([[1e300]])])
+@pytest.mark.parametrize(
+    "value", [1e-300, 3, 2.5, np.float64(4.0), np.array([1.0, 2.0]), np.array([[1e300]])]
+)
 def test_what_is_positive_and_finite_passes_every_rule(value):
     for rule in (require_positive, require_not_negative, require_finite):
         rule("load", value)
@@ -20,9 +22,17 @@ def test_what_is_positive_and_finite_passes_every_rule(value):
     [
         (require_positive, 0.0, "load must be positive and finite, got 0 N"),
         (require_positive, math.inf, "load must be positive and finite, got inf N"),
-        (require_positive, np.array([1.0, -2.0, -3.0]), "load must be positive and finite, got -2 N"),
+        (
+            require_positive,
+            np.array([1.0, -2.0, -3.0]),
+            "load must be positive and finite, got -2 N",
+        ),
         (require_not_negative, -1e-9, "load must be finite and not negative, got -1e-09 N"),
-        (require_not_negative, np.array([[0.0], [math.nan]]), "load must be finite and not negative, got nan N"),
+        (
+            require_not_negative,
+            np.array([[0.0], [math.nan]]),
+            "load must be finite and not negative, got nan N",
+        ),
         (require_finite, -math.inf, "load must be finite, got -inf N"),
     ],
 )

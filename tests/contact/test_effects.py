@@ -89,10 +89,17 @@ def test_every_law_vanishes_at_its_start_and_moves_something_beside_it(law: Law)
 @pytest.mark.parametrize("law", _all_laws(), ids=lambda law: law.id)
 def test_a_slot_shows_only_in_its_channels(law: Law) -> None:
     parameter = next(p for p in law.parameters if p.name == law.amplitudes[-1])
-    moved = np.max(np.abs(_changed(law, **{parameter.name: parameter.start + parameter.scale})), axis=0) > 1e-9
+    moved = (
+        np.max(np.abs(_changed(law, **{parameter.name: parameter.start + parameter.scale})), axis=0)
+        > 1e-9
+    )
     seen = {
         # a tilt shows in the sliding force as well, and a contact that gives way in the ramp
-        "contact_geometry": {_ENERGY, _FORCE, _SPRING if law.id.startswith("elastic") else _FRICTION},
+        "contact_geometry": {
+            _ENERGY,
+            _FORCE,
+            _SPRING if law.id.startswith("elastic") else _FRICTION,
+        },
         "friction": {_ENERGY, _FORCE, _FRICTION},
         "normal_load": {_ENERGY, _FORCE, _FRICTION, _LOAD},
         "stiffness": {_ENERGY, _SPRING, _RING},
@@ -140,32 +147,51 @@ def test_edge_and_tip_add_to_one_radius() -> None:
     assert observe(edge)[1, _FORCE] == pytest.approx(math.log(one.pull_force), abs=1e-12)
 
 
-@pytest.mark.parametrize(("law", "power"), [("elastic_indentation", 2.0 / 3.0), ("elastic_indentation~linear", 1.0)])
-def test_a_contact_that_gives_way_takes_what_the_edge_bears_and_not_the_weight(law: str, power: float) -> None:
+@pytest.mark.parametrize(
+    ("law", "power"), [("elastic_indentation", 2.0 / 3.0), ("elastic_indentation~linear", 1.0)]
+)
+def test_a_contact_that_gives_way_takes_what_the_edge_bears_and_not_the_weight(
+    law: str, power: float
+) -> None:
     state, depth, friction = _state(), 0.4e-6, 0.17
 
     def pull(height: float, radius: float, load: float, per_newton: float) -> float:
-        # origin: forces on the ball as its last weight leaves the floor, solved together with the depth at the edge
+        # origin: forces on the ball as its last weight leaves the floor, solved together with the
+        # depth at the edge
         def slope(dent: float) -> float:
             return math.acos((radius - height) / (radius - dent))
 
         def borne(dent: float) -> float:
             return load / (math.cos(slope(dent)) - friction * math.sin(slope(dent)))
 
-        dent = brentq(lambda d: d - per_newton * borne(d) ** power, 0.0, 0.5 * height) if per_newton else 0.0
+        dent = (
+            brentq(lambda d: d - per_newton * borne(d) ** power, 0.0, 0.5 * height)
+            if per_newton
+            else 0.0
+        )
         return borne(dent) * (math.sin(slope(dent)) + friction * math.cos(slope(dent)))
 
-    cases = list(zip(state.height.tolist(), state.radius.tolist(), state.load.tolist(), strict=True))
+    cases = list(
+        zip(state.height.tolist(), state.radius.tolist(), state.load.tolist(), strict=True)
+    )
     exact = [math.log(pull(*case, depth) / pull(*case, 0.0)) for case in cases]
-    shown = np.log(_law(law).apply(state, state.set_load, {"depth_at_1n_m": depth}).peak_force() / state.peak_force())
+    shown = np.log(
+        _law(law).apply(state, state.set_load, {"depth_at_1n_m": depth}).peak_force()
+        / state.peak_force()
+    )
     assert shown == pytest.approx(exact, rel=0.04)
 
 
 def test_floor_and_edge_give_way_in_series_with_the_spring() -> None:
     state, depth = _state(), 0.6e-6
-    shown = observe(_law("elastic_indentation~linear").apply(state, state.set_load, {"depth_at_1n_m": depth}))
-    for n, (height, radius) in enumerate(zip(state.height.tolist(), state.radius.tolist(), strict=True)):
-        # origin: a point held by two springs, one upright and one along the line from edge to centre, pulled level
+    shown = observe(
+        _law("elastic_indentation~linear").apply(state, state.set_load, {"depth_at_1n_m": depth})
+    )
+    for n, (height, radius) in enumerate(
+        zip(state.height.tolist(), state.radius.tolist(), strict=True)
+    ):
+        # origin: a point held by two springs, one upright and one along the line from edge to
+        # centre, pulled level
         cosine = 1.0 - height / radius
         across = np.array([-math.sqrt(1.0 - cosine**2), cosine])
         stiffness = (np.outer(across, across) + np.diag([0.0, 1.0])) / depth
@@ -174,10 +200,21 @@ def test_floor_and_edge_give_way_in_series_with_the_spring() -> None:
         assert shown[n, _SPRING] == pytest.approx(1.0 / (1.0 / spring + level) / 9500.0, rel=1e-9)
 
 
-@pytest.mark.parametrize(("law", "power"), [("elastic_indentation", 1.5), ("elastic_indentation~linear", 1.0)])
-def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(law: str, power: float) -> None:
-    stiffness, load, friction, speed = (1.66e6 if power == 1.0 else PAPER_DRAG.contact_stiffness), 1.0, 0.15, 1e-3
-    probe = replace(PAPER_DRAG, damping_ratio=0.02, contact_power=power, contact_stiffness=stiffness)
+@pytest.mark.parametrize(
+    ("law", "power"), [("elastic_indentation", 1.5), ("elastic_indentation~linear", 1.0)]
+)
+def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(
+    law: str, power: float
+) -> None:
+    stiffness, load, friction, speed = (
+        (1.66e6 if power == 1.0 else PAPER_DRAG.contact_stiffness),
+        1.0,
+        0.15,
+        1e-3,
+    )
+    probe = replace(
+        PAPER_DRAG, damping_ratio=0.02, contact_power=power, contact_stiffness=stiffness
+    )
     for height in (10e-6, 40e-6):
         settings = DragSettings(load, friction, speed=speed, ring_time=5e-3, resolution=8.0)
         trace = simulate(step_track(height, 125e-6), probe, settings)
@@ -185,23 +222,33 @@ def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(law: str,
         share = (force - friction * load) / (force.max() - friction * load)
         climb = (np.arange(force.size) < np.argmax(force)) & (share > 0.2) & (share < 0.85)
         shown = np.polyfit(time[climb], force[climb], 1)[0] / speed / probe.stiffness
-        design = BenchDesign(*(np.array([one]) for one in ("b", height, load, speed, 125e-6)), probe.stiffness)
+        design = BenchDesign(
+            *(np.array([one]) for one in ("b", height, load, speed, 125e-6)), probe.stiffness
+        )
         state = nominal_state(design, _VALUES | {"friction": friction, "stiffness_ratio": 1.0})
-        soft = observe(_law(law).apply(state, None, {"depth_at_1n_m": (1.0 / stiffness) ** (1.0 / power)}))[0, _SPRING]
+        soft = observe(
+            _law(law).apply(state, None, {"depth_at_1n_m": (1.0 / stiffness) ** (1.0 / power)})
+        )[0, _SPRING]
         # origin: the integrated drag, which knows nothing of the formula
         assert 1.0 - soft == pytest.approx(1.0 - shown, rel=0.1)
 
 
 def test_gain_squared_conversion_and_stiffness_act_on_energy_as_one_product() -> None:
     gain = observe(_law("sensor_gain").apply(_state(), None, {"ln_gain": 0.1}))[:, _ENERGY]
-    conversion = observe(nominal_state(_design(), _VALUES | {"ln_conversion": math.log(0.23) + 0.2}))[:, _ENERGY]
-    stiffness = observe(nominal_state(_design(), _VALUES | {"stiffness_ratio": 1.05 * math.exp(-0.2)}))[:, _ENERGY]
+    conversion = observe(
+        nominal_state(_design(), _VALUES | {"ln_conversion": math.log(0.23) + 0.2})
+    )[:, _ENERGY]
+    stiffness = observe(
+        nominal_state(_design(), _VALUES | {"stiffness_ratio": 1.05 * math.exp(-0.2)})
+    )[:, _ENERGY]
     assert gain == pytest.approx(conversion, abs=1e-12)
     assert gain == pytest.approx(stiffness, abs=1e-12)
 
 
 def test_hardening_stores_the_integral_of_its_own_force() -> None:
-    state = _law("hardening_spring").apply(_state(), None, {"cubic_per_n2": 0.2, "pitch_share": 0.0})
+    state = _law("hardening_spring").apply(
+        _state(), None, {"cubic_per_n2": 0.2, "pitch_share": 0.0}
+    )
     force = state.peak_force()
     # origin: the real root of u + g u^3 = F, by numpy's companion matrix
     roots = [np.roots([0.2, 0.0, 1.0, -f]) for f in force]
@@ -209,12 +256,19 @@ def test_hardening_stores_the_integral_of_its_own_force() -> None:
     k = 1.05 * 9500.0
     x = np.linspace(0.0, 1.0, 20001)[:, None] * linear / k
     integral = np.trapezoid(k * x + 0.2 * (k * x) ** 3, x, axis=0)
-    # what rings shows as the force at the amplitude that holds that energy about the level it rings about
+    # what rings shows as the force at the amplitude that holds that energy about the level it rings
+    # about
     rest = np.array(
-        [float(r[np.abs(r.imag) < 1e-9].real[0]) for r in (np.roots([0.2, 0, 1, -0.17 * n]) for n in state.load)]
+        [
+            float(r[np.abs(r.imag) < 1e-9].real[0])
+            for r in (np.roots([0.2, 0, 1, -0.17 * n]) for n in state.load)
+        ]
     )
     level = 1.0 + 3.0 * 0.2 * rest**2
-    swing = [np.roots([0.05, 0.0, 0.5 * c, 0.0, -0.23 * e * 9500.0]) for c, e in zip(level, integral, strict=True)]
+    swing = [
+        np.roots([0.05, 0.0, 0.5 * c, 0.0, -0.23 * e * 9500.0])
+        for c, e in zip(level, integral, strict=True)
+    ]
     size = np.array([float(r[(np.abs(r.imag) < 1e-9) & (r.real > 0)].real[0]) for r in swing])
     shown = (level * size + 0.2 * size**3) ** 2 / 2.0 / 9500.0
     assert np.exp(observe(state)[:, _ENERGY]) == pytest.approx(shown, rel=1e-6)
@@ -228,14 +282,18 @@ def test_zeros_and_cross_talk_enter_no_energy_and_move_the_readings_by_themselve
     for moved, added in ((zero, 0.02), (cross, 0.03 * _state().set_load)):
         assert moved[:, _ENERGY] == pytest.approx(nominal[:, _ENERGY], abs=1e-12)
         assert np.exp(moved[:, _FORCE]) - shown == pytest.approx(added)
-        assert moved[:, _FRICTION] - nominal[:, _FRICTION] == pytest.approx(added / _state().set_load)
+        assert moved[:, _FRICTION] - nominal[:, _FRICTION] == pytest.approx(
+            added / _state().set_load
+        )
     gain = observe(_law("normal_gain").apply(_state(), None, {"normal_ln_gain": math.log(0.96)}))
     assert gain[:, _LOAD] == pytest.approx(np.full(24, 0.96))
     assert gain[:, _FRICTION] == pytest.approx(np.full(24, 0.17 / 0.96))
     assert gain[:, :2] == pytest.approx(nominal[:, :2])
 
 
-def test_the_normal_gauge_shows_of_the_pull_what_its_cross_talk_says_and_a_fast_clock_slows_all_that_is_timed() -> None:
+def test_the_normal_gauge_shows_of_the_pull_what_its_cross_talk_says_and_a_fast_clock_slows_all_that_is_timed() -> (
+    None
+):
     nominal = observe(_state())
     cross = observe(_law("normal_cross_talk").apply(_state(), None, {"normal_cross_talk": 0.05}))
     # origin: before the edge the pull is mu times the load
@@ -256,16 +314,23 @@ def test_friction_on_the_edge_moves_the_peak_and_not_the_sliding_force() -> None
 
 
 def test_a_hardening_ramp_is_as_steep_as_the_line_through_it() -> None:
-    state = _law("hardening_spring").apply(_state(), None, {"cubic_per_n2": 0.2, "pitch_share": 0.0})
+    state = _law("hardening_spring").apply(
+        _state(), None, {"cubic_per_n2": 0.2, "pitch_share": 0.0}
+    )
     force, sliding = state.peak_force(), state.sliding_force()
     # origin: numpy's least-squares line through the ramp from sliding to nine tenths of the rise
     for i in (0, 7, 20):
         ends = [
             float(r[np.abs(r.imag) < 1e-9].real[0])
-            for r in (np.roots([0.2, 0, 1, -f]) for f in (sliding[i], sliding[i] + 0.9 * (force[i] - sliding[i])))
+            for r in (
+                np.roots([0.2, 0, 1, -f])
+                for f in (sliding[i], sliding[i] + 0.9 * (force[i] - sliding[i]))
+            )
         ]
         u = np.linspace(*ends, 20001)
-        assert observe(state)[i, _SPRING] == pytest.approx(1.05 * np.polyfit(u, u + 0.2 * u**3, 1)[0], rel=1e-5)
+        assert observe(state)[i, _SPRING] == pytest.approx(
+            1.05 * np.polyfit(u, u + 0.2 * u**3, 1)[0], rel=1e-5
+        )
 
 
 def test_running_in_is_forgotten_in_the_end() -> None:
@@ -293,8 +358,9 @@ def test_a_fast_release_rings_with_more_than_a_slow_one_and_peaks_higher() -> No
 
 
 def test_a_stiff_release_of_a_slow_handle_keeps_energy() -> None:
-    # stored energy less the work of lifting and rubbing, quasi-static limit, soft spring (F R k / N small):
-    # with k R / N = 0.4 and H / R = 0.4 the drop of the force over the climb is small against the force itself
+    # stored energy less the work of lifting and rubbing, quasi-static limit, soft spring (F R k / N
+    # small): with k R / N = 0.4 and H / R = 0.4 the drop of the force over the climb is small
+    # against the force itself
     height, friction, stiffness = 0.4, 0.1, 0.4
     angle = math.acos(1.0 - height)
     force = math.tan(angle + math.atan(friction))
@@ -313,31 +379,55 @@ def test_a_stiff_release_of_a_slow_handle_keeps_energy() -> None:
 @pytest.mark.parametrize(
     ("height", "load", "speed", "bent"),
     [
-        *[(10e-6, 0.5, 2e-3, 0.0), (20e-6, 0.3, 20e-3, 0.0), (40e-6, 0.3, 5e-3, 0.0), (50e-6, 0.3, 2e-3, 0.0)],
-        *[(30e-6, 0.8, 10e-3, 0.0), (70e-6, 0.5, 20e-3, 0.0), (80e-6, 0.3, 2e-3, 0.0), (80e-6, 1.1, 20e-3, 0.0)],
-        *[(60e-6, 1.1, 5e-3, 0.0), (60e-6, 1.1, 5e-3, 1.5e7), (80e-6, 0.8, 20e-3, 1.5e7), (50e-6, 0.5, 5e-3, 3e7)],
+        *[
+            (10e-6, 0.5, 2e-3, 0.0),
+            (20e-6, 0.3, 20e-3, 0.0),
+            (40e-6, 0.3, 5e-3, 0.0),
+            (50e-6, 0.3, 2e-3, 0.0),
+        ],
+        *[
+            (30e-6, 0.8, 10e-3, 0.0),
+            (70e-6, 0.5, 20e-3, 0.0),
+            (80e-6, 0.3, 2e-3, 0.0),
+            (80e-6, 1.1, 20e-3, 0.0),
+        ],
+        *[
+            (60e-6, 1.1, 5e-3, 0.0),
+            (60e-6, 1.1, 5e-3, 1.5e7),
+            (80e-6, 0.8, 20e-3, 1.5e7),
+            (50e-6, 0.5, 5e-3, 3e7),
+        ],
     ],
 )
 def test_a_release_rings_as_that_of_the_bench_which_integrates_it(
     height: float, load: float, speed: float, bent: float
 ) -> None:
-    # origin: tests/oracles/virtual_bench.py, along the path of the tip at 200 kHz; snaps, flights, a climb down; F = k (x + bent x^3)
+    # origin: tests/oracles/virtual_bench.py, along the path of the tip at 200 kHz; snaps, flights,
+    # a climb down; F = k (x + bent x^3)
     bench = Bench(hardening=9810.0 * bent)
     done = drag(bench, height, load, speed, np.random.default_rng(0))
     assert done is not None
     radius = bench.tip_radius + bench.edge_radius
     momentum = bench.stiffness / (2.0 * math.pi * bench.frequency)
-    asked = height / radius, bench.friction, bench.stiffness * radius / load, speed * momentum / load
+    asked = (
+        height / radius,
+        bench.friction,
+        bench.stiffness * radius / load,
+        speed * momentum / load,
+    )
     cubic = bent * (load / bench.stiffness) ** 2
     excess, share = released(*(np.array([v]) for v in (*asked, bench.damping_ratio, cubic)))
     angle = math.acos(1.0 - height / radius) + math.atan(bench.friction)
     # the damper pulls along while the tip is held
     start = load * math.tan(angle) - 2.0 * bench.damping_ratio * momentum * speed
     assert math.exp(excess[0]) * start == pytest.approx(done[3]["peak_n"], rel=1e-3)
-    # energy of the first swing about the force of sliding, in closed form from how far down the integrated force went
+    # energy of the first swing about the force of sliding, in closed form from how far down the
+    # integrated force went
     forces = np.array([done[3]["level_n"], done[3]["trough_n"]]) / bench.stiffness
     level, low = (brentq(lambda x, f=f: x + bent * x**3 - f, -1e-3, 1e-3) for f in forces)
-    swing = 0.5 * (low**2 - level**2) + 0.25 * bent * (low**4 - level**4) - forces[0] * (low - level)
+    swing = (
+        0.5 * (low**2 - level**2) + 0.25 * bent * (low**4 - level**4) - forces[0] * (low - level)
+    )
     rung = bench.stiffness * swing * math.exp(2.0 * math.pi * bench.damping_ratio)
     assert share[0] == pytest.approx(math.log(rung / done[3]["stored_j"]), abs=0.03)
 
@@ -357,4 +447,11 @@ def test_scanned_heights_become_tight_priors() -> None:
 
 def test_a_design_without_positive_loads_is_refused() -> None:
     with pytest.raises(ContactError, match="load"):
-        BenchDesign(np.array(["a"]), np.array([1e-5]), np.array([0.0]), np.array([1e-3]), np.array([1e-4]), 9810.0)
+        BenchDesign(
+            np.array(["a"]),
+            np.array([1e-5]),
+            np.array([0.0]),
+            np.array([1e-3]),
+            np.array([1e-4]),
+            9810.0,
+        )

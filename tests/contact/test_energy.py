@@ -13,10 +13,17 @@ from stepblocks.errors import ContactError
 R = 125e-6
 
 
-# Origin: evaluated by hand from equations (1) and (2) for mu 0.15, F_py 1 N, R 125 um (project facts).
+# Origin: evaluated by hand from equations (1) and (2) for mu 0.15, F_py 1 N, R 125 um (project
+# facts).
 @pytest.mark.parametrize(
     ("height_um", "force_n", "energy_uj"),
-    [(10, 0.615, 3.86), (25, 1.014, 10.5), (50, 1.854, 35.0), (75, 3.720, 141.0), (100, 19.04, 3696.0)],
+    [
+        (10, 0.615, 3.86),
+        (25, 1.014, 10.5),
+        (50, 1.854, 35.0),
+        (75, 3.720, 141.0),
+        (100, 19.04, 3696.0),
+    ],
 )
 def test_the_papers_constants_give_the_papers_forces_and_energies(height_um, force_n, energy_uj):
     release = release_at(step_angle(height_um * 1e-6, R), normal_load=1.0, friction=0.15)
@@ -39,13 +46,18 @@ def test_ten_to_twenty_microjoule_over_sixteen_milliseconds_is_the_papers_power(
 
 
 def test_each_of_the_papers_four_blocks_rings_with_ten_to_twenty_microjoule_at_some_load():
-    # E_v goes with the square of the load, so each block and friction has one window of loads; all overlap 10-20 uJ.
+    # E_v goes with the square of the load, so each block and friction has one window of loads; all
+    # overlap 10-20 uJ.
     for mu in (0.1, 0.15, 0.2):
         for height in (25e-6, 50e-6, 75e-6):
             unit = release_at(step_angle(height, R), 1.0, mu).vibration_energy
             low, high = math.sqrt(10e-6 / unit), math.sqrt(20e-6 / unit)
-            assert release_at(step_angle(height, R), low, mu).vibration_energy == pytest.approx(10e-6)
-            assert release_at(step_angle(height, R), high, mu).vibration_energy == pytest.approx(20e-6)
+            assert release_at(step_angle(height, R), low, mu).vibration_energy == pytest.approx(
+                10e-6
+            )
+            assert release_at(step_angle(height, R), high, mu).vibration_energy == pytest.approx(
+                20e-6
+            )
             assert 0.1 < low < high < 2.0
 
 
@@ -70,7 +82,9 @@ def test_a_step_as_high_as_the_ball_is_a_status(height):
 
 
 def test_scaling_ball_and_step_alike_keeps_the_angle():
-    assert step_angle(37 * 25e-6, 37 * R, 37 * 4e-6) == pytest.approx(step_angle(25e-6, R, 4e-6), rel=1e-14)
+    assert step_angle(37 * 25e-6, 37 * R, 37 * 4e-6) == pytest.approx(
+        step_angle(25e-6, R, 4e-6), rel=1e-14
+    )
 
 
 def test_an_edge_radius_that_vanishes_gives_the_sharp_step():
@@ -82,7 +96,9 @@ def test_an_edge_radius_that_vanishes_gives_the_sharp_step():
 def test_a_nanometre_step_keeps_its_digits():
     # Origin: sin(a) = sqrt(2 H/R - (H/R)^2), expanded in H/R.
     h = 1e-9
-    assert math.sin(step_angle(h, R)) == pytest.approx(math.sqrt(2 * h / R - (h / R) ** 2), rel=1e-12)
+    assert math.sin(step_angle(h, R)) == pytest.approx(
+        math.sqrt(2 * h / R - (h / R) ** 2), rel=1e-12
+    )
 
 
 def test_tilting_the_block_is_the_same_as_more_friction():
@@ -103,7 +119,10 @@ def test_a_gap_is_felt_alike_both_ways_and_a_discrepancy_is_not():
 def test_a_margin_passes_continuously_from_gap_to_step():
     rise = 20e-6
     reach = math.sqrt(rise * (2 * R - rise))
-    below, above = margin_angles(reach * (1 - 1e-9), rise, R)[0], margin_angles(reach * (1 + 1e-9), rise, R)[0]
+    below, above = (
+        margin_angles(reach * (1 - 1e-9), rise, R)[0],
+        margin_angles(reach * (1 + 1e-9), rise, R)[0],
+    )
     assert below == pytest.approx(above, rel=1e-6)
 
 

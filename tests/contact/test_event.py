@@ -9,7 +9,14 @@ import pytest
 
 from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import Learned, Waveform, as_record, ring, ring_energy, vibration_events
+from stepblocks.contact.event import (
+    Learned,
+    Waveform,
+    as_record,
+    ring,
+    ring_energy,
+    vibration_events,
+)
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 
 # nothing is 1 here, and nothing is the paper's
@@ -72,7 +79,9 @@ def test_a_mirrored_profile_swaps_the_drags():
 def test_the_energy_grows_with_the_square_of_the_load_and_falls_with_the_spring():
     event = vibration_events(Step(40e-6), POINT)[0]
     twice = vibration_events(Step(40e-6), replace(POINT, normal_load=1.4))[0]
-    stiff = vibration_events(Step(40e-6), replace(POINT, tool=replace(TOOL, stiffness=2 * 7.3e3)))[0]
+    stiff = vibration_events(Step(40e-6), replace(POINT, tool=replace(TOOL, stiffness=2 * 7.3e3)))[
+        0
+    ]
     assert twice.energy == pytest.approx(4.0 * event.energy)
     assert stiff.energy == pytest.approx(0.5 * event.energy)
     assert stiff.critical_force == event.critical_force
@@ -84,9 +93,10 @@ def test_a_locked_probe_has_no_ring_and_its_record_is_json_all_the_same():
     assert locked.status is Status.LOCKED
     assert math.isnan(locked.energy)
     record = json.loads(json.dumps(as_record(locked), allow_nan=False))
-    assert [record[name] for name in ("critical_force_n", "energy_j", "amplitude_n", "amplitude_m_per_s2")] == [
-        None
-    ] * 4
+    assert [
+        record[name]
+        for name in ("critical_force_n", "energy_j", "amplitude_n", "amplitude_m_per_s2")
+    ] == [None] * 4
     assert record["critical_angle_deg"] == pytest.approx(math.degrees(math.acos(1 - 112e-6 / R)))
 
 
@@ -103,7 +113,9 @@ def test_the_energy_rule_is_the_integral_of_a_decaying_sine():
     force = amplitude * np.exp(-time / TOOL.decay_time) * np.sin(math.tau * TOOL.frequency * time)
     square = amplitude**2 * TOOL.decay_time / 4.0 * phase**2 / (1.0 + phase**2)
     assert np.sum(force**2) * 1e-6 == pytest.approx(square, rel=1e-6)
-    assert ring_energy(force, 1e6, TOOL) == pytest.approx(amplitude**2 / (2.0 * TOOL.stiffness), rel=1e-6)
+    assert ring_energy(force, 1e6, TOOL) == pytest.approx(
+        amplitude**2 / (2.0 * TOOL.stiffness), rel=1e-6
+    )
 
 
 def test_the_ring_starts_at_rest_and_swings_first_along_the_drag():
@@ -116,11 +128,18 @@ def test_the_ring_starts_at_rest_and_swings_first_along_the_drag():
 
 def test_a_simulated_waveform_stands_for_the_exponential():
     force = np.sin(np.linspace(0.0, 30.0, 961)) * 1.5
-    event = replace(vibration_events(Step(40e-6), POINT)[0], waveform=Waveform(force, 96e3, 1e-4, 3.0, 2e-5, 0.8))
+    event = replace(
+        vibration_events(Step(40e-6), POINT)[0],
+        waveform=Waveform(force, 96e3, 1e-4, 3.0, 2e-5, 0.8),
+    )
     assert ring(event, 96e3) == pytest.approx(force)
     assert ring(event, 48e3) == pytest.approx(force[::2])
     record = as_record(event)
-    assert (record["simulated_peak_force_n"], record["simulated_energy_j"], record["simulated_factor"]) == (
+    assert (
+        record["simulated_peak_force_n"],
+        record["simulated_energy_j"],
+        record["simulated_factor"],
+    ) == (
         3.0,
         2e-5,
         0.8,

@@ -30,14 +30,20 @@ def test_a_rounded_edge_is_felt_less_and_the_way_back_undoes_it():
 
 
 def test_a_gap_changes_alike_in_both_directions_and_a_ledge_does_not():
-    gap, wider, ledge = Margin(50e-6, 50e-6, 0.0), Margin(55e-6, 55e-6, 0.0), Margin(50e-6, 50e-6, 3e-6)
+    gap, wider, ledge = (
+        Margin(50e-6, 50e-6, 0.0),
+        Margin(55e-6, 55e-6, 0.0),
+        Margin(50e-6, 50e-6, 3e-6),
+    )
     assert energy_change(gap, wider, POINT) == energy_change(gap, wider, POINT, backward=True) > 0.0
     assert energy_change(gap, ledge, POINT) > 0.0 > energy_change(gap, ledge, POINT, backward=True)
 
 
 def test_without_two_releases_there_is_no_change_to_tell():
     assert math.isnan(energy_change(Step(40e-6), Step(120e-6), POINT))  # locks
-    assert math.isnan(energy_change(Step(40e-6), Step(41e-6), POINT, backward=True))  # nothing catches
+    assert math.isnan(
+        energy_change(Step(40e-6), Step(41e-6), POINT, backward=True)
+    )  # nothing catches
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -48,7 +54,9 @@ def test_a_scanned_edge_is_read_up_the_step_whichever_way_the_scan_ran(turned):
     found = scanned_angle(position, height, 125e-6)
     # the riser is a micrometre wide between two samples
     assert found == pytest.approx(step_angle(40e-6, 125e-6), abs=0.01)
-    by_scan = energy_change(Step(40e-6), release_at(found, POINT.normal_load, POINT.friction), POINT)
+    by_scan = energy_change(
+        Step(40e-6), release_at(found, POINT.normal_load, POINT.friction), POINT
+    )
     assert abs(by_scan) < 0.05
 
 
@@ -56,7 +64,9 @@ def test_a_scan_that_shows_no_edge_has_no_angle():
     x = np.linspace(-1e-3, 1e-3, 2001)
     assert scanned_angle(x, np.zeros(2001), 125e-6) is None
     upright = np.array([-1e-3, *np.linspace(-1e-3, 0.0, 20)[1:], *np.linspace(0.0, 1e-3, 20)])
-    assert scanned_angle(upright, np.repeat([0.0, 200e-6], 20), 125e-6) is None  # as high as the ball
+    assert (
+        scanned_angle(upright, np.repeat([0.0, 200e-6], 20), 125e-6) is None
+    )  # as high as the ball
     assert scanned_angle(x, np.full(2001, np.nan), 125e-6) is None
     assert scanned_angle(x[:5], np.zeros(5), 125e-6) is None
 

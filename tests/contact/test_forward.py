@@ -58,7 +58,8 @@ def test_columns_come_in_their_units_and_go_in_si(design):
 
 
 @pytest.mark.parametrize(
-    ("name", "radius"), [("tip-90", 90.0), ("tip-62.5um", 62.5), (" tip-125 ", 125.0), ("blue", 120.0), ("nan", 120.0)]
+    ("name", "radius"),
+    [("tip-90", 90.0), ("tip-62.5um", 62.5), (" tip-125 ", 125.0), ("blue", 120.0), ("nan", 120.0)],
 )
 def test_a_tip_has_the_radius_in_its_name_or_that_of_the_probe(name, radius):
     assert tip_radius_um(name, 120.0) == radius
@@ -67,7 +68,9 @@ def test_a_tip_has_the_radius_in_its_name_or_that_of_the_probe(name, radius):
 @pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf")])
 @pytest.mark.parametrize("name", ["height", "load", "speed", "tip_radius", "spring_constant"])
 def test_a_design_that_is_not_positive_and_finite_is_refused_by_name(name, bad):
-    good = {name: np.ones(2) for name in ("height", "load", "speed", "tip_radius")} | {"spring_constant": 9810.0}
+    good = {name: np.ones(2) for name in ("height", "load", "speed", "tip_radius")} | {
+        "spring_constant": 9810.0
+    }
     spoiled = bad if name == "spring_constant" else np.array([1.0, bad])
     with pytest.raises(ContactError, match=name):
         BenchDesign(block=np.array(["a", "b"]), **(good | {name: spoiled}))
@@ -79,8 +82,13 @@ def test_a_design_without_trials_is_refused():
 
 
 def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
-    found = {p.name: p for p in constants(design, Tool(conversion=0.3, frequency=280.0, decay_time=0.03))}
-    begun = [math.exp(found[f"ln_{name}"].start) for name in ("conversion", "ring_frequency", "decay_time")]
+    found = {
+        p.name: p for p in constants(design, Tool(conversion=0.3, frequency=280.0, decay_time=0.03))
+    }
+    begun = [
+        math.exp(found[f"ln_{name}"].start)
+        for name in ("conversion", "ring_frequency", "decay_time")
+    ]
     assert begun == pytest.approx([0.3, 280.0, 0.03])
     assert found["friction"].start == PAPER.friction
     for p in found.values():
@@ -89,7 +97,9 @@ def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
     # origin: a height error of 12 standard deviations, but no more than four fifths of the step
     assert (lowest.low, found[height_name("step-070")].high) == pytest.approx((-12e-6, 12e-6))
     thin = design_of(
-        np.array(["a"]), {k: v[:1] for k, v in (_COLUMNS | {"height_um": np.array([5.0])}).items()}, 9500.0
+        np.array(["a"]),
+        {k: v[:1] for k, v in (_COLUMNS | {"height_um": np.array([5.0])}).items()},
+        9500.0,
     )
     assert constants(thin)[-1].low == pytest.approx(-4e-6)
     assert lowest.block == "step-020"
@@ -108,7 +118,14 @@ def test_what_follows_the_peak_acts_when_all_else_has_acted(design):
             seen.append((name, None if column is None else np.asarray(column).copy()))
             return state.changed(load=state.load * (1.0 + values["share"]))
 
-        return Law(name, name, (Parameter("share", "1", 0.0, -1.0, 1.0, 0.1),), apply, "normal_load", covariate)
+        return Law(
+            name,
+            name,
+            (Parameter("share", "1", 0.0, -1.0, 1.0, 0.1),),
+            apply,
+            "normal_load",
+            covariate,
+        )
 
     laws = [noting("late", "peak_force_n"), noting("plain", "none")]
     state = extended_state(design, _VALUES, [(law, {"share": 0.1}) for law in laws])
@@ -122,21 +139,26 @@ def test_an_effect_follows_its_column_or_the_block(design):
     worn = extended_state(design, _VALUES, [(_law("tip_wear"), {"growth_m_per_trial": 1e-7})])
     assert worn.radius == pytest.approx(120e-6 + 1e-7 * np.arange(1.0, 5.0))
     (error,) = named_laws(["step-050"])[-1:]
-    assert extended_state(design, _VALUES, [(error, {"height_error_m": 3e-6})]).height == pytest.approx(
-        design.height + 3e-6 * (_BLOCK == "step-050")
-    )
+    assert extended_state(
+        design, _VALUES, [(error, {"height_error_m": 3e-6})]
+    ).height == pytest.approx(design.height + 3e-6 * (_BLOCK == "step-050"))
 
 
 def test_scatter_shows_in_the_channels_as_the_equations_say(design):
     state = nominal_state(design, _VALUES)
     found = responses(state)
     total = angle_on_step(design.height, design.tip_radius) + math.atan(0.17)
-    by_friction = 0.17 / (np.sin(total) * np.cos(total)) / (1.0 + 0.17**2)  # d ln tan(a + atan mu) / d ln mu
+    by_friction = (
+        0.17 / (np.sin(total) * np.cos(total)) / (1.0 + 0.17**2)
+    )  # d ln tan(a + atan mu) / d ln mu
     assert found[:, _FORCE, 0] == pytest.approx(by_friction, rel=1e-3)
     assert found[:, _ENERGY, 0] == pytest.approx(2.0 * by_friction, rel=1e-3)
     assert found[:, _FRICTION, 0] == pytest.approx(np.full(4, 0.17), rel=1e-6)
-    # load: once in the force, twice in the energy, and the gauge sees it; conversion: in the energy alone
-    assert found[:, [_FORCE, _ENERGY, _LOAD], 1] == pytest.approx(np.tile([1.0, 2.0, 1.0], (4, 1)), rel=1e-3)
+    # load: once in the force, twice in the energy, and the gauge sees it; conversion: in the energy
+    # alone
+    assert found[:, [_FORCE, _ENERGY, _LOAD], 1] == pytest.approx(
+        np.tile([1.0, 2.0, 1.0], (4, 1)), rel=1e-3
+    )
     assert found[:, _ENERGY, 2] == pytest.approx(np.ones(4), rel=1e-3)
     others = [j for j in range(7) if j != _ENERGY]
     assert np.abs(found[:, others, 2]).max() < 1e-9
@@ -144,7 +166,8 @@ def test_scatter_shows_in_the_channels_as_the_equations_say(design):
 
 def test_a_locked_tip_is_told_and_still_has_finite_channels(design):
     state = nominal_state(design, _VALUES | {"friction": 0.6})
-    # origin: a + atan mu >= 90 deg at H = 70 um, R = 120 um, mu = 0.6 (65.4 + 31.0 deg) and at no lower step
+    # origin: a + atan mu >= 90 deg at H = 70 um, R = 120 um, mu = 0.6 (65.4 + 31.0 deg) and at no
+    # lower step
     assert state.locked().tolist() == [False, False, True, False]
     assert np.all(np.isfinite(observe(state)))
     assert observe(state).shape == (4, len(CHANNELS))
@@ -161,7 +184,9 @@ def test_lost_energy_fades_out_and_never_turns_negative(design):
     little = np.exp(observe(state.changed(lost_energy=0.5 * whole))[:, _ENERGY])
     assert little == pytest.approx(0.5 * whole)
     losses = np.linspace(0.0, 5.0, 60)
-    left = np.stack([observe(state.changed(lost_energy=loss * whole))[:, _ENERGY] for loss in losses])
+    left = np.stack(
+        [observe(state.changed(lost_energy=loss * whole))[:, _ENERGY] for loss in losses]
+    )
     assert np.all(np.isfinite(left))
     assert np.all(np.diff(left, axis=0) < 0.0)
 
@@ -176,7 +201,9 @@ def test_a_gauge_of_first_order_shows_the_ring_smaller(design):
 
 def test_ring_spring_and_damping_show_in_frequency_and_decay(design):
     state = nominal_state(design, _VALUES)
-    moved = observe(state.changed(ring_stiffness=1.21 * state.ring_stiffness, damping=2.0 * state.damping))
+    moved = observe(
+        state.changed(ring_stiffness=1.21 * state.ring_stiffness, damping=2.0 * state.damping)
+    )
     assert np.exp(moved[:, _RING]) == pytest.approx(np.full(4, 290.0 * 1.1))
     assert np.exp(moved[:, _DECAY]) == pytest.approx(np.full(4, 0.021 / 2.0))
     # an amplitude of force counts with the nominal spring, whatever spring it rings with
@@ -203,4 +230,6 @@ def test_changing_a_slot_leaves_the_state_it_came_from_alone(design):
 
 @pytest.mark.parametrize("height", [1e-9, 10e-6, 60e-6, 119e-6])
 def test_height_and_critical_angle_are_inverse(height):
-    assert height_at_angle(angle_on_step(height, 120e-6), 120e-6) == pytest.approx(height, rel=1e-12)
+    assert height_at_angle(angle_on_step(height, 120e-6), 120e-6) == pytest.approx(
+        height, rel=1e-12
+    )

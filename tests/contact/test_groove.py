@@ -18,10 +18,14 @@ def test_a_ball_between_the_shoulders_leaves_by_its_chord(width, ball):
 
 def test_a_ball_that_sinks_leaves_along_the_flank():
     # 165 um under a sharp explorer of 30 um: wider than the ball, so that only the flank stops it
-    assert Groove(165e-6, math.radians(45.0)).angles(30e-6)[0] == pytest.approx(math.radians(45.0), rel=1e-12)
+    assert Groove(165e-6, math.radians(45.0)).angles(30e-6)[0] == pytest.approx(
+        math.radians(45.0), rel=1e-12
+    )
 
 
-@pytest.mark.parametrize(("width", "flank", "ball"), [(61e-6, 0.9, 41e-6), (61e-6, 0.3, 41e-6), (165e-6, 0.8, 30e-6)])
+@pytest.mark.parametrize(
+    ("width", "flank", "ball"), [(61e-6, 0.9, 41e-6), (61e-6, 0.3, 41e-6), (165e-6, 0.8, 30e-6)]
+)
 def test_the_closed_form_agrees_with_the_dilation_of_its_section(width, flank, ball):
     face = Groove(width, flank)
     path = profile_path(*face.section(5e-4), ball, edges="flat")
@@ -41,5 +45,7 @@ def test_the_section_and_the_heights_are_the_same_surface():
     face = Groove(61e-6, 0.9)
     x = np.linspace(-1e-4, 2e-4, 1001)
     assert np.allclose(face.heights(x), np.interp(x, *face.section(1e-3)), atol=1e-16)
-    assert face.heights(np.array([30.5e-6]))[0] == pytest.approx(-30.5e-6 * math.tan(0.9), rel=1e-12)
+    assert face.heights(np.array([30.5e-6]))[0] == pytest.approx(
+        -30.5e-6 * math.tan(0.9), rel=1e-12
+    )
     assert face.far_side == 0.0

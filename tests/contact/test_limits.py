@@ -31,11 +31,14 @@ def test_every_limit_says_where_it_comes_from():
 
 def test_the_shank_yields_where_its_limit_says():
     # W = pi d^3 / 32, sigma = F L / W = 190 MPa
-    assert SHIPPED_LIMITS.strength == pytest.approx(190e6 * math.pi * 4e-3**3 / 32.0 / SHANK.length, rel=5e-3)
+    assert SHIPPED_LIMITS.strength == pytest.approx(
+        190e6 * math.pi * 4e-3**3 / 32.0 / SHANK.length, rel=5e-3
+    )
 
 
 def test_the_spring_is_linear_to_its_limit_within_one_percent():
-    # Origin: the elastica of an end-loaded cantilever, th'' = -a cos th, th(0) = 0, th'(1) = 0, solved as it stands
+    # Origin: the elastica of an end-loaded cantilever, th'' = -a cos th, th(0) = 0, th'(1) = 0,
+    # solved as it stands
     load = SHIPPED_LIMITS.spring * SHANK.length**2 / SHANK.bending_stiffness
     s = np.linspace(0.0, 1.0, 41)
     found = solve_bvp(
@@ -64,12 +67,17 @@ def test_the_paper_s_step_of_100_um_at_mu_0_2_takes_252_n_and_has_no_energy():
     assert math.isnan(held.mean_power)
 
 
-@pytest.mark.parametrize(("name", "status"), [(name, Status(f"beyond-{name}")) for name in LIMIT_SOURCES])
+@pytest.mark.parametrize(
+    ("name", "status"), [(name, Status(f"beyond-{name}")) for name in LIMIT_SOURCES]
+)
 def test_the_limit_that_is_met_first_is_named(name, status):
     force = release_at(0.9, 1.3, 0.17).pull_force
     limits = Limits(**{**dict.fromkeys(LIMIT_SOURCES, 2.0 * force), name: 0.9 * force})
     assert release_at(0.9, 1.3, 0.17, Tool(limits=limits)).status is status
-    assert release_at(0.9, 1.3, 0.17, Tool(limits=replace(limits, **{name: 1.1 * force}))).status is Status.RELEASES
+    assert (
+        release_at(0.9, 1.3, 0.17, Tool(limits=replace(limits, **{name: 1.1 * force}))).status
+        is Status.RELEASES
+    )
 
 
 def test_an_array_of_drags_has_each_its_own_status():
@@ -91,19 +99,28 @@ def test_beyond_a_limit_a_row_shows_the_limit_and_no_energy():
         assert row["limit_n"] == 9.87
         assert row["pull_force_n"] > 9.87
         energies = {
-            name: value for name, value in row.items() if "energy" in name or name in ("mean_power_uw", "felt_power_uw")
+            name: value
+            for name, value in row.items()
+            if "energy" in name or name in ("mean_power_uw", "felt_power_uw")
         }
         assert all(math.isnan(value) for value in energies.values())
         assert row["felt_by"] == ""
     (said,) = left_out(made)
-    assert said == "beyond-hand (9.87 N), no energy, left out of every mean: 4 rows of apparatus-100"
+    assert (
+        said == "beyond-hand (9.87 N), no energy, left out of every mean: 4 rows of apparatus-100"
+    )
 
 
 def test_a_file_may_declare_its_own_limits_with_a_source(tmp_path):
     text, place = (STIMULI / "paper-four.toml").read_text(), "[defaults.step_block]\n"
-    hand, gauge = '{ value = "1 kN", source = "pulled by weights" }', '{ value = "3 N", source = "its data sheet" }'
+    hand, gauge = (
+        '{ value = "1 kN", source = "pulled by weights" }',
+        '{ value = "3 N", source = "its data sheet" }',
+    )
     path = tmp_path / "paper-four.toml"
-    path.write_text(text.replace(place, f"limits = {{ hand = {hand}, gauge = {gauge} }}\n{place}", 1))
+    path.write_text(
+        text.replace(place, f"limits = {{ hand = {hand}, gauge = {gauge} }}\n{place}", 1)
+    )
     statuses = {str(p.release.status) for p in predict_all(load_set(path), dragged=False)}
     assert statuses == {"releases", "beyond-gauge"}
     path.write_text(text.replace(place, f'limits = {{ hand = {{ value = "1 kN" }} }}\n{place}', 1))
@@ -111,15 +128,29 @@ def test_a_file_may_declare_its_own_limits_with_a_source(tmp_path):
 
 
 def test_an_export_says_the_limit_and_gives_no_ring(tmp_path):
-    options = ["--for", "forcelaw", "--only", "*-100", "--load", "1 N", "--friction", "0.2", "-o", str(tmp_path)]
+    options = [
+        "--for",
+        "forcelaw",
+        "--only",
+        "*-100",
+        "--load",
+        "1 N",
+        "--friction",
+        "0.2",
+        "-o",
+        str(tmp_path),
+    ]
     assert main(["export", str(STIMULI / "paper-four.toml"), *options]) == 0
-    event = json.loads((tmp_path / "paper-four" / "apparatus-100" / "forcelaw" / "event.json").read_text())["events"][0]
+    event = json.loads(
+        (tmp_path / "paper-four" / "apparatus-100" / "forcelaw" / "event.json").read_text()
+    )["events"][0]
     assert (event["status"], event["limit_n"], event["energy_j"]) == ("beyond-hand", 9.87, None)
     assert event["critical_force_n"] == pytest.approx(252.4, rel=1e-3)
 
 
 def test_a_ring_of_250_hz_cannot_have_86_percent_of_its_energy_in_the_paper_s_band():
-    # Origin: a decaying sine has a Lorentzian line, whose share between two frequencies is a difference of arctangents
+    # Origin: a decaying sine has a Lorentzian line, whose share between two frequencies is a
+    # difference of arctangents
     def share(centre):
         return (
             math.atan((350.0 - centre) * math.tau * PAPER.tool.decay_time)
@@ -141,8 +172,14 @@ def test_the_ring_of_a_file_has_its_frequency_and_tolerance_in_predictions_and_d
         )
     )
     row = figures_of(next(iter(predict_all(load_set(path), dragged=False))))
-    assert (row["frequency_hz"], row["frequency_low_hz"], row["frequency_high_hz"]) == (250.0, 230.0, 270.0)
+    assert (row["frequency_hz"], row["frequency_low_hz"], row["frequency_high_hz"]) == (
+        250.0,
+        230.0,
+        270.0,
+    )
     assert main(["drag", f"{path}/apparatus-050", "--load", "1 N", "-o", str(tmp_path / "d")]) == 0
     told = json.loads((tmp_path / "d" / "drag.json").read_text())
     assert (told["tool_frequency_hz"], told["tool_frequency_deviation_hz"]) == (250.0, 20.0)
-    assert math.sqrt(told["probe"]["stiffness"] / told["probe"]["mass"]) / math.tau == pytest.approx(250.0)
+    assert math.sqrt(
+        told["probe"]["stiffness"] / told["probe"]["mass"]
+    ) / math.tau == pytest.approx(250.0)

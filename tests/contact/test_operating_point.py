@@ -12,7 +12,8 @@ from stepblocks.errors import ContactError
 
 
 def test_86_percent_of_the_papers_ring_lies_in_250_to_350_hertz():
-    # Origin: figure 5, and the spectrum of exp(-t/T) sin(wt): a line 1 / (1 + (w - w0)^2 T^2), integrated here.
+    # Origin: figure 5, and the spectrum of exp(-t/T) sin(wt): a line 1 / (1 + (w - w0)^2 T^2),
+    # integrated here.
     tool = PAPER.tool
 
     def line(frequency):
@@ -29,9 +30,13 @@ def test_the_ring_spends_nearly_nine_tenths_of_its_energy_in_the_papers_sixteen_
 
 
 def test_an_oscillator_of_that_mass_and_damping_rings_and_decays_as_the_tool_says():
-    # Origin: m x'' + c x' + k x = 0 stepped in time; the logarithm of its peaks falls by 1 / (f T) per period.
+    # Origin: m x'' + c x' + k x = 0 stepped in time; the logarithm of its peaks falls by 1 / (f T)
+    # per period.
     tool = Tool(8.7e3, frequency=271.0, decay_time=9e-3)
-    mass, damping = tool.effective_mass, 2.0 * tool.damping_ratio * math.sqrt(tool.stiffness * tool.effective_mass)
+    mass, damping = (
+        tool.effective_mass,
+        2.0 * tool.damping_ratio * math.sqrt(tool.stiffness * tool.effective_mass),
+    )
     dt, x, v, peaks = 1e-7, 1.0, 0.0, []
     for step in range(150_000):
         v -= dt * (tool.stiffness * x + damping * v) / mass
@@ -54,8 +59,14 @@ def test_a_stiffer_tool_of_the_same_frequency_is_heavier_in_proportion():
         (lambda: Tool(conversion=0.0), "conversion must be positive and finite, got 0"),
         (lambda: Tool(decay_time=math.inf), "decay_time must be positive and finite, got inf"),
         (lambda: OperatingPoint(0.0, 1.0, 0.1), "ball_radius must be positive and finite, got 0 m"),
-        (lambda: OperatingPoint(1e-6, -1.0, 0.1), "normal_load must be positive and finite, got -1 N"),
-        (lambda: OperatingPoint(1e-6, 1.0, -0.1), "friction must be finite and not negative, got -0.1"),
+        (
+            lambda: OperatingPoint(1e-6, -1.0, 0.1),
+            "normal_load must be positive and finite, got -1 N",
+        ),
+        (
+            lambda: OperatingPoint(1e-6, 1.0, -0.1),
+            "friction must be finite and not negative, got -0.1",
+        ),
         (lambda: replace(PAPER, speed=math.nan), "speed must be positive and finite, got nan m/s"),
     ],
 )

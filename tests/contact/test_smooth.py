@@ -17,14 +17,25 @@ _LABELS = CovariateRange("operator", labels=("A", "B", "C"), distinct=3)
 
 @pytest.fixture
 def state():
-    columns = {"height_um": [30.0] * 5, "load_n": [0.5] * 5, "speed_mm_s": [5.0] * 5, "tip_radius_um": [125.0] * 5}
+    columns = {
+        "height_um": [30.0] * 5,
+        "load_n": [0.5] * 5,
+        "speed_mm_s": [5.0] * 5,
+        "tip_radius_um": [125.0] * 5,
+    }
     values = {"friction": 0.15, "ln_conversion": -1.6, "stiffness_ratio": 1.0}
     design = design_of(np.array(["b"] * 5), columns, 9810.0)
     return nominal_state(design, values | {"ln_ring_frequency": 5.7, "ln_decay_time": -4.0})
 
 
 def test_a_range_is_laid_out_from_0_to_1_and_flat_beyond_it():
-    assert _PLAIN.unit(np.array([10.0, 18.0, 22.0, 26.0, 40.0])).tolist() == [0.0, 0.0, 0.5, 1.0, 1.0]
+    assert _PLAIN.unit(np.array([10.0, 18.0, 22.0, 26.0, 40.0])).tolist() == [
+        0.0,
+        0.0,
+        0.5,
+        1.0,
+        1.0,
+    ]
     # a decade is laid out by its logarithm: the middle of 0.1 to 1.6 is 0.4
     assert _WIDE.unit(np.array([0.1, 0.4, 1.6, 0.0])) == pytest.approx([0.0, 0.5, 1.0, 0.0])
 
@@ -34,7 +45,8 @@ def test_a_line_goes_from_minus_one_to_one():
 
 
 def test_a_smooth_follows_every_cubic_of_its_covariate():
-    # cubic B-splines of two pieces hold all cubics; with the constant of the nominal model they fit any of them exactly
+    # cubic B-splines of two pieces hold all cubics; with the constant of the nominal model they fit
+    # any of them exactly
     x = np.linspace(18.0, 26.0, 60)
     basis = np.column_stack([np.ones(60), _PLAIN.basis(x)])
     assert np.linalg.matrix_rank(basis) == 5
@@ -52,7 +64,12 @@ def test_a_smooth_has_two_continuous_derivatives_where_its_pieces_meet():
 
 def test_few_settings_take_powers_and_labels_take_one_column_each():
     assert _FEW.basis(np.array([2.0, 11.0, 20.0])).tolist() == [[-1.0, 1.0], [0.0, 0.0], [1.0, 1.0]]
-    assert _LABELS.basis(np.array(["A", "B", "C", "D"])).tolist() == [[0, 0], [1, 0], [0, 1], [0, 0]]
+    assert _LABELS.basis(np.array(["A", "B", "C", "D"])).tolist() == [
+        [0, 0],
+        [1, 0],
+        [0, 1],
+        [0, 0],
+    ]
     assert [place.freedom for place in (_PLAIN, _FEW, _TWO, _LABELS)] == [4, 2, 1, 2]
 
 
@@ -72,7 +89,9 @@ def test_every_slot_is_offered_over_every_covariate_as_a_line_where_that_differs
 def test_a_trend_of_friction_is_a_factor_over_the_range(state):
     law = next(law for law in smooth_laws((_PLAIN,)) if law.id == "trend_friction_temperature_c")
     moved = law.apply(state, np.array([18.0, 20.0, 22.0, 24.0, 26.0]), {"slope": 0.2})
-    assert np.log(moved.friction / state.friction) == pytest.approx([-0.2, -0.1, 0.0, 0.1, 0.2], abs=1e-12)
+    assert np.log(moved.friction / state.friction) == pytest.approx(
+        [-0.2, -0.1, 0.0, 0.1, 0.2], abs=1e-12
+    )
 
 
 def test_a_law_asked_with_another_column_forgets_the_first(state):
@@ -85,7 +104,8 @@ def test_ways_into_one_slot_differ_in_what_the_bench_shows(state):
     def shown(name):
         return observe(SLOT_MOVES[name].change(state, np.full(5, 0.1)))[0] - observe(state)[0]
 
-    # unseen by the gauge, the load ratio stays; a load while climbing leaves the sliding friction alone
+    # unseen by the gauge, the load ratio stays; a load while climbing leaves the sliding friction
+    # alone
     assert shown("load")[6] == pytest.approx(0.0, abs=1e-12)
     assert shown("seen_load")[6] == pytest.approx(np.expm1(0.1))
     assert shown("climb_load")[2] == pytest.approx(0.0, abs=1e-12)
@@ -98,15 +118,21 @@ def test_ways_into_one_slot_differ_in_what_the_bench_shows(state):
 
 def test_a_step_as_high_as_the_ball_counts_as_the_highest_that_a_fit_may_stray_to():
     same = np.ones(2)
-    far = released(np.array([0.97, 1.4]), 0.16 * same, 2.0 * same, 0.05 * same, 0.025 * same, 0.0 * same)
+    far = released(
+        np.array([0.97, 1.4]), 0.16 * same, 2.0 * same, 0.05 * same, 0.025 * same, 0.0 * same
+    )
     assert far[0][0] == far[0][1]
     assert far[1][0] == far[1][1]
 
 
-@pytest.mark.parametrize(("height", "stiffness"), [(0.16, 2.0), (0.24, 2.5), (0.4, 1.1), (0.64, 4.0)])
+@pytest.mark.parametrize(
+    ("height", "stiffness"), [(0.16, 2.0), (0.24, 2.5), (0.4, 1.1), (0.64, 4.0)]
+)
 def test_a_release_is_continuous_in_its_friction(height, stiffness):
     # a step of the integration is no step of the answer: a fit takes differences over such changes
     friction = 0.15 + 1e-6 * np.arange(200)
     same = np.ones(200)
-    for figure in released(height * same, friction, stiffness * same, 0.05 * same, 0.025 * same, 0.0 * same):
+    for figure in released(
+        height * same, friction, stiffness * same, 0.05 * same, 0.025 * same, 0.0 * same
+    ):
         assert np.ptp(np.diff(figure)) < 5e-4

@@ -26,14 +26,18 @@ def groove(width, rise, depth):
 def brute(x, z, positions, radius):
     across = x[None, :] - positions[:, None]
     below = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
-    return np.max(np.where(np.abs(across) <= radius, z[None, :] - (radius - below), -np.inf), axis=1)
+    return np.max(
+        np.where(np.abs(across) <= radius, z[None, :] - (radius - below), -np.inf), axis=1
+    )
 
 
 # Origin of every expected value here: equation (2) and the closed forms of `oracles.tip_paths`.
 @pytest.mark.parametrize("height", [0.9e-6, 25e-6, 61e-6, 100e-6, 136e-6])
 def test_a_sharp_step_has_the_path_and_the_angle_of_equation_two(height):
     path = profile_path(*sharp_step(height), R)
-    assert path.height == pytest.approx(tip_paths.step_path(path.position, height, R), rel=1e-11, abs=1e-12 * height)
+    assert path.height == pytest.approx(
+        tip_paths.step_path(path.position, height, R), rel=1e-11, abs=1e-12 * height
+    )
     assert steepest(path).angle == pytest.approx(step_angle(height, R), rel=1e-9)
     assert steepest(path).contact == 0.0
     assert steepest(path.mirrored()).angle == 0.0
@@ -46,7 +50,9 @@ def test_a_step_as_high_as_the_ball_is_met_at_a_right_angle(height):
     assert release_at(catch.angle, 1.0, 0.15).status is Status.TOO_HIGH
 
 
-@pytest.mark.parametrize(("height", "radius"), [(40e-6, 11e-6), (40e-6, 40e-6), (25e-6, 90e-6), (13e-6, 300e-6)])
+@pytest.mark.parametrize(
+    ("height", "radius"), [(40e-6, 11e-6), (40e-6, 40e-6), (25e-6, 90e-6), (13e-6, 300e-6)]
+)
 def test_a_rounded_step_follows_its_closed_form_also_where_the_face_cuts_the_arc(height, radius):
     x, z = tip_paths.rounded_step_profile(height, radius, RUN)
     path = profile_path(x, z, R)
@@ -58,7 +64,13 @@ def test_a_rounded_step_follows_its_closed_form_also_where_the_face_cuts_the_arc
 
 @pytest.mark.parametrize(
     ("width", "rise", "depth"),
-    [(60e-6, 0.0, 1e-3), (60e-6, 5e-6, 1e-3), (60e-6, -5e-6, 1e-3), (70e-6, 30e-6, 1e-3), (400e-6, 9e-6, 31e-6)],
+    [
+        (60e-6, 0.0, 1e-3),
+        (60e-6, 5e-6, 1e-3),
+        (60e-6, -5e-6, 1e-3),
+        (70e-6, 30e-6, 1e-3),
+        (400e-6, 9e-6, 31e-6),
+    ],
 )
 def test_a_groove_with_or_without_discrepancy_and_floor_equals_its_closed_form(width, rise, depth):
     path = profile_path(*groove(width, rise, depth), R, edges="flat")
@@ -77,7 +89,9 @@ def test_a_ridge_is_felt_alike_both_ways():
     height, width = 21e-6, 0.5e-3
     x, z = np.array([-RUN, 0, 0, width, width, 2 * RUN]), np.array([0, 0, height, height, 0, 0])
     path = profile_path(x, z, R)
-    assert path.height == pytest.approx(tip_paths.ridge_path(path.position, height, width, R), abs=1e-11 * height)
+    assert path.height == pytest.approx(
+        tip_paths.ridge_path(path.position, height, width, R), abs=1e-11 * height
+    )
     up, down = steepest(path), steepest(path.mirrored())
     assert up.angle == pytest.approx(down.angle, rel=1e-9)
     assert up.angle == pytest.approx(step_angle(height, R), rel=1e-9)
@@ -155,7 +169,9 @@ def test_scaling_surface_and_tip_alike_scales_the_path():
 
 def test_a_surface_far_from_the_origin_keeps_its_angle():
     x, z = sharp_step(25e-6)
-    assert steepest(profile_path(x + 0.04, z + 0.02, R)).angle == pytest.approx(step_angle(25e-6, R), rel=1e-7)
+    assert steepest(profile_path(x + 0.04, z + 0.02, R)).angle == pytest.approx(
+        step_angle(25e-6, R), rel=1e-7
+    )
 
 
 def test_a_flat_surface_has_no_catch():
@@ -213,7 +229,8 @@ def _section(gap, opening, rise, radius):
 
 
 def test_margins_square_or_bevelled_are_their_closed_forms_wherever_the_ball_touches():
-    # Origin: the dilation of the section against the geometry of a ball between two corners, a bevel and a wall.
+    # Origin: the dilation of the section against the geometry of a ball between two corners, a
+    # bevel and a wall.
     rng = np.random.default_rng(8)
     kinds = set()
     for _ in range(300):
@@ -224,6 +241,12 @@ def test_margins_square_or_bevelled_are_their_closed_forms_wherever_the_ball_tou
         found = bevelled_margin_angles(gap, opening, rise, radius)
         assert found == pytest.approx(expected, abs=1e-6)
         kinds.add(
-            (opening > gap, *(round(math.degrees(a)) if round(math.degrees(a)) in (0, 45, 90) else -1 for a in found))
+            (
+                opening > gap,
+                *(
+                    round(math.degrees(a)) if round(math.degrees(a)) in (0, 45, 90) else -1
+                    for a in found
+                ),
+            )
         )
     assert len(kinds) >= 8  # riding, hung, leaning on a wall, on the bevel, in either direction

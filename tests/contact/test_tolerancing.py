@@ -27,7 +27,9 @@ def test_the_tolerances_found_keep_the_band_at_every_corner_and_use_it_up():
 
 def test_a_tolerance_that_is_given_is_kept_and_leaves_less_for_the_others():
     alone = tolerances_for_energy(STEP, POINT, 0.10, fixed={"edge_radius": 0.0, "ball_radius": 0.0})
-    shared = tolerances_for_energy(STEP, POINT, 0.10, fixed={"ball_radius": 1e-6, "edge_radius": 0.5e-6})
+    shared = tolerances_for_energy(
+        STEP, POINT, 0.10, fixed={"ball_radius": 1e-6, "edge_radius": 0.5e-6}
+    )
     assert shared.ball_radius == 1e-6
     assert 0 < shared.height < alone.height
     # first order: t = ln(1.1) / (d ln E / dH)
@@ -47,7 +49,9 @@ def test_when_no_tolerance_will_do_it_says_why():
 
 def test_a_share_finer_than_the_workshop_holds_is_not_the_end_if_the_others_can_give_way():
     equal = tolerances_for_energy(STEP, POINT, 0.05)
-    moved = tolerances_for_energy(STEP, POINT, 0.05, finest={"ball_radius": 1.3 * equal.ball_radius})
+    moved = tolerances_for_energy(
+        STEP, POINT, 0.05, finest={"ball_radius": 1.3 * equal.ball_radius}
+    )
     assert moved.achievable
     assert moved.ball_radius == 1.3 * equal.ball_radius
     assert moved.height < equal.height

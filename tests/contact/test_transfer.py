@@ -37,8 +37,9 @@ def wave_numbers(count):
 
 
 def test_a_blow_on_the_tip_of_a_uniform_cantilever_reaches_its_clamp_as_the_series_of_its_modes_says():
-    # Origin: Euler-Bernoulli: w = x^2 sqrt(EI / m L^4); mass normalised phi(L) = 2 / sqrt(m L), momentum 2 s sqrt(m L) / x with
-    # s = (sinh x - sin x) / (cosh x + cos x): force on the clamp J sum (+-) 4 s / x w exp(-w eta t / 2) sin w t
+    # Origin: Euler-Bernoulli: w = x^2 sqrt(EI / m L^4); mass normalised phi(L) = 2 / sqrt(m L),
+    # momentum 2 s sqrt(m L) / x with s = (sinh x - sin x) / (cosh x + cos x): force on the clamp J
+    # sum (+-) 4 s / x w exp(-w eta t / 2) sin w t
     roots = wave_numbers(4)
     unit = math.sqrt(UNIFORM.bending_stiffness / (UNIFORM.line_mass * UNIFORM.length**4))
     time = np.linspace(0.0, 20e-3, 3001)
@@ -46,10 +47,22 @@ def test_a_blow_on_the_tip_of_a_uniform_cantilever_reaches_its_clamp_as_the_seri
     for n, x in enumerate(roots):
         s = (math.sinh(x) - math.sin(x)) / (math.cosh(x) + math.cos(x))
         w = unit * x * x
-        expected += (-1) ** n * 4.0 * s / x * w * np.exp(-0.5 * w * UNIFORM.loss_factor * time) * np.sin(w * time)
+        expected += (
+            (-1) ** n
+            * 4.0
+            * s
+            / x
+            * w
+            * np.exp(-0.5 * w * UNIFORM.loss_factor * time)
+            * np.sin(w * time)
+        )
     modes = modes_of(UNIFORM, highest=1.01 * unit * roots[3] ** 2 / math.tau)
-    assert [one.frequency for one in modes] == pytest.approx([unit * x * x / math.tau for x in roots], rel=1e-4)
-    assert [one.reaction for one in modes] == pytest.approx([1.5660, -0.8679, 0.5089, -0.3638], abs=2e-4)
+    assert [one.frequency for one in modes] == pytest.approx(
+        [unit * x * x / math.tau for x in roots], rel=1e-4
+    )
+    assert [one.reaction for one in modes] == pytest.approx(
+        [1.5660, -0.8679, 0.5089, -0.3638], abs=2e-4
+    )
     found = clamp_force(modes, time, blow=True)
     assert np.abs(found - expected).max() < 2e-3 * np.abs(expected).max()
 
@@ -59,7 +72,9 @@ def test_the_modes_are_those_of_another_library_s_elements(sleeves, hold):
     # Origin: scikit-fem's Hermite elements with its own quadrature, 160 on the free length
     skfem = pytest.importorskip("skfem")
     start = -hold.length if hold else 0.0
-    ends = sorted({start, 0.0, TIPPED.length, *(e for s in sleeves for e in (s.start, s.start + s.length))})
+    ends = sorted(
+        {start, 0.0, TIPPED.length, *(e for s in sleeves for e in (s.start, s.start + s.length))}
+    )
     points = np.unique(np.concatenate([np.linspace(a, b, 61) for a, b in itertools.pairwise(ends)]))
     basis = skfem.Basis(skfem.MeshLine(points), skfem.ElementLineHermite(), intorder=8)
 
@@ -76,7 +91,9 @@ def test_the_modes_are_those_of_another_library_s_elements(sleeves, hold):
 
     @skfem.BilinearForm
     def inertia(u, v, w):
-        line = TIPPED.line_mass + sum(s.line_mass * within(w.x[0], s.start, s.start + s.length) for s in sleeves)
+        line = TIPPED.line_mass + sum(
+            s.line_mass * within(w.x[0], s.start, s.start + s.length) for s in sleeves
+        )
         return line * u * v
 
     k, m = stiffness.assemble(basis).toarray(), inertia.assemble(basis).toarray()
@@ -111,13 +128,16 @@ def test_what_a_sensor_sees_of_one_mode_is_its_closed_form():
 
     def part(u):
         e = math.exp(-2 * s * u)
-        return -e / (4 * s) + e * (w * math.sin(2 * w * u) - s * math.cos(2 * w * u)) / (4 * (s * s + w * w))
+        return -e / (4 * s) + e * (w * math.sin(2 * w * u) - s * math.cos(2 * w * u)) / (
+            4 * (s * s + w * w)
+        )
 
     assert sensed([one], t) == pytest.approx(one.reaction**2 * (part(t) - part(0.0)), rel=1e-4)
 
 
 def test_a_heavy_handle_leaves_the_finger_what_its_own_inertia_lets_through():
-    # Origin: one mode on a mass so heavy that it does not move the mode: v = R / (i w m), P = b |v|^2 / 2
+    # Origin: one mode on a mass so heavy that it does not move the mode: v = R / (i w m), P = b
+    # |v|^2 / 2
     rod, heavy = Rod(2.5, 0.099, 0.0916, 0.57e-3, 0.07), Hand(50.0, 575.0, 1.3, 0.21, 176.0, 11.3)
     modes = modes_of(rod)
     w, eta = math.tau * modes[0].frequency, modes[0].loss_factor
@@ -125,8 +145,12 @@ def test_a_heavy_handle_leaves_the_finger_what_its_own_inertia_lets_through():
     blown = 0.5 * heavy.grasp_damping * (modes[0].reaction / (w * total)) ** 2
     spent = blown * -math.expm1(-w * eta * 16e-3) / (w * eta)
     stiffness = ring_of(rod).stiffness
-    assert finger_share(rod, stiffness, modes, heavy) == pytest.approx(spent * 2.0 * stiffness, rel=0.02)
-    assert finger_share(rod, stiffness, modes, STYLUS_HAND) > 1000.0 * finger_share(rod, stiffness, modes, heavy)
+    assert finger_share(rod, stiffness, modes, heavy) == pytest.approx(
+        spent * 2.0 * stiffness, rel=0.02
+    )
+    assert finger_share(rod, stiffness, modes, STYLUS_HAND) > 1000.0 * finger_share(
+        rod, stiffness, modes, heavy
+    )
 
 
 def test_the_finger_takes_no_more_than_is_stored_and_nothing_without_a_damper():

@@ -9,11 +9,25 @@ import pytest
 from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
-from stepblocks.contact.uncertainty import inputs_of, interval_of, moved_releases, rectangular, sensitivities
+from stepblocks.contact.uncertainty import (
+    inputs_of,
+    interval_of,
+    moved_releases,
+    rectangular,
+    sensitivities,
+)
 from stepblocks.errors import ContactError
 
 STEP, POINT = Step(27e-6, 9e-6), OperatingPoint(131e-6, 0.8, 0.17, Tool(8.7e3, 0.23))
-NAMES = ("height", "edge_radius", "ball_radius", "friction", "normal_load", "stiffness", "conversion")
+NAMES = (
+    "height",
+    "edge_radius",
+    "ball_radius",
+    "friction",
+    "normal_load",
+    "stiffness",
+    "conversion",
+)
 SMALL = dict(zip(NAMES, (0.1e-6, 0.3e-6, 0.7e-6, 0.002, 0.004, 40.0, 0.001), strict=True))
 
 
@@ -23,7 +37,9 @@ def test_each_sensitivity_is_the_derivative(name):
     step = 1e-5 * (value or 1e-6)
     up, down = moved_releases(STEP, POINT, {name: np.array([step, -step])})[1]
     numeric = (math.log(up) - math.log(down)) / (2 * step)
-    assert sensitivities(STEP, POINT, {name: 1.0})[name] == pytest.approx(numeric, rel=1e-6, abs=1e-9 / value)
+    assert sensitivities(STEP, POINT, {name: 1.0})[name] == pytest.approx(
+        numeric, rel=1e-6, abs=1e-9 / value
+    )
 
 
 def test_the_energy_changes_by_five_to_twenty_percent_per_micrometre():
@@ -46,7 +62,9 @@ def test_a_95_percent_interval_holds_95_percent_of_the_truths():
     inside = 0
     interval = interval_of(STEP, POINT, SMALL, draws=20_000, seed=0)
     for _ in range(400):
-        truth = float(moved_releases(STEP, POINT, {n: SMALL[n] * rng.standard_normal() for n in NAMES})[1])
+        truth = float(
+            moved_releases(STEP, POINT, {n: SMALL[n] * rng.standard_normal() for n in NAMES})[1]
+        )
         inside += interval.energy_low < truth < interval.energy_high
     assert 0.92 < inside / 400 < 0.98
 
@@ -58,7 +76,11 @@ BEVEL = replace(MARGIN, gap=40e-6, opening=90e-6)
 @pytest.mark.parametrize("margin", [MARGIN, BEVEL])
 @pytest.mark.parametrize("backward", [False, True])
 def test_drawn_and_analytic_intervals_of_a_margin_agree_where_all_is_small(margin, backward):
-    spread = {name: SMALL[name] for name in NAMES[3:]} | {"gap": 0.3e-6, "rise": 0.2e-6, "ball_radius": 0.5e-6}
+    spread = {name: SMALL[name] for name in NAMES[3:]} | {
+        "gap": 0.3e-6,
+        "rise": 0.2e-6,
+        "ball_radius": 0.5e-6,
+    }
     if margin is BEVEL:
         spread["opening"] = 0.3e-6
     interval = interval_of(margin, UNDER, spread, backward=backward, draws=100_000, seed=1)
@@ -80,7 +102,8 @@ def test_a_margin_without_a_gap_has_the_interval_of_a_step():
 
 
 def test_where_the_kind_of_contact_changes_within_the_tolerance_the_analytic_interval_does_not_agree():
-    # a gap as wide as the ball's reach over the step: narrower, the ball rides on the shoulder; wider, it sinks
+    # a gap as wide as the ball's reach over the step: narrower, the ball rides on the shoulder;
+    # wider, it sinks
     reach = math.sqrt(9e-6 * (2 * 117e-6 - 9e-6))
     edge = replace(MARGIN, gap=reach, opening=reach)
     assert not interval_of(edge, UNDER, {"gap": 4e-6}, backward=True).agrees
@@ -124,7 +147,9 @@ def test_a_profile_of_a_step_has_the_interval_of_the_step():
     # Origin: equation (2), reached here by dilating the profile once for every drawn ball.
     profile = Profile(np.array([-1e-3, 0.0, 0.0, 1e-3]), np.array([0.0, 0.0, 27e-6, 27e-6]))
     uncertain = {"ball_radius": 2e-6, "friction": 0.01}
-    over, plain = (interval_of(face, POINT, uncertain, draws=200) for face in (profile, Step(27e-6)))
+    over, plain = (
+        interval_of(face, POINT, uncertain, draws=200) for face in (profile, Step(27e-6))
+    )
     assert over.energy == pytest.approx(plain.energy, rel=1e-9)
     assert over.analytic_energy_high == pytest.approx(plain.analytic_energy_high, rel=1e-5)
     assert over.agrees == plain.agrees

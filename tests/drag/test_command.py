@@ -52,7 +52,16 @@ STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
 def drag_summary(tmp_path, *arguments):
     out = tmp_path / "declared"
-    common = ["--stimuli", str(STIMULI), "--speed", "2 mm/s", "--ring-time", "20 ms", "-o", str(out)]
+    common = [
+        "--stimuli",
+        str(STIMULI),
+        "--speed",
+        "2 mm/s",
+        "--ring-time",
+        "20 ms",
+        "-o",
+        str(out),
+    ]
     assert main(["drag", *arguments, *common]) == 0
     return json.loads((out / "drag.json").read_text())
 
@@ -69,18 +78,23 @@ def test_a_declared_block_is_dragged_over_under_the_conditions_of_its_set(tmp_pa
     assert heavier["settings"]["friction"] == 0.2
 
 
-@pytest.mark.parametrize("name", ["gap-100", "gap-050-over-020", "gap-050-under-020", "gap-050-bevelled"])
+@pytest.mark.parametrize(
+    "name", ["gap-100", "gap-050-over-020", "gap-050-under-020", "gap-050-bevelled"]
+)
 def test_a_crown_margin_is_dragged_over_in_either_direction(name):
     angles = {
         p.drag: p.release
         for p in predictions_of(load_set(STIMULI / "crown-margins.toml"))
-        if (p.stimulus, p.point.ball_radius, p.point.normal_load, p.point.friction) == (name, 60e-6, 1.0, 0.15)
+        if (p.stimulus, p.point.ball_radius, p.point.normal_load, p.point.friction)
+        == (name, 60e-6, 1.0, 0.15)
     }
     for way, backward in (("tooth-to-crown", False), ("crown-to-tooth", True)):
         subject = subject_of(f"{STIMULI}/crown-margins.toml/{name}", {"load": 1.0}, backward, None)
         release = angles[way]
         assert way in subject.name
-        assert subject.face.angles(subject.point.ball_radius)[backward] == pytest.approx(release.angle, rel=1e-12)
+        assert subject.face.angles(subject.point.ball_radius)[backward] == pytest.approx(
+            release.angle, rel=1e-12
+        )
         track = track_over(subject.face, subject.point.ball_radius, backward)
         trace = simulate(track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=2e-3, ring_time=1e-3))
         assert trace.status == release.status
@@ -157,9 +171,18 @@ def test_points_at_any_distance_are_the_same_profile(tmp_path):
         (["25 um", "--sample-rate", "1 GHz", "--speed", "50 mm/s"], "record fewer"),
         (["step-999", "--stimuli", str(STIMULI)], "declared in"),
         (["other/step-050", "--stimuli", str(STIMULI)], "declared in"),
-        (["step-050", "--stimuli", str(STIMULI), "--edge-radius", "1 um"], "--edge-radius is for a plain step"),
-        (["tip-029", "--stimuli", str(STIMULI), "--tip-radius", "1 um"], "--tip-radius must not be given"),
-        (["step-050", "--stimuli", str(STIMULI), "--step-height", "1 um"], "--step-height is for a declared tip"),
+        (
+            ["step-050", "--stimuli", str(STIMULI), "--edge-radius", "1 um"],
+            "--edge-radius is for a plain step",
+        ),
+        (
+            ["tip-029", "--stimuli", str(STIMULI), "--tip-radius", "1 um"],
+            "--tip-radius must not be given",
+        ),
+        (
+            ["step-050", "--stimuli", str(STIMULI), "--step-height", "1 um"],
+            "--step-height is for a declared tip",
+        ),
         (["step-050", "--stimuli", "nowhere"], "a stimulus file or a folder of them"),
         (["25 um", "--friction", "-0.1"], "friction must be finite and not negative"),
         (["25 um", "--tip-radius", "0 um"], "radius must be positive"),
@@ -174,7 +197,12 @@ def test_a_wrong_drag_is_one_line_and_exit_code_two(tmp_path, capsys, arguments,
 
 
 def test_a_notebook_drags_over_a_counterface_as_the_command_over_the_height(tmp_path):
-    assert main(["drag", "30 um", "--load", "0.5 N", "--speed", "10 mm/s", "-o", str(tmp_path / "out")]) == 0
+    assert (
+        main(
+            ["drag", "30 um", "--load", "0.5 N", "--speed", "10 mm/s", "-o", str(tmp_path / "out")]
+        )
+        == 0
+    )
     done = drag_over(Step(30e-6), load=0.5, speed=10e-3)
     summary = json.loads((tmp_path / "out" / "drag.json").read_text())
     assert {k: v for k, v in done.summary.items() if k != "subject"} == {
@@ -191,9 +219,14 @@ def test_the_paper_stands_where_nothing_is_said_and_what_is_said_takes_its_place
     plain = subject_of("25 um", {})
     assert (plain.face, plain.point) == (Step(25e-6), PAPER)
     said = subject_of(
-        "25 um", {"tip_radius": 60e-6, "load": 0.4, "friction": 0.1, "stiffness": 5e3, "frequency": 250.0}
+        "25 um",
+        {"tip_radius": 60e-6, "load": 0.4, "friction": 0.1, "stiffness": 5e3, "frequency": 250.0},
     )
-    assert (said.point.ball_radius, said.point.normal_load, said.point.friction) == (60e-6, 0.4, 0.1)
+    assert (said.point.ball_radius, said.point.normal_load, said.point.friction) == (
+        60e-6,
+        0.4,
+        0.1,
+    )
     assert (said.point.tool.stiffness, said.point.tool.frequency) == (5e3, 250.0)
     assert said.point.tool.decay_time == PAPER.tool.decay_time
     assert subject_of("25 um", {"edge_radius": 3e-6}).face == Step(25e-6, 3e-6)
@@ -201,7 +234,9 @@ def test_the_paper_stands_where_nothing_is_said_and_what_is_said_takes_its_place
 
 def test_the_ring_of_a_drag_decays_as_the_tool_unless_a_damping_is_given():
     # Origin: zeta = 1 / (2 pi f T); 14.2 ms at 300 Hz are 3.7 % of critical damping.
-    assert drag_over("25 um", speed=20e-3).trace.probe.damping_ratio == pytest.approx(0.0373, abs=1e-4)
+    assert drag_over("25 um", speed=20e-3).trace.probe.damping_ratio == pytest.approx(
+        0.0373, abs=1e-4
+    )
     assert drag_over("25 um", damping_ratio=0.0, speed=20e-3).trace.probe.damping_ratio == 0.0
 
 

@@ -30,10 +30,14 @@ def trace_of(frequency=300.0, decay=12e-3, amplitude=0.4, length=60e-3, status=S
     return DragTrace(rows, status, PEAK, RELEASE, {"handle_work": 0.0}, 1e-6, probe, settings)
 
 
-@pytest.mark.parametrize(("frequency", "decay", "amplitude"), [(300.0, 12e-3, 0.4), (260.0, 7e-3, 0.2)])
+@pytest.mark.parametrize(
+    ("frequency", "decay", "amplitude"), [(300.0, 12e-3, 0.4), (260.0, 7e-3, 0.2)]
+)
 def test_a_decaying_sine_is_found_again(frequency, decay, amplitude):
     ring = ring_of(trace_of(frequency, decay, amplitude))
-    first = amplitude * math.exp(-0.25 / frequency / decay)  # the swing's lowest point, a quarter period on
+    first = amplitude * math.exp(
+        -0.25 / frequency / decay
+    )  # the swing's lowest point, a quarter period on
     assert ring.amplitude == pytest.approx(first, rel=0.02)
     assert ring.energy == pytest.approx(0.5 * ring.amplitude**2 / PAPER_DRAG.stiffness)
     assert ring.share == pytest.approx((ring.amplitude / PEAK) ** 2)
@@ -44,7 +48,8 @@ def test_a_decaying_sine_is_found_again(frequency, decay, amplitude):
 
 
 def test_a_long_ring_lies_in_its_band_as_its_line_says_and_a_short_one_does_not():
-    # Origin: a line of half width 1 / 2 pi T holds (2/pi) atan(2 pi 50 Hz T) of its energy within 50 Hz.
+    # Origin: a line of half width 1 / 2 pi T holds (2/pi) atan(2 pi 50 Hz T) of its energy within
+    # 50 Hz.
     for decay in (4e-3, 14.2e-3):
         expected = 2.0 / math.pi * math.atan(math.tau * 50.0 * decay)
         assert ring_of(trace_of(decay=decay)).ring_band_share == pytest.approx(expected, abs=0.04)
@@ -63,7 +68,9 @@ def test_the_energy_of_a_spectrum_is_that_of_its_samples():
     frequency, energy = phase_spectrum(trace, "loading")
     force = trace.column("fx_n")[trace.column("time_s") < trace.release_time]
     expected = float(np.sum((force - force.mean()) ** 2)) / RATE
-    assert float(np.sum(energy) * (frequency[1] - frequency[0])) == pytest.approx(expected, rel=0.02)
+    assert float(np.sum(energy) * (frequency[1] - frequency[0])) == pytest.approx(
+        expected, rel=0.02
+    )
 
 
 def test_figures_that_cost_a_spectrum_are_left_out_where_nobody_asks():

@@ -21,7 +21,9 @@ STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 GAP = Margin(50e-6, 50e-6, 0.0)
 
 
-@pytest.mark.parametrize("tissue", [Gum().tissue(300.0), Tissue(2000.0, 0.0, 0.02), Tissue(500.0, 0.3, 0.1)])
+@pytest.mark.parametrize(
+    "tissue", [Gum().tissue(300.0), Tissue(2000.0, 0.0, 0.02), Tissue(500.0, 0.3, 0.1)]
+)
 def test_the_tool_pulls_the_friction_of_the_wall_more_and_the_ledger_closes(tissue):
     bare, _ = dragged(GAP, PAPER, False, 1e-3)
     walled, _ = dragged(GAP, replace(PAPER, tissue=tissue), False, 1e-3)
@@ -34,7 +36,9 @@ def test_what_the_wall_takes_is_its_friction_over_the_way_that_is_slid():
     tissue = Tissue(1e5, 0.0, 5e-3)  # so stiff that it slips at once
     walled, _ = dragged(GAP, replace(PAPER, tissue=tissue), False, 1e-3, damping_ratio=0.1)
     x = walled.column("x_m")
-    assert walled.ledger["tissue_loss"] == pytest.approx(tissue.friction * float(np.abs(np.diff(x)).sum()), rel=0.02)
+    assert walled.ledger["tissue_loss"] == pytest.approx(
+        tissue.friction * float(np.abs(np.diff(x)).sum()), rel=0.02
+    )
 
 
 def test_gum_is_a_long_tool_on_an_incompressible_half_space():
@@ -52,7 +56,11 @@ def test_a_crown_may_have_gum_in_predictions_drags_and_scenes(tmp_path):
     text = (STIMULI / "crown-margins.toml").read_text()
     path = tmp_path / "crown-margins.toml"
     path.write_text(
-        text.replace("[defaults.crown_on_tooth]\n", '[defaults.crown_on_tooth]\ngum = { indentation = "2 mm" }\n', 1)
+        text.replace(
+            "[defaults.crown_on_tooth]\n",
+            '[defaults.crown_on_tooth]\ngum = { indentation = "2 mm" }\n',
+            1,
+        )
     )
     with_gum, without = (load_set(one) for one in (path, STIMULI / "crown-margins.toml"))
 
@@ -71,15 +79,20 @@ def test_a_crown_may_have_gum_in_predictions_drags_and_scenes(tmp_path):
     for number, one in enumerate((path, STIMULI / "crown-margins.toml")):
         assert main(["export", str(one), *options, "-o", str(tmp_path / str(number))]) == 0
         (scene,) = (tmp_path / str(number)).rglob("scene.json")
-        peaks.append(max(e.get("simulated_peak_force_n") or 0.0 for e in json.loads(scene.read_text())["events"]))
+        peaks.append(
+            max(
+                e.get("simulated_peak_force_n") or 0.0
+                for e in json.loads(scene.read_text())["events"]
+            )
+        )
     assert peaks[0] > peaks[1] + 0.03
 
 
 def test_the_setting_of_figures_3_to_5_gives_them_and_says_where_it_fails(tmp_path, capsys):
     assert main(["drag", "100 um", "--setting", "figures-3-to-5", "-o", str(tmp_path)]) == 0
-    assert "it fails: on low steps" in capsys.readouterr().err + (tmp_path / "drag.json").read_text().replace(
-        '"fails": "', "it fails: "
-    )
+    assert "it fails: on low steps" in capsys.readouterr().err + (
+        tmp_path / "drag.json"
+    ).read_text().replace('"fails": "', "it fails: ")
     told = json.loads((tmp_path / "drag.json").read_text())
     # the paper: 10 to 20 uJ, 20 %, 16 ms, more than 64 % in 0-100 Hz, about 86 % in 250-350 Hz
     assert 10e-6 < told["vibration_energy_j"] < 20e-6

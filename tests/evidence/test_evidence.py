@@ -22,7 +22,9 @@ def found():
 
 
 def row(found, topic, figure):
-    (one,) = (r for r in found.rows if r.publication.topic.startswith(topic) and r.value.label == figure)
+    (one,) = (
+        r for r in found.rows if r.publication.topic.startswith(topic) and r.value.label == figure
+    )
     return one
 
 
@@ -35,7 +37,10 @@ def test_every_publication_says_who_and_what():
 
 
 def test_the_paper_s_power_is_its_energy_over_its_duration(found):
-    for energy, power in ((10, 625e-6), (20, 1250e-6)):  # the paper: 10-20 uJ over 16 ms = 625-1250 uW
+    for energy, power in (
+        (10, 625e-6),
+        (20, 1250e-6),
+    ):  # the paper: 10-20 uJ over 16 ms = 625-1250 uW
         one = row(found, "Power", f"power of {energy} uJ")
         assert one.answers.formula == pytest.approx(power, rel=1e-12)
         assert one.verdict is Verdict.AGREES
@@ -87,16 +92,20 @@ def test_what_misses_a_band_is_a_factor():
 
 def test_the_contradiction_is_told_before_and_after():
     before, *rivals = explanations()
-    assert before.spread == pytest.approx(353.0, rel=0.01)  # equation (1) at one load, mu 0.15: 10.5 to 3696 uJ
+    assert before.spread == pytest.approx(
+        353.0, rel=0.01
+    )  # equation (1) at one load, mu 0.15: 10.5 to 3696 uJ
     by_name = {one.name: one for one in rivals}
     assert by_name["the same without friction"].spread == pytest.approx(43.0, rel=0.01)
     loads = by_name["a load of its own for each block"]
     assert loads.missed == 1.0
     assert [one.missed for one in rivals] == sorted(one.missed for one in rivals)
-    # the loads that give the middle of the band lie in the disjoint ranges that equation (1) inverts to
+    # the loads that give the middle of the band lie in the disjoint ranges that equation (1)
+    # inverts to
     ranges = [(0.98, 1.38), (0.53, 0.76), (0.27, 0.38), (0.05, 0.07)]
     assert all(
-        low <= point.normal_load <= high for (low, high), (_, point, _) in zip(ranges, loads.points, strict=True)
+        low <= point.normal_load <= high
+        for (low, high), (_, point, _) in zip(ranges, loads.points, strict=True)
     )
 
 
@@ -109,7 +118,8 @@ def test_a_weight_that_pulls_gives_every_block_the_same_energy():
 
 
 def test_a_small_step_rings_less_in_time_than_the_formula_keeps():
-    # what rings is what is released above the sliding friction, which equation (1) keeps as H goes to 0
+    # what rings is what is released above the sliding friction, which equation (1) keeps as H goes
+    # to 0
     point = replace(PAPER, normal_load=0.5)
     status, ring = dragged(Step(10e-6), point)
     assert status is Status.RELEASES
@@ -121,9 +131,14 @@ def test_the_command_leaves_a_page_with_every_row_and_honest_verdicts(tmp_path, 
     told = json.loads(capsys.readouterr().out)
     assert {one["verdict"] for one in told["evidence"]} == {"agrees", "disagrees", "not said"}
     with (tmp_path / "evidence.csv").open() as file:
-        assert [one["figure"] for one in csv.DictReader(file)] == [one["figure"] for one in told["evidence"]]
+        assert [one["figure"] for one in csv.DictReader(file)] == [
+            one["figure"] for one in told["evidence"]
+        ]
     page = (tmp_path / "evidence.html").read_text()
-    assert all(one["figure"].replace(" uJ", " µJ").replace(" um", " µm") in page for one in told["evidence"])
+    assert all(
+        one["figure"].replace(" uJ", " µJ").replace(" um", " µm") in page
+        for one in told["evidence"]
+    )
     assert all(one.citation.split(",")[0] in page for one in shipped())
     assert "http" not in page.split("<h1>")[1]
     assert (tmp_path / "evidence.svg").stat().st_size > 1000
@@ -135,7 +150,10 @@ def test_the_same_page_comes_out_twice(tmp_path):
     hold_against_evidence(tmp_path / "a")
     hold_against_evidence(tmp_path / "b")
     names = sorted(path.name for path in (tmp_path / "a").iterdir())
-    assert all((tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes() for name in names)
+    assert all(
+        (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+        for name in names
+    )
 
 
 def test_a_notebook_shows_the_finding_and_both_tables(found):

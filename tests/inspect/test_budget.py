@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
+from stepblocks.inspect.budget import (
+    Component,
+    Instrument,
+    Measured,
+    measured_from_profiles,
+    with_budget,
+)
 from stepblocks.inspect.noise import Estimate
 
 
@@ -23,18 +29,30 @@ def parts(measured):
     [
         ((1.0, 0.0), {"calibration": 50e-9}),  # a height
         ((0.0, 1.0), {"lateral calibration": 100e-9}),  # a width
-        ((1.0, 2.0), {"calibration": 50e-9, "lateral calibration": 200e-9}),  # a radius: width squared over height
+        (
+            (1.0, 2.0),
+            {"calibration": 50e-9, "lateral calibration": 200e-9},
+        ),  # a radius: width squared over height
     ],
 )
 def test_a_calibration_counts_with_the_power_in_which_the_value_goes_with_its_axis(axes, named):
     budget = parts(with_budget("x", -50e-6, [], Instrument(1e-3, 2e-9, 2e-3), axes=axes))
-    assert budget.pop("resolution") == pytest.approx(2e-9 / math.sqrt(12.0))  # a rectangle one count wide
+    assert budget.pop("resolution") == pytest.approx(
+        2e-9 / math.sqrt(12.0)
+    )  # a rectangle one count wide
     assert budget == pytest.approx(named)
 
 
 def test_components_stand_in_the_order_own_calibration_others_resolution():
-    measured = with_budget("x", 1e-6, [Component("noise", 1e-9)], Instrument(1e-3), [Component("form", 2e-9)])
-    assert [part.name for part in measured.components] == ["noise", "calibration", "form", "resolution"]
+    measured = with_budget(
+        "x", 1e-6, [Component("noise", 1e-9)], Instrument(1e-3), [Component("form", 2e-9)]
+    )
+    assert [part.name for part in measured.components] == [
+        "noise",
+        "calibration",
+        "form",
+        "resolution",
+    ]
 
 
 def test_a_calibration_that_nobody_states_is_named_and_adds_nothing():
@@ -44,19 +62,27 @@ def test_a_calibration_that_nobody_states_is_named_and_adds_nothing():
 
 
 def test_the_interval_is_normal_where_nothing_was_estimated_from_few_values():
-    assert Measured("x", 0.0, (Component("a", 1.0),)).expanded() == pytest.approx(1.959964)  # tables of the normal law
-    assert Measured("x", 0.0, (Component("a", 1.0, 4.0),)).expanded() == pytest.approx(2.776445)  # Student, 4 degrees
+    assert Measured("x", 0.0, (Component("a", 1.0),)).expanded() == pytest.approx(
+        1.959964
+    )  # tables of the normal law
+    assert Measured("x", 0.0, (Component("a", 1.0, 4.0),)).expanded() == pytest.approx(
+        2.776445
+    )  # Student, 4 degrees
 
 
 def test_profiles_that_differ_by_no_more_than_their_noise_show_no_repeatability():
     random = np.random.default_rng(1)
-    measured = measured_from_profiles("x", quiet(random.normal(1e-5, 10e-9, 12), 1e-6), Instrument(0.0))
+    measured = measured_from_profiles(
+        "x", quiet(random.normal(1e-5, 10e-9, 12), 1e-6), Instrument(0.0)
+    )
     assert parts(measured)["repeatability"] == 0.0
     assert measured.std < 10e-9  # the scatter itself, not the larger noise that was claimed
 
 
 @pytest.mark.parametrize("count", [3, 12, 60])
-def test_the_mean_of_independent_profiles_is_as_uncertain_as_their_scatter_over_the_root_of_their_number(count):
+def test_the_mean_of_independent_profiles_is_as_uncertain_as_their_scatter_over_the_root_of_their_number(
+    count,
+):
     variances = []
     for seed in range(400):
         values = np.random.default_rng(seed).normal(1e-5, 50e-9, count)
@@ -67,7 +93,9 @@ def test_the_mean_of_independent_profiles_is_as_uncertain_as_their_scatter_over_
 def test_profiles_that_wander_together_are_fewer_than_they_look():
     slow = 1e-5 + 50e-9 * np.cos(np.pi * (np.arange(60) + 0.5) / 60)  # one half wave over the map
     mixed = np.random.default_rng(2).permutation(slow)
-    together, apart = (measured_from_profiles("x", quiet(values), Instrument(0.0)).std for values in (slow, mixed))
+    together, apart = (
+        measured_from_profiles("x", quiet(values), Instrument(0.0)).std for values in (slow, mixed)
+    )
     assert together > 1.5 * apart
 
 

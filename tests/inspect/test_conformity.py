@@ -55,7 +55,9 @@ def test_at_the_guard_band_the_probability_of_conformity_is_95_percent():
     assert decide(UPPER, U, upper=UPPER).probability == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("arguments", [(math.nan, U, LOWER, UPPER), (1e-5, -U, LOWER, UPPER), (1e-5, U, UPPER, LOWER)])
+@pytest.mark.parametrize(
+    "arguments", [(math.nan, U, LOWER, UPPER), (1e-5, -U, LOWER, UPPER), (1e-5, U, UPPER, LOWER)]
+)
 def test_malformed_questions_are_refused(arguments):
     with pytest.raises(MetrologyError):
         decide(*arguments)
@@ -65,7 +67,9 @@ def test_no_accepted_part_lies_outside_with_more_than_5_percent():
     # the specific risk at the worst true value, right at the limit: Phi(-1.65) = 4.95 %
     random = np.random.default_rng(5)
     measured = UPPER + random.normal(0.0, U, 200_000)
-    accepted = np.mean([decide(value, U, LOWER, UPPER).verdict is Outcome.CONFORMS for value in measured[:20_000]])
+    accepted = np.mean(
+        [decide(value, U, LOWER, UPPER).verdict is Outcome.CONFORMS for value in measured[:20_000]]
+    )
     assert accepted == pytest.approx(0.0495, abs=0.005)
 
 
@@ -76,7 +80,12 @@ def test_few_degrees_of_freedom_widen_the_guard_band_so_that_the_risk_stays_5_pe
         sample = UPPER + random.normal(0.0, U, 4)
         means.append(sample.mean())
         stds.append(sample.std(ddof=1) / 2.0)
-    accepted = [decide(m, s, LOWER, UPPER, dof=3).verdict is Outcome.CONFORMS for m, s in zip(means, stds, strict=True)]
+    accepted = [
+        decide(m, s, LOWER, UPPER, dof=3).verdict is Outcome.CONFORMS
+        for m, s in zip(means, stds, strict=True)
+    ]
     assert np.mean(accepted) == pytest.approx(0.05, abs=0.0104)  # 1.65 alone would accept 9.9 %
-    assert decide(10e-6, U, LOWER, UPPER, dof=3).guard == pytest.approx(2.353 * U, rel=1e-3)  # Student's table
+    assert decide(10e-6, U, LOWER, UPPER, dof=3).guard == pytest.approx(
+        2.353 * U, rel=1e-3
+    )  # Student's table
     assert decide(10e-6, U, LOWER, UPPER, dof=1e9).guard == pytest.approx(G)

@@ -38,17 +38,24 @@ def test_a_profile_without_noise_gives_its_height_exactly(height, radius):
 @pytest.mark.parametrize("seed", range(12))
 def test_the_radius_of_an_edge_that_is_not_resolved_does_not_hang_on_last_bits(seed):
     x, z = draw(seed, 40e-6, 0.5e-6)
-    one, other = fit_edge(x, z), fit_edge(x, z + np.random.default_rng(seed).normal(0.0, 1e-20, len(x)))
+    one, other = (
+        fit_edge(x, z),
+        fit_edge(x, z + np.random.default_rng(seed).normal(0.0, 1e-20, len(x))),
+    )
     assert other.radius.value == pytest.approx(one.radius.value, rel=1e-6)
     assert other.radius_limit == pytest.approx(one.radius_limit, rel=1e-6)
     assert other.position == pytest.approx(one.position, abs=1e-15)
 
 
 @pytest.mark.parametrize(("height", "radius", "seed"), [(50e-6, 14e-6, 34), (25e-6, 5e-6, 19)])
-def test_the_radius_is_that_of_the_posterior_summed_over_a_dense_grid(height, radius, seed, monkeypatch):
+def test_the_radius_is_that_of_the_posterior_summed_over_a_dense_grid(
+    height, radius, seed, monkeypatch
+):
     windows = []
     found = edge_arc.arc_radius
-    monkeypatch.setattr("stepblocks.inspect.edge.arc_radius", lambda window: windows.append(window) or found(window))
+    monkeypatch.setattr(
+        "stepblocks.inspect.edge.arc_radius", lambda window: windows.append(window) or found(window)
+    )
     edge = fit_edge(*draw(seed, height, radius))
     radii = edge.radius.value + edge.radius.std * np.linspace(-7.0, 7.0, 99)
     risers = edge.position + np.linspace(-2e-6, 2e-6, 401)
@@ -56,7 +63,9 @@ def test_the_radius_is_that_of_the_posterior_summed_over_a_dense_grid(height, ra
     weight = np.exp(costs.min() - costs).sum(axis=1)
     mean = np.average(radii, weights=weight)
     assert edge.radius.value == pytest.approx(mean, abs=0.1 * edge.radius.std)
-    assert edge.radius.std == pytest.approx(np.sqrt(np.average((radii - mean) ** 2, weights=weight)), rel=0.1)
+    assert edge.radius.std == pytest.approx(
+        np.sqrt(np.average((radii - mean) ** 2, weights=weight)), rel=0.1
+    )
 
 
 def holds(errors, stds, dof):
@@ -64,23 +73,38 @@ def holds(errors, stds, dof):
 
 
 @pytest.mark.parametrize(("height", "radius"), [(25e-6, 5e-6), (50e-6, 14e-6), (10e-6, 14e-6)])
-def test_height_and_radius_are_unbiased_and_their_stated_intervals_cover_at_their_rate(height, radius):
+def test_height_and_radius_are_unbiased_and_their_stated_intervals_cover_at_their_rate(
+    height, radius
+):
     edges = [fit_edge(*draw(1000 + seed, height, radius)) for seed in range(60)]
     dof = np.array([edge.height.dof for edge in edges])
     for truth, errors, stds in (
-        (height, np.array([e.height.value for e in edges]) - height, np.array([e.height.std for e in edges])),
-        (radius, np.array([e.radius.value for e in edges]) - radius, np.array([e.radius.std for e in edges])),
+        (
+            height,
+            np.array([e.height.value for e in edges]) - height,
+            np.array([e.height.std for e in edges]),
+        ),
+        (
+            radius,
+            np.array([e.radius.value for e in edges]) - radius,
+            np.array([e.radius.std for e in edges]),
+        ),
     ):
         assert abs(errors.mean()) < 0.1 * stds.mean() + 2.0 * errors.std() / np.sqrt(60), truth
-        # three standard deviations of a binomial of 60; benchmarks/softgauge_coverage.py takes hundreds
+        # three standard deviations of a binomial of 60; benchmarks/softgauge_coverage.py takes
+        # hundreds
         assert holds(errors, stds, dof) == pytest.approx(0.95, abs=0.0845), truth
-    assert np.mean([edge.radius_limit > radius for edge in edges]) == pytest.approx(0.95, abs=0.0845)
+    assert np.mean([edge.radius_limit > radius for edge in edges]) == pytest.approx(
+        0.95, abs=0.0845
+    )
 
 
 @pytest.mark.parametrize("place", [1.5e-6, 3.5e-6, 5.5e-6])
 def test_a_spike_on_the_arc_does_not_make_the_edge_sharper(place):
     x = np.arange(-400, 400) * 1e-6
-    z = edge_gauge(x, 30e-6, 8e-6, 5e-4, 0.4e-6) + np.random.default_rng(7).normal(0.0, 30e-9, x.size)
+    z = edge_gauge(x, 30e-6, 8e-6, 5e-4, 0.4e-6) + np.random.default_rng(7).normal(
+        0.0, 30e-9, x.size
+    )
     clean = fit_edge(x, z)
     z[np.searchsorted(x, place)] -= 4e-6
     edge = fit_edge(x, z)
@@ -108,7 +132,9 @@ def test_the_radius_stays_where_points_at_its_steep_start_are_missing_or_a_spike
 def test_the_weight_of_the_robust_loss_is_that_of_its_expectations():
     # E[psi'] / E[psi^2] for Cauchy's loss under a standard normal law, by quadrature
     c = edge_arc._LOSS
-    curvature = quad(lambda r: (1 - (r / c) ** 2) / (1 + (r / c) ** 2) ** 2 * stats.norm.pdf(r), -12, 12)[0]
+    curvature = quad(
+        lambda r: (1 - (r / c) ** 2) / (1 + (r / c) ** 2) ** 2 * stats.norm.pdf(r), -12, 12
+    )[0]
     scatter = quad(lambda r: (r / (1 + (r / c) ** 2)) ** 2 * stats.norm.pdf(r), -12, 12)[0]
     assert pytest.approx(curvature / scatter, rel=1e-6) == edge_arc._TEMPER
 

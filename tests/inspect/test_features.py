@@ -22,7 +22,9 @@ REAL = Path(__file__).parents[3] / "shared" / "real"
 
 
 def noise(x, seed, rough=30 * NM, length=3 * UM):
-    return correlated_noise(len(x), float(x[1] - x[0]), 5 * NM, rough, length, np.random.default_rng(seed))
+    return correlated_noise(
+        len(x), float(x[1] - x[0]), 5 * NM, rough, length, np.random.default_rng(seed)
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -36,7 +38,10 @@ def test_rough_bowed_and_wandering_surfaces_show_no_step(seed):
 
 def test_four_ridges_have_four_heights_a_mean_and_a_pitch():
     x = np.arange(9000) * 0.5 * UM
-    z = sum(groove_gauge(x, -37.4 * UM, a * UM, (a + 300) * UM, 52 * UM) for a in (500, 1500, 2500, 3500))
+    z = sum(
+        groove_gauge(x, -37.4 * UM, a * UM, (a + 300) * UM, 52 * UM)
+        for a in (500, 1500, 2500, 3500)
+    )
     found = measure_groove(Profile(x, z + noise(x, 1, 100 * NM)), EXACT).values
     for key in ("groove_depth", *(f"groove_depth_{index}" for index in (1, 2, 3, 4))):
         assert abs(found[key].value - 37.4 * UM) < found[key].expanded(0.99)
@@ -49,11 +54,18 @@ def test_a_film_on_a_bowed_wafer_is_levelled_by_the_bow_and_its_height_is_held()
     x = np.arange(5000) * UM
     found = []
     for seed in range(12):
-        z = np.where(x > 2e-3, 56 * NM, 0.0) + 3 * UM * (x / 5e-3 - 0.4) ** 2 + noise(x, seed, 3 * NM, 10 * UM)
+        z = (
+            np.where(x > 2e-3, 56 * NM, 0.0)
+            + 3 * UM * (x / 5e-3 - 0.4) ** 2
+            + noise(x, seed, 3 * NM, 10 * UM)
+        )
         found.append(measure_groove(Profile(x, z), EXACT).values["groove_depth"])  # none is refused
-    # the bow made edges at the ends of the profile before it was told from them, and one of twelve was 22 nm off
+    # the bow made edges at the ends of the profile before it was told from them, and one of twelve
+    # was 22 nm off
     assert sum(abs(got.value - 56 * NM) < got.expanded() for got in found) >= 11
-    assert np.median([got.expanded() for got in found]) < 10 * NM  # 48 nm before the bow was levelled
+    assert (
+        np.median([got.expanded() for got in found]) < 10 * NM
+    )  # 48 nm before the bow was levelled
 
 
 def test_a_domed_ridge_is_type_a2_to_its_apex():
@@ -68,9 +80,13 @@ def test_an_oblique_sawtooth_is_folded_along_its_own_direction():
     y, x = np.mgrid[:200, :200] * 12 * NM
     along = (x * np.cos(0.7) + y * np.sin(0.7)) / (320 * NM)
     z = 50 * NM * np.interp(along % 1.0, [0.0, 0.7, 1.0], [0.0, 1.0, 0.0])
-    found = measure_groove(HeightMap(z + np.random.default_rng(1).normal(0.0, NM, z.shape), 12 * NM, 12 * NM), EXACT)
+    found = measure_groove(
+        HeightMap(z + np.random.default_rng(1).normal(0.0, NM, z.shape), 12 * NM, 12 * NM), EXACT
+    )
     assert found.values["feature_pitch"].value == pytest.approx(320 * NM, rel=3e-3)
-    assert found.values["groove_depth"].value == pytest.approx(50 * NM, rel=0.06)  # eight harmonics round the tips
+    assert found.values["groove_depth"].value == pytest.approx(
+        50 * NM, rel=0.06
+    )  # eight harmonics round the tips
 
 
 def lines_off_their_places(off: np.ndarray) -> HeightMap:
@@ -90,7 +106,8 @@ def test_a_pitch_is_no_better_known_than_its_lines_are_even():
         pitch = fit_grating(x, x, lines_off_their_places(off).height).pitch
         assert abs(pitch.value - 320 * NM) < 2.5 * pitch.std
         assert even.std < 0.2 * pitch.std
-        # the standard error of the mean of the distances of eight lines, of which the corners show less
+        # the standard error of the mean of the distances of eight lines, of which the corners show
+        # less
         ratios.append(pitch.std / (320 * NM * np.diff(off[1:9]).std(ddof=1) / np.sqrt(7)))
     assert np.median(ratios) == pytest.approx(1.0, abs=0.25)
 
@@ -107,7 +124,8 @@ def test_grooves_without_a_floor_say_how_their_depth_hangs_on_what_is_kept_out(a
 
 
 def test_teeth_that_run_almost_along_the_columns_are_a_grating_and_no_single_step():
-    # at 12 degrees most rows agreed on one edge of six, and the depth came out 11 % too high with an interval of 2 %
+    # at 12 degrees most rows agreed on one edge of six, and the depth came out 11 % too high with
+    # an interval of 2 %
     y, x = np.mgrid[:160, :160] * 12 * NM
     random = np.random.default_rng(34)
     angle, pitch = random.uniform(0.2, 1.2), random.uniform(280, 320) * NM
@@ -117,14 +135,19 @@ def test_teeth_that_run_almost_along_the_columns_are_a_grating_and_no_single_ste
     z[:, 50:58] = np.nan
     found = measure_groove(HeightMap(z, 12 * NM, 12 * NM), EXACT)
     assert "grating" in found.convention
-    assert abs(found.values["groove_depth"].value - 50 * NM) < found.values["groove_depth"].expanded()
+    assert (
+        abs(found.values["groove_depth"].value - 50 * NM) < found.values["groove_depth"].expanded()
+    )
 
 
 @pytest.mark.parametrize("side", [5, 7, 20])
 def test_a_map_of_few_points_repeats_nothing(side):
     # a shape of 48 phases fits 28 points whatever they are; a plane leaves nothing but rounding
     y, x = np.mgrid[: side - 1, :side] * UM
-    for z in (0.02 * (x - 3 * UM) ** 2 / UM + 0.01 * y, np.full(x.shape, 1.427 * UM) + 1e-22 * np.sin(x / UM)):
+    for z in (
+        0.02 * (x - 3 * UM) ** 2 / UM + 0.01 * y,
+        np.full(x.shape, 1.427 * UM) + 1e-22 * np.sin(x / UM),
+    ):
         with pytest.raises(MetrologyError, match=r"one shape must repeat .* of a grating.*, got"):
             measure_groove(HeightMap(z, UM, UM), EXACT)
     with pytest.raises(MetrologyError, match="must"):
@@ -134,14 +157,18 @@ def test_a_map_of_few_points_repeats_nothing(side):
 def test_sheets_under_debris_are_as_high_as_they_are_and_grains_are_no_reference():
     random = np.random.default_rng(3)
     true = sheets_gauge(200, 3, 3.5 * NM, 0.1 * NM, random)
-    lying = 3.0 * np.maximum(correlated_map(true.shape, 2 * NM, 0.0, NM, 12 * NM, random) - 1.6 * NM, 0.0)
+    lying = 3.0 * np.maximum(
+        correlated_map(true.shape, 2 * NM, 0.0, NM, 12 * NM, random) - 1.6 * NM, 0.0
+    )
     z = true + np.where(true < 0.01 * NM, lying, 0.0) + random.normal(0.0, 0.3 * NM, (200, 1))
     z = z + correlated_map(z.shape, 2 * NM, 0.05 * NM, 0.1 * NM, 8 * NM, random)
     found = measure_groove(HeightMap(z, 2 * NM, 2 * NM), EXACT)
     ((_, floor), *_) = found.shown.map.outlines
     got = found.values["groove_depth"]
     assert abs(got.value - true[floor].mean()) < got.expanded()
-    assert got.expanded() < 0.3 * NM  # 1.6 nm while scatter over three of them was taken for that of their mean
+    assert (
+        got.expanded() < 0.3 * NM
+    )  # 1.6 nm while scatter over three of them was taken for that of their mean
     assert any("differ by" in note for note in found.notes)
     grains = np.where((random.random(true.shape) < 0.25) & (true < 0.01 * NM), 2.0 * NM, 0.0)
     with pytest.raises(MetrologyError, match="of what lies beside the features must be level, got"):
@@ -153,7 +180,9 @@ def test_a_sloped_flank_is_no_arc_and_its_corner_is_measured_by_itself():
     x, height, angle, radius = np.arange(-400, 400) * 0.5 * UM, 37.4 * UM, np.radians(55.0), 12 * UM
     reach = radius * np.tan(0.5 * angle)
     arc = height - radius + np.sqrt(np.maximum(radius**2 - (x - reach) ** 2, 0.0))
-    z = np.where(x < -reach * np.cos(angle), height + x * np.tan(angle), np.where(x < reach, arc, height))
+    z = np.where(
+        x < -reach * np.cos(angle), height + x * np.tan(angle), np.where(x < reach, arc, height)
+    )
     edge = fit_edge(x, np.maximum(z, 0.0) + noise(x, 5, 20 * NM))
     assert edge.flank is not None
     assert edge.flank.angle == pytest.approx(angle, abs=0.01)
@@ -184,15 +213,26 @@ def test_what_a_user_crops_or_levels_is_never_evaluated_whole_instead():
 def test_a_depth_is_not_told_from_a_corner_of_the_features_nor_from_edges_that_nobody_saw():
     y, x = np.mgrid[:240, :240] * UM
     # a dome of which nothing but the very top is level, beside a plane
-    dome = 20 * UM * np.clip(1.0 - ((x - 120 * UM) ** 2 + (y - 120 * UM) ** 2) / (40 * UM) ** 2, 0.0, 1.0) ** 0.2
+    dome = (
+        20
+        * UM
+        * np.clip(1.0 - ((x - 120 * UM) ** 2 + (y - 120 * UM) ** 2) / (40 * UM) ** 2, 0.0, 1.0)
+        ** 0.2
+    )
     inside = dome > 0.0
-    with pytest.raises(MetrologyError, match="at least 5% of the features must lie 33 um from their edges"):
+    with pytest.raises(
+        MetrologyError, match="at least 5% of the features must lie 33 um from their edges"
+    ):
         masked_step(HeightMap(dome, UM, UM), exclusion=33 * UM, inside=inside)
     box = np.where((x > 30 * UM) & (x < 90 * UM) & (y > 30 * UM) & (y < 90 * UM), 20 * UM, 0.0)
     shadow = (np.abs(x - 30 * UM) < 9 * UM) | (np.abs(x - 90 * UM) < 9 * UM)
     shadow |= (np.abs(y - 30 * UM) < 9 * UM) | (np.abs(y - 90 * UM) < 9 * UM)
-    with pytest.raises(MetrologyError, match=r"heights must be measured .* um beside an edge, got none"):
-        masked_step(HeightMap(np.where(shadow, np.nan, box), UM, UM), exclusion=2 * UM, inside=box > 0.0)
+    with pytest.raises(
+        MetrologyError, match=r"heights must be measured .* um beside an edge, got none"
+    ):
+        masked_step(
+            HeightMap(np.where(shadow, np.nan, box), UM, UM), exclusion=2 * UM, inside=box > 0.0
+        )
 
 
 def camera_map(random, rows=16, strays=False, clip=()):

@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import stats
 
-from oracles.softgauge import ball_gauge, correlated_map, correlated_noise, groove_gauge, margin_gauge
+from oracles.softgauge import (
+    ball_gauge,
+    correlated_map,
+    correlated_noise,
+    groove_gauge,
+    margin_gauge,
+)
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
@@ -17,18 +23,23 @@ from stepblocks.inspect.tip import fit_cap
 
 def face(shape, slope=(0.0, 0.0)):
     y, x = np.mgrid[:21, :31] * 0.5e-3
-    return np.stack([x.ravel(), y.ravel(), (shape(x, y) + slope[0] * x + slope[1] * y).ravel()], axis=1)
+    return np.stack(
+        [x.ravel(), y.ravel(), (shape(x, y) + slope[0] * x + slope[1] * y).ravel()], axis=1
+    )
 
 
 def test_a_cylindrical_bow_has_its_sagitta_as_flatness_at_any_tilt():
     bow = lambda x, y: 2e-6 * (2.0 * x / 15e-3 - 1.0) ** 2  # noqa: E731
     for slope in [(0.0, 0.0), (0.02, -0.01)]:
-        assert flatness(face(bow, slope)) == pytest.approx(2e-6 / np.hypot(1.0, np.hypot(*slope)), rel=1e-6)
+        assert flatness(face(bow, slope)) == pytest.approx(
+            2e-6 / np.hypot(1.0, np.hypot(*slope)), rel=1e-6
+        )
 
 
 def test_a_saddle_over_a_square_has_half_its_range_as_zone():
     zone = flatness(face(lambda x, y: 1e-6 * (x / 15e-3) * (y / 10e-3)))
-    # z = xy over the unit square: the zone between the planes through opposite edges has half the range
+    # z = xy over the unit square: the zone between the planes through opposite edges has half the
+    # range
     assert zone == pytest.approx(0.5e-6, rel=1e-6)
 
 
@@ -51,7 +62,9 @@ def test_parallelism_of_a_wedge_is_its_rise_over_the_face():
     assert parallelism(wedge, datum) == pytest.approx(1e-6, rel=1e-4)
 
 
-@pytest.mark.parametrize("points", [np.zeros((10, 2)), np.zeros((3, 3)), np.full((10, 3), np.nan), np.eye(3)[[0] * 9]])
+@pytest.mark.parametrize(
+    "points", [np.zeros((10, 2)), np.zeros((3, 3)), np.full((10, 3), np.nan), np.eye(3)[[0] * 9]]
+)
 def test_what_is_no_face_is_refused(points):
     with pytest.raises(MetrologyError, match="points must"):
         flatness(points)
@@ -80,7 +93,10 @@ def test_what_is_no_ball_is_refused(height):
 def margin(seed, opening, rise, missing=False):
     random = np.random.default_rng(seed)
     x = np.arange(-600, 600) * 0.5e-6
-    z = np.where(x < 0.0, 0.0, np.where(x > opening, rise, -60e-6)) + random.uniform(-1e-3, 1e-3) * x
+    z = (
+        np.where(x < 0.0, 0.0, np.where(x > opening, rise, -60e-6))
+        + random.uniform(-1e-3, 1e-3) * x
+    )
     z += correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, random)
     if missing:
         z[(x > 0.1 * opening) & (x < 0.9 * opening)] = np.nan
@@ -102,11 +118,19 @@ def test_a_gap_and_its_discrepancies_are_unbiased_and_covered_at_their_rate():
     random = np.random.default_rng(3)
     x = np.arange(-600, 600) * 0.5e-6
     truths = {"horizontal_discrepancy": 20e-6}
-    found = {key: [] for key in ("vertical_discrepancy", "horizontal_discrepancy", "absolute_discrepancy")}
+    found = {
+        key: []
+        for key in ("vertical_discrepancy", "horizontal_discrepancy", "absolute_discrepancy")
+    }
     for _ in range(300):
         opening = random.uniform(80.0e-6, 80.5e-6)
-        truths |= {"vertical_discrepancy": opening, "absolute_discrepancy": np.hypot(opening, 20e-6)}
-        z = margin_gauge(x, opening, 20e-6, 60e-6, random.uniform(-1e-6, 1e-6), random.uniform(-1e-3, 1e-3))
+        truths |= {
+            "vertical_discrepancy": opening,
+            "absolute_discrepancy": np.hypot(opening, 20e-6),
+        }
+        z = margin_gauge(
+            x, opening, 20e-6, 60e-6, random.uniform(-1e-6, 1e-6), random.uniform(-1e-3, 1e-3)
+        )
         z += correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, random)
         for key, got in measure_margin(Profile(x, z), Instrument(0.0, 0.0, 0.0)).values.items():
             found[key].append((got.value - truths[key], got.std, got.expanded()))
@@ -142,25 +166,38 @@ def test_the_radius_of_a_tip_under_correlated_noise_is_unbiased_and_covered_at_i
 
 def test_flatness_of_the_form_does_not_grow_with_noise_where_the_zone_of_all_points_does():
     x, y = np.arange(60) * 10e-6, np.arange(40) * 10e-6
-    bow = 200e-9 * ((2.0 * x[np.newaxis, :] / x[-1] - 1.0) ** 2) * np.ones((40, 1)) + 1e-3 * x[np.newaxis, :]
+    bow = (
+        200e-9 * ((2.0 * x[np.newaxis, :] / x[-1] - 1.0) ** 2) * np.ones((40, 1))
+        + 1e-3 * x[np.newaxis, :]
+    )
     whole = np.ones(bow.shape, dtype=bool)
     exact = zone_of(flatness, fit_face(x, y, bow, whole))
-    assert exact.value == pytest.approx(200e-9, rel=1e-5)  # a parabola over the whole face: its sagitta
+    assert exact.value == pytest.approx(
+        200e-9, rel=1e-5
+    )  # a parabola over the whole face: its sagitta
     zones = []
     for seed in range(40):
         noise = correlated_map(bow.shape, 10e-6, 10e-9, 30e-9, 20e-6, np.random.default_rng(seed))
         zones.append(zone_of(flatness, fit_face(x, y, bow + noise, whole)))
-    errors, stds = np.array([one.value for one in zones]) - 200e-9, np.array([one.std for one in zones])
+    errors, stds = (
+        np.array([one.value for one in zones]) - 200e-9,
+        np.array([one.std for one in zones]),
+    )
     assert abs(errors.mean()) < 0.5 * stds.mean()
     halves = stds * stats.t.ppf(0.975, [one.dof for one in zones])
-    assert np.mean(np.abs(errors) < halves) >= 0.85  # three standard deviations of a binomial of 40 below 95 %
+    assert (
+        np.mean(np.abs(errors) < halves) >= 0.85
+    )  # three standard deviations of a binomial of 40 below 95 %
     assert flatness(fit_face(x, y, bow + noise, whole).points) > 260e-9
 
 
 def test_parallelism_of_the_form_is_the_wedge_between_the_faces():
     x, y = np.arange(60) * 10e-6, np.arange(40) * 10e-6
     rise = np.linspace(0.0, 300e-9, 60)[np.newaxis, :] * np.ones((40, 1))
-    noise = [correlated_map(rise.shape, 10e-6, 5e-9, 0.0, 1e-6, np.random.default_rng(seed)) for seed in (1, 2)]
+    noise = [
+        correlated_map(rise.shape, 10e-6, 5e-9, 0.0, 1e-6, np.random.default_rng(seed))
+        for seed in (1, 2)
+    ]
     tilt = 2e-3 * x[np.newaxis, :]
     whole = np.ones(rise.shape, dtype=bool)
     faces = [fit_face(x, y, shape + tilt, whole) for shape in (noise[0], rise + noise[1])]

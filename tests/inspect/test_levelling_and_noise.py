@@ -32,14 +32,18 @@ def test_a_running_median_takes_spikes_away_and_leaves_edges_where_they_are():
 
 
 @pytest.mark.parametrize(("tilt", "height"), [(0.0, 10e-6), (4e-3, -25e-6)])
-def test_two_planes_give_tilt_and_height_of_a_step_exactly_and_their_weights_are_the_estimate(tilt, height):
+def test_two_planes_give_tilt_and_height_of_a_step_exactly_and_their_weights_are_the_estimate(
+    tilt, height
+):
     z = np.where(X > 0.2e-6, height, 0.0) + tilt * X + 1e-3
     planes = fit_two_planes(X, z, 0.2e-6, np.abs(X) > 50e-6)
     assert planes.tilt == pytest.approx(tilt, abs=1e-12)
     assert planes.height.value == pytest.approx(height, abs=1e-15)
     assert planes.offset == pytest.approx(1e-3)
     at_middle = planes.offset + tilt * 0.2e-6
-    assert planes.fit.weights @ z == pytest.approx([planes.tilt, at_middle, planes.height.value], abs=1e-12)
+    assert planes.fit.weights @ z == pytest.approx(
+        [planes.tilt, at_middle, planes.height.value], abs=1e-12
+    )
     assert (planes.height.std, planes.fit.rejected) == (0.0, 0)
 
 
@@ -59,7 +63,9 @@ def test_the_robust_scale_of_a_normal_law_is_its_standard_deviation_and_spikes_d
     sample[:1000] = 1.0
     assert robust_scale(sample) == pytest.approx(30e-9, rel=0.02)
     assert outlier_mask(sample, np.isfinite(sample))[:1000].all()
-    assert outlier_mask(sample, np.isfinite(sample))[1000:].mean() < 1e-5  # beyond five standard deviations: 6e-7
+    assert (
+        outlier_mask(sample, np.isfinite(sample))[1000:].mean() < 1e-5
+    )  # beyond five standard deviations: 6e-7
 
 
 def test_the_rounding_of_a_processor_is_no_scatter_and_holds_no_spikes():
@@ -71,18 +77,25 @@ def test_the_rounding_of_a_processor_is_no_scatter_and_holds_no_spikes():
 
 def test_the_autocovariance_of_roughness_is_the_one_that_was_put_in():
     # Gaussian-correlated: gamma(k) = rough^2 exp(-(k / length)^2), white noise on lag 0 alone
-    pieces = [correlated_noise(20_000, 1e-6, 10e-9, 40e-9, 5e-6, np.random.default_rng(seed)) for seed in range(4)]
+    pieces = [
+        correlated_noise(20_000, 1e-6, 10e-9, 40e-9, 5e-6, np.random.default_rng(seed))
+        for seed in range(4)
+    ]
     gamma = autocovariance(pieces)
     assert gamma[0] == pytest.approx(10e-9**2 + 40e-9**2, rel=0.05)
     for lag in (2, 5):
         assert gamma[lag] == pytest.approx(40e-9**2 * math.exp(-((lag / 5.0) ** 2)), rel=0.15)
     spectrum = np.fft.rfft(np.concatenate([gamma, np.zeros(4 * len(gamma)), gamma[:0:-1]])).real
-    assert spectrum.min() > -1e-3 * spectrum.max()  # a covariance: no negative power beyond rounding of the window
+    assert (
+        spectrum.min() > -1e-3 * spectrum.max()
+    )  # a covariance: no negative power beyond rounding of the window
 
 
 def test_estimates_from_white_noise_have_the_covariance_of_the_weights():
     weights = np.random.default_rng(6).normal(size=(3, 50))
-    np.testing.assert_allclose(estimator_covariance(weights, np.array([4.0])), 4.0 * weights @ weights.T)
+    np.testing.assert_allclose(
+        estimator_covariance(weights, np.array([4.0])), 4.0 * weights @ weights.T
+    )
     # one lag: the sum over pairs, written out
     gamma = np.array([4.0, 1.5])
     toeplitz = 4.0 * np.eye(50) + 1.5 * (np.eye(50, k=1) + np.eye(50, k=-1))
@@ -101,19 +114,26 @@ def test_the_mean_of_white_noise_is_known_to_its_scatter_over_the_root_of_n():
     for seed in range(200):
         noise = np.random.default_rng(seed).normal(0.0, 20e-9, count)
         ones = np.ones(count)
-        found.append(estimated(0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis]))
-    assert np.sqrt(np.mean([one.std**2 for one in found])) == pytest.approx(20e-9 / math.sqrt(count), rel=0.05)
+        found.append(
+            estimated(0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis])
+        )
+    assert np.sqrt(np.mean([one.std**2 for one in found])) == pytest.approx(
+        20e-9 / math.sqrt(count), rel=0.05
+    )
     assert 50.0 < np.median([one.dof for one in found]) <= count
 
 
 def test_the_mean_of_a_moving_average_is_known_less_well_by_its_closed_form():
-    # z_i = e_i + 0.8 e_(i-1): the variance of a mean of n is (1 + 0.8)^2 / n, less an end term of order 1 / n^2
+    # z_i = e_i + 0.8 e_(i-1): the variance of a mean of n is (1 + 0.8)^2 / n, less an end term of
+    # order 1 / n^2
     count, found = 1000, []
     for seed in range(100):
         e = np.random.default_rng(seed).normal(0.0, 1e-8, count + 1)
         noise = e[1:] + 0.8 * e[:-1]
         ones = np.ones(count)
-        found.append(estimated(0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis]).std)
+        found.append(
+            estimated(0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis]).std
+        )
     assert np.sqrt(np.mean(np.square(found))) == pytest.approx(1.8e-8 / math.sqrt(count), rel=0.05)
 
 

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from oracles.softgauge import ball_gauge, correlated_map, correlated_noise, edge_gauge, groove_gauge, margin_gauge
+from oracles.softgauge import (
+    ball_gauge,
+    correlated_map,
+    correlated_noise,
+    edge_gauge,
+    groove_gauge,
+    margin_gauge,
+)
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
@@ -18,7 +25,9 @@ EXACT = Instrument(0.0, 0.0, 0.0)
 
 def edge_rows(count, height=40e-6, radius=0.0, seed=1):
     random = np.random.default_rng(seed)
-    rows = [edge_gauge(X, height, radius, 1e-4) + random.normal(0.0, 5e-9, len(X)) for _ in range(count)]
+    rows = [
+        edge_gauge(X, height, radius, 1e-4) + random.normal(0.0, 5e-9, len(X)) for _ in range(count)
+    ]
     return np.stack(rows)
 
 
@@ -32,7 +41,11 @@ def test_an_edge_gives_height_and_radius_and_a_map_of_it_its_faces_too():
     assert names(profile.values["step_height"]) >= {"noise", "form", "repeatability", "calibration"}
     assert names(profile.values["edge_radius"]) >= {"calibration", "lateral calibration"}
     both = measure_edge(HeightMap(edge_rows(6), 1e-6, 50e-6), EXACT)
-    assert set(both.values) - set(profile.values) == {"flatness_lower", "flatness_upper", "parallelism"}
+    assert set(both.values) - set(profile.values) == {
+        "flatness_lower",
+        "flatness_upper",
+        "parallelism",
+    }
     assert both.values["step_height"].value == pytest.approx(40e-6, abs=10e-9)
 
 
@@ -41,7 +54,8 @@ def test_a_falling_edge_has_the_same_faces_below_and_above():
     rows = edge_rows(8)
     rows[:, X > 20e-6] += bow  # on the upper face alone
     rising, falling = (
-        measure_edge(HeightMap(np.ascontiguousarray(z), 1e-6, 50e-6), EXACT) for z in (rows, rows[:, ::-1])
+        measure_edge(HeightMap(np.ascontiguousarray(z), 1e-6, 50e-6), EXACT)
+        for z in (rows, rows[:, ::-1])
     )
     for one in (rising, falling):
         assert one.values["flatness_upper"].value > 5.0 * one.values["flatness_lower"].value
@@ -51,7 +65,8 @@ def test_a_falling_edge_has_the_same_faces_below_and_above():
 
 def test_of_a_large_map_sixty_profiles_are_evaluated_evenly_and_it_is_said():
     many = measure_margin(
-        HeightMap(np.stack([margin_gauge(X, 50.25e-6, 10e-6, 60e-6, -20e-6)] * 90), 1e-6, 1e-6), EXACT
+        HeightMap(np.stack([margin_gauge(X, 50.25e-6, 10e-6, 60e-6, -20e-6)] * 90), 1e-6, 1e-6),
+        EXACT,
     )
     assert many.notes[0] == "60 of 90 profiles evaluated"
 
@@ -60,7 +75,10 @@ def test_profiles_that_cannot_be_evaluated_are_counted_with_the_reason_and_none_
     rows = edge_rows(4)
     rows[2] = 1e-9 * np.sin(np.arange(len(X)))
     partly = measure_edge(HeightMap(rows, 1e-6, 50e-6), EXACT)
-    assert "1 of 4 profiles refused, the first since profile must show a step above its noise" in partly.notes[0]
+    assert (
+        "1 of 4 profiles refused, the first since profile must show a step above its noise"
+        in partly.notes[0]
+    )
     with pytest.raises(MetrologyError, match=r"^profile must show a step"):
         measure_edge(Profile(X, rows[2]), EXACT)
 
@@ -69,7 +87,9 @@ def test_profiles_that_cannot_be_evaluated_are_counted_with_the_reason_and_none_
 def test_a_step_in_less_than_half_of_the_rows_of_a_map_is_no_edge(stepped, share):
     rows = 20e-9 * np.random.default_rng(2).normal(size=(20, len(X)))
     rows[list(stepped)] += 40e-6 * (X > 0.0)
-    with pytest.raises(MetrologyError, match=f"must agree on the features that they cross, got {share} of 20 "):
+    with pytest.raises(
+        MetrologyError, match=f"must agree on the features that they cross, got {share} of 20 "
+    ):
         measure_edge(HeightMap(rows, 1e-6, 50e-6), EXACT)
 
 
@@ -85,7 +105,9 @@ def test_an_edge_may_slant_over_a_map_but_not_change_its_height_from_row_to_row(
 
 
 def test_a_sharp_edge_is_said_to_be_sharper_than_the_sampling_and_a_round_one_is_not():
-    sharp, blunt = (measure_edge(Profile(X, edge_rows(1, radius=radius)[0]), EXACT) for radius in (0.0, 14e-6))
+    sharp, blunt = (
+        measure_edge(Profile(X, edge_rows(1, radius=radius)[0]), EXACT) for radius in (0.0, 14e-6)
+    )
     assert any("sharper than the sampling resolves" in note for note in sharp.notes)
     assert not any("sharper" in note for note in blunt.notes)
     assert blunt.values["edge_radius"].value == pytest.approx(14e-6, abs=0.2e-6)
@@ -96,7 +118,9 @@ def test_the_arc_is_a_circle_tangent_to_the_upper_face():
     assert (z[X < 3e-6] == 0.0).all()
     assert (z[X > 15e-6] == 30e-6).all()
     on = (X > 3e-6) & (X < 15e-6)
-    np.testing.assert_allclose(np.hypot(X[on] - 15e-6, z[on] - 18e-6), 12e-6)  # its centre lies r inside both faces
+    np.testing.assert_allclose(
+        np.hypot(X[on] - 15e-6, z[on] - 18e-6), 12e-6
+    )  # its centre lies r inside both faces
 
 
 @pytest.mark.parametrize("radius", [4e-6, 14e-6])
@@ -123,9 +147,12 @@ def grating(missing=False):
     return HeightMap(z, 0.2e-6, 0.2e-6)
 
 
-@pytest.mark.parametrize("heights", [[0.0, 1.0, np.nan], [0.0, 1.0] * 6, [0.0, 1.0] * 20, [1.0] * 30, [0.0, 1.0, 2.0]])
+@pytest.mark.parametrize(
+    "heights", [[0.0, 1.0, np.nan], [0.0, 1.0] * 6, [0.0, 1.0] * 20, [1.0] * 30, [0.0, 1.0, 2.0]]
+)
 def test_a_few_points_and_what_repeats_at_every_second_point_are_no_grating(heights):
-    # a mean in each phase of a period follows any twelve points; and what lies between two points nobody saw
+    # a mean in each phase of a period follows any twelve points; and what lies between two points
+    # nobody saw
     profile = Profile(1e-6 * np.arange(len(heights)), 1e-6 * np.array(heights))
     with pytest.raises(MetrologyError, match="one shape must repeat"):
         measure_groove(profile, EXACT)
@@ -137,17 +164,23 @@ def test_many_features_in_a_row_are_a_masked_step_and_one_is_type_a1():
     assert many.values["groove_depth"].value == pytest.approx(500e-9, abs=2e-9)
     x = np.arange(-50, 951) * 1e-6
     rows = [
-        groove_gauge(x, -10e-6, 300e-6, 600e-6, 20e-6) + correlated_noise(1001, 1e-6, 9e-9, 0.0, 1e-6, random)
+        groove_gauge(x, -10e-6, 300e-6, 600e-6, 20e-6)
+        + correlated_noise(1001, 1e-6, 9e-9, 0.0, 1e-6, random)
         for random in map(np.random.default_rng, range(3))
     ]
     one = measure_groove(HeightMap(np.stack(rows), 1e-6, 50e-6), EXACT, key="ridge_height")
-    assert one.values["ridge_height"].value == pytest.approx(10e-6, abs=10e-9)  # a height has no sign
+    assert one.values["ridge_height"].value == pytest.approx(
+        10e-6, abs=10e-9
+    )  # a height has no sign
     assert one.values["ridge_height"].name == "ridge height"
     assert [name for *_, name in one.shown.windows] == ["A", "C", "B"]
 
 
 def test_maps_that_are_evaluated_as_an_edge_or_a_grating_are_drawn_with_what_took_part():
-    rows = [edge_gauge(X, 40e-6, 5e-6, 1e-3) + np.random.default_rng(n).normal(0.0, 5e-9, len(X)) for n in range(4)]
+    rows = [
+        edge_gauge(X, 40e-6, 5e-6, 1e-3) + np.random.default_rng(n).normal(0.0, 5e-9, len(X))
+        for n in range(4)
+    ]
     rows[1][20:30] = np.nan
     edge = measure_edge(HeightMap(np.stack(rows), 1e-6, 50e-6), EXACT).shown.map
     (upper, above), (lower, below) = edge.outlines
@@ -157,7 +190,9 @@ def test_maps_that_are_evaluated_as_an_edge_or_a_grating_are_drawn_with_what_too
     assert (np.isfinite(edge.residual) == (above | below)).all()
     assert np.nanstd(edge.residual) == pytest.approx(5e-9, rel=0.1)
     y, x = np.mgrid[:80, :160] * 10e-9
-    waves = 20e-9 * np.sin(2.0 * np.pi * (x + 0.5 * y) / 200e-9) + np.random.default_rng(1).normal(0.0, 1e-9, x.shape)
+    waves = 20e-9 * np.sin(2.0 * np.pi * (x + 0.5 * y) / 200e-9) + np.random.default_rng(1).normal(
+        0.0, 1e-9, x.shape
+    )
     waves[:, 50] = np.nan
     grating = measure_groove(HeightMap(waves, 10e-9, 10e-9), EXACT).shown.map
     assert np.isnan(grating.residual[:, 50]).all()
@@ -205,7 +240,9 @@ def test_a_tip_is_a_sphere_through_its_cap_and_spikes_on_it_are_said():
     z = ball_gauge(grid, grid, 125.4e-6) + np.random.default_rng(5).normal(0.0, 20e-9, (101, 101))
     z[40, 40] += 3e-6
     tip = measure_tip(HeightMap(z, 2e-6, 2e-6), EXACT, nominal=125e-6)
-    assert tip.values["ball_radius"].value == pytest.approx(125.4e-6, abs=4.0 * tip.values["ball_radius"].std)
+    assert tip.values["ball_radius"].value == pytest.approx(
+        125.4e-6, abs=4.0 * tip.values["ball_radius"].std
+    )
     assert tip.notes[1].startswith("1 of ")
     assert tip.notes[1].endswith(" points left out as spikes")
     with pytest.raises(MetrologyError, match=r"must show a cap of a ball|sphere|points must"):
@@ -216,7 +253,9 @@ def test_form_of_a_ball_is_no_spike_and_widens_its_interval():
     grid, held = np.arange(-40, 41) * 1.1e-6, 0
     for seed in range(20):
         random = np.random.default_rng(seed)
-        z = ball_gauge(grid, grid, 497e-6) + correlated_map((81, 81), 1.1e-6, 1e-9, 10e-9, 20e-6, random)
+        z = ball_gauge(grid, grid, 497e-6) + correlated_map(
+            (81, 81), 1.1e-6, 1e-9, 10e-9, 20e-6, random
+        )
         z[:20, 60:] += 40e-9 * np.linspace(1.0, 0.0, 20)[:, np.newaxis] * np.linspace(0.0, 1.0, 21)
         tip = measure_tip(HeightMap(z, 1.1e-6, 1.1e-6), EXACT, nominal=500e-6)
         held += abs(tip.values["ball_radius"].value - 497e-6) < tip.values["ball_radius"].expanded()

@@ -12,7 +12,15 @@ import pytest
 from oracles.softgauge import correlated_noise, edge_gauge, groove_gauge
 from stepblocks.artefacts.as_built import read_as_built
 from stepblocks.errors import PipelineError
-from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, decide, judge, verdict_of
+from stepblocks.inspect.budget import (
+    Component,
+    Instrument,
+    Measured,
+    Outcome,
+    decide,
+    judge,
+    verdict_of,
+)
 from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import EVALUATIONS, inspect_scan, inspect_standard
 from stepblocks.parts.set import StimulusSet
@@ -23,14 +31,23 @@ KNOWN = Instrument(1e-3)
 
 
 def save(path, x, z):
-    np.savetxt(path, np.stack([x, z], axis=1) * 1e6, delimiter=",", header="x_um,z_um", comments="", fmt="%.4f")
+    np.savetxt(
+        path,
+        np.stack([x, z], axis=1) * 1e6,
+        delimiter=",",
+        header="x_um,z_um",
+        comments="",
+        fmt="%.4f",
+    )
     return path
 
 
 @pytest.fixture(scope="module")
 def block(tmp_path_factory):
     x = np.arange(-400, 400) * 1e-6
-    z = edge_gauge(x, 50.2e-6, 14e-6, 5e-4) + correlated_noise(800, 1e-6, 10e-9, 40e-9, 2e-6, np.random.default_rng(1))
+    z = edge_gauge(x, 50.2e-6, 14e-6, 5e-4) + correlated_noise(
+        800, 1e-6, 10e-9, 40e-9, 2e-6, np.random.default_rng(1)
+    )
     return save(tmp_path_factory.mktemp("scans") / "block.csv", x, z)
 
 
@@ -53,7 +70,9 @@ def test_every_characteristic_that_a_scan_shows_belongs_to_some_shipped_part():
     from stepblocks.declare import load_declared
 
     sets: list[StimulusSet] = [load_declared(path) for path in stimulus_files(STIMULI)]
-    keys = {one.key for stimuli in sets for part in stimuli.stimuli for one in part.characteristics()}
+    keys = {
+        one.key for stimuli in sets for part in stimuli.stimuli for one in part.characteristics()
+    }
     assert set(EVALUATIONS) - {"ridge_height"} <= keys
 
 
@@ -62,7 +81,10 @@ def test_every_characteristic_that_a_scan_shows_belongs_to_some_shipped_part():
     [
         ({"stimulus": "step-999"}, "stimulus must be declared in"),
         ({"stimulus": "crown-shoulder"}, "only blocks, margins and tips can"),
-        ({"stimulus": "step-050", "feature": "corner"}, "feature must be one of edge, groove, got 'corner'"),
+        (
+            {"stimulus": "step-050", "feature": "corner"},
+            "feature must be one of edge, groove, got 'corner'",
+        ),
     ],
 )
 def test_what_cannot_be_inspected_is_refused_by_name(arguments, words, block):
@@ -76,15 +98,20 @@ def test_the_resolution_of_an_instrument_is_at_least_one_count_of_the_scan(block
     read = run.read_scan
     monkeypatch.setattr(run, "read_scan", lambda *arguments: replace(read(*arguments), count=12e-9))
     for stated, counted in ((1e-9, 12e-9), (24e-9, 24e-9)):
-        found = run.inspect_scan(block, "step-050", stimuli=STIMULI, instrument=Instrument(1e-3, stated))
+        found = run.inspect_scan(
+            block, "step-050", stimuli=STIMULI, instrument=Instrument(1e-3, stated)
+        )
         budget = {part.name: part.std for part in found.inspected.values["step_height"].components}
         assert budget["resolution"] == pytest.approx(counted / math.sqrt(12.0))
 
 
 def test_the_felt_sentence_says_what_equations_1_and_2_say(result):
-    # paper-ten begins with a tip of 125 um, 0.5 N and 0.1: by hand for heights and radii that were measured
+    # paper-ten begins with a tip of 125 um, 0.5 N and 0.1: by hand for heights and radii that were
+    # measured
     height, radius = (result.inspected.values[key].value for key in ("step_height", "edge_radius"))
-    ball, friction = (float(result.felt.split(word)[1].split()[0].rstrip(",)")) for word in ("tip ", "friction "))
+    ball, friction = (
+        float(result.felt.split(word)[1].split()[0].rstrip(",)")) for word in ("tip ", "friction ")
+    )
 
     def pull(h, r):
         return math.tan(math.acos(1.0 - h / (ball * 1e-6 + r)) + math.atan(friction))
@@ -100,21 +127,35 @@ def test_the_felt_sentence_says_what_equations_1_and_2_say(result):
 def test_of_a_step_that_locks_the_sentence_says_so_and_no_energy(tmp_path):
     x = np.arange(-400, 400) * 1e-6
     z = edge_gauge(x, 124.9e-6) + np.random.default_rng(1).normal(0.0, 20e-9, 800)
-    locked = inspect_scan(save(tmp_path / "high.csv", x, z), "step-100", stimuli=STIMULI, instrument=KNOWN)
+    locked = inspect_scan(
+        save(tmp_path / "high.csv", x, z), "step-100", stimuli=STIMULI, instrument=KNOWN
+    )
     assert "as built locked" in locked.felt
     assert "E_v" not in locked.felt
 
 
 def test_a_standard_is_judged_against_its_certificate_and_feels_like_nothing(tmp_path):
     x = np.arange(-50, 951) * 1e-6
-    z = groove_gauge(x, 10e-6, 300e-6, 600e-6, 20e-6) + np.random.default_rng(2).normal(0.0, 5e-9, 1001)
+    z = groove_gauge(x, 10e-6, 300e-6, 600e-6, 20e-6) + np.random.default_rng(2).normal(
+        0.0, 5e-9, 1001
+    )
     path = save(tmp_path / "standard.csv", x, z)
-    assert inspect_standard(path, 10e-6, 50e-9, instrument=Instrument(0.0)).verdict is Outcome.CONFORMS
-    assert inspect_standard(path, 11e-6, 50e-9, instrument=Instrument(0.0)).verdict is Outcome.DOES_NOT_CONFORM
+    assert (
+        inspect_standard(path, 10e-6, 50e-9, instrument=Instrument(0.0)).verdict is Outcome.CONFORMS
+    )
+    assert (
+        inspect_standard(path, 11e-6, 50e-9, instrument=Instrument(0.0)).verdict
+        is Outcome.DOES_NOT_CONFORM
+    )
     bare = inspect_standard(str(path), 10e-6)
     assert bare.verdict is Outcome.NOT_PROVEN  # no tolerance, no proof
     assert (bare.identity, bare.stimulus, bare.felt) == ("standard", None, "")
-    assert [path.suffix for path in write_inspection(bare, tmp_path / "out")] == [".toml", ".json", ".svg", ".html"]
+    assert [path.suffix for path in write_inspection(bare, tmp_path / "out")] == [
+        ".toml",
+        ".json",
+        ".svg",
+        ".html",
+    ]
 
 
 def test_a_notebook_shows_the_table_and_nothing_of_it_is_taken_for_markup(result):
@@ -122,24 +163,36 @@ def test_a_notebook_shows_the_table_and_nothing_of_it_is_taken_for_markup(result
     shown = risky._repr_html_()
     assert "&lt;b&gt;step&lt;/b&gt;: does not conform" in shown
     assert shown.startswith("<pre>")
-    for words in ("step height", "uncertainty budget", "convention: two planes", "ISO 14253-1", "felt: "):
+    for words in (
+        "step height",
+        "uncertainty budget",
+        "convention: two planes",
+        "ISO 14253-1",
+        "felt: ",
+    ):
         assert words in shown
 
 
 def test_the_table_lists_values_without_limits_and_what_was_not_stated(result):
     silent = replace(result, judged=result.judged[:1], felt="")
     text = str(silent)
-    assert "no limits" in next(line for line in text.splitlines() if line.lstrip().startswith("edge radius"))
+    assert "no limits" in next(
+        line for line in text.splitlines() if line.lstrip().startswith("edge radius")
+    )
     assert "not stated counts as zero: lateral calibration, repeatability" in text
     assert "felt:" not in text
-    assert silent.as_record()["others_m"] == {"edge_radius": result.inspected.values["edge_radius"].value}
+    assert silent.as_record()["others_m"] == {
+        "edge_radius": result.inspected.values["edge_radius"].value
+    }
 
 
 def test_the_record_is_strict_json_whose_infinities_are_null(result):
     record = json.loads(json.dumps(result.as_record(), allow_nan=False))
     by_key = {one["key"]: one for one in record["characteristics"]}
     assert by_key["edge_radius"]["lower_limit_m"] is None  # a radius cannot be negative
-    repeatability = next(part for part in by_key["step_height"]["budget"] if part["name"] == "repeatability")
+    repeatability = next(
+        part for part in by_key["step_height"]["budget"] if part["name"] == "repeatability"
+    )
     assert repeatability["std_m"] is None
     low, high = by_key["step_height"]["interval_95_m"]
     assert low < by_key["step_height"]["value_m"] < high

@@ -35,7 +35,9 @@ def draw(seed, depth=10e-6, flank=20e-6):
 @pytest.mark.parametrize("depth", [37.4e-6, 0.5e-6, -10e-6])
 @pytest.mark.parametrize("tilt", [0.0, 3e-3])
 def test_without_noise_the_depth_is_exact_at_any_tilt_and_offset(depth, tilt):
-    result = evaluate_a1(X, groove_gauge(X, depth, 300e-6, 600e-6, 20e-6, tilt) + 1e-3, (300e-6, 600e-6))
+    result = evaluate_a1(
+        X, groove_gauge(X, depth, 300e-6, 600e-6, 20e-6, tilt) + 1e-3, (300e-6, 600e-6)
+    )
     assert result.depth.value == pytest.approx(depth, abs=1e-15)
 
 
@@ -49,7 +51,8 @@ def test_rounding_is_neither_spike_nor_noise(flank, tilt):
 
 
 def test_the_windows_are_those_of_the_standard():
-    # ISO 5436-1: A = [L - W, L - W/3], C = middle third, B = [R + W/3, R + W] with L = 300, R = 600, W = 300 um
+    # ISO 5436-1: A = [L - W, L - W/3], C = middle third, B = [R + W/3, R + W] with L = 300, R =
+    # 600, W = 300 um
     result = evaluate_a1(X, groove_gauge(X, 10e-6, 300e-6, 600e-6), (300e-6, 600e-6))
     expected = ((0.0, 200e-6), (400e-6, 500e-6), (700e-6, 900e-6))
     for window, wanted in zip(result.windows, expected, strict=True):
@@ -68,29 +71,47 @@ def noisy(seed, length, missing=0, spikes=0):
     [(0.0, 0, 0), (1.5e-6, 0, 0), (3e-6, 200, 20), (8e-6, 0, 0)],
     ids=["white", "rough 1.5 um", "rough 3 um, faults", "rough 8 um"],
 )
-def test_depth_is_unbiased_and_its_stated_interval_covers_at_its_stated_rate(length, missing, spikes):
-    results = [evaluate_a1(X, noisy(seed, length, missing, spikes), (300e-6, 600e-6)) for seed in range(500)]
+def test_depth_is_unbiased_and_its_stated_interval_covers_at_its_stated_rate(
+    length, missing, spikes
+):
+    results = [
+        evaluate_a1(X, noisy(seed, length, missing, spikes), (300e-6, 600e-6))
+        for seed in range(500)
+    ]
     errors = np.array([result.depth.value - 10e-6 for result in results])
     stds = np.array([result.depth.std for result in results])
     student = stats.t.ppf(0.975, [result.depth.dof for result in results])
-    # three standard deviations of a binomial of 500, and a mean error that 500 draws can tell from 0.1 u
+    # three standard deviations of a binomial of 500, and a mean error that 500 draws can tell from
+    # 0.1 u
     assert abs(errors.mean()) < 0.1 * stds.mean() + errors.std() / np.sqrt(500)
     assert np.mean(np.abs(errors) < student * stds) == pytest.approx(0.95, abs=0.0292)
 
 
 def test_longer_correlation_leaves_fewer_degrees_of_freedom_and_missing_points_take_some():
-    dof = [evaluate_a1(X, noisy(1, length), (300e-6, 600e-6)).depth.dof for length in (0.0, 3e-6, 20e-6)]
+    dof = [
+        evaluate_a1(X, noisy(1, length), (300e-6, 600e-6)).depth.dof
+        for length in (0.0, 3e-6, 20e-6)
+    ]
     assert dof[0] > 2.0 * dof[1] > 4.0 * dof[2] > 4.0
     assert evaluate_a1(X, noisy(1, 3e-6, 400), (300e-6, 600e-6)).depth.dof < dof[1]
 
 
 def test_spikes_are_left_out_and_counted_and_too_many_are_refused():
     clean, spiked = noisy(5, 3e-6), noisy(5, 3e-6, spikes=25)
-    whole, result = evaluate_a1(X, clean, (300e-6, 600e-6)), evaluate_a1(X, spiked, (300e-6, 600e-6))
-    windows = np.concatenate([(a - 1e-12 <= X) & (b + 1e-12 >= X) for a, b in whole.windows]).reshape(3, -1).any(axis=0)
+    whole, result = (
+        evaluate_a1(X, clean, (300e-6, 600e-6)),
+        evaluate_a1(X, spiked, (300e-6, 600e-6)),
+    )
+    windows = (
+        np.concatenate([(a - 1e-12 <= X) & (b + 1e-12 >= X) for a, b in whole.windows])
+        .reshape(3, -1)
+        .any(axis=0)
+    )
     assert result.outliers == np.sum(windows & (np.abs(spiked - clean) > 0.4e-6))
     assert result.depth.value == pytest.approx(whole.depth.value, abs=whole.depth.std)
-    with pytest.raises(MetrologyError, match=r"at most 10% spikes|a flank or a defect reaches into"):
+    with pytest.raises(
+        MetrologyError, match=r"at most 10% spikes|a flank or a defect reaches into"
+    ):
         evaluate_a1(X, noisy(5, 3e-6, spikes=200), (300e-6, 600e-6))
 
 
@@ -105,11 +126,13 @@ def test_edges_are_found_at_half_depth_whatever_the_tilt():
 
 
 def test_flanks_that_reach_into_the_windows_are_refused_by_name():
-    # a flank of 230 um reaches 15 um into A, C and B; evaluated blindly it takes 0.5 um off a groove of 37.4 um
+    # a flank of 230 um reaches 15 um into A, C and B; evaluated blindly it takes 0.5 um off a
+    # groove of 37.4 um
     z = groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=230e-6)
     z += correlated_noise(len(X), 1e-6, 10e-9, 0.0, 1e-6, np.random.default_rng(1))
     with pytest.raises(
-        MetrologyError, match="window A of type A1 must lie on a face, but a flank or a defect reaches into it"
+        MetrologyError,
+        match="window A of type A1 must lie on a face, but a flank or a defect reaches into it",
     ):
         evaluate_a1(X, z, (300e-6, 600e-6))
     narrow = evaluate_a1(X, groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=20e-6), (300e-6, 600e-6))
@@ -121,7 +144,9 @@ def test_a_long_flank_is_one_edge_and_not_two_steps(flank):
     z = groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=flank)
     z += correlated_noise(len(X), 1e-6, 10e-9, 0.0, 1e-6, np.random.default_rng(1))
     found = measure_groove(Profile(X, z), Instrument()).values
-    assert found["groove_depth"].value == pytest.approx(37.4e-6, abs=10e-9)  # two steps of half of it otherwise
+    assert found["groove_depth"].value == pytest.approx(
+        37.4e-6, abs=10e-9
+    )  # two steps of half of it otherwise
     assert found["feature_width"].value == pytest.approx(300e-6, rel=0.01)
 
 
@@ -145,21 +170,29 @@ def test_what_is_no_type_a1_profile_is_refused_with_the_rule(x, z, edges, rule):
 
 
 def test_a_map_of_holes_gives_their_depth_and_levelling_does_not_see_them():
-    # levelled through the holes, a plane tilts; a grid of 4 x 4 holes of 500 nm under a slope of 1 %
+    # levelled through the holes, a plane tilts; a grid of 4 x 4 holes of 500 nm under a slope of 1
+    # %
     random = np.random.default_rng(5)
     y, x = np.mgrid[:160, :160]
     holes = ((x - 6) % 40 < 18) & ((y + 3) % 40 < 18)
     z = np.where(holes, -500e-9, 0.0) + 1e-2 * x * 0.2e-6 - 5e-3 * y * 0.2e-6
-    z += random.normal(0.0, 2e-9, z.shape) + random.normal(0.0, 5e-9, (160, 1))  # noise, and jumps between the lines
+    z += random.normal(0.0, 2e-9, z.shape) + random.normal(
+        0.0, 5e-9, (160, 1)
+    )  # noise, and jumps between the lines
     result = masked_step(HeightMap(z, 0.2e-6, 0.2e-6))
     assert result.depth.value == pytest.approx(500e-9, abs=4.0 * result.depth.std)
     assert result.depth.value == pytest.approx(500e-9, abs=0.5e-9)
-    assert masked_step(HeightMap(-z, 0.2e-6, 0.2e-6)).depth.value == pytest.approx(-result.depth.value, abs=1e-12)
+    assert masked_step(HeightMap(-z, 0.2e-6, 0.2e-6)).depth.value == pytest.approx(
+        -result.depth.value, abs=1e-12
+    )
 
 
-@pytest.mark.parametrize(("name", "depth"), [("squares_holes", 500.0e-9), ("circles_holes", 499.5e-9)])
+@pytest.mark.parametrize(
+    ("name", "depth"), [("squares_holes", 500.0e-9), ("circles_holes", 499.5e-9)]
+)
 def test_the_nsfopen_gratings_give_their_independently_known_depths_within_1_nm(name, depth):
-    # shared/real/README.md: "two independent evaluations gave 500.0 and 499.5 nm"; the way `stepblocks inspect` takes
+    # shared/real/README.md: "two independent evaluations gave 500.0 and 499.5 nm"; the way
+    # `stepblocks inspect` takes
     path = SHARED / "real" / "nsfopen" / f"{name}.nid"
     if not path.is_file():
         pytest.skip("shared real data is not here")
@@ -180,17 +213,22 @@ def test_type_a1_answers_where_each_profile_crosses_one_groove_and_says_so():
 
 
 def test_a_budget_adds_in_squares_and_counts_degrees_of_freedom_by_welch_and_satterthwaite():
-    # JCGM 100:2008 example G.4.1-like figures, worked by hand: u = 5, nu = 5^4 / (3^4/4 + 0) = 30.86
+    # JCGM 100:2008 example G.4.1-like figures, worked by hand: u = 5, nu = 5^4 / (3^4/4 + 0) =
+    # 30.86
     budget = Measured("x", 100.0, (Component("a", 3.0, 4), Component("b", 4.0)))
     assert budget.std == pytest.approx(5.0)
     assert budget.dof == pytest.approx(625.0 / (81.0 / 4.0))
-    assert budget.expanded() == pytest.approx(5.0 * 2.0399, rel=1e-3)  # Student's t at 30.9 degrees, tables
+    assert budget.expanded() == pytest.approx(
+        5.0 * 2.0399, rel=1e-3
+    )  # Student's t at 30.9 degrees, tables
 
 
 def test_what_is_not_stated_is_named_and_not_silently_zero():
     one = measured_from_profiles("height", quiet([10e-6]), Instrument())
     assert set(one.unstated) == {"repeatability", "calibration"}
-    several = measured_from_profiles("height", quiet([10e-6, 10.1e-6, 9.9e-6]), Instrument(1e-3, 1e-9))
+    several = measured_from_profiles(
+        "height", quiet([10e-6, 10.1e-6, 9.9e-6]), Instrument(1e-3, 1e-9)
+    )
     assert several.unstated == ()
     by_name = {part.name: part.std for part in several.components}
     assert by_name["calibration"] == pytest.approx(10e-9)
@@ -205,15 +243,23 @@ def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
     parts = {one.name: one.std for one in width.components}
     assert parts["lateral calibration"] == pytest.approx(100e-9)
     assert "calibration" not in parts
-    assert {one.name: one.std for one in radius.components}["lateral calibration"] == pytest.approx(200e-9)
-    assert "lateral calibration" in measured_from_profiles("w", quiet([5e-5]), Instrument(1e-3), axes=(0, 1)).unstated
+    assert {one.name: one.std for one in radius.components}["lateral calibration"] == pytest.approx(
+        200e-9
+    )
+    assert (
+        "lateral calibration"
+        in measured_from_profiles("w", quiet([5e-5]), Instrument(1e-3), axes=(0, 1)).unstated
+    )
 
 
 @pytest.mark.parametrize("count", [2, 3, 6, 12, 60])
 @pytest.mark.parametrize("wander", [0.0, 20e-9, 60e-9])
-def test_budgets_over_profiles_cover_at_their_rate_however_few_profiles_and_however_much_they_scatter(count, wander):
-    # s / sqrt(n) with n - 1 degrees of freedom covers exactly for normal values (W. S. Gosset 1908), and so do the squares
-    # of orthonormal cosines, which are independent normal values of the same variance
+def test_budgets_over_profiles_cover_at_their_rate_however_few_profiles_and_however_much_they_scatter(
+    count, wander
+):
+    # s / sqrt(n) with n - 1 degrees of freedom covers exactly for normal values (W. S. Gosset
+    # 1908), and so do the squares of orthonormal cosines, which are independent normal values of
+    # the same variance
     random = np.random.default_rng(11)
     hits = 0
     for _ in range(600):
@@ -227,8 +273,11 @@ def test_budgets_over_profiles_cover_at_their_rate_however_few_profiles_and_howe
 
 
 @pytest.mark.parametrize(("count", "least"), [(12, 0.90), (60, 0.92)])
-def test_a_budget_over_profiles_whose_neighbours_err_together_is_not_taken_for_that_of_independent_ones(count, least):
-    # correlation 0.4 from row to row: the mean has 2.3 times the variance of independent rows, by the geometric series
+def test_a_budget_over_profiles_whose_neighbours_err_together_is_not_taken_for_that_of_independent_ones(
+    count, least
+):
+    # correlation 0.4 from row to row: the mean has 2.3 times the variance of independent rows, by
+    # the geometric series
     random = np.random.default_rng(12)
     hits, plain = 0, 0
     for _ in range(600):

@@ -33,7 +33,10 @@ def test_ranges_are_those_of_what_varies(trials):
 
 
 def test_what_never_changed_can_explain_nothing(trials):
-    constant = trials.covariates | {"operator": np.full(len(trials), "A"), "speed_mm_s": np.full(len(trials), 5.0)}
+    constant = trials.covariates | {
+        "operator": np.full(len(trials), "A"),
+        "speed_mm_s": np.full(len(trials), 5.0),
+    }
     same = type(trials)(constant, trials.channels, trials.values, trials.std, trials.block)
     names = {place.name for place in covariate_ranges(same)}
     assert not names & {"operator", "speed_mm_s"}
@@ -45,7 +48,16 @@ def test_laws_are_asked_for_by_what_they_follow(trials):
     asked = candidates(trials, covariate_ranges(trials))
     followed = {law.covariate for law in asked if law.named}
     assert followed == {
-        *("none", "block", "load_n", "speed_mm_s", "run_order", "temperature_c", "operator", PEAK_FORCE)
+        *(
+            "none",
+            "block",
+            "load_n",
+            "speed_mm_s",
+            "run_order",
+            "temperature_c",
+            "operator",
+            PEAK_FORCE,
+        )
     }
     heights = [law.id for law in asked if law.covariate == "block" and law.named]
     assert heights == [f"block_height_error~{block}" for block in np.unique(trials.block)]
@@ -56,8 +68,16 @@ def test_edge_and_tip_imitate_each_other_so_a_scan_decides_which_is_asked_for(tr
         return {law.id for law in candidates(trials, (), **keywords)}
 
     assert {"edge_rounding"} == named() & {"edge_rounding", "tip_radius_error", "block_tilt"}
-    assert {"tip_radius_error"} == named(scanned_radius=0.5e-6) & {"edge_rounding", "tip_radius_error", "block_tilt"}
-    assert {"edge_rounding"} == named(scanned_radius=14e-6) & {"edge_rounding", "tip_radius_error", "block_tilt"}
+    assert {"tip_radius_error"} == named(scanned_radius=0.5e-6) & {
+        "edge_rounding",
+        "tip_radius_error",
+        "block_tilt",
+    }
+    assert {"edge_rounding"} == named(scanned_radius=14e-6) & {
+        "edge_rounding",
+        "tip_radius_error",
+        "block_tilt",
+    }
     assert named(with_imitated=True) >= {"edge_rounding", "tip_radius_error", "block_tilt"}
 
 
@@ -73,7 +93,9 @@ def test_common_errors_run_along_the_settings_and_have_unit_spread(trials):
     )
 
 
-def test_a_sharp_edge_counts_with_the_radius_that_its_scans_leave_open_and_a_blunt_one_is_for_the_search(trials):
+def test_a_sharp_edge_counts_with_the_radius_that_its_scans_leave_open_and_a_blunt_one_is_for_the_search(
+    trials,
+):
     def edge(radius):
         model = SessionModel(_TOOL, scanned_radius=(radius, 0.2e-6))
         return [(p.start, p.prior_std) for p in model.parameters(trials) if p.name == "edge_radius"]
@@ -84,11 +106,16 @@ def test_a_sharp_edge_counts_with_the_radius_that_its_scans_leave_open_and_a_blu
 
 def test_what_the_damper_takes_of_the_pull_is_open_between_nothing_and_all_of_it(trials):
     values = {p.name: p.start for p in _MODEL.parameters(trials)}
-    none, all_of_it = (_MODEL.state(trials, values | {"damper_share": share}).peak_force() for share in (0.0, 1.0))
-    # origin: c v of a damper with the decay time T = 1 / (zeta omega) of the ring: c = 2 zeta sqrt(k m) = 2 k / (omega^2 T)
+    none, all_of_it = (
+        _MODEL.state(trials, values | {"damper_share": share}).peak_force() for share in (0.0, 1.0)
+    )
+    # origin: c v of a damper with the decay time T = 1 / (zeta omega) of the ring: c = 2 zeta
+    # sqrt(k m) = 2 k / (omega^2 T)
     speed = np.asarray(trials.covariates["speed_mm_s"]) * 1e-3
     omega = 2.0 * np.pi * _TOOL.frequency
-    assert none - all_of_it == pytest.approx(2.0 * _TOOL.stiffness / (omega**2 * _TOOL.decay_time) * speed)
+    assert none - all_of_it == pytest.approx(
+        2.0 * _TOOL.stiffness / (omega**2 * _TOOL.decay_time) * speed
+    )
 
 
 def test_a_setting_that_never_changed_has_no_common_error(trials):
@@ -102,6 +129,8 @@ def test_the_model_predicts_what_the_bench_shows_without_scatter():
     quiet = bench_trials(columns, 3)
     values = {p.name: p.start for p in _MODEL.parameters(quiet)}
     truth = {name: values[name] for name in ("friction", "ln_conversion", "damper_share")}
-    exact = noise_free(columns, 3, truth=truth, height_std=0.0)[quiet.covariates["run_order"].astype(int) - 1]
+    exact = noise_free(columns, 3, truth=truth, height_std=0.0)[
+        quiet.covariates["run_order"].astype(int) - 1
+    ]
     assert _MODEL.predict(quiet, values) == pytest.approx(exact, rel=1e-12)
     assert _MODEL.responses(quiet, values).shape == (len(quiet), 7, 3)

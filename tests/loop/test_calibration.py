@@ -52,20 +52,26 @@ def test_a_certificate_of_the_spring_holds_its_ratio_and_says_what_a_gain_of_the
         fitted = fit(problem_of(table.model, table.trials), [law])
         stds[name] = fitted.std["sensor_gain.ln_gain"]
         assert fitted.values["sensor_gain.ln_gain"] == pytest.approx(0.05, abs=4.0 * stds[name])
-    # the ramp shows the gain times the spring: a spring known to 0.2 % tells the gain to that, whatever else does
+    # the ramp shows the gain times the spring: a spring known to 0.2 % tells the gain to that,
+    # whatever else does
     assert stds["certified"] < 2.1e-3 < stds["free"]
     held = {p.name: p for p in table.model.parameters(table.trials)}["stiffness_ratio"]
     assert (held.start, held.prior_std) == pytest.approx((1.0, 20.0 / 9810.0))
 
 
 def test_every_mistake_of_a_certificate_is_told_in_a_line_of_its_own(tmp_path):
-    text = '[calibration]\ntangential_zero = ["3 mm", "1 mN"]\nnormal_zero = ["1 mN", "-1 mN"]\nwarmth = 3\n'
+    text = (
+        '[calibration]\ntangential_zero = ["3 mm", "1 mN"]\nnormal_zero = ["1 mN", "-1 '
+        'mN"]\nwarmth = 3\n'
+    )
     with pytest.raises(PipelineError) as caught:
         read_calibration(_session(tmp_path, text))
     said, *lines = str(caught.value).splitlines()
     assert said.startswith("3 mistakes")
     assert len(lines) == 3
-    assert ["warmth" in lines[0], "tangential_zero" in lines[1], "normal_zero" in lines[2]] == [True] * 3
+    assert ["warmth" in lines[0], "tangential_zero" in lines[1], "normal_zero" in lines[2]] == [
+        True
+    ] * 3
 
 
 def test_the_loads_of_an_apparatus_are_known_as_well_as_its_table_says(tmp_path, shifted):
@@ -78,15 +84,25 @@ def test_the_loads_of_an_apparatus_are_known_as_well_as_its_table_says(tmp_path,
     table = trials_of(features, 9810.0, 125e-6, scans, read_calibration(session))
     model, trials = table.model, table.trials
     assert {p.name: p.prior_std for p in model.parameters(trials)}["load_error"] == 0.003
-    held = {law.id: law.parameters[0].prior_std for law in model.candidates(trials) if law.id.startswith("load_bias")}
+    held = {
+        law.id: law.parameters[0].prior_std
+        for law in model.candidates(trials)
+        if law.id.startswith("load_bias")
+    }
     assert held == {"load_bias": 0.003, "load_bias~unseen": 0.003}
     values = {p.name: p.start for p in model.parameters(trials)}
     plain, heavier = (model.state(trials, values | {"load_error": error}) for error in (0.0, 0.01))
-    # origin: the gauge sees what presses, and equation (1) is proportional to it beside what the damper takes
+    # origin: the gauge sees what presses, and equation (1) is proportional to it beside what the
+    # damper takes
     assert heavier.load - plain.load == pytest.approx(np.full(len(trials), 0.01))
-    assert heavier.sliding_force() / plain.sliding_force() == pytest.approx(heavier.load / plain.load)
+    assert heavier.sliding_force() / plain.sliding_force() == pytest.approx(
+        heavier.load / plain.load
+    )
     seen = trials.channels.index("normal_load_ratio")
-    moved = model.predict(trials, values | {"load_error": 0.01})[:, seen] - model.predict(trials, values)[:, seen]
+    moved = (
+        model.predict(trials, values | {"load_error": 0.01})[:, seen]
+        - model.predict(trials, values)[:, seen]
+    )
     assert moved == pytest.approx(0.01 / plain.set_load)
 
 
@@ -107,7 +123,10 @@ def test_a_table_of_loads_that_says_nothing_of_them_is_one_clear_error(tmp_path,
 
 def test_unloaded_samples_give_the_zeros_where_there_are_enough():
     zeros = pd.DataFrame(
-        {"tangential_zero_n": [0.011, 0.012, 0.013, 0.012, 0.012], "normal_zero_n": [0.01] + [np.nan] * 4}
+        {
+            "tangential_zero_n": [0.011, 0.012, 0.013, 0.012, 0.012],
+            "normal_zero_n": [0.01] + [np.nan] * 4,
+        }
     )
     assert unloaded_zeros(zeros) == {"zero_n": (0.012, pytest.approx(1e-4))}
     assert unloaded_zeros(pd.DataFrame({"trial": ["1"]})) == {}
@@ -122,14 +141,18 @@ def _planted(effect, **values):
     columns = design_columns(96, 12)
     empty = bench_trials(columns, 0)
     law = next(law for law in candidates(empty, covariate_ranges(empty)) if law.id == effect)
-    scans = {b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 12).items()}
+    scans = {
+        b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 12).items()
+    }
     return features_of(bench_trials(columns, 12, ((law, values),))), scans
 
 
 def _explained(shifted, known):
     features, scans = shifted
     table = trials_of(features, 9810.0, 125e-6, scans, known)
-    return explain(table.model, table.trials, table.model.candidates(table.trials), Rules(draws=150))
+    return explain(
+        table.model, table.trials, table.model.candidates(table.trials), Rules(draws=150)
+    )
 
 
 def test_a_zero_is_found_as_a_zero_and_never_as_a_geometry(shifted):
@@ -149,12 +172,18 @@ def test_a_normal_gauge_that_shows_of_the_pull_is_told_from_one_of_another_gain_
     found = _explained(_planted("normal_cross_talk", normal_cross_talk=0.06), None)
     (finding,) = found.findings
     assert finding.effect.place == ("sensor", "none")
-    assert {finding.effect.id, *(r[0].id for r in finding.rivals)} == {"normal_gain", "normal_cross_talk"}
+    assert {finding.effect.id, *(r[0].id for r in finding.rivals)} == {
+        "normal_gain",
+        "normal_cross_talk",
+    }
     assert finding.verdict is Verdict.AMBIGUOUS
-    # 5 % of gain would be a third of the pull, which no gauge shows; a certificate of the gain leaves the cross-talk
+    # 5 % of gain would be a third of the pull, which no gauge shows; a certificate of the gain
+    # leaves the cross-talk
     large = _explained(_planted("normal_gain", normal_ln_gain=0.05), None)
     assert [(f.effect.id, f.verdict) for f in large.findings] == [("normal_gain", Verdict.EFFECT)]
-    certified = _explained(_planted("normal_cross_talk", normal_cross_talk=0.06), {"normal_ln_gain": (0.0, 1e-4)})
+    certified = _explained(
+        _planted("normal_cross_talk", normal_cross_talk=0.06), {"normal_ln_gain": (0.0, 1e-4)}
+    )
     (finding,) = certified.findings
     assert finding.effect.id == "normal_cross_talk"
     assert "normal_gain" not in {rival.id for rival, _, _ in finding.rivals}
@@ -169,7 +198,9 @@ def test_a_clock_is_what_the_constants_imitate_and_a_certificate_corrects_them()
     assert "ln_ring_frequency" in imitated["clock"]
     told = _explained((features, scans), {"ln_clock": (0.02, 1e-4)})
     for name, change in (("ln_ring_frequency", 0.02), ("ln_decay_time", -0.02)):
-        assert told.nominal.values[name] - found.nominal.values[name] == pytest.approx(change, abs=1e-3)
-    assert told.nominal.values["stiffness_ratio"] / found.nominal.values["stiffness_ratio"] == pytest.approx(
-        math.exp(0.02), abs=1e-3
-    )
+        assert told.nominal.values[name] - found.nominal.values[name] == pytest.approx(
+            change, abs=1e-3
+        )
+    assert told.nominal.values["stiffness_ratio"] / found.nominal.values[
+        "stiffness_ratio"
+    ] == pytest.approx(math.exp(0.02), abs=1e-3)

@@ -34,14 +34,26 @@ def test_an_effect_is_said_with_its_figures_and_the_error_before_and_after(worn)
 
 def test_none_names_the_smallest_effect_of_each_slot_and_such_an_effect_is_seen():
     columns = design_columns(60, 40)
-    result = analyse_features(features_of(bench_trials(columns, 40)), 9810.0, 125e-6, rules=Rules(draws=150))
+    result = analyse_features(
+        features_of(bench_trials(columns, 40)), 9810.0, 125e-6, rules=Rules(draws=150)
+    )
     assert result.verdict is Verdict.NONE
     shown = {entry["slot"]: entry for entry in result.document["could_have_shown"]}
-    assert set(shown) == {"contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor"}
+    assert set(shown) == {
+        "contact_geometry",
+        "friction",
+        "normal_load",
+        "stiffness",
+        "conversion",
+        "drag",
+        "sensor",
+    }
     assert "would have shown" in result.document["finding"]
     # what is said to show does: one and a half times the smallest bias of the load
     entry = shown["normal_load"]
-    law = next(law for law in result.table.model.candidates(result.table.trials) if law.id == entry["id"])
+    law = next(
+        law for law in result.table.model.candidates(result.table.trials) if law.id == entry["id"]
+    )
     planted = bench_trials(columns, 41, ((law, {entry["parameter"]: 1.5 * entry["value"]}),))
     again = analyse_features(features_of(planted), 9810.0, 125e-6, rules=Rules(draws=150))
     assert [f.effect.slot for f in again.found.findings][:1] == ["normal_load"]
@@ -52,19 +64,30 @@ def test_none_names_the_smallest_effect_of_each_slot_and_such_an_effect_is_seen(
     [
         (Plan(bench=Bench(conversion=0.2, normal_in_tangential=0.04), trials=64), "sensor", []),
         (
-            Plan(bench=Bench(conversion=0.2), trials=64, operator_friction={"B": 1.4}, hide_operator=True),
+            Plan(
+                bench=Bench(conversion=0.2),
+                trials=64,
+                operator_friction={"B": 1.4},
+                hide_operator=True,
+            ),
             None,
             ["heaps"],
         ),
     ],
     ids=["cross-talk", "hidden-operator"],
 )
-def test_traces_of_another_bench_end_at_the_bench_or_with_what_nobody_wrote_down(plan, slot, told, tmp_path):
+def test_traces_of_another_bench_end_at_the_bench_or_with_what_nobody_wrote_down(
+    plan, slot, told, tmp_path
+):
     write_session(tmp_path / "session", plan, 4)
     document = loop_session(tmp_path / "session", jobs=1).document
     assert [entry["slot"] for entry in document["effects"]] == ([slot] if slot else [])
     assert [hint["kind"] for hint in document["unwritten"]] == told
-    assert document["verdict"] in ("effect", "ambiguous") if slot else document["verdict"] == "unexplained"
+    assert (
+        document["verdict"] in ("effect", "ambiguous")
+        if slot
+        else document["verdict"] == "unexplained"
+    )
     listed = [trial for hint in document["unwritten"] for heap in hint["heaps"] for trial in heap]
     assert len(listed) == len(set(listed))
     assert np.all([int(trial) <= 64 for trial in listed])

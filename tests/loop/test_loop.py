@@ -42,19 +42,25 @@ def test_a_bench_without_an_effect_is_left_alone() -> None:
         columns = design_columns(45 if seed % 2 else 120, 40 + seed)
         model = SessionModel(_TOOL)
         trials = bench_trials(columns, 40 + seed)
-        verdicts.append(explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES).verdict)
+        verdicts.append(
+            explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES).verdict
+        )
     assert verdicts == [Verdict.NONE] * 4
 
 
 @pytest.mark.parametrize("scanned", [True, False])
 def test_a_rounded_edge_is_found_with_and_without_scans_of_the_heights(scanned: bool) -> None:
     columns = design_columns(160, 5)
-    trials = bench_trials(columns, 5, ((_named(columns, "edge_rounding"), {"edge_radius_m": 14e-6}),))
+    trials = bench_trials(
+        columns, 5, ((_named(columns, "edge_rounding"), {"edge_radius_m": 14e-6}),)
+    )
     model = SessionModel(_TOOL, scanned=block_scans(columns, 5) if scanned else None)
     found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
     assert found.verdict is Verdict.EFFECT
     assert [f.effect.id for f in found.findings] == ["edge_rounding"]
-    radius, std = (d["edge_rounding.edge_radius_m"] for d in (found.extended.values, found.extended.std))
+    radius, std = (
+        d["edge_rounding.edge_radius_m"] for d in (found.extended.values, found.extended.std)
+    )
     assert abs(radius - 14e-6) < 4.0 * std
     # one um on every block leaves the forces alone with two um on the radius
     assert std < (0.3e-6 if scanned else 3e-6)
@@ -65,7 +71,11 @@ def test_the_effect_is_named_with_parameters_and_intervals(worn) -> None:  # typ
     result = json.loads((folder / "result.json").read_text())
     assert result["verdict"] == "effect"
     (effect,) = result["effects"]
-    assert (effect["id"], effect["slot"], effect["covariate"]) == ("running_in", "friction", "run_order")
+    assert (effect["id"], effect["slot"], effect["covariate"]) == (
+        "running_in",
+        "friction",
+        "run_order",
+    )
     for name, truth in (("excess", 0.6), ("settling_trials", 30.0)):
         entry = effect["parameters"][name]
         width = entry["high"] - entry["low"]
@@ -82,14 +92,20 @@ def test_the_block_that_is_asked_for_can_be_built(worn) -> None:  # type: ignore
 
 def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
     columns = design_columns(120, 8)
-    tilt = next(e for e in candidates(bench_trials(columns, 0), (), with_imitated=True) if e.id == "block_tilt")
+    tilt = next(
+        e
+        for e in candidates(bench_trials(columns, 0), (), with_imitated=True)
+        if e.id == "block_tilt"
+    )
     trials = bench_trials(columns, 8, ((tilt, {"tilt_rad": 0.08}),))
     model = SessionModel(_TOOL, scanned=block_scans(columns, 8))
     found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
     assert found.verdict is Verdict.NONE
     # origin: tan(atan mu + t) takes the place of mu in every force and energy
     expected = math.tan(math.atan(0.16) + 0.08)
-    assert found.nominal.values["friction"] == pytest.approx(expected, abs=4.0 * found.nominal.std["friction"] + 2e-3)
+    assert found.nominal.values["friction"] == pytest.approx(
+        expected, abs=4.0 * found.nominal.std["friction"] + 2e-3
+    )
     named = identifiability(found.problem, found.nominal, [tilt])
     assert "friction" in named["imitated_by_constants"]["block_tilt"]
 
@@ -125,7 +141,9 @@ def test_unseen_trials_are_predicted_within_their_intervals(worn, tmp_path: Path
     _, truth, _, folder = worn
     unseen = design_columns(120, 77) | {"block": None}
     unseen["block"] = np.array([f"step-{int(h):03d}" for h in unseen["height_um"]])
-    table = pd.DataFrame({k: v for k, v in unseen.items() if k != "tip_radius_um"} | {"tip": "tip-125"})
+    table = pd.DataFrame(
+        {k: v for k, v in unseen.items() if k != "tip_radius_um"} | {"tip": "tip-125"}
+    )
     table.insert(0, "trial", [f"n{i}" for i in range(len(table))])
     table.to_csv(tmp_path / "trials.csv", index=False)
     predict_trials(tmp_path / "trials.csv", folder / "model.json", tmp_path / "p.csv")
@@ -161,7 +179,9 @@ def test_trials_beyond_the_data_are_flagged(worn, tmp_path: Path) -> None:  # ty
         }
     )
     rows.to_csv(tmp_path / "trials.csv", index=False)
-    status = predict_trials(tmp_path / "trials.csv", folder / "model.json").set_index("trial")["status"]
+    status = predict_trials(tmp_path / "trials.csv", folder / "model.json").set_index("trial")[
+        "status"
+    ]
     assert (status != "ok").sum() == 3
     assert status["in"] == "ok"
     assert "load_n" in status["heavy"]
@@ -196,9 +216,15 @@ def test_the_name_of_a_tip_gives_its_radius() -> None:
 @pytest.mark.skipif(not (_SHARED / "bench").is_dir(), reason="the shared sessions are not at hand")
 @pytest.mark.parametrize(
     ("session", "verdict", "effect"),
-    [("quiet", "none", None), ("blunt", "effect", "edge_rounding"), ("unexplained-a", "effect", "running_in")],
+    [
+        ("quiet", "none", None),
+        ("blunt", "effect", "edge_rounding"),
+        ("unexplained-a", "effect", "running_in"),
+    ],
 )
-def test_the_shared_sessions_end_as_told(session: str, verdict: str, effect: str | None, tmp_path: Path) -> None:
+def test_the_shared_sessions_end_as_told(
+    session: str, verdict: str, effect: str | None, tmp_path: Path
+) -> None:
     pytest.importorskip("stepblocks.bench.measure")
     from stepblocks.loop.run import loop_session
 
@@ -215,7 +241,9 @@ def _spoiled(kind: str) -> pd.DataFrame:
     features = features_of(bench_trials(design_columns(60, 1), 1))
     return {
         "one speed": lambda f: f[f["speed_mm_s"] == 5.0],
-        "no ring": lambda f: f.assign(vibration_energy_j=np.nan, ring_frequency_hz=np.nan, decay_time_s=np.nan),
+        "no ring": lambda f: f.assign(
+            vibration_energy_j=np.nan, ring_frequency_hz=np.nan, decay_time_s=np.nan
+        ),
         "a text column": lambda f: f.assign(temperature_c=[f"about {i}" for i in range(len(f))]),
         "infinite climate": lambda f: f.assign(temperature_c=np.inf),
     }[kind](features)
@@ -225,7 +253,9 @@ def _spoiled(kind: str) -> pd.DataFrame:
 def test_a_poor_session_ends_in_a_verdict_and_claims_no_law(kind: str) -> None:
     features = _spoiled(kind)
     trials = trials_of(features, 9810.0, 125e-6).trials
-    found = explain(SessionModel(_TOOL), trials, candidates(trials, covariate_ranges(trials)), Rules(draws=100))
+    found = explain(
+        SessionModel(_TOOL), trials, candidates(trials, covariate_ranges(trials)), Rules(draws=100)
+    )
     assert found.verdict is Verdict.NONE
 
 
@@ -234,7 +264,9 @@ def test_a_trial_that_is_a_copy_counts_once() -> None:
     twice = trials_of(pd.concat([features, features], ignore_index=True), 9810.0, 125e-6)
     once = trials_of(features, 9810.0, 125e-6)
     assert len(twice.trials) == len(once.trials)
-    assert sum("the same forces as trial" in reason for _, reason in twice.excluded) == len(once.trials)
+    assert sum("the same forces as trial" in reason for _, reason in twice.excluded) == len(
+        once.trials
+    )
     with pytest.raises(PipelineError, match="at least 12"):
         trials_of(pd.concat([features.head(1)] * 20, ignore_index=True), 9810.0, 125e-6)
 
@@ -243,7 +275,9 @@ def test_features_that_hold_nothing_are_refused_trial_by_trial() -> None:
     features = features_of(bench_trials(design_columns(45, 1), 1))
     with pytest.raises(PipelineError, match="at least 12 good trials"):
         trials_of(features.assign(peak_force_n=np.nan, vibration_energy_j=np.nan), 9810.0, 125e-6)
-    table = trials_of(features.assign(height_um=[200.0, *features["height_um"][1:]]), 9810.0, 125e-6)
+    table = trials_of(
+        features.assign(height_um=[200.0, *features["height_um"][1:]]), 9810.0, 125e-6
+    )
     assert table.excluded[0][0] == "1"
     assert "as high as the ball" in table.excluded[0][1]
 
@@ -272,7 +306,11 @@ def test_thirty_trials_at_one_load_without_scans_under_a_gauge_that_saturates_en
     found = explain(table.model, table.trials, table.model.candidates(table.trials), _RULES)
     fitted = found.extended
     truths = {"friction": bench.friction, "ln_conversion": math.log(0.2), "stiffness_ratio": 1.0}
-    claimed = {"edge_rounding.edge_radius_m": edge} if edge > 1e-6 and found.verdict is not Verdict.NONE else {}
+    claimed = (
+        {"edge_rounding.edge_radius_m": edge}
+        if edge > 1e-6 and found.verdict is not Verdict.NONE
+        else {}
+    )
     for name, true in (truths | claimed).items():
         assert abs(fitted.values[name] - true) < 3.0 * fitted.std[name]
     assert edge > 1e-6 or found.verdict is Verdict.NONE
@@ -296,7 +334,9 @@ def test_the_shipped_figures_of_two_sessions_end_as_the_docs_defend(session, nam
     assert found.verdict is Verdict.EFFECT
     assert [f.effect.id.split("~")[0] for f in found.findings] == named
     # root mean square errors of ln E_v, without and with what was found
-    missed = [fit.predicted[:, 0] - table.trials.values[:, 0] for fit in (found.nominal, found.extended)]
+    missed = [
+        fit.predicted[:, 0] - table.trials.values[:, 0] for fit in (found.nominal, found.extended)
+    ]
     nominal, extended = (float(np.sqrt(np.nanmean(np.square(one)))) for one in missed)
     assert nominal > before
     assert extended < after

@@ -37,9 +37,15 @@ def test_rivals_are_asked_apart_from_each_other(found):
     from stepblocks.loop.bench_model import candidates, covariate_ranges
 
     trials = found.problem.trials
-    law = next(e for e in candidates(trials, covariate_ranges(trials)) if e.id == "trend_friction_run_order")
+    law = next(
+        e
+        for e in candidates(trials, covariate_ranges(trials))
+        if e.id == "trend_friction_run_order"
+    )
     fitted = fit(found.problem, (law,), found.nominal.values)
-    doubted = Finding(finding.effect, Verdict.AMBIGUOUS, finding.gate_p, finding.gain, ((law, fitted, 1.0),))
+    doubted = Finding(
+        finding.effect, Verdict.AMBIGUOUS, finding.gate_p, finding.gain, ((law, fitted, 1.0),)
+    )
     asked = next_experiment(replace(found, findings=(doubted,), verdict=Verdict.AMBIGUOUS))
     assert asked["separates"] == ["running_in", "trend_friction_run_order"]
     assert {"height_um", "load_n", "speed_mm_s", "run_order"} < set(asked["trials"][0])
@@ -48,7 +54,11 @@ def test_rivals_are_asked_apart_from_each_other(found):
 def test_a_model_cannot_be_told_from_itself(found):
     (finding,) = found.findings
     same = Finding(
-        finding.effect, Verdict.AMBIGUOUS, finding.gate_p, finding.gain, ((finding.effect, found.extended, 0.0),)
+        finding.effect,
+        Verdict.AMBIGUOUS,
+        finding.gate_p,
+        finding.gain,
+        ((finding.effect, found.extended, 0.0),),
     )
     asked = next_experiment(replace(found, findings=(same,), verdict=Verdict.AMBIGUOUS))
     assert asked["trials"] == []
@@ -73,7 +83,10 @@ def test_the_block_that_is_asked_for_is_a_stimulus(tmp_path, height):
     path.write_text(block_stimulus(asked))
     stimuli = load_set(path)
     (block,) = stimuli.stimuli
-    assert (block.id, block.height.nominal) == ("step-new", pytest.approx(float(height.split()[0]) * 1e-6))
+    assert (block.id, block.height.nominal) == (
+        "step-new",
+        pytest.approx(float(height.split()[0]) * 1e-6),
+    )
     assert stimuli.prediction.normal_loads == (0.3, 1.5)
     assert stimuli.prediction.frictions == (0.17,)
 

@@ -40,7 +40,14 @@ def test_a_title_from_a_session_cannot_break_the_page(result):
 
 @pytest.mark.parametrize(
     ("value", "shown"),
-    [(0.123456, "0.123"), (12, "12"), (float("nan"), "-"), (None, "-"), (True, "true"), ("ln_energy", "ln_energy")],
+    [
+        (0.123456, "0.123"),
+        (12, "12"),
+        (float("nan"), "-"),
+        (None, "-"),
+        (True, "true"),
+        ("ln_energy", "ln_energy"),
+    ],
 )
 def test_figures_have_three_digits_and_what_does_not_exist_is_a_dash(value, shown):
     assert _figure(value) == shown
@@ -53,7 +60,8 @@ def test_the_curve_is_the_change_that_the_law_makes(result):
     assert found.problem.trials.channels[j] in ("ln_energy", "ln_peak_force")
     along, name = _followed(result, effect)
     assert name == "run_order"
-    # friction that has run in raises no force any more: the change falls along the run, and doubt with it
+    # friction that has run in raises no force any more: the change falls along the run, and doubt
+    # with it
     order = np.argsort(along)
     assert np.mean(change[order[:20]]) > 3.0 * np.mean(change[order[-20:]])
     assert np.all(std >= 0.0)

@@ -22,16 +22,21 @@ def _again(result, scans=None, **changes):
     from dataclasses import replace
 
     found = replace(result.found, **changes)
-    return result_document(result.table, found, (result.within, result.between), scans or {}, Rules(draws=200))
+    return result_document(
+        result.table, found, (result.within, result.between), scans or {}, Rules(draws=200)
+    )
 
 
 def test_constants_stand_under_their_names_in_their_units(result):
     fitted, shown = result.found.nominal, result.document["nominal"]["parameters"]
     assert shown["conversion"]["value"] == pytest.approx(math.exp(fitted.values["ln_conversion"]))
-    assert shown["spring_constant"]["value"] == pytest.approx(9810.0 * fitted.values["stiffness_ratio"])
-    assert [shown[name]["unit"] for name in ("friction", "spring_constant", "ring_frequency", "decay_time")] == [
-        *("1", "N/m", "Hz", "s")
-    ]
+    assert shown["spring_constant"]["value"] == pytest.approx(
+        9810.0 * fitted.values["stiffness_ratio"]
+    )
+    assert [
+        shown[name]["unit"]
+        for name in ("friction", "spring_constant", "ring_frequency", "decay_time")
+    ] == [*("1", "N/m", "Hz", "s")]
     heights = [name for name in shown if name.startswith("height_error[")]
     assert len(heights) == len(set(result.table.trials.block.tolist()))
 
@@ -41,7 +46,9 @@ def test_intervals_are_95_percent_either_side_and_of_a_logarithm_a_factor_either
     friction, decay = shown["friction"], shown["decay_time"]
     assert friction["high"] - friction["low"] == pytest.approx(2.0 * WIDE * fitted.std["friction"])
     assert decay["high"] / decay["value"] == pytest.approx(decay["value"] / decay["low"])
-    assert math.log(decay["high"] / decay["low"]) == pytest.approx(2.0 * WIDE * fitted.std["ln_decay_time"])
+    assert math.log(decay["high"] / decay["low"]) == pytest.approx(
+        2.0 * WIDE * fitted.std["ln_decay_time"]
+    )
 
 
 def test_an_effect_that_only_stands_in_for_what_is_left_loses_its_name_and_keeps_its_curve(result):
@@ -71,7 +78,8 @@ def test_the_floor_is_never_above_what_replicates_scatter_by(result):
 
 
 def test_the_floor_is_the_scatter_that_the_bench_has(result):
-    # origin: the simulated bench scatters by 7 % of energy, 0.005 of friction and 0.4 % of load from trial to trial
+    # origin: the simulated bench scatters by 7 % of energy, 0.005 of friction and 0.4 % of load
+    # from trial to trial
     floor = result.document["extended"]["error"]["noise_floor"]["ln_energy_rms"]
     assert 0.06 < floor < 0.1
 
@@ -84,8 +92,18 @@ def test_equations_alone_say_what_no_design_can_tell_apart(result):
 
 def test_the_mean_edge_weighs_each_scan_by_its_certainty(result):
     scans = {
-        "step-010": {"height_m": 1e-5, "height_std_m": 1e-8, "edge_radius_m": 10e-6, "edge_radius_std_m": 1e-6},
-        "step-020": {"height_m": 2e-5, "height_std_m": 1e-8, "edge_radius_m": 20e-6, "edge_radius_std_m": 2e-6},
+        "step-010": {
+            "height_m": 1e-5,
+            "height_std_m": 1e-8,
+            "edge_radius_m": 10e-6,
+            "edge_radius_std_m": 1e-6,
+        },
+        "step-020": {
+            "height_m": 2e-5,
+            "height_std_m": 1e-8,
+            "edge_radius_m": 20e-6,
+            "edge_radius_std_m": 2e-6,
+        },
         "step-030": {"height_m": 3e-5, "height_std_m": 1e-8},
     }
     shown = _again(result, scans)["scans"]
@@ -102,7 +120,9 @@ def test_forces_and_scans_speak_of_the_same_edge():
     rounding = next(e for e in candidates(bench_trials(columns, 0), ()) if e.id == "edge_rounding")
     features = features_of(bench_trials(columns, 5, ((rounding, {"edge_radius_m": 14e-6}),)))
     scans = {b: {"height_m": h, "height_std_m": s} for b, (h, s) in block_scans(columns, 5).items()}
-    shown = analyse_features(features, 9810.0, 125e-6, scans, rules=Rules(draws=150, most=1)).document
+    shown = analyse_features(
+        features, 9810.0, 125e-6, scans, rules=Rules(draws=150, most=1)
+    ).document
     radius = shown["effects"][0]["parameters"]["edge_radius_m"]
     assert radius["value"] == pytest.approx(14e-6, abs=2.0 * (radius["high"] - radius["value"]))
 

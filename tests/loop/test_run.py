@@ -30,7 +30,9 @@ def test_a_result_is_read_without_files(quiet):
     assert result.document["verdict"] == "none"
     assert result.document["trials_analysed"] == len(result.table.trials)
     # what was learnt predicts at once, in memory
-    found = predict_trials(features[["trial", "block", "height_um", "load_n", "speed_mm_s"]], result.model)
+    found = predict_trials(
+        features[["trial", "block", "height_um", "load_n", "speed_mm_s"]], result.model
+    )
     wrong = np.log(found["peak_force_n"].to_numpy()) - np.log(features["peak_force_n"].to_numpy())
     assert np.sqrt(np.nanmean(wrong**2)) < 0.1
 
@@ -59,11 +61,17 @@ def test_workers_give_the_same_answer_and_ask_a_script_for_no_guard(quiet, tmp_p
         "from stepblocks.loop.run import analyse_features\n"
         "from stepblocks.loop.search.explain import Rules\n"
         "features = pd.read_csv('features.csv', dtype={'trial': str, 'block': str})\n"
-        "result = analyse_features(features, 9810.0, 125e-6, jobs=2, rules=Rules(draws=60, fits=2))\n"
+        "result = analyse_features(features, 9810.0, 125e-6, jobs=2, rules=Rules(draws=60, "
+        "fits=2))\n"
         "print(json.dumps(result.document['nominal']['error']))\n"
     )
     done = subprocess.run(
-        [sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300
+        [sys.executable, script.name],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
     )
     assert done.returncode == 0, done.stderr
     told, known = json.loads(done.stdout), result.document["nominal"]["error"]

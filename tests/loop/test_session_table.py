@@ -86,7 +86,9 @@ def test_a_column_of_which_much_is_missing_is_one_of_labels(features):
     features["humidity_pct"] = features["temperature_c"].where(features.index > 32)
     order = [name for name in features if name != "humidity_pct"]
     at = order.index("sliding_friction")
-    column = _table(features[[*order[:at], "humidity_pct", *order[at:]]]).trials.covariates["humidity_pct"]
+    column = _table(features[[*order[:at], "humidity_pct", *order[at:]]]).trials.covariates[
+        "humidity_pct"
+    ]
     assert column[0] == "unknown"
     assert len(set(column.tolist())) == 8
 
@@ -100,7 +102,10 @@ def test_a_column_of_which_much_is_missing_is_one_of_labels(features):
         ({"speed_mm_s": np.nan}, "speed_mm_s must be a positive number"),
         ({"height_um": 125.0}, "the step is as high as the ball"),
         ({"tip": "tip-40"}, "the step is as high as the ball"),
-        ({"peak_force_n": np.nan, "vibration_energy_j": np.nan}, "neither a peak force nor a vibration energy"),
+        (
+            {"peak_force_n": np.nan, "vibration_energy_j": np.nan},
+            "neither a peak force nor a vibration energy",
+        ),
     ],
 )
 def test_a_trial_that_cannot_be_used_is_left_out_for_its_reason(features, changes, reason):
@@ -115,20 +120,27 @@ def test_a_trial_that_cannot_be_used_is_left_out_for_its_reason(features, change
     assert said.startswith(reason)
 
 
-def test_a_saturated_normal_gauge_leaves_peak_and_energy_what_they_are_and_a_saturated_peak_is_a_bound(features):
+def test_a_saturated_normal_gauge_leaves_peak_and_energy_what_they_are_and_a_saturated_peak_is_a_bound(
+    features,
+):
     features["status"] = "censored"
     features.loc[features.index % 2 == 0, "peak_force_std_n"] = np.nan  # the peak itself was cut
     trials = _table(features).trials
     whole = np.arange(40) % 2 == 1
     assert np.isfinite(trials.values[:, :2]).all(axis=1).tolist() == whole.tolist()
     assert np.isfinite(trials.floor[:, 1]).tolist() == (~whole).tolist()
-    assert trials.floor[~whole, 1] == pytest.approx(np.log(features["peak_force_n"].to_numpy()[~whole]))
+    assert trials.floor[~whole, 1] == pytest.approx(
+        np.log(features["peak_force_n"].to_numpy()[~whole])
+    )
 
 
 def test_each_copy_is_named_with_the_trial_that_it_copies(features):
     forces = ["peak_force_n", "vibration_energy_j", "sliding_friction", "spring_constant_n_per_m"]
     features.loc[[7, 11], forces] = features.loc[2, forces].to_numpy()
-    assert _table(features).excluded == [("8", "the same forces as trial 3"), ("12", "the same forces as trial 3")]
+    assert _table(features).excluded == [
+        ("8", "the same forces as trial 3"),
+        ("12", "the same forces as trial 3"),
+    ]
 
 
 def test_a_trial_already_left_out_is_no_original(features):
@@ -163,12 +175,20 @@ def test_the_fit_of_the_ring_begins_in_the_middle_of_the_data(features):
 
 def test_where_no_trial_rang_the_ring_is_that_of_the_paper(features):
     model = _table(features.assign(ring_frequency_hz=np.nan, decay_time_s=np.nan)).model
-    assert (model.tool.frequency, model.tool.decay_time) == (PAPER.tool.frequency, PAPER.tool.decay_time)
+    assert (model.tool.frequency, model.tool.decay_time) == (
+        PAPER.tool.frequency,
+        PAPER.tool.decay_time,
+    )
 
 
 def test_scans_give_heights_and_the_mean_of_the_edges(features):
     scans = {
-        "step-020": {"height_m": 20.4e-6, "height_std_m": 15e-9, "edge_radius_m": 12e-6, "edge_radius_std_m": 1e-7},
+        "step-020": {
+            "height_m": 20.4e-6,
+            "height_std_m": 15e-9,
+            "edge_radius_m": 12e-6,
+            "edge_radius_std_m": 1e-7,
+        },
         "step-050": {"height_m": 49.7e-6, "height_std_m": 20e-9},
     }
     model = _table(features, scans=scans).model
@@ -188,7 +208,12 @@ def test_a_scan_is_evaluated_line_by_line_and_what_fails_is_named(tmp_path):
     height = np.where(x > 0.0, 50e-6, 0.0) + 5e-9 * np.random.default_rng(1).standard_normal(800)
     (tmp_path / "scans").mkdir()
     np.savetxt(
-        tmp_path / "scans/b.csv", np.stack([x, height], axis=1) * 1e6, "%.4f", ",", header="x_um,z_um", comments=""
+        tmp_path / "scans/b.csv",
+        np.stack([x, height], axis=1) * 1e6,
+        "%.4f",
+        ",",
+        header="x_um,z_um",
+        comments="",
     )
     (tmp_path / "scans/c.csv").write_text("x_um,z_um\n0,0\n")
     found, failed = scan_blocks(tmp_path, "scans/{block}.csv", ["b", "c", "d"])

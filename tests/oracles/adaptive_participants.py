@@ -13,8 +13,12 @@ def answer_all(folder, spread, seed):
     for participant in range(1, study.participants + 1):
         session, generator = study.session(participant), np.random.default_rng([seed, participant])
         while (pair := session.next_pair()) is not None:
-            first, second = (math.log(study.blocks[code].height) for code in (pair.first, pair.second))
-            session.record(pair.trial, bool(second - first + spread * generator.standard_normal() > 0.0))
+            first, second = (
+                math.log(study.blocks[code].height) for code in (pair.first, pair.second)
+            )
+            session.record(
+                pair.trial, bool(second - first + spread * generator.standard_normal() > 0.0)
+            )
         study.save(session)
         count += len(session.answers)
     return count

@@ -10,7 +10,10 @@ import pytest
 @contextmanager
 def browser(*arguments, offline=False):
     """A headless Chromium with further arguments that keeps what its console says, or None where there is none."""
-    chromium, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
+    chromium, driver = (
+        shutil.which("chromium") or shutil.which("google-chrome"),
+        shutil.which("chromedriver"),
+    )
     if not (chromium and driver):
         yield None
         return

@@ -32,5 +32,9 @@ def drawn_dimensions(path):
             if part.dxftype() in ("MTEXT", "TEXT")
         )
         lower, upper = -float(style.get("dimtm", 0.0)) / 1e3, float(style.get("dimtp", 0.0)) / 1e3
-        found.append(DrawnDimension(str(tags[0].value), int(tags[1].value), measured / 1e3, lower, upper, text=printed))
+        found.append(
+            DrawnDimension(
+                str(tags[0].value), int(tags[1].value), measured / 1e3, lower, upper, text=printed
+            )
+        )
     return sorted(found, key=lambda one: one.number)

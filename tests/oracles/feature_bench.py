@@ -16,7 +16,14 @@ from stepblocks.law import Active
 from stepblocks.loop.bench_model import SessionModel
 from stepblocks.loop.search.forward_model import Trials
 
-__all__ = ["BenchScatter", "bench_trials", "block_errors", "block_scans", "design_columns", "noise_free"]
+__all__ = [
+    "BenchScatter",
+    "bench_trials",
+    "block_errors",
+    "block_scans",
+    "design_columns",
+    "noise_free",
+]
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +69,12 @@ def design_columns(trials: int, seed: int) -> dict[str, NDArray[Any]]:
         Columns as in trials.csv, with ``block`` and ``tip_radius_um``.
     """
     generator = np.random.default_rng(seed)
-    cells = [(h, n, v) for h in range(10, 90, 10) for n in (0.3, 0.5, 0.8, 1.1) for v in (2.0, 5.0, 10.0, 20.0)]
+    cells = [
+        (h, n, v)
+        for h in range(10, 90, 10)
+        for n in (0.3, 0.5, 0.8, 1.1)
+        for v in (2.0, 5.0, 10.0, 20.0)
+    ]
     rounds = -(-trials // len(cells))
     order = np.concatenate([generator.permutation(len(cells)) for _ in range(rounds)])[:trials]
     chosen = np.array([cells[i] for i in generator.permutation(order)])
@@ -83,7 +95,9 @@ def design_columns(trials: int, seed: int) -> dict[str, NDArray[Any]]:
     }
 
 
-def block_errors(columns: Mapping[str, NDArray[Any]], seed: int, std: float = 1e-6) -> dict[str, float]:
+def block_errors(
+    columns: Mapping[str, NDArray[Any]], seed: int, std: float = 1e-6
+) -> dict[str, float]:
     """Height errors of the blocks of a bench [m], normal, held within four deviations."""
     generator = np.random.default_rng([seed, 2])
     blocks = [str(b) for b in np.unique(columns["block"])]
@@ -91,12 +105,18 @@ def block_errors(columns: Mapping[str, NDArray[Any]], seed: int, std: float = 1e
     return dict(zip(blocks, drawn.tolist(), strict=True))
 
 
-def block_scans(columns: Mapping[str, NDArray[Any]], seed: int, std: float = 1e-6) -> dict[str, tuple[float, float]]:
+def block_scans(
+    columns: Mapping[str, NDArray[Any]], seed: int, std: float = 1e-6
+) -> dict[str, tuple[float, float]]:
     """Scan those blocks: height and standard uncertainty of 15 nm [m]."""
     generator = np.random.default_rng([seed, 3])
-    nominal = {str(b): float(h) * 1e-6 for b, h in zip(columns["block"], columns["height_um"], strict=True)}
+    nominal = {
+        str(b): float(h) * 1e-6 for b, h in zip(columns["block"], columns["height_um"], strict=True)
+    }
     errors = block_errors(columns, seed, std)
-    return {b: (nominal[b] + e + float(generator.normal(0.0, 15e-9)), 15e-9) for b, e in errors.items()}
+    return {
+        b: (nominal[b] + e + float(generator.normal(0.0, 15e-9)), 15e-9) for b, e in errors.items()
+    }
 
 
 def bench_trials(
@@ -174,7 +194,10 @@ def noise_free(
 
 
 def _bench(
-    columns: Mapping[str, NDArray[Any]], seed: int, height_std: float, truth: Mapping[str, float] | None
+    columns: Mapping[str, NDArray[Any]],
+    seed: int,
+    height_std: float,
+    truth: Mapping[str, float] | None,
 ) -> tuple[Trials, SessionModel, dict[str, float]]:
     covariates = {name: column for name, column in columns.items() if name != "block"}
     n = len(columns["block"])

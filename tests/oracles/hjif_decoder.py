@@ -10,7 +10,10 @@ def decode_hjif(document, rate):
     channel = document["perceptions"][0]["channels"][0]
     scale = float(document["timescale"])
     effects = [effect for band in channel["bands"] for effect in band["effects"]]
-    end = max(effect["position"] + effect["keyframes"][-1]["relative_position"] for effect in effects) / scale
+    end = (
+        max(effect["position"] + effect["keyframes"][-1]["relative_position"] for effect in effects)
+        / scale
+    )
     total = np.zeros(math.floor(end * rate) + 1)
     time = np.arange(len(total)) / rate
     for effect in effects:
@@ -27,4 +30,6 @@ def decode_hjif(document, rate):
 
 def _track(effect, name, scale):
     frames = [frame for frame in effect["keyframes"] if name in frame]
-    return [frame["relative_position"] / scale for frame in frames], [frame[name] for frame in frames]
+    return [frame["relative_position"] / scale for frame in frames], [
+        frame[name] for frame in frames
+    ]

@@ -1,20 +1,30 @@
 """The rules of MPEG haptics that concern a VectorialWave, in our own reading: what a document of ours is held against.
 
-They are those that MPEG's public reference software enforces when it loads a file; its JSON schema is not published with it.
+They are those that MPEG's public reference software enforces when it loads a file; its JSON schema
+is not published with it.
 """
 
 import itertools
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    ValidationError,
+    model_validator,
+)
 
 from stepblocks.errors import HapticsError
 
 _UNIT = 127  # component of a direction that stands for 1
 _OFFSET = r"[+-][0-2]\d:[0-5]\dZ?"
 _DATE = rf"^[+-]?\d{{4}}(-[01]\d(-[0-3]\d(T[0-2]\d:[0-5]\d:?([0-5]\d(\.\d+)?)?{_OFFSET})?)?)?$"
-_VERSION = r"^(20(2[3-9]|[3-9]\d)|2[1-9]\d\d)(-[1-9])?$"  # the year of publication, from 2023, and the amendment
+# the year of publication, from 2023, and the amendment
+_VERSION = r"^(20(2[3-9]|[3-9]\d)|2[1-9]\d\d)(-[1-9])?$"
 _MODALITY = (
     r"^(Other|Pressure|Acceleration|Velocity|Position|Temperature|Vibrotactile|Water|Wind|Force|Vibrotactile Texture|"
     r"Stiffness|Friction|Electrotactile)$"
@@ -64,7 +74,11 @@ class _Band(_Object):
         if low >= high:
             raise ValueError("frequency limits must ascend")
         frames = [frame for effect in self.effects for frame in effect.keyframes]
-        tones = [frame.frequency_modulation for frame in frames if "frequency_modulation" in frame.model_fields_set]
+        tones = [
+            frame.frequency_modulation
+            for frame in frames
+            if "frequency_modulation" in frame.model_fields_set
+        ]
         if not all(low <= tone <= high for tone in tones):
             raise ValueError("frequency_modulation must lie within the band")
         if "curve_type" in (self.model_extra or {}):
@@ -100,7 +114,9 @@ class _Perception(_Object):
     description: str
     perception_modality: Annotated[str, Field(pattern=_MODALITY)]
     effect_library: list[Any]
-    channels: Annotated[list[_Channel], Field(max_length=127), AfterValidator(_unique)]  # of level 1
+    channels: Annotated[
+        list[_Channel], Field(max_length=127), AfterValidator(_unique)
+    ]  # of level 1
 
 
 class _Body(_Object):
@@ -137,4 +153,6 @@ def check_hjif(document: Any, place: str) -> None:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"])) or "document"
-        raise HapticsError(f"{where}: {first['msg']}, got {str(first['input'])[:60]!r} [{place}]") from error
+        raise HapticsError(
+            f"{where}: {first['msg']}, got {str(first['input'])[:60]!r} [{place}]"
+        ) from error

@@ -7,7 +7,11 @@ from scipy.stats import f, ncf
 
 
 def closed_form_power(
-    differences: Mapping[str, float], judgements: int, sd: float, df_error: float, level: float = 0.05
+    differences: Mapping[str, float],
+    judgements: int,
+    sd: float,
+    df_error: float,
+    level: float = 0.05,
 ) -> float:
     """Power of an F-test of means by the noncentral F distribution.
 

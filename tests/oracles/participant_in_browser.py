@@ -37,11 +37,15 @@ def wait_for(window, script, seconds=30.0):
 
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        with suppress(JavascriptException):  # on a busy machine the page is there before its own script
+        with suppress(
+            JavascriptException
+        ):  # on a busy machine the page is there before its own script
             if found := window.execute_script(f"return {script}"):
                 return found
         time.sleep(0.02)
-    raise AssertionError(f"the page never said {script}; it says {window.find_element('tag name', 'body').text!r}")
+    raise AssertionError(
+        f"the page never said {script}; it says {window.find_element('tag name', 'body').text!r}"
+    )
 
 
 def drag(window, pixels):
@@ -50,7 +54,11 @@ def drag(window, pixels):
 
     field = window.find_element("id", "field")
     wait_for(window, "state.running")
-    held = ActionChains(window, duration=10).move_to_element_with_offset(field, -200, 0).click_and_hold()
+    held = (
+        ActionChains(window, duration=10)
+        .move_to_element_with_offset(field, -200, 0)
+        .click_and_hold()
+    )
     for _ in range(pixels // 20):
         held = held.move_by_offset(20, 0)
     held.perform()

@@ -14,7 +14,9 @@ def write_sdf(path, scale=COUNT, points=4, profiles=3):
     rows = "\n".join(" ".join(map(str, row)) for row in COUNTS)
     path.write_text(
         "aISO-1.0\nManufacID = stepblocks\nCreateDate = 010120260000\nModDate = 010120260000\n"
-        f"NumPoints = {points}\nNumProfiles = {profiles}\nXscale = 1E-6\nYscale = 2E-6\nZscale = {scale}\n"
+        f"NumPoints = {points}\nNumProfiles = {profiles}\nXscale = 1E-6\nYscale = "
+        "2E-6\nZscale = "
+        f"{scale}\n"
         f"Zresolution = -1\nCompression = 0\nDataType = 6\nCheckType = 0\n*\n{rows}\n*\n"
     )
 
@@ -40,7 +42,9 @@ def write_binary_sdf(path):
 
 
 def write_sur(path, spacing=0.2, unit=b"nm"):
-    names = b"".join(name.ljust(16, b"\0") for name in (b"X", b"Y", b"Z", b"um", b"um", unit, b"um", b"um", unit))
+    names = b"".join(
+        name.ljust(16, b"\0") for name in (b"X", b"Y", b"Z", b"um", b"um", unit, b"um", b"um", unit)
+    )
     head = struct.pack(
         "<12sHHHH30s30sHHHHHIIHiiiiIfff",
         b"DIGITAL SURF",
@@ -108,7 +112,8 @@ def write_x3p(path):
 
 def write_plux(path):
     index = (
-        "<xml><GENERAL><DATE>2026-01-01 00:00:00</DATE><IMAGE_SIZE_X>4</IMAGE_SIZE_X><IMAGE_SIZE_Y>3</IMAGE_SIZE_Y>"
+        "<xml><GENERAL><DATE>2026-01-01 "
+        "00:00:00</DATE><IMAGE_SIZE_X>4</IMAGE_SIZE_X><IMAGE_SIZE_Y>3</IMAGE_SIZE_Y>"
         "<FOV_X>1</FOV_X><FOV_Y>2</FOV_Y></GENERAL><INFO><ITEM_0><NAME>Device</NAME><VALUE>gauge</VALUE></ITEM_0></INFO><LAYER_0><FILENAME_Z>LAYER_0.raw</FILENAME_Z></LAYER_0></xml>"
     )
     with zipfile.ZipFile(path, "w") as archive:
@@ -136,29 +141,35 @@ def write_gwy(path):
         + item("si_unit_z", b"o", unit("m"))
         + item("data", b"D", struct.pack("<I", 12) + data)
     )
-    body = item("/0/data", b"o", thing("GwyDataField", field)) + item("/0/data/title", b"s", b"Height\0")
+    body = item("/0/data", b"o", thing("GwyDataField", field)) + item(
+        "/0/data/title", b"s", b"Height\0"
+    )
     path.write_bytes(b"GWYP" + thing("GwyContainer", body))
 
 
 def write_nid(path, dim2_range=None):
     span = COUNT * 65536 if dim2_range is None else dim2_range
     channel = (
-        "Version=2\r\nPoints=4\r\nLines=3\r\nFrame=Scan forward\r\nDim0Name=X*\r\nDim0Unit=m\r\nDim0Range=4e-06\r\n"
+        "Version=2\r\nPoints=4\r\nLines=3\r\nFrame=Scan "
+        "forward\r\nDim0Name=X*\r\nDim0Unit=m\r\nDim0Range=4e-06\r\n"
         "Dim0Min=0\r\nDim1Name=Y*\r\nDim1Unit=m\r\nDim1Range=6e-06\r\nDim1Min=0\r\nDim2Name=Topography\r\nDim2Unit=m\r\n"
         f"Dim2Range={span!r}\r\nDim2Min={-span / 2!r}\r\nSaveMode=Binary\r\nSaveBits=16\r\nSaveSign=Signed\r\n"
         "SaveOrder=Intel\r\n"
     )
     text = (
-        "[DataSet]\r\nVersion=2\r\nGroupCount=1\r\nGr0-Name=Scan forward\r\nGr0-ID=0\r\nGr0-Count=1\r\n"
+        "[DataSet]\r\nVersion=2\r\nGroupCount=1\r\nGr0-Name=Scan "
+        "forward\r\nGr0-ID=0\r\nGr0-Count=1\r\n"
         "Gr0-Ch0=DataSet-0:0\r\nSetInfos=DataSet-Info\r\nInfoSetCount=1\r\nInfoSet0=DataSetInfos\r\n\r\n"
-        "[DataSet-Info]\r\n-- Scan --=--------\r\nImage size=4um\r\nDate=01-01-2026\r\nTime=00:00:00\r\n\r\n"
+        "[DataSet-Info]\r\n-- Scan --=--------\r\nImage "
+        "size=4um\r\nDate=01-01-2026\r\nTime=00:00:00\r\n\r\n"
         f"[DataSet-0:0]\r\n{channel}"
     )
     path.write_bytes(text.encode("latin-1") + b"#!" + COUNTS.astype("<i2").tobytes())
 
 
 def write_opdx(path, scale=0.2, unit="nm", map_=False):
-    # as SurfaceTopography and Gwyddion's dektakvca.c read it: items of name, type, length, content; containers end in 0x7F
+    # as SurfaceTopography and Gwyddion's dektakvca.c read it: items of name, type, length, content;
+    # containers end in 0x7F
     def text(string):
         return struct.pack("<I", len(string.encode())) + string.encode()
 
@@ -193,7 +204,10 @@ def write_opdx(path, scale=0.2, unit="nm", map_=False):
                 item(
                     "Matrix",
                     0x00,
-                    text("") + struct.pack("<I", 0) + text("") + sized(struct.pack("<II", 3, 4) + matrix),
+                    text("")
+                    + struct.pack("<I", 0)
+                    + text("")
+                    + sized(struct.pack("<II", 3, 4) + matrix),
                 ),
             ),
         )
@@ -210,7 +224,9 @@ def write_opdx(path, scale=0.2, unit="nm", map_=False):
                 item("Array", 0x40, text("") + sized(b"\0" * 5 + row)),
             ),
         )
-    kind, channels = ("Surface Height", "2D_Channels") if map_ else ("Surface Profile", "1D_Channels")
+    kind, channels = (
+        ("Surface Height", "2D_Channels") if map_ else ("Surface Profile", "1D_Channels")
+    )
     listed = container(channels, item("Height", 0x42, text("") + names))
     meta = container("MetaData", string("DataKind", kind), listed)
     path.write_bytes(b"VCA DATA\x01\x00\x00\x55" + meta + body + text("") + b"\x7f\xff\xff")

@@ -12,7 +12,9 @@ HOLLOW, FLARE, BULGE = (
     -150.0,
 )  # curvature of the tooth, slope and curvature of the crown [1/m], [rad]
 NOISE = 20e-6  # standard deviation of a point along its normal [m]
-MARGIN = [[4.0 * np.cos(a), 4.0 * np.sin(a), 0.0] for a in np.arange(8) * np.pi / 4.0]  # picked points [mm]
+MARGIN = [
+    [4.0 * np.cos(a), 4.0 * np.sin(a), 0.0] for a in np.arange(8) * np.pi / 4.0
+]  # picked points [mm]
 
 SET = """
 title = "A scan"
@@ -44,11 +46,16 @@ def scan(surface=outline, noise=NOISE, low=-2.5e-3, spacing=70e-6, seed=1):
     angles = np.arange(count) * 2.0 * np.pi / count
     z, turn = np.meshgrid(heights, angles, indexing="ij")
     radius = surface(z) + noise * rng.standard_normal(z.shape)
-    points = 1e3 * np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=-1).reshape(-1, 3)
+    points = 1e3 * np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=-1).reshape(
+        -1, 3
+    )
     row, column = np.meshgrid(np.arange(len(heights) - 1), np.arange(count), indexing="ij")
     a, b = row * count + column, row * count + (column + 1) % count
     faces = np.concatenate(
-        [np.stack([*one], -1).reshape(-1, 3) for one in ((a, b, b + count), (a, b + count, a + count))]
+        [
+            np.stack([*one], -1).reshape(-1, 3)
+            for one in ((a, b, b + count), (a, b + count, a + count))
+        ]
     )
     if noise:
         middles = points[faces].mean(axis=1)
@@ -63,7 +70,9 @@ def scan(surface=outline, noise=NOISE, low=-2.5e-3, spacing=70e-6, seed=1):
     return trimesh.Trimesh(points, faces, process=False)
 
 
-def scanned_set(folder, mesh=None, margin=MARGIN, stations=3, more="", unit="mm", form="stl") -> Path:
+def scanned_set(
+    folder, mesh=None, margin=MARGIN, stations=3, more="", unit="mm", form="stl"
+) -> Path:
     """Write a set beside its mesh; picked points in mm."""
     folder.mkdir(parents=True, exist_ok=True)
     scale = {"mm": 1.0, "um": 1e3, "m": 1e-3}[unit]

@@ -1,7 +1,7 @@
 """Software gauges: profiles and maps whose height, radius, gap and noise are known in closed form.
 
-ISO 5436-2 calls such data softgauges. They share no code with the evaluations that they prove, and can be put through any
-other program to see whether it agrees. All lengths in metres.
+ISO 5436-2 calls such data softgauges. They share no code with the evaluations that they prove, and
+can be put through any other program to see whether it agrees. All lengths in metres.
 """
 
 from __future__ import annotations
@@ -12,9 +12,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def edge_gauge(position: Array, height: float, radius: float = 0.0, tilt: float = 0.0, riser: float = 0.0) -> Array:
+def edge_gauge(
+    position: Array, height: float, radius: float = 0.0, tilt: float = 0.0, riser: float = 0.0
+) -> Array:
     """Step up at `riser` whose edge is a quarter of a circle, tangent to the upper face; without noise."""
-    back = np.clip(radius - (position - riser), 0.0, radius)  # from the arc's centre back towards the riser
+    back = np.clip(
+        radius - (position - riser), 0.0, radius
+    )  # from the arc's centre back towards the riser
     arc = height - radius + np.sqrt(radius * radius - back * back)
     return np.where(position < riser, 0.0, np.maximum(arc, 0.0)) + tilt * position
 
@@ -27,7 +31,10 @@ def flank_gauge(position: Array, height: float, angle: float, radius: float) -> 
     reach = radius * np.tan(0.5 * angle)
     arc = height - radius + np.sqrt(np.maximum(radius**2 - (position - reach) ** 2, 0.0))
     line = height + position * np.tan(angle)
-    return np.maximum(np.where(position < -reach * np.cos(angle), line, np.where(position < reach, arc, height)), 0.0)
+    return np.maximum(
+        np.where(position < -reach * np.cos(angle), line, np.where(position < reach, arc, height)),
+        0.0,
+    )
 
 
 def stylus_trace(position: Array, height: Array, radius: float, cone: float) -> Array:
@@ -35,7 +42,10 @@ def stylus_trace(position: Array, height: Array, radius: float, cone: float) -> 
     from scipy.ndimage import grey_dilation
 
     spacing = float(position[1] - position[0])
-    reach = min(int(np.ceil(np.ptp(height) * np.tan(0.5 * cone) / spacing + radius / spacing)) + 1, len(position) // 2)
+    reach = min(
+        int(np.ceil(np.ptp(height) * np.tan(0.5 * cone) / spacing + radius / spacing)) + 1,
+        len(position) // 2,
+    )
     u = np.abs(np.arange(-reach, reach + 1) * spacing)
     touch = radius * np.cos(0.5 * cone)  # where the ball passes into the cone
     ball = radius - np.sqrt(np.maximum(radius**2 - np.minimum(u, touch) ** 2, 0.0))
@@ -55,7 +65,9 @@ def groove_gauge(
     if flank == 0.0:
         shape = ((position > left) & (position < right)).astype(float)
     else:
-        shape = np.interp(position, [left - half, left + half, right - half, right + half], [0.0, 1.0, 1.0, 0.0])
+        shape = np.interp(
+            position, [left - half, left + half, right - half, right + half], [0.0, 1.0, 1.0, 0.0]
+        )
     return -depth * shape + tilt * position
 
 
@@ -64,16 +76,22 @@ def margin_gauge(
 ) -> Array:
     """Gap with vertical walls, the right shoulder higher by `rise`; without noise."""
     inside = (position > left) & (position < left + opening)
-    return np.where(inside, -depth, np.where(position >= left + opening, rise, 0.0)) + tilt * position
+    return (
+        np.where(inside, -depth, np.where(position >= left + opening, rise, 0.0)) + tilt * position
+    )
 
 
-def ball_gauge(x: Array, y: Array, radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Array:
+def ball_gauge(
+    x: Array, y: Array, radius: float, centre: tuple[float, float] = (0.0, 0.0)
+) -> Array:
     """Map of a ball seen along z, shape (ny, nx): heights over its equator, 0 beyond it; without noise."""
     across = (x[np.newaxis, :] - centre[0]) ** 2 + (y[:, np.newaxis] - centre[1]) ** 2
     return np.sqrt(np.maximum(radius * radius - across, 0.0))
 
 
-def sheets_gauge(side: int, count: int, height: float, own: float, random: np.random.Generator) -> Array:
+def sheets_gauge(
+    side: int, count: int, height: float, own: float, random: np.random.Generator
+) -> Array:
     """Map of `count` elliptic sheets that do not touch, each of its own height by a normal law, edges over two points."""
     from scipy.ndimage import binary_dilation, gaussian_filter
 
@@ -82,7 +100,9 @@ def sheets_gauge(side: int, count: int, height: float, own: float, random: np.ra
     while placed < count:
         (u, v), (a, b) = random.uniform(0.15, 0.85, 2) * side, random.uniform(0.07, 0.13, 2) * side
         turn = random.uniform(0.0, np.pi)
-        along, across = ((x - u) * np.cos(t) + (y - v) * np.sin(t) for t in (turn, turn + 0.5 * np.pi))
+        along, across = (
+            (x - u) * np.cos(t) + (y - v) * np.sin(t) for t in (turn, turn + 0.5 * np.pi)
+        )
         sheet = (along / a) ** 2 + (across / b) ** 2 < 1.0
         if not (sheet & taken).any():
             heights[sheet] = height + random.normal(0.0, own)
@@ -92,18 +112,30 @@ def sheets_gauge(side: int, count: int, height: float, own: float, random: np.ra
 
 
 def correlated_noise(
-    count: int, spacing: float, white: float, rough: float, length: float, random: np.random.Generator
+    count: int,
+    spacing: float,
+    white: float,
+    rough: float,
+    length: float,
+    random: np.random.Generator,
 ) -> Array:
     """White noise of the instrument and roughness of the face, whose correlation falls as exp(-(lag / length)^2)."""
     noise = random.normal(0.0, white, count)
     if rough > 0.0:
         kernel = _kernel(spacing, length)
-        noise += rough * np.convolve(random.normal(size=count + len(kernel) - 1), kernel, mode="valid")
+        noise += rough * np.convolve(
+            random.normal(size=count + len(kernel) - 1), kernel, mode="valid"
+        )
     return noise
 
 
 def correlated_map(
-    shape: tuple[int, int], spacing: float, white: float, rough: float, length: float, random: np.random.Generator
+    shape: tuple[int, int],
+    spacing: float,
+    white: float,
+    rough: float,
+    length: float,
+    random: np.random.Generator,
 ) -> Array:
     """Over a map, the roughness as strongly correlated in every direction; `spacing` holds for both axes."""
     noise = random.normal(0.0, white, shape)
@@ -119,12 +151,18 @@ def correlated_map(
 def _kernel(spacing: float, length: float) -> Array:
     reach = int(np.ceil(3.0 * length / spacing))
     lag = np.arange(-reach, reach + 1) * spacing
-    kernel = np.exp(-2.0 * (lag / length) ** 2)  # convolved with itself it gives exp(-(lag / length)^2)
+    kernel = np.exp(
+        -2.0 * (lag / length) ** 2
+    )  # convolved with itself it gives exp(-(lag / length)^2)
     return kernel / np.sqrt(np.sum(kernel**2))
 
 
 def with_faults(
-    heights: Array, random: np.random.Generator, spikes: int = 0, spike_height: float = 0.0, missing: int = 0
+    heights: Array,
+    random: np.random.Generator,
+    spikes: int = 0,
+    spike_height: float = 0.0,
+    missing: int = 0,
 ) -> Array:
     """Throw some points off by up to `spike_height` to either side, and lose others, at random places."""
     faulty = heights.copy()

@@ -27,12 +27,16 @@ _RANGES = (
 )
 
 
-def taught_model(effects=None, std=0.0, scatter=0.0, blocks=("step-020", "step-050")) -> LearnedModel:
+def taught_model(
+    effects=None, std=0.0, scatter=0.0, blocks=("step-020", "step-050")
+) -> LearnedModel:
     """Constants as above, blocks of their nominal height; `effects` maps a law's name to values of its parameters."""
     laws = tuple(law for law in named_laws(blocks) if law.id in (effects or {}))
     heights = {f"height_error[{block}]": 0.0 for block in blocks}
     nominal = CONSTANTS | heights
-    extended = nominal | {f"{law.id}.{name}": v for law in laws for name, v in effects[law.id].items()}
+    extended = nominal | {
+        f"{law.id}.{name}": v for law in laws for name, v in effects[law.id].items()
+    }
 
     def fit(values, laws=()):
         # heights are known to a nanometre, the rest as the test says

@@ -1,7 +1,8 @@
 """Closed-form paths of a ball over simple surfaces: oracles for the dilation, in the ball's own terms.
 
-Every function returns the height of the ball's lowest point [m] over positions [m]. The surfaces are sharp-edged;
-a rounded edge of radius r is the sharp one for a ball of R + r, seen from the centre of the arc.
+Every function returns the height of the ball's lowest point [m] over positions [m]. The surfaces
+are sharp-edged; a rounded edge of radius r is the sharp one for a ball of R + r, seen from the
+centre of the arc.
 """
 
 import math
@@ -54,8 +55,9 @@ def groove_path(position, width, ball_radius, rise=0.0, depth=math.inf):
 def groove_angles(width, ball_radius, rise=0.0, depth=math.inf):
     """Critical angles [rad] of a groove with a floor, towards the far shoulder and back.
 
-    The ball either hangs between the two corners (`margin_angles`) or stands on the floor and meets each shoulder as a
-    step; it climbs the smaller of the two angles, since the higher of the two rests is the path.
+    The ball either hangs between the two corners (`margin_angles`) or stands on the floor and meets
+    each shoulder as a step; it climbs the smaller of the two angles, since the higher of the two
+    rests is the path.
 
     Examples
     --------
@@ -81,4 +83,6 @@ def rounded_step_profile(height, edge_radius, run, points=4001):
     z = height - edge_radius * (1.0 - np.cos(angles))
     z[-1] = height
     foot = x[0]
-    return np.concatenate([[foot - run, foot], x, [edge_radius + run]]), np.concatenate([[0.0, 0.0], z, [height]])
+    return np.concatenate([[foot - run, foot], x, [edge_radius + run]]), np.concatenate(
+        [[0.0, 0.0], z, [height]]
+    )

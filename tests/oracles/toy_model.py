@@ -23,7 +23,10 @@ class Toy:
         return range(len(trials))
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
-        return (Parameter("a", "1", 0.5, -10.0, 10.0, 0.1), Parameter("b", "1", 0.5, -10.0, 10.0, 0.1))
+        return (
+            Parameter("a", "1", 0.5, -10.0, 10.0, 0.1),
+            Parameter("b", "1", 0.5, -10.0, 10.0, 0.1),
+        )
 
     def systematics(self, trials: Trials) -> Sequence[Systematic]:
         return ()
@@ -34,7 +37,9 @@ class Toy:
             level = effect.apply(level, trials, own)
         return np.stack([level + values["b"] * trials.covariates["x"], 2.0 * level], axis=1)
 
-    def responses(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def responses(
+        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+    ) -> Floats:
         return np.tile(np.array([[1.0], [2.0]]), (len(trials), 1, 1))
 
 
@@ -56,11 +61,15 @@ def toy_effects() -> list[Law]:
     ]
 
 
-def toy_trials(n: int, seed: int, square: float = 0.0, scatter: float = 0.1, noise: float = 0.05) -> Trials:
+def toy_trials(
+    n: int, seed: int, square: float = 0.0, scatter: float = 0.1, noise: float = 0.05
+) -> Trials:
     """Trials of the toy with a = 1, b = 2 and ``square * z**2`` on the level."""
     generator = np.random.default_rng(seed)
     columns = {name: generator.uniform(-1.0, 1.0, n) for name in ("x", "z", "w")}
     level = 1.0 + square * columns["z"] ** 2 + scatter * generator.standard_normal(n)
-    values = np.stack([level + 2.0 * columns["x"], 2.0 * level], axis=1) + noise * generator.standard_normal((n, 2))
+    values = np.stack(
+        [level + 2.0 * columns["x"], 2.0 * level], axis=1
+    ) + noise * generator.standard_normal((n, 2))
     block = np.array(["p", "q", "r", "s"])[np.arange(n) % 4]
     return Trials(columns, ("first", "second"), values, np.full((n, 2), noise), block)

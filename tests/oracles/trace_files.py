@@ -12,14 +12,23 @@ def turned(session: Path, kind: str) -> Path:
     if kind == "hdf5":
         return session
     with h5py.File(session / "traces.h5") as file:
-        trials = {name: {channel: data[()] for channel, data in group.items()} for name, group in file.items()}
+        trials = {
+            name: {channel: data[()] for channel, data in group.items()}
+            for name, group in file.items()
+        }
     (session / "traces.h5").unlink()
     if kind == "mat":
-        savemat(session / "traces.mat", {f"trial_{n}": one for n, one in trials.items()}, do_compression=True)
+        savemat(
+            session / "traces.mat",
+            {f"trial_{n}": one for n, one in trials.items()},
+            do_compression=True,
+        )
     else:
         with TdmsWriter(str(session / "traces.tdms")) as file:
             for name, one in trials.items():
-                file.write_segment([ChannelObject(name, channel, values) for channel, values in one.items()])
+                file.write_segment(
+                    [ChannelObject(name, channel, values) for channel, values in one.items()]
+                )
     declared = session / "session.toml"
     if declared.exists():
         declared.write_text(declared.read_text().replace("traces.h5", f"traces.{kind}"))

@@ -38,14 +38,18 @@ class Course:
         """Ring about the sliding level [N], 0 before the release."""
         since = np.maximum(time - self.release, 0.0)
         swing = np.cos(2.0 * np.pi * self.frequency * since + self.phase)
-        return np.where(time >= self.release, self.amplitude * np.exp(-since / self.decay_time) * swing, 0.0)
+        return np.where(
+            time >= self.release, self.amplitude * np.exp(-since / self.decay_time) * swing, 0.0
+        )
 
     def force(self, time: Floats) -> Floats:
         """Tangential force [N]; it is continuous at the release."""
         since = np.maximum(time - self.release, 0.0)
         rest = self.peak - self.level - self.amplitude * np.cos(self.phase)
         after = self.level + self.ring(time) + rest * np.exp(-since / self.rest_decay)
-        return np.where(time < self.release, self.level + self.slope * np.maximum(time - self.onset, 0.0), after)
+        return np.where(
+            time < self.release, self.level + self.slope * np.maximum(time - self.onset, 0.0), after
+        )
 
 
 def hum(time: Floats, amplitude: float, frequency: float = 50.0, phase: float = 0.7) -> Floats:

@@ -1,10 +1,12 @@
 """A bench of its own: the motion of a tip over a step, integrated by rigid contact, and what its gauges read.
 
-Nothing here comes from the program, so that what the program finds in its drags it finds against another bench. The tip is
-a point mass on the path of its ball's centre (floor, arc of radius R + r about the rounded edge, upper face). It slides, sticks,
-waits in the corner before the edge, flies and lands; contact is a constraint and no spring, friction is Coulomb's with
-Stribeck's fall and a static part. The tool is a linear or Duffing spring with a viscous damper; a strain gauge reads the spring.
-With `conversion` the release itself is not integrated: the tool then rings freely with that share of the energy it had stored.
+Nothing here comes from the program, so that what the program finds in its drags it finds against
+another bench. The tip is a point mass on the path of its ball's centre (floor, arc of radius R + r
+about the rounded edge, upper face). It slides, sticks, waits in the corner before the edge, flies
+and lands; contact is a constraint and no spring, friction is Coulomb's with Stribeck's fall and a
+static part. The tool is a linear or Duffing spring with a viscous damper; a strain gauge reads the
+spring. With `conversion` the release itself is not integrated: the tool then rings freely with that
+share of the energy it had stored.
 """
 
 from __future__ import annotations
@@ -23,8 +25,21 @@ Floats = NDArray[np.float64]
 RATE = 10e3  # samples per second [Hz]
 _FINE = 20  # steps of the integration per sample
 _TAIL = 0.11  # [s] recorded after the release
-_COUNTS = ("release_s", "peak_n", "trough_n", "flight_s", "sticks_before", "slips_back", "fastest_m_s", "fall_s")
-_COUNTS = (*_COUNTS, "left_s", "left_n")  # when the tip leaves the corner, and the force of the spring then
+_COUNTS = (
+    "release_s",
+    "peak_n",
+    "trough_n",
+    "flight_s",
+    "sticks_before",
+    "slips_back",
+    "fastest_m_s",
+    "fall_s",
+)
+_COUNTS = (
+    *_COUNTS,
+    "left_s",
+    "left_n",
+)  # when the tip leaves the corner, and the force of the spring then
 
 
 @dataclass(frozen=True)
@@ -49,7 +64,9 @@ class Bench:
     normal_zero: float = 0.0  # [N]
     tangential_gain: float = 1.0  # shown over true
     normal_gain: float = 1.0
-    normal_in_tangential: float = 0.0  # cross-talk: share of the normal force that the tangential gauge shows too
+    normal_in_tangential: float = (
+        0.0  # cross-talk: share of the normal force that the tangential gauge shows too
+    )
     tangential_in_normal: float = 0.0
     noise: float = 4e-3  # white, of each gauge [N]
     hum: float = 3e-3  # at 50 Hz [N]
@@ -62,7 +79,10 @@ class Bench:
 
 @njit(cache=True)
 def _drag(
-    tool: tuple[float, float, float, float], contact: tuple[float, ...], drive: tuple[float, ...], steps: int
+    tool: tuple[float, float, float, float],
+    contact: tuple[float, ...],
+    drive: tuple[float, ...],
+    steps: int,
 ) -> tuple[Floats, Floats, Floats]:
     """Integrate one drag; forces per fine step (spring, and vertical of the contact), and the figures of `_COUNTS`."""
     k, k3, m, c = tool
@@ -97,7 +117,11 @@ def _drag(
             y += dt * vy
             told[3] += dt
         if mode != 3 or y <= (
-            0.0 if x <= begin else height if x >= 0.0 else height - rho + math.sqrt(rho * rho - x * x)
+            0.0
+            if x <= begin
+            else height
+            if x >= 0.0
+            else height - rho + math.sqrt(rho * rho - x * x)
         ):
             on_arc = begin < x < 0.0
             sine = -x / rho if on_arc else 0.0
@@ -106,7 +130,13 @@ def _drag(
             kinetic = mu * (edge if on_arc else 1.0)
             if mode == 3:  # it lands
                 across, along = vy * cosine - vx * sine, vx * cosine + vy * sine
-                y = 0.0 if x <= begin else height if x >= 0.0 else height - rho + math.sqrt(rho * rho - x * x)
+                y = (
+                    0.0
+                    if x <= begin
+                    else height
+                    if x >= 0.0
+                    else height - rho + math.sqrt(rho * rho - x * x)
+                )
                 if across < 0.0:
                     blow = (1.0 + bounce) * -across
                     impulse = m * blow * cosine
@@ -122,7 +152,13 @@ def _drag(
                 press = weight * cosine + f * sine + m * u * u * bend
                 if press <= 0.0:
                     mode, vx, vy = 3, u * cosine, u * sine
-                    y = 0.0 if x <= begin else height if x >= 0.0 else height - rho + math.sqrt(rho * rho - x * x)
+                    y = (
+                        0.0
+                        if x <= begin
+                        else height
+                        if x >= 0.0
+                        else height - rho + math.sqrt(rho * rho - x * x)
+                    )
                 else:
                     grip = kinetic * (1.0 + (ratio - 1.0) * math.exp(-abs(u) / vs)) * press
                     pull = f * cosine - weight * sine
@@ -135,7 +171,9 @@ def _drag(
                     before, u = x, new
                     x += dt * u * cosine
                     told[6] = max(told[6], abs(u)) if told[8] > 0.0 else told[6]
-                    impulse = dt * (press * cosine - math.copysign(grip, u if u != 0.0 else 1.0) * sine)
+                    impulse = dt * (
+                        press * cosine - math.copysign(grip, u if u != 0.0 else 1.0) * sine
+                    )
                     if before < begin <= x:
                         x, u, mode = begin, 0.0, 2
                     elif before > begin >= x:
@@ -144,7 +182,11 @@ def _drag(
                 f = spring + c * v
                 rest += dt
                 press, pull = weight * cosine + f * sine, f * cosine - weight * sine
-                hold = kinetic * (ratio + (ageing * math.log(1.0 + rest / 1e-3) if ageing > 0.0 else 0.0)) * press
+                hold = (
+                    kinetic
+                    * (ratio + (ageing * math.log(1.0 + rest / 1e-3) if ageing > 0.0 else 0.0))
+                    * press
+                )
                 impulse = dt * weight
                 if abs(pull) > hold:
                     mode, u = 0, math.copysign(1e-9, pull)
@@ -166,14 +208,19 @@ def _drag(
             if told[7] == 0.0 and spring <= level:
                 told[7] = n * dt - told[0]
             # the first swing, and no later drop of a tip that sticks and slips again
-            if told[7] == 0.0 or n * dt < told[0] + told[7] + 0.5 * math.pi * math.sqrt(m / k) * 3.0:
+            if (
+                told[7] == 0.0
+                or n * dt < told[0] + told[7] + 0.5 * math.pi * math.sqrt(m / k) * 3.0
+            ):
                 told[2] = min(told[2], spring)
         hand += dt * v
     return fx, fy, told
 
 
 @njit(cache=True)
-def _free_ring(tool: tuple[float, float, float, float], about: float, swing: float, dt: float, steps: int) -> Floats:
+def _free_ring(
+    tool: tuple[float, float, float, float], about: float, swing: float, dt: float, steps: int
+) -> Floats:
     """Force of the free tool over its level, let go at `swing` beside its rest [m], by velocity Verlet."""
     k, k3, m, c = tool
     q, w, out = swing, 0.0, np.empty(steps)
@@ -188,7 +235,11 @@ def _free_ring(tool: tuple[float, float, float, float], about: float, swing: flo
 
 def _stretch(bench: Bench, force: float) -> float:
     """Stretch of the spring under a force [m]."""
-    roots = np.roots([bench.hardening, 0.0, bench.stiffness, -force]) if bench.hardening else [force / bench.stiffness]
+    roots = (
+        np.roots([bench.hardening, 0.0, bench.stiffness, -force])
+        if bench.hardening
+        else [force / bench.stiffness]
+    )
     return float(next(r.real for r in np.atleast_1d(roots) if abs(np.imag(r)) < 1e-12))
 
 
@@ -203,11 +254,18 @@ def drag(
     rho = bench.tip_radius + bench.edge_radius
     if height >= rho:
         return None
-    angle = math.acos(1.0 - height / rho) + math.atan(bench.friction * bench.edge_friction_ratio * bench.static_ratio)
+    angle = math.acos(1.0 - height / rho) + math.atan(
+        bench.friction * bench.edge_friction_ratio * bench.static_ratio
+    )
     if angle >= math.radians(88.5):
         return None
     mass = bench.stiffness / (2.0 * math.pi * bench.frequency) ** 2
-    tool = bench.stiffness, bench.hardening, mass, 2.0 * bench.damping_ratio * math.sqrt(bench.stiffness * mass)
+    tool = (
+        bench.stiffness,
+        bench.hardening,
+        mass,
+        2.0 * bench.damping_ratio * math.sqrt(bench.stiffness * mass),
+    )
     peak, dt = load * math.tan(angle), 1.0 / (RATE * _FINE)
     lead = float(random.uniform(50e-3, 80e-3))
     level = bench.friction * load
@@ -247,25 +305,35 @@ def _regime(bench: Bench, truth: Mapping[str, Any]) -> str:
 
 
 def _ring_freely(
-    bench: Bench, tool: tuple[float, float, float, float], fx: Floats, fy: Floats, truth: Mapping[str, Any]
+    bench: Bench,
+    tool: tuple[float, float, float, float],
+    fx: Floats,
+    fy: Floats,
+    truth: Mapping[str, Any],
 ) -> dict[str, float]:
     """Put a free ring of the share `conversion` of the stored energy in the place of the release."""
     dt, level = 1.0 / (RATE * _FINE), truth["level_n"]
     at = round(truth["release_s"] / dt) + 1
     energy, about = bench.conversion * truth["stored_j"], _stretch(bench, level)
     swing = math.sqrt(2.0 * energy / bench.stiffness)
-    for _ in range(40 if bench.hardening else 0):  # energy of the free swing about the level it rings about
+    for _ in range(
+        40 if bench.hardening else 0
+    ):  # energy of the free swing about the level it rings about
         has = _stored(bench, about + swing) - _stored(bench, about) - level * swing
         swing -= (has - energy) / (bench.stiffness * swing)
     ring = _free_ring(tool, about, swing, dt, fx.size - at)
     since = dt * np.arange(ring.size)
     fx[at:] = level + ring + (truth["peak_n"] - level - ring[0]) * np.exp(-since / 0.4e-3)
-    fy[at:] = truth["load_n"] + bench.sympathetic * np.roll(ring, round(RATE * _FINE / bench.frequency / 8.0))
+    fy[at:] = truth["load_n"] + bench.sympathetic * np.roll(
+        ring, round(RATE * _FINE / bench.frequency / 8.0)
+    )
     fy[at : at + 200] = truth["load_n"]
     return {"amplitude_n": float(ring[0]), "vibration_energy_j": energy, "flight_s": 0.0}
 
 
-def _read(bench: Bench, fx: Floats, fy: Floats, random: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+def _read(
+    bench: Bench, fx: Floats, fy: Floats, random: np.random.Generator
+) -> tuple[Floats, Floats, Floats]:
     """What the gauges say, sample by sample; the normal one integrates over a sample, as blows are short."""
     tangential, normal = fx[::_FINE], fy.reshape(-1, _FINE).mean(axis=1)
     before = round(bench.unloaded * RATE)
@@ -277,11 +345,13 @@ def _read(bench: Bench, fx: Floats, fy: Floats, random: np.random.Generator) -> 
 
         keep = math.exp(-2.0 * math.pi * bench.bandwidth / RATE)
         tangential, normal = (
-            lfilter([1.0 - keep], [1.0, -keep], one, zi=[keep * one[0]])[0] for one in (tangential, normal)
+            lfilter([1.0 - keep], [1.0, -keep], one, zi=[keep * one[0]])[0]
+            for one in (tangential, normal)
         )
     time = np.arange(tangential.size) / RATE
     shown = (
-        bench.tangential_gain * (tangential + bench.normal_in_tangential * normal) + bench.tangential_zero,
+        bench.tangential_gain * (tangential + bench.normal_in_tangential * normal)
+        + bench.tangential_zero,
         bench.normal_gain * (normal + bench.tangential_in_normal * tangential) + bench.normal_zero,
     )
     read = []

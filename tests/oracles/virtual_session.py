@@ -25,12 +25,16 @@ class Plan:
     heights: tuple[float, ...] = tuple(1e-6 * h for h in range(10, 90, 10))  # [m]
     loads: tuple[float, ...] = (0.3, 0.5, 0.8, 1.1)  # [N]
     speeds: tuple[float, ...] = (2e-3, 5e-3, 10e-3, 20e-3)  # [m/s]
-    combinations: int | None = None  # of height, load and speed that are used, so that each is repeated
+    combinations: int | None = (
+        None  # of height, load and speed that are used, so that each is repeated
+    )
     friction_scatter: float = 0.03  # relative, from trial to trial
     conversion_scatter: float = 0.05  # of ln C_v, where there is a conversion
     height_scatter: float = 0.3e-6  # of the blocks about their label [m]
     scans: bool = True
-    spring_std: float = 0.0  # relative uncertainty of the certificate of the spring, where there is one
+    spring_std: float = (
+        0.0  # relative uncertainty of the certificate of the spring, where there is one
+    )
     operator_load: Mapping[str, float] = field(default_factory=dict)  # added by an operator [N]
     operator_friction: Mapping[str, float] = field(default_factory=dict)  # factor of an operator
     operator_conversion: Mapping[str, float] = field(default_factory=dict)  # factor of an operator
@@ -51,7 +55,9 @@ def scan(height: float, radius: float, random: np.random.Generator) -> tuple[Flo
     x = np.arange(-600.0, 600.0 + 0.125, 0.25)
     h, r = 1e6 * height, 1e6 * radius
     inside = np.clip(x, 0.0, r)
-    z = np.where(x < 0.0, 0.0, np.maximum(h - r + np.sqrt(np.maximum(r * r - (inside - r) ** 2, 0.0)), 0.0))
+    z = np.where(
+        x < 0.0, 0.0, np.maximum(h - r + np.sqrt(np.maximum(r * r - (inside - r) ** 2, 0.0)), 0.0)
+    )
     tilt = random.uniform(-3.0, 3.0) + 3e-4 * random.standard_normal() * x
     return x, z + tilt + 0.05 * random.standard_normal(x.size)
 
@@ -61,12 +67,23 @@ def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
     random = np.random.default_rng([seed, 1])
     folder.mkdir(parents=True)
     # a certificate misses the true spring by what it says of itself
-    declared = plan.bench.stiffness * (1.0 + plan.spring_std * np.random.default_rng([seed, 3]).standard_normal())
-    certificate = f'\n[calibration]\nspring_constant = ["{declared} N/m", "{plan.spring_std * declared} N/m"]\n'
+    declared = plan.bench.stiffness * (
+        1.0 + plan.spring_std * np.random.default_rng([seed, 3]).standard_normal()
+    )
+    certificate = (
+        f'\n[calibration]\nspring_constant = ["{declared} N/m", "{plan.spring_std * declared} '
+        'N/m"]\n'
+    )
     (folder / "session.toml").write_text(
         f'schema = 1\ntitle = "{folder.name}"\n\n[probe]\nspring_constant = "{declared} N/m"\n'
-        f'tip_radius = "{plan.bench.tip_radius * 1e6:g} um"\n\n[acquisition]\nsample_rate = "10 kHz"\n'
-        'traces = "traces.h5"\nchannels = { time = "time_s", tangential = "fx_n", normal = "fy_n" }\n\n[stimuli]\n'
+        f'tip_radius = "{plan.bench.tip_radius * 1e6:g} '
+        'um"\n\n[acquisition]\nsample_rate '
+        "= "
+        '"10 '
+        'kHz"\n'
+        'traces = "traces.h5"\nchannels = { time = "time_s", tangential = "fx_n", normal = '
+        '"fy_n" '
+        "}\n\n[stimuli]\n"
         'set = "paper-ten"\n'
         + ('scans = "scans/{block}.csv"\n' if plan.scans else "")
         + (certificate if plan.spring_std else "")
@@ -84,17 +101,29 @@ def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
     walk = np.cumsum(random.standard_normal(plan.trials)) / math.sqrt(plan.trials)
     warmth, wet = 22.0 + np.cumsum(random.normal(0.0, 0.15, (2, plan.trials)), axis=1)
     told = []
-    with h5py.File(folder / "traces.h5", "w") as file, (folder / "trials.csv").open("w", newline="") as table:
-        columns = ["trial", "block", "height_um", "load_n", "speed_mm_s", "tip", "run_order", "temperature_c"]
+    with (
+        h5py.File(folder / "traces.h5", "w") as file,
+        (folder / "trials.csv").open("w", newline="") as table,
+    ):
+        columns = [
+            "trial",
+            "block",
+            "height_um",
+            "load_n",
+            "speed_mm_s",
+            "tip",
+            "run_order",
+            "temperature_c",
+        ]
         columns += ["humidity_pct", *([] if plan.hide_operator else ["operator"])]
         rows = csv.writer(table, lineterminator="\n")
         rows.writerow(columns)
         for number in range(1, plan.trials + 1):
             height, load, speed = used[order[number - 1]]
             operator, um = "AB"[int(random.integers(2))], round(height * 1e6)
-            factor = (1.0 + plan.friction_scatter * random.standard_normal()) * plan.operator_friction.get(
-                operator, 1.0
-            )
+            factor = (
+                1.0 + plan.friction_scatter * random.standard_normal()
+            ) * plan.operator_friction.get(operator, 1.0)
             factor *= math.exp(plan.wandering_friction * walk[number - 1])
             factor *= 1.0 + plan.running_in * math.exp(-number / plan.running_in_trials)
             factor *= plan.batch_friction if um in plan.batch_blocks else 1.0
@@ -107,13 +136,22 @@ def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
             if plan.chip_at and number >= plan.chip_at:
                 bench = replace(bench, tip_radius=plan.chip_radius)
             added = plan.operator_load.get(operator, 0.0)
-            done = drag(bench, true_heights[height], load + added, speed, np.random.default_rng([seed, 2, number]))
+            done = drag(
+                bench,
+                true_heights[height],
+                load + added,
+                speed,
+                np.random.default_rng([seed, 2, number]),
+            )
             if done is None:
                 continue
             group = file.create_group(f"{number:04d}")
             for name, values in zip(("time_s", "fx_n", "fy_n"), done[:3], strict=True):
                 group.create_dataset(name, data=values.astype(np.float32), track_times=False)
-            temperature, humidity = f"{warmth[number - 1]:.2f}", f"{50.0 + 6.0 * (wet[number - 1] - 22.0):.1f}"
+            temperature, humidity = (
+                f"{warmth[number - 1]:.2f}",
+                f"{50.0 + 6.0 * (wet[number - 1] - 22.0):.1f}",
+            )
             row = [
                 number,
                 f"step-{um:03d}",

@@ -8,7 +8,9 @@ from stepblocks.parts.shapes import build_solids
 from stepblocks.select import stimulus_files
 
 ROOT = Path(__file__).parents[2]
-STIMULI = {one.id: one for path in stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli}
+STIMULI = {
+    one.id: one for path in stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli
+}
 
 
 def written(identity, folder):

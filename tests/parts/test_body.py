@@ -18,7 +18,9 @@ BODY = BLOCK.body
 
 
 def mounted(kind, thread="M3", depth="4 mm"):
-    return Mounting.model_validate({"kind": kind, "thread": thread, "spacing": "12 mm", "depth": depth})
+    return Mounting.model_validate(
+        {"kind": kind, "thread": thread, "spacing": "12 mm", "depth": depth}
+    )
 
 
 @pytest.mark.parametrize(
@@ -26,7 +28,12 @@ def mounted(kind, thread="M3", depth="4 mm"):
     [
         ("tapped", "M3", 2.5, 3.15),  # ISO 2306 core drill; countersunk to 1.05 times the thread
         ("tapped", "M2.5", 2.05, 2.625),
-        ("clearance", "M3", 3.4, 6.5),  # ISO 273 medium; a counterbore with half a millimetre of play
+        (
+            "clearance",
+            "M3",
+            3.4,
+            6.5,
+        ),  # ISO 273 medium; a counterbore with half a millimetre of play
         ("clearance", "M4", 4.5, 8.5),
     ],
 )
@@ -51,7 +58,9 @@ def test_a_half_is_a_box_with_broken_edges(chamfer):
 
 @pytest.mark.parametrize("kind", ["tapped", "clearance"])
 def test_holes_and_letters_take_away_what_the_kernel_cuts(kind):
-    body = BODY.model_copy(update={"mounting": mounted(kind), "edge_break": replace(BODY.edge_break, nominal=0.0)})
+    body = BODY.model_copy(
+        update={"mounting": mounted(kind), "edge_break": replace(BODY.edge_break, nominal=0.0)}
+    )
     length, width, thickness = (one.nominal for one in (body.length, body.width, body.thickness))
     corners = [
         (x, y, -thickness)
@@ -86,7 +95,8 @@ def test_the_section_has_no_corner_twice():
     for chamfer in (0.0, 0.3e-3):
         body = BODY.model_copy(update={"edge_break": replace(BODY.edge_break, nominal=chamfer)})
         solid = BLOCK.model_copy(update={"body": body}).extruded([(0.0, BLOCK.rise), (0.0, 0.0)])
-        # front, back and one for each corner: two of the edge, then four of the body or eight where it is chamfered
+        # front, back and one for each corner: two of the edge, then four of the body or eight where
+        # it is chamfered
         assert len(kernel.face_kinds(solid)) == 2 + 2 + (4 if chamfer == 0.0 else 8)
 
 
@@ -106,7 +116,10 @@ def test_the_section_has_no_corner_twice():
             {"mounting": {"kind": "bolted", "thread": "M3", "spacing": "12 mm", "depth": "4 mm"}},
             "Input should be 'tapped' or 'clearance'",
         ),
-        ({"engraving": {"height": "2 mm", "depth": "1.1 mm"}}, "engraving.depth must be below a tenth of the width"),
+        (
+            {"engraving": {"height": "2 mm", "depth": "1.1 mm"}},
+            "engraving.depth must be below a tenth of the width",
+        ),
     ],
 )
 def test_a_body_that_cannot_be_made_is_refused(changed, said):
@@ -126,7 +139,9 @@ def test_a_body_that_cannot_be_made_is_refused(changed, said):
 def test_an_identity_that_does_not_fit_the_front_says_how_high_letters_may_be():
     long = "a-name-that-is-much-too-long-for-it"
     with pytest.raises(ValueError, match=r"engraving\.height must let 'a-name") as caught:
-        StepBlock.model_validate({name: getattr(BLOCK, name) for name in StepBlock.model_fields} | {"id": long})
+        StepBlock.model_validate(
+            {name: getattr(BLOCK, name) for name in StepBlock.model_fields} | {"id": long}
+        )
     assert "2.2 mm" in str(caught.value)
 
 

@@ -8,7 +8,9 @@ from stepblocks.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 GOOD = (ROOT / "stimuli" / "paper-ten.toml").read_text().replace("paper-ten", "broken")
-MARGIN = (ROOT / "stimuli" / "crown-margins.toml").read_text().replace('"crown-margins"', '"broken"')
+MARGIN = (
+    (ROOT / "stimuli" / "crown-margins.toml").read_text().replace('"crown-margins"', '"broken"')
+)
 TIPS = (ROOT / "stimuli" / "probe-tips.toml").read_text().replace('"probe-tips"', '"broken"')
 
 
@@ -17,7 +19,9 @@ def swap(old, new, text=GOOD):
     return text.replace(old, new)
 
 
-SERIES = '{ from = "10 um", to = "100 um", step = "10 um", tolerance = "1 um", source = "figure 6" }'
+SERIES = (
+    '{ from = "10 um", to = "100 um", step = "10 um", tolerance = "1 um", source = "figure 6" }'
+)
 CASES = {
     "not TOML": ("schema = = 1", "must be TOML"),
     "empty": ("", "a set must declare at least one stimulus"),
@@ -34,30 +38,63 @@ CASES = {
     "infinite": (swap('length = "20 mm"', 'length = "1e999 mm"'), "finite"),
     "negative": (swap('length = "20 mm"', 'length = "-20 mm"'), "must be positive, got -20 mm"),
     "an expression": (swap('length = "20 mm"', 'length = "__import__(1) mm"'), "must be a length"),
-    "missing field": (swap(f"height = {SERIES}", "").replace("{height_um:03}", "one"), "height is missing"),
+    "missing field": (
+        swap(f"height = {SERIES}", "").replace("{height_um:03}", "one"),
+        "height is missing",
+    ),
     "unknown field": (
         swap('thickness = "8 mm"', 'thickness = "8 mm"\ncolour = "red"'),
         "body.colour is not a known field",
     ),
     "unknown kind": (swap("[[step_block]]", "[[stair]]"), "stair is not a known field"),
-    "unknown material": (swap('material = "steel"', 'material = "mithril"'), "material: must be one of"),
+    "unknown material": (
+        swap('material = "steel"', 'material = "mithril"'),
+        "material: must be one of",
+    ),
     "no tolerance": (swap('lane = "6 mm"', 'lane = "0.4 mm"'), "a tolerance must be stated"),
-    "zero tolerance": (swap('tolerance = "1 um"', 'tolerance = "0 um"'), "tolerance must be positive"),
-    "inverted tolerance": (swap('"+2 um / -0 um"', '"-2 um / +2 um"'), "upper deviation above the lower"),
+    "zero tolerance": (
+        swap('tolerance = "1 um"', 'tolerance = "0 um"'),
+        "tolerance must be positive",
+    ),
+    "inverted tolerance": (
+        swap('"+2 um / -0 um"', '"-2 um / +2 um"'),
+        "upper deviation above the lower",
+    ),
     "edge radius beyond height": (
         swap('nominal = "0 um"', 'nominal = "12.5 um"'),
         "edge_radius must not exceed height (10 um)",
     ),
-    "height beyond edge break": (swap('to = "100 um"', 'to = "400 um"'), "height must be smaller than edge_break"),
-    "path as identity": (swap('id = "step-{height_um:03}"', 'id = "../{height_um:03}"'), "must be lower-case words"),
-    "same name twice": (swap('id = "step-{height_um:03}"', 'id = "step"'), "id must be unique in its set"),
-    "placeholder without field": (swap("{height_um:03}", "{width_um:03}"), "must name a dimension of the stanza"),
+    "height beyond edge break": (
+        swap('to = "100 um"', 'to = "400 um"'),
+        "height must be smaller than edge_break",
+    ),
+    "path as identity": (
+        swap('id = "step-{height_um:03}"', 'id = "../{height_um:03}"'),
+        "must be lower-case words",
+    ),
+    "same name twice": (
+        swap('id = "step-{height_um:03}"', 'id = "step"'),
+        "id must be unique in its set",
+    ),
+    "placeholder without field": (
+        swap("{height_um:03}", "{width_um:03}"),
+        "must name a dimension of the stanza",
+    ),
     "huge series": (swap('step = "10 um"', 'step = "0.001 um"'), "at most 20000 members"),
     "series that misses its end": (swap('to = "100 um"', 'to = "105 um"'), "whole number of steps"),
     "descending series": (swap('to = "100 um"', 'to = "5 um"'), "must ascend"),
-    "series of numbers": (swap(SERIES, "{ values = [10, 20] }"), "values must be a list of quantities"),
-    "stanza as table": (swap("[[step_block]]", "[step_block]"), "must be written as [[step_block]]"),
-    "hole wider than the base": (swap('spacing = "12 mm"', 'spacing = "18 mm"'), "mounting.spacing must leave"),
+    "series of numbers": (
+        swap(SERIES, "{ values = [10, 20] }"),
+        "values must be a list of quantities",
+    ),
+    "stanza as table": (
+        swap("[[step_block]]", "[step_block]"),
+        "must be written as [[step_block]]",
+    ),
+    "hole wider than the base": (
+        swap('spacing = "12 mm"', 'spacing = "18 mm"'),
+        "mounting.spacing must leave",
+    ),
     "letters too high": (swap('height = "2.2 mm"', 'height = "6 mm"'), "engraving.height must"),
     "feature against the edge": (
         swap('distance = { nominal = "2 mm"', 'distance = { nominal = "0.2 mm"'),
@@ -68,18 +105,27 @@ CASES = {
         "marginal_gap must be narrower",
     ),
     "overextension beyond the shell": (
-        swap('nominal = "40 um", tolerance = "10 um"', 'nominal = "2 mm", tolerance = "10 um"', MARGIN),
+        swap(
+            'nominal = "40 um", tolerance = "10 um"',
+            'nominal = "2 mm", tolerance = "10 um"',
+            MARGIN,
+        ),
         "overextension beyond shell_thickness",
     ),
     "lip without overextension": (
-        swap('nominal = "60 um", tolerance = "2 um"', 'nominal = "10 um", tolerance = "2 um"', MARGIN),
+        swap(
+            'nominal = "60 um", tolerance = "2 um"', 'nominal = "10 um", tolerance = "2 um"', MARGIN
+        ),
         "horizontal_discrepancy must exceed marginal_gap",
     ),
     "shoulder without width": (
         swap('kind = "feather-edge"', 'kind = "shoulder"', MARGIN),
         "width must be above 0 for a shoulder",
     ),
-    "tip of no radius": (swap('nominal = "28.8 um"', 'nominal = "0 um"', TIPS), "ball_radius: must be positive"),
+    "tip of no radius": (
+        swap('nominal = "28.8 um"', 'nominal = "0 um"', TIPS),
+        "ball_radius: must be positive",
+    ),
     "tip thicker than its shank": (
         swap('nominal = "28.8 um"', 'nominal = "2 mm"', TIPS),
         "ball_radius must be smaller",
@@ -94,8 +140,14 @@ CASES = {
     "an integer of 5,000 digits": ("schema = " + "9" * 5000, "must be TOML"),
     "a name of 5,000 letters": (swap('id = "tip-125"', f'id = "{"a" * 5000}"', TIPS), "id"),
     "height of a picometre": (swap('from = "10 um"', 'from = "1e-12 m"'), "height"),
-    "a million steps": (swap('step = "10 um"', 'step = "1 nm"'), "at most 20000 members, got 90000"),
-    "a body of 1,000 km": (swap('length = "20 mm"', 'length = "1000 km"'), "body.length: must not exceed 1 m"),
+    "a million steps": (
+        swap('step = "10 um"', 'step = "1 nm"'),
+        "at most 20000 members, got 90000",
+    ),
+    "a body of 1,000 km": (
+        swap('length = "20 mm"', 'length = "1000 km"'),
+        "body.length: must not exceed 1 m",
+    ),
     "a tolerance above its nominal": (
         swap('tolerance = "1 um", source', 'tolerance = "60 um", source'),
         "tolerance must not exceed",
@@ -123,7 +175,9 @@ def test_a_broken_file_is_one_line_and_nothing_is_written(case, tmp_path, capsys
 
     assert main(["build", str(path), "-o", str(output)]) == 2
 
-    error = capsys.readouterr().err.replace("µm", "um")  # a terminal that can write a micro gets one
+    error = capsys.readouterr().err.replace(
+        "µm", "um"
+    )  # a terminal that can write a micro gets one
     assert error.count("\n") == 1 or " mistakes [" in error
     assert message in error
     assert "broken.toml" in error

@@ -46,7 +46,8 @@ def test_conditions_that_cannot_be_are_refused(changed, said):
 
 
 def test_the_rod_of_a_probe_rings_as_declared():
-    # the mass at its tip and its length are solved for: putting the rod into the model gives them back
+    # the mass at its tip and its length are solved for: putting the rod into the model gives them
+    # back
     probe = SHEATHS.probe
     ring = probe.ring()
     assert ring.frequency == pytest.approx(probe.frequency.value, rel=1e-6)
@@ -57,7 +58,11 @@ def test_the_rod_of_a_probe_rings_as_declared():
 def test_a_sheath_stiffens_the_probe_that_wears_it_and_nothing_else_does():
     hard, soft = SHEATHS.sheath
     grid = SHEATHS.grid_of(hard)
-    assert grid.tool.stiffness == SHEATHS.ring_of(hard).stiffness > SHEATHS.grid_of(soft).tool.stiffness
+    assert (
+        grid.tool.stiffness
+        == SHEATHS.ring_of(hard).stiffness
+        > SHEATHS.grid_of(soft).tool.stiffness
+    )
     assert grid.tool.stiffness > SHEATHS.prediction.tool.stiffness
     assert grid.frictions == SHEATHS.prediction.frictions
     block = TEN.stimuli[0]
@@ -96,7 +101,11 @@ def test_a_set_travels_to_a_worker_and_back():
 
 
 def test_a_path_may_be_text():
-    assert load_set(str(STIMULI / "paper-ten.toml")) == load_declared(str(STIMULI / "paper-ten.toml")) == TEN
+    assert (
+        load_set(str(STIMULI / "paper-ten.toml"))
+        == load_declared(str(STIMULI / "paper-ten.toml"))
+        == TEN
+    )
     assert isinstance(TEN, StimulusSet)
     assert with_energy_tolerances(TEN) is TEN
 
@@ -117,7 +126,9 @@ def test_a_set_says_what_it_needs(tmp_path, name, cut, said):
     start = next(index for index, line in enumerate(lines) if line.startswith(cut))
     end = start + 1
     if cut.startswith("["):
-        end = next((i for i in range(start + 1, len(lines)) if lines[i].startswith("[")), len(lines))
+        end = next(
+            (i for i in range(start + 1, len(lines)) if lines[i].startswith("[")), len(lines)
+        )
     path = tmp_path / f"{name}.toml"
     path.write_text("\n".join(lines[:start] + lines[end:]))
     with pytest.raises(StimulusError, match=said):
@@ -127,9 +138,14 @@ def test_a_set_says_what_it_needs(tmp_path, name, cut, said):
 @pytest.mark.parametrize(
     ("stanza", "field", "paper"),
     [
-        # R of the paper; the steps of its apparatus; a load and a friction stand for the band that it states
+        # R of the paper; the steps of its apparatus; a load and a friction stand for the band that
+        # it states
         ('[[step_block]]\nid = "a"\nheight = "25 um"', "tip_radii", (125e-6,)),
-        ('[[straight_tip]]\nid = "a"\nball_radius = "60 um"', "step_heights", (25e-6, 50e-6, 75e-6, 100e-6)),
+        (
+            '[[straight_tip]]\nid = "a"\nball_radius = "60 um"',
+            "step_heights",
+            (25e-6, 50e-6, 75e-6, 100e-6),
+        ),
         ('[[straight_tip]]\nid = "a"\nball_radius = "60 um"', "tip_radii", ()),
         ('[[step_block]]\nid = "a"\nheight = "25 um"', "normal_loads", (1.0,)),
         ('[[step_block]]\nid = "a"\nheight = "25 um"', "frictions", (0.15,)),

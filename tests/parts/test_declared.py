@@ -15,17 +15,26 @@ from stepblocks.parts.set import with_energy_tolerances
 from stepblocks.predict.predictions import predictions_of
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
-HEIGHT = '{ from = "10 um", to = "100 um", step = "10 um", tolerance = "1 um", source = "figure 6" }'
-EDGE = '{ nominal = "0 um", tolerance = "+2 um / -0 um", source = "sharp edge, section on the apparatus" }'
+HEIGHT = (
+    '{ from = "10 um", to = "100 um", step = "10 um", tolerance = "1 um", source = "figure 6" }'
+)
+EDGE = (
+    '{ nominal = "0 um", tolerance = "+2 um / -0 um", source = "sharp edge, section on the '
+    'apparatus" }'
+)
 FELT = '{ values = ["25 um", "50 um"], tolerance = "by energy" }'
 
 
-def write(folder, asked, height=FELT, edge='{ nominal = "0 um", tolerance = "by energy" }', name="felt"):
+def write(
+    folder, asked, height=FELT, edge='{ nominal = "0 um", tolerance = "by energy" }', name="felt"
+):
     text = (STIMULI / "paper-ten.toml").read_text().replace("paper-ten", name)
     assert HEIGHT in text
     assert EDGE in text
     path = folder / f"{name}.toml"
-    path.write_text(text.replace(HEIGHT, f"{height}\nenergy_tolerance = {asked}").replace(EDGE, edge))
+    path.write_text(
+        text.replace(HEIGHT, f"{height}\nenergy_tolerance = {asked}").replace(EDGE, edge)
+    )
     return path
 
 
@@ -53,9 +62,14 @@ def test_every_corner_of_the_tolerances_keeps_the_energy_under_every_condition(t
 def test_what_is_stated_spends_the_budget_and_what_it_leaves_goes_to_the_others(tmp_path):
     free = load_declared(write(tmp_path, '"10 %"')).step_block[0]
     tip = load_declared(write(tmp_path, '{ within = "10 %", ball_radius = "2 um" }')).step_block[0]
-    both = load_declared(write(tmp_path, '{ within = "10 %", ball_radius = "2 um", friction = 0.005 }')).step_block[0]
-    stated = load_declared(write(tmp_path, '"10 %"', edge='{ nominal = "0 um", tolerance = "+2 um / -0 um" }'))
-    # 2 um of the tip is less than the 3.2 um that its share of the budget would give it: the block gains what it leaves
+    both = load_declared(
+        write(tmp_path, '{ within = "10 %", ball_radius = "2 um", friction = 0.005 }')
+    ).step_block[0]
+    stated = load_declared(
+        write(tmp_path, '"10 %"', edge='{ nominal = "0 um", tolerance = "+2 um / -0 um" }')
+    )
+    # 2 um of the tip is less than the 3.2 um that its share of the budget would give it: the block
+    # gains what it leaves
     assert free.energy_tolerance.tips[0].upper > 2e-6
     assert tip.height.upper > free.height.upper
     assert tip.height.upper > both.height.upper > 0.0
@@ -89,7 +103,9 @@ def test_a_tip_is_toleranced_on_the_steps_of_its_set(tmp_path):
     [
         (
             '"1 %"',
-            "energy_tolerance of 1 % can be kept by no tolerance at R 125 um, H 25 um, mu 0.15: the workshop holds",
+            "energy_tolerance of 1 % can be kept by no tolerance at R 125 um, H 25 um, mu "
+            "0.15: "
+            "the workshop holds",
         ),
         ('{ within = "10 %", friction = 0.05 }', "the given uncertainty of friction alone"),
         ('"200 %"', "must lie between 0 and 100 %"),
@@ -102,7 +118,9 @@ def test_when_none_will_do_the_command_says_so_in_one_line(tmp_path, capsys, ask
     path = write(tmp_path, asked)
     for command in (["predict", str(path)], ["build", str(path), "-o", str(tmp_path / "out")]):
         assert main(command) == 2
-        error = capsys.readouterr().err.replace("µm", "um")  # a terminal that can write a micro gets one
+        error = capsys.readouterr().err.replace(
+            "µm", "um"
+        )  # a terminal that can write a micro gets one
         assert message in error
         assert "felt.toml" in error
         assert "step_block 'step-0" in error
@@ -113,9 +131,21 @@ def test_when_none_will_do_the_command_says_so_in_one_line(tmp_path, capsys, ask
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('energy_tolerance = "10 %"', "", "energy_tolerance must be given where height has tolerance = 'by energy'"),
-        ('length = "20 mm"', 'length = { nominal = "20 mm", tolerance = "by energy" }', "is for height, edge_radius"),
-        ("frictions = [0.15, 0.20, 0.30]", "frictions = [9.0]", "needs a condition of the prediction that releases"),
+        (
+            'energy_tolerance = "10 %"',
+            "",
+            "energy_tolerance must be given where height has tolerance = 'by energy'",
+        ),
+        (
+            'length = "20 mm"',
+            'length = { nominal = "20 mm", tolerance = "by energy" }',
+            "is for height, edge_radius",
+        ),
+        (
+            "frictions = [0.15, 0.20, 0.30]",
+            "frictions = [9.0]",
+            "needs a condition of the prediction that releases",
+        ),
     ],
 )
 def test_a_request_from_which_nothing_follows_is_refused(tmp_path, capsys, old, new, message):
@@ -141,7 +171,10 @@ def test_the_specification_and_the_workshop_see_the_tolerances_found(tmp_path):
     assert specification["height"]["tolerance"] == "by energy"
     assert specification["height"]["upper_deviation_m"] == block.height.upper > 0.1e-6
     assert specification["energy_tolerance"]["within"] == 0.10
-    assert specification["energy_tolerance"]["tips"][0]["deviation_m"] == block.energy_tolerance.tips[0].upper
+    assert (
+        specification["energy_tolerance"]["tips"][0]["deviation_m"]
+        == block.energy_tolerance.tips[0].upper
+    )
     height = next(one for one in block.characteristics() if one.key == "step_height")
     assert (height.lower, height.upper) == (block.height.lower, block.height.upper)
 

@@ -6,7 +6,15 @@ from typing import Annotated
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from stepblocks.parts.declared import MATERIALS, Sourced, Table, Zone, face_demands, material_named, sourced
+from stepblocks.parts.declared import (
+    MATERIALS,
+    Sourced,
+    Table,
+    Zone,
+    face_demands,
+    material_named,
+    sourced,
+)
 from stepblocks.parts.tolerance import (
     Angle,
     Dimension,
@@ -74,16 +82,32 @@ def test_deviations_may_be_alike_or_not_to_either_side(tolerance, limits_um):
         (Angle, "180 deg", "must be at least 0 and less than 180 deg, got 180 deg"),
         (Angle, "-1 deg", "must be at least 0 and less than 180 deg"),
         (Length, {"nominal": "1 mm", "tolerance": "0 um"}, "tolerance must be positive"),
-        (Length, {"nominal": "1 mm", "tolerance": "-1 um / +1 um"}, "upper deviation above the lower one"),
-        (Length, {"nominal": "1 mm", "tolerance": "1e308 mm / -0 mm"}, "above the lower one, within sense"),
+        (
+            Length,
+            {"nominal": "1 mm", "tolerance": "-1 um / +1 um"},
+            "upper deviation above the lower one",
+        ),
+        (
+            Length,
+            {"nominal": "1 mm", "tolerance": "1e308 mm / -0 mm"},
+            "above the lower one, within sense",
+        ),
         (Length, {"nominal": "1 mm", "colour": "red"}, "unknown colour"),
         (Length, {"tolerance": "1 um"}, "nominal is missing"),
         (Length, {"nominal": "1 mm", "source": 7}, "source must be text, got 7"),
-        (Length, {"nominal": "1 mm", "tolerance": "by energy"}, "is for height, edge_radius and ball_radius"),
+        (
+            Length,
+            {"nominal": "1 mm", "tolerance": "by energy"},
+            "is for height, edge_radius and ball_radius",
+        ),
         (Zone, "0 um", "must be positive, got 0"),
         (DENSITY, "7 kg/m^3", "must be a table with value and source"),
         (DENSITY, {"value": "0 kg/m^3", "source": "x"}, "value must be positive"),
-        (DENSITY, {"value": "7 kg/m^3", "source": ""}, "source must say where the value comes from"),
+        (
+            DENSITY,
+            {"value": "7 kg/m^3", "source": ""},
+            "source must say where the value comes from",
+        ),
         (TIME, {"value": "7 kg", "source": "x"}, "must be a time"),
     ],
 )
@@ -100,7 +124,11 @@ def test_a_length_of_either_sign_keeps_its_sign():
 def test_an_angle_has_the_general_tolerance_of_a_short_side():
     # ISO 2768-1, table 3, class m, shorter side up to 10 mm: 1 degree
     one = read(Angle, "6 deg")
-    assert (one.upper, one.quantity, one.general) == (pytest.approx(math.radians(1.0)), "angle", True)
+    assert (one.upper, one.quantity, one.general) == (
+        pytest.approx(math.radians(1.0)),
+        "angle",
+        True,
+    )
 
 
 def test_a_tolerance_by_energy_waits_until_it_is_worked_out():
@@ -115,7 +143,10 @@ def test_a_tolerance_by_energy_waits_until_it_is_worked_out():
     [
         (Dimension(25e-6, 1e-6, -1e-6), "25 um ±1 um"),
         (Dimension(0.0, 2e-6, 0.0), "0 um +2 um/0 um"),
-        (Dimension(math.radians(6.0), math.radians(1.0), math.radians(-1.0), "angle"), "6 deg ±1 deg"),
+        (
+            Dimension(math.radians(6.0), math.radians(1.0), math.radians(-1.0), "angle"),
+            "6 deg ±1 deg",
+        ),
     ],
 )
 def test_a_dimension_reads_as_on_a_drawing(one, text):
@@ -131,7 +162,12 @@ def test_a_dimension_reads_as_on_a_drawing(one, text):
     ],
 )
 def test_the_record_says_whose_tolerance_it_is(one, told):
-    assert one.record() == {"nominal_m": 1e-3, "upper_deviation_m": 1e-4, "lower_deviation_m": -1e-4, "tolerance": told}
+    assert one.record() == {
+        "nominal_m": 1e-3,
+        "upper_deviation_m": 1e-4,
+        "lower_deviation_m": -1e-4,
+        "tolerance": told,
+    }
 
 
 def test_a_record_of_a_value_carries_unit_and_source():
@@ -161,7 +197,8 @@ def test_every_material_says_where_its_density_comes_from():
         assert one.density.source
         assert one.record()["density_kg_m3"] == one.density.value
     with pytest.raises(
-        ValueError, match="must be one of steel, stainless, aluminium, brass, pmma, zirconia, got 'mithril'"
+        ValueError,
+        match="must be one of steel, stainless, aluminium, brass, pmma, zirconia, got 'mithril'",
     ):
         material_named("mithril")
 

@@ -72,16 +72,28 @@ SLIPS = {
         ('height = "25 um"', 'height = "25 N"', "height: must be a length"),
         ('height = "25 um"', "height = 25", "a number needs its unit"),
         ('height = "25 um"', 'height = "25 um"\nlength = "30 mm"', "did you mean body.length?"),
-        ('height = "25 um"', 'height = "25 um"\nbody = { width = "1 kg" }', "body.width: must be a length"),
+        (
+            'height = "25 um"',
+            'height = "25 um"\nbody = { width = "1 kg" }',
+            "body.width: must be a length",
+        ),
         ('height = "25 um"', 'height = "25 um"\nmaterial = "stel"', "material: must be one of"),
-        ('height = "25 um"', 'height = "25 um"\nedge_radius = "40 um"', "edge_radius must not exceed height"),
+        (
+            'height = "25 um"',
+            'height = "25 um"\nedge_radius = "40 um"',
+            "edge_radius must not exceed height",
+        ),
         ("[prediction]", "[predictions]", "did you mean prediction?"),
         ('["0.5 N"]', '["-0.5 N"]', "must be positive"),
         ('["0.5 N"]', '["0.5 N"]\nfriction = [0.1]', "did you mean prediction.frictions?"),
         ('id = "two"', 'id = "one"', "id must be unique"),
         ('marginal_gap = "50 um"', 'marginal_gap = "12 mm"', "marginal_gap must"),
         ('ball_radius = "125 um"', 'ball_radius = "2 mm"', "ball_radius must be smaller"),
-        ('ball_radius = "125 um"', 'ball_radius = "125 um"\ncone_angel = "3 deg"', "did you mean cone_angle?"),
+        (
+            'ball_radius = "125 um"',
+            'ball_radius = "125 um"\ncone_angel = "3 deg"',
+            "did you mean cone_angle?",
+        ),
         ("[[straight_tip]]", "[[strait_tip]]", "did you mean straight_tip?"),
     ],
     "session": [
@@ -131,7 +143,11 @@ SLIPS = {
         ("seed = 5", "seeds = 5", "did you mean seed?"),
         ('"20 um"', '"20 N"', "design.heights.1: must be a length"),
         ('["0.5 N"]', '["0.5 m"]', "design.loads.0: must be a force"),
-        ('loads = ["0.5 N"]', 'loads = ["0.5 N"]\noperator = ["a"]', "did you mean design.operators?"),
+        (
+            'loads = ["0.5 N"]',
+            'loads = ["0.5 N"]\noperator = ["a"]',
+            "did you mean design.operators?",
+        ),
         ("schema = 1", "schema = 9", "schema"),
         ("[design]", "[desing]", "did you mean design?"),
     ],
@@ -195,7 +211,9 @@ def said_of(kind, text, folder, capsys):
     }[kind]
     if kind == "session":
         path.rename(folder / "session.toml")
-        (folder / "trials.csv").write_text("trial,block,height_um,load_n,speed_mm_s\n1,a,25,0.5,5\n")
+        (folder / "trials.csv").write_text(
+            "trial,block,height_um,load_n,speed_mm_s\n1,a,25,0.5,5\n"
+        )
     code = main(command)
     assert not list(folder.glob("out*"))
     return code, capsys.readouterr().err
@@ -230,7 +248,8 @@ def test_two_slips_are_said_at_once_each_in_a_line(kind, first, second, tmp_path
 def test_what_a_series_repeats_is_said_once_and_unknown_names_come_first(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(
-        '[defaults.step_block]\nmaterial = "stel"\ncolor = "red"\n[[step_block]]\nid = "s-{height_um:03}"\n'
+        '[defaults.step_block]\nmaterial = "stel"\ncolor = "red"\n[[step_block]]\nid = '
+        '"s-{height_um:03}"\n'
         'height = { from = "10 um", to = "100 um", step = "10 um" }\n'
     )
     with pytest.raises(StepblocksError) as caught:
@@ -266,14 +285,19 @@ def test_three_lines_are_a_valid_file_of_every_kind(stanza, size, tmp_path):
     (part,) = load_set(path).stimuli
     name, nominal, deviation = size
     found = getattr(part, name)
-    assert (found.nominal, found.upper, found.lower) == pytest.approx((nominal, deviation, -deviation))
+    assert (found.nominal, found.upper, found.lower) == pytest.approx(
+        (nominal, deviation, -deviation)
+    )
     assert found.record()["tolerance"] == "default"
 
 
 def test_what_a_file_states_is_not_touched_by_what_is_usual(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(
-        '[[step_block]]\nid = "a"\nheight = "0.6 mm"\nbody = { edge_break = "1 mm", length = "30 mm" }\n'
+        '[[step_block]]\nid = "a"\nheight = "0.6 mm"\nbody = { edge_break = "1 mm", '
+        "length = "
+        '"30 '
+        'mm" }\n'
         'edge_radius = { nominal = "5 um", tolerance = "1 um" }\n'
     )
     (block,) = load_set(path).stimuli
@@ -292,12 +316,16 @@ def test_what_new_writes_is_valid_with_its_comments_and_without(thing, tmp_path,
     plain = load_set(path)
     text = path.read_text()
     assert main(["new", thing, str(path)]) == 2
-    shown = [line.removeprefix("# ") if line.startswith("# [") or " = " in line else line for line in text.splitlines()]
+    shown = [
+        line.removeprefix("# ") if line.startswith("# [") or " = " in line else line
+        for line in text.splitlines()
+    ]
     path.write_text("\n".join(line for line in shown if not line.startswith("#   stepblocks")))
     # the values that the comments show are those in force
     values = [part.model_dump_json(exclude={"material"}) for part in load_set(path).stimuli]
     stated = [
-        part.model_dump_json(exclude={"material"}).replace('"usual":true', '"usual":false') for part in plain.stimuli
+        part.model_dump_json(exclude={"material"}).replace('"usual":true', '"usual":false')
+        for part in plain.stimuli
     ]
     assert [one.replace('"usual":true', '"usual":false') for one in values] == stated
 

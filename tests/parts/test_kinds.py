@@ -24,7 +24,11 @@ from stepblocks.select import stimulus_files
 ROOT = Path(__file__).resolve().parents[2]
 SCANS = scanned_set(Path(tempfile.mkdtemp()), stations=2, more='vertical_discrepancy = "100 um"')
 SETS = [load_set(path) for path in (*stimulus_files(ROOT / "stimuli"), SCANS)]
-PARTS = [pytest.param(part, id=f"{stimuli.name}/{part.id}") for stimuli in SETS for part in stimuli.stimuli]
+PARTS = [
+    pytest.param(part, id=f"{stimuli.name}/{part.id}")
+    for stimuli in SETS
+    for part in stimuli.stimuli
+]
 CROSSED = [one for one in PARTS if one.values[0].crossed]
 BLOCKS = [one for one in PARTS if isinstance(one.values[0], Block)]
 # one of each kind and form, where meshing every one would take long
@@ -43,7 +47,11 @@ SOME = [one for one in PARTS if one.values[0].id in FORMS]
 
 def test_every_shipped_kind_is_declared_somewhere():
     assert {type(one.values[0]) for one in PARTS} == set(SHIPPED)
-    assert len({kind.stanza for kind in SHIPPED}) == len({kind.called for kind in SHIPPED}) == len(SHIPPED)
+    assert (
+        len({kind.stanza for kind in SHIPPED})
+        == len({kind.called for kind in SHIPPED})
+        == len(SHIPPED)
+    )
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -67,7 +75,9 @@ def test_its_counterface_is_its_sizes_at_their_nominal(part):
 
 
 @pytest.mark.parametrize("part", CROSSED)
-def test_the_critical_angle_at_its_nominal_lies_between_those_at_the_corners_of_its_tolerances(part):
+def test_the_critical_angle_at_its_nominal_lies_between_those_at_the_corners_of_its_tolerances(
+    part,
+):
     face, *corners = part.corners()
     for way in range(len(face.ways)):
         spread = [one.angles(125e-6)[way] for one in corners]
@@ -77,8 +87,12 @@ def test_the_critical_angle_at_its_nominal_lies_between_those_at_the_corners_of_
 @pytest.mark.parametrize("part", [one for one in PARTS if not one.values[0].crossed])
 def test_what_is_held_or_worn_is_felt_at_the_step_under_it(part):
     (face,) = part.corners(37e-6)
-    assert face.angles(125e-6)[0] == pytest.approx(math.acos((125.0 - 37.0) / 125.0), rel=1e-12)  # equation (2)
-    with pytest.raises(ContactError, match=f"height of the step under the probe must be given, got none .{part.id}"):
+    assert face.angles(125e-6)[0] == pytest.approx(
+        math.acos((125.0 - 37.0) / 125.0), rel=1e-12
+    )  # equation (2)
+    with pytest.raises(
+        ContactError, match=f"height of the step under the probe must be given, got none .{part.id}"
+    ):
         part.counterface()
     assert (part.ball is None) == (part.sleeve is not None)
 
@@ -89,7 +103,9 @@ def test_the_surface_that_is_written_is_the_one_that_it_is_checked_by(part):
     edges = np.array(part.counterface().breakpoints)
     x = np.linspace(-0.4e-3, 0.4e-3, 801) + 0.37e-6
     x = x[np.abs(x[:, None] - edges).min(axis=1) > 1e-9]
-    assert np.allclose(part.counterface().heights(x), [part.top(float(one)) for one in x], rtol=0.0, atol=1e-15)
+    assert np.allclose(
+        part.counterface().heights(x), [part.top(float(one)) for one in x], rtol=0.0, atol=1e-15
+    )
     assert part.top(0.4e-3) == part.rise
 
 
@@ -101,7 +117,9 @@ def test_its_solids_carry_the_names_of_its_bodies(part):
 
 @pytest.mark.parametrize("part", SOME)
 def test_its_mesh_is_closed_of_its_volume_and_measures_what_was_declared(part):
-    for body, ((name, solid), volume) in enumerate(zip(build_solids(part), part.volumes(), strict=True)):
+    for body, ((name, solid), volume) in enumerate(
+        zip(build_solids(part), part.volumes(), strict=True)
+    ):
         mesh = mesh_solid(part, name, solid)
         measured = MeshMeasures(mesh.vertices, mesh.triangles)
         assert measured.bad_edges() == 0
@@ -143,7 +161,9 @@ def test_every_characteristic_finds_its_faces(part):
 def test_its_faces_are_asked_for_what_its_band_allows(part):
     demands, governing = part.face_demands, getattr(part, part.governed_by)
     band = governing.upper - governing.lower
-    flatness, parallelism, roughness = (demands[name] for name in ("flatness", "parallelism", "roughness"))
+    flatness, parallelism, roughness = (
+        demands[name] for name in ("flatness", "parallelism", "roughness")
+    )
     assert flatness.upper <= 0.5 * parallelism.upper * (1.0 + 1e-12)
     assert roughness.upper >= 0.05e-6
     if not part.has_working_faces:
@@ -161,7 +181,13 @@ def test_its_picture_shows_what_is_felt(part):
 
 def test_a_step_is_drawn_about_a_millimetre_and_a_half_high_by_a_round_factor():
     # 1.5 mm over the height, rounded to one digit, and never smaller than it is
-    assert [exaggeration(height) for height in (10e-6, 25e-6, 100e-6, 1e-3, 5e-3)] == [200.0, 60.0, 20.0, 2.0, 1.0]
+    assert [exaggeration(height) for height in (10e-6, 25e-6, 100e-6, 1e-3, 5e-3)] == [
+        200.0,
+        60.0,
+        20.0,
+        2.0,
+        1.0,
+    ]
 
 
 @pytest.mark.parametrize("kind", ["step_block", "margin_block"])
@@ -171,7 +197,10 @@ def test_a_finer_tolerance_asks_for_finer_faces(kind):
     from dataclasses import replace
 
     fine = part.model_copy(
-        update={field: replace(getattr(part, field), upper=0.1e-6, lower=-0.1e-6), "working_faces": None}
+        update={
+            field: replace(getattr(part, field), upper=0.1e-6, lower=-0.1e-6),
+            "working_faces": None,
+        }
     )
     assert fine.face_demands["flatness"].upper == pytest.approx(0.05e-6)
     assert fine.face_demands["parallelism"].upper == pytest.approx(0.1e-6)

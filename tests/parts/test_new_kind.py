@@ -51,7 +51,18 @@ class CollaredPin(Turned):
 
     def outlines(self):
         R, H, end = self.turn_radius, self.collar_height.nominal, 0.5 * self.length.nominal
-        return [[(0.0, -end), (R, -end), (R, 0.0), (R + H, H), (R + H, 2.0 * H), (R, 3.0 * H), (R, end), (0.0, end)]]
+        return [
+            [
+                (0.0, -end),
+                (R, -end),
+                (R, 0.0),
+                (R + H, H),
+                (R + H, 2.0 * H),
+                (R, 3.0 * H),
+                (R, end),
+                (0.0, end),
+            ]
+        ]
 
     def hulls(self):
         return stack(*self.outlines())
@@ -67,7 +78,9 @@ class CollaredPin(Turned):
         yield toleranced("collar_diameter", "diameter", size, crest).doubled
 
     def measured(self, body, mesh):
-        yield Finding("collar", self.collar_height.nominal, float(mesh.radii.max() - self.turn_radius), 2e-9)
+        yield Finding(
+            "collar", self.collar_height.nominal, float(mesh.radii.max() - self.turn_radius), 2e-9
+        )
 
     def close_up(self):
         wide = 6.0 * self.collar_height.nominal
@@ -111,7 +124,9 @@ def test_it_is_declared_by_its_own_stanza_and_series(pins):
 def test_it_is_built_checked_and_shown(pins):
     path, folder, report = pins
     assert report.failures == []
-    checked = [verdict for _, verdicts in check_output([path], folder / "out") for verdict in verdicts]
+    checked = [
+        verdict for _, verdicts in check_output([path], folder / "out") for verdict in verdicts
+    ]
     assert {verdict.quantity for verdict in checked} >= {
         "volume",
         "collar",
@@ -138,25 +153,34 @@ def test_its_solid_has_the_volume_of_frusta(pins):
 def test_its_step_file_carries_its_characteristics(pins):
     path, folder, _ = pins
     (pin,) = load_set(path).stimuli
-    report, findings = check_part_step(folder / "out" / "pins" / "collar-050" / "collar-050.step", pin)
+    report, findings = check_part_step(
+        folder / "out" / "pins" / "collar-050" / "collar-050.step", pin
+    )
     assert findings == []
-    assert sorted(one.value for one in report.dimensions) == pytest.approx([3e-3, 3.1e-3, 9e-3], abs=1e-12)
+    assert sorted(one.value for one in report.dimensions) == pytest.approx(
+        [3e-3, 3.1e-3, 9e-3], abs=1e-12
+    )
 
 
 def test_it_is_felt_as_steep_as_its_flanks(pins):
-    # a ball on a straight flank that is longer than R tan(22.5 deg) climbs at the flank's own 45 degrees, both ways alike
+    # a ball on a straight flank that is longer than R tan(22.5 deg) climbs at the flank's own 45
+    # degrees, both ways alike
     rows = list(predictions_of(load_set(pins[0])))
     assert [row.drag for row in rows] == ["forward", "backward"]
     for row in rows:
         assert row.release.angle == pytest.approx(math.radians(45.0), rel=1e-9)
-        assert row.release.pull_force == pytest.approx(0.5 * math.tan(math.radians(45.0) + math.atan(0.15)), rel=1e-9)
+        assert row.release.pull_force == pytest.approx(
+            0.5 * math.tan(math.radians(45.0) + math.atan(0.15)), rel=1e-9
+        )
 
 
 def test_it_is_exported_lying_on_its_side(pins, tmp_path):
     (exported,) = export([pins[0]], "chai3d", tmp_path)
     assert exported.name == "pins/collar-050"
     lines = (exported.folder / "block.obj").read_text().splitlines()
-    heights = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)[:, 2]
+    heights = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)[
+        :, 2
+    ]
     assert heights.max() == pytest.approx(50e-3, abs=1e-6)  # mm over the surface at z = 0
     assert heights.min() == pytest.approx(-3.05, abs=1e-2)
 
@@ -174,7 +198,11 @@ def test_it_is_drawn_with_every_characteristic(pins, tmp_path):
 def test_it_is_unknown_once_its_registration_ends(tmp_path):
     path = tmp_path / "pins.toml"
     path.write_text(TEXT.replace("collared_pin", "other_pin"))
-    other = type("OtherPin", (CollaredPin,), {"stanza": "other_pin", "__module__": __name__, "__annotations__": {}})
+    other = type(
+        "OtherPin",
+        (CollaredPin,),
+        {"stanza": "other_pin", "__module__": __name__, "__annotations__": {}},
+    )
     with registered(other):
         assert type(load_set(path).stimuli[0]) is other
     assert "other_pin" not in kinds()

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from stepblocks.cad import kernel
-from stepblocks.parts.revolution import outline_points, revolution_volume, ring, sectors, stack, turned_hull
+from stepblocks.parts.revolution import (
+    outline_points,
+    revolution_volume,
+    ring,
+    sectors,
+    stack,
+    turned_hull,
+)
 from stepblocks.parts.shapes import hull, split
 
 S = math.sqrt(0.5)
@@ -37,7 +44,9 @@ def test_the_contour_integral_gives_the_volume_of_the_textbook_and_of_the_kernel
     larger = [tuple(map(tuple, item)) if item.ndim == 2 else tuple(item) for item in points]
     assert revolution_volume(larger) == pytest.approx(8.0 * expected, rel=1e-12)
     if outline[0][0] == 0.0:
-        assert kernel.volume(kernel.turned(outline, (0.3, -0.2, 0.1))) == pytest.approx(expected, rel=1e-9)
+        assert kernel.volume(kernel.turned(outline, (0.3, -0.2, 0.1))) == pytest.approx(
+            expected, rel=1e-9
+        )
 
 
 def test_an_outline_may_run_either_way_round():
@@ -56,7 +65,9 @@ def test_chords_stay_within_their_error_and_on_the_arc(chord):
 
 
 def test_an_arc_bulges_to_the_side_of_its_middle():
-    left, right = (outline_points([(0.0, 0.0), ((side, 1.0), (0.0, 2.0))], 1e-3) for side in (-1.0, 1.0))
+    left, right = (
+        outline_points([(0.0, 0.0), ((side, 1.0), (0.0, 2.0))], 1e-3) for side in (-1.0, 1.0)
+    )
     assert min(x for x, _ in left) == pytest.approx(-1.0, abs=1e-3)
     assert max(x for x, _ in right) == pytest.approx(1.0, abs=1e-3)
 
@@ -66,7 +77,9 @@ def test_frusta_of_a_stack_fill_the_polygon_of_the_solid():
     t = math.tau / 96.0
     pieces = stack(outline)
     assert len(pieces) == 2
-    assert sum(map(volume, pieces)) == pytest.approx(revolution_volume(outline) * math.sin(t) / t, rel=1e-12)
+    assert sum(map(volume, pieces)) == pytest.approx(
+        revolution_volume(outline) * math.sin(t) / t, rel=1e-12
+    )
 
 
 def test_sectors_of_a_ring_fill_it_without_a_gap():
@@ -86,11 +99,15 @@ def test_a_ball_and_its_hull_differ_by_chords_alone():
     # head of a tip: the polygon of 96 sides and chords of 0.1 um on a ball of 200 um
     outline = [(0.0, 0.0), ((200e-6, 200e-6), (0.0, 400e-6))]
     t = math.tau / 96.0
-    assert volume(turned_hull(outline)) == pytest.approx(revolution_volume(outline) * math.sin(t) / t, rel=2e-3)
+    assert volume(turned_hull(outline)) == pytest.approx(
+        revolution_volume(outline) * math.sin(t) / t, rel=2e-3
+    )
 
 
 @pytest.mark.parametrize(("axis", "share"), [("x", 0.25), ("y", 0.5), ("z", 0.7)])
 def test_a_split_gives_both_sides_the_lower_first(axis, share):
     box = hull(itertools.product((0.0, 1e-3), repeat=3))
     below, above = split(box, axis, share * 1e-3)
-    assert (volume(below), volume(above)) == pytest.approx((share * 1e-9, (1.0 - share) * 1e-9), rel=1e-12)
+    assert (volume(below), volume(above)) == pytest.approx(
+        (share * 1e-9, (1.0 - share) * 1e-9), rel=1e-12
+    )

@@ -64,7 +64,9 @@ def test_a_series_may_stand_in_a_table_within():
         ("a-{height_deg:03}", "45 deg", "a-045"),
     ],
 )
-def test_a_placeholder_writes_the_nominal_in_its_unit_without_points_or_signs(template, nominal, name):
+def test_a_placeholder_writes_the_nominal_in_its_unit_without_points_or_signs(
+    template, nominal, name
+):
     (one,) = expand({"id": template, "height": {"values": [nominal]}})
     assert one["id"] == name
 
@@ -79,9 +81,18 @@ def test_an_angle_may_ascend_too():
     [
         ({"from": "10 um", "to": "20 um"}, "a series needs from, to and step, got no step"),
         ({"from": "10 um"}, "got no step and no to"),
-        ({"from": "10 um", "to": "25 um", "step": "10 um"}, "to must be a whole number of steps from from"),
-        ({"from": "10 um", "to": "5 um", "step": "1 um"}, "a series must ascend with a positive step"),
-        ({"from": "10 um", "to": "20 um", "step": "0 um"}, "a series must ascend with a positive step"),
+        (
+            {"from": "10 um", "to": "25 um", "step": "10 um"},
+            "to must be a whole number of steps from from",
+        ),
+        (
+            {"from": "10 um", "to": "5 um", "step": "1 um"},
+            "a series must ascend with a positive step",
+        ),
+        (
+            {"from": "10 um", "to": "20 um", "step": "0 um"},
+            "a series must ascend with a positive step",
+        ),
         ({"from": "10 um", "to": "20 N", "step": "1 um"}, "must be a length"),
         ({"from": "10 um", "to": "1 m", "step": "1 um"}, f"at most {MAX_SERIES} members"),
         ({"values": []}, "values must be a list of quantities"),

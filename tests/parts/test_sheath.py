@@ -50,20 +50,26 @@ def test_a_hundredth_millimetre_states_the_diameter_that_is_solved(tmp_path):
                 ('edge_break = { nominal = "0.3 mm"', 'edge_break = { nominal = "0 mm"'),
                 ('value = "1150 kg/m^3"', 'value = "19900 kg/m^3"'),
             ],
-            r"must give the mass of 'sheath-hard' \(2.126 g\) within 1%, got 2.101 g \[sheath 'sheath-soft'\]",
+            r"must give the mass of 'sheath-hard' \(2.126 g\) within 1%, got 2.101 g \[sheath "
+            r"'sheath-soft'\]",
         ),
         (
             [('mass_of = "sheath-hard"', 'mass_of = "sheath-lead"')],
             "mass_of must name a sheath of the set, got 'sheath-lead'",
         ),
-        ([('mass_of = "sheath-hard"', 'mass_of = "sheath-soft"')], "must name a sheath with given dimensions"),
+        (
+            [('mass_of = "sheath-hard"', 'mass_of = "sheath-soft"')],
+            "must name a sheath with given dimensions",
+        ),
         (
             [('outer_diameter = { nominal = "8 mm"', 'outer_diameter = { nominal = "3 mm"')],
-            r"outer_diameter must exceed bore, within their tolerances too \(4 mm\), got 3 mm \[sheath 'sheath-hard'\]",
+            r"outer_diameter must exceed bore, within their tolerances too \(4 mm\), got 3 mm "
+            r"\[sheath 'sheath-hard'\]",
         ),
         (
             [("+0.03 mm / -0 mm", "+90 mm / -0 mm")],
-            r"outer_diameter must exceed bore, within their tolerances too \(4 mm\), got 8 mm \[sheath 'sheath-hard'\]",
+            r"outer_diameter must exceed bore, within their tolerances too \(4 mm\), got 8 mm "
+            r"\[sheath 'sheath-hard'\]",
         ),
         (
             [('length = { nominal = "40 mm", tolerance = "0.05 mm" }', "")],
@@ -72,7 +78,9 @@ def test_a_hundredth_millimetre_states_the_diameter_that_is_solved(tmp_path):
         (
             [
                 (
-                    'loss_factor = { value = 0.2, source = "assumed: silicone compounds without filler, from 0.1 up; measure" }',
+                    'loss_factor = { value = 0.2, source = "assumed: silicone compounds '
+                    "without "
+                    'filler, from 0.1 up; measure" }',
                     "loss_factor = 0.2",
                 )
             ],
@@ -81,7 +89,8 @@ def test_a_hundredth_millimetre_states_the_diameter_that_is_solved(tmp_path):
         (
             [
                 (
-                    'density = { value = "1150 kg/m^3", source = "manufacturers\' data sheets, 1120 to 1180" }',
+                    'density = { value = "1150 kg/m^3", source = "manufacturers\' data sheets, '
+                    '1120 to 1180" }',
                     'density = { value = "1150 kg/m^3", source = " " }',
                 )
             ],

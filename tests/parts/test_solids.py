@@ -43,8 +43,10 @@ body.edge_break = { nominal = "0.23 mm", tolerance = "0.1 mm" }
 body.engraving = { height = "1.1 mm", depth = { nominal = "0.12 mm", tolerance = "0.05 mm" } }
 """
 MOUNTINGS = {
-    "tapped": 'body.mounting = { kind = "tapped", thread = "M2.5", spacing = "9 mm", depth = "4 mm" }',
-    "clearance": 'body.mounting = { kind = "clearance", thread = "M2", spacing = "9 mm", depth = "2.5 mm" }',
+    "tapped": 'body.mounting = { kind = "tapped", thread = "M2.5", spacing = "9 mm", depth = "4 mm" '
+    "}",
+    "clearance": 'body.mounting = { kind = "clearance", thread = "M2", spacing = "9 mm", depth = "2.5 mm" '
+    "}",
 }
 
 
@@ -58,7 +60,9 @@ def one(tmp_path, text):
 @pytest.mark.parametrize(
     ("mounting", "feature", "radius"), itertools.product(MOUNTINGS, ("groove", "ridge"), (0, 7, 43))
 )
-def test_a_step_block_of_odd_size_has_the_volume_of_its_closed_form(tmp_path, mounting, feature, radius):
+def test_a_step_block_of_odd_size_has_the_volume_of_its_closed_form(
+    tmp_path, mounting, feature, radius
+):
     stimulus = one(
         tmp_path,
         f"""
@@ -79,7 +83,9 @@ metrology = {{ kind = "{feature}", width = "0.7 mm", lane = "2.1 mm", distance =
     ("gap", "vertical", "horizontal"),
     [(37, 37, 0), (37, 37, 23), (37, 37, -23), (37, 61, 11), (37, 15, 29), (21, -55, 47)],
 )
-def test_a_margin_block_of_odd_size_has_the_volume_of_its_closed_form(tmp_path, gap, vertical, horizontal):
+def test_a_margin_block_of_odd_size_has_the_volume_of_its_closed_form(
+    tmp_path, gap, vertical, horizontal
+):
     stimulus = one(
         tmp_path,
         f"""
@@ -95,7 +101,9 @@ gap_depth = {{ nominal = "0.31 mm", tolerance = "0.05 mm" }}
     )
     ((_, body),) = build_solids(stimulus)
     assert kernel.volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
-    assert stimulus.absolute_discrepancy == pytest.approx((vertical**2 + horizontal**2) ** 0.5 * 1e-6)
+    assert stimulus.absolute_discrepancy == pytest.approx(
+        (vertical**2 + horizontal**2) ** 0.5 * 1e-6
+    )
 
 
 @pytest.mark.parametrize("kind", ["shoulder", "chamfer", "feather-edge"])

@@ -11,7 +11,12 @@ from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_declared
-from stepblocks.predict.as_built import moved_energies, surface_columns, surface_releases, with_as_built
+from stepblocks.predict.as_built import (
+    moved_energies,
+    surface_columns,
+    surface_releases,
+    with_as_built,
+)
 from stepblocks.predict.predictions import predictions_of
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
@@ -43,7 +48,10 @@ def test_only_the_block_with_a_record_changes_and_says_where_its_size_is_from(st
             assert after == before
         else:
             assert (after.height.nominal, after.edge_radius.nominal) == (51e-6, 3e-6)
-            assert (after.height.lower, after.height.upper) == (before.height.lower, before.height.upper)
+            assert (after.height.lower, after.height.upper) == (
+                before.height.lower,
+                before.height.upper,
+            )
             assert after.height.source == "as built, scan.csv"
 
 
@@ -56,12 +64,21 @@ def test_the_sentence_gives_the_range_of_changes_over_the_conditions_of_the_set(
     (said,) = moved_energies(stimuli, {"step-050": record(52e-6)})
     grid, changes = stimuli.prediction, []
     for ball in grid.tip_radii:
-        for friction in grid.frictions:  # equations (1) and (2): E_v goes as tan^2(acos(1 - H/R) + atan mu)
-            pulls = [math.tan(math.acos(1.0 - h / ball) + math.atan(friction)) for h in (50e-6, 52e-6)]
+        for (
+            friction
+        ) in grid.frictions:  # equations (1) and (2): E_v goes as tan^2(acos(1 - H/R) + atan mu)
+            pulls = [
+                math.tan(math.acos(1.0 - h / ball) + math.atan(friction)) for h in (50e-6, 52e-6)
+            ]
             changes += [(pulls[1] / pulls[0]) ** 2 - 1.0] * len(grid.normal_loads)
-    wanted = f"E_v {min(changes) * 100:+.1f} % to {max(changes) * 100:+.1f} % over {len(changes)} conditions"
+    wanted = (
+        f"E_v {min(changes) * 100:+.1f} % to {max(changes) * 100:+.1f} % over {len(changes)} "
+        "conditions"
+    )
     assert wanted in said
-    assert said.startswith("step-050 (step_height conforms): as built, 52.00 um and an edge radius of 0 um")
+    assert said.startswith(
+        "step-050 (step_height conforms): as built, 52.00 um and an edge radius of 0 um"
+    )
     assert "scanned surface" not in said
 
 
@@ -71,9 +88,13 @@ def test_a_scanned_surface_is_predicted_by_the_path_of_the_tip_over_it(stimuli):
         release = surfaces(prediction)
         if prediction.stimulus != "step-050":
             assert release is None
-        elif prediction.point.ball_radius == 125e-6:  # the ball on the lower face touches the chamfer first
+        elif (
+            prediction.point.ball_radius == 125e-6
+        ):  # the ball on the lower face touches the chamfer first
             assert math.degrees(release.angle) == pytest.approx(45.0, abs=1e-6)
-            pull = prediction.point.normal_load * math.tan(math.pi / 4 + math.atan(prediction.point.friction))
+            pull = prediction.point.normal_load * math.tan(
+                math.pi / 4 + math.atan(prediction.point.friction)
+            )
             assert release.pull_force == pytest.approx(pull)
     (said,) = moved_energies(stimuli, {"step-050": record(surface=chamfered())})
     assert "; by the scanned surface itself E_v " in said
@@ -86,5 +107,7 @@ def test_the_columns_of_a_surface_are_empty_where_nothing_is_known(stimuli):
     assert known.keys() == none.keys()
     assert set(none.values()) == {""}
     assert known["surface_status"] == "releases"
-    locked = surface_columns(replace(release, status=Status.LOCKED, pull_force=math.nan, vibration_energy=math.nan))
+    locked = surface_columns(
+        replace(release, status=Status.LOCKED, pull_force=math.nan, vibration_energy=math.nan)
+    )
     assert (locked["surface_pull_force_n"], locked["surface_vibration_energy_uj"]) == ("", "")

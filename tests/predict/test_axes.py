@@ -13,13 +13,20 @@ STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
 
 def test_a_block_stands_at_the_middle_of_its_tolerances_or_at_its_nominal():
-    # Origin: paper-ten declares 50 +-1 um and an edge of +2 / -0 um; rectangular, half width over the root of three.
+    # Origin: paper-ten declares 50 +-1 um and an edge of +2 / -0 um; rectangular, half width over
+    # the root of three.
     surface, (block,), _ = stimuli_of(STIMULI / "paper-ten.toml", ["step-050"], True)
     assert surface == "step"
     assert block["values"] == pytest.approx({"height": 50e-6, "edge_radius": 1e-6})
-    assert block["spreads"] == pytest.approx({"height": 1e-6 / math.sqrt(3), "edge_radius": 1e-6 / math.sqrt(3)})
+    assert block["spreads"] == pytest.approx(
+        {"height": 1e-6 / math.sqrt(3), "edge_radius": 1e-6 / math.sqrt(3)}
+    )
     _, (nominal,), _ = stimuli_of(STIMULI / "paper-ten.toml", ["step-050"], False)
-    assert nominal == {"id": "step-050", "values": {"height": 50e-6, "edge_radius": 0.0}, "spreads": {}}
+    assert nominal == {
+        "id": "step-050",
+        "values": {"height": 50e-6, "edge_radius": 0.0},
+        "spreads": {},
+    }
 
 
 def test_crowns_go_by_the_names_of_their_discrepancies():
@@ -27,7 +34,11 @@ def test_crowns_go_by_the_names_of_their_discrepancies():
     assert surface == "margin"
     assert len(crowns) == len(load_set(STIMULI / "crown-margins.toml").stimuli)
     names = {name for crown in crowns for name in crown["values"]}
-    assert names == {"marginal_gap", "horizontal_discrepancy", "vertical_discrepancy"} <= set(PARAMETERS["margin"])
+    assert (
+        names
+        == {"marginal_gap", "horizontal_discrepancy", "vertical_discrepancy"}
+        <= set(PARAMETERS["margin"])
+    )
     assert grid.frictions
 
 
@@ -37,7 +48,9 @@ def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_force
     grid, plan = load_set(STIMULI / "paper-ten.toml").prediction, load_sweep(path)
     assert plan.values["normal_load"] == list(grid.normal_loads)
     assert set(plan.spreads) == {"tip_radius", "friction", "frequency"}
-    assert plan.spreads["frequency"] == pytest.approx(50.0 / math.sqrt(3))  # the paper's band of 250 to 350 Hz
+    assert plan.spreads["frequency"] == pytest.approx(
+        50.0 / math.sqrt(3)
+    )  # the paper's band of 250 to 350 Hz
     assert plan.shares["normal_load"] == pytest.approx(grid.tolerances.normal_load / math.sqrt(3))
 
 

@@ -22,7 +22,9 @@ def test_the_same_predictions_are_the_same_picture(tmp_path):
     steps = [Step(height) for height in np.linspace(5e-6, 100e-6, 9)]
     axes = np.linspace(0.0, 100e-6, 9), np.linspace(-30e-6, 30e-6, 7)
     for name in ("a", "b"):
-        draw_energy_of_height(steps, PAPER, {"height": 0.5e-6}, tmp_path / f"energy-{name}.png", [25e-6])
+        draw_energy_of_height(
+            steps, PAPER, {"height": 0.5e-6}, tmp_path / f"energy-{name}.png", [25e-6]
+        )
         draw_margin_map(*axes, PAPER, tmp_path / f"map-{name}.png", [(50e-6, 0.0)])
     for kind in ("energy", "map"):
         first, second = ((tmp_path / f"{kind}-{name}.png").read_bytes() for name in ("a", "b"))
@@ -32,5 +34,7 @@ def test_the_same_predictions_are_the_same_picture(tmp_path):
 
 def test_where_no_height_releases_there_is_nothing_to_draw(tmp_path):
     with pytest.raises(ContactError, match="needs a height that releases"):
-        draw_energy_of_height([Step(110e-6)], OperatingPoint(125e-6, 1.0, 0.5), {}, tmp_path / "none.png")
+        draw_energy_of_height(
+            [Step(110e-6)], OperatingPoint(125e-6, 1.0, 0.5), {}, tmp_path / "none.png"
+        )
     assert not list(tmp_path.iterdir())

@@ -16,7 +16,11 @@ RIG = {"displacement": 0.13e-3, "noise": 0.9e-6, "rate": 21.3e3, "wanted": 0.001
 
 def test_a_long_record_has_the_closed_bound_of_cramer_and_rao():
     test = plan_decay_test(Tool(**RING), **RIG)
-    closed = math.sqrt(16.0 * RIG["noise"] ** 2 / (RIG["displacement"] ** 2 * RIG["rate"] * RING["decay_time"] ** 3))
+    closed = math.sqrt(
+        16.0
+        * RIG["noise"] ** 2
+        / (RIG["displacement"] ** 2 * RIG["rate"] * RING["decay_time"] ** 3)
+    )
     assert test["frequency_std_hz"] == pytest.approx(closed / math.tau, rel=0.01)
     assert test["log_decrement_std"] == pytest.approx(closed / RING["frequency"], rel=0.01)
     assert test["log_decrement"] == pytest.approx(1.0 / (RING["decay_time"] * RING["frequency"]))
@@ -34,7 +38,10 @@ def test_least_squares_fits_of_simulated_releases_scatter_by_the_bound_and_not_m
     clean, rng = ring(time, *start), np.random.default_rng(20)
     noise = RIG["noise"] / RIG["displacement"]
     found = np.array(
-        [curve_fit(ring, time, clean + noise * rng.standard_normal(time.size), start)[0] for _ in range(400)]
+        [
+            curve_fit(ring, time, clean + noise * rng.standard_normal(time.size), start)[0]
+            for _ in range(400)
+        ]
     )
     # the standard deviation of 400 values is known to 3.5 %
     assert found[:, 2].std() == pytest.approx(test["frequency_std_hz"], rel=0.12)

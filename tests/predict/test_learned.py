@@ -20,7 +20,14 @@ _ROUNDED = {"edge_rounding": {"edge_radius_m": 14e-6}}
 def test_a_step_is_asked_about_like_a_trial_of_it():
     learned = taught_model(_ROUNDED, std=0.002, scatter=0.03)
     found = learned_drag(learned, "step-050", 50e-6, _CONDITION)
-    row = {"trial": "1", "block": "step-050", "height_um": 50.0, "load_n": 0.8, "speed_mm_s": 8.0, "tip": "tip-110"}
+    row = {
+        "trial": "1",
+        "block": "step-050",
+        "height_um": 50.0,
+        "load_n": 0.8,
+        "speed_mm_s": 8.0,
+        "tip": "tip-110",
+    }
     trial = predict_trials(pd.DataFrame([row]), learned).iloc[0]
     assert found.peak_force == pytest.approx(
         [trial[f"peak_force{end}_n"] for end in ("", "_low", "_high")], rel=1e-12, abs=0.0
@@ -34,7 +41,12 @@ def test_a_step_is_asked_about_like_a_trial_of_it():
 def test_friction_and_tool_are_those_that_were_learnt_not_those_that_were_assumed():
     found = learned_drag(taught_model(_ROUNDED), "step-050", 50e-6, _CONDITION)
     assert found.friction == pytest.approx(0.17)
-    learnt = (found.tool.stiffness, found.tool.conversion, found.tool.frequency, found.tool.decay_time)
+    learnt = (
+        found.tool.stiffness,
+        found.tool.conversion,
+        found.tool.frequency,
+        found.tool.decay_time,
+    )
     assert learnt == pytest.approx((1.05 * 9500.0, 0.23, 290.0, 0.021))
     assert found.tool.detection_threshold == PAPER.tool.detection_threshold
     assert found.edge_radius == pytest.approx(14e-6, rel=1e-9, abs=0.0)
@@ -48,7 +60,10 @@ def test_what_an_effect_follows_is_taken_in_the_middle_of_the_data():
 
 
 def test_a_step_beyond_the_data_is_flagged():
-    assert learned_drag(taught_model(), "step-090", 90e-6, _CONDITION).status == "outside-range(height_um)"
+    assert (
+        learned_drag(taught_model(), "step-090", 90e-6, _CONDITION).status
+        == "outside-range(height_um)"
+    )
 
 
 def test_a_set_is_predicted_with_the_constants_of_the_session():
@@ -68,8 +83,14 @@ def test_columns_say_the_same_as_a_plain_step_of_the_same_critical_angle(name):
         if prediction.release.status.value != "releases":
             assert set(columns.values()) == {""}
         elif columns["learned_status"] != "locked":
-            # without effects the extended model is equation (1) with the same constants, whatever the kind of edge
-            force, energy = float(columns["learned_pull_force_n"]), float(columns["learned_vibration_energy_uj"])
+            # without effects the extended model is equation (1) with the same constants, whatever
+            # the kind of edge
+            force, energy = (
+                float(columns["learned_pull_force_n"]),
+                float(columns["learned_vibration_energy_uj"]),
+            )
             assert force == pytest.approx(prediction.release.pull_force, rel=1e-5)
-            assert energy * 1e-6 == pytest.approx(prediction.release.vibration_energy, rel=1e-5, abs=0.0)
+            assert energy * 1e-6 == pytest.approx(
+                prediction.release.vibration_energy, rel=1e-5, abs=0.0
+            )
     assert "releases" in seen

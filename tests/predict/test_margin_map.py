@@ -36,15 +36,20 @@ def test_the_margin_map_agrees_with_the_path_over_its_own_rounded_profile():
     x = np.concatenate([x[:split], [0.0, gap], x[split:]])
     z = np.concatenate([z[:split], floor, z[split:]])
     path = profile_path(x, z, radius, edges="flat")
-    # two corners rounded by r are met by a ball of R as sharp ones, 2 r further apart, by one of R + r
+    # two corners rounded by r are met by a ball of R as sharp ones, 2 r further apart, by one of R
+    # + r
     point = replace(POINT, ball_radius=radius + r)
     to_tooth, to_crown = margin_map(np.array([gap + 2.0 * r]), np.array([rise]), point)
-    forces = [release_at(steepest(one).angle, 0.7, 0.21).pull_force for one in (path, path.mirrored())]
+    forces = [
+        release_at(steepest(one).angle, 0.7, 0.21).pull_force for one in (path, path.mirrored())
+    ]
     assert forces == pytest.approx([to_tooth[0, 0], to_crown[0, 0]], rel=2e-3)
 
 
 def test_margins_that_hold_the_tip_have_an_infinite_force():
-    forces = margin_map(np.array([0.0, 300e-6]), np.array([120e-6]), OperatingPoint(125e-6, 1.0, 0.3))
+    forces = margin_map(
+        np.array([0.0, 300e-6]), np.array([120e-6]), OperatingPoint(125e-6, 1.0, 0.3)
+    )
     assert np.isinf(forces[0]).all()
 
 

@@ -43,7 +43,8 @@ def test_one_just_noticeable_difference_is_the_weber_fraction_and_75_percent_cor
 
 
 def test_blocks_of_an_equally_felt_set_are_equally_discriminable():
-    # on 20 to 33 um both models agree; up to 70 um the drag rings twice as much as the formula keeps, and speaks for all
+    # on 20 to 33 um both models agree; up to 70 um the drag rings twice as much as the formula
+    # keeps, and speaks for all
     for top, who, rel in ((33e-6, "formula", 1e-9), (70e-6, "drag", 0.05)):
         heights, spacing, by = equally_felt_heights(6, 20e-6, top, POINT, EDGE)
         energies, said = felt_energies([predict_one(Step(float(h), EDGE), POINT) for h in heights])

@@ -26,10 +26,17 @@ def small(tmp_path, source, old, new):
 def test_the_simulated_share_stands_beside_the_constant(tmp_path):
     # Origin: the drag in time itself, and energy = share times F^2 / 2k with equation (1)'s force.
     path = small(tmp_path, "paper-four", '["25 um", "50 um", "75 um", "100 um"]', '["50 um"]')
-    assert main(["predict", str(path), "--conversion", "constant", "-o", str(tmp_path / "constant.csv")]) == 0
+    assert (
+        main(
+            ["predict", str(path), "--conversion", "constant", "-o", str(tmp_path / "constant.csv")]
+        )
+        == 0
+    )
     arguments = ["--conversion", "simulated", "--speed", "3 mm/s"]
     assert main(["predict", str(path), *arguments, "-o", str(tmp_path / "simulated.csv")]) == 0
-    constant, simulated = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("constant", "simulated"))
+    constant, simulated = (
+        pd.read_csv(tmp_path / f"{name}.csv") for name in ("constant", "simulated")
+    )
     assert (simulated.conversion == 0.2).all()
     assert constant.drag_conversion.isna().all()
     assert (simulated.vibration_energy_uj == constant.vibration_energy_uj).all()
@@ -44,8 +51,16 @@ def test_the_simulated_share_stands_beside_the_constant(tmp_path):
 
 
 def test_a_crown_margin_rings_in_either_direction_by_its_own_share(tmp_path):
-    path = small(tmp_path, "crown-margins", 'normal_loads = ["0.3 N", "0.5 N", "1 N"]', 'normal_loads = ["1 N"]')
-    assert main(["predict", str(path), "--conversion", "simulated", "-o", str(tmp_path / "p.csv")]) == 0
+    path = small(
+        tmp_path,
+        "crown-margins",
+        'normal_loads = ["0.3 N", "0.5 N", "1 N"]',
+        'normal_loads = ["1 N"]',
+    )
+    assert (
+        main(["predict", str(path), "--conversion", "simulated", "-o", str(tmp_path / "p.csv")])
+        == 0
+    )
     table = pd.read_csv(tmp_path / "p.csv")
     released = table[table.status == "releases"]
     assert set(released.drag) == {"tooth-to-crown", "crown-to-tooth"}
@@ -56,8 +71,13 @@ def test_a_crown_margin_rings_in_either_direction_by_its_own_share(tmp_path):
 def test_pictures_of_a_set_are_drawn_where_they_are_asked_for(tmp_path, capsys):
     folder = tmp_path / "pictures"
     one = small(tmp_path, "paper-four", "frictions = [0.10, 0.15, 0.20]", "frictions = [0.15]")
-    two = small(tmp_path, "crown-margins", 'tip_radii = ["60 um", "125 um"]', 'tip_radii = ["125 um"]')
-    assert main(["predict", str(one), str(two), "--plots", str(folder), "-o", str(tmp_path / "t.csv")]) == 0
+    two = small(
+        tmp_path, "crown-margins", 'tip_radii = ["60 um", "125 um"]', 'tip_radii = ["125 um"]'
+    )
+    assert (
+        main(["predict", str(one), str(two), "--plots", str(folder), "-o", str(tmp_path / "t.csv")])
+        == 0
+    )
     drawn = sorted(path.name for path in folder.iterdir())
     maps = [f"crown-margins.margin-map.R125.mu{mu}.png" for mu in ("0p15", "0p2")]
     assert drawn == [*maps, "paper-four.energy-of-height.R125.mu0p15.png"]
@@ -67,7 +87,13 @@ def test_pictures_of_a_set_are_drawn_where_they_are_asked_for(tmp_path, capsys):
 
 @pytest.mark.parametrize("speed", ["0 mm/s", "-1 mm/s", "5 N"])
 def test_a_wrong_speed_is_one_line(capsys, speed):
-    arguments = ["predict", str(STIMULI / "paper-four.toml"), "--conversion", "simulated", f"--speed={speed}"]
+    arguments = [
+        "predict",
+        str(STIMULI / "paper-four.toml"),
+        "--conversion",
+        "simulated",
+        f"--speed={speed}",
+    ]
     assert main(arguments) == 2
     error = capsys.readouterr().err
     assert "speed" in error
@@ -77,7 +103,10 @@ def test_a_wrong_speed_is_one_line(capsys, speed):
 def test_a_set_is_written_whose_blocks_are_equally_far_apart_in_sensation(tmp_path, capsys):
     # Origin: Fechner with a just noticeable difference of 1.5 dB of power: equal ratios of energy.
     target = tmp_path / "fair.toml"
-    assert main(["predict", str(STIMULI / "paper-ten.toml"), "--equally-felt", "6", "-o", str(target)]) == 0
+    assert (
+        main(["predict", str(STIMULI / "paper-ten.toml"), "--equally-felt", "6", "-o", str(target)])
+        == 0
+    )
     assert "just noticeable differences apart" in capsys.readouterr().out
     assert [path.name for path in tmp_path.iterdir() if path.name[0] != "."] == ["fair.toml"]
     stimuli = load_set(target)
@@ -86,11 +115,25 @@ def test_a_set_is_written_whose_blocks_are_equally_far_apart_in_sensation(tmp_pa
     assert heights[-1] == pytest.approx(100e-6)
     assert len(heights) == 6
     assert stimuli.step_block[0].height.limits == pytest.approx((9e-6, 11e-6))
-    assert main(["predict", str(target), "--perception", str(tmp_path / "n.csv"), "-o", str(tmp_path / "p.csv")]) == 0
+    assert (
+        main(
+            [
+                "predict",
+                str(target),
+                "--perception",
+                str(tmp_path / "n.csv"),
+                "-o",
+                str(tmp_path / "p.csv"),
+            ]
+        )
+        == 0
+    )
     table = pd.read_csv(tmp_path / "n.csv")
     first = table[(table.friction == 0.15) & (table.normal_load_n == 0.3)]
     assert (first.felt_by == "drag").all()
-    energies = 10 ** (0.1 * first[["lower_level_db", "higher_level_db"]].to_numpy()) * 0.08e-6 * 16e-3
+    energies = (
+        10 ** (0.1 * first[["lower_level_db", "higher_level_db"]].to_numpy()) * 0.08e-6 * 16e-3
+    )
     ratios = energies[:, 1] / energies[:, 0]
     # the drag is asked at 81 heights between the ends
     assert ratios == pytest.approx([ratios.mean()] * 5, rel=0.15)

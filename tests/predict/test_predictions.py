@@ -17,7 +17,8 @@ from stepblocks.predict.predictions import as_row, predict_all, predict_set, pre
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR, MARGINS, TIPS, SHEATHS = (
-    load_set(STIMULI / f"{name}.toml") for name in ("paper-four", "crown-margins", "probe-tips", "sheaths")
+    load_set(STIMULI / f"{name}.toml")
+    for name in ("paper-four", "crown-margins", "probe-tips", "sheaths")
 )
 
 
@@ -59,7 +60,9 @@ def test_every_condition_of_the_grid_is_predicted_once_and_in_order(four):
         for friction in grid.frictions
         for load in grid.normal_loads
     ]
-    assert [(p.stimulus, p.point.ball_radius, p.point.friction, p.point.normal_load) for p in four] == expected
+    assert [
+        (p.stimulus, p.point.ball_radius, p.point.friction, p.point.normal_load) for p in four
+    ] == expected
 
 
 def test_each_prediction_is_its_counterface_under_its_operating_point(four):
@@ -67,7 +70,9 @@ def test_each_prediction_is_its_counterface_under_its_operating_point(four):
         release = p.face.release(p.point, p.backward)
         assert release.status is p.release.status
         assert release.angle == p.release.angle
-        assert p.release.vibration_energy == pytest.approx(release.vibration_energy, rel=1e-15, nan_ok=True)
+        assert p.release.vibration_energy == pytest.approx(
+            release.vibration_energy, rel=1e-15, nan_ok=True
+        )
         assert p.drag == p.face.ways[p.backward]
         assert isinstance(p.face, Step if p.drag == "up" else Margin)
 
@@ -106,5 +111,12 @@ def test_further_columns_stand_behind(four):
 
 def test_a_terminal_is_shown_the_drawn_interval_of_the_energy_alone(four):
     columns = shown(list(as_row(four[0])))
-    assert {"vibration_energy_95_low_uj", "vibration_energy_95_high_uj", "status", "pull_force_n"} <= set(columns)
-    assert not {"pull_force_low_n", "pull_force_95_high_n", "vibration_energy_low_uj"} & set(columns)
+    assert {
+        "vibration_energy_95_low_uj",
+        "vibration_energy_95_high_uj",
+        "status",
+        "pull_force_n",
+    } <= set(columns)
+    assert not {"pull_force_low_n", "pull_force_95_high_n", "vibration_energy_low_uj"} & set(
+        columns
+    )

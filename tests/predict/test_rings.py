@@ -29,7 +29,9 @@ def test_the_drag_stands_beside_the_formula_and_changes_none_of_its_columns():
         assert a.in_time is None
         formula, both = figures_of(a), figures_of(b)
         same = {name for name in formula if name[:5] not in added}
-        assert {name: str(formula[name]) for name in same} == {name: str(both[name]) for name in same}
+        assert {name: str(formula[name]) for name in same} == {
+            name: str(both[name]) for name in same
+        }
         assert formula["felt_by"] in ("formula", "")
 
 
@@ -45,13 +47,14 @@ def test_under_a_sheath_the_drag_rings_as_the_probe_in_it():
 
 
 def test_a_small_step_keeps_an_energy_by_the_formula_that_the_drag_does_not_release():
-    # Origin: project facts, "Ends of the model": 0.5 N, mu 0.15, 10 um; the drag's figure there at a damping ratio of 0.02
+    # Origin: project facts, "Ends of the model": 0.5 N, mu 0.15, 10 um; the drag's figure there at
+    # a damping ratio of 0.02
     point = replace(PAPER, normal_load=0.5)
     found = predict_one(Step(10e-6), point)
     assert found.release.vibration_energy == pytest.approx(0.965e-6, rel=2e-3)
-    assert predictions.dragged(Step(10e-6), point, False, 5e-3, damping_ratio=0.02)[1].energy == pytest.approx(
-        0.095e-6, rel=0.01
-    )
+    assert predictions.dragged(Step(10e-6), point, False, 5e-3, damping_ratio=0.02)[
+        1
+    ].energy == pytest.approx(0.095e-6, rel=0.01)
     assert found.differs
     assert found.in_time.energy < 0.1e-6
 
@@ -66,7 +69,8 @@ def test_at_25_um_and_a_quarter_newton_the_formula_gives_an_energy_and_the_drag_
 
 
 def test_as_the_step_vanishes_the_formula_keeps_fifty_thresholds_of_which_the_drag_leaves_a_tenth():
-    # Origin: project facts: 0.01 um at 0.5 N keeps 0.068 uJ, 53 times the threshold of 0.08 uW over 16 ms
+    # Origin: project facts: 0.01 um at 0.5 N keeps 0.068 uJ, 53 times the threshold of 0.08 uW over
+    # 16 ms
     found = predict_one(Step(0.01e-6), replace(PAPER, normal_load=0.5))
     assert found.release.vibration_energy == pytest.approx(0.068e-6, rel=0.01)
     assert found.release.threshold_ratio == pytest.approx(53.0, rel=0.01)

@@ -34,13 +34,16 @@ def test_equal_masses_differ_by_their_stiffness_alone():
     bare, hard, soft, held_hard, held_soft = (one.ring for one in conditions_of(SET))
     assert hard.stiffness > soft.stiffness > bare.stiffness * (1.0 - 1e-12)
     assert soft.frequency < bare.frequency < hard.frequency
-    # a soft sheath holds next to no strain energy on the shank, and much of it where the probe is held through it
+    # a soft sheath holds next to no strain energy on the shank, and much of it where the probe is
+    # held through it
     assert soft.sheath_share < 1e-3 < hard.sheath_share
     assert held_soft.log_decrement > bare.log_decrement > held_hard.log_decrement
 
 
 def test_the_same_force_stores_less_in_a_stiffer_probe():
-    felt = {(p.stimulus, p.point.normal_load, p.face.far_side): p.release for p in predictions_of(SET)}
+    felt = {
+        (p.stimulus, p.point.normal_load, p.face.far_side): p.release for p in predictions_of(SET)
+    }
     rings = {one.sheath: one.ring for one in conditions_of(SET) if one.use == "on the shank"}
     for (sheath, _, _), release in felt.items():
         if release.status.beyond:
@@ -55,7 +58,9 @@ def test_the_damping_test_counts_the_releases_that_tell_a_sheath_from_none():
     for row in rows[1:]:
         releases = int(row["releases_to_tell_from_bare"])
         difference = abs(float(row["log_decrement"]) - float(rows[0]["log_decrement"]))
-        spread = (float(row["log_decrement_std"]) ** 2 + float(rows[0]["log_decrement_std"]) ** 2) ** 0.5
+        spread = (
+            float(row["log_decrement_std"]) ** 2 + float(rows[0]["log_decrement_std"]) ** 2
+        ) ** 0.5
         if difference > 0.001:  # what the table's digits resolve
             assert releases == 1
             assert difference > 3.0 * spread
@@ -67,9 +72,9 @@ def test_a_shank_too_thick_for_its_ring_and_a_sheath_too_long_for_its_shank_are_
     text = SHIPPED.read_text()
     path = tmp_path / "sheaths.toml"
     path.write_text(
-        text.replace('value = "4 mm", source = "assumed', 'value = "3.9 mm", source = "assumed').replace(
-            'position = { nominal = "10 mm"', 'position = { nominal = "60 mm"'
-        )
+        text.replace(
+            'value = "4 mm", source = "assumed', 'value = "3.9 mm", source = "assumed'
+        ).replace('position = { nominal = "10 mm"', 'position = { nominal = "60 mm"')
     )
     with pytest.raises(ContactError, match="must lie on the free length of the shank"):
         conditions_of(load_set(path))

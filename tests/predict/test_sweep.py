@@ -65,9 +65,13 @@ def test_every_row_is_equations_one_and_two(tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=20, size=100, mode="static"))
     sweep(plan, tmp_path / "out")
     for row in table(tmp_path / "out").itertuples():
-        release = release_at(step_angle(row.height_m, 125e-6, 3e-6), row.normal_load_n, row.friction)
+        release = release_at(
+            step_angle(row.height_m, 125e-6, 3e-6), row.normal_load_n, row.friction
+        )
         assert row.status == str(release.status)
-        assert row.vibration_energy_j == pytest.approx(release.vibration_energy, rel=1e-12, nan_ok=True)
+        assert row.vibration_energy_j == pytest.approx(
+            release.vibration_energy, rel=1e-12, nan_ok=True
+        )
 
 
 def test_a_grid_holds_every_combination_once(tmp_path):
@@ -87,7 +91,9 @@ normal_load = ["0.5 N", "1 N"]
 
 
 def test_draws_of_one_point_scatter_by_their_uncertainty(tmp_path):
-    text = '[parameters]\nheight = "30 um"\nfriction = 0.2\n[draws]\ncount = 4000\nheight = "0.5 um"\n'
+    text = (
+        '[parameters]\nheight = "30 um"\nfriction = 0.2\n[draws]\ncount = 4000\nheight = "0.5 um"\n'
+    )
     plan = plan_of(tmp_path, text)
     heights = np.array([design_row(plan, k)["height"] for k in range(plan.rows)])
     assert heights.mean() == pytest.approx(30e-6, abs=4 * 0.5e-6 / 4000**0.5)
@@ -130,7 +136,9 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=60, size=6, mode="drag"))
     sweep(plan, tmp_path / "alone")
     killed = []
-    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    )
     with cluster:
 
         def kill_one(number):
@@ -139,13 +147,17 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
                 os.kill(pid, signal.SIGKILL)
                 killed.append(pid)
 
-        computed, _ = sweep(plan, tmp_path / "cluster", scheduler=cluster.scheduler_address, on_partition=kill_one)
+        computed, _ = sweep(
+            plan, tmp_path / "cluster", scheduler=cluster.scheduler_address, on_partition=kill_one
+        )
     assert killed
     assert computed == plan.partitions == 30
     names = sorted(p.name for p in (tmp_path / "alone").glob("part-*.parquet"))
     assert names == sorted(p.name for p in (tmp_path / "cluster").glob("part-*.parquet"))
     for name in names:
-        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "cluster" / name).read_bytes()
+        assert (tmp_path / "alone" / name).read_bytes() == (
+            tmp_path / "cluster" / name
+        ).read_bytes()
 
 
 def flipped(content):
@@ -153,7 +165,9 @@ def flipped(content):
     return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
 
 
-@pytest.mark.parametrize("damage", [lambda _: b"", lambda content: content[:-9], lambda _: b"PAR1" * 99, flipped])
+@pytest.mark.parametrize(
+    "damage", [lambda _: b"", lambda content: content[:-9], lambda _: b"PAR1" * 99, flipped]
+)
 def test_a_part_that_is_empty_cut_or_damaged_is_made_anew(damage, tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=12, size=9, mode="static"))
     command = ["sweep", str(tmp_path / "sweep.toml"), "-o", str(tmp_path / "out"), "--quiet"]
@@ -211,17 +225,28 @@ def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
     sweep(plan_of(tmp_path, MARGINS.format(mode="static")), tmp_path / "out")
     frame = table(tmp_path / "out")
     assert len(frame) == 12
-    axes = np.array([30e-6, 70e-6]), np.array([15e-6, 0.0, -15e-6])  # its discrepancy: tooth over crown
+    axes = (
+        np.array([30e-6, 70e-6]),
+        np.array([15e-6, 0.0, -15e-6]),
+    )  # its discrepancy: tooth over crown
     to_tooth, to_crown = margin_map(*axes, OperatingPoint(90e-6, 0.7, 0.12))
     for _, row in frame.iterrows():
         forces = to_tooth if row.direction == "crown-to-tooth" else to_crown
-        i, j = [30e-6, 70e-6].index(row.marginal_gap_m), [-15e-6, 0.0, 15e-6].index(row.horizontal_discrepancy_m)
-        assert (row.peak_force_n if row.status == "releases" else 0.0) == pytest.approx(forces[i, j], rel=1e-12)
+        i, j = (
+            [30e-6, 70e-6].index(row.marginal_gap_m),
+            [-15e-6, 0.0, 15e-6].index(row.horizontal_discrepancy_m),
+        )
+        assert (row.peak_force_n if row.status == "releases" else 0.0) == pytest.approx(
+            forces[i, j], rel=1e-12
+        )
     assert frame.vertical_discrepancy_m.isna().all()  # the end of the crown is square
 
 
 def test_crown_margins_are_swept_in_time(tmp_path):
-    sweep(plan_of(tmp_path, MARGINS.format(mode="drag").replace("30 mm/s", "3 mm/s")), tmp_path / "out")
+    sweep(
+        plan_of(tmp_path, MARGINS.format(mode="drag").replace("30 mm/s", "3 mm/s")),
+        tmp_path / "out",
+    )
     frame = table(tmp_path / "out")
     released = frame[frame.drag_status == "releases"]
     assert set(released.direction) == {"tooth-to-crown", "crown-to-tooth"}
@@ -234,7 +259,8 @@ def test_a_sweep_over_a_set_draws_its_stimuli_from_their_tolerances(tmp_path):
     source = (STIMULI / "paper-ten.toml").read_text()
     (tmp_path / "paper-ten.toml").write_text(source)
     text = (
-        '[sweep]\nset = "paper-ten.toml"\n[parameters]\nstimulus = ["step-030", "step-060"]\nfriction = 0.2\n'
+        '[sweep]\nset = "paper-ten.toml"\n[parameters]\nstimulus = ["step-030", '
+        '"step-060"]\nfriction = 0.2\n'
         "[draws]\ncount = 500\ntolerances = true\n"
     )
     plan = plan_of(tmp_path, text)
@@ -254,7 +280,8 @@ def test_a_sweep_over_a_set_draws_its_stimuli_from_their_tolerances(tmp_path):
 def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
     (tmp_path / "crown-margins.toml").write_text((STIMULI / "crown-margins.toml").read_text())
     text = (
-        '[sweep]\nset = "crown-margins.toml"\nkind = "random"\nrows = 400\n[parameters]\ndirection = "crown-to-tooth"\n'
+        '[sweep]\nset = "crown-margins.toml"\nkind = "random"\nrows = '
+        '400\n[parameters]\ndirection = "crown-to-tooth"\n'
     )
     sweep(plan_of(tmp_path, text), tmp_path / "out")
     frame = table(tmp_path / "out")
@@ -282,13 +309,28 @@ def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
         ("[parameters]\nheight = {from='9 um', to='1 um', count=2}\nfriction = 0.1", "must rise"),
         ("[parameters]\nheight = {from='1 um', to='9 um'}\nfriction = 0.1", "count of height"),
         ("[sweep]\nkind = 'all'\n[parameters]\nheight='1 um'\nfriction=0.1", "kind must be"),
-        ("[sweep]\nkind = 'random'\n[parameters]\nheight='1 um'\nfriction=0.1", "rows must be a whole number"),
+        (
+            "[sweep]\nkind = 'random'\n[parameters]\nheight='1 um'\nfriction=0.1",
+            "rows must be a whole number",
+        ),
         ("[sweep]\nseed = -1\n[parameters]\nheight='1 um'\nfriction=0.1", "seed must be"),
-        ("[parameters]\nheight='1 um'\nfriction=0.1\n[draws]\ncount=0", "count must be a whole number"),
-        ("[sweep]\nsurface='margin'\n[parameters]\nheight='1 um'\nfriction=0.1", "'height' is not known"),
+        (
+            "[parameters]\nheight='1 um'\nfriction=0.1\n[draws]\ncount=0",
+            "count must be a whole number",
+        ),
+        (
+            "[sweep]\nsurface='margin'\n[parameters]\nheight='1 um'\nfriction=0.1",
+            "'height' is not known",
+        ),
         ("[sweep]\nsurface='margin'\n[parameters]\nfriction=0.1", "marginal_gap must be given"),
-        (MARGINS.format(mode="static").replace('"tooth-to-crown"', '"up"'), "direction must be tooth-to-crown or"),
-        (MARGINS.format(mode="static") + "[draws]\nvertical_discrepancy = '1 um'", "value that is not given"),
+        (
+            MARGINS.format(mode="static").replace('"tooth-to-crown"', '"up"'),
+            "direction must be tooth-to-crown or",
+        ),
+        (
+            MARGINS.format(mode="static") + "[draws]\nvertical_discrepancy = '1 um'",
+            "value that is not given",
+        ),
         ("[sweep]\nset='no.toml'\n", "cannot be read"),
         ("[parameters]\nheight='1 um'\nfriction=0.1\n[draws]\ntolerances=true", "name it with set"),
         ("sweep = 3\n[parameters]\nheight='1 um'\nfriction=0.1", "must be a table"),

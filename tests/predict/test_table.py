@@ -24,7 +24,11 @@ def test_each_row_of_a_table_gets_its_prediction_with_an_interval(tmp_path):
     frame = predict_table(source, tmp_path / "p.csv")
     expected = release_at(step_angle(25e-6, 125e-6), 1.0, 0.15)
     assert frame.peak_force_n[0] == pytest.approx(expected.pull_force, rel=1e-12)
-    assert frame.vibration_energy_low_j[0] < expected.vibration_energy < frame.vibration_energy_high_j[0]
+    assert (
+        frame.vibration_energy_low_j[0]
+        < expected.vibration_energy
+        < frame.vibration_energy_high_j[0]
+    )
     assert list(frame.status) == ["releases", "locked", "invalid"]
     assert np.isnan(frame.peak_force_n[1])
     assert "height must be finite and not negative" in frame.problem[2]
@@ -73,12 +77,19 @@ def test_a_table_in_memory_is_predicted_like_its_file(tmp_path):
     pd.testing.assert_frame_equal(written, in_memory)
     again = predict_table(written)  # columns that were predicted before are predicted anew
     pd.testing.assert_frame_equal(again, in_memory)
-    assert predict_table(str(source)).vibration_energy_low_j[0] == in_memory.vibration_energy_low_j[0]
+    assert (
+        predict_table(str(source)).vibration_energy_low_j[0] == in_memory.vibration_energy_low_j[0]
+    )
 
 
 def test_what_a_table_leaves_out_is_the_papers():
     told = {"height_um": [30.0], "load_n": [0.8], "friction": [0.15]}
-    paper = {"tip_radius_um": [125.0], "stiffness_n_mm": [9.81], "conversion": [0.2], "edge_radius_um": [0.0]}
+    paper = {
+        "tip_radius_um": [125.0],
+        "stiffness_n_mm": [9.81],
+        "conversion": [0.2],
+        "edge_radius_um": [0.0],
+    }
     short, full = predict_table(pd.DataFrame(told)), predict_table(pd.DataFrame(told | paper))
     assert short.vibration_energy_j[0] == pytest.approx(full.vibration_energy_j[0], rel=1e-14)
     # Origin: equation (1) by hand

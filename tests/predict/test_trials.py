@@ -17,16 +17,28 @@ _NUMBERS = ["peak_force_n", "vibration_energy_j"]
 
 
 def _table(**columns):
-    rows = {"block": "step-050", "height_um": 50.0, "load_n": 0.8, "speed_mm_s": 5.0, "tip": "tip-110"} | columns
-    count = max(len(column) for column in rows.values() if isinstance(column, list)) if columns else 1
+    rows = {
+        "block": "step-050",
+        "height_um": 50.0,
+        "load_n": 0.8,
+        "speed_mm_s": 5.0,
+        "tip": "tip-110",
+    } | columns
+    count = (
+        max(len(column) for column in rows.values() if isinstance(column, list)) if columns else 1
+    )
     return pd.DataFrame({"trial": [f"t{i + 1}" for i in range(count)]} | rows)
 
 
 def test_without_effects_a_trial_is_equations_one_and_two():
     table = _table(load_n=[0.3, 0.8, 1.1], tip=["tip-110", "tip-125", "blue"])
     found = predict_trials(table, taught_model())
-    for row, radius in zip(range(3), (110e-6, 125e-6, 120e-6), strict=True):  # a name without a number has the probe's
-        one = release_at(step_angle(50e-6, radius), float(table["load_n"][row]), CONSTANTS["friction"])
+    for row, radius in zip(
+        range(3), (110e-6, 125e-6, 120e-6), strict=True
+    ):  # a name without a number has the probe's
+        one = release_at(
+            step_angle(50e-6, radius), float(table["load_n"][row]), CONSTANTS["friction"]
+        )
         assert found["peak_force_n"][row] == pytest.approx(one.pull_force, rel=1e-12)
         energy = 0.23 * one.pull_force**2 / 2.0 / (1.05 * 9500.0)
         assert found["vibration_energy_j"][row] == pytest.approx(energy, rel=1e-12, abs=0.0)
@@ -41,14 +53,20 @@ def test_certain_constants_and_trials_without_scatter_leave_no_interval():
 def test_scatter_of_single_trials_alone_is_a_factor_either_way():
     found = predict_trials(_table(), taught_model(scatter=0.05)).iloc[0]
     # origin: 1.96 standard deviations of 5 % on a logarithm
-    assert found["vibration_energy_high_j"] / found["vibration_energy_j"] == pytest.approx(math.exp(0.098), rel=1e-4)
-    assert found["vibration_energy_j"] / found["vibration_energy_low_j"] == pytest.approx(math.exp(0.098), rel=1e-4)
+    assert found["vibration_energy_high_j"] / found["vibration_energy_j"] == pytest.approx(
+        math.exp(0.098), rel=1e-4
+    )
+    assert found["vibration_energy_j"] / found["vibration_energy_low_j"] == pytest.approx(
+        math.exp(0.098), rel=1e-4
+    )
 
 
 def test_doubt_about_a_constant_widens_by_its_derivative():
     found = predict_trials(_table(), taught_model(std=1e-4)).iloc[0]
     angle = step_angle(50e-6, 110e-6) + math.atan(0.17)
-    slope = 1.0 / (math.sin(angle) * math.cos(angle)) / (1.0 + 0.17**2)  # d ln tan(a + atan mu) / d mu
+    slope = (
+        1.0 / (math.sin(angle) * math.cos(angle)) / (1.0 + 0.17**2)
+    )  # d ln tan(a + atan mu) / d mu
     width = math.log(found["peak_force_high_n"] / found["peak_force_n"]) / 1.959964
     assert width == pytest.approx(slope * 1e-4, rel=1e-2)
 
@@ -77,8 +95,12 @@ def test_effects_act_in_the_extended_model_alone():
 def test_a_table_and_its_file_are_predicted_alike_and_the_file_is_what_is_returned(tmp_path):
     table = _table(load_n=[0.3, 0.8], run_order=[1, 2], operator=["A", "B"])
     table.to_csv(tmp_path / "trials.csv", index=False)
-    learned = taught_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}}, std=0.01, scatter=0.02)
-    from_file = predict_trials(str(tmp_path / "trials.csv"), learned, str(tmp_path / "new" / "p.csv"))
+    learned = taught_model(
+        {"running_in": {"excess": 0.5, "settling_trials": 30.0}}, std=0.01, scatter=0.02
+    )
+    from_file = predict_trials(
+        str(tmp_path / "trials.csv"), learned, str(tmp_path / "new" / "p.csv")
+    )
     pd.testing.assert_frame_equal(from_file, predict_trials(table, learned))
     written = pd.read_csv(tmp_path / "new" / "p.csv")
     pd.testing.assert_frame_equal(written, from_file, check_dtype=False, rtol=1e-8)
@@ -116,7 +138,8 @@ def test_a_model_that_follows_its_own_quantities_needs_no_column_for_them():
     learned = taught_model({"hardening_spring": {"cubic_per_n2": 0.2, "pitch_share": 0.1}})
     found = predict_trials(_table(), learned).iloc[0]
     assert found["status"] == "ok"
-    # a hardening spring stores less for the same force, and shows a swing of more force for what it stores
+    # a hardening spring stores less for the same force, and shows a swing of more force for what it
+    # stores
     assert found["vibration_energy_j"] != found["nominal_vibration_energy_j"]
     assert found["peak_force_n"] == pytest.approx(found["nominal_peak_force_n"])
 

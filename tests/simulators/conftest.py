@@ -25,7 +25,12 @@ def taught(tmp_path_factory):
     names = ["friction", "ln_conversion", "stiffness_ratio", "ln_ring_frequency", "ln_decay_time"]
     values = [0.2, math.log(0.25), 1.02, math.log(280.4), math.log(0.02)]
     edge = [
-        {"id": "edge_rounding", "slot": "contact_geometry", "covariate": "none", "form": "a = arccos(1 - H / (R + r))"}
+        {
+            "id": "edge_rounding",
+            "slot": "contact_geometry",
+            "covariate": "none",
+            "form": "a = arccos(1 - H / (R + r))",
+        }
     ]
     ranges = [("height_um", 10.0, 100.0), ("load_n", 0.2, 1.2), ("speed_mm_s", 1.0, 10.0)]
     document = {
@@ -37,7 +42,8 @@ def taught(tmp_path_factory):
         "scanned_height_m": {},
         "blocks": ["step-025"],
         "covariates": [
-            {"name": n, "low": low, "high": high, "log": False, "labels": [], "distinct": 5} for n, low, high in ranges
+            {"name": n, "low": low, "high": high, "log": False, "labels": [], "distinct": 5}
+            for n, low, high in ranges
         ],
         "scatter": {
             "quantities": ["friction", "ln_load", "ln_conversion"],

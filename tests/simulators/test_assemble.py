@@ -35,7 +35,9 @@ def test_magnifying_a_scene_magnifies_every_length_and_no_force(plain):
     assert scene.stiffness == pytest.approx(plain.stiffness / 12.0)
     assert scene.events[0] == plain.events[0]
     # what rings on the softer spring rings at the same frequency
-    assert math.sqrt(scene.stiffness / scene.tip_mass) == pytest.approx(math.tau * PAPER.tool.frequency)
+    assert math.sqrt(scene.stiffness / scene.tip_mass) == pytest.approx(
+        math.tau * PAPER.tool.frequency
+    )
 
 
 def test_the_pieces_fill_the_block_but_for_holes_and_engraving(plain):
@@ -65,10 +67,14 @@ def test_a_crown_lies_on_its_side_with_its_surface_at_zero():
     assert turn @ [0.0, 0.0, 1.0] == pytest.approx([1.0, 0.0, 0.0])  # the path of draw is the drag
     assert turn @ [radius, 0.0, 0.0] + scene.frame.shift == pytest.approx([0.0, 0.0, 0.0])
     # tooth and crown are two closed shells of one mesh
-    edges = np.sort(np.concatenate([scene.whole.triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
+    edges = np.sort(
+        np.concatenate([scene.whole.triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1
+    )
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
     volumes = sum(crown.volumes())
-    assert enclosed_volume(scene.whole.vertices, scene.whole.triangles) == pytest.approx(volumes, rel=1e-4)
+    assert enclosed_volume(scene.whole.vertices, scene.whole.triangles) == pytest.approx(
+        volumes, rel=1e-4
+    )
 
 
 def test_a_tip_drags_its_own_ball_over_a_plain_step():
@@ -110,21 +116,34 @@ def test_a_new_format_is_one_object_and_gets_all_that_every_folder_has(plain, tm
         write_json(folder / "mine.json", {"radius_m": scene.ball_radius})
 
     form = SceneFormat(
-        name="mine", title="Mine", unit="furlongs", write=write, run="Open it.", settings=("none",), verified="never."
+        name="mine",
+        title="Mine",
+        unit="furlongs",
+        write=write,
+        run="Open it.",
+        settings=("none",),
+        verified="never.",
     )
     write_scene(tmp_path, plain, form)
     names = {path.name for path in tmp_path.iterdir()}
     full = f"full-scale-{plain.loudest():.4g}n"
     waves = [f"-{rate}khz-{full}{kind}.wav" for rate in (10, 48) for kind in ("", "-int16")]
     rings = {f"ring-up{end}" for end in (*waves, ".hjif", ".ahap", ".json")}
-    assert names == {"mine.json", "event.json", "README.md"} | rings  # nothing rings on the way down
+    assert (
+        names == {"mine.json", "event.json", "README.md"} | rings
+    )  # nothing rings on the way down
     readme = (tmp_path / "README.md").read_text()
-    assert all(word in readme for word in ("# step-030 for Mine", "furlongs", "Open it.", "Verified: never."))
+    assert all(
+        word in readme
+        for word in ("# step-030 for Mine", "furlongs", "Open it.", "Verified: never.")
+    )
 
 
 def test_a_locked_scene_has_no_ring_and_says_so(tmp_path):
     locked = scene_of(BLOCK, OperatingPoint(125e-6, 1.0, 2.0))
-    form = SceneFormat(name="n", title="N", unit="m", write=lambda *_: None, run="-", settings=(), verified="-")
+    form = SceneFormat(
+        name="n", title="N", unit="m", write=lambda *_: None, run="-", settings=(), verified="-"
+    )
     write_scene(tmp_path, locked, form)
     assert {path.name for path in tmp_path.iterdir()} == {"event.json", "README.md"}
     assert json.loads((tmp_path / "event.json").read_text())["events"][0]["status"] == "locked"

@@ -14,7 +14,9 @@ SET = Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml"
 def test_the_camera_rides_with_the_tip_and_looks_at_it(tmp_path):
     mujoco = pytest.importorskip("mujoco")
     export([SET], "mujoco", tmp_path, only="step-050")
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "paper-ten" / "step-050" / "mujoco" / "scene.xml"))
+    model = mujoco.MjModel.from_xml_path(
+        str(tmp_path / "paper-ten" / "step-050" / "mujoco" / "scene.xml")
+    )
     data = mujoco.MjData(model)
     ball, camera = model.geom("ball").id, model.camera("tip").id
     for x in (0.0, 1e-3):
@@ -32,14 +34,24 @@ def test_one_scene_holds_all_blocks_of_a_set_and_each_tip_slips_at_the_force_of_
     mujoco = pytest.importorskip("mujoco")
     export([SET], "mujoco", tmp_path, only="step-0[25]0", device="sigma-7")
     place = tmp_path / "paper-ten"
-    assert "python -m mujoco.viewer --mjcf=scene.xml" in (place / "mujoco-sigma-7-blocks" / "README.md").read_text()
-    assert "python -m mujoco.viewer" in (place / "step-050" / "mujoco-sigma-7" / "README.md").read_text()
+    assert (
+        "python -m mujoco.viewer --mjcf=scene.xml"
+        in (place / "mujoco-sigma-7-blocks" / "README.md").read_text()
+    )
+    assert (
+        "python -m mujoco.viewer"
+        in (place / "step-050" / "mujoco-sigma-7" / "README.md").read_text()
+    )
     model = mujoco.MjModel.from_xml_path(str(place / "mujoco-sigma-7-blocks" / "scene.xml"))
     data = mujoco.MjData(model)
-    told = [json.loads((place / f"step-0{n}0/mujoco-sigma-7/event.json").read_text()) for n in (2, 5)]
+    told = [
+        json.loads((place / f"step-0{n}0/mujoco-sigma-7/event.json").read_text()) for n in (2, 5)
+    ]
     assert (model.nq, model.ncam) == (4, 2)
     assert 2.0 * told[0]["ball_radius_m"] > model.vis.map.znear * model.stat.extent
-    scale, stiffness, load = (told[0][name] for name in ("scale", "stiffness_n_per_m", "normal_load_n"))
+    scale, stiffness, load = (
+        told[0][name] for name in ("scale", "stiffness_n_per_m", "normal_load_n")
+    )
     events = [scene["events"][0] for scene in told]
     start = np.array([event["trigger_position_m"] - 30e-6 * scale for event in events])
     data.qpos[0::2] = start

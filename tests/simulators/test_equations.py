@@ -22,14 +22,18 @@ from stepblocks.simulators.scenes import SCENE_FORMATS
 ROOT = Path(__file__).resolve().parents[2]
 TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
 # nothing is 1 here, and nothing is the paper's
-POINT = OperatingPoint(140e-6, 0.7, 0.23, Tool(stiffness=7.3e3, conversion=0.31, frequency=270.0, decay_time=11e-3))
+POINT = OperatingPoint(
+    140e-6, 0.7, 0.23, Tool(stiffness=7.3e3, conversion=0.31, frequency=270.0, decay_time=11e-3)
+)
 SCALE = 20.0
 HELD, SLIPS = 1.0 - 1e-6, 1.0 + 1e-6
 
 
 def released(height, point=POINT):
     """Force of equation (1) at the angle of equation (2), from the kernels."""
-    return kernels.pull_force(point.normal_load, kernels.angle_on_step(height, point.ball_radius), point.friction)
+    return kernels.pull_force(
+        point.normal_load, kernels.angle_on_step(height, point.ball_radius), point.friction
+    )
 
 
 @pytest.fixture(scope="module", params=[1, 4, 8], ids=lambda index: TEN[index].id)
@@ -65,12 +69,17 @@ def in_c(exported, tmp_path_factory):
         "    }\n    return 0;\n}\n"
     )
     program = folder / "filter"
-    subprocess.run([compiler, "-std=c99", f"-I{exported[0]}", folder / "filter.c", "-lm", "-o", program], check=True)
+    subprocess.run(
+        [compiler, "-std=c99", f"-I{exported[0]}", folder / "filter.c", "-lm", "-o", program],
+        check=True,
+    )
 
     def run(hands):
         text = "".join(f"{x:.17g} {z:.17g}\n" for x, z in hands)
         done = subprocess.run([program], input=text, capture_output=True, text=True, check=True)
-        return np.array([[float(word) for word in line.split()] for line in done.stdout.splitlines()])
+        return np.array(
+            [[float(word) for word in line.split()] for line in done.stdout.splitlines()]
+        )
 
     return run
 
@@ -113,8 +122,12 @@ def tour(scene):
     generator, k = np.random.default_rng(3), scene.stiffness
     x = scene.events[0].trigger_position * scene.scale
     reach = 1.5 * released(scene.surface.height.nominal) / k
-    places = np.concatenate([[x - reach], x + generator.uniform(-reach, reach, 12), [x + 2.0 * reach]])
-    loads = np.concatenate([[POINT.normal_load], POINT.normal_load * generator.uniform(0.5, 1.5, 13)])
+    places = np.concatenate(
+        [[x - reach], x + generator.uniform(-reach, reach, 12), [x + 2.0 * reach]]
+    )
+    loads = np.concatenate(
+        [[POINT.normal_load], POINT.normal_load * generator.uniform(0.5, 1.5, 13)]
+    )
     across = np.interp(np.linspace(0, 13, 4000), np.arange(14), places)
     down = np.interp(np.linspace(0, 13, 4000), np.arange(14), loads)
     lowest = float(scene.path.z.min())
@@ -125,7 +138,9 @@ def test_c_python_and_renderer_give_the_same_forces_on_any_tour(exported, law, i
     """Three implementations, one force; the renderer's is compiled and reads the path in full digits."""
     _, scene = exported
     hands, force_law = tour(scene), law["ForceLaw"]()
-    python = np.array([[*force_law.tick(tuple(hand), 1e-4), force_law.state.events] for hand in hands])
+    python = np.array(
+        [[*force_law.tick(tuple(hand), 1e-4), force_law.state.events] for hand in hands]
+    )
     c = in_c(hands)
     assert c[:, 2].max() >= 1  # it does slip over the edge
     assert c == pytest.approx(python, rel=1e-9, abs=1e-9)
@@ -156,13 +171,20 @@ def in_node(tmp_path_factory):
 
     def run(expression):
         (folder / "page.js").write_text(f"{script}\nconsole.log(JSON.stringify({expression}));\n")
-        return json.loads(subprocess.run([node, folder / "page.js"], capture_output=True, check=True).stdout)
+        return json.loads(
+            subprocess.run([node, folder / "page.js"], capture_output=True, check=True).stdout
+        )
 
     return run
 
 
 def test_the_page_states_the_force_of_the_formula_and_where_it_ends(in_node):
-    grid = [(index, load, mu) for index in range(10) for load in (0.3, 1.0, 1.9) for mu in (0.0, 0.15, 0.3, 0.5)]
+    grid = [
+        (index, load, mu)
+        for index in range(10)
+        for load in (0.3, 1.0, 1.9)
+        for mu in (0.0, 0.15, 0.3, 0.5)
+    ]
     told = in_node(f"{json.dumps(grid)}.map(([i, load, mu]) => release(BLOCKS[i], load, mu))")
     for (index, load, friction), force in zip(grid, told, strict=True):
         angle = kernels.angle_on_step(TEN[index].height.nominal, 125e-6)
@@ -183,7 +205,10 @@ def test_the_pages_probe_slips_at_the_force_of_the_formula(in_node):
 def test_the_pages_probe_stays_where_the_formula_locks(in_node):
     # R (1 - sin(atan mu)) = 79 um at mu 0.4
     assert 80e-6 > kernels.locking_height(125e-6, 0.4) > 70e-6
-    assert [drag["events"] for drag in in_node("[6, 7].map(i => dragAcross(i, 1.0, 0.4))")] == [1, 0]
+    assert [drag["events"] for drag in in_node("[6, 7].map(i => dragAcross(i, 1.0, 0.4))")] == [
+        1,
+        0,
+    ]
 
 
 def test_the_page_rings_with_the_share_of_the_formula(in_node):

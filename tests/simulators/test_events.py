@@ -28,15 +28,23 @@ def learned(taught):
 def test_what_a_session_taught_stands_for_friction_spring_and_ring(learned):
     surface, point, (up, _) = teach(learned, BLOCKS["step-050"], PAPER)
     assert (point.friction, point.tool.stiffness) == pytest.approx((0.2, 1.02 * 9.81e3))
-    assert (point.tool.frequency, point.tool.decay_time, point.tool.conversion) == pytest.approx((280.4, 0.02, 0.25))
-    assert (point.ball_radius, point.normal_load, point.speed) == (PAPER.ball_radius, PAPER.normal_load, PAPER.speed)
+    assert (point.tool.frequency, point.tool.decay_time, point.tool.conversion) == pytest.approx(
+        (280.4, 0.02, 0.25)
+    )
+    assert (point.ball_radius, point.normal_load, point.speed) == (
+        PAPER.ball_radius,
+        PAPER.normal_load,
+        PAPER.speed,
+    )
     assert surface.edge_radius.nominal == pytest.approx(14e-6)  # the geometry itself is rounded
     assert up.critical_angle == pytest.approx(math.acos(1 - 50e-6 / (125e-6 + 14e-6)), rel=1e-9)
     assert up.learned.status == "ok"
 
 
 def test_a_friction_that_was_asked_for_stands_against_what_was_learnt(learned):
-    _, point, (up, _) = teach(learned, BLOCKS["step-050"], replace(PAPER, friction=0.05), keep_friction=True)
+    _, point, (up, _) = teach(
+        learned, BLOCKS["step-050"], replace(PAPER, friction=0.05), keep_friction=True
+    )
     assert point.friction == 0.05
     angle = math.acos(1 - 50e-6 / (125e-6 + 14e-6))
     assert up.critical_force == pytest.approx(math.tan(angle + math.atan(0.05)), rel=1e-9)
@@ -86,7 +94,9 @@ def test_the_simulated_ring_begins_at_the_level_of_sliding_and_rings_at_the_tool
     event, simulated = rung(BLOCKS["step-030"])
     force, rate = simulated.waveform.force, simulated.waveform.rate
     assert abs(force[0]) < 0.05 * np.abs(force).max()
-    crossings = np.flatnonzero(np.diff(np.sign(force)))[2:8]  # the first swing still has the edge under it
+    crossings = np.flatnonzero(np.diff(np.sign(force)))[
+        2:8
+    ]  # the first swing still has the edge under it
     assert rate / (2.0 * np.diff(crossings).mean()) == pytest.approx(event.tool.frequency, rel=0.01)
 
 

@@ -22,7 +22,9 @@ SET = str(ROOT / "stimuli" / "paper-ten.toml")
 
 
 def test_the_command_line_offers_every_simulator():
-    assert make_parser().commands["export"]._option_string_actions["--for"].choices == list(SCENE_FORMATS)
+    assert make_parser().commands["export"]._option_string_actions["--for"].choices == list(
+        SCENE_FORMATS
+    )
 
 
 def test_a_folder_is_written_for_a_device_and_runs_from_elsewhere(tmp_path, monkeypatch, capsys):
@@ -60,10 +62,27 @@ def test_a_folder_is_written_for_a_device_and_runs_from_elsewhere(tmp_path, monk
 
 def test_a_notebook_exports_what_the_command_exports(tmp_path):
     told = []
-    arguments = ["export", SET, "--for", "gltf", "-o", str(tmp_path / "a"), "--only", "step-02?", "--device", "sigma-7"]
+    arguments = [
+        "export",
+        SET,
+        "--for",
+        "gltf",
+        "-o",
+        str(tmp_path / "a"),
+        "--only",
+        "step-02?",
+        "--device",
+        "sigma-7",
+    ]
     assert main([*arguments, "--load", "0.4 N"]) == 0
     done = export(
-        [SET], "gltf", str(tmp_path / "b"), only="step-02?", device="sigma-7", normal_load=0.4, progress=told.append
+        [SET],
+        "gltf",
+        str(tmp_path / "b"),
+        only="step-02?",
+        device="sigma-7",
+        normal_load=0.4,
+        progress=told.append,
     )
     assert told == done
     assert [(one.name, one.folder) for one in done] == [
@@ -86,15 +105,24 @@ def test_what_is_not_asked_for_is_the_first_of_the_sets_prediction(tmp_path):
 def test_a_sheath_changes_how_the_probe_rings(tmp_path):
     """The event rings as the sheathed rod does; the soft sheath, of more loss, ends its ring sooner."""
     stimuli, decays = load_set(ROOT / "stimuli" / "sheaths.toml"), {}
-    for part, done in zip(stimuli.stimuli, export([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path), strict=True):
-        event, ring = json.loads((done.folder / "event.json").read_text())["events"][0], stimuli.ring_of(part)
-        assert (event["frequency_hz"], event["stiffness_n_per_m"]) == pytest.approx((ring.frequency, ring.stiffness))
+    for part, done in zip(
+        stimuli.stimuli, export([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path), strict=True
+    ):
+        event, ring = (
+            json.loads((done.folder / "event.json").read_text())["events"][0],
+            stimuli.ring_of(part),
+        )
+        assert (event["frequency_hz"], event["stiffness_n_per_m"]) == pytest.approx(
+            (ring.frequency, ring.stiffness)
+        )
         decays[part.id] = event["decay_s"]
     assert decays["sheath-soft"] < decays["sheath-hard"]
 
 
 def test_an_unknown_simulator_names_the_known_ones(tmp_path):
-    with pytest.raises(PipelineError, match=r"--for must be one of mujoco, chai3d, .*, got 'unity'"):
+    with pytest.raises(
+        PipelineError, match=r"--for must be one of mujoco, chai3d, .*, got 'unity'"
+    ):
         export([SET], "unity", tmp_path)
 
 
@@ -116,7 +144,9 @@ def test_files_of_the_user_survive_a_second_export(tmp_path):
 
 
 @pytest.mark.parametrize("simulator", SCENE_FORMATS)
-@pytest.mark.parametrize(("name", "only"), [("crown-margins", "crown-shoulder"), ("probe-tips", "hook-125")])
+@pytest.mark.parametrize(
+    ("name", "only"), [("crown-margins", "crown-shoulder"), ("probe-tips", "hook-125")]
+)
 def test_crowns_and_tips_are_written_for_every_simulator(simulator, name, only, tmp_path):
     arguments = [
         "export",
@@ -138,17 +168,47 @@ def test_crowns_and_tips_are_written_for_every_simulator(simulator, name, only, 
 def test_the_step_under_a_tip_is_asked_for(tmp_path, capsys):
     tips = str(ROOT / "stimuli" / "probe-tips.toml")
     options = ["--for", "forcelaw", "-o", str(tmp_path), "--only", "tip-125"]
-    assert main(["export", tips, *options, "--step-height", "60 um", "--load", "1 N", "--friction", "0.15"]) == 0
-    event = json.loads((tmp_path / "probe-tips" / "tip-125" / "forcelaw" / "event.json").read_text())["events"][0]
+    assert (
+        main(
+            [
+                "export",
+                tips,
+                *options,
+                "--step-height",
+                "60 um",
+                "--load",
+                "1 N",
+                "--friction",
+                "0.15",
+            ]
+        )
+        == 0
+    )
+    event = json.loads(
+        (tmp_path / "probe-tips" / "tip-125" / "forcelaw" / "event.json").read_text()
+    )["events"][0]
     # equations (1) and (2) with the tip's own ball of 125 um
-    assert event["critical_force_n"] == pytest.approx(math.tan(math.acos(1 - 60 / 125) + math.atan(0.15)), rel=1e-9)
+    assert event["critical_force_n"] == pytest.approx(
+        math.tan(math.acos(1 - 60 / 125) + math.atan(0.15)), rel=1e-9
+    )
     assert main(["export", tips, *options, "--step-height", "5 mm"]) == 2
     assert "the step under a tip is impossible" in capsys.readouterr().err
 
 
 def test_the_simulated_ring_stands_in_the_files_with_the_energy_of_the_formula(tmp_path):
     soundfile = pytest.importorskip("soundfile")
-    arguments = ["export", SET, "--for", "forcelaw", "-o", str(tmp_path), "--only", "step-090", "--load", "1 N"]
+    arguments = [
+        "export",
+        SET,
+        "--for",
+        "forcelaw",
+        "-o",
+        str(tmp_path),
+        "--only",
+        "step-090",
+        "--load",
+        "1 N",
+    ]
     assert main([*arguments, "--ring", "drag"]) == 0
     folder = tmp_path / "paper-ten" / "step-090" / "forcelaw"
     event = json.loads((folder / "event.json").read_text())["events"][0]
@@ -162,9 +222,12 @@ def test_the_simulated_ring_stands_in_the_files_with_the_energy_of_the_formula(t
         force = samples * full_scale
         assert rule * np.sum(force**2) / rate == pytest.approx(energy, rel=0.01)
         assert stated["energy_in_file_j"][name] == pytest.approx(energy, rel=0.01)
-        # friction ends it: a straight envelope, gone where the exponential still has a fifth of its amplitude
+        # friction ends it: a straight envelope, gone where the exponential still has a fifth of its
+        # amplitude
         assert np.abs(force[round(0.025 * rate) :]).max() < 0.02 * np.abs(force).max()
-    assert event["simulated_energy_j"] > 2.0 * energy  # the drag's own share is higher than the paper's 20 %
+    assert (
+        event["simulated_energy_j"] > 2.0 * energy
+    )  # the drag's own share is higher than the paper's 20 %
 
 
 @pytest.mark.parametrize(
@@ -194,20 +257,36 @@ def learnt(height=50e-6, load=1.0):
 
 
 def test_an_export_uses_what_a_session_taught(taught, tmp_path):
-    arguments = ["export", SET, "--for", "forcelaw", "-o", str(tmp_path), "--only", "step-050", "--load", "1 N"]
+    arguments = [
+        "export",
+        SET,
+        "--for",
+        "forcelaw",
+        "-o",
+        str(tmp_path),
+        "--only",
+        "step-050",
+        "--load",
+        "1 N",
+    ]
     assert main([*arguments, "--model", str(taught)]) == 0
     folder = tmp_path / "paper-ten" / "step-050" / "forcelaw"
     scene = json.loads((folder / "event.json").read_text())
     event, (force, energy) = scene["events"][0], learnt()
     assert scene["friction"] == pytest.approx(0.2)
-    assert event["critical_force_n"] == pytest.approx(force, rel=1e-6)  # the edge of 14 um is in the geometry
+    assert event["critical_force_n"] == pytest.approx(
+        force, rel=1e-6
+    )  # the edge of 14 um is in the geometry
     assert event["energy_j"] == pytest.approx(energy, rel=1e-6)
     assert (event["frequency_hz"], event["decay_s"]) == pytest.approx((280.4, 0.02))
     learned = event["learned"]
     assert learned["status"] == "ok"
     assert learned["peak_force_low_n"] < learned["peak_force_n"] < learned["peak_force_high_n"]
     words = subprocess.run(
-        [sys.executable, "-I", str(folder / "force_law.py")], capture_output=True, text=True, check=True
+        [sys.executable, "-I", str(folder / "force_law.py")],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert float(words.stdout.split()[1]) == pytest.approx(force, rel=5e-3)
 
@@ -217,7 +296,11 @@ def test_a_build_predicts_with_what_a_session_taught(taught, tmp_path):
     arguments = ["build", tips, "-o", str(tmp_path), "--only", "tip-125", "--quiet", "--jobs", "1"]
     assert main([*arguments, "--model", str(taught)]) == 0
     with (tmp_path / "probe-tips" / "predictions.csv").open() as stream:
-        rows = [row for row in csv.DictReader(stream) if row["stimulus"] == "tip-125" and row["step_height_um"] == "50"]
+        rows = [
+            row
+            for row in csv.DictReader(stream)
+            if row["stimulus"] == "tip-125" and row["step_height_um"] == "50"
+        ]
     assert {row["friction"] for row in rows} == {"0.2"}
     for row in rows:
         force, energy = learnt(load=float(row["normal_load_n"]))
@@ -229,6 +312,15 @@ def test_a_build_predicts_with_what_a_session_taught(taught, tmp_path):
 
 def test_a_model_that_is_none_is_refused(tmp_path, capsys):
     (tmp_path / "model.json").write_text("{}")
-    arguments = ["export", SET, "--for", "x3d", "-o", str(tmp_path / "out"), "--model", str(tmp_path / "model.json")]
+    arguments = [
+        "export",
+        SET,
+        "--for",
+        "x3d",
+        "-o",
+        str(tmp_path / "out"),
+        "--model",
+        str(tmp_path / "model.json"),
+    ]
     assert main(arguments) == 2
     assert "model must have the format" in capsys.readouterr().err

@@ -21,7 +21,9 @@ DRAG = Path(__file__).with_name("drag_across.js").read_text()
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     path = tmp_path_factory.mktemp("feel") / "my page.html"
-    assert main(["feel", str(ROOT / "stimuli" / "paper-ten.toml"), "-o", str(path), "--no-open"]) == 0
+    assert (
+        main(["feel", str(ROOT / "stimuli" / "paper-ten.toml"), "-o", str(path), "--no-open"]) == 0
+    )
     return path
 
 
@@ -45,8 +47,14 @@ def blocks_of(page):
 
 def test_a_notebook_writes_the_page_of_one_file(tmp_path):
     count = feel(str(ROOT / "stimuli" / "crown-margins.toml"), str(tmp_path / "new" / "x.html"))
-    straight = [s for s in load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli if s.turn_radius is None]
-    assert [block["name"] for block in blocks_of(tmp_path / "new" / "x.html")] == [s.id for s in straight]
+    straight = [
+        s
+        for s in load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli
+        if s.turn_radius is None
+    ]
+    assert [block["name"] for block in blocks_of(tmp_path / "new" / "x.html")] == [
+        s.id for s in straight
+    ]
     assert count == len(straight)
 
 
@@ -115,7 +123,9 @@ def test_a_mouse_drags_the_probe_over_the_edge(browser):
     for _ in range(15):
         ActionChains(browser).move_by_offset(30, 0).perform()
     ActionChains(browser).release().perform()
-    WebDriverWait(browser, 30).until(lambda window: "last release at 0.6" in window.find_element("id", "state").text)
+    WebDriverWait(browser, 30).until(
+        lambda window: "last release at 0.6" in window.find_element("id", "state").text
+    )
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
 
 
@@ -126,7 +136,9 @@ def test_the_hand_reaches_the_release_of_every_block_and_the_middle_is_to_scale(
         " return K * (toHand(1) - block.trigger); })"
     )
     # equations (1) and (2) at 1 N and mu 0.15, the sliders' first values
-    needed = [math.tan(math.acos(1 - height * 1e-5 / R) + math.atan(0.15)) for height in range(1, 11)]
+    needed = [
+        math.tan(math.acos(1 - height * 1e-5 / R) + math.atan(0.15)) for height in range(1, 11)
+    ]
     assert all(have > need for have, need in zip(reached, needed, strict=True))
     assert browser.execute_script("return toHand(0.25)") == pytest.approx(0.25 * 0.5 * 12 * R)
 
@@ -142,20 +154,28 @@ def test_the_arrow_keys_drag_and_the_last_release_stands_with_its_energy(browser
         scene.send_keys(Keys.ARROW_RIGHT)
     # E_v of 50 um at 1 N and mu 0.15: 35.0 uJ (the facts of the paper's equations)
     told = r"last release at 1\.8[45]\d N, E_v 3[45]\.\d µJ"
-    WebDriverWait(browser, 30).until(lambda window: re.search(told, window.find_element("id", "state").text))
+    WebDriverWait(browser, 30).until(
+        lambda window: re.search(told, window.find_element("id", "state").text)
+    )
     WebDriverWait(browser, 30).until(lambda window: window.execute_script("return kept !== null"))
     force = browser.execute_script("return Array.from(kept.force)")
-    assert np.argmax(np.abs(force)) == pytest.approx(0.02 * 10_000, abs=30)  # the release stands 20 ms from the left
+    assert np.argmax(np.abs(force)) == pytest.approx(
+        0.02 * 10_000, abs=30
+    )  # the release stands 20 ms from the left
 
 
 @pytest.mark.browser
 def test_blind_neither_shows_nor_says_what_is_felt_and_keeps_the_score(browser):
     browser.execute_script("document.getElementById('blind').click()")
-    assert browser.find_element("id", "state").text.startswith("Feel A and B") or browser.execute_script(
+    assert browser.find_element("id", "state").text.startswith(
+        "Feel A and B"
+    ) or browser.execute_script(
         "return new Promise(done => setTimeout(() => done($('state').textContent), 300))"
     ).startswith("Feel A and B")
     higher = browser.execute_script(
-        "return answer.map(i => Math.max(...BLOCKS[i].profile.map(point => point[1]))).reduce((a, b) => a > b ? 0 : 1)"
+        "return answer.map(i => Math.max(...BLOCKS[i].profile.map(point => "
+        "point[1]))).reduce((a, "
+        "b) => a > b ? 0 : 1)"
     )
     browser.find_element("id", "say-a" if higher == 0 else "say-b").click()
     assert browser.find_element("id", "score").text.startswith("1 of 1 right; A was step-")
@@ -173,5 +193,16 @@ def test_the_page_to_feel_fits_every_screen(browser, width):
 
 
 def test_the_page_begins_with_the_block_of_50_um_and_has_its_suffix(tmp_path):
-    assert main(["feel", str(ROOT / "stimuli" / "paper-ten.toml"), "-o", str(tmp_path / "mine"), "--no-open"]) == 0
+    assert (
+        main(
+            [
+                "feel",
+                str(ROOT / "stimuli" / "paper-ten.toml"),
+                "-o",
+                str(tmp_path / "mine"),
+                "--no-open",
+            ]
+        )
+        == 0
+    )
     assert '<option value="4" selected>step-050</option>' in (tmp_path / "mine.html").read_text()

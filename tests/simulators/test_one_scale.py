@@ -19,7 +19,10 @@ BLOCKS, ENDS = "step-0[15]0", "step-[01][01]0"  # 10 and 50, 10 and 100 um
 
 
 def plans(folder):
-    return {path.parents[1].name: json.loads(path.read_text()) for path in sorted(folder.glob("*/*/*/plan.json"))}
+    return {
+        path.parents[1].name: json.loads(path.read_text())
+        for path in sorted(folder.glob("*/*/*/plan.json"))
+    }
 
 
 def test_a_device_gives_the_set_the_scale_that_its_neediest_block_needs(tmp_path):
@@ -66,7 +69,8 @@ def test_a_set_that_cannot_have_one_scale_is_told_why(tmp_path):
     device = tmp_path / "devices.toml"
     figure = '{{ value = "{}", source = "this test", confidence = "assumed" }}'
     device.write_text(
-        '[[device]]\nid = "short"\nname = "Short"\nmaker = "nobody"\nactuated_axes = 3\nsensed_axes = 3\n'
+        '[[device]]\nid = "short"\nname = "Short"\nmaker = "nobody"\nactuated_axes = '
+        "3\nsensed_axes = 3\n"
         + "".join(
             f"{name} = {figure.format(value)}\n"
             for name, value in (
@@ -81,11 +85,24 @@ def test_a_set_that_cannot_have_one_scale_is_told_why(tmp_path):
     with pytest.raises(HapticsError) as caught:
         export(SET, "forcelaw", tmp_path / "out", device="short", devices=device, only=ENDS)
     said = str(caught.value)
-    assert re.search(r"step-010 needs 200, at which the hand must travel [\d.]+ mm, more than its 40 mm \[step-", said)
+    assert re.search(
+        r"step-010 needs 200, at which the hand must travel [\d.]+ mm, more than its 40 mm \[step-",
+        said,
+    )
     assert "--scale per-block" in said
     assert not (tmp_path / "out").exists()
     assert (
-        len(export(SET, "forcelaw", tmp_path / "out", device="short", devices=device, only=ENDS, scale="per-block"))
+        len(
+            export(
+                SET,
+                "forcelaw",
+                tmp_path / "out",
+                device="short",
+                devices=device,
+                only=ENDS,
+                scale="per-block",
+            )
+        )
         == 2
     )
 
@@ -106,7 +123,9 @@ def test_rings_of_a_set_are_as_loud_to_each_other_as_their_forces(tmp_path):
         assert coarse == pytest.approx(samples * 32767.0, abs=0.501)
         peaks[block] = float(np.abs(samples).max())
         forces[block] = json.loads((folder / "event.json").read_text())["events"][0]["amplitude_n"]
-    assert peaks["step-050"] / peaks["step-010"] == pytest.approx(forces["step-050"] / forces["step-010"], rel=1e-5)
+    assert peaks["step-050"] / peaks["step-010"] == pytest.approx(
+        forces["step-050"] / forces["step-010"], rel=1e-5
+    )
     assert max(peaks.values()) < 1.0
 
 
@@ -117,16 +136,30 @@ def test_a_set_for_chai3d_brings_a_program_that_switches_its_blocks(tmp_path):
     for block in ("step-010", "step-100"):
         assert (program / f"../{block}/chai3d-omega-3/block.obj").exists()
         assert f'"../{block}/chai3d-omega-3/block.obj"' in text
-    assert {path.name for path in program.iterdir()} == {"CMakeLists.txt", "ReleaseRing.h", "StepBlock.h", "blocks.cpp"}
+    assert {path.name for path in program.iterdir()} == {
+        "CMakeLists.txt",
+        "ReleaseRing.h",
+        "StepBlock.h",
+        "blocks.cpp",
+    }
     built, cmake = os.environ.get("CHAI3D_BUILD"), shutil.which("cmake")
     if not (built and cmake):
         pytest.skip("CHAI3D_BUILD names no build tree of CHAI3D 3.3")
     build = program / "build"
-    subprocess.run([cmake, "-S", program, "-B", build, f"-DCMAKE_PREFIX_PATH={built}"], check=True, capture_output=True)
+    subprocess.run(
+        [cmake, "-S", program, "-B", build, f"-DCMAKE_PREFIX_PATH={built}"],
+        check=True,
+        capture_output=True,
+    )
     subprocess.run([cmake, "--build", build], check=True, capture_output=True)
     command = [build / "blocks", "--blocks", program]
-    found = subprocess.run(command, input="1\n2\nv\n2\nq\n", capture_output=True, text=True, check=True).stdout
-    felt = re.findall(r"block (\d), vibration (\w+)\npeak ([\d.]+) N, formula ([\d.]+), releases (\d), crossed", found)
+    found = subprocess.run(
+        command, input="1\n2\nv\n2\nq\n", capture_output=True, text=True, check=True
+    ).stdout
+    felt = re.findall(
+        r"block (\d), vibration (\w+)\npeak ([\d.]+) N, formula ([\d.]+), releases (\d), crossed",
+        found,
+    )
     assert [(number, ring, releases) for number, ring, _, _, releases in felt] == [
         ("1", "on", "1"),
         ("2", "on", "1"),

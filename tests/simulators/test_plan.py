@@ -29,7 +29,10 @@ FACTS = {
 
 def plan(device, block, point=POINT, scale=None):
     return plan_rendering(
-        device_named(device, DEVICES), vibration_events(block.counterface(), point, block.id)[0], point, scale
+        device_named(device, DEVICES),
+        vibration_events(block.counterface(), point, block.id)[0],
+        point,
+        scale,
     )
 
 
@@ -41,7 +44,9 @@ def test_shipped_figures_are_those_of_the_project_and_carry_their_origin(name):
     assert device.peak_force.value == pytest.approx(force)
     assert (device.stiffness_limit.value if device.stiffness_limit else None) == stiffness
     figures = [
-        getattr(device, field) for field in type(device).model_fields if hasattr(getattr(device, field), "source")
+        getattr(device, field)
+        for field in type(device).model_fields
+        if hasattr(getattr(device, field), "source")
     ]
     assert len(figures) >= 3
     assert all(figure.source and figure.confidence != "datasheet" for figure in figures)
@@ -50,14 +55,20 @@ def test_shipped_figures_are_those_of_the_project_and_carry_their_origin(name):
 def test_scaling_keeps_the_force_and_the_ring_energy_and_softens_the_spring():
     one, twenty = plan("touch", TEN[4], scale=1.0), plan("touch", TEN[4], scale=20.0)
     assert one.critical_force == twenty.critical_force
-    assert one.ring_energy == twenty.ring_energy == pytest.approx(0.2 * 1.854**2 / (2 * 9810), rel=1e-3)
+    assert (
+        one.ring_energy
+        == twenty.ring_energy
+        == pytest.approx(0.2 * 1.854**2 / (2 * 9810), rel=1e-3)
+    )
     assert twenty.stiffness == pytest.approx(9810 / 20)
     assert twenty.ball_radius == pytest.approx(2.5e-3)
 
 
 def test_a_touch_follows_the_formula_to_a_percent_at_a_scale_of_about_twenty():
     # 9810 N/m * 55 um / 20 / 2 = 13.5 mN, 0.7 % of the 1.854 N of the 50 um step.
-    assert plan("touch", TEN[4], scale=20.0).force_step / 2 / 1.854 == pytest.approx(0.0073, abs=1e-4)
+    assert plan("touch", TEN[4], scale=20.0).force_step / 2 / 1.854 == pytest.approx(
+        0.0073, abs=1e-4
+    )
 
 
 @pytest.mark.parametrize("name", FACTS)
@@ -105,7 +116,11 @@ def test_the_scale_is_the_smallest_round_one_that_keeps_force_and_spring(name, i
 
     ladder = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
     travel = device_named(name, DEVICES).travel
-    fits = [s for s in ladder if travel is None or s * found.critical_force / 9.81e3 <= 0.5 * travel.value]
+    fits = [
+        s
+        for s in ladder
+        if travel is None or s * found.critical_force / 9.81e3 <= 0.5 * travel.value
+    ]
     wanted = next((scale for scale in fits if keeps(scale)), fits[-1])
     assert found.scale == wanted
 
@@ -113,14 +128,19 @@ def test_the_scale_is_the_smallest_round_one_that_keeps_force_and_spring(name, i
 def test_the_error_of_a_rounded_position_is_half_a_step_of_the_spring():
     found = plan("omega-3", TEN[4], scale=10.0)
     assert found.force_step == pytest.approx(9810 / 10 * 10e-6)
-    assert found.force_error == pytest.approx(0.5 * found.force_step / 1.0)  # the load is the smaller force
+    assert found.force_error == pytest.approx(
+        0.5 * found.force_step / 1.0
+    )  # the load is the smaller force
     assert found.hand_travel == pytest.approx(10 * 1.854 / 9810, rel=1e-3)
 
 
 def test_a_scale_that_is_too_small_is_refused_for_the_spring_and_says_which_way_out():
     found = plan("touch", TEN[4], scale=1.0)
     assert found.verdict is Faithfulness.IMPOSSIBLE
-    assert "the spring of 9810 N/m exceeds its stiffness limit of 400 N/m: a larger scale is needed" in found.reasons
+    assert (
+        "the spring of 9810 N/m exceeds its stiffness limit of 400 N/m: a larger scale is needed"
+        in found.reasons
+    )
 
 
 def test_a_load_beyond_the_motors_is_refused():
@@ -130,7 +150,10 @@ def test_a_load_beyond_the_motors_is_refused():
 
 def test_a_scale_that_leaves_the_workspace_is_told():
     # at S 200 the hand pulls 1.854 N / (9810 N/m / 200) = 37.8 mm of 70 mm; at 1000 it is 189 mm
-    assert "the hand must travel 189 mm, more than its 70 mm" in plan("touch", TEN[4], scale=1000.0).reasons
+    assert (
+        "the hand must travel 189 mm, more than its 70 mm"
+        in plan("touch", TEN[4], scale=1000.0).reasons
+    )
 
 
 def test_what_nobody_stated_is_told_and_not_guessed():

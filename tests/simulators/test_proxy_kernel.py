@@ -52,7 +52,9 @@ def test_the_proxy_never_leaves_the_cone_of_friction(renderer, seed):
     renderer.reset(np.array([0.0, 0.0, 1e-3]))
     for hand in hands(renderer.path, seed):
         pull, _, down = renderer.tick(hand, np.zeros(3)) * [-1.0, 1.0, 1.0]
-        for direction, slope in zip((-1.0, 1.0), slopes(renderer.path, renderer.proxy[0]), strict=True):
+        for direction, slope in zip(
+            (-1.0, 1.0), slopes(renderer.path, renderer.proxy[0]), strict=True
+        ):
             along, normal = direction * pull - down * direction * slope, down + pull * slope
             assert along <= MU * normal + 1e-6 * down
 
@@ -62,8 +64,13 @@ def test_the_force_is_that_of_the_springs(renderer, seed):
     renderer.reset(np.array([0.0, 0.0, 1e-3]))
     for hand in hands(renderer.path, seed):
         force = renderer.tick(hand, np.zeros(3))
-        x, z = renderer.proxy[0], float(np.interp(renderer.proxy[0], renderer.path.x, renderer.path.z))
-        assert force[[0, 2]] == pytest.approx([-7.3e3 * (hand[0] - x), 9.1e3 * (z - hand[2])], rel=1e-9, abs=1e-12)
+        x, z = (
+            renderer.proxy[0],
+            float(np.interp(renderer.proxy[0], renderer.path.x, renderer.path.z)),
+        )
+        assert force[[0, 2]] == pytest.approx(
+            [-7.3e3 * (hand[0] - x), 9.1e3 * (z - hand[2])], rel=1e-9, abs=1e-12
+        )
 
 
 def test_a_mirrored_world_gives_mirrored_forces():
@@ -90,7 +97,9 @@ def test_a_hand_that_does_not_move_feels_a_force_that_does_not_change(renderer):
 
 
 def test_without_friction_the_proxy_rests_where_the_force_is_square_to_the_path():
-    renderer = Renderer(Step(60e-6, 20e-6).centre_path(R), OperatingPoint(R, LOAD, 1e-12, TOOL), event=False)
+    renderer = Renderer(
+        Step(60e-6, 20e-6).centre_path(R), OperatingPoint(R, LOAD, 1e-12, TOOL), event=False
+    )
     renderer.reset(np.array([-1e-4, 0.0, 1e-3]))
     for x in np.linspace(-1e-4, -2e-5, 30):
         pull, _, down = renderer.tick(np.array([x, 0.0, 1e-4]), np.zeros(3)) * [-1.0, 1.0, 1.0]
@@ -127,7 +136,12 @@ def test_a_release_writes_force_ring_and_count_into_the_state():
     assert renderer.release_force == pytest.approx(force, rel=1e-3)
     after = int(record.pull.argmax()) + 1
     ring = record.force[after:] + record.pull[after:]
-    rung = math.sqrt(0.31) * renderer.release_force * np.exp(-1e-4 / 11e-3) * math.sin(math.tau * 270.0 * 1e-4)
+    rung = (
+        math.sqrt(0.31)
+        * renderer.release_force
+        * np.exp(-1e-4 / 11e-3)
+        * math.sin(math.tau * 270.0 * 1e-4)
+    )
     assert ring[:2] == pytest.approx([0.0, rung], rel=1e-3, abs=1e-12)
 
 

@@ -31,7 +31,9 @@ def formula(block, point=POINT):
 
 
 def drag_over(block, point=POINT, scale=1.0, resolution=0.0, direction=1.0, event=True):
-    renderer = Renderer(block.counterface().centre_path(point.ball_radius), point, scale=scale, event=event)
+    renderer = Renderer(
+        block.counterface().centre_path(point.ball_radius), point, scale=scale, event=event
+    )
     travel = 1.25 * scale * formula(block, point) / point.tool.stiffness
     return renderer.drag(point.normal_load, travel, direction, 1e-3 * scale, resolution), renderer
 
@@ -43,7 +45,9 @@ def test_notch_of_the_path_is_the_critical_angle_of_the_paper(block):
     assert block.counterface().centre_path(R).notch(-1.0)[2] == 0.0
 
 
-@pytest.mark.parametrize("margin", [m for m in MARGINS if m.opening.nominal > 0], ids=lambda margin: margin.id)
+@pytest.mark.parametrize(
+    "margin", [m for m in MARGINS if m.opening.nominal > 0], ids=lambda margin: margin.id
+)
 def test_notches_of_a_margin_are_its_closed_form_in_both_directions(margin):
     opening, rise = margin.opening.nominal, margin.horizontal_discrepancy.nominal
     forward, backward = margin_angles(opening, rise, R)
@@ -55,7 +59,11 @@ def test_notches_of_a_margin_are_its_closed_form_in_both_directions(margin):
 def test_a_rounded_edge_has_the_angle_of_the_larger_circle():
     length = type(TEN[4].edge_radius)
     rounded = TEN[4].model_copy(
-        update={"edge_radius": TEN[4].edge_radius.__class__(**{**vars(TEN[4].edge_radius), "nominal": 30e-6})}
+        update={
+            "edge_radius": TEN[4].edge_radius.__class__(
+                **{**vars(TEN[4].edge_radius), "nominal": 30e-6}
+            )
+        }
     )
     assert isinstance(rounded.edge_radius, length)
     assert rounded.counterface().centre_path(R).notch(+1.0)[2] == pytest.approx(
@@ -80,7 +88,9 @@ def test_magnifying_ball_and_step_keeps_the_force(scale):
     assert record.peak == pytest.approx(plain.peak, rel=1e-9)
 
 
-@pytest.mark.parametrize(("scale", "resolution"), [(200.0, 55e-6), (100.0, 23e-6), (50.0, 10e-6), (5.0, 1.5e-6)])
+@pytest.mark.parametrize(
+    ("scale", "resolution"), [(200.0, 55e-6), (100.0, 23e-6), (50.0, 10e-6), (5.0, 1.5e-6)]
+)
 def test_rounded_positions_keep_the_force_where_the_plan_magnifies_enough(scale, resolution):
     for block in (TEN[2], TEN[4], TEN[9]):
         record, _ = drag_over(block, scale=scale, resolution=resolution)
@@ -115,7 +125,9 @@ def test_a_groove_is_felt_in_both_directions():
     renderer = Renderer(gap.counterface().centre_path(R), POINT)
     up, down = renderer.drag(1.0, 4e-4), renderer.drag(1.0, 4e-4, -1.0)
     assert up.events == down.events == 1
-    assert up.peak == pytest.approx(math.tan(math.asin(100e-6 / (2 * R)) + math.atan(0.15)), rel=5e-3)
+    assert up.peak == pytest.approx(
+        math.tan(math.asin(100e-6 / (2 * R)) + math.atan(0.15)), rel=5e-3
+    )
     assert down.peak == pytest.approx(up.peak, rel=1e-6)
 
 
@@ -136,7 +148,9 @@ def test_the_event_carries_the_vibration_energy_of_the_formula_at_any_scale():
         )
         shift = 1  # the release is found in the tick after the peak
         count = min(len(tail), 1500) - shift
-        assert extra[shift : shift + count] == pytest.approx(wanted[:count], abs=6e-3 * event.amplitude)
+        assert extra[shift : shift + count] == pytest.approx(
+            wanted[:count], abs=6e-3 * event.amplitude
+        )
     assert event.energy == pytest.approx(expected, rel=1e-9)
     assert ring_energy(wanted, 1e4, event.tool) == pytest.approx(expected, rel=0.01)
 
@@ -164,7 +178,9 @@ def test_the_wall_gives_no_energy_back_that_it_did_not_get():
             )
             tour = np.vstack([[0.0, 0.0, 4e-4], corners, [0.0, 0.0, 4e-4]])
             steps = 3000
-            position = np.vstack([np.linspace(a, b, steps, endpoint=False) for a, b in itertools.pairwise(tour)])
+            position = np.vstack(
+                [np.linspace(a, b, steps, endpoint=False) for a, b in itertools.pairwise(tour)]
+            )
             renderer.reset(tour[0])
             work, leak, before = 0.0, 0.0, position[0]
             for here in position:
@@ -185,7 +201,8 @@ def test_a_hand_in_the_air_feels_nothing_and_lands_on_either_side():
     renderer.reset(np.array([3e-4, 0.0, 3e-4]))
     low = renderer.tick(np.array([3e-4, 0.0, R + 50e-6 - 1e-5]), still).copy()
     assert low[2] == pytest.approx(9.81e3 * 1e-5, rel=1e-9)
-    # 10 um over the lower path and pushed through the riser: the proxy meets the edge, climbs it and drags on top
+    # 10 um over the lower path and pushed through the riser: the proxy meets the edge, climbs it
+    # and drags on top
     renderer.reset(np.array([-3e-4, 0.0, R + 1e-5]))
     force = renderer.tick(np.array([1e-4, 0.0, R + 1e-5]), still)
     assert force[0] == pytest.approx(-0.15 * force[2], rel=1e-6)
@@ -210,7 +227,9 @@ def test_a_measured_profile_is_rendered_like_the_nominal_one():
     assert path.notch(+1.0)[2] == pytest.approx(step_angle(50e-6, R), abs=2e-3)
 
 
-@pytest.mark.parametrize("points", [[(0.0, 0.0)], [(0.0, 0.0), (-1.0, 0.0)], [(0.0, math.nan), (1.0, 0.0)]])
+@pytest.mark.parametrize(
+    "points", [[(0.0, 0.0)], [(0.0, 0.0), (-1.0, 0.0)], [(0.0, math.nan), (1.0, 0.0)]]
+)
 def test_a_malformed_profile_is_refused(points):
     with pytest.raises(ContactError, match="a profile must have"):
         corner_path(points, R)

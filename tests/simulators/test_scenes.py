@@ -56,7 +56,9 @@ def folders(scenes, tmp_path_factory):
 def run(script, *arguments, cwd=None):
     command = [sys.executable, "-I", str(script), *arguments]
     # from a folder that is not the script's; MuJoCo leaves its log where it runs
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd or script.parents[1])
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, cwd=cwd or script.parents[1]
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -95,7 +97,13 @@ def test_the_height_field_of_mujoco_has_its_row_0_at_the_smallest_y(folders):
     values = np.frombuffer(raw, "<f4", offset=8).reshape(rows, columns)
     assert (values.min(), values.max()) == (0.0, 1.0)
     assert (values[:, : columns // 2] == 0.0).all()  # the lower face lies at the smaller x
-    size = (folders["mujoco"] / "scene-heightfield.xml").read_text().split('size="')[1].split('"')[0].split()
+    size = (
+        (folders["mujoco"] / "scene-heightfield.xml")
+        .read_text()
+        .split('size="')[1]
+        .split('"')[0]
+        .split()
+    )
     assert float(size[2]) == pytest.approx(50e-6)
 
 
@@ -139,8 +147,12 @@ def test_the_force_law_in_c_is_the_one_in_python(folders, tmp_path):
         pytest.skip("no C compiler")
     source = folders["forcelaw"] / "force_law_demo.c"
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1"]
-    subprocess.run([compiler, *strict, str(source), "-lm", "-o", str(tmp_path / "demo")], check=True, cwd="/")
-    printed = subprocess.run([str(tmp_path / "demo")], check=True, capture_output=True, text=True).stdout
+    subprocess.run(
+        [compiler, *strict, str(source), "-lm", "-o", str(tmp_path / "demo")], check=True, cwd="/"
+    )
+    printed = subprocess.run(
+        [str(tmp_path / "demo")], check=True, capture_output=True, text=True
+    ).stdout
     assert printed == run(folders["forcelaw"] / "force_law.py")
     assert float(printed.split()[1]) == pytest.approx(paper_force(50e-6), rel=5e-3)
 
@@ -163,7 +175,9 @@ def test_a_scene_magnified_for_a_device_keeps_the_force_in_mujoco(scenes, tmp_pa
     assert result["peak_force_n"] == pytest.approx(paper_force(50e-6), rel=0.01)
     plan = json.loads((folder / "plan.json").read_text())
     assert plan["scale"] == scene.scale
-    assert plan["ring_energy_j"] == pytest.approx(0.2 * paper_force(50e-6) ** 2 / (2 * 9.81e3), rel=1e-6)
+    assert plan["ring_energy_j"] == pytest.approx(
+        0.2 * paper_force(50e-6) ** 2 / (2 * 9.81e3), rel=1e-6
+    )
 
 
 def test_the_force_law_runs_alone_and_follows_the_formula(folders):
@@ -181,13 +195,17 @@ def test_the_table_of_the_force_law_peaks_at_the_formula(folders):
 
 @pytest.mark.parametrize("name", ["step-050", "touch"])
 def test_usd_is_in_metres_with_hulls_and_a_gap_below_the_step(scenes, tmp_path, name):
-    usd, geometry, physics = (pytest.importorskip(f"pxr.{part}") for part in ("Usd", "UsdGeom", "UsdPhysics"))
+    usd, geometry, physics = (
+        pytest.importorskip(f"pxr.{part}") for part in ("Usd", "UsdGeom", "UsdPhysics")
+    )
     scene = scenes[name]
     stage = usd.Stage.Open(str(write("usd", tmp_path / "my scene", scene) / "scene.usda"))
     assert (geometry.GetStageMetersPerUnit(stage), geometry.GetStageUpAxis(stage)) == (1.0, "Z")
     assert physics.GetStageKilogramsPerUnit(stage) == 1.0
     meshes = [prim for prim in stage.Traverse() if prim.IsA(geometry.Mesh)]
-    points = [np.array(geometry.Mesh(prim).GetPointsAttr().Get(), dtype=np.float64) for prim in meshes]
+    points = [
+        np.array(geometry.Mesh(prim).GetPointsAttr().Get(), dtype=np.float64) for prim in meshes
+    ]
     tops = sorted({round(float(p[:, 2].max()) / scene.scale, 9) for p in points})
     assert tops == [0.0, 50e-6]
     assert np.ptp(np.concatenate(points)[:, 0]) == pytest.approx(20e-3 * scene.scale, rel=1e-6)
@@ -211,16 +229,23 @@ def test_glb_and_its_axes(folders, scenes):
     assert accessor.max[1] == pytest.approx(50e-6, abs=2e-9)  # y is up
     loaded = trimesh.load(folders["gltf"] / "block.glb", force="mesh")
     assert loaded.volume == pytest.approx(
-        trimesh.Trimesh(scenes["step-050"].whole.vertices, scenes["step-050"].whole.triangles).volume, rel=1e-5
+        trimesh.Trimesh(
+            scenes["step-050"].whole.vertices, scenes["step-050"].whole.triangles
+        ).volume,
+        rel=1e-5,
     )
     content = json.loads((folders["gltf"] / "scene.json").read_text())
     for name, sign, up in (("gltf", 1.0, 1), ("unity", -1.0, 1), ("unreal", -1.0, 2)):
         engine = content["engines"][name]
         matrix = np.array(engine["from_part_rows"])
-        assert np.linalg.det(matrix) == pytest.approx(sign * engine["units_per_metre"] ** 3)  # handedness
+        assert np.linalg.det(matrix) == pytest.approx(
+            sign * engine["units_per_metre"] ** 3
+        )  # handedness
         assert (matrix @ [0, 0, 1.0])[up] == pytest.approx(engine["units_per_metre"])
         position = engine["triggers"][0]["position"]
-        assert position == pytest.approx(matrix @ [-100e-6, 0.0, R], abs=1e-9 * engine["units_per_metre"])
+        assert position == pytest.approx(
+            matrix @ [-100e-6, 0.0, R], abs=1e-9 * engine["units_per_metre"]
+        )
     assert all((folders["gltf"] / name).is_file() for name in content["convex_pieces"])
 
 
@@ -229,7 +254,9 @@ def test_x3d_holds_the_closed_block_in_metres(folders, scenes):
     from lxml import etree
 
     tree = etree.parse(str(folders["x3d"] / "scene.x3d"))
-    faces = np.array(tree.find(".//IndexedTriangleSet").get("index").split(), dtype=int).reshape(-1, 3)
+    faces = np.array(tree.find(".//IndexedTriangleSet").get("index").split(), dtype=int).reshape(
+        -1, 3
+    )
     points = np.array(tree.find(".//Coordinate").get("point").split(), dtype=float).reshape(-1, 3)
     mesh = trimesh.Trimesh(points, faces, process=False)
     assert mesh.is_watertight
@@ -271,7 +298,15 @@ def test_chai3d_files_are_millimetres_wound_outwards_with_positive_indices(folde
     contact = header.split("const Contact kContact = {")[1].split("}")[0].split(",")
     assert [float(value) for value in contact] == pytest.approx([0.125, MU, 9.81, LOAD])
     up = header.split('"block.obj"')[1].split("{")[1].split("}")[0].split(",")
-    expected = [1.0, -0.1, 0.125, math.sqrt(0.2) * paper_force(50e-6), paper_force(50e-6), 300.0, 0.01424]
+    expected = [
+        1.0,
+        -0.1,
+        0.125,
+        math.sqrt(0.2) * paper_force(50e-6),
+        paper_force(50e-6),
+        300.0,
+        0.01424,
+    ]
     assert [float(value) for value in up] == pytest.approx(expected, rel=1e-4)
 
 
@@ -285,7 +320,9 @@ def test_every_folder_explains_itself_and_holds_the_event(folders, name):
         if path.name != "README.md":
             assert f"`{path.relative_to(folders[name]).as_posix()}`" in text
     event = json.loads((folders[name] / "event.json").read_text())["events"][0]
-    assert event["energy_j"] == pytest.approx(0.2 * paper_force(50e-6) ** 2 / (2 * 9.81e3), rel=1e-6)
+    assert event["energy_j"] == pytest.approx(
+        0.2 * paper_force(50e-6) ** 2 / (2 * 9.81e3), rel=1e-6
+    )
     assert {"ring-up.hjif", "ring-up.ahap"} <= {path.name for path in folders[name].iterdir()}
 
 

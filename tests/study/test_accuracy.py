@@ -8,18 +8,28 @@ import pandas as pd
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure, equivalence, group_terms, measured
+from stepblocks.study.analysis.accuracy import (
+    MEASURES,
+    analyse_measure,
+    equivalence,
+    group_terms,
+    measured,
+)
 from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_value
 
 DATA = Path(__file__).parent / "data"
-R = json.loads((DATA / "accuracy.json").read_text())  # by accuracy.R beside it; "origin" says with which versions
+R = json.loads(
+    (DATA / "accuracy.json").read_text()
+)  # by accuracy.R beside it; "origin" says with which versions
 
 
 @pytest.fixture(scope="module")
 def judgements():
     """The example of the issue: ten participants, three times the noise with the soft sheath and no bias."""
-    frame = pd.read_csv(DATA / "accuracy.csv", dtype={"participant": str}).rename(columns={"height_um": "height"})
+    frame = pd.read_csv(DATA / "accuracy.csv", dtype={"participant": str}).rename(
+        columns={"height_um": "height"}
+    )
     return frame.assign(error=(frame["estimate_um"] - frame["height"]) * 1e-6)
 
 
@@ -50,8 +60,12 @@ def test_the_paper_s_analysis_is_that_of_r(found, name):
             [-difference * 1e-6, -high * 1e-6, -low * 1e-6], rel=1e-5
         )
         assert one.p == pytest.approx(p, abs=1e-6)
-    term = measure.mixed.condition  # also where lme4 calls the fit singular, and its F would count every judgement
-    assert [term.f, term.p, term.df, term.df_error] == pytest.approx(R[f"{name} repeated measures F"], rel=1e-5)
+    term = (
+        measure.mixed.condition
+    )  # also where lme4 calls the fit singular, and its F would count every judgement
+    assert [term.f, term.p, term.df, term.df_error] == pytest.approx(
+        R[f"{name} repeated measures F"], rel=1e-5
+    )
 
 
 def test_the_mixed_model_s_contrasts_and_their_equivalence_are_those_of_lme4_and_emmeans(found):
@@ -75,16 +89,24 @@ def test_the_ratio_of_spreads_is_that_of_lme4(found):
 
 
 def test_groups_of_unequal_size_are_compared_as_afex_does(found):
-    for term, name in zip(found["absolute error"].groups, ("group", "group:condition"), strict=True):
-        assert [term.f, term.p, term.df, term.df_error] == pytest.approx(R[f"groups {name}"], rel=1e-7)
+    for term, name in zip(
+        found["absolute error"].groups, ("group", "group:condition"), strict=True
+    ):
+        assert [term.f, term.p, term.df, term.df_error] == pytest.approx(
+            R[f"groups {name}"], rel=1e-7
+        )
     (interval,) = found["absolute error"].group_intervals
-    assert interval.p == pytest.approx(R["groups group"][1], rel=1e-7)  # of two groups, F is the square of t
+    assert interval.p == pytest.approx(
+        R["groups group"][1], rel=1e-7
+    )  # of two groups, F is the square of t
 
 
 def test_two_conditions_are_equivalent_within_the_farther_end_of_the_90_percent_interval():
     one = Interval("a", "b", -1.0, -3.0, 1.0, 0.4, -0.2, 0.5)
     bound = equivalence(one, 18.0).bound
-    assert bound == pytest.approx(1.0 + 1.734064 * 0.5, rel=1e-6)  # Student's t(18) at 0.95, any table
+    assert bound == pytest.approx(
+        1.0 + 1.734064 * 0.5, rel=1e-6
+    )  # Student's t(18) at 0.95, any table
     assert equivalence(one, 18.0, bound).p == pytest.approx(0.05, rel=1e-9)
     with pytest.raises(StudyError, match="margin of equivalence must be positive, got 0"):
         equivalence(one, 18.0, 0.0)
@@ -100,7 +122,9 @@ def test_the_spread_leaves_out_what_a_block_s_own_bias_adds(judgements):
 
 
 def test_a_group_of_one_is_refused(judgements):
-    lonely = judgements.assign(group=np.where(judgements["participant"] == "1", "a", "b"), value=0.0)
+    lonely = judgements.assign(
+        group=np.where(judgements["participant"] == "1", "a", "b"), value=0.0
+    )
     with pytest.raises(StudyError, match="at least two participants each"):
         group_terms(lonely)
 
@@ -112,7 +136,14 @@ STILL = Observer(weber=0.0, response_noise=6e-6)
 
 def plan(share=1.0, noise=1.0, measure="bias"):
     return SimulatedStudy(
-        10, 3, HEIGHTS, ENERGIES, (("a", 1.0), ("b", share)), STILL, noise=(1.0, noise), measure=measure
+        10,
+        3,
+        HEIGHTS,
+        ENERGIES,
+        (("a", 1.0), ("b", share)),
+        STILL,
+        noise=(1.0, noise),
+        measure=measure,
     )
 
 
@@ -129,6 +160,12 @@ def test_noise_bias_and_neither_are_told_apart(change, seen):
 
 def test_power_is_of_the_statistic_that_is_asked_for():
     for name, low, high in (("bias", 0.0, 0.3), ("absolute error", 0.9, 1.0), ("spread", 0.9, 1.0)):
-        assert low <= estimate_power(plan(noise=2.5, measure=name), "mixed", runs=10)["power_ratio"] <= high
-    with pytest.raises(StudyError, match="measure must be one of bias, absolute error, spread, got 'x'"):
+        assert (
+            low
+            <= estimate_power(plan(noise=2.5, measure=name), "mixed", runs=10)["power_ratio"]
+            <= high
+        )
+    with pytest.raises(
+        StudyError, match="measure must be one of bias, absolute error, spread, got 'x'"
+    ):
         plan(measure="x")

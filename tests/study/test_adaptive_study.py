@@ -51,7 +51,9 @@ def test_what_was_set_up_is_what_is_opened(folder):
     assert (standard.identity, standard.engraved) == ("step-050", "STEP-050")
     assert standard.height == pytest.approx(50e-6, rel=1e-12)
     assert len(study.plan.compared) == 9
-    assert start_adaptive(TEN, folder, standard="step-050", seed=5, participants=2, trials=12) == study
+    assert (
+        start_adaptive(TEN, folder, standard="step-050", seed=5, participants=2, trials=12) == study
+    )
     with pytest.raises(PipelineError, match="has another content already"):
         start_adaptive(TEN, folder, standard="step-060", seed=5)
 
@@ -61,22 +63,34 @@ def test_results_are_written_for_the_analysis_of_constant_stimuli(folder):
     table = results(folder)
     assert table["participant"].tolist() == [1, 2]
     assert (table["weber_low_95_ratio"] < table["weber_high_95_ratio"]).all()
-    design, answers = read_design(Path(folder, "design.csv")), read_answers(Path(folder, "answers.csv"), "constant")
+    design, answers = (
+        read_design(Path(folder, "design.csv")),
+        read_answers(Path(folder, "answers.csv"), "constant"),
+    )
     assert len(design) == len(answers) == 24
     for row, given in zip(design, answers, strict=True):
         first = row["standard_code"] if row["condition"] == "standard-first" else row["code"]
-        assert (given["participant"], given["trial"], given["first_code"]) == (row["participant"], row["trial"], first)
+        assert (given["participant"], given["trial"], given["first_code"]) == (
+            row["participant"],
+            row["trial"],
+            first,
+        )
         assert row["standard"] == "step-050" != row["stimulus"]
     assert len(analyse_study(folder, [f"{folder}/answers.csv"]).curves) == 3
 
 
 def test_answers_that_tell_no_threshold_leave_their_figures_open(tmp_path):
-    start_adaptive(TEN, tmp_path, standard="step-050", seed=5, participants=1, method="staircase", trials=4)
+    start_adaptive(
+        TEN, tmp_path, standard="step-050", seed=5, participants=1, method="staircase", trials=4
+    )
     answer(tmp_path, 1, 1, True)
     (row,) = results(tmp_path).to_dict("records")
     assert math.isnan(row["equal_um"])
     assert row["state"].startswith("goes on; a threshold needs two reversals")
-    assert '1,1,,,,,,,"goes on; a threshold needs' in Path(tmp_path, "adaptive-results.csv").read_text()
+    assert (
+        '1,1,,,,,,,"goes on; a threshold needs'
+        in Path(tmp_path, "adaptive-results.csv").read_text()
+    )
 
 
 def test_without_an_answer_there_is_no_result(folder):
@@ -93,7 +107,9 @@ def test_a_record_that_was_changed_does_not_pass(folder):
     with pytest.raises(StudyError, match=r"asks for participant, trial and codes 1 1 .* line 2"):
         next_pair(folder, 1)
     record.write_text("".join([lines[0], *[lines[1].replace(",y", ",perhaps")]]))
-    with pytest.raises(StudyError, match=r"second_is_higher must be y or n, got 'perhaps' .* line 2"):
+    with pytest.raises(
+        StudyError, match=r"second_is_higher must be y or n, got 'perhaps' .* line 2"
+    ):
         next_pair(folder, 1)
 
 

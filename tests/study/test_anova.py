@@ -33,7 +33,11 @@ def test_sums_of_squares_of_a_balanced_table_are_those_of_its_means():
     cells = frame.groupby(["a", "b"])["y"].mean().unstack()
     grand, rows, columns = cells.to_numpy().mean(), cells.mean(axis=1), cells.mean(axis=0)
     both = cells.sub(rows, axis=0).sub(columns, axis=1) + grand
-    expected = [12 * ((rows - grand) ** 2).sum(), 8 * ((columns - grand) ** 2).sum(), 4 * (both.to_numpy() ** 2).sum()]
+    expected = [
+        12 * ((rows - grand) ** 2).sum(),
+        8 * ((columns - grand) ** 2).sum(),
+        4 * (both.to_numpy() ** 2).sum(),
+    ]
     found = f_test(frame, "y", "a", "b")
     assert [term.name for term in found.terms] == ["a", "b", "a:b"]
     assert [term.sum_of_squares for term in found.terms] == pytest.approx(expected, rel=1e-9)
@@ -44,8 +48,12 @@ def test_sums_of_squares_of_a_balanced_table_are_those_of_its_means():
 def test_a_change_of_unit_or_of_zero_moves_no_statistic():
     frame = crossed(3, 0.5)
     moved = frame.assign(y=frame["y"] * 1e-6 + 7e-4)
-    for one, other in zip(f_test(frame, "y", "a", "b").terms, f_test(moved, "y", "a", "b").terms, strict=True):
-        assert (one.f, one.p, one.eta_squared) == pytest.approx((other.f, other.p, other.eta_squared), rel=1e-7)
+    for one, other in zip(
+        f_test(frame, "y", "a", "b").terms, f_test(moved, "y", "a", "b").terms, strict=True
+    ):
+        assert (one.f, one.p, one.eta_squared) == pytest.approx(
+            (other.f, other.p, other.eta_squared), rel=1e-7
+        )
     (one,), (other,) = f_test(frame, "y", "a").intervals, f_test(moved, "y", "a").intervals
     assert (one.low * 1e-6, one.high * 1e-6, one.effect_size) == pytest.approx(
         (other.low, other.high, other.effect_size)
@@ -53,8 +61,8 @@ def test_a_change_of_unit_or_of_zero_moves_no_statistic():
 
 
 def test_the_interval_of_eta_squared_is_that_of_the_noncentrality():
-    # Steiger (2004): at the ends of the interval the observed F lies at the 2.5 % points of the noncentral F, as far as
-    # statsmodels solves for them
+    # Steiger (2004): at the ends of the interval the observed F lies at the 2.5 % points of the
+    # noncentral F, as far as statsmodels solves for them
     term = effect_of("probe", 2.0, 45.0, 1.0, 6.5)
     low, high = (48.0 * eta / (1.0 - eta) for eta in (term.eta_low, term.eta_high))
     assert stats.ncf.sf(6.5, 2, 45, low) == pytest.approx(0.025, abs=2e-5)
@@ -68,7 +76,11 @@ def test_the_interval_of_eta_squared_is_that_of_the_noncentrality():
     [
         (lambda f: f.assign(a="1"), ["a"], "a must have at least two levels"),
         (lambda f: f.assign(y=np.inf), ["a"], "y must be finite in every row"),
-        (lambda f: f[(f["a"] == "0") | (f["b"] != "2")], ["a", "b"], "every combination of a and b"),
+        (
+            lambda f: f[(f["a"] == "0") | (f["b"] != "2")],
+            ["a", "b"],
+            "every combination of a and b",
+        ),
         (lambda f: f.drop_duplicates(["a", "b"]), ["a", "b"], "the error must be estimable"),
         (lambda f: f.assign(y=f["a"].astype(float)), ["a"], "the error must be estimable"),
     ],
@@ -84,7 +96,9 @@ def test_checks_are_scipy_s_tests_in_any_unit():
     people = generator.standard_normal(8)
     normal, spread, sample = residual_checks(values * 1e-6, groups, people)
     assert normal.p == pytest.approx(stats.shapiro(values).pvalue, rel=1e-6)
-    assert spread.p == pytest.approx(stats.levene(*values.reshape(3, 20), center="median").pvalue, rel=1e-6)
+    assert spread.p == pytest.approx(
+        stats.levene(*values.reshape(3, 20), center="median").pvalue, rel=1e-6
+    )
     assert sample.p == pytest.approx(stats.shapiro(people).pvalue, rel=1e-6)
 
 

@@ -9,7 +9,14 @@ from stepblocks.errors import StudyError
 from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item, constant_stimuli, crossover
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.sheet import join_answers, key_csv, read_answers, read_design, sheet_rows, simulate_answers
+from stepblocks.study.sheet import (
+    join_answers,
+    key_csv,
+    read_answers,
+    read_design,
+    sheet_rows,
+    simulate_answers,
+)
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import csv_text
 
@@ -18,7 +25,9 @@ ENERGIES = {"step-025": 10e-6, "step-050": 35e-6, "step-075": 141e-6}
 
 
 def lined(rows):
-    return [row | {"line": f"answers.csv, line {number}"} for number, row in enumerate(rows, start=2)]
+    return [
+        row | {"line": f"answers.csv, line {number}"} for number, row in enumerate(rows, start=2)
+    ]
 
 
 @pytest.fixture
@@ -79,7 +88,11 @@ def test_a_trial_answered_twice_is_refused_with_both_places(study):
 def test_an_impossible_estimate_is_refused_with_its_line(study, value):
     design, answers = study
     answers[7]["estimate_um"] = value
-    refused(design, answers, rf"estimate_um must be a number from 0 to 1500, got '{value}' \[answers.csv, line 9\]")
+    refused(
+        design,
+        answers,
+        rf"estimate_um must be a number from 0 to 1500, got '{value}' \[answers.csv, line 9\]",
+    )
 
 
 def test_a_wrong_code_is_refused_and_the_right_one_named(study):
@@ -96,7 +109,9 @@ def test_another_probe_than_planned_is_refused(study):
 
 def test_a_trial_outside_the_design_is_refused(study):
     design, answers = study
-    refused(design, [*answers, answers[0] | {"participant": "99"}], "must be in the design, got '99'")
+    refused(
+        design, [*answers, answers[0] | {"participant": "99"}], "must be in the design, got '99'"
+    )
 
 
 def test_a_block_that_nobody_judged_is_refused(study):
@@ -152,11 +167,16 @@ def test_files_come_back_as_they_were_written(tmp_path):
 def test_run_sheets_are_blind_and_the_key_opens_them():
     design = constant_stimuli(3, BLOCKS, 2, 3, "step-050")
     rows = design.trials
-    sheet, key = csv_text(sheet_rows(rows)), list(csv.DictReader(io.StringIO(key_csv(design.blocks))))
+    sheet, key = (
+        csv_text(sheet_rows(rows)),
+        list(csv.DictReader(io.StringIO(key_csv(design.blocks)))),
+    )
     for item in BLOCKS:
         assert item.identity not in sheet
         assert item.engraved not in sheet
-    assert {(row["engraved"], row["stimulus"]) for row in key} == {(item.engraved, item.identity) for item in BLOCKS}
+    assert {(row["engraved"], row["stimulus"]) for row in key} == {
+        (item.engraved, item.identity) for item in BLOCKS
+    }
     by_code = {row["code"]: row["stimulus"] for row in key}
     for plan, shown in zip(rows, csv.DictReader(io.StringIO(sheet)), strict=True):
         pair = [by_code[shown["first_code"]], by_code[shown["second_code"]]]
@@ -175,7 +195,9 @@ def test_every_figure_of_the_results_has_a_unit(study):
     assert (
         result.judgements_csv()
         .splitlines()[0]
-        .startswith("participant,trial,condition,repetition,stimulus,height_um,estimate_um,error_um")
+        .startswith(
+            "participant,trial,condition,repetition,stimulus,height_um,estimate_um,error_um"
+        )
     )
 
 
@@ -184,7 +206,13 @@ def test_all_that_is_wrong_with_a_table_of_answers_is_told_at_once_by_its_lines(
     answers[0]["condition"] = "hard"
     answers[7]["estimate_um"] = answers[9]["estimate_um"] = "fifty"
     with pytest.raises(StudyError) as caught:
-        join_answers(design, [*answers, answers[3] | {"participant": "99", "line": "answers.csv, line 50"}])
+        join_answers(
+            design, [*answers, answers[3] | {"participant": "99", "line": "answers.csv, line 50"}]
+        )
     head, *lines = str(caught.value).splitlines()
     assert head == "3 mistakes [answers.csv]"
-    assert [line.rsplit("[", 1)[1] for line in lines] == ["line 2]", "line 50]", "line 9 and 1 more]"]
+    assert [line.rsplit("[", 1)[1] for line in lines] == [
+        "line 2]",
+        "line 50]",
+        "line 9 and 1 more]",
+    ]

@@ -50,7 +50,11 @@ def answered(folder, participant="1"):
 def test_real_blocks_are_named_by_code_and_probe_and_nothing_else(real):
     run = open_run(real, "1")
     state, row = run.state(), planned(real)[0]
-    assert (state["trial"], state["condition"], state["code"]) == ("1", row["condition"], row["code"])
+    assert (state["trial"], state["condition"], state["code"]) == (
+        "1",
+        row["condition"],
+        row["code"],
+    )
     text = json.dumps(state)
     assert row["stimulus"] not in text
     assert row["engraved"] not in text
@@ -104,11 +108,16 @@ def test_two_runs_of_one_participant_are_refused_and_other_mistakes_named(real):
     for options, message in (
         ({"participant": "9"}, "participant must be one of 1, 2, got '9'"),
         ({"participant": "1", "scale": 0.0}, "scale must be positive and finite, got 0"),
-        ({"participant": "1", "device": "glove"}, "device must be one of mouse, openhaptics, dhd, replay, got 'glove'"),
+        (
+            {"participant": "1", "device": "glove"},
+            "device must be one of mouse, openhaptics, dhd, replay, got 'glove'",
+        ),
     ):
         with pytest.raises((PipelineError, StudyError), match=message):
             open_run(real, **options)
-    (real / "runs" / "participant-1.csv").write_text("participant,trial,condition,code,estimate_um\n1,2,bare,AAA,30\n")
+    (real / "runs" / "participant-1.csv").write_text(
+        "participant,trial,condition,code,estimate_um\n1,2,bare,AAA,30\n"
+    )
     with pytest.raises(StudyError, match="trial must be 1 here, as planned, got 2"):
         open_run(real, "1")
 
@@ -166,7 +175,10 @@ def test_the_page_answers_only_itself(real):
     assert ask("/answer", [1], **mine)[0] == 400
     assert ask("/nowhere", {"x": 1}, **mine)[0] == 404
     status, said, _ = ask("/answer", {"trial": "1", "answers": {"estimate_um": "-1"}}, **mine)
-    assert (status, json.loads(said)["error"]) == (422, "estimate_um must be a number from 0 to 1000, got '-1'")
+    assert (status, json.loads(said)["error"]) == (
+        422,
+        "estimate_um must be a number from 0 to 1000, got '-1'",
+    )
     assert answered(real) == []
     assert json.loads(ask("/answer", good, **mine)[1])["trial"] == "2"
     client.close()

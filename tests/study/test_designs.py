@@ -30,14 +30,19 @@ PROBES = ("bare", "hard", "soft")
 def test_in_williams_orders_every_condition_follows_every_other_equally_often(conditions):
     balance = balance_of(williams_square(conditions))
     assert balance.exact
-    assert len(williams_square(conditions)) == (2 * conditions if conditions % 2 and conditions > 1 else conditions)
+    assert len(williams_square(conditions)) == (
+        2 * conditions if conditions % 2 and conditions > 1 else conditions
+    )
 
 
 def test_williams_square_of_four_is_the_published_one_up_to_labels():
-    # Williams (1949), 4 treatments: 0 1 3 2 / 1 2 0 3 / 2 3 1 0 / 3 0 2 1, here with 1 and 3 exchanged
+    # Williams (1949), 4 treatments: 0 1 3 2 / 1 2 0 3 / 2 3 1 0 / 3 0 2 1, here with 1 and 3
+    # exchanged
     published = [[0, 1, 3, 2], [1, 2, 0, 3], [2, 3, 1, 0], [3, 0, 2, 1]]
     relabel = np.array([0, 3, 2, 1])
-    assert sorted(relabel[row].tolist() for row in np.array(published)) == sorted(williams_square(4).tolist())
+    assert sorted(relabel[row].tolist() for row in np.array(published)) == sorted(
+        williams_square(4).tolist()
+    )
 
 
 @pytest.mark.parametrize("conditions", range(1, 13))
@@ -52,7 +57,9 @@ def test_any_number_of_participants_is_balanced_to_the_stated_bounds(conditions)
 
 def test_experiment_one_is_the_paper_s():
     design = crossover("estimates", 10, FOUR, 3, 5, PROBES)
-    cells = Counter((t["participant"], t["condition"], t["repetition"], t["stimulus"]) for t in design.trials)
+    cells = Counter(
+        (t["participant"], t["condition"], t["repetition"], t["stimulus"]) for t in design.trials
+    )
     assert len(cells) == 10 * 3 * 3 * 4
     assert set(cells.values()) == {1}
     assert design.balance.position_spread == 1
@@ -62,12 +69,16 @@ def test_experiment_one_is_the_paper_s():
         runs = [name for name, _ in groupby(own, lambda t: t["condition"])]
         assert sorted(runs) == sorted(PROBES)
         for start in range(0, 36, 4):  # a set is complete before the next begins
-            assert {t["stimulus"] for t in own[start : start + 4]} == {item.identity for item in FOUR}
+            assert {t["stimulus"] for t in own[start : start + 4]} == {
+                item.identity for item in FOUR
+            }
 
 
 def test_blocks_within_a_set_are_in_every_order_equally_often():
     trials = crossover("estimates", 200, FOUR[:3], 4, 2, PROBES).trials
-    orders = Counter(tuple(t["stimulus"] for t in trials[i : i + 3]) for i in range(0, len(trials), 3))
+    orders = Counter(
+        tuple(t["stimulus"] for t in trials[i : i + 3]) for i in range(0, len(trials), 3)
+    )
     expected = 200 * 3 * 4 / 6
     statistic = sum((count - expected) ** 2 / expected for count in orders.values())
     assert len(orders) == 6
@@ -145,7 +156,9 @@ def test_the_staircase_converges_on_its_target(hits_down):
         for _ in range(200):
             stairs.record(bool(generator.random() < ndtr(stairs.level)))
         found.append(stairs.threshold(skip=6))
-    assert np.mean(found) == pytest.approx(ndtri(0.5 ** (1 / hits_down)), abs=0.08)  # Levitt (1971), table I
+    assert np.mean(found) == pytest.approx(
+        ndtri(0.5 ** (1 / hits_down)), abs=0.08
+    )  # Levitt (1971), table I
 
 
 def test_quest_plus_recovers_threshold_and_spread_with_fewer_trials_than_constant_stimuli():
@@ -160,7 +173,9 @@ def test_quest_plus_recovers_threshold_and_spread_with_fewer_trials_than_constan
         before = entropy(quest.posterior)
         for _ in range(60):
             level = quest.next_level()
-            quest.record(level, bool(generator.random() < 0.02 + 0.96 * ndtr((level - 47.0) / 12.0)))
+            quest.record(
+                level, bool(generator.random() < 0.02 + 0.96 * ndtr((level - 47.0) / 12.0))
+            )
         assert entropy(quest.posterior) < before
         found.append([quest.quantile(which, 0.5) for which in (0, 1)])
     threshold, spread = np.mean(found, axis=0)

@@ -16,7 +16,12 @@ from stepblocks.study.prose import apa_p, headline, journal_table, methods
 from stepblocks.study.run import analyse_study, design_study, simulate_study, study_power
 
 HEIGHTS = (20e-6, 40e-6, 60e-6, 80e-6)
-COLUMNS = {"participant": "subject", "condition": "probe", "height_mm": "h", "estimate_um": "answer"}
+COLUMNS = {
+    "participant": "subject",
+    "condition": "probe",
+    "height_mm": "h",
+    "estimate_um": "answer",
+}
 
 
 def next_pair(folder, participant):
@@ -37,18 +42,32 @@ def result(study):
     return analyse_study(study, [study / "sheets"])
 
 
-def test_a_table_of_somebody_else_is_read_with_its_names_and_decimal_commas(study, result, tmp_path):
+def test_a_table_of_somebody_else_is_read_with_its_names_and_decimal_commas(
+    study, result, tmp_path
+):
     judged = pd.read_csv(__import__("io").StringIO(result.judgements_csv()))
     lines = ["subject;probe;h;answer;remark"]
     for row in judged.itertuples():
         lines.append(
-            f"{row.participant};{row.condition};{row.height_um / 1000:.3f};{row.estimate_um};x".replace(".", ",")
+            f"{row.participant};{row.condition};{row.height_um / 1000:.3f};{row.estimate_um};x".replace(
+                ".", ","
+            )
         )
     (tmp_path / "my.csv").write_text("\n".join(lines) + "\n", encoding="utf-8-sig")
     theirs = analyse_study(None, [tmp_path / "my.csv"], columns=COLUMNS)
     assert theirs.results_csv() == result.results_csv()
-    code = main(["study", "analyse", "--data", str(tmp_path / "my.csv"), "--columns",
-                 ",".join(f"{ours}={yours}" for ours, yours in COLUMNS.items()), "-o", str(tmp_path / "out")])  # fmt: skip
+    code = main(
+        [
+            "study",
+            "analyse",
+            "--data",
+            str(tmp_path / "my.csv"),
+            "--columns",
+            ",".join(f"{ours}={yours}" for ours, yours in COLUMNS.items()),
+            "-o",
+            str(tmp_path / "out"),
+        ]
+    )
     assert (code, (tmp_path / "out" / "results.csv").read_text()) == (0, result.results_csv())
 
 
@@ -84,20 +103,29 @@ def test_bids_says_what_every_column_is_and_its_validator_has_no_error(study, tm
     validator = shutil.which("bids-validator")
     if validator is None:
         pytest.skip("bids-validator (an npm package) is not installed")
-    found = subprocess.run([validator, "--json", str(tmp_path / "bids")], capture_output=True, text=True, check=False)
+    found = subprocess.run(
+        [validator, "--json", str(tmp_path / "bids")], capture_output=True, text=True, check=False
+    )
     assert json.loads(found.stdout)["issues"]["errors"] == []
 
 
-def test_conditions_for_psychopy_are_blinded_python_names_in_the_order_of_the_design(study, tmp_path):
+def test_conditions_for_psychopy_are_blinded_python_names_in_the_order_of_the_design(
+    study, tmp_path
+):
     share_study(study, [], tmp_path, "psychopy")
     conditions = pd.read_csv(tmp_path / "conditions-1.csv")
     assert all(name.isidentifier() for name in conditions.columns)
     design = pd.read_csv(study / "design.csv")
     assert conditions["code"].tolist() == design[design["participant"] == 1]["code"].tolist()
     assert not {"height_um", "stimulus", "engraved"} & set(conditions.columns)
-    utils = pytest.importorskip("psychopy.data.utils", reason="PsychoPy reads its conditions where it is installed")
+    utils = pytest.importorskip(
+        "psychopy.data.utils", reason="PsychoPy reads its conditions where it is installed"
+    )
     read, names = utils.importConditions(str(tmp_path / "conditions-1.csv"), returnFieldNames=True)
-    assert (names, [row["code"] for row in read]) == (list(conditions.columns), conditions["code"].tolist())
+    assert (names, [row["code"] for row in read]) == (
+        list(conditions.columns),
+        conditions["code"].tolist(),
+    )
 
 
 def test_the_report_opens_with_what_was_found_and_ends_as_a_journal_wants_it(result):
@@ -106,9 +134,16 @@ def test_the_report_opens_with_what_was_found_and_ends_as_a_journal_wants_it(res
     assert "no difference was found between bare and hard, which differ by less than" in said
     assert "µm" in said
     assert " um" not in said
-    assert [row["measure"] for row in journal_table(result)] == ["bias, µm", "absolute error, µm", "ln spread, µm"]
+    assert [row["measure"] for row in journal_table(result)] == [
+        "bias, µm",
+        "absolute error, µm",
+        "ln spread, µm",
+    ]
     assert "F(2, 10) = " in journal_table(result)[1]["F"]
-    assert "6 participants gave 216 judgements of 4 blocks in 3 conditions (bare, hard, soft)" in methods(result)
+    assert (
+        "6 participants gave 216 judgements of 4 blocks in 3 conditions (bare, hard, soft)"
+        in methods(result)
+    )
     assert [apa_p(p) for p in (0.0004, 0.0312, 0.5)] == ["< .001", "= .031", "= .500"]
 
 
@@ -116,50 +151,87 @@ def test_the_opening_sentence_says_once_what_is_compared(tmp_path):
     design_study(HEIGHTS, tmp_path, seed=1, participants=6, probes=("a", "b", "c"))
     simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2, noise={"b": 4.0, "c": 4.0})
     said = headline(analyse_study(tmp_path, [tmp_path / "answers.csv"]))
-    assert re.match("Compared with a, estimates with [bc] scatter .*; those with [bc] scatter ", said)
+    assert re.match(
+        "Compared with a, estimates with [bc] scatter .*; those with [bc] scatter ", said
+    )
     assert said.lower().count("compared with") == 1
 
 
 def test_groups_of_participants_are_compared(study, tmp_path):
     people = tmp_path / "people.csv"
     people.write_text(
-        "participant,group\n" + "".join(f"{n},{'dentist' if n < 4 else 'student'}\n" for n in range(1, 7))
+        "participant,group\n"
+        + "".join(f"{n},{'dentist' if n < 4 else 'student'}\n" for n in range(1, 7))
     )
     table = analyse_study(study, [study / "sheets"], groups=people, equivalent=2e-6).table()
-    assert {"group, partial eta squared", "condition:group, partial eta squared"} <= set(table["quantity"])
+    assert {"group, partial eta squared", "condition:group, partial eta squared"} <= set(
+        table["quantity"]
+    )
     assert "bare and hard differ by less than the margin" in set(table["quantity"])
     people.write_text("participant,group\n1,dentist\n")
-    with pytest.raises(StudyError, match="every participant must have a group, got none for 2, 3, 4, 5, 6"):
+    with pytest.raises(
+        StudyError, match="every participant must have a group, got none for 2, 3, 4, 5, 6"
+    ):
         analyse_study(study, [study / "sheets"], groups=people)
 
 
 def test_levels_too_coarse_to_tell_a_threshold_are_told_at_design_time(tmp_path):
-    coarse = design_study((20e-6, 50e-6, 80e-6), tmp_path / "a", seed=1, experiment="2afc", standard="step-050")
+    coarse = design_study(
+        (20e-6, 50e-6, 80e-6), tmp_path / "a", seed=1, experiment="2afc", standard="step-050"
+    )
     assert coarse.experiment == "constant"
     assert "only 0 of 2 blocks are mistaken for step-050 now and then" in coarse.advice
-    low, high = (float(text) for text in coarse.advice.split("between ")[1].removesuffix(" µm").split(" and "))
+    low, high = (
+        float(text)
+        for text in coarse.advice.split("between ")[1].removesuffix(" µm").split(" and ")
+    )
     fine = (20e-6, (0.8 * low + 10.0) * 1e-6, 50e-6, (0.8 * high + 10.0) * 1e-6, 80e-6)
-    assert design_study(fine, tmp_path / "b", seed=1, experiment="2afc", standard="step-050").advice == ""
+    assert (
+        design_study(fine, tmp_path / "b", seed=1, experiment="2afc", standard="step-050").advice
+        == ""
+    )
 
 
 def test_power_of_pairs_is_that_of_the_binomial():
     """Closed form of 1 participant pair more: at chance a one-sided 5 % test finds 5 %, far apart it always finds."""
-    table = study_power((49.999e-6, 50e-6, 90e-6), seed=3, experiment="2afc", standard="step-050", participants=(12,),
-                        repetitions=(10,), runs=2000)  # fmt: skip
+    table = study_power(
+        (49.999e-6, 50e-6, 90e-6),
+        seed=3,
+        experiment="2afc",
+        standard="step-050",
+        participants=(12,),
+        repetitions=(10,),
+        runs=2000,
+    )
     level, certain = table["power_ratio"]
     assert level == pytest.approx(0.05, abs=0.015)
     assert certain == 1.0
 
 
 def test_power_takes_its_conditions_from_the_probes_bare_included():
-    options = {"seed": 1, "participants": (4,), "repetitions": (2,), "runs": 10, "analysis": "f-test"}
-    (row,) = study_power(HEIGHTS, probes=("bare", "hard", "soft"), noise={"soft": 4.0}, **options).to_dict("records")
+    options = {
+        "seed": 1,
+        "participants": (4,),
+        "repetitions": (2,),
+        "runs": 10,
+        "analysis": "f-test",
+    }
+    (row,) = study_power(
+        HEIGHTS, probes=("bare", "hard", "soft"), noise={"soft": 4.0}, **options
+    ).to_dict("records")
     assert (row["judgements_each"], row["measure"]) == (2 * 4 * 3, "absolute error")
     assert row["power_ratio"] > 0.5
 
 
 def test_an_answer_can_be_taken_back_and_the_same_pair_is_asked_again(tmp_path, capsys):
-    start_adaptive((30e-6, 40e-6, 50e-6, 60e-6), tmp_path, standard="step-040", seed=1, participants=1, trials=5)
+    start_adaptive(
+        (30e-6, 40e-6, 50e-6, 60e-6),
+        tmp_path,
+        standard="step-040",
+        seed=1,
+        participants=1,
+        trials=5,
+    )
     pair = next_pair(tmp_path, 1)
     answer(tmp_path, 1, 1, True)
     second = next_pair(tmp_path, 1)

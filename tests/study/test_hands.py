@@ -79,7 +79,15 @@ def stubs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("stubs")
     for name, code in (("dhd", DHD), ("HD", HD)):
         (folder / f"{name}.c").write_text(code)
-        command = [compiler, "-shared", "-fPIC", "-o", folder / f"lib{name}.so", folder / f"{name}.c", "-lpthread"]
+        command = [
+            compiler,
+            "-shared",
+            "-fPIC",
+            "-o",
+            folder / f"lib{name}.so",
+            folder / f"{name}.c",
+            "-lpthread",
+        ]
         subprocess.run(command, check=True)
     return folder
 
@@ -117,19 +125,25 @@ def until(holds, seconds=20.0):
         time.sleep(0.002)
 
 
-@pytest.mark.parametrize(("trouble", "said"), [("hang", "the hand did not answer"), ("fail", "must tell its position")])
+@pytest.mark.parametrize(
+    ("trouble", "said"), [("hang", "the hand did not answer"), ("fail", "must tell its position")]
+)
 def test_a_device_in_doubt_pushes_again_when_its_switch_was_let_go_and_taken(stubs, trouble, said):
     """No page and no mouse has a part in it; the press before the trial does not count either."""
     hand = ForceDimension(str(stubs / "libdhd.so"))
     lib = hand._lib
     lib.stub_press(1)
-    servo = Servo(Renderer(Step(50e-6).centre_path(PAPER.ball_radius), PAPER, scale=100.0, rate=RATE), hand)
+    servo = Servo(
+        Renderer(Step(50e-6).centre_path(PAPER.ball_radius), PAPER, scale=100.0, rate=RATE), hand
+    )
     servo.start()
     try:
         until(lambda: servo.ticks > 50)
         assert not any(force_of(hand))  # held since before the trial began
         for _ in range(2):
-            while not any(force_of(hand)):  # a busy machine may be late, and be let go by the watchdog, on the way
+            while not any(
+                force_of(hand)
+            ):  # a busy machine may be late, and be let go by the watchdog, on the way
                 lib.stub_press(0)
                 until(lambda: servo.trusted)
                 lib.stub_press(1)
@@ -157,7 +171,9 @@ def test_openhaptics_calls_back_and_every_frame_is_begun_and_ended(stubs):
         while time.monotonic() < end and (force_of(hand) != [1.0, 3.0, -2.0] or not hand.read()[2]):
             time.sleep(0.005)
         position, velocity, held = hand.read()
-        assert position == pytest.approx([-4e-3, -3e-3, 11e-3])  # millimetres, y up, z to the operator
+        assert position == pytest.approx(
+            [-4e-3, -3e-3, 11e-3]
+        )  # millimetres, y up, z to the operator
         assert velocity == pytest.approx([20e-3, -2e-3, 1e-3])
         assert held
         assert force_of(hand) == [1.0, 3.0, -2.0]

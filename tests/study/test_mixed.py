@@ -12,9 +12,20 @@ def judged(seed=1, people=8, response=0.6):
     """Estimates of two blocks by `people` with two probes, three times each; participants differ in level and response."""
     generator = np.random.default_rng(seed)
     person, probe, block, _ = (index.ravel() for index in np.indices((people, 2, 2, 3)))
-    y = 0.5 * probe + generator.standard_normal(people)[person] + generator.standard_normal(person.size)
+    y = (
+        0.5 * probe
+        + generator.standard_normal(people)[person]
+        + generator.standard_normal(person.size)
+    )
     y += response * generator.standard_normal((people, 2))[person, probe]
-    return pd.DataFrame({"y": y, "person": person.astype(str), "probe": probe.astype(str), "block": block.astype(str)})
+    return pd.DataFrame(
+        {
+            "y": y,
+            "person": person.astype(str),
+            "probe": probe.astype(str),
+            "block": block.astype(str),
+        }
+    )
 
 
 def fitted(frame):
@@ -48,7 +59,8 @@ def test_the_level_of_a_participant_says_nothing_about_the_probes():
     frame = judged(3)
     shifted = frame.assign(y=frame["y"] + 3.0 * frame["person"].astype(float))
     assert fitted(shifted).condition.f == pytest.approx(fitted(frame).condition.f, rel=1e-4)
-    # 0, 3 ... 21 have a standard deviation of 7.3, beside which the participants' own of 1 is little
+    # 0, 3 ... 21 have a standard deviation of 7.3, beside which the participants' own of 1 is
+    # little
     assert fitted(shifted).sd_participant == pytest.approx(7.3, abs=1.0)
 
 
@@ -60,20 +72,24 @@ def test_fitted_values_and_residuals_make_the_judgements_again():
 
 
 def test_an_optimum_is_known_to_all_its_digits_whatever_the_last_bits_and_the_order_of_the_rows():
-    # a likelihood is flat at its optimum: a line search alone knew it to half its digits, which ones by chance. Of complete
-    # data the statistic at the optimum itself is Student's t squared
+    # a likelihood is flat at its optimum: a line search alone knew it to half its digits, which
+    # ones by chance. Of complete data the statistic at the optimum itself is Student's t squared
     from scipy.stats import ttest_rel
 
     frame, random = judged(5), np.random.default_rng(5)
     means = frame.groupby(["person", "probe"])["y"].mean().unstack()
     fit = fitted(frame)
-    assert fit.condition.f == pytest.approx(ttest_rel(means["0"], means["1"]).statistic ** 2, rel=1e-10)
+    assert fit.condition.f == pytest.approx(
+        ttest_rel(means["0"], means["1"]).statistic ** 2, rel=1e-10
+    )
     bits = frame.assign(y=frame["y"] * (1.0 + 1e-13 * random.choice([-1.0, 1.0], len(frame))))
     for other in (fitted(bits), fitted(frame.sample(frac=1.0, random_state=5))):
         for name in ("sd_participant", "sd_condition", "sd_residual"):
             assert getattr(other, name) == pytest.approx(getattr(fit, name), rel=1e-9)
         assert other.condition.f == pytest.approx(fit.condition.f, rel=1e-9)
-        assert [row[1:] for row in other.means] == [pytest.approx(row[1:], rel=1e-9) for row in fit.means]
+        assert [row[1:] for row in other.means] == [
+            pytest.approx(row[1:], rel=1e-9) for row in fit.means
+        ]
 
 
 def test_intervals_can_be_left_out():

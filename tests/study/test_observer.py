@@ -7,7 +7,13 @@ import pandas as pd
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.simulate import Observer, estimate_heights, feel, feels_higher, read_off_height
+from stepblocks.study.simulate import (
+    Observer,
+    estimate_heights,
+    feel,
+    feels_higher,
+    read_off_height,
+)
 
 HEIGHTS = np.array([20e-6, 40e-6, 80e-6])
 KNOWN = (HEIGHTS, 0.5 * HEIGHTS)  # energy in proportion to height
@@ -17,7 +23,9 @@ STILL = Observer(weber=0.0, response_noise=0.0, participant_spread=0.0)
 def trials(people=4, settings=2, each=50, share=1.0):
     person, setting, block, _ = (i.ravel() for i in np.indices((people, settings, 3, each)))
     energy = share * KNOWN[1][block]
-    return pd.DataFrame({"person": person, "setting": setting, "height": HEIGHTS[block], "energy": energy})
+    return pd.DataFrame(
+        {"person": person, "setting": setting, "height": HEIGHTS[block], "energy": energy}
+    )
 
 
 def estimated(observer, seed=1, **size):
@@ -41,19 +49,24 @@ def test_a_difference_of_one_weber_fraction_is_told_right_three_times_in_four(we
 
 def test_equal_blocks_are_told_apart_by_chance_and_lapses_are_a_coin():
     generator, runs = np.random.default_rng(4), 4000
-    assert sum(feels_higher(1.0, 1.0, Observer(), generator) for _ in range(runs)) / runs == pytest.approx(
-        0.5, abs=0.032
-    )
+    assert sum(
+        feels_higher(1.0, 1.0, Observer(), generator) for _ in range(runs)
+    ) / runs == pytest.approx(0.5, abs=0.032)
     lapsing = Observer(weber=0.0, lapse=0.4)
     # without noise the higher block is always told, but in the 40 % where a coin decides
-    assert sum(feels_higher(2.0, 1.0, lapsing, generator) for _ in range(runs)) / runs == pytest.approx(0.8, abs=0.026)
+    assert sum(
+        feels_higher(2.0, 1.0, lapsing, generator) for _ in range(runs)
+    ) / runs == pytest.approx(0.8, abs=0.026)
 
 
 def test_two_felt_energies_differ_by_the_noise_of_one_comparison():
     observer = Observer(weber=0.3)
     felt = np.log(feel(np.ones(40_000), observer, np.random.default_rng(5)))
-    # sigma of a comparison is ln(1.3) / z(0.75); each of the two sensations has its share of the variance
-    assert felt.std() * math.sqrt(2.0) == pytest.approx(math.log(1.3) / 0.6744897501960817, rel=0.02)
+    # sigma of a comparison is ln(1.3) / z(0.75); each of the two sensations has its share of the
+    # variance
+    assert felt.std() * math.sqrt(2.0) == pytest.approx(
+        math.log(1.3) / 0.6744897501960817, rel=0.02
+    )
 
 
 def test_every_spread_is_seen_where_it_belongs():
@@ -73,7 +86,9 @@ def test_every_spread_is_seen_where_it_belongs():
 
 
 def test_a_lapse_is_the_height_of_some_block_and_no_estimate_is_negative():
-    table, heights = estimated(Observer(weber=0.0, response_noise=0.0, participant_spread=0.0, lapse=0.5))
+    table, heights = estimated(
+        Observer(weber=0.0, response_noise=0.0, participant_spread=0.0, lapse=0.5)
+    )
     wrong = ~np.isclose(heights, table["height"], rtol=1e-9, atol=0.0)
     # half lapse, of which two thirds get the height of another block
     assert np.mean(wrong) == pytest.approx(1.0 / 3.0, abs=0.05)
@@ -84,7 +99,9 @@ def test_a_lapse_is_the_height_of_some_block_and_no_estimate_is_negative():
 def test_reading_off_goes_through_what_is_known_and_on_in_straight_lines_of_logarithms():
     curved = HEIGHTS**2.0
     assert read_off_height(curved, HEIGHTS, curved) == pytest.approx(HEIGHTS, rel=1e-12)
-    assert read_off_height([4.0 * curved[-1]], HEIGHTS, curved) == pytest.approx([2.0 * HEIGHTS[-1]], rel=1e-12)
+    assert read_off_height([4.0 * curved[-1]], HEIGHTS, curved) == pytest.approx(
+        [2.0 * HEIGHTS[-1]], rel=1e-12
+    )
     assert read_off_height(curved, HEIGHTS[::-1], curved[::-1]) == pytest.approx(HEIGHTS, rel=1e-12)
     with pytest.raises(StudyError, match="at least two, positive, and rise"):
         read_off_height([1.0], HEIGHTS[:1], curved[:1])

@@ -5,15 +5,28 @@ import pandas as pd
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.ordinal import cluster_covariance, fit_proportional_odds, ordinal_model
+from stepblocks.study.analysis.ordinal import (
+    cluster_covariance,
+    fit_proportional_odds,
+    ordinal_model,
+)
 
 
 def ratings(seed, people, each, response, cuts=(-0.7, 0.8)):
     generator = np.random.default_rng(seed)
     person, on = np.repeat(np.arange(people), 2 * each), np.tile(np.repeat([0, 1], each), people)
-    latent = 0.7 * generator.standard_normal(people)[person] + response * generator.standard_normal(people)[person] * on
+    latent = (
+        0.7 * generator.standard_normal(people)[person]
+        + response * generator.standard_normal(people)[person] * on
+    )
     rating = np.digitize(latent + generator.logistic(size=person.size), cuts)
-    return pd.DataFrame({"rating": rating, "condition": np.where(on, "on", "off"), "participant": person.astype(str)})
+    return pd.DataFrame(
+        {
+            "rating": rating,
+            "condition": np.where(on, "on", "off"),
+            "participant": person.astype(str),
+        }
+    )
 
 
 def parts(frame):
@@ -28,7 +41,9 @@ def test_the_derivatives_are_those_of_the_likelihood():
 
     model = fit_proportional_odds(*parts(ratings(1, 6, 10, 0.5, (-2.0, -0.5, 0.4, 1.9)))).model
     at = np.array([0.31, -0.22, -1.7, 0.35, -0.1, 0.44])
-    assert model.score(at) == pytest.approx(approx_fprime(at, model.loglike, 1e-7), rel=1e-4, abs=1e-4)
+    assert model.score(at) == pytest.approx(
+        approx_fprime(at, model.loglike, 1e-7), rel=1e-4, abs=1e-4
+    )
     assert np.linalg.eigvalsh(model.hessian(at)).max() < 0.0
 
 
@@ -40,7 +55,11 @@ def test_with_two_categories_it_is_the_logit_of_statsmodels_with_its_clustered_e
     groups = frame["participant"].astype(int).to_numpy()
     fit = fit_proportional_odds(ordered, exog)
     logit = sm.Logit(frame["rating"], sm.add_constant(exog)).fit(
-        disp=0, method="newton", tol=1e-12, cov_type="cluster", cov_kwds={"groups": groups, "use_correction": False}
+        disp=0,
+        method="newton",
+        tol=1e-12,
+        cov_type="cluster",
+        cov_kwds={"groups": groups, "use_correction": False},
     )
     assert fit.params.to_numpy()[:2] == pytest.approx(logit.params.to_numpy()[1:], rel=1e-6)
     ours = cluster_covariance(fit, groups)[:2, :2] * 8.0 / 9.0
@@ -51,7 +70,10 @@ def test_the_test_over_participants_keeps_its_level_where_they_respond_different
     from scipy.stats import binom
 
     runs = 60
-    found = [ordinal_model(ratings(seed, 6, 9, 1.5), "rating", "condition", "participant") for seed in range(runs)]
+    found = [
+        ordinal_model(ratings(seed, 6, 9, 1.5), "rating", "condition", "participant")
+        for seed in range(runs)
+    ]
     most = binom.ppf(0.9995, runs, 0.05)
     assert sum(fit.participants["p"] < 0.05 for fit in found) <= most
 
@@ -59,15 +81,21 @@ def test_the_test_over_participants_keeps_its_level_where_they_respond_different
 def test_intervals_are_those_of_student_over_participants_and_the_test_is_the_same_statement():
     fit = ordinal_model(ratings(4, 7, 6, 0.4), "rating", "condition", "participant")
     (effect,) = fit.effects
-    assert fit.participants["statistic"] == pytest.approx((effect.log_odds / effect.error) ** 2, rel=1e-9)
+    assert fit.participants["statistic"] == pytest.approx(
+        (effect.log_odds / effect.error) ** 2, rel=1e-9
+    )
     assert (fit.participants["df"], fit.participants["df_error"]) == (1.0, 6.0)
     # two-sided 95 % point of Student's t with 6 degrees of freedom: 2.4469 (any table)
-    assert np.log(effect.high / effect.low) == pytest.approx(2.0 * 2.446912 * effect.error, rel=1e-6)
+    assert np.log(effect.high / effect.low) == pytest.approx(
+        2.0 * 2.446912 * effect.error, rel=1e-6
+    )
     assert (effect.low < 1.0 < effect.high) == (fit.participants["p"] > 0.05)
 
 
 def test_too_few_participants_are_refused():
-    with pytest.raises(StudyError, match="more participants than compared conditions must have rated"):
+    with pytest.raises(
+        StudyError, match="more participants than compared conditions must have rated"
+    ):
         ordinal_model(
             ratings(5, 2, 12, 0.0).assign(condition=lambda f: [f"c{i % 3}" for i in range(len(f))]),
             "rating",

@@ -21,7 +21,8 @@ def walked(stairs, answers):
 def test_two_down_one_up_by_hand():
     stairs = Staircase([1.0, 2.0, 3.0, 4.0])
     assert walked(stairs, "++-++++-+") == [4.0, 4.0, 3.0, 4.0, 4.0, 3.0, 3.0, 2.0, 3.0]
-    # down from 4, up from 3 (a reversal), down from 4 (a reversal) and on from 3, up from 2 (a reversal)
+    # down from 4, up from 3 (a reversal), down from 4 (a reversal) and on from 3, up from 2 (a
+    # reversal)
     assert stairs.reversals == [3.0, 4.0, 2.0]
     assert stairs.level == 3.0
 
@@ -66,7 +67,9 @@ def test_before_the_first_answer_everything_is_as_likely():
     assert quest.quantile(0, 0.025) <= quest.quantile(0, 0.975)
 
 
-@pytest.mark.parametrize(("make", "message"), [(lambda: Staircase([1.0]), "levels must be at least two")])
+@pytest.mark.parametrize(
+    ("make", "message"), [(lambda: Staircase([1.0]), "levels must be at least two")]
+)
 def test_an_impossible_procedure_is_refused(make, message):
     with pytest.raises(StudyError, match=message):
         make()

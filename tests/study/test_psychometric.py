@@ -33,7 +33,9 @@ def test_the_unit_of_the_levels_moves_the_threshold_alone():
     one = fit_psychometric(LEVELS, exact_hits(), TOTALS)
     other = fit_psychometric(LEVELS * 1e6, exact_hits(), TOTALS)
     assert other.threshold == pytest.approx(one.threshold * 1e6, rel=1e-4)
-    assert (other.weber, other.lapse, other.deviance) == pytest.approx((one.weber, one.lapse, one.deviance), abs=2e-4)
+    assert (other.weber, other.lapse, other.deviance) == pytest.approx(
+        (one.weber, one.lapse, one.deviance), abs=2e-4
+    )
 
 
 def test_answers_mirrored_about_the_threshold_mirror_the_fit():
@@ -41,7 +43,9 @@ def test_answers_mirrored_about_the_threshold_mirror_the_fit():
     hits = exact_hits(36e-6)
     one = fit_psychometric(LEVELS, hits, TOTALS)
     other = fit_psychometric((40e-6**2 / LEVELS)[::-1], (EACH - hits)[::-1], TOTALS)
-    assert other.threshold * one.threshold == pytest.approx(40e-6**2, rel=1e-6)  # as far as the optimiser goes
+    assert other.threshold * one.threshold == pytest.approx(
+        40e-6**2, rel=1e-6
+    )  # as far as the optimiser goes
     assert other.spread == pytest.approx(one.spread, rel=1e-5)
 
 
@@ -60,7 +64,9 @@ def test_four_times_the_trials_halve_the_interval():
 
 def test_levels_without_trials_say_nothing():
     fit = fit_psychometric([*LEVELS, 1.0], [*exact_hits(), 0], [*TOTALS, 0])
-    assert fit.threshold == pytest.approx(fit_psychometric(LEVELS, exact_hits(), TOTALS).threshold, rel=1e-12)
+    assert fit.threshold == pytest.approx(
+        fit_psychometric(LEVELS, exact_hits(), TOTALS).threshold, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,9 @@ def nist(name):
     return pd.DataFrame({"group": data[:, 0].astype(int).astype(str), "y": data[:, 1]}), certified
 
 
-@pytest.mark.parametrize("name", ["SiRstv.dat", "AtmWtAg.dat", "SmLs01.dat", "SmLs04.dat", "SmLs06.dat"])
+@pytest.mark.parametrize(
+    "name", ["SiRstv.dat", "AtmWtAg.dat", "SmLs01.dat", "SmLs04.dat", "SmLs06.dat"]
+)
 def test_f_test_gives_the_certified_values_of_nist(name):
     frame, certified = nist(name)
     term = f_test(frame, "y", "group", intervals=False).terms[0]
@@ -43,7 +45,8 @@ WARPBREAKS = (
 
 
 def test_tukey_s_intervals_are_those_of_r_s_documentation():
-    # R, ?TukeyHSD: TukeyHSD(aov(breaks ~ wool + tension, data = warpbreaks), "tension"), all digits that R prints
+    # R, ?TukeyHSD: TukeyHSD(aov(breaks ~ wool + tension, data = warpbreaks), "tension"), all digits
+    # that R prints
     frame = pd.DataFrame(
         {
             "breaks": np.array(WARPBREAKS.split(), float),
@@ -69,10 +72,18 @@ def test_tukey_s_intervals_are_those_of_r_s_documentation():
 def test_tukey_s_intervals_are_scipy_s_where_there_is_one_factor():
     from scipy.stats import tukey_hsd
 
-    groups = [[24.5, 23.5, 26.4, 27.1, 29.9], [28.4, 34.2, 29.5, 32.2, 30.1], [26.1, 28.3, 24.3, 26.2, 27.8, 25.0]]
-    other = tukey_hsd(*groups)  # the example of its documentation and one value more, so that numbers differ
+    groups = [
+        [24.5, 23.5, 26.4, 27.1, 29.9],
+        [28.4, 34.2, 29.5, 32.2, 30.1],
+        [26.1, 28.3, 24.3, 26.2, 27.8, 25.0],
+    ]
+    other = tukey_hsd(
+        *groups
+    )  # the example of its documentation and one value more, so that numbers differ
     limits = other.confidence_interval(0.95)
-    frame = pd.DataFrame([(str(i), v) for i, group in enumerate(groups) for v in group], columns=["group", "y"])
+    frame = pd.DataFrame(
+        [(str(i), v) for i, group in enumerate(groups) for v in group], columns=["group", "y"]
+    )
     for one in f_test(frame, "y", "group").intervals:
         i, j = int(one.first), int(one.second)
         assert one.difference == pytest.approx(other.statistic[i, j], rel=1e-9)
@@ -87,11 +98,14 @@ DYESTUFF = (
 
 
 def test_mixed_model_gives_lme4_s_estimates_of_the_dyestuff():
-    # Bates, lme4: Mixed-effects modeling with R (2010), section 1.3: lmer(Yield ~ 1 + (1 | Batch), Dyestuff):
-    # REML criterion 319.65, variances 1764.05 and 2451.25, intercept 1527.50, its standard error 19.38.
-    # The design is balanced, so REML has a closed form in the mean squares of the analysis of variance.
+    # Bates, lme4: Mixed-effects modeling with R (2010), section 1.3: lmer(Yield ~ 1 + (1 | Batch),
+    # Dyestuff): REML criterion 319.65, variances 1764.05 and 2451.25, intercept 1527.50, its
+    # standard error 19.38. The design is balanced, so REML has a closed form in the mean squares of
+    # the analysis of variance.
     values = np.array(DYESTUFF.split(), float).reshape(6, 5)
-    frame = pd.DataFrame({"yield": values.ravel(), "batch": np.repeat(list("ABCDEF"), 5), "all": "all"})
+    frame = pd.DataFrame(
+        {"yield": values.ravel(), "batch": np.repeat(list("ABCDEF"), 5), "all": "all"}
+    )
     fit = mixed_model(frame, "yield", "all", "batch")
     within = values.var(axis=1, ddof=1).mean()
     between = values.mean(axis=1).var(ddof=1) * 5
@@ -106,11 +120,14 @@ def test_mixed_model_gives_lme4_s_estimates_of_the_dyestuff():
     assert fit.converged
 
 
-@pytest.mark.parametrize(("response", "seed", "remarked"), [(0.8, 3, False), (0.0, 1, True), (0.0, 2, True)])
+@pytest.mark.parametrize(
+    ("response", "seed", "remarked"), [(0.8, 3, False), (0.0, 1, True), (0.0, 2, True)]
+)
 def test_mixed_model_gives_the_repeated_measures_f_of_statsmodels(response, seed, remarked):
     from statsmodels.stats.anova import AnovaRM
 
-    # For complete data the two tests are one, also where a variance comes out as zero; the oracle is another routine.
+    # For complete data the two tests are one, also where a variance comes out as zero; the oracle
+    # is another routine.
     generator = np.random.default_rng(seed)
     person, probe, block, _ = (i.ravel() for i in np.indices((8, 3, 2, 2)))
     y = (
@@ -120,12 +137,21 @@ def test_mixed_model_gives_the_repeated_measures_f_of_statsmodels(response, seed
         + 0.4 * probe
     )
     frame = pd.DataFrame(
-        {"y": y * 1e-6, "person": person.astype(str), "probe": probe.astype(str), "block": block.astype(str)}
+        {
+            "y": y * 1e-6,
+            "person": person.astype(str),
+            "probe": probe.astype(str),
+            "block": block.astype(str),
+        }
     )
     fit = mixed_model(frame, "y", "probe", "person", "block")
     term = fit.condition
     assert bool(fit.remarks) == remarked
-    table = AnovaRM(frame.assign(y=y), "y", "person", within=["probe"], aggregate_func="mean").fit().anova_table
+    table = (
+        AnovaRM(frame.assign(y=y), "y", "person", within=["probe"], aggregate_func="mean")
+        .fit()
+        .anova_table
+    )
     assert term.f == pytest.approx(table["F Value"].iloc[0], rel=1e-5)
     assert term.p == pytest.approx(table["Pr > F"].iloc[0], rel=1e-5)
     assert (term.df, term.df_error) == (2, 14)
@@ -139,8 +165,8 @@ BEETLES = (
 
 
 def test_psychometric_fit_gives_the_published_probit_of_bliss_s_beetles():
-    # Bliss (1935); Dobson, An Introduction to Generalized Linear Models, table 7.4 and R: probit -34.935 + 19.728 x, deviance 10.12,
-    # where the best lapse rate is 0
+    # Bliss (1935); Dobson, An Introduction to Generalized Linear Models, table 7.4 and R: probit
+    # -34.935 + 19.728 x, deviance 10.12, where the best lapse rate is 0
     x, dead, total = BEETLES
     fit = fit_psychometric(np.exp(x), dead, total)
     assert 1 / fit.spread == pytest.approx(19.728, abs=5e-4)
@@ -150,33 +176,47 @@ def test_psychometric_fit_gives_the_published_probit_of_bliss_s_beetles():
 
 
 def test_threshold_and_its_error_are_those_of_dose_p():
-    # Venables and Ripley, Modern Applied Statistics with S, section 7.2, the formula of dose.p at p = 1/2 of a probit: the delta
-    # method on statsmodels' own covariance; without lapses in the data ours is the same statement
+    # Venables and Ripley, Modern Applied Statistics with S, section 7.2, the formula of dose.p at p
+    # = 1/2 of a probit: the delta method on statsmodels' own covariance; without lapses in the data
+    # ours is the same statement
     import statsmodels.api as sm
 
     x, dead, total = (np.asarray(values, dtype=float) for values in BEETLES)
     probit = sm.families.Binomial(sm.families.links.Probit())
-    glm = sm.GLM(np.column_stack([dead, total - dead]), sm.add_constant(x), family=probit).fit(tol=1e-14)
+    glm = sm.GLM(np.column_stack([dead, total - dead]), sm.add_constant(x), family=probit).fit(
+        tol=1e-14
+    )
     dose = -glm.params[0] / glm.params[1]
     gradient = np.array([1.0, dose]) / glm.params[1]
     # the observed information, which ours inverts, is not the expected one of a probit, but near it
     error = np.sqrt(gradient @ np.asarray(glm.cov_params()) @ gradient)
     fit = fit_psychometric(np.exp(x), dead, total)
     assert np.log(fit.threshold) == pytest.approx(dose, abs=1e-6)
-    assert np.log(fit.threshold_high / fit.threshold_low) / 2.0 / 1.959964 == pytest.approx(error, rel=0.02)
+    assert np.log(fit.threshold_high / fit.threshold_low) / 2.0 / 1.959964 == pytest.approx(
+        error, rel=0.02
+    )
 
 
 def test_ordinal_model_gives_stata_s_ologit():
-    # UCLA Statistical Consulting, Ordered logistic regression, Stata output; the data ship with statsmodels' tests
+    # UCLA Statistical Consulting, Ordered logistic regression, Stata output; the data ship with
+    # statsmodels' tests
     import statsmodels
 
-    path = Path(statsmodels.__file__).parent / "miscmodels" / "tests" / "results" / "ologit_ucla.csv"
+    path = (
+        Path(statsmodels.__file__).parent / "miscmodels" / "tests" / "results" / "ologit_ucla.csv"
+    )
     if not path.is_file():
         pytest.skip("this statsmodels comes without its tests")
     frame = pd.read_csv(path)
-    frame["apply"] = pd.Categorical(frame["apply"], ["unlikely", "somewhat likely", "very likely"], ordered=True)
+    frame["apply"] = pd.Categorical(
+        frame["apply"], ["unlikely", "somewhat likely", "very likely"], ordered=True
+    )
     fit = fit_proportional_odds(pd.Series(frame["apply"]), frame[["pared", "public", "gpa"]])
-    printed = {"pared": (1.047664, 0.2657891), "public": (-0.0586828, 0.2978588), "gpa": (0.6157458, 0.2606311)}
+    printed = {
+        "pared": (1.047664, 0.2657891),
+        "public": (-0.0586828, 0.2978588),
+        "gpa": (0.6157458, 0.2606311),
+    }
     for name, (log_odds, error) in printed.items():
         assert (fit.params[name], fit.bse[name]) == pytest.approx((log_odds, error), abs=1e-6)
     assert fit.llf == pytest.approx(-358.51244, abs=1e-5)
@@ -184,7 +224,8 @@ def test_ordinal_model_gives_stata_s_ologit():
 
 def test_power_law_is_exact_on_exact_data():
     frame = pd.DataFrame(
-        [(p, x, m * x**0.5) for p, m in (("1", 2.0), ("2", 7.0)) for x in (1e-5, 3e-5, 9e-5)], columns=["p", "x", "y"]
+        [(p, x, m * x**0.5) for p, m in (("1", 2.0), ("2", 7.0)) for x in (1e-5, 3e-5, 9e-5)],
+        columns=["p", "x", "y"],
     )
     law = power_law(frame, "y", "x", "p")
     assert (law.exponent, law.low, law.high) == pytest.approx((0.5, 0.5, 0.5), abs=1e-9)

@@ -13,7 +13,13 @@ from stepblocks.study.analysis.psychometric import MAX_LAPSE, fit_psychometric
 from stepblocks.study.design import Item, constant_stimuli
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.sheet import join_answers, simulate_answers
-from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_value, read_off_height
+from stepblocks.study.simulate import (
+    Observer,
+    SimulatedStudy,
+    estimate_power,
+    p_value,
+    read_off_height,
+)
 
 HEIGHTS = np.arange(30, 75, 5)
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in HEIGHTS]
@@ -25,8 +31,9 @@ def lined(rows):
 
 
 def test_a_known_weber_fraction_is_recovered_without_bias():
-    # Energy in proportion to height, so that the Weber fraction of the energy is that of the height; 100 fits of 1440 pairs (of
-    # 360, as docs/study.md says, it comes out low: a lapse rate that cannot be below zero takes what is not its own)
+    # Energy in proportion to height, so that the Weber fraction of the energy is that of the
+    # height; 100 fits of 1440 pairs (of 360, as docs/study.md says, it comes out low: a lapse rate
+    # that cannot be below zero takes what is not its own)
     from scipy.special import ndtr
 
     generator = np.random.default_rng(11)
@@ -36,7 +43,9 @@ def test_a_known_weber_fraction_is_recovered_without_bias():
     for _ in range(100):
         hits = generator.binomial(totals, ndtr(np.log(HEIGHTS / 50.0) / sigma))
         fit = fit_psychometric(HEIGHTS * 1e-6, hits, totals)
-        found.append((math.log(fit.threshold / 50e-6), fit.weber, fit.weber_low < 0.2 < fit.weber_high))
+        found.append(
+            (math.log(fit.threshold / 50e-6), fit.weber, fit.weber_low < 0.2 < fit.weber_high)
+        )
     middle, weber, covered = np.mean(found, axis=0)
     error = np.std(found, axis=0) / math.sqrt(len(found))
     assert abs(middle) < 3 * error[0]
@@ -47,7 +56,9 @@ def test_a_known_weber_fraction_is_recovered_without_bias():
 def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
     design = constant_stimuli(8, BLOCKS, 6, 1, "step-050").trials
     energies = {item.identity: item.height for item in BLOCKS}
-    table = join_answers(design, lined(simulate_answers(design, energies, {}, Observer(weber=0.15), seed=5)))
+    table = join_answers(
+        design, lined(simulate_answers(design, energies, {}, Observer(weber=0.15), seed=5))
+    )
     curve = table.analyse().curves[-1]
     assert curve.who == "all"
     assert sum(curve.totals) == 8 * 8 * 12
@@ -93,7 +104,9 @@ def test_height_of_energy_inverts_the_prediction():
     from stepblocks.contact.energy import release_at
 
     heights = np.array([25e-6, 50e-6, 75e-6])
-    energies = np.array([release_at(step_angle(h, 125e-6), 1.0, 0.15).vibration_energy for h in heights])
+    energies = np.array(
+        [release_at(step_angle(h, 125e-6), 1.0, 0.15).vibration_energy for h in heights]
+    )
     assert read_off_height(energies, heights, energies) == pytest.approx(heights, rel=1e-12)
     assert read_off_height([energies[0] / 2], heights, energies)[0] < heights[0]
     with pytest.raises(StudyError, match="rise with the height"):
@@ -108,13 +121,24 @@ def binomial_band(runs, rate=0.05):
     return low / runs, high / runs
 
 
-@pytest.mark.parametrize(("analysis", "runs", "participants"), [("f-test", 200, 3), ("mixed", 100, 8)])
+@pytest.mark.parametrize(
+    ("analysis", "runs", "participants"), [("f-test", 200, 3), ("mixed", 100, 8)]
+)
 def test_no_effect_is_found_in_five_of_a_hundred_studies(analysis, runs, participants):
-    # participants differ in nothing for the F-test, which assumes so; in level and in their response to a condition for the mixed model
+    # participants differ in nothing for the F-test, which assumes so; in level and in their
+    # response to a condition for the mixed model
     spread = 0.0 if analysis == "f-test" else 6e-6
-    observer = Observer(weber=0.1, response_noise=6e-6, participant_spread=spread, condition_spread=spread)
+    observer = Observer(
+        weber=0.1, response_noise=6e-6, participant_spread=spread, condition_spread=spread
+    )
     plan = SimulatedStudy(
-        participants, 2, (60e-6, 80e-6), (3e-5, 4e-5), (("a", 1.0), ("b", 1.0)), observer, measure="bias"
+        participants,
+        2,
+        (60e-6, 80e-6),
+        (3e-5, 4e-5),
+        (("a", 1.0), ("b", 1.0)),
+        observer,
+        measure="bias",
     )
     low, high = binomial_band(runs)
     p = np.array([p_value(plan, analysis, seed) for seed in range(runs)])
@@ -122,18 +146,24 @@ def test_no_effect_is_found_in_five_of_a_hundred_studies(analysis, runs, partici
 
 
 def test_closed_form_power_is_the_textbook_s_and_begins_at_the_level():
-    # Cohen (1988), table 2.3.5: two groups of 64, d = 0.5, two-sided 5 %: power 0.80 (0.8015 by G*Power and R's power.t.test)
+    # Cohen (1988), table 2.3.5: two groups of 64, d = 0.5, two-sided 5 %: power 0.80 (0.8015 by
+    # G*Power and R's power.t.test)
     assert closed_form_power({"a": 0.0, "b": 0.5}, 64, 1.0, 126) == pytest.approx(0.8015, abs=5e-5)
     assert closed_form_power({"a": 0.0, "b": 0.0}, 64, 1.0, 126) == 0.05
     assert closed_form_power({"a": 0.0, "b": 1e-4}, 64, 1.0, 126) == pytest.approx(0.05, abs=1e-5)
 
 
 def test_power_of_the_f_test_is_that_of_the_noncentral_f():
-    # Energy in proportion to height without sensory noise: condition "b" lowers every estimate by a tenth
+    # Energy in proportion to height without sensory noise: condition "b" lowers every estimate by a
+    # tenth
     noise = 8e-6
     observer = Observer(weber=0.0, response_noise=noise, participant_spread=0.0)
-    plan = SimulatedStudy(4, 2, (80e-6,), (1e-5,), (("a", 1.0), ("b", 0.9)), observer, measure="bias")
-    plan = SimulatedStudy(4, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), plan.factors, observer, measure="bias")
+    plan = SimulatedStudy(
+        4, 2, (80e-6,), (1e-5,), (("a", 1.0), ("b", 0.9)), observer, measure="bias"
+    )
+    plan = SimulatedStudy(
+        4, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), plan.factors, observer, measure="bias"
+    )
     exact = closed_form_power({"a": 0.0, "b": 8e-6}, 4 * 2 * 2, noise, 32 - 4)
     assert 0.5 < exact < 0.95
     found = np.mean([p_value(plan, "f-test", seed) < 0.05 for seed in range(150)])
@@ -142,10 +172,14 @@ def test_power_of_the_f_test_is_that_of_the_noncentral_f():
 
 
 def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
-    # Differences within participants have the variance 2 (condition_spread^2 + noise^2 / judgements per cell),
-    # on participants - 1 degrees of freedom
-    observer = Observer(weber=0.0, response_noise=6e-6, participant_spread=5e-6, condition_spread=6e-6)
-    plan = SimulatedStudy(8, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), (("a", 1.0), ("b", 0.9)), observer, measure="bias")
+    # Differences within participants have the variance 2 (condition_spread^2 + noise^2 / judgements
+    # per cell), on participants - 1 degrees of freedom
+    observer = Observer(
+        weber=0.0, response_noise=6e-6, participant_spread=5e-6, condition_spread=6e-6
+    )
+    plan = SimulatedStudy(
+        8, 2, (70e-6, 90e-6), (0.7e-5, 0.9e-5), (("a", 1.0), ("b", 0.9)), observer, measure="bias"
+    )
     exact = closed_form_power({"a": 0.0, "b": 8e-6}, 8, math.hypot(6e-6, 6e-6 / 2), 7)
     assert 0.4 < exact < 0.9
     found = np.mean([p_value(plan, "mixed", seed) < 0.05 for seed in range(80)])
@@ -154,7 +188,9 @@ def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
 
 
 def test_power_is_the_same_in_one_process_and_in_two():
-    plan = SimulatedStudy(3, 1, *FLAT.values(), (("a", 1.0), ("b", 0.5)), Observer(), measure="bias")
+    plan = SimulatedStudy(
+        3, 1, *FLAT.values(), (("a", 1.0), ("b", 0.5)), Observer(), measure="bias"
+    )
     one, two = (estimate_power(plan, "f-test", runs=12, seed=4, jobs=jobs) for jobs in (1, 2))
     assert one == two
     assert one["low_95_ratio"] <= one["power_ratio"] <= one["high_95_ratio"]
@@ -165,14 +201,22 @@ def test_power_is_the_same_in_one_process_and_in_two():
     [
         (lambda: Observer(weber=-0.1), "weber must be finite"),
         (lambda: Observer(lapse=1.0), "lapse must be a rate"),
-        (lambda: SimulatedStudy(1, 1, *FLAT.values(), (("a", 1.0), ("b", 1.0)), Observer()), "at least 2 participants"),
-        (lambda: SimulatedStudy(2, 1, *FLAT.values(), (("a", 1.0),), Observer()), "at least two conditions"),
+        (
+            lambda: SimulatedStudy(1, 1, *FLAT.values(), (("a", 1.0), ("b", 1.0)), Observer()),
+            "at least 2 participants",
+        ),
+        (
+            lambda: SimulatedStudy(2, 1, *FLAT.values(), (("a", 1.0),), Observer()),
+            "at least two conditions",
+        ),
         (
             lambda: SimulatedStudy(2, 1, *FLAT.values(), (("a", 1.0), ("b", 0.0)), Observer()),
             "must be positive and finite",
         ),
         (
-            lambda: estimate_power(SimulatedStudy(2, 1, *FLAT.values(), (("a", 1.0), ("b", 1.0)), Observer()), runs=3),
+            lambda: estimate_power(
+                SimulatedStudy(2, 1, *FLAT.values(), (("a", 1.0), ("b", 1.0)), Observer()), runs=3
+            ),
             "runs must lie",
         ),
     ],
@@ -198,16 +242,25 @@ def test_checks_doubt_what_is_wrong_and_let_pass_what_is_not():
     groups = ["a"] * 200 + ["b"] * 200
     good = {
         check.assumption: check.verdict
-        for check in residual_checks(generator.standard_normal(400) * 1e-6, groups, generator.standard_normal(10))
+        for check in residual_checks(
+            generator.standard_normal(400) * 1e-6, groups, generator.standard_normal(10)
+        )
     }
     assert set(good.values()) == {"no objection"}
     wide = generator.standard_normal(400) * np.repeat([1.0, 2.0], 200)
-    bad = {check.assumption: check.verdict for check in residual_checks(wide**3, groups, [0.0] * 9 + [9.0])}
+    bad = {
+        check.assumption: check.verdict
+        for check in residual_checks(wide**3, groups, [0.0] * 9 + [9.0])
+    }
     assert set(bad.values()) == {"in doubt"}
-    assert [check.verdict for check in residual_checks([0.0, 0.0], ["a", "b"], [])] == ["not tested"] * 3
+    assert [check.verdict for check in residual_checks([0.0, 0.0], ["a", "b"], [])] == [
+        "not tested"
+    ] * 3
 
 
 def test_answers_that_leave_the_threshold_open_are_said_to_and_give_no_infinite_interval():
     heights = [10.0, 20.0, 30.0, 40.0, 60.0, 70.0, 80.0, 90.0, 100.0]
-    with pytest.raises(StudyError, match="leave the threshold open: it cannot be told from 18 trials"):
+    with pytest.raises(
+        StudyError, match="leave the threshold open: it cannot be told from 18 trials"
+    ):
         fit_psychometric(heights, [1, 0, 0, 0, 2, 1, 2, 2, 2], [2] * 9)

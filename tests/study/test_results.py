@@ -19,7 +19,9 @@ ENERGIES = {item.identity: item.height for item in BLOCKS}
 def result_of(design):
     rows = design.trials
     answers = simulate_answers(rows, ENERGIES, {"soft <b>": 0.5}, Observer(), seed=2)
-    return join_answers(rows, [row | {"line": f"line {n}"} for n, row in enumerate(answers, start=2)]).analyse()
+    return join_answers(
+        rows, [row | {"line": f"line {n}"} for n, row in enumerate(answers, start=2)]
+    ).analyse()
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +42,26 @@ def row_of(result, analysis, quantity, measure="bias"):
 
 
 def test_lengths_are_in_micrometres_and_shares_are_not(estimates):
-    row, one = row_of(estimates, "tukey", "bare minus soft <b>"), estimates.measure("bias").f_test.intervals[0]
+    row, one = (
+        row_of(estimates, "tukey", "bare minus soft <b>"),
+        estimates.measure("bias").f_test.intervals[0],
+    )
     assert row["unit"] == "um"
-    assert (row["estimate"], row["low_95"], row["high_95"]) == (one.difference * 1e6, one.low * 1e6, one.high * 1e6)
-    row, term = row_of(estimates, "f-test", "condition, partial eta squared"), estimates.measure("bias").f_test.terms[0]
+    assert (row["estimate"], row["low_95"], row["high_95"]) == (
+        one.difference * 1e6,
+        one.low * 1e6,
+        one.high * 1e6,
+    )
+    row, term = (
+        row_of(estimates, "f-test", "condition, partial eta squared"),
+        estimates.measure("bias").f_test.terms[0],
+    )
     assert (row["unit"], row["estimate"], row["p"]) == ("1", term.eta_squared, term.p)
     row = row_of(estimates, "mixed model", "standard deviation between judgements")
-    assert (row["unit"], row["estimate"]) == ("um", estimates.measure("bias").mixed.sd_residual * 1e6)
+    assert (row["unit"], row["estimate"]) == (
+        "um",
+        estimates.measure("bias").mixed.sd_residual * 1e6,
+    )
 
 
 def test_a_mean_has_the_normal_s_95_percent_interval(estimates):
@@ -58,7 +73,9 @@ def test_a_mean_has_the_normal_s_95_percent_interval(estimates):
 
 def test_the_csv_has_the_table_to_eight_digits_and_is_blank_where_it_has_no_figure(estimates):
     table = estimates.table()
-    for row, line in zip(table.to_dict("records"), csv.DictReader(io.StringIO(estimates.results_csv())), strict=True):
+    for row, line in zip(
+        table.to_dict("records"), csv.DictReader(io.StringIO(estimates.results_csv())), strict=True
+    ):
         for name in COLUMNS[4:]:
             if line[name]:
                 assert float(line[name]) == pytest.approx(row[name], rel=1e-7)
@@ -69,7 +86,12 @@ def test_the_csv_has_the_table_to_eight_digits_and_is_blank_where_it_has_no_figu
 def test_ratings_are_tested_over_participants(virtual):
     row = row_of(virtual, "ordinal model", "all predictors, F over participants", "")
     wald = virtual.ordinal.participants
-    assert (row["statistic"], row["df"], row["df_error"], row["p"]) == (wald["statistic"], 1.0, 4.0, wald["p"])
+    assert (row["statistic"], row["df"], row["df_error"], row["p"]) == (
+        wald["statistic"],
+        1.0,
+        4.0,
+        wald["p"],
+    )
 
 
 def test_judgements_keep_every_column_and_say_the_unit_of_lengths(virtual):
@@ -96,9 +118,9 @@ def test_the_page_escapes_names_and_loads_nothing(estimates):
     page = render_study(estimates)
     assert "soft <b>" not in page
     assert "soft &lt;b&gt;" in page
-    assert "http://" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
-        "http://creativecommons.org", ""
-    )
+    assert "http://" not in page.replace("http://www.w3.org", "").replace(
+        "http://purl.org", ""
+    ).replace("http://creativecommons.org", "")
     assert "nan" not in page.split("<h2>")[-1]
 
 

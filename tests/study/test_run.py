@@ -11,7 +11,13 @@ from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError, StudyError
 from stepblocks.predict.predictions import predict_one
 from stepblocks.study.design import blocks_of
-from stepblocks.study.run import analyse_study, design_study, simulate_study, study_power, write_sheets
+from stepblocks.study.run import (
+    analyse_study,
+    design_study,
+    simulate_study,
+    study_power,
+    write_sheets,
+)
 from stepblocks.study.simulate import Observer
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
@@ -34,13 +40,19 @@ def test_without_options_a_study_is_experiment_one_of_the_paper(tmp_path):
 
 def test_a_pattern_chooses_the_blocks(tmp_path):
     design = design_study(FOUR, tmp_path, seed=1, only="apparatus-0*")
-    assert {trial["stimulus"] for trial in design.trials} == {"apparatus-025", "apparatus-050", "apparatus-075"}
+    assert {trial["stimulus"] for trial in design.trials} == {
+        "apparatus-025",
+        "apparatus-050",
+        "apparatus-075",
+    }
     with pytest.raises(PipelineError, match="has none that match 'x'"):
         design_study(FOUR, tmp_path, seed=1, only="x")
 
 
 def test_an_unknown_experiment_is_refused_with_those_that_there_are(tmp_path):
-    with pytest.raises(PipelineError, match="one of estimates, virtual, constant, magnitude, got 'paired'"):
+    with pytest.raises(
+        PipelineError, match="one of estimates, virtual, constant, magnitude, got 'paired'"
+    ):
         design_study(FOUR, tmp_path, seed=1, experiment="paired")
 
 
@@ -49,10 +61,12 @@ def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwi
     place = {"ball_radius": 150e-6, "normal_load": 1.0, "friction": 0.1}
     load, point = 1.0, blocks_of(FOUR, place).point
     (found,) = blocks_of(FOUR, place, "*-025").energies().values()
-    # a = arccos(1 - H/(R + r)), F = N tan(a + atan mu), E = C F^2 / 2k with the k and C_v of the paper
+    # a = arccos(1 - H/(R + r)), F = N tan(a + atan mu), E = C F^2 / 2k with the k and C_v of the
+    # paper
     force = load * math.tan(math.acos(1.0 - 25e-6 / 150e-6) + math.atan(0.1))
     assert found == pytest.approx(0.20 * 0.5 * force**2 / 9.81e3, rel=1e-9)
-    # with the higher blocks, of whose energy the drag keeps more than twice as much, the drag speaks for all
+    # with the higher blocks, of whose energy the drag keeps more than twice as much, the drag
+    # speaks for all
     asked = [predict_one(block.counterface(), point) for block in stimuli.step_block]
     assert [one.differs for one in asked] == [False, True, True, True]
     assert list(blocks_of(FOUR, place).energies().values()) == [one.in_time.energy for one in asked]
@@ -64,7 +78,12 @@ def test_what_is_left_out_is_the_first_of_the_file_under_which_every_block_rings
     assert (point.ball_radius, point.friction) == (grid.tip_radii[0], 0.05)
     # under 0.25 N the drag walks over the step of 25 um: not the first load, the second
     assert point.normal_load == grid.normal_loads[1]
-    assert predict_one(stimuli.step_block[0].counterface(), replace(point, normal_load=0.25)).felt_energy == 0.0
+    assert (
+        predict_one(
+            stimuli.step_block[0].counterface(), replace(point, normal_load=0.25)
+        ).felt_energy
+        == 0.0
+    )
     assert point.tool.stiffness == grid.tool.stiffness
     with pytest.raises(ContactError, match="ball_radius must be positive"):
         blocks_of(FOUR, {"ball_radius": 0.0})
@@ -77,33 +96,51 @@ def test_a_block_that_holds_the_probe_cannot_be_felt():
 
 def test_a_study_is_analysed_in_memory_or_into_a_folder(folder, tmp_path):
     assert write_sheets(folder) == 3
-    assert simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2, damping={"soft": 0.4}) == 36
+    assert (
+        simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2, damping={"soft": 0.4}) == 36
+    )
     before = sorted(tmp_path.rglob("*"))
     result = analyse_study(folder, [f"{folder}/answers.csv"])
     assert sorted(tmp_path.rglob("*")) == before
     assert result.notes[0] == "36 judgements of 3 participants."
     again = analyse_study(folder, [f"{folder}/answers.csv"], tmp_path / "report")
-    assert (tmp_path / "report" / "results.csv").read_text() == result.results_csv() == again.results_csv()
+    assert (
+        (tmp_path / "report" / "results.csv").read_text()
+        == result.results_csv()
+        == again.results_csv()
+    )
     assert (tmp_path / "report" / "judgements.csv").read_text() == result.judgements_csv()
 
 
 def test_a_damper_must_be_a_condition_of_the_design(folder):
-    with pytest.raises(PipelineError, match=r"conditions of the design \(bare, hard, soft\), got 'wood'"):
+    with pytest.raises(
+        PipelineError, match=r"conditions of the design \(bare, hard, soft\), got 'wood'"
+    ):
         simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2, damping={"wood": 0.5})
 
 
 def test_a_harder_press_is_not_taken_for_a_higher_block(folder):
-    # who connects each block with what it rings with under this load reads its height off, whatever the load
+    # who connects each block with what it rings with under this load reads its height off, whatever
+    # the load
     quiet = Observer(weber=0.0, response_noise=0.0, participant_spread=0.0)
     for name, load in (("one", 0.5), ("two", 1.0)):
-        simulate_study(folder, FOUR, f"{folder}/{name}.csv", seed=2, observer=quiet, normal_load=load)
+        simulate_study(
+            folder, FOUR, f"{folder}/{name}.csv", seed=2, observer=quiet, normal_load=load
+        )
     assert Path(folder, "one.csv").read_bytes() == Path(folder, "two.csv").read_bytes()
 
 
 def test_power_is_one_row_per_size_and_the_same_in_its_file(tmp_path):
     options = {"seed": 1, "damping": {"bare": 1.0, "soft": 0.5}, "analysis": "f-test", "runs": 10}
-    table = study_power(FOUR, tmp_path / "new" / "power.csv", participants=(2, 3), repetitions=(1, 2), **options)
-    assert table[["participants", "repetitions"]].to_numpy().tolist() == [[2, 1], [2, 2], [3, 1], [3, 2]]
+    table = study_power(
+        FOUR, tmp_path / "new" / "power.csv", participants=(2, 3), repetitions=(1, 2), **options
+    )
+    assert table[["participants", "repetitions"]].to_numpy().tolist() == [
+        [2, 1],
+        [2, 2],
+        [3, 1],
+        [3, 2],
+    ]
     assert (table["judgements_each"] == table["repetitions"] * 4 * 2).all()
     assert (table["low_95_ratio"] <= table["power_ratio"]).all()
     written = pd.read_csv(tmp_path / "new" / "power.csv")

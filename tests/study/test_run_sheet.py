@@ -17,11 +17,15 @@ DESIGNS = {
 
 def sheets(experiment):
     rows = DESIGNS[experiment]().trials
-    return {who: sheet_rows([row for row in rows if row["participant"] == who]) for who in ("1", "2")}
+    return {
+        who: sheet_rows([row for row in rows if row["participant"] == who]) for who in ("1", "2")
+    }
 
 
 @pytest.mark.parametrize("experiment", sorted(DESIGNS))
-def test_every_trial_stands_once_on_the_pages_of_its_participant_and_nothing_unblinds_it(experiment):
+def test_every_trial_stands_once_on_the_pages_of_its_participant_and_nothing_unblinds_it(
+    experiment,
+):
     given = sheets(experiment)
     printed = {"1": [], "2": []}
     for page in sheet_pages("A study", given):
@@ -55,10 +59,16 @@ def test_no_text_leaves_its_cell_or_the_page():
         page = next(iter(sheet_pages(EXPERIMENTS[experiment].sheet_title, sheets(experiment))))
         renderer = FigureCanvasAgg(page).get_renderer()
         axes = page.axes[0]
-        boxes = [(t, t.get_window_extent(renderer).transformed(axes.transData.inverted())) for t in axes.texts]
+        boxes = [
+            (t, t.get_window_extent(renderer).transformed(axes.transData.inverted()))
+            for t in axes.texts
+        ]
         for text, box in boxes:
             assert 10.0 < box.x0 < box.x1 < 200.0, text.get_text()
             assert 8.0 < box.y0 < box.y1 < 290.0, text.get_text()
         for index, (one, a) in enumerate(boxes):
             for other, b in boxes[index + 1 :]:
-                assert a.x1 < b.x0 or b.x1 < a.x0 or a.y1 < b.y0 or b.y1 < a.y0, (one.get_text(), other.get_text())
+                assert a.x1 < b.x0 or b.x1 < a.x0 or a.y1 < b.y0 or b.y1 < a.y0, (
+                    one.get_text(),
+                    other.get_text(),
+                )

@@ -42,7 +42,13 @@ def hand():
 
 
 def felt(hand, **options):
-    servo = Servo(renderer(options.pop("event", True)), Replay(hand), waits=False, seconds=len(hand) / RATE, **options)
+    servo = Servo(
+        renderer(options.pop("event", True)),
+        Replay(hand),
+        waits=False,
+        seconds=len(hand) / RATE,
+        **options,
+    )
     servo.run()
     return servo
 
@@ -54,7 +60,9 @@ def test_logged_forces_are_the_renderer_s_and_the_hand_s(hand):
     forces = np.array([again.tick(position, np.zeros(3)).copy() for position in hand])
     for axis, name in enumerate("xyz"):
         assert record[f"force_{name}_n"] == pytest.approx(forces[:, axis], abs=1e-9)
-        assert record[f"applied_{name}_n"] == pytest.approx(np.array(servo.hand.forces)[:-1, axis], abs=1e-12)
+        assert record[f"applied_{name}_n"] == pytest.approx(
+            np.array(servo.hand.forces)[:-1, axis], abs=1e-12
+        )
     assert record["pull_n"].max() == pytest.approx(EVENT.critical_force, rel=0.01)
 
 
@@ -101,7 +109,10 @@ def test_a_mouse_gets_over_a_block_that_releases_beyond_the_limit_of_force():
     record = servo.record()
     assert (record["events"].max(), one.proxy[0] > 0.0) == (1, True)
     assert record["pull_n"].max() == pytest.approx(release, rel=0.01)
-    assert np.linalg.norm([record[f"applied_{axis}_n"] for axis in "xyz"], axis=0).max() <= Limits().force + 1e-9
+    assert (
+        np.linalg.norm([record[f"applied_{axis}_n"] for axis in "xyz"], axis=0).max()
+        <= Limits().force + 1e-9
+    )
 
 
 def test_who_lets_go_feels_nothing(hand):
@@ -181,5 +192,9 @@ def test_a_trial_is_written_with_its_units_and_how_late_it_was(hand, tmp_path):
     write_motion(tmp_path / "trial.h5", felt(hand), {"stimulus": "step-050"})
     with h5py.File(tmp_path / "trial.h5") as file:
         assert list(file) == list(COLUMNS)
-        assert (file.attrs["stimulus"], file.attrs["ticks"], file.attrs["late_ticks"]) == ("step-050", len(hand), 0)
+        assert (file.attrs["stimulus"], file.attrs["ticks"], file.attrs["late_ticks"]) == (
+            "step-050",
+            len(hand),
+            0,
+        )
     assert [path.name for path in tmp_path.iterdir()] == ["trial.h5"]

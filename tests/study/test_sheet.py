@@ -52,7 +52,9 @@ def test_the_key_is_in_the_order_of_its_codes():
 
 def test_the_key_of_a_comparison_names_the_standard_too():
     key = key_csv(constant_stimuli(1, BLOCKS, 1, 1, "step-025").blocks)
-    assert {row["stimulus"] for row in csv.DictReader(io.StringIO(key))} == {b.identity for b in BLOCKS}
+    assert {row["stimulus"] for row in csv.DictReader(io.StringIO(key))} == {
+        b.identity for b in BLOCKS
+    }
 
 
 def test_a_file_that_somebody_changed_stays_and_nothing_beside_it_is_written(tmp_path):

@@ -8,8 +8,20 @@ from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item, constant_stimuli, crossover
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_study
-from stepblocks.study.sheet import answer_columns, join_answers, read_answers, read_design, simulate_answers
-from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_value, simulated_frame
+from stepblocks.study.sheet import (
+    answer_columns,
+    join_answers,
+    read_answers,
+    read_design,
+    simulate_answers,
+)
+from stepblocks.study.simulate import (
+    Observer,
+    SimulatedStudy,
+    estimate_power,
+    p_value,
+    simulated_frame,
+)
 from stepblocks.tables import csv_text
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(30, 75, 5)]
@@ -20,7 +32,9 @@ OPTIONS = {"probes": ("bare", "soft"), "standard": "step-050"}
 
 def designed(name, participants=4, repetitions=2):
     kind = EXPERIMENTS[name]
-    return kind.design(participants, BLOCKS, repetitions, 1, **{need: OPTIONS[need] for need in kind.needs})
+    return kind.design(
+        participants, BLOCKS, repetitions, 1, **{need: OPTIONS[need] for need in kind.needs}
+    )
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
@@ -42,23 +56,31 @@ def test_every_experiment_goes_round(name, tmp_path):
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_the_same_seed_gives_the_same_answers_and_another_seed_others(name):
     rows = designed(name).trials
-    one, again, other = (simulate_answers(rows, ENERGIES, {}, Observer(weber=0.5), seed) for seed in (1, 1, 2))
+    one, again, other = (
+        simulate_answers(rows, ENERGIES, {}, Observer(weber=0.5), seed) for seed in (1, 1, 2)
+    )
     assert one == again
     assert one != other
 
 
 def test_without_noise_estimates_are_the_heights_and_a_damper_takes_its_share():
     rows = crossover("estimates", 2, BLOCKS, 1, 1, ("bare", "soft")).trials
-    for row, answer in zip(rows, simulate_answers(rows, ENERGIES, {"soft": 0.5}, STILL, 3), strict=True):
+    for row, answer in zip(
+        rows, simulate_answers(rows, ENERGIES, {"soft": 0.5}, STILL, 3), strict=True
+    ):
         share = 0.5 if row["condition"] == "soft" else 1.0
-        assert float(answer["estimate_um"]) == pytest.approx(share * float(row["height_um"]), abs=0.051)
+        assert float(answer["estimate_um"]) == pytest.approx(
+            share * float(row["height_um"]), abs=0.051
+        )
 
 
 def test_without_noise_the_higher_of_two_is_always_named():
     rows = constant_stimuli(1, BLOCKS, 1, 1, "step-050").trials
     for row, answer in zip(rows, simulate_answers(rows, ENERGIES, {}, STILL, 3), strict=True):
         higher = float(row["height_um"]) > 50.0
-        assert answer["second_is_higher"] == ("y" if higher == (row["condition"] == "standard-first") else "n")
+        assert answer["second_is_higher"] == (
+            "y" if higher == (row["condition"] == "standard-first") else "n"
+        )
 
 
 def test_without_noise_magnitudes_grow_with_the_square_root_of_the_energy():
@@ -67,7 +89,9 @@ def test_without_noise_magnitudes_grow_with_the_square_root_of_the_energy():
     table = join_answers(rows, [row | {"line": "line"} for row in answers])
     law = table.analyse().power_law
     assert law.exponent == pytest.approx(0.5, abs=0.01)  # three digits are written down
-    assert all(correlation == pytest.approx(1.0, abs=1e-3) for _, _, correlation in law.by_participant)
+    assert all(
+        correlation == pytest.approx(1.0, abs=1e-3) for _, _, correlation in law.by_participant
+    )
 
 
 def test_a_block_without_energy_is_refused_by_name():
@@ -82,9 +106,16 @@ def test_a_block_without_energy_is_refused_by_name():
 
 
 def plan(**changes):
-    given = {"participants": 3, "repetitions": 2, "heights": (20e-6, 40e-6), "energies": (1e-5, 2e-5)}
+    given = {
+        "participants": 3,
+        "repetitions": 2,
+        "heights": (20e-6, 40e-6),
+        "energies": (1e-5, 2e-5),
+    }
     return SimulatedStudy(
-        **given | {"factors": (("bare", 1.0), ("soft", 0.5)), "observer": STILL, "measure": "bias"} | changes
+        **given
+        | {"factors": (("bare", 1.0), ("soft", 0.5)), "observer": STILL, "measure": "bias"}
+        | changes
     )
 
 

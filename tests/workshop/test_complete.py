@@ -24,10 +24,20 @@ from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import choose_pair
 
 STIMULI = {
-    one.id: one for path in stimulus_files(Path(__file__).parents[2] / "stimuli") for one in load_declared(path).stimuli
+    one.id: one
+    for path in stimulus_files(Path(__file__).parents[2] / "stimuli")
+    for one in load_declared(path).stimuli
 }
 # one of every layout: blocks alike but for their height are read on paper, not built each
-BUILT = ("step-050", "gap-050-bevelled", "crown-chamfer-over", "crown-shoulder", "tip-125", "hook-125", "sheath-hard")
+BUILT = (
+    "step-050",
+    "gap-050-bevelled",
+    "crown-chamfer-over",
+    "crown-shoulder",
+    "tip-125",
+    "hook-125",
+    "sheath-hard",
+)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +75,11 @@ def test_a_dimension_taken_from_the_drawing_is_missed(written, tmp_path):
     for number, one in list(enumerate(part.characteristics(), start=1))[::2]:
         document = ezdxf.readfile(drawing)
         space = document.modelspace()
-        (mine,) = [e for e in space if e.has_xdata("STEPBLOCKS") and e.get_xdata("STEPBLOCKS")[0].value == one.key]
+        (mine,) = [
+            e
+            for e in space
+            if e.has_xdata("STEPBLOCKS") and e.get_xdata("STEPBLOCKS")[0].value == one.key
+        ]
         space.delete_entity(mine)
         document.saveas(tmp_path / "less.dxf")
         assert missing_from(part, tmp_path / "less.dxf") == [
@@ -99,14 +113,18 @@ def test_each_dimension_taken_from_the_step_file_is_missed(identity, written, tm
                 taken.append(one.key)
                 less = text.replace(found[0], found[0].replace(f"'{one.label}'", "'gone'"))
                 (tmp_path / "less.step").write_text(less)
-                assert any(one.label in line for line in missing_from(part, step=tmp_path / "less.step")), one.label
+                assert any(
+                    one.label in line for line in missing_from(part, step=tmp_path / "less.step")
+                ), one.label
     assert len(taken) >= 1
 
 
 def test_a_surface_without_its_texture_is_missed(written, tmp_path):
     part, _, step, _ = written("step-050")
     (tmp_path / "less.step").write_text(step.read_text().replace("'surface texture'", "'gone'"))
-    assert any("surface texture" in line for line in missing_from(part, step=tmp_path / "less.step"))
+    assert any(
+        "surface texture" in line for line in missing_from(part, step=tmp_path / "less.step")
+    )
 
 
 def test_a_declared_dimension_that_no_characteristic_states_is_named():
@@ -124,7 +142,9 @@ def test_a_declared_dimension_that_no_characteristic_states_is_named():
     ]
 
 
-def test_the_command_looks_at_a_step_file_that_lies_there_and_says_what_is_missing(tmp_path, capsys, written):
+def test_the_command_looks_at_a_step_file_that_lies_there_and_says_what_is_missing(
+    tmp_path, capsys, written
+):
     _, _, step, _ = written("tip-125")
     folder = tmp_path / "probe-tips" / "tip-125"
     folder.mkdir(parents=True)
@@ -132,7 +152,9 @@ def test_the_command_looks_at_a_step_file_that_lies_there_and_says_what_is_missi
     arguments = ["workshop", stimuli, "--only", "tip-125", "-o", str(tmp_path)]
     (folder / "tip-125.step").write_text(step.read_text())
     assert main(arguments) == 0
-    (folder / "tip-125.step").write_text(step.read_text().replace("'length from the contact point'", "'x'"))
+    (folder / "tip-125.step").write_text(
+        step.read_text().replace("'length from the contact point'", "'x'")
+    )
     assert main(arguments) == 1
     assert "MISSING tip-125.step: length from the contact point" in capsys.readouterr().err
 
@@ -159,11 +181,17 @@ def apart(a, b, by=0.05):
 
 @pytest.mark.parametrize("thickness_mm", [8, 12, 18, 25, 32, 40])
 @pytest.mark.parametrize("identity", ["step-010", "step-100"])
-def test_nothing_collides_on_a_gauge_sheet_whatever_the_thickness_of_its_base(identity, thickness_mm, tmp_path):
+def test_nothing_collides_on_a_gauge_sheet_whatever_the_thickness_of_its_base(
+    identity, thickness_mm, tmp_path
+):
     block = STIMULI[identity]
     thickness = Dimension(thickness_mm * 1e-3, 0.2e-3, -0.2e-3)
-    block = block.model_copy(update={"body": block.body.model_copy(update={"thickness": thickness})})
-    texts, rest = boxes(write_gauge_drawing(tmp_path, block, choose_pair(block.height.nominal), OrderSpec())[0])
+    block = block.model_copy(
+        update={"body": block.body.model_copy(update={"thickness": thickness})}
+    )
+    texts, rest = boxes(
+        write_gauge_drawing(tmp_path, block, choose_pair(block.height.nominal), OrderSpec())[0]
+    )
     for extent, part in (*texts, *rest):
         assert 9.9 < extent.extmin.x < extent.extmax.x + 1e-9 < 410.2, part
         assert 9.9 < extent.extmin.y < extent.extmax.y + 1e-9 < 287.2, part
@@ -173,10 +201,16 @@ def test_nothing_collides_on_a_gauge_sheet_whatever_the_thickness_of_its_base(id
     # no line of a view runs through a text
     for _, part in rest:
         if part.dxf.layer in ("OUTLINE", "HIDDEN", "CENTRE"):
-            points = part.get_points("xy") if part.dxftype() == "LWPOLYLINE" else [part.dxf.start, part.dxf.end]
+            points = (
+                part.get_points("xy")
+                if part.dxftype() == "LWPOLYLINE"
+                else [part.dxf.start, part.dxf.end]
+            )
             line = shapely.LineString([(point[0], point[1]) for point in points])
             for extent, text in texts:
-                assert not line.intersects(shapely.box(*extent.extmin.vec2, *extent.extmax.vec2)), text.plain_text()
+                assert not line.intersects(shapely.box(*extent.extmin.vec2, *extent.extmax.vec2)), (
+                    text.plain_text()
+                )
 
 
 def test_letters_stay_letters_in_svg_and_pdf(tmp_path):
@@ -184,4 +218,6 @@ def test_letters_stay_letters_in_svg_and_pdf(tmp_path):
     text = svg.read_text(encoding="utf-8")
     for said in ("STEP-010", "working edge, detail A", "0.010", "first angle (ISO 5456-2), A3"):
         assert f">{said}</text>" in text, said
-    assert b"/Type0" in pdf.read_bytes()  # an embedded typeface with a map to characters, not outlines
+    assert (
+        b"/Type0" in pdf.read_bytes()
+    )  # an embedded typeface with a map to characters, not outlines

@@ -8,14 +8,22 @@ from pathlib import Path
 import pytest
 
 from oracles.drawn_dimensions import drawn_dimensions
-from stepblocks.artefacts.on_paper import COLUMNS, decimals_for, limits_text, sheet_table, write_sheet_pdf
+from stepblocks.artefacts.on_paper import (
+    COLUMNS,
+    decimals_for,
+    limits_text,
+    sheet_table,
+    write_sheet_pdf,
+)
 from stepblocks.declare import load_set
 from stepblocks.select import stimulus_files
 from stepblocks.tables import write_table
 from stepblocks.workshop.drawing import write_drawing
 
 ROOT = Path(__file__).parents[2]
-STIMULI = {one.id: one for path in stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli}
+STIMULI = {
+    one.id: one for path in stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli
+}
 
 
 @pytest.fixture(scope="module", params=sorted(STIMULI))
@@ -27,9 +35,13 @@ def drawing(request, tmp_path_factory):
 
 def test_every_dimension_of_the_dxf_measures_and_prints_what_was_asked_for(drawing):
     stimulus, path = drawing
-    listed = {one.key: (number, one) for number, one in enumerate(stimulus.characteristics(), start=1)}
+    listed = {
+        one.key: (number, one) for number, one in enumerate(stimulus.characteristics(), start=1)
+    }
     found = drawn_dimensions(path)
-    assert found or stimulus.id.startswith("hook")  # a bent wire has no straight pair of lines to measure
+    assert found or stimulus.id.startswith(
+        "hook"
+    )  # a bent wire has no straight pair of lines to measure
     for one in found:
         number, wanted = listed[one.key]
         assert one.number == number
@@ -42,7 +54,9 @@ def test_every_dimension_of_the_dxf_measures_and_prints_what_was_asked_for(drawi
 
     texts = [entity.dxf.text for entity in ezdxf.readfile(path).modelspace().query("TEXT")]
     for number, wanted in listed.values():
-        assert str(number) in texts or any(text.startswith(f"{number}  {wanted.label}") for text in texts), wanted.label
+        assert str(number) in texts or any(
+            text.startswith(f"{number}  {wanted.label}") for text in texts
+        ), wanted.label
 
 
 def test_no_text_overlaps_another_or_leaves_the_sheet(drawing):
@@ -87,7 +101,9 @@ def test_svg_and_pdf_come_out_the_same_twice(tmp_path):
 
 
 @pytest.mark.parametrize("identity", sorted(STIMULI))
-def test_the_inspection_sheet_has_a_line_for_every_characteristic_with_limits_in_order(identity, tmp_path):
+def test_the_inspection_sheet_has_a_line_for_every_characteristic_with_limits_in_order(
+    identity, tmp_path
+):
     path = tmp_path / "sheet.csv"
     write_table(sheet_table(STIMULI[identity]), path)
     with path.open(encoding="utf-8") as file:
@@ -97,7 +113,9 @@ def test_the_inspection_sheet_has_a_line_for_every_characteristic_with_limits_in
     assert [row["characteristic"] for row in rows] == [one.label for one in listed]
     for row, one in zip(rows, listed, strict=True):
         scale = 180.0 / math.pi if one.quantity == "angle" else 1e3
-        assert float(row["upper_limit_mm_or_deg"]) == pytest.approx((one.nominal + one.upper) * scale, abs=1e-9)
+        assert float(row["upper_limit_mm_or_deg"]) == pytest.approx(
+            (one.nominal + one.upper) * scale, abs=1e-9
+        )
         assert row["measured_mm_or_deg"] == ""
 
 

@@ -20,7 +20,8 @@ BLOCK = load_set(STIMULI / "paper-ten.toml").step_block[4]
 
 
 def test_the_set_is_that_of_112_pieces_up_to_10_mm():
-    # makers' lists: 1 of 1.0005, 9 of 1.001-1.009, 49 of 1.01-1.49, 49 of 0.5-24.5 (20 of them up to 10), 4 of 25-100
+    # makers' lists: 1 of 1.0005, 9 of 1.001-1.009, 49 of 1.01-1.49, 49 of 0.5-24.5 (20 of them up
+    # to 10), 4 of 25-100
     assert len(STANDARD_SET) == len(set(STANDARD_SET)) == 1 + 9 + 49 + 20
 
 
@@ -44,7 +45,8 @@ def test_the_stack_up_holds_every_pair_and_95_percent_lie_within_the_expected(gr
     pair = choose_pair(50e-6, grade)
     deviation, variation = GRADES[grade]
     error = sum(
-        random.uniform(-limit, limit, 100_000) for limit in [deviation] * 2 + [0.5 * variation] * 2 + [0.02e-6] * 2
+        random.uniform(-limit, limit, 100_000)
+        for limit in [deviation] * 2 + [0.5 * variation] * 2 + [0.02e-6] * 2
     )
     assert np.abs(error).max() <= pair.worst
     assert np.mean(np.abs(error) <= pair.expected) == pytest.approx(0.95, abs=0.025)
@@ -59,9 +61,13 @@ def test_the_assembly_file_conforms_and_its_step_is_the_height(tmp_path):
     assert [one.value for one in report.dimensions] == pytest.approx(
         [pair.lower, pair.upper, BLOCK.height.nominal], abs=1e-12
     )
-    assert all(abs(one.deviation) < 1e-9 for one in report.dimensions)  # the step between faces of two bodies too
+    assert all(
+        abs(one.deviation) < 1e-9 for one in report.dimensions
+    )  # the step between faces of two bodies too
     assert path.read_text().count("NEXT_ASSEMBLY_USAGE_OCCURRENCE") == 3
-    tops = [max(face.high[2] for face in kernel.face_kinds(body)) for body in kernel.read_step(path)]
+    tops = [
+        max(face.high[2] for face in kernel.face_kinds(body)) for body in kernel.read_step(path)
+    ]
     assert tops[2] - tops[1] == pytest.approx(BLOCK.height.nominal, abs=1e-9)
 
 
@@ -73,7 +79,14 @@ def test_the_drawing_of_the_assembly_has_the_step(tmp_path):
 
 
 def test_the_workshop_command_writes_everything_and_prints_the_routes(tmp_path, capsys):
-    arguments = ["workshop", str(STIMULI / "paper-ten.toml"), "--only", "step-050", "-o", str(tmp_path)]
+    arguments = [
+        "workshop",
+        str(STIMULI / "paper-ten.toml"),
+        "--only",
+        "step-050",
+        "-o",
+        str(tmp_path),
+    ]
     assert main(arguments) == 0
     text = capsys.readouterr().out
     assert "gauge blocks, grade 0" in text

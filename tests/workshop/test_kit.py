@@ -18,7 +18,15 @@ from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.parts.kinds.machined import Box, Machined, bore
 from stepblocks.parts.shapes import mesh_solid
 from stepblocks.select import stimulus_files
-from stepblocks.workshop.kit import ON_THE_PIVOT, POSITIONS, flexure_of, interferences, normal_load, pull, write_kit
+from stepblocks.workshop.kit import (
+    ON_THE_PIVOT,
+    POSITIONS,
+    flexure_of,
+    interferences,
+    normal_load,
+    pull,
+    write_kit,
+)
 
 FILE = Path(__file__).parents[2] / "stimuli" / "apparatus.toml"
 KIT = load_kit(FILE).apparatus[0]
@@ -38,7 +46,9 @@ def bodies():
 
 def test_every_solid_has_the_volume_and_centre_of_mass_of_its_closed_form(bodies):
     for part in PARTS:
-        assert kernel.volume(bodies[part.id]) == pytest.approx(part.volumes()[0], rel=1e-12), part.id
+        assert kernel.volume(bodies[part.id]) == pytest.approx(part.volumes()[0], rel=1e-12), (
+            part.id
+        )
         assert centre_of_mass(bodies[part.id]) == pytest.approx(part.centre, abs=1e-12), part.id
 
 
@@ -50,7 +60,10 @@ def test_nothing_is_in_the_way_of_anything_at_21_positions_of_the_travel(bodies)
 def test_a_post_in_the_way_is_found_where_the_carriage_comes_to_it(bodies, monkeypatch):
     # the hook's face is at x = 29 mm; a post at 31 mm is free in the middle and hit from there on
     post = Machined(
-        id="post", material="steel", title="Post", boxes=(Box((31e-3, -1e-3, -20e-3), (33e-3, 1e-3, 5e-3)),)
+        id="post",
+        material="steel",
+        title="Post",
+        boxes=(Box((31e-3, -1e-3, -20e-3), (33e-3, 1e-3, 5e-3)),),
     )
     monkeypatch.setattr(type(KIT), "parts", lambda self: [*PARTS, post])
     found = list(interferences(KIT, {**bodies, "post": post.solids()[0]}))
@@ -68,13 +81,18 @@ def test_the_arm_is_balanced_about_its_pivot_and_both_loads_go_through_the_tip()
     assert named["weight"].centre[:2] == pytest.approx([0.0, 0.0], abs=1e-15)  # over the tip
     assert named["weight"].mass == pytest.approx(0.110, rel=1e-12)
     eye = named["hook"].bores[0]
-    assert (eye.axis, eye.start[1], eye.start[2]) == ("x", 0.0, 0.0)  # the cord's line is that of the tip
+    assert (eye.axis, eye.start[1], eye.start[2]) == (
+        "x",
+        0.0,
+        0.0,
+    )  # the cord's line is that of the tip
     pulley = named["pulley"].rods[0]
     assert pulley.start[2] + 0.5 * pulley.diameter == pytest.approx(0.0, abs=1e-15)
 
 
 def test_loads_agree_with_statics_by_hand_within_a_percent():
-    # docs/workshop.md: 50 g over the tip; 200 g on the cord, less 0.0015 sqrt(2) 3/20 of it, less 0.003 of 0.525 kg
+    # docs/workshop.md: 50 g over the tip; 200 g on the cord, less 0.0015 sqrt(2) 3/20 of it, less
+    # 0.003 of 0.525 kg
     assert normal_load(KIT, 0.050).force == pytest.approx(0.4903, rel=0.01)
     moving = math.fsum(one.mass for one in PARTS if one.moving)
     assert moving == pytest.approx(0.525, rel=2e-3)
@@ -88,7 +106,9 @@ def test_the_uncertainty_of_a_load_is_its_budget_in_squares():
         assert load.std == pytest.approx(math.sqrt(sum(std**2 for _, std in load.budget)))
         assert {"weight", "gravity"} < {name for name, _ in load.budget}
     # 0.27 % of g, rectangular
-    assert dict(normal_load(KIT, 0.1).budget)["gravity"] == pytest.approx(0.0027 * 0.1 * G / math.sqrt(3.0))
+    assert dict(normal_load(KIT, 0.1).budget)["gravity"] == pytest.approx(
+        0.0027 * 0.1 * G / math.sqrt(3.0)
+    )
 
 
 @cache
@@ -98,7 +118,9 @@ def leaf_by_elements(length, width, thickness, modulus):
     from skfem.helpers import ddot, eye, sym_grad, trace
     from skfem.models.elasticity import lame_parameters
 
-    axes = [np.linspace(0.0, one, count) for one, count in ((length, 33), (width, 5), (thickness, 3))]
+    axes = [
+        np.linspace(0.0, one, count) for one, count in ((length, 33), (width, 5), (thickness, 3))
+    ]
     basis = skfem.Basis(skfem.MeshTet.init_tensor(*axes), skfem.ElementVector(skfem.ElementTetP2()))
     lam, mu = lame_parameters(modulus, 0.3)
 
@@ -112,7 +134,9 @@ def leaf_by_elements(length, width, thickness, modulus):
     ends = [basis.get_dofs(lambda p, end=end: np.isclose(p[0], end)) for end in (0.0, length)]
     moved = ends[1].all(["u^3"])
     x[moved] = 1e-6
-    x = skfem.solve(*skfem.condense(stiffness, x=x, D=np.concatenate([end.flatten() for end in ends])))
+    x = skfem.solve(
+        *skfem.condense(stiffness, x=x, D=np.concatenate([end.flatten() for end in ends]))
+    )
     return float((stiffness @ x)[moved].sum()) / 1e-6, basis, x
 
 
@@ -132,7 +156,9 @@ def test_the_strain_under_a_gauge_agrees_with_finite_elements_within_3_percent()
         float(basis.probes(np.array([[place + shift], [0.5 * width], [thickness]])).dot(x)[0])
         for shift in (-near, near)
     ]
-    strain_per_newton = abs(along[1] - along[0]) / (2.0 * near) / (2.0 * force * 1e-6)  # two leaves share the pull
+    strain_per_newton = (
+        abs(along[1] - along[0]) / (2.0 * near) / (2.0 * force * 1e-6)
+    )  # two leaves share the pull
     assert flexure_of(KIT)["sensitivity_v_per_v_per_n"] == pytest.approx(
         leaf.gauge_factor.value * strain_per_newton, rel=0.03
     )
@@ -148,11 +174,15 @@ def test_the_command_makes_the_kit_and_says_what_is_missing(tmp_path, capsys, mo
         *("hook.step", "hook.stl", "hook.3mf"),
         *(f"hook.drawing.{form}" for form in ("dxf", "svg", "pdf")),
     }
-    assert not (folder / "release-slide" / "release-slide.stl").exists()  # ground steel is not printed
+    assert not (
+        folder / "release-slide" / "release-slide.stl"
+    ).exists()  # ground steel is not printed
     assembly = (folder / "drag-rig.assembly.svg").read_text()
     assert all(word in assembly for word in ("DRAG-RIG", ">front ", ">top ", ">left "))
     bill = pd.read_csv(folder / "drag-rig.bill.csv")
-    assert {"screw ISO 4762 M4 x 16", "weight 30 g, class M1 (OIML R 111-1), bored 2.5"} < set(bill["what"])
+    assert {"screw ISO 4762 M4 x 16", "weight 30 g, class M1 (OIML R 111-1), bored 2.5"} < set(
+        bill["what"]
+    )
     assert "apparatus/drag-rig" in capsys.readouterr().out
 
 
@@ -190,7 +220,11 @@ def test_a_half_bore_takes_half_and_moves_the_centre_away(bodies):
     hole = bore("x", (0.0, 0.0, 10e-3), 4e-3, 20e-3)
     half = hole.__class__(**{**vars(hole), "inward": (0.0, 0.0, -1.0)})
     part = Machined(
-        id="half", material="steel", title="Half", boxes=(Box((0.0, -5e-3, 0.0), (20e-3, 5e-3, 10e-3)),), bores=(half,)
+        id="half",
+        material="steel",
+        title="Half",
+        boxes=(Box((0.0, -5e-3, 0.0), (20e-3, 5e-3, 10e-3)),),
+        bores=(half,),
     )
     body = part.solids()[0]
     assert part.volumes()[0] == pytest.approx(20e-3 * 10e-3 * 10e-3 - 0.5 * math.pi * 4e-6 * 20e-3)
@@ -198,7 +232,9 @@ def test_a_half_bore_takes_half_and_moves_the_centre_away(bodies):
     assert mesh_solid(part, "half", body).vertices[:, 2].max() == pytest.approx(10e-3, abs=1e-12)
 
 
-def test_a_simulated_session_takes_its_loads_and_their_scatter_from_the_table(tmp_path, monkeypatch):
+def test_a_simulated_session_takes_its_loads_and_their_scatter_from_the_table(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr("stepblocks.workshop.kit.interferences", lambda kit, bodies: iter(()))
     monkeypatch.setattr("stepblocks.workshop.kit._write_part", lambda *given: ([], []))
     write_kit(tmp_path, KIT, load_kit(FILE).order)
@@ -213,5 +249,7 @@ def test_a_simulated_session_takes_its_loads_and_their_scatter_from_the_table(tm
     # the lightest has the largest share: gravity and weight alike, setting and friction beside them
     assert plan.scatter.load == pytest.approx(normal_load(KIT, 0.03).std / (0.03 * G), rel=1e-12)
     path.write_text(text.replace("0.49 N", "0.6 N"))
-    with pytest.raises(PipelineError, match=r"loads must be of the load table within 1 % .*got 0.6 N"):
+    with pytest.raises(
+        PipelineError, match=r"loads must be of the load table within 1 % .*got 0.6 N"
+    ):
         read_plan(path)

@@ -75,20 +75,32 @@ def test_four_etches_add_up_to_ten_heights_and_two_unlike_ones_need_two():
 def test_the_etches_at_a_place_add_up_to_the_step_beside_the_edge_and_in_the_groove(masks):
     polygons, labels = layers_of(masks[0])
     shapes = {
-        layer: shapely.unary_union([shapely.Polygon(one) for one in several]) for layer, several in polygons.items()
+        layer: shapely.unary_union([shapely.Polygon(one) for one in several])
+        for layer, several in polygons.items()
     }
     depths = {layer: 10e-6 * 2 ** (layer - 1) for layer in shapes}
-    places = {name: at for texts in labels.values() for name, at in texts.items() if name.startswith("STEP")}
+    places = {
+        name: at
+        for texts in labels.values()
+        for name, at in texts.items()
+        if name.startswith("STEP")
+    }
     assert set(places) == {block.id.upper() for block in TEN}
 
     def etched(x, y):
-        return sum(depths[layer] for layer, shape in shapes.items() if shape.contains(shapely.Point(x, y)))
+        return sum(
+            depths[layer] for layer, shape in shapes.items() if shape.contains(shapely.Point(x, y))
+        )
 
     for block in TEN:
         x, y = places[block.id.upper()]
-        assert etched(x - 1.0, y) == pytest.approx(block.height.nominal)  # lower face, a micrometre before the edge
+        assert etched(x - 1.0, y) == pytest.approx(
+            block.height.nominal
+        )  # lower face, a micrometre before the edge
         assert etched(x + 1.0, y) == 0.0
-        assert etched(x + 2300.0, y + 9000.0) == pytest.approx(block.height.nominal)  # groove: 2 to 2.6 mm, back lane
+        assert etched(x + 2300.0, y + 9000.0) == pytest.approx(
+            block.height.nominal
+        )  # groove: 2 to 2.6 mm, back lane
         assert etched(x + 2300.0, y + 5000.0) == 0.0
 
 
@@ -98,13 +110,19 @@ def test_areas_are_those_of_the_table_and_nothing_is_drawn_twice(masks):
     assert len(lines) == len(polygons) == 4
     for line in lines:
         layer, _, area, _ = line.split(",")
-        assert sum(map(shoelace, polygons[int(layer)])) * 1e-6 == pytest.approx(float(area), rel=1e-9)
+        assert sum(map(shoelace, polygons[int(layer)])) * 1e-6 == pytest.approx(
+            float(area), rel=1e-9
+        )
 
 
 def test_every_etch_has_monitors_of_each_width_and_its_label(masks):
     polygons, labels = layers_of(masks[0])
     for layer, several in polygons.items():
-        boxes = [np.ptp(points, axis=0) for points in several if len(points) == 5 and points[:, 1].max() < 0.0]
+        boxes = [
+            np.ptp(points, axis=0)
+            for points in several
+            if len(points) == 5 and points[:, 1].max() < 0.0
+        ]
         tall = sorted(round(float(wide), 3) for wide, high in boxes if abs(high - 2000.0) < 1e-6)
         assert tall == list(MONITORS)
         assert f"ETCH{layer} {10 * 2 ** (layer - 1)}UM" in labels[layer]
@@ -114,7 +132,9 @@ def test_the_design_rules_tell_a_slit_and_a_gap_below_the_least_width():
     assert list(rule_faults(shapely.box(0.0, 0.0, LEAST, 500.0))) == []
     (slit,) = rule_faults(shapely.box(0.0, 0.0, 0.9 * LEAST, 500.0))
     assert "what is open must be at least 10 um" in slit
-    pair = shapely.union_all([shapely.box(0.0, 0.0, 100.0, 100.0), shapely.box(109.0, 0.0, 200.0, 100.0)])
+    pair = shapely.union_all(
+        [shapely.box(0.0, 0.0, 100.0, 100.0), shapely.box(109.0, 0.0, 200.0, 100.0)]
+    )
     (gap,) = rule_faults(pair)
     assert "what is kept" in gap
 
@@ -125,7 +145,9 @@ def test_the_same_blocks_give_the_same_bytes(masks, tmp_path):
     assert again.read_bytes() == masks[0].read_bytes()
 
 
-def test_without_the_library_the_command_says_in_one_line_how_to_get_it(monkeypatch, tmp_path, capsys):
+def test_without_the_library_the_command_says_in_one_line_how_to_get_it(
+    monkeypatch, tmp_path, capsys
+):
     monkeypatch.setitem(sys.modules, "gdstk", None)
     arguments = [
         "workshop",

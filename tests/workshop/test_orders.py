@@ -36,13 +36,17 @@ def test_one_order_names_the_files_of_its_part_and_a_tip_has_no_routes(orders):
         "tip-125.plan.qif",
         *(f"tip-125.inspection-sheet.{form}" for form in ("csv", "pdf")),
     }
-    assert all(path.is_file() and path.parent == folder / "probe-tips" / "tip-125" for path in order.files)
+    assert all(
+        path.is_file() and path.parent == folder / "probe-tips" / "tip-125" for path in order.files
+    )
 
 
 def test_a_capability_may_be_a_text_or_metres_and_decides_which_route_reaches(tmp_path):
     found = []
     for capability in ("0.5 um", 0.5e-6, None):
-        (order,) = order_parts([str(STIMULI / "paper-ten.toml")], str(tmp_path), only="step-050", capability=capability)
+        (order,) = order_parts(
+            [str(STIMULI / "paper-ten.toml")], str(tmp_path), only="step-050", capability=capability
+        )
         found.append({route.name: (route.deviation, route.reaches) for route in order.routes})
     assert found[0] == found[1]
     assert found[0]["one piece"] == (0.5e-6, True)  # 0.5 um of a workshop against +-1 um asked for
@@ -63,7 +67,9 @@ def test_a_capability_has_a_unit_of_length(tmp_path):
 
 def test_an_order_is_told_when_it_is_written_and_none_is_an_error(tmp_path):
     told = []
-    order_parts(STIMULI / "sheaths.toml", tmp_path, only="sheaths/sheath-hard", announce=told.append)
+    order_parts(
+        STIMULI / "sheaths.toml", tmp_path, only="sheaths/sheath-hard", announce=told.append
+    )
     assert [order.name for order in told] == ["sheaths/sheath-hard"]
     with pytest.raises(PipelineError, match="selection must match"):
         order_parts(STIMULI / "sheaths.toml", tmp_path, only="step-*")
@@ -87,7 +93,9 @@ def test_the_table_of_routes_has_a_line_for_each_with_its_note(tmp_path):
     assert {line["part"] for line in lines} == {"paper-ten/step-010"}
     assert len(lines) == len(processes()) - 1 + len(GRADES)
     assert sum("grind, then lap both faces" in line["note"] for line in lines) == 1
-    assert sum("wring 1.000 mm and 1.010 mm side by side" in line["note"] for line in lines) == len(GRADES)
+    assert sum("wring 1.000 mm and 1.010 mm side by side" in line["note"] for line in lines) == len(
+        GRADES
+    )
 
 
 def test_the_sheet_and_the_drawing_number_alike(orders):
@@ -98,7 +106,9 @@ def test_the_sheet_and_the_drawing_number_alike(orders):
     dimensions = drawn_dimensions(part / "tip-125.drawing.dxf")
     assert dimensions
     for one in dimensions:
-        assert float(rows[one.number]["nominal_mm_or_deg"]) == pytest.approx(one.value * 1e3, abs=1e-6)
+        assert float(rows[one.number]["nominal_mm_or_deg"]) == pytest.approx(
+            one.value * 1e3, abs=1e-6
+        )
 
 
 def test_a_kind_without_views_of_its_own_is_drawn_by_the_nearest_of_its_line_and_else_said_in_words(
@@ -109,7 +119,9 @@ def test_a_kind_without_views_of_its_own_is_drawn_by_the_nearest_of_its_line_and
     class LongTip(StraightTip):
         stanza: ClassVar[str] = "long_tip"
 
-    (tip,) = [one for one in load_declared(STIMULI / "probe-tips.toml").stimuli if one.id == "tip-125"]
+    (tip,) = [
+        one for one in load_declared(STIMULI / "probe-tips.toml").stimuli if one.id == "tip-125"
+    ]
     other = LongTip.model_construct(**dict(tip))
     (path,) = write_drawing(tmp_path, other, ["dxf"])
     assert {one.key for one in drawn_dimensions(path)} == {"shank_diameter", "length"}
@@ -124,7 +136,8 @@ def test_a_kind_without_views_of_its_own_is_drawn_by_the_nearest_of_its_line_and
 
 @pytest.mark.parametrize("grade", GRADES)
 def test_the_step_of_a_pair_is_never_worse_than_its_parts_allow(grade):
-    # ISO 3650: twice the limit deviation and twice half the variation; a film of 0.02 um under either block
+    # ISO 3650: twice the limit deviation and twice half the variation; a film of 0.02 um under
+    # either block
     deviation, variation = GRADES[grade]
     pair = choose_pair(50e-6, grade)
     assert pair.worst == pytest.approx(2.0 * deviation + variation + 0.04e-6)

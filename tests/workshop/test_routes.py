@@ -45,7 +45,10 @@ def test_every_route_of_the_issue_is_known_and_every_figure_says_where_it_comes_
         assert word in names
     for process in processes():
         for name, one in process:
-            assert not isinstance(one, Sourced) or one.value == 0.0 or one.source, (process.name, name)
+            assert not isinstance(one, Sourced) or one.value == 0.0 or one.source, (
+                process.name,
+                name,
+            )
 
 
 @pytest.mark.parametrize("name", ["wire EDM", "micro-milling", "two-photon printing"])
@@ -77,10 +80,15 @@ def test_the_share_that_conforms_is_that_of_draws(name):
 
 def test_a_better_workshop_narrows_the_interval_and_more_blocks_conform():
     def one_piece(capability):
-        return next(route for route in routes_for(BLOCK, capability, PAPER) if route.name == "one piece")
+        return next(
+            route for route in routes_for(BLOCK, capability, PAPER) if route.name == "one piece"
+        )
 
     fine, coarse = one_piece(0.5e-6), one_piece(2e-6)
-    assert fine.felt.energy_high - fine.felt.energy_low < coarse.felt.energy_high - coarse.felt.energy_low
+    assert (
+        fine.felt.energy_high - fine.felt.energy_low
+        < coarse.felt.energy_high - coarse.felt.energy_low
+    )
     assert fine.conforming > coarse.conforming
     assert fine.felt.energy == coarse.felt.energy
 
@@ -93,7 +101,14 @@ def test_routes_whose_cost_class_is_published_come_first_the_cheaper_before():
 
 
 def test_the_command_prints_what_is_felt_and_leaves_a_table_with_the_sources(tmp_path, capsys):
-    arguments = ["workshop", str(STIMULI / "paper-ten.toml"), "--only", "step-050", "-o", str(tmp_path)]
+    arguments = [
+        "workshop",
+        str(STIMULI / "paper-ten.toml"),
+        "--only",
+        "step-050",
+        "-o",
+        str(tmp_path),
+    ]
     assert main(arguments) == 0
     told = capsys.readouterr().out
     line = next(line for line in told.splitlines() if "wire EDM" in line)
@@ -102,4 +117,6 @@ def test_the_command_prints_what_is_felt_and_leaves_a_table_with_the_sources(tmp
     rows = (tmp_path / "paper-ten" / "step-050" / "step-050.routes.csv").read_text().splitlines()
     assert len(rows) == 1 + len(ROUTES)
     assert "conforming_share" in rows[0]
-    assert sum("assumed" in row for row in rows[1:]) == len(ROUTES)  # none has all its figures from a publication
+    assert sum("assumed" in row for row in rows[1:]) == len(
+        ROUTES
+    )  # none has all its figures from a publication

@@ -57,7 +57,9 @@ def test_the_sheet_says_that_a_step_is_lapped_or_wrung_and_how_the_burr_is_check
 
 
 def test_level_faces_have_no_step_to_lap_and_a_gap_is_cut_last(tmp_path):
-    level = next(one for one in load_set(STIMULI / "crown-margins.toml").margin_block if one.rise == 0.0)
+    level = next(
+        one for one in load_set(STIMULI / "crown-margins.toml").margin_block if one.rise == 0.0
+    )
     text = write_setup(tmp_path, level)[0].read_text()
     assert "The working faces lie level" in text
     assert "Cut the gap last" in text

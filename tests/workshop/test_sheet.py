@@ -28,7 +28,8 @@ def dimensions(sheet):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "scale"), [(1.0, 1.0), (0.99, 0.5), (3.9, 2.5), (47.0, 40.0), (4000.0, 4000.0), (0.024, 0.02)]
+    ("wanted", "scale"),
+    [(1.0, 1.0), (0.99, 0.5), (3.9, 2.5), (47.0, 40.0), (4000.0, 4000.0), (0.024, 0.02)],
 )
 def test_scales_are_those_that_a_drawing_uses_and_never_too_large(wanted, scale):
     # ISO 5455: 1, 2, 5 times powers of ten; 2.5 and 4 beside them
@@ -45,7 +46,11 @@ def test_a_view_stretches_heights_alone_where_it_says_so():
 @pytest.mark.parametrize("scale", [1.0, 4000.0])
 def test_a_dimension_measures_the_part_at_any_scale_either_way(scale, upright, sheet):
     long = 10e-6 * 1e3 * scale
-    ends = ((100.0, 100.0), (100.0, 100.0 + long)) if upright else ((100.0, 100.0), (100.0 + long, 100.0))
+    ends = (
+        ((100.0, 100.0), (100.0, 100.0 + long))
+        if upright
+        else ((100.0, 100.0), (100.0 + long, 100.0))
+    )
     sheet.dimension("step", *ends, (90.0, 90.0), scale, upright=upright)
     (one,) = dimensions(sheet)
     assert one.get_measurement() * one.override().get("dimlfac") == pytest.approx(0.010, abs=1e-12)
@@ -56,9 +61,15 @@ def test_a_dimension_measures_the_part_at_any_scale_either_way(scale, upright, s
 
 @pytest.mark.parametrize("upright", [False, True])
 @pytest.mark.parametrize("long", [5.0, 200.0])
-def test_the_text_of_a_narrow_dimension_stands_beside_it_and_its_balloon_beyond(long, upright, sheet):
+def test_the_text_of_a_narrow_dimension_stands_beside_it_and_its_balloon_beyond(
+    long, upright, sheet
+):
     axis = 1 if upright else 0
-    ends = ((100.0, 100.0), (100.0, 100.0 + long)) if upright else ((100.0, 100.0), (100.0 + long, 100.0))
+    ends = (
+        ((100.0, 100.0), (100.0, 100.0 + long))
+        if upright
+        else ((100.0, 100.0), (100.0 + long, 100.0))
+    )
     sheet.dimension("step", *ends, (90.0, 90.0), 4000.0, upright=upright)
     (balloon,) = sheet.space.query("CIRCLE")
     if long < 50.0:
@@ -77,7 +88,9 @@ def test_a_diameter_says_so_with_unequal_deviations(sheet):
 
 
 @pytest.mark.parametrize(("elbow", "side"), [((120.0, 60.0), 1.0), ((80.0, 60.0), -1.0)])
-def test_a_leader_stands_on_the_side_away_from_its_tip_with_the_limits_in_its_text(elbow, side, sheet):
+def test_a_leader_stands_on_the_side_away_from_its_tip_with_the_limits_in_its_text(
+    elbow, side, sheet
+):
     sheet.leader((100.0, 50.0), elbow, "R {} of the step", "step")
     said, number = texts(sheet)
     assert said == "R 0.010 ±0.001 of the step"
@@ -112,7 +125,11 @@ def test_the_title_block_lies_in_the_lower_right_corner_inside_the_frame(sheet):
     sheet.border("Step block", {"identity": "STEP-010", "material": "steel", "mass": "29.1 g"})
     said = texts(sheet)
     assert said[0] == "Step block"
-    for name, value in (("identity", "STEP-010"), ("mass", "29.1 g"), ("general tolerances", "ISO 2768-m")):
+    for name, value in (
+        ("identity", "STEP-010"),
+        ("mass", "29.1 g"),
+        ("general tolerances", "ISO 2768-m"),
+    ):
         assert said[said.index(name) + 1] == value
     for entity in sheet.space.query("TEXT"):
         x, y = entity.get_placement()[1].vec2
@@ -143,14 +160,18 @@ def test_what_was_drawn_since_can_be_measured_and_moved(sheet):
     sheet.dimension("step", (10.0, 25.0), (30.0, 25.0), (20.0, 40.0), 1.0)
     before = sheet.extents(start)
     sheet.shift(start, (100.0, -10.0))
-    assert sheet.extents(start) == pytest.approx([a + b for a, b in zip(before, (100, -10, 100, -10), strict=True)])
+    assert sheet.extents(start) == pytest.approx(
+        [a + b for a, b in zip(before, (100, -10, 100, -10), strict=True)]
+    )
     assert sheet.extents()[:2] == pytest.approx((0.0, 0.0))
 
 
 @pytest.mark.parametrize("middle", [45.0, -135.0])
 def test_an_arc_is_drawn_through_its_middle_point_the_short_way_or_the_long(middle):
     def on(degrees):
-        return 3e-3 + 2e-3 * math.cos(math.radians(degrees)), -1e-3 + 2e-3 * math.sin(math.radians(degrees))
+        return 3e-3 + 2e-3 * math.cos(math.radians(degrees)), -1e-3 + 2e-3 * math.sin(
+            math.radians(degrees)
+        )
 
     points = outline_points([on(0.0), (on(middle), on(90.0))], 0.05e-6)
     assert points[-1] == pytest.approx(on(90.0))

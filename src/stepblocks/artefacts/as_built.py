@@ -46,7 +46,9 @@ class AsBuilt:
     values: dict[str, AsBuiltValue]  # by key of the characteristic, such as ``step_height``
     # levelled profile across the edge, for what the values do not say of its form
     surface: Profile | None = field(default=None, compare=False)
-    arc: bool = True  # whether the edge is an arc; where not, its surface says what its radius cannot
+    arc: bool = (
+        True  # whether the edge is an arc; where not, its surface says what its radius cannot
+    )
 
     @property
     def height(self) -> AsBuiltValue | None:
@@ -71,7 +73,10 @@ class _Record(BaseModel):
 
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
     """Write a record as TOML with units, and its surface beside it as CSV; return the paths of both."""
-    lines = [f"schema = {_SCHEMA}", *(f"{name} = {_quoted(as_text(getattr(record, name)))}" for name in _TEXTS)]
+    lines = [
+        f"schema = {_SCHEMA}",
+        *(f"{name} = {_quoted(as_text(getattr(record, name)))}" for name in _TEXTS),
+    ]
     lines += [] if record.arc else ["edge_is_arc = false"]
     written = [path]
     if record.surface is not None:
@@ -84,7 +89,13 @@ def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
         lines += [f"profile = {_quoted(written[-1].name)}", f'profile_sha256 = "{digest}"']
     for key, one in record.values.items():
         value, std = format_quantity(one.value, "length", 9), format_quantity(one.std, "length", 4)
-        lines += ["", f"[values.{key}]", f'value = "{value}"', f'std = "{std}"', f"verdict = {_quoted(one.verdict)}"]
+        lines += [
+            "",
+            f"[values.{key}]",
+            f'value = "{value}"',
+            f'std = "{std}"',
+            f"verdict = {_quoted(one.verdict)}",
+        ]
     replace_text(path, "\n".join(lines) + "\n")
     return written
 
@@ -110,17 +121,31 @@ def read_as_built(path: str | Path) -> AsBuilt:
     path = Path(path)
     raw = validated(_Record, read_document(path, "record", MetrologyError), path, MetrologyError)
     surface = _surface(path, raw.profile, raw.profile_sha256)
-    return AsBuilt(raw.stimulus, raw.scan, raw.scan_sha256, raw.convention, raw.values, surface, raw.edge_is_arc)
+    return AsBuilt(
+        raw.stimulus,
+        raw.scan,
+        raw.scan_sha256,
+        raw.convention,
+        raw.values,
+        surface,
+        raw.edge_is_arc,
+    )
 
 
 def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
     """Read files, and all records of folders, by the stimulus that each is of; one record of each."""
-    files = [file for path in paths for file in (sorted(path.glob("*.as-built.toml")) if path.is_dir() else [path])]
+    files = [
+        file
+        for path in paths
+        for file in (sorted(path.glob("*.as-built.toml")) if path.is_dir() else [path])
+    ]
     records: dict[str, AsBuilt] = {}
     for file in files:
         record = read_as_built(file)
         if records.setdefault(record.stimulus, record) is not record:
-            raise PipelineError(f"records must name each stimulus once, got {record.stimulus} twice [{file}]")
+            raise PipelineError(
+                f"records must name each stimulus once, got {record.stimulus} twice [{file}]"
+            )
     if not records:
         raise PipelineError("expected at least one record (*.as-built.toml), got none")
     return records
@@ -130,9 +155,14 @@ def measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
     """List heights and edge radii of inspected blocks for the closed loop, the unit in every name."""
     edges: dict[str, dict[str, float]] = {}
     for block, record in records.items():
-        for name, one in (("height", record.height), ("edge_radius", record.values.get("edge_radius"))):
+        for name, one in (
+            ("height", record.height),
+            ("edge_radius", record.values.get("edge_radius")),
+        ):
             if record.height is not None and one is not None:
-                edges.setdefault(block, {}).update({f"{name}_m": one.value, f"{name}_std_m": one.std})
+                edges.setdefault(block, {}).update(
+                    {f"{name}_m": one.value, f"{name}_std_m": one.std}
+                )
     return edges
 
 

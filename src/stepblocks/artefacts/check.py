@@ -1,7 +1,7 @@
 """Every artefact of a stimulus, read back from disk and measured against what was asked for.
 
-A mesh is read by another library than wrote it, STEP by a parser of its text beside the kernel, TIFF by Pillow; heights are
-compared with a closed form of the section that did not write them.
+A mesh is read by another library than wrote it, STEP by a parser of its text beside the kernel,
+TIFF by Pillow; heights are compared with a closed form of the section that did not write them.
 """
 
 import json
@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from stepblocks.artefacts.meshes.measures import MeshMeasures
 from stepblocks.artefacts.meshes.read import MESH_READERS, is_whole, read_mesh, read_pieces
-from stepblocks.artefacts.step.check_step import ALLOWED, Characteristic, StepReport, check_step, shown_in
+from stepblocks.artefacts.step.check_step import (
+    ALLOWED,
+    Characteristic,
+    StepReport,
+    check_step,
+    shown_in,
+)
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
@@ -64,19 +70,39 @@ def check_artefact(part: Part, path: str | Path) -> list[Verdict]:
 def _step(stimulus: Part, path: Path) -> Iterator[Verdict]:
     name = path.name
     report, findings = check_part_step(path, stimulus)
-    yield Verdict(name, "schema AP242", 1.0, float(any("AP242" in schema for schema in report.schema)), 0.0, "count")
+    yield Verdict(
+        name,
+        "schema AP242",
+        1.0,
+        float(any("AP242" in schema for schema in report.schema)),
+        0.0,
+        "count",
+    )
     found_volumes = read_confined(f"{__name__}:volumes_in", path, raises=MetrologyError)["volumes"]
     volumes = stimulus.volumes()
     yield Verdict(name, "solids", len(volumes), len(found_volumes), 0.0, "count")
-    for index, (volume, found_volume) in enumerate(zip(volumes, found_volumes, strict=False), start=1):
-        yield Verdict(name, f"volume of solid {index}", volume, found_volume, 1e-6, "volume", relative=True)
+    for index, (volume, found_volume) in enumerate(
+        zip(volumes, found_volumes, strict=False), start=1
+    ):
+        yield Verdict(
+            name, f"volume of solid {index}", volume, found_volume, 1e-6, "volume", relative=True
+        )
     for one, found in matched(report, stimulus):
         if one.kind not in FORM:
             measured = math.nan if found is None or found.geometry is None else found.geometry
             quantity, angular = f"{one.label}, of its faces", one.quantity == "angle"
-            yield Verdict(name, quantity, one.nominal, measured, ALLOWED, one.quantity, relative=angular)
+            yield Verdict(
+                name, quantity, one.nominal, measured, ALLOWED, one.quantity, relative=angular
+            )
     first = f" ({findings[0]})" if findings else ""
-    yield Verdict(name, f"tolerances, material and types as asked for{first}", 0.0, len(findings), 0.0, "count")
+    yield Verdict(
+        name,
+        f"tolerances, material and types as asked for{first}",
+        0.0,
+        len(findings),
+        0.0,
+        "count",
+    )
 
 
 def volumes_in(path: Path) -> dict[str, Any]:
@@ -99,17 +125,30 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
         else:
             left.remove(found)
             if found in report.dimensions and found.geometry is None and not found.problem:
-                findings.append(f"{found.ref} {one.label}: the faces that it names do not determine it")
-    findings += [f"{item.ref} {item.kind} {item.value * 1e3:.9g} mm: was not asked for" for item in left]
+                findings.append(
+                    f"{found.ref} {one.label}: the faces that it names do not determine it"
+                )
+    findings += [
+        f"{item.ref} {item.kind} {item.value * 1e3:.9g} mm: was not asked for" for item in left
+    ]
     if stimulus.has_working_faces:
-        flat = {face for item in report.tolerances if item.kind == "flatness" for face in item.faces}
+        flat = {
+            face for item in report.tolerances if item.kind == "flatness" for face in item.faces
+        }
         rough = stimulus.face_demands["roughness"].upper
-        if dict(report.textures).keys() != flat or any(abs(value - rough) > ALLOWED for _, value in report.textures):
+        if dict(report.textures).keys() != flat or any(
+            abs(value - rough) > ALLOWED for _, value in report.textures
+        ):
             findings.append(f"surface texture: every working face must have Ra {rough * 1e6:g} um")
     density = stimulus.material.density.value
     if not report.densities or any(abs(value / density - 1.0) > 1e-9 for value in report.densities):
-        findings.append(f"density must be {density:g} kg/m^3, got {', '.join(map(str, report.densities)) or 'none'}")
-    if not report.materials or any(name != stimulus.material.designation for name in report.materials):
+        findings.append(
+            f"density must be {density:g} kg/m^3, got "
+            f"{', '.join(map(str, report.densities)) or 'none'}"
+        )
+    if not report.materials or any(
+        name != stimulus.material.designation for name in report.materials
+    ):
         got = ", ".join(report.materials) or "none"
         findings.append(f"material must be {stimulus.material.designation!r}, got {got}")
     return report, findings
@@ -121,7 +160,10 @@ def matched(report: StepReport, stimulus: Part) -> list[tuple[Wanted, Characteri
     pairs: list[tuple[Wanted, Characteristic | None]] = []
     for one in (one for one in stimulus.characteristics() if one.kind not in ("note", "roughness")):
         label = one.label if one.kind in ("distance", "angle") else ""
-        found = next((item for item in left if item.name == label and _agrees(item, one.kind, _wanted(one))), None)
+        found = next(
+            (item for item in left if item.name == label and _agrees(item, one.kind, _wanted(one))),
+            None,
+        )
         if found is not None:
             left.remove(found)
         pairs.append((one, found))
@@ -143,7 +185,9 @@ _NAMES = {
 def _agrees(item: Characteristic, kind: str, wanted: tuple[float, ...]) -> bool:
     names = _NAMES.get(kind, (kind,))
     got = (item.value,) if len(wanted) == 1 else (item.value, item.lower, item.upper)
-    return item.kind in names and all(abs(a - b) <= ALLOWED for a, b in zip(got, wanted, strict=True))
+    return item.kind in names and all(
+        abs(a - b) <= ALLOWED for a, b in zip(got, wanted, strict=True)
+    )
 
 
 def _mesh(part: Part, path: Path) -> Iterator[Verdict]:
@@ -165,7 +209,10 @@ def _pieces(part: Part, path: Path) -> Iterator[Verdict]:
     yield Verdict(name, "edges without exactly one neighbour", 0.0, open_edges, 0.0, "count")
     worst = max(piece.concavity() for piece in pieces)
     yield Verdict(name, "concavity of the pieces", 0.0, worst, NANOMETRE)
-    whole, total = math.fsum(part.volumes()) + part.filled, math.fsum(piece.volume for piece in pieces)
+    whole, total = (
+        math.fsum(part.volumes()) + part.filled,
+        math.fsum(piece.volume for piece in pieces),
+    )
     limit = _PIECES_LIMIT if part.is_turned else VOLUME_LIMIT
     yield Verdict(name, "volume of the pieces", whole, total, limit, "volume", relative=True)
 
@@ -181,7 +228,9 @@ def image_in(path: Path, mode: str = "") -> dict[str, Any]:
 def arrays_in(path: Path) -> dict[str, Any]:
     """Read the heights and positions of an npz."""
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-        return {name: np.asarray(archive[name], dtype=np.float64) for name in ("height_m", "x_m", "y_m")}
+        return {
+            name: np.asarray(archive[name], dtype=np.float64) for name in ("height_m", "x_m", "y_m")
+        }
 
 
 def _tiff(part: Part, path: Path) -> Iterator[Verdict]:
@@ -196,7 +245,8 @@ def _npz(part: Part, path: Path) -> Iterator[Verdict]:
     heights, columns, rows = (found[name] for name in ("height_m", "x_m", "y_m"))
     side = _sidecar(path)
     yield from _field(part, path, heights, side)
-    # heights that are equal along y cannot tell swapped rows; the positions that the archive gives them can
+    # heights that are equal along y cannot tell swapped rows; the positions that the archive gives
+    # them can
     for name, found in (("x", columns), ("y", rows)):
         expected = side[f"origin_{name}_m"] + side[f"spacing_{name}_m"] * np.arange(found.size)
         worst = np.abs(found - expected).max() if found.ndim == 1 and found.size else math.inf
@@ -210,10 +260,14 @@ def _sidecar(path: Path) -> dict[str, Any]:
         names = ("origin_x_m", "origin_y_m", "spacing_x_m", "spacing_y_m")
         return {"shape": side["shape_rows_columns"]} | {name: float(side[name]) for name in names}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise MetrologyError(f"needs its sidecar {path.stem}.json with shape, origin and spacing [{path}]") from error
+        raise MetrologyError(
+            f"needs its sidecar {path.stem}.json with shape, origin and spacing [{path}]"
+        ) from error
 
 
-def _field(part: Part, path: Path, heights: NDArray[np.float64], side: dict[str, Any]) -> Iterator[Verdict]:
+def _field(
+    part: Part, path: Path, heights: NDArray[np.float64], side: dict[str, Any]
+) -> Iterator[Verdict]:
     """Compare with the profile at the positions that the sidecar gives, and measure the step between the far thirds."""
     if not isinstance(part, Block):
         raise MetrologyError(f"a height field belongs to a block, got {part.id} [{path}]")
@@ -224,7 +278,10 @@ def _field(part: Part, path: Path, heights: NDArray[np.float64], side: dict[str,
     worst = np.abs(heights - [part.top(position) for position in x.tolist()]).max()
     yield Verdict(path.name, "largest error of a height", 0.0, float(worst), NANOMETRE)
     third = heights.shape[1] // 3
-    step = math.fsum(heights[:, -third:].mean(axis=0)) / third - math.fsum(heights[:, :third].mean(axis=0)) / third
+    step = (
+        math.fsum(heights[:, -third:].mean(axis=0)) / third
+        - math.fsum(heights[:, :third].mean(axis=0)) / third
+    )
     yield Verdict(path.name, "step between the outer thirds", part.rise, step, NANOMETRE)
 
 
@@ -239,16 +296,24 @@ def _specification(part: Part, path: Path) -> Iterator[Verdict]:
     found, wanted = read_document(path, "specification", MetrologyError, form="JSON"), part.record()
     wanted = json.loads(json.dumps(wanted))
     wrong = (
-        sum(found.get(name) != wanted.get(name) for name in found | wanted) if isinstance(found, dict) else len(wanted)
+        sum(found.get(name) != wanted.get(name) for name in found | wanted)
+        if isinstance(found, dict)
+        else len(wanted)
     )
-    yield Verdict(path.name, "entries that differ from what was asked for", 0.0, wrong, 0.0, "count")
+    yield Verdict(
+        path.name, "entries that differ from what was asked for", 0.0, wrong, 0.0, "count"
+    )
 
 
 def _view(part: Part, path: Path) -> Iterator[Verdict]:
     found = read_confined(f"{__name__}:view_in", path, raises=MetrologyError)
     yield Verdict(path.name, "bodies", len(part.volumes()), found["count"], 0.0, "count")
     for number, volume in enumerate(part.volumes()[: found["count"]]):
-        yield from _closed(path.name, MeshMeasures(found[f"vertices {number}"], found[f"triangles {number}"]), volume)
+        yield from _closed(
+            path.name,
+            MeshMeasures(found[f"vertices {number}"], found[f"triangles {number}"]),
+            volume,
+        )
 
 
 def view_in(path: Path) -> dict[str, Any]:
@@ -258,7 +323,10 @@ def view_in(path: Path) -> dict[str, Any]:
     found: dict[str, Any] = {"count": len(bodies)}
     for number, body in enumerate(bodies):
         whole = f"<u{int(body['bytes_of_a_corner'])}"
-        columns = {name: np.frombuffer(b64decode(body[name]), "<f4" if name in "xyz" else whole) for name in "xyzijk"}
+        columns = {
+            name: np.frombuffer(b64decode(body[name]), "<f4" if name in "xyz" else whole)
+            for name in "xyzijk"
+        }
         vertices = np.array([columns[axis] for axis in "xyz"], dtype=np.float64).T * 1e-3
         triangles = np.array([columns[corner] for corner in "ijk"], dtype=np.int64).T
         if not is_whole(vertices, triangles):

@@ -38,7 +38,9 @@ def relief(part: Part, ball_radius: float) -> Relief:
         x[np.abs(x - corner) < 1e-6 * spacing] = corner
     profile, radius = face.heights(x), part.turn_radius
     if radius is None:
-        return Relief(np.tile(profile, (3, 1)), x, np.array([-2.0 * ball_radius, 0.0, 2.0 * ball_radius]))
+        return Relief(
+            np.tile(profile, (3, 1)), x, np.array([-2.0 * ball_radius, 0.0, 2.0 * ball_radius])
+        )
     rows = 4  # of 5 um on either side: the ball touches the middle one
     y = np.asarray(np.arange(-rows, rows + 1) * 5e-6, dtype=np.float64)
     return Relief(np.sqrt((radius + profile) ** 2 - y[:, None] ** 2) - radius, x, y)
@@ -55,7 +57,8 @@ def height_field(part: Part) -> NDArray[np.float64]:
     Returns
     -------
     ndarray, shape (rows, columns)
-        Heights [m]; rows ascend in y, columns in x, the samples lie between the edges rather than on them.
+        Heights [m]; rows ascend in y, columns in x, the samples lie between the edges rather than
+        on them.
     """
     profile: NDArray[np.float64] = part.counterface().heights(_across(part))
     return np.tile(profile, (len(_positions(_HALF_Y)), 1))
@@ -68,7 +71,9 @@ def _across(part: Part) -> NDArray[np.float64]:
         x = _positions(_HALF_X) + shift * SPACING
         if np.abs(x[:, None] - corners).min() > 0.05 * SPACING:
             return x
-    raise HapticsError(f"a height field of {SPACING:g} m spacing cannot keep clear of the corners of {part.id}")
+    raise HapticsError(
+        f"a height field of {SPACING:g} m spacing cannot keep clear of the corners of {part.id}"
+    )
 
 
 def _positions(half: float) -> NDArray[np.float64]:
@@ -81,7 +86,9 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
     import tifffile
 
     heights = height_field(part)
-    tiff, npz, sidecar = (stem.with_name(stem.name + suffix) for suffix in (".tiff", ".npz", ".json"))
+    tiff, npz, sidecar = (
+        stem.with_name(stem.name + suffix) for suffix in (".tiff", ".npz", ".json")
+    )
     said = {"description": "heights in um", "software": "stepblocks"}
     tifffile.imwrite(tiff, (heights * 1e6).astype(np.float32), compression="zlib", **said)
     np.savez_compressed(npz, height_m=heights, x_m=_across(part), y_m=_positions(_HALF_Y))
@@ -96,7 +103,8 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
         "spacing_y_m": SPACING,
         "origin_x_m": float(_across(part)[0]),
         "origin_y_m": float(_positions(_HALF_Y)[0]),
-        "origin": "position of row 0, column 0 in the frame of the part; its z = 0 is the lower working face",
+        "origin": "position of row 0, column 0 in the frame of the part; its z = 0 is the lower "
+        "working face",
         "row_order": "row 0 lies at the smallest y, rows ascend in y",
         "column_order": "column 0 lies at the smallest x, columns ascend in x",
         "axes": "x across the edge, y along it, z up",

@@ -45,7 +45,9 @@ class LearnedModel:
     tool: Tool  # the nominal spring, and the ring with which the fit began
     tip_radius_um: float  # of trials whose tip has no number in its name [um]
     height_std: float  # of a block that nobody has measured [m]
-    scanned: Mapping[str, tuple[float, float]]  # heights of blocks and their standard uncertainties [m]
+    scanned: Mapping[
+        str, tuple[float, float]
+    ]  # heights of blocks and their standard uncertainties [m]
     blocks: tuple[str, ...]  # those that were measured
     ranges: tuple[CovariateRange, ...]  # where the data lay
     quantity_std: Floats  # shape (3,), between trials, of ln friction, ln load and ln conversion
@@ -60,7 +62,10 @@ def model_document(learned: LearnedModel) -> dict[str, Any]:
     return {
         "format": _FORMAT,
         "verdict": learned.verdict,
-        "probe": {"spring_constant_n_per_m": tool.stiffness, "tip_radius_um": learned.tip_radius_um},
+        "probe": {
+            "spring_constant_n_per_m": tool.stiffness,
+            "tip_radius_um": learned.tip_radius_um,
+        },
         "start": {"ring_frequency_hz": tool.frequency, "decay_time_s": tool.decay_time},
         "block_height_std_m": learned.height_std,
         "scanned_height_m": learned.scanned,
@@ -83,7 +88,10 @@ def _fit_document(fitted: LearnedFit) -> dict[str, Any]:
         "units": fitted.units,
         "values": list(fitted.values.values()),
         "covariance": fitted.covariance.tolist(),
-        "effects": [{"id": e.id, "slot": e.slot, "covariate": e.covariate, "form": e.form} for e in fitted.laws],
+        "effects": [
+            {"id": e.id, "slot": e.slot, "covariate": e.covariate, "form": e.form}
+            for e in fitted.laws
+        ],
     }
 
 
@@ -130,7 +138,9 @@ def _from_document(document: Mapping[str, Any]) -> LearnedModel:
         ),
         tip_radius_um=float(probe["tip_radius_um"]),
         height_std=float(document["block_height_std_m"]),
-        scanned=TypeAdapter(dict[str, tuple[float, float]]).validate_python(document["scanned_height_m"]),
+        scanned=TypeAdapter(dict[str, tuple[float, float]]).validate_python(
+            document["scanned_height_m"]
+        ),
         blocks=blocks,
         ranges=ranges,
         quantity_std=_numbers("quantity_std", scatter["quantity_std"], (3,)),
@@ -142,13 +152,21 @@ def _from_document(document: Mapping[str, Any]) -> LearnedModel:
 
 def _fit(name: str, part: Mapping[str, Any], laws: Mapping[str, Law]) -> LearnedFit:
     names = [str(n) for n in part["names"]]
-    values = dict(zip(names, _numbers(f"values of {name}", part["values"], (len(names),)).tolist(), strict=True))
+    values = dict(
+        zip(
+            names,
+            _numbers(f"values of {name}", part["values"], (len(names),)).tolist(),
+            strict=True,
+        )
+    )
     covariance = _numbers(f"covariance of {name}", part["covariance"], (len(names), len(names)))
     effects = tuple(laws[str(e["id"])] for e in part["effects"])
     own = [(f"{law.id}.{p.name}", p.low, p.high) for law in effects for p in law.parameters]
     for key, low, high in (*((p.name, p.low, p.high) for p in _constants()), *own):
         if not low <= values[key] <= high:
-            raise ValueError(f"{key} of {name} must lie between {low:g} and {high:g}, got {values[key]:g}")
+            raise ValueError(
+                f"{key} of {name} must lie between {low:g} and {high:g}, got {values[key]:g}"
+            )
     return LearnedFit(values, tuple(str(unit) for unit in part["units"]), covariance, effects)
 
 
@@ -156,7 +174,9 @@ def _fit(name: str, part: Mapping[str, Any], laws: Mapping[str, Law]) -> Learned
 def _constants() -> tuple[Parameter, ...]:
     """Constants of every session; what a single trial adds is the height of its block, which comes last."""
     columns = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
-    return constants(design_of(np.array(["block"]), {name: np.ones(1) for name in columns}, 1.0))[:-1]
+    return constants(design_of(np.array(["block"]), {name: np.ones(1) for name in columns}, 1.0))[
+        :-1
+    ]
 
 
 def _numbers(name: str, given: object, shape: tuple[int, ...]) -> Floats:

@@ -31,7 +31,9 @@ _COLUMNS = {
     "verdict": ("verdict", 0.11),
 }
 COLUMNS = tuple(_COLUMNS)
-Values = Mapping[str, tuple[float, float, str]]  # measured [m], its standard uncertainty [m] and verdict, by key
+Values = Mapping[
+    str, tuple[float, float, str]
+]  # measured [m], its standard uncertainty [m] and verdict, by key
 
 
 def decimals_for(*lengths: float) -> int:
@@ -57,7 +59,9 @@ def limits_text(nominal: float, lower: float, upper: float, quantity: str = "len
     value = millimetres(nominal, decimals)
     if abs(upper + lower) < 1e-12:
         return f"{value} ±{millimetres(upper, decimals)}"
-    high, low = ("0" if abs(one) < 1e-12 else f"{one * 1e3:+.{decimals}f}" for one in (upper, lower))
+    high, low = (
+        "0" if abs(one) < 1e-12 else f"{one * 1e3:+.{decimals}f}" for one in (upper, lower)
+    )
     return f"{value} {high}/{low}"
 
 
@@ -70,7 +74,10 @@ def demands_by_default(stimulus: Part) -> str:
     """Say which demands on the working faces nobody has stated, if any."""
     named = ", ".join(name for name, zone in stimulus.face_demands.items() if zone.usual)
     field = stimulus.governed_by.replace("_", " ")
-    return named and f"Not stated in the order, so by default from the tolerance of the {field}: {named}."
+    return (
+        named
+        and f"Not stated in the order, so by default from the tolerance of the {field}: {named}."
+    )
 
 
 def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
@@ -88,7 +95,11 @@ def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
         if one.kind in FORM:
             limits[:2] = "", ""
         value = (measured or {}).get(one.key)
-        got = ("", "", "") if value is None else (f"{value[0] * 1e3:.6f}", f"{value[1] * 1e3:.6f}", value[2])
+        got = (
+            ("", "", "")
+            if value is None
+            else (f"{value[0] * 1e3:.6f}", f"{value[1] * 1e3:.6f}", value[2])
+        )
         rows.append((str(number), one.label, one.kind, *limits, unit, one.method, *got))
     return pd.DataFrame(rows, columns=COLUMNS)
 
@@ -105,7 +116,9 @@ def write_sheet_pdf(path: Path, stimulus: Part, measured: Values | None = None) 
     figure.text(0.04, 0.93, f"Inspection sheet   {stimulus.id.upper()}", fontsize=15, weight="bold")
     rules = f"lengths at 20 deg C     decision ISO 14253-1, guard band {GUARD_FACTOR} u"
     figure.text(0.04, 0.89, f"material {stimulus.material.designation}     {rules}", fontsize=9)
-    figure.text(0.04, 0.03, (" " * 35).join(("inspector", "instrument", "date", "signature")), fontsize=9)
+    figure.text(
+        0.04, 0.03, (" " * 35).join(("inspector", "instrument", "date", "signature")), fontsize=9
+    )
     shown = {name: heading for name, heading in _COLUMNS.items() if heading is not None}
     table = axes.table(
         cellText=sheet_table(stimulus, measured)[list(shown)].to_numpy().tolist(),

@@ -1,7 +1,8 @@
 """Plan and results of an inspection as QIF 3.0 (ISO 23952:2020): characteristics numbered as on the drawing and in the STEP file.
 
-A plan holds every characteristic with its tolerance, its datum and the order to measure all of them; results add what was
-measured, with combined standard uncertainties and the outcomes of ISO 14253-1. Lengths are in millimetres, angles in degrees.
+A plan holds every characteristic with its tolerance, its datum and the order to measure all of
+them; results add what was measured, with combined standard uncertainties and the outcomes of ISO
+14253-1. Lengths are in millimetres, angles in degrees.
 """
 
 import math
@@ -17,7 +18,9 @@ from stepblocks.parts.characteristics import FORM, Characteristic, FaceRule
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 
-_SPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")  # RFC 4122, appendix C: names that are addresses
+_SPACE = uuid.UUID(
+    "6ba7b811-9dad-11d1-80b4-00c04fd430c8"
+)  # RFC 4122, appendix C: names that are addresses
 _PINNED = "2000-01-01"  # where the order has no date: equal orders give equal bytes
 # what a kind of ours is in QIF, and the enumerations of CharacteristicStatusEnumType
 _KINDS = {
@@ -33,7 +36,9 @@ _KINDS = {
 _STATUS = {"conforms": "PASS", "does not conform": "FAIL", "not proven": "UNDEFINED"}
 
 
-def write_qif(path: Path, part: Part, order: OrderSpec | None = None, measured: Values | None = None) -> None:
+def write_qif(
+    path: Path, part: Part, order: OrderSpec | None = None, measured: Values | None = None
+) -> None:
     """Write the plan of a part; with values, their standard uncertainties and outcomes by key also its results."""
     order, listed, values = order or OrderSpec(), list(part.characteristics()), measured or {}
     said = repr((part.record(), sorted(values.items())))
@@ -43,24 +48,43 @@ def write_qif(path: Path, part: Part, order: OrderSpec | None = None, measured: 
     text = render_page(
         "artefacts",
         "qif.xml.j2",
-        **{"part": part, "author": order.author, "date": order.date or _PINNED, "listed": listed, "status": _STATUS},
-        **{"form": FORM, "framed": any(one.kind == "parallelism" for one in listed), "kind": _kind, "scaled": _scaled},
+        **{
+            "part": part,
+            "author": order.author,
+            "date": order.date or _PINNED,
+            "listed": listed,
+            "status": _STATUS,
+        },
+        **{
+            "form": FORM,
+            "framed": any(one.kind == "parallelism" for one in listed),
+            "kind": _kind,
+            "scaled": _scaled,
+        },
         **{"has_results": measured is not None, "taken": taken},
-        name=uuid.uuid5(_SPACE, f"stepblocks/{part.id}/{'plan' if measured is None else 'results'}/{said}"),
+        name=uuid.uuid5(
+            _SPACE, f"stepblocks/{part.id}/{'plan' if measured is None else 'results'}/{said}"
+        ),
         whole="FAIL" if "FAIL" in told else "UNKNOWN" if "UNDEFINED" in told else "PASS",
     )
     document = etree.fromstring(text, etree.XMLParser(remove_blank_text=True))
-    replace_bytes(path, etree.tostring(document, xml_declaration=True, encoding="UTF-8", pretty_print=True))
+    replace_bytes(
+        path, etree.tostring(document, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    )
 
 
 def _kind(one: Characteristic) -> str:
     """Name the QIF characteristic that states one of ours: of a ball a spherical radius, between two faces an angle between."""
-    if one.kind == "radius" and any(isinstance(rule, FaceRule) and rule.kind == "SPHERE" for rule in one.faces):
+    if one.kind == "radius" and any(
+        isinstance(rule, FaceRule) and rule.kind == "SPHERE" for rule in one.faces
+    ):
         return "SphericalRadius"
     return "AngleBetween" if one.kind == "angle" and len(one.faces) == 2 else _KINDS[one.kind]
 
 
 def _scaled(value: float, one: Characteristic) -> str:
     """Return a value in the units of the file to a picometre, without the exponent that its decimals may not have."""
-    text = f"{math.degrees(value) if one.quantity == 'angle' else value * 1e3:.9f}".rstrip("0").rstrip(".")
+    text = f"{math.degrees(value) if one.quantity == 'angle' else value * 1e3:.9f}".rstrip(
+        "0"
+    ).rstrip(".")
     return "0" if text == "-0" else text

@@ -10,7 +10,14 @@ from stepblocks.errors import MetrologyError
 
 _MOST_BYTES = 64 * 2**20
 _NS = "{http://qifstandards.org/xsd/qif3}"
-_ANGULAR = ("Angle", "AngleBetween", "AngleFrom", "ConicalTaper", "AngularCoordinate", "UserDefinedAngular")
+_ANGULAR = (
+    "Angle",
+    "AngleBetween",
+    "AngleFrom",
+    "ConicalTaper",
+    "AngularCoordinate",
+    "UserDefinedAngular",
+)
 
 
 @dataclass(frozen=True)
@@ -24,7 +31,9 @@ class QifResult:
     std: float  # combined standard uncertainty [m or rad]; nan where the file states none
     status: str  # ``PASS``, ``FAIL``, ``UNDEFINED``, ...
     nominal: float  # m or rad; nan where the file states none
-    limits: tuple[float, float]  # signed deviations, or 0 and the zone [m or rad]; nan where the file states none
+    limits: tuple[
+        float, float
+    ]  # signed deviations, or 0 and the zone [m or rad]; nan where the file states none
 
 
 def read_qif_results(path: str | Path) -> list[QifResult]:
@@ -58,7 +67,9 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
             )
         )
     if not found:
-        raise MetrologyError(f"QIF results must hold at least one measured value, got none [{path}]")
+        raise MetrologyError(
+            f"QIF results must hold at least one measured value, got none [{path}]"
+        )
     return found
 
 
@@ -68,13 +79,19 @@ def _root(path: Path) -> Any:
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise MetrologyError(f"QIF results must not exceed {_MOST_BYTES} bytes [{path}]")
-        parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+        parser = etree.XMLParser(
+            resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
+        )
         root = etree.parse(path, parser).getroot()
     except (OSError, etree.XMLSyntaxError) as error:
-        raise MetrologyError(f"QIF results must be a readable XML file: {error} [{path}]") from error
+        raise MetrologyError(
+            f"QIF results must be a readable XML file: {error} [{path}]"
+        ) from error
     version = root.get("versionQIF", "")
     if root.tag != f"{_NS}QIFDocument" or not version.startswith("3."):
-        raise MetrologyError(f"QIF results must be a QIFDocument of version 3, got {root.tag} {version} [{path}]")
+        raise MetrologyError(
+            f"QIF results must be a QIFDocument of version 3, got {root.tag} {version} [{path}]"
+        )
     return root
 
 
@@ -98,7 +115,9 @@ def _units(root: Any, path: Path) -> dict[str, float]:
     sizes = {"Linear": 1.0, "Angular": 1.0}
     for unit in root.iterfind(f"{_NS}FileUnits//{{*}}*"):
         if name := _text(unit, "UnitName"):
-            size = sizes.setdefault(name, _number(_text(unit, "UnitConversion/Factor") or "1", path, must=True))
+            size = sizes.setdefault(
+                name, _number(_text(unit, "UnitConversion/Factor") or "1", path, must=True)
+            )
             if unit.getparent().tag == f"{_NS}PrimaryUnits":
                 sizes[str(unit.tag).removeprefix(_NS).removesuffix("Unit")] = size
     return sizes
@@ -108,7 +127,10 @@ def _limits(definition: Any, factor: float, nominal: float, path: Path) -> tuple
     for zone in ("ToleranceValue", "RoughnessAverage"):
         if text := _text(definition, zone):
             return 0.0, _number(text, path) * factor
-    low, high = (_number(_text(definition, f"Tolerance/{side}Value"), path) * factor for side in ("Min", "Max"))
+    low, high = (
+        _number(_text(definition, f"Tolerance/{side}Value"), path) * factor
+        for side in ("Min", "Max")
+    )
     whole = _text(definition, "Tolerance/DefinedAsLimit") in ("true", "1")
     return (low - nominal, high - nominal) if whole else (low, high)
 

@@ -17,7 +17,9 @@ _HIGHEST = 1000  # of the band [Hz]
 
 def largest_force(event: VibrationEvent) -> float:
     """Return the force that a WAV file of a ring must be able to hold [N]."""
-    return max(event.amplitude, *(float(np.abs(ring(event, rate)).max(initial=0.0)) for rate in WAV_RATES))
+    return max(
+        event.amplitude, *(float(np.abs(ring(event, rate)).max(initial=0.0)) for rate in WAV_RATES)
+    )
 
 
 def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None:
@@ -26,30 +28,48 @@ def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None
 
     force = ring(event, rate)
     if not (math.isfinite(full) and full > 0.0 and np.isfinite(force).all()):
-        raise HapticsError(f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]")
+        raise HapticsError(
+            f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]"
+        )
     share = force / full
     whole = path.stem.endswith("int16")
-    wavfile.write(path, rate, np.round(share * 32767.0).astype(np.int16) if whole else share.astype(np.float32))
+    wavfile.write(
+        path,
+        rate,
+        np.round(share * 32767.0).astype(np.int16) if whole else share.astype(np.float32),
+    )
 
 
 def write_hjif(path: Path, event: VibrationEvent) -> None:
     """Write a ring as MPEG haptics, interchange form: one VectorialWave band, its frequency rounded to whole hertz."""
     if not math.isfinite(event.amplitude):
-        raise HapticsError(f"{event.stimulus} {event.drag} does not ring ({event.status.value}) [{path}]")
+        raise HapticsError(
+            f"{event.stimulus} {event.drag} does not ring ({event.status.value}) [{path}]"
+        )
     frequency, decay = event.tool.frequency, event.tool.decay_time * _TIMESCALE  # Hz, ticks
     if not 0 <= round(frequency) <= _HIGHEST:
         rule = f"the ring's frequency must lie within the band of 0 to {_HIGHEST} Hz"
         raise HapticsError(f"{rule}, got {frequency:g} Hz [{path}]")
-    # straight lines between samples of an exponential lie above it; this factor restores the energy of each stretch
+    # straight lines between samples of an exponential lie above it; this factor restores the energy
+    # of each stretch
     x = 1.0 / decay
     chord = (1.0 + math.exp(-x) + math.exp(-2.0 * x)) / 3.0
     factor = math.sqrt((1.0 - math.exp(-2.0 * x)) / (2.0 * x) / chord)
-    levels = np.exp(-np.arange(math.ceil(7.0 * event.tool.decay_time * _TIMESCALE) + 1) / decay) * factor
+    levels = (
+        np.exp(-np.arange(math.ceil(7.0 * event.tool.decay_time * _TIMESCALE) + 1) / decay) * factor
+    )
     keyframes: list[dict[str, Any]] = [
-        {"relative_position": tick, "amplitude_modulation": round(float(level), 9)} for tick, level in enumerate(levels)
+        {"relative_position": tick, "amplitude_modulation": round(float(level), 9)}
+        for tick, level in enumerate(levels)
     ]
     keyframes[0]["frequency_modulation"] = keyframes[-1]["frequency_modulation"] = round(frequency)
-    effect = {"effect_type": "Basis", "position": 0, "phase": 0.0, "base_signal": "Sine", "keyframes": keyframes}
+    effect = {
+        "effect_type": "Basis",
+        "position": 0,
+        "phase": 0.0,
+        "base_signal": "Sine",
+        "keyframes": keyframes,
+    }
     limits = {"lower_frequency_limit": 0, "upper_frequency_limit": _HIGHEST}
     channel = {
         "id": 0,
@@ -91,9 +111,21 @@ def write_ahap(path: Path, event: VibrationEvent) -> None:
     curve = [{"Time": round(t, 4), "ParameterValue": round(math.exp(-t / decay), 4)} for t in times]
     levels = (("HapticIntensity", 1.0), ("HapticSharpness", 0.8))
     parameters = [{"ParameterID": name, "ParameterValue": level} for name, level in levels]
-    tone = {"Time": 0.0, "EventType": "HapticContinuous", "EventDuration": length, "EventParameters": parameters}
-    fade = {"ParameterID": "HapticIntensityControl", "Time": 0.0, "ParameterCurveControlPoints": curve}
-    lost = "lossy preview: intensity and sharpness are relative; force, energy and frequency are in event.json"
+    tone = {
+        "Time": 0.0,
+        "EventType": "HapticContinuous",
+        "EventDuration": length,
+        "EventParameters": parameters,
+    }
+    fade = {
+        "ParameterID": "HapticIntensityControl",
+        "Time": 0.0,
+        "ParameterCurveControlPoints": curve,
+    }
+    lost = (
+        "lossy preview: intensity and sharpness are relative; force, energy and frequency are in "
+        "event.json"
+    )
     document = {
         "Version": 1.0,
         "Metadata": {"Project": f"{event.stimulus} {event.drag}", "Description": lost},

@@ -33,7 +33,9 @@ class Verdict:
     def __str__(self) -> str:
         """One line: verdict, artefact, quantity, deviation and limit."""
         if self.dimension == "length":
-            text = f"{self.deviation * 1e9:+.3f} nm off {format_quantity(self.nominal, 'length', 6)}"
+            text = (
+                f"{self.deviation * 1e9:+.3f} nm off {format_quantity(self.nominal, 'length', 6)}"
+            )
             text += f" (limit {format_quantity(self.limit, 'length')})"
         elif self.dimension == "file":
             text = ""
@@ -41,7 +43,9 @@ class Verdict:
             text = f"{self.measured:g}, {self.nominal:g} expected"
         else:
             text = f"{round(self.deviation, 12) + 0.0:+.1e} relative (limit {self.limit:g})"
-        return f"{'ok  ' if self.passed else 'FAIL'} {self.artefact}: {self.quantity} {text}".rstrip()
+        return (
+            f"{'ok  ' if self.passed else 'FAIL'} {self.artefact}: {self.quantity} {text}".rstrip()
+        )
 
     def as_record(self) -> dict[str, Any]:
         """Return plain values for JSON, units in the names, to a picometre or nine digits: what lies below is rounding."""

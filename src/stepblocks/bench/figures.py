@@ -18,7 +18,8 @@ from stepblocks.figure_file import new_figure, save_figure
 
 _FIRST = 12  # trials that are drawn where none are named
 _LINE, _FIT = "#1f4e79", "#c0392b"
-# each feature that is told beside the curves, with its standard uncertainty, the scale and unit to tell it in
+# each feature that is told beside the curves, with its standard uncertainty, the scale and unit to
+# tell it in
 _NOTES = (
     ("friction", "sliding_friction", "sliding_friction_std", 1.0, ""),
     ("spring", "spring_constant_n_per_m", "spring_constant_std_n_per_m", 1e-3, "N/mm"),
@@ -30,23 +31,35 @@ _NOTES = (
 )
 
 
-def draw_trials(session: str | Path, output: str | Path, trials: list[str] | None = None) -> list[Path]:
+def draw_trials(
+    session: str | Path, output: str | Path, trials: list[str] | None = None
+) -> list[Path]:
     """Draw trials of a session, measured or excluded, the first twelve where none are named; return what was drawn."""
     output, declared = Path(output), open_session(session)
     table = open_trials(declared)
-    chosen = list(islice(table, _FIRST)) if trials is None else [trial for trial in table if trial.name in trials]
+    chosen = (
+        list(islice(table, _FIRST))
+        if trials is None
+        else [trial for trial in table if trial.name in trials]
+    )
     missing = sorted(set(trials or ()) - {trial.name for trial in chosen})
     if missing:
-        raise PipelineError(f"trial {missing[0]!r} is not in the table of trials [{declared.table}]")
+        raise PipelineError(
+            f"trial {missing[0]!r} is not in the table of trials [{declared.table}]"
+        )
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise PipelineError(f"folder for figures cannot be made: {error.strerror} [{output}]") from error
+        raise PipelineError(
+            f"folder for figures cannot be made: {error.strerror} [{output}]"
+        ) from error
     drawn = []
     with Traces(declared) as traces:
         if declared.acquisition.split:
             drawn.append(output / "cuts.png")
-            draw_cuts(traces.drags[0], list(traces.drags[1].values()), list(traces.drags[1]), drawn[-1])
+            draw_cuts(
+                traces.drags[0], list(traces.drags[1].values()), list(traces.drags[1]), drawn[-1]
+            )
         tool = pilot(traces, table)
         for trial in chosen:
             with suppress(TraceError):
@@ -56,7 +69,9 @@ def draw_trials(session: str | Path, output: str | Path, trials: list[str] | Non
     return drawn
 
 
-def _draw(title: str, trial: Trial, examined: tuple[Trace, Measurement | None, str], path: Path) -> None:
+def _draw(
+    title: str, trial: Trial, examined: tuple[Trace, Measurement | None, str], path: Path
+) -> None:
     trace, measured, reason = examined
     figure, (whole, near, normal) = new_figure(3, 1, width=11.0, height=8.5)
     conditions = ", ".join(f"{name} {cell}" for name, cell in list(trial.cells.items())[1:6])
@@ -64,7 +79,10 @@ def _draw(title: str, trial: Trial, examined: tuple[Trace, Measurement | None, s
     time, release, told = 1e3 * trace.time, float(trace.time[0]), f"excluded: {reason}"
     if measured is not None:
         release, seen = measured.start + measured.peak.time, measured.features
-        notes = (f"{name} {seen[of] * by:.4g} ± {seen[std] * by:.2g} {unit}" for name, of, std, by, unit in _NOTES)
+        notes = (
+            f"{name} {seen[of] * by:.4g} ± {seen[std] * by:.2g} {unit}"
+            for name, of, std, by, unit in _NOTES
+        )
         told = "\n".join(note.rstrip() for note in notes)
     for axes in (whole, near):
         axes.plot(time, trace.tangential, ".", color=_LINE, markersize=1.8, label="measured")

@@ -33,19 +33,25 @@ _TOGETHER = 0.5  # share of a group
 class LabelCheck:
     """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere."""
 
-    labels: array[int] = field(default_factory=lambda: array("Q"))  # row, block and digest of each trial
+    labels: array[int] = field(
+        default_factory=lambda: array("Q")
+    )  # row, block and digest of each trial
     numbers: array[float] = field(default_factory=lambda: array("d"))
     names: dict[str, int] = field(default_factory=dict)
 
     def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
         """Take note of one measured trial; `digest` identifies the samples of its trace."""
         self.labels.extend((trial.row, self.names.setdefault(trial.block, len(self.names)), digest))
-        self.numbers.extend((trial.load, trial.speed, *(features.get(name, math.nan) for name in _FEATURES)))
+        self.numbers.extend(
+            (trial.load, trial.speed, *(features.get(name, math.nan) for name in _FEATURES))
+        )
 
     def faults(self) -> dict[int, str]:
         """Reasons by row, for every trial whose trace belongs elsewhere."""
         rows, blocks, digests = np.array(self.labels, dtype=np.uint64).reshape(-1, 3).T
-        load, speed, normal, slope, peak, friction = np.array(self.numbers, dtype=float).reshape(-1, 6).T
+        load, speed, normal, slope, peak, friction = (
+            np.array(self.numbers, dtype=float).reshape(-1, 6).T
+        )
         found: dict[int, str] = {}
 
         def compare(ratio: Array, factor: float, told: Callable[[int, float], str]) -> None:
@@ -70,17 +76,24 @@ class LabelCheck:
         if _off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
             found |= {int(rows[i]): f"units: {told_load(i, usual)}" for i in known.tolist()}
         compare(slope / speed, _SLOPE_FACTOR, told_speed)
-        clean = np.array([i for i in np.argsort(rows, kind="stable") if rows[i] not in found], dtype=np.intp)
+        clean = np.array(
+            [i for i in np.argsort(rows, kind="stable") if rows[i] not in found], dtype=np.intp
+        )
         _, first, which = np.unique(digests[clean], return_index=True, return_inverse=True)
         for copy in np.flatnonzero(first[which] != np.arange(len(clean))):
             pair = int(rows[clean[copy]]), int(rows[clean[first[which[copy]]]])
             for one, other in (pair, pair[::-1]):
                 found[one] = f"duplicate: the same samples stand for row {other}"
         # inverse of equation (1): a = atan(F_px / F_py) - atan(mu)
-        angle = np.where(np.isin(rows, list(found)), math.nan, np.arctan(peak / normal) - np.arctan(friction))
+        angle = np.where(
+            np.isin(rows, list(found)), math.nan, np.arctan(peak / normal) - np.arctan(friction)
+        )
         names = list(self.names)
         for index, other in _of_other_blocks(angle, blocks).items():
-            said = f"the forces are those of block {names[other]}, the row says {names[int(blocks[index])]}"
+            said = (
+                f"the forces are those of block {names[other]}, the row says "
+                f"{names[int(blocks[index])]}"
+            )
             found.setdefault(int(rows[index]), f"mislabelled: {said}")
         return found
 
@@ -99,14 +112,19 @@ def line_of(load: Array, normal: Array) -> Callable[[Array], Array]:
         gain = float(np.median(normal / load)) if known.any() else 1.0
         return lambda at: gain * at
     nearest = np.abs(load[:, None] - levels).argmin(axis=1)
-    middles = [(np.median(load[nearest == i]), np.median(normal[nearest == i])) for i in range(levels.size)]
+    middles = [
+        (np.median(load[nearest == i]), np.median(normal[nearest == i])) for i in range(levels.size)
+    ]
     gain, zero = theilslopes(*np.array(middles).T[::-1])[:2]
     return lambda at: np.maximum(zero + gain * at, 0.2 * gain * at)
 
 
-def together(rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, str]) -> dict[int, str]:
+def together(
+    rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, str]
+) -> dict[int, str]:
     """Rows whose faults they share with their like, each with what they have in common: those are data."""
-    # `rows` are the measured ones with their cells. Like are trials that share a label or two, or that follow one another.
+    # `rows` are the measured ones with their cells. Like are trials that share a label or two, or
+    # that follow one another.
     flagged = {row for row, reason in faults.items() if reason.startswith("mislabelled")}
     counts: Counter[tuple[tuple[str, str], ...]] = Counter()
     failing = counts.copy()
@@ -125,15 +143,22 @@ def together(rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int,
             found |= dict.fromkeys(run, f"trials of the rows {run[0]} to {run[-1]}")
         usable = sorted(name for name in named if len(levels[name]) <= _MOST_LEVELS)
         for size in (1, 2):
-            shared_by = [tuple((name, named[name]) for name in names) for names in itertools.combinations(usable, size)]
+            shared_by = [
+                tuple((name, named[name]) for name in names)
+                for names in itertools.combinations(usable, size)
+            ]
             counts.update(shared_by)
             failing.update(shared_by if row in flagged else ())
-    for labels in sorted(counts, key=lambda labels: (-failing[labels] / counts[labels], len(labels))):
+    for labels in sorted(
+        counts, key=lambda labels: (-failing[labels] / counts[labels], len(labels))
+    ):
         apart = all(1 < len(levels[name]) <= _MOST_LEVELS for name, _ in labels)
         if apart and failing[labels] >= max(_RUN, _TOGETHER * counts[labels]):
             shared = ", ".join(f"{name} {value}" for name, value in labels)
             for row in flagged & set(cells):
-                if row not in found and all(cells[row].get(name) == value for name, value in labels):
+                if row not in found and all(
+                    cells[row].get(name) == value for name, value in labels
+                ):
                     found[row] = f"trials of {shared}"
     return found
 
@@ -153,7 +178,11 @@ def _of_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
     spread = float(np.median(miss / 0.6745))
     apart = np.abs(size[rows, None] - medians)
     nearest, fits = names[apart.argmin(axis=1)], apart.min(axis=1) < 0.25 * miss
-    other = (nearest != block[rows]) & fits & (miss > np.maximum(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own))
+    other = (
+        (nearest != block[rows])
+        & fits
+        & (miss > np.maximum(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own))
+    )
     return dict(zip(rows[other].tolist(), map(int, nearest[other]), strict=True))
 
 

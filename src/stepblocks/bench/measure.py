@@ -20,7 +20,13 @@ from stepblocks.bench.labels import LabelCheck, together
 from stepblocks.bench.session import Session, open_session
 from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
 from stepblocks.bench.signal.approach import LandmarkError
-from stepblocks.bench.signal.features import FEATURE_COLUMNS, Measurement, censored_features, measure_trace, tool_of
+from stepblocks.bench.signal.features import (
+    FEATURE_COLUMNS,
+    Measurement,
+    censored_features,
+    measure_trace,
+    tool_of,
+)
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, TrialTable, heights_of, open_trials
 from stepblocks.bench.waveform import WAVEFORM_COLUMNS, fit_waveform
@@ -86,7 +92,8 @@ def measure(
     output : str or Path, optional
         File that the table is also written to, CSV.
     jobs : int, optional
-        Processes; as many as cores where omitted. The script that calls needs no main guard for them.
+        Processes; as many as cores where omitted. The script that calls needs no main guard for
+        them.
     waveform : bool
         Also fit the drag in time to every trace: `WAVEFORM_COLUMNS` after the others.
     progress : callable, optional
@@ -95,10 +102,11 @@ def measure(
     Returns
     -------
     DataFrame
-        One row per trial in the order of the table of trials: ``trial``, ``status``, ``reason``, the conditions as written,
-        then `FEATURE_COLUMNS` in SI, each with its standard uncertainty; not-a-number where a trial does not show it.
-        ``flagged``: measured, but unlike its label; ``censored``: saturated or locked, so that its peak force is a lower
-        bound; ``excluded``: not measured.
+        One row per trial in the order of the table of trials: ``trial``, ``status``, ``reason``,
+        the conditions as written, then `FEATURE_COLUMNS` in SI, each with its standard uncertainty;
+        not-a-number where a trial does not show it. ``flagged``: measured, but unlike its label;
+        ``censored``: saturated or locked, so that its peak force is a lower bound; ``excluded``:
+        not measured.
 
     Raises
     ------
@@ -125,9 +133,15 @@ def write_features(
 ) -> MeasureSummary:
     """Measure every trial of a session into a file, however many there are; see `measure`, which also reads it back."""
     folder, output = Path(session), Path(output)
-    table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS, *WAVEFORM_COLUMNS)))
+    table = open_trials(
+        open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS, *WAVEFORM_COLUMNS))
+    )
     columns = (*FEATURE_COLUMNS, *WAVEFORM_COLUMNS) if waveform else FEATURE_COLUMNS
-    heights = dict(enumerate(heights_of(table.session, table.header, list(table))[1], start=1)) if waveform else {}
+    heights = (
+        dict(enumerate(heights_of(table.session, table.header, list(table))[1], start=1))
+        if waveform
+        else {}
+    )
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     if not 1 <= jobs <= _MOST_JOBS:
         raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
@@ -151,7 +165,10 @@ def write_features(
                     [
                         *map(harmless, (result.trial.name, result.status, result.reason)),
                         *(harmless(result.trial.cells.get(name, "")) for name in table.covariates),
-                        *(v if isinstance(v, str) else f"{v:.9g}" if math.isfinite(v) else "" for v in seen),
+                        *(
+                            v if isinstance(v, str) else f"{v:.9g}" if math.isfinite(v) else ""
+                            for v in seen
+                        ),
                     ]
                 )
                 if progress is not None:
@@ -159,7 +176,9 @@ def write_features(
         return _finish(draft, output, table, check.faults(), len(columns))
 
 
-def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None, height: float = math.nan) -> TrialResult:
+def measure_trial(
+    traces: Traces, trial: Trial, tool: Tool | None = None, height: float = math.nan
+) -> TrialResult:
     """Read, screen and measure one trial; where its height [m] is given, fit the drag in time too."""
     if trial.fault:
         return TrialResult(trial, trial.fault)
@@ -177,12 +196,16 @@ def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None, height
     if math.isfinite(height):
         radius = probe.tip_radius or PAPER.ball_radius
         usual = (PAPER.tool.frequency, PAPER.tool.decay_time) if tool is None else tool
-        fitted = fit_waveform(trace, measured, height, radius, PointTool(probe.spring_constant, *usual))
+        fitted = fit_waveform(
+            trace, measured, height, radius, PointTool(probe.spring_constant, *usual)
+        )
         features = features | (fitted.features if fitted else {})
     return TrialResult(trial, "", features, int.from_bytes(samples.digest()))
 
 
-def examine(traces: Traces, trial: Trial, tool: Tool | None) -> tuple[Trace, Measurement | None, str]:
+def examine(
+    traces: Traces, trial: Trial, tool: Tool | None
+) -> tuple[Trace, Measurement | None, str]:
     """Read, screen and measure one trace; where it cannot be measured, say why."""
     session = traces.session
     trace = traces.read(trial.name)
@@ -197,7 +220,8 @@ def examine(traces: Traces, trial: Trial, tool: Tool | None) -> tuple[Trace, Mea
 
 def pilot(traces: Traces, table: TrialTable) -> Tool | None:
     """Learn the tool's frequency [Hz] and decay time [s] from trials spread evenly over the session."""
-    # which trials depends on their number alone, so that every run and any number of workers measure alike
+    # which trials depends on their number alone, so that every run and any number of workers
+    # measure alike
     stride = max(table.count // _PILOTS, 1)
     chosen = (trial for trial in table if (trial.row - 1) % stride == 0)
     results = (measure_trial(traces, trial) for trial in islice(chosen, _PILOTS))
@@ -212,11 +236,14 @@ def _results(table: TrialTable, jobs: int, heights: dict[int, float]) -> Iterato
         if jobs == 1 or table.count <= _CHUNK:
             yield from (measure_trial(traces, trial, tool, height) for trial, height in pairs)
             return
-    # its workers do not load the calling script again, which then needs no main guard, and share no open file
+    # its workers do not load the calling script again, which then needs no main guard, and share no
+    # open file
     from joblib.externals.loky import ProcessPoolExecutor
 
     waiting: deque[Any] = deque()
-    environment = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ}
+    environment = {
+        name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ
+    }
     with ProcessPoolExecutor(jobs, initializer=die_with_parent, env=environment) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD and (chunk := list(islice(pairs, _CHUNK))):
@@ -229,11 +256,15 @@ def _results(table: TrialTable, jobs: int, heights: dict[int, float]) -> Iterato
 _opened = cache(Traces)  # of the one session of a worker
 
 
-def _measure_chunk(session: Session, tool: Tool | None, pairs: list[tuple[Trial, float]]) -> list[TrialResult]:
+def _measure_chunk(
+    session: Session, tool: Tool | None, pairs: list[tuple[Trial, float]]
+) -> list[TrialResult]:
     return [measure_trial(_opened(session), trial, tool, height) for trial, height in pairs]
 
 
-def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str], width: int) -> MeasureSummary:
+def _finish(
+    draft: Path, output: Path, table: TrialTable, faults: dict[int, str], width: int
+) -> MeasureSummary:
     """Put the faults of labels into the draft, and the draft into its place."""
     counts: Counter[tuple[str, str]] = Counter()
     try:
@@ -242,9 +273,12 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
                 draft.open(newline="", encoding="utf-8") as source,
                 whole.open("w", newline="", encoding="utf-8") as sink,
             ):
-                rows = ((row, cells) for row, cells in enumerate(csv.reader(source)) if cells[1] == _OK)
+                rows = (
+                    (row, cells) for row, cells in enumerate(csv.reader(source)) if cells[1] == _OK
+                )
                 named = (
-                    (row, dict(zip(table.covariates, cells[len(_LEADING) :], strict=False))) for row, cells in rows
+                    (row, dict(zip(table.covariates, cells[len(_LEADING) :], strict=False)))
+                    for row, cells in rows
                 )
                 data = together(named, faults)
                 source.seek(0)
@@ -258,21 +292,39 @@ def _finish(draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
                     if row:
                         counts[cells[1], cells[2].split(":")[0][:60]] += 1
                     writer.writerow(cells)
-            reasons = Counter({kind: n for (status, kind), n in counts.items() if status == _EXCLUDED})
+            reasons = Counter(
+                {kind: n for (status, kind), n in counts.items() if status == _EXCLUDED}
+            )
             if reasons.total() == table.count:
                 commonest, times = reasons.most_common(1)[0]
                 first = next(iter(faults.values()), commonest)
                 told = f"{times} times {first if first.startswith(commonest) else commonest}"
-                raise PipelineError(f"no trial of {table.count} could be measured; {told} [{table.session.folder}]")
+                raise PipelineError(
+                    f"no trial of {table.count} could be measured; {told} [{table.session.folder}]"
+                )
     except OSError as error:
         raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
-    conditions, names = {(t.block, str(t.speed), str(t.load)) for t in table}, ("block", "speed", "load")
+    conditions, names = (
+        {(t.block, str(t.speed), str(t.load)) for t in table},
+        ("block", "speed", "load"),
+    )
     # what the session does not vary shows no effect
-    alike = [name for name, values in zip(names, zip(*conditions, strict=True), strict=True) if len(set(values)) == 1]
+    alike = [
+        name
+        for name, values in zip(names, zip(*conditions, strict=True), strict=True)
+        if len(set(values)) == 1
+    ]
     kept = Counter(data.values())
     notes = (
         *(f"all trials have one {name}" for name in alike),
-        *(f"{n} {status}: {kind}" for (status, kind), n in counts.items() if status in (_FLAGGED, _CENSORED)),
-        *(f"{n} {shared} are unlike their labels together and stay as data" for shared, n in kept.items()),
+        *(
+            f"{n} {status}: {kind}"
+            for (status, kind), n in counts.items()
+            if status in (_FLAGGED, _CENSORED)
+        ),
+        *(
+            f"{n} {shared} are unlike their labels together and stay as data"
+            for shared, n in kept.items()
+        ),
     )
     return MeasureSummary(table.count, reasons.total(), dict(reasons), notes)

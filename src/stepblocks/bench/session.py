@@ -29,10 +29,27 @@ _FIELD = re.compile(r"\{([a-z_]+)(?::(0?)(\d{1,2})d)?\}")
 _DRIVE = re.compile(r"\s*[A-Za-z]:")
 # unit that a column has by the end of its name; the gram of a weight is a gram-force
 _SUFFIX_UNITS = {
-    "force": {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "gf": "gf", "g": "gf", "kg": "kgf", "v": "V", "mv": "mV"},
+    "force": {
+        "n": "N",
+        "mn": "mN",
+        "un": "uN",
+        "kn": "kN",
+        "gf": "gf",
+        "g": "gf",
+        "kg": "kgf",
+        "v": "V",
+        "mv": "mV",
+    },
     "length": {"um": "um", "mm": "mm", "nm": "nm", "m": "m"},
     "time": {"s": "s", "ms": "ms", "us": "us"},
-    "speed": {"mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "um_per_s": "um/s"},
+    "speed": {
+        "mm_s": "mm/s",
+        "m_s": "m/s",
+        "um_s": "um/s",
+        "mm_per_s": "mm/s",
+        "m_per_s": "m/s",
+        "um_per_s": "um/s",
+    },
 }
 _WEIGHTS = {"g": "gf", "kg": "kgf", "mg": "mgf"}
 _VOLTS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
@@ -85,15 +102,24 @@ class Channel(Strict):
     """One column of a trace or of the table of trials."""
 
     column: str | int  # name, or index from 0 where the columns have no names
-    unit: str | None = None  # of its numbers; by default what the end of the name says (``fx_mn``), else SI
-    factor: _Gain = 1.0  # gain or sign that the numbers are multiplied with; ``"2.35 N/V"`` of a gauge in volts
-    offset: _Gain = 0.0  # what it reads at none, taken off: in the numbers' own unit, or a quantity such as ``"5 mN"``
+    unit: str | None = (
+        None  # of its numbers; by default what the end of the name says (``fx_mn``), else SI
+    )
+    factor: _Gain = (
+        1.0  # gain or sign that the numbers are multiplied with; ``"2.35 N/V"`` of a gauge in volts
+    )
+    # what it reads at none, taken off: in the numbers' own unit, or a quantity such as ``"5 mN"``
+    offset: _Gain = 0.0
     tare: str | None = None  # ``"first 0.1 s"``: the mean of what is recorded then counts as none
 
     @model_validator(mode="before")
     @classmethod
     def _short_form(cls, value: object) -> object:
-        return {"column": value} if isinstance(value, str | int) and not isinstance(value, bool) else value
+        return (
+            {"column": value}
+            if isinstance(value, str | int) and not isinstance(value, bool)
+            else value
+        )
 
     def scale(self, dimension: str, place: str) -> float:
         """Factor from the numbers in the file to SI."""
@@ -102,11 +128,22 @@ class Channel(Strict):
         if isinstance(self.factor, str):
             found = _PER_VOLT.fullmatch(self.factor)
             if found is None or (unit or "V") not in _VOLTS:
-                rule = f"a number, or a {dimension} per volt such as '2.35 N/V' of a column in V or mV"
+                rule = (
+                    f"a number, or a {dimension} per volt such as '2.35 N/V' of a column in V or mV"
+                )
                 raise BenchError(f"`{place}.factor` must be {rule}, got {self.factor!r}")
-            return _quantity(found[1], dimension, f"{place}.factor") / _VOLTS[found[2]] * _VOLTS[unit or "V"]
+            return (
+                _quantity(found[1], dimension, f"{place}.factor")
+                / _VOLTS[found[2]]
+                * _VOLTS[unit or "V"]
+            )
         if unit in _VOLTS:
-            raise BenchError(f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a column in {unit}")
+            raise BenchError(
+                f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a "
+                "column "
+                "in "
+                f"{unit}"
+            )
         if unit is None:
             return self.factor
         try:
@@ -132,7 +169,9 @@ class Channel(Strict):
             return 0.0
         found = _TARE.fullmatch(self.tare)
         if found is None:
-            raise BenchError(f"`{place}.tare` must say how long, such as 'first 0.1 s', got {self.tare!r}")
+            raise BenchError(
+                f"`{place}.tare` must say how long, such as 'first 0.1 s', got {self.tare!r}"
+            )
         return _quantity(found[1], "time", f"{place}.tare")
 
 
@@ -180,20 +219,28 @@ class Acquisition(_Open):
     sample_rate: Frequency  # [Hz]
     traces: str  # one file for all trials, or a pattern with ``{trial}``
     format: TraceFormat | None = None  # by default from the suffix
-    group: str | None = None  # pattern of the group of a trial in a container; by default the usual ones are tried
+    group: str | None = (
+        None  # pattern of the group of a trial in a container; by default the usual ones are tried
+    )
     channels: Channels
     delimiter: _Delimiter = ","  # of CSV traces
     decimal: _Decimal = "."
     skip_lines: int = Field(default=0, ge=0, le=10_000)  # before the header of CSV traces
     range: _Force | None = None  # at which the sensor saturates [N]
-    split: Literal["drags"] | None = None  # one record of all trials, cut into drags in the order of the table
+    split: Literal["drags"] | None = (
+        None  # one record of all trials, cut into drags in the order of the table
+    )
 
     @model_validator(mode="after")
     def _can_be_read(self) -> Acquisition:
         if self.kind is None:
-            raise ValueError(f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known")
+            raise ValueError(
+                f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known"
+            )
         if self.split and (self.per_trial or self.group):
-            raise ValueError("`acquisition.split` is for one record of all trials, without {trial} and group")
+            raise ValueError(
+                "`acquisition.split` is for one record of all trials, without {trial} and group"
+            )
         return self
 
     @property
@@ -219,7 +266,12 @@ class TrialColumns(Strict):
 
     @model_validator(mode="after")
     def _units_fit(self) -> TrialColumns:
-        check_channels({f"trials.columns.{part}": (getattr(self, part), one) for part, one in _DIMENSIONS.items()})
+        check_channels(
+            {
+                f"trials.columns.{part}": (getattr(self, part), one)
+                for part, one in _DIMENSIONS.items()
+            }
+        )
         return self
 
 
@@ -236,7 +288,9 @@ class Stimuli(_Open):
     """The blocks that were crossed."""
 
     set: str | None = None  # name of the stimulus set
-    file: str | None = None  # its file, from the session; by default ``stimuli/<set>.toml`` beside where one works
+    file: str | None = (
+        None  # its file, from the session; by default ``stimuli/<set>.toml`` beside where one works
+    )
     scans: str | None = None  # pattern of their scans, with ``{block}``
 
 
@@ -279,10 +333,20 @@ def open_session(folder: str | Path) -> Session:
     try:
         session = Session.model_validate({**declared, "folder": folder})
         if not is_file(session.table):
-            mistakes.append(("", f"table of trials is missing, expected {session.trials.file} beside session.toml"))
+            mistakes.append(
+                (
+                    "",
+                    f"table of trials is missing, expected {session.trials.file} beside "
+                    "session.toml",
+                )
+            )
     except ValidationError as error:
         mistakes += mistakes_in(error, Session, {**declared, "folder": folder})
-    for name, field in (("acquisition.traces", "trial"), ("acquisition.group", "trial"), ("stimuli.scans", "block")):
+    for name, field in (
+        ("acquisition.traces", "trial"),
+        ("acquisition.group", "trial"),
+        ("stimuli.scans", "block"),
+    ):
         table, _, key = name.partition(".")
         given = declared.get(table, {}).get(key) if isinstance(declared.get(table), dict) else None
         if isinstance(given, str):
@@ -290,7 +354,12 @@ def open_session(folder: str | Path) -> Session:
                 check_pattern(given, field, name)
                 inside(folder, given, name)
                 split = (declared.get("acquisition") or {}).get("split")
-                if key == "traces" and given.lower().endswith(".csv") and "{" not in given and not split:
+                if (
+                    key == "traces"
+                    and given.lower().endswith(".csv")
+                    and "{" not in given
+                    and not split
+                ):
                     raise BenchError(f"`{name}` must hold {{trial}} for CSV traces, got {given!r}")
     if mistakes:
         raise BenchError(told(mistakes, path))
@@ -301,7 +370,9 @@ def check_pattern(pattern: str, field: str, place: str) -> None:
     """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``."""
     rest = _FIELD.sub(lambda m: "" if m.group(1) == field else m.group(0), pattern)
     if "{" in rest or "}" in rest or not pattern.strip():
-        raise BenchError(f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}")
+        raise BenchError(
+            f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}"
+        )
 
 
 def fill_pattern(pattern: str, **values: str) -> str:

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _HEIGHT = re.compile(r"(step_?)?height", re.IGNORECASE)
-_STAMP = r"\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4}|\d\d?:\d\d"  # how a date or a time of day begins
+_STAMP = (
+    r"\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4}|\d\d?:\d\d"  # how a date or a time of day begins
+)
 _STAMPS = 0.9  # share of the cells of a column that must be date and time
 _NAMES = {"block": "block", "load": "load_n", "speed": "speed_mm_s", "height": "height_um"}
 _MOST_COLUMNS = 1000
@@ -47,7 +49,9 @@ class TrialTable:
     header: tuple[str, ...]
     key: str  # name of the column that names the trial
     count: int  # of its rows
-    repeated: dict[int, str]  # rows, from 1, whose trial another row has, and what is wrong with that
+    repeated: dict[
+        int, str
+    ]  # rows, from 1, whose trial another row has, and what is wrong with that
 
     @property
     def covariates(self) -> tuple[str, ...]:
@@ -57,16 +61,31 @@ class TrialTable:
     def __iter__(self) -> Iterator[Trial]:
         columns = self.session.trials.columns
         read = [
-            (str(one.column), one.scale(dimension, "trials.columns"), one.taken_off(dimension, "trials.columns"))
+            (
+                str(one.column),
+                one.scale(dimension, "trials.columns"),
+                one.taken_off(dimension, "trials.columns"),
+            )
             for one, dimension in ((columns.speed, "speed"), (columns.load, "force"))
         ]
         for number, cells in _rows(self.session):
             named = dict(zip(self.header, cells + [""] * len(self.header), strict=False))
             name = named[self.key].strip()
-            fault = self.repeated.get(number, "" if name else f"row {number} of the table names no trial")
+            fault = self.repeated.get(
+                number, "" if name else f"row {number} of the table names no trial"
+            )
             if len(cells) != len(self.header):
-                fault = f"row {number} of the table has {len(cells)} cells, the header has {len(self.header)}"
-            trial = Trial(name, number, named, block=named.get(str(columns.block.column), "").strip(), fault=fault)
+                fault = (
+                    f"row {number} of the table has {len(cells)} cells, the header has "
+                    f"{len(self.header)}"
+                )
+            trial = Trial(
+                name,
+                number,
+                named,
+                block=named.get(str(columns.block.column), "").strip(),
+                fault=fault,
+            )
             try:
                 speed, load = (self._number(named, *one) for one in read)
                 yield replace(trial, speed=speed, load=load)
@@ -88,12 +107,24 @@ class TrialTable:
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
     """Look through the table of trials once: header, number of rows, duplicates; of a row nothing but its name is held."""
-    columns, header = session.trials.columns, tuple(cell.strip() for cell in next(_lines(session), []))
+    columns, header = (
+        session.trials.columns,
+        tuple(cell.strip() for cell in next(_lines(session), [])),
+    )
     if not any(header):
         raise BenchError(f"table of trials is empty [{session.table}]")
     if len(header) > _MOST_COLUMNS:
-        raise BenchError(f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}")
-    told_of = ("trial", *(part for part in ("speed", "load", "block", "height") if part in columns.model_fields_set))
+        raise BenchError(
+            f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}"
+        )
+    told_of = (
+        "trial",
+        *(
+            part
+            for part in ("speed", "load", "block", "height")
+            if part in columns.model_fields_set
+        ),
+    )
     mistakes, found = list[Mistake](), dict[str, str]()
     for name in dict.fromkeys(name for name in header if header.count(name) > 1):
         mistakes.append(("", f"table of trials names the column {name!r} twice"))
@@ -101,12 +132,16 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         with noted(mistakes):
             found[part] = column_name(getattr(columns, part).column, header, part)
     for name in sorted(set(header) & reserved - {found.get("trial")}):
-        mistakes.append(("", f"column `{name}` of the table of trials has a name that features use"))
+        mistakes.append(
+            ("", f"column `{name}` of the table of trials has a name that features use")
+        )
     if mistakes:
         raise BenchError(told(mistakes, session.table))
     key = found["trial"]
     count, index = 0, header.index(key)
-    homes: dict[str, tuple[int, int]] = {}  # of a trial its first row, and what tells that from another
+    homes: dict[
+        str, tuple[int, int]
+    ] = {}  # of a trial its first row, and what tells that from another
     repeated: dict[int, str] = {}
     for count, cells in _rows(session):
         if index >= len(cells) or not (name := cells[index].strip()):
@@ -116,7 +151,9 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         if home != count and first == whole:
             repeated[count] = "duplicate: an earlier row has this trial with the same conditions"
         elif home != count:
-            repeated |= dict.fromkeys((home, count), "duplicate: another row has this trial with other conditions")
+            repeated |= dict.fromkeys(
+                (home, count), "duplicate: another row has this trial with other conditions"
+            )
     if count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
     return TrialTable(session, header, key, count, repeated)
@@ -128,7 +165,9 @@ def column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
         return header[column]
     if column not in header:
         told = ", ".join(header[:12])
-        raise BenchError(f"table of trials must have a column {column!r} for the {part}, it has {told}")
+        raise BenchError(
+            f"table of trials must have a column {column!r} for the {part}, it has {told}"
+        )
     return str(column)
 
 
@@ -144,7 +183,9 @@ def _lines(session: Session) -> Iterator[list[str]]:
         try:
             yield from csv.reader(file, delimiter=session.trials.delimiter)
         except (csv.Error, UnicodeDecodeError) as error:
-            raise BenchError(f"table of trials must be CSV in UTF-8: {error} [{session.table}]") from error
+            raise BenchError(
+                f"table of trials must be CSV in UTF-8: {error} [{session.table}]"
+            ) from error
 
 
 def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
@@ -154,18 +195,33 @@ def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
 
     table, columns, usual = open_trials(session), session.trials.columns, TrialColumns()
     rows = list(table)
-    named = {key: column_name(getattr(columns, key).column, table.header, key) for key in _NAMES if key != "height"}
+    named = {
+        key: column_name(getattr(columns, key).column, table.header, key)
+        for key in _NAMES
+        if key != "height"
+    }
     named["height"], heights = heights_of(session, table.header, rows)
-    values = pd.DataFrame({"block": [row.block for row in rows], "load": [row.load for row in rows], "height": heights})
+    values = pd.DataFrame(
+        {
+            "block": [row.block for row in rows],
+            "load": [row.load for row in rows],
+            "height": heights,
+        }
+    )
     values["speed"] = [1e3 * row.speed for row in rows]
     found = {
         name: (named[part], values[part])
         for part, name in _NAMES.items()
-        if named[part] != name or getattr(columns, part) != getattr(usual, part) or session.trials.decimal != "."
+        if named[part] != name
+        or getattr(columns, part) != getattr(usual, part)
+        or session.trials.decimal != "."
     }
     for column in (name for name in table.covariates if name not in named.values()):
         text = pd.Series([row.cells.get(column, "").strip() for row in rows])
-        if session.trials.decimal == "," and text.str.fullmatch(r"[-+]?\d*,?\d+([eE][-+]?\d+)?|").all():
+        if (
+            session.trials.decimal == ","
+            and text.str.fullmatch(r"[-+]?\d*,?\d+([eE][-+]?\d+)?|").all()
+        ):
             found[column] = (column, pd.to_numeric(text.str.replace(",", ".")))
         elif text.str.match(_STAMP).mean() > _STAMPS:
             day_first = bool(text.str.match(r"\d\d?\.").any())
@@ -175,7 +231,9 @@ def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
     return found
 
 
-def with_conditions(features: pd.DataFrame, conditions: dict[str, tuple[str, pd.Series]]) -> pd.DataFrame:
+def with_conditions(
+    features: pd.DataFrame, conditions: dict[str, tuple[str, pd.Series]]
+) -> pd.DataFrame:
     """Return a table of features of all trials with `conditions` in the places of the columns they come from."""
     table = features.copy()
     for name, (column, values) in conditions.items():
@@ -186,7 +244,9 @@ def with_conditions(features: pd.DataFrame, conditions: dict[str, tuple[str, pd.
     return table
 
 
-def heights_of(session: Session, header: tuple[str, ...], rows: list[Trial]) -> tuple[str, list[float]]:
+def heights_of(
+    session: Session, header: tuple[str, ...], rows: list[Trial]
+) -> tuple[str, list[float]]:
     """Column of the heights and their values [um]; of the stimulus set where the table has none."""
     channel = session.trials.columns.height
     if "height" in session.trials.columns.model_fields_set:
@@ -200,7 +260,9 @@ def heights_of(session: Session, header: tuple[str, ...], rows: list[Trial]) -> 
     name, place = column_name(channel.column, header, "height"), "trials.columns.height"
     scale, off = 1e6 * channel.scale("length", place), 1e6 * channel.taken_off("length", place)
     values: list[float] = []
-    for text in (row.cells.get(name, "").strip().replace(session.trials.decimal, ".") for row in rows):
+    for text in (
+        row.cells.get(name, "").strip().replace(session.trials.decimal, ".") for row in rows
+    ):
         try:
             values.append(float(text) * scale - off)
         except ValueError:
@@ -219,7 +281,8 @@ def _declared_heights(session: Session) -> dict[str, float]:
     if not (stimuli.set or stimuli.file) or not is_file(path):
         missing = f", and there is no {path}" if stimuli.set or stimuli.file else ""
         raise BenchError(
-            f"table of trials must have a column 'height_um' or another length that begins with height, or "
+            "table of trials must have a column 'height_um' or another length that begins with "
+            "height, or "
             f"`stimuli.file` the stimulus set{missing} [{session.table}]"
         )
     faces = {part.id: part.counterface() for part in load_declared(path).stimuli if part.crossed}

@@ -24,23 +24,30 @@ class Made:
     seconds: float  # time it took [s]
 
 
-def make_all(wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None) -> Generator[Made]:
+def make_all(
+    wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None
+) -> Generator[Made]:
     """Make stimuli, each given with its set and its key, in as many processes as there are cores; yield each when ready."""
     workers = min(jobs or os.cpu_count() or 1, len(wanted))
     if workers <= 1:
         for set_name, stimulus, key in wanted:
             yield make(set_name, stimulus, output, key)
         return
-    # these workers load no main module, which then needs no guard, and are replaced where the kernel's memory creeps
+    # these workers load no main module, which then needs no guard, and are replaced where the
+    # kernel's memory creeps
     from joblib.externals.loky import ProcessPoolExecutor, as_completed
 
     with ProcessPoolExecutor(workers, initializer=die_with_parent) as pool:
         try:
-            tasks = [pool.submit(make, set_name, stimulus, output, key) for set_name, stimulus, key in wanted]
+            tasks = [
+                pool.submit(make, set_name, stimulus, output, key)
+                for set_name, stimulus, key in wanted
+            ]
             yield from (future.result() for future in as_completed(tasks))
         except BrokenProcessPool as error:
             raise PipelineError(
-                "a worker process died: it ran out of memory, or the renderer found no OpenGL (libGL, libEGL)"
+                "a worker process died: it ran out of memory, or the renderer found no OpenGL "
+                "(libGL, libEGL)"
             ) from error
         except BaseException:
             pool.shutdown(wait=True, kill_workers=True)  # they hold drafts as long as they live

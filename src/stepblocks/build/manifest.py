@@ -94,7 +94,9 @@ def _seal(content: Mapping[str, Any]) -> str:
 def load_json(path: Path) -> dict[str, Any]:
     """Read a JSON object that this program wrote; empty for anything else."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8")) if plain_size(path) < _MOST_BYTES else {}
+        content = (
+            json.loads(path.read_text(encoding="utf-8")) if plain_size(path) < _MOST_BYTES else {}
+        )
     except (OSError, ValueError, RecursionError):
         return {}
     seal = content.pop("seal", None) if isinstance(content, dict) else None
@@ -132,5 +134,7 @@ def linked(output: Path, outputs: Iterable[str]) -> dict[str, list[list[str]]]:
         for title, pattern in _OF_A_PART.items():
             for path in sorted(output.glob(pattern.format(part, id=Path(part).name))):
                 more = f": {path.parent.name}" if title == "scene" else ""
-                found.setdefault(part, []).append([f"{title}{more}", path.relative_to(output).as_posix()])
+                found.setdefault(part, []).append(
+                    [f"{title}{more}", path.relative_to(output).as_posix()]
+                )
     return found

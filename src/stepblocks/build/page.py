@@ -24,15 +24,42 @@ from stepblocks.quantities import format_span
 _MATERIALS = {"brass": "#d8b44e", "pmma": "#bfe3ee", "zirconia": "#f1ead8", "stainless": "#bcc6ce"}
 # columns of predictions.csv that the page shows
 _SHOWN = (
-    *("drag", "tip_radius_um", "step_height_um", "normal_load_n", "friction", "critical_angle_deg", "status"),
-    *("pull_force_n", "vibration_energy_uj", "vibration_energy_95_low_uj", "vibration_energy_95_high_uj"),
+    *(
+        "drag",
+        "tip_radius_um",
+        "step_height_um",
+        "normal_load_n",
+        "friction",
+        "critical_angle_deg",
+        "status",
+    ),
+    *(
+        "pull_force_n",
+        "vibration_energy_uj",
+        "vibration_energy_95_low_uj",
+        "vibration_energy_95_high_uj",
+    ),
     *("vibration_energy_low_uj", "vibration_energy_high_uj", "mean_power_uw", "threshold_ratio"),
     *("frequency_hz", "drag_vibration_energy_uj", "felt_by"),
 )
-_LINKED = {".step", ".stl", ".obj", ".ply", ".3mf", ".glb", ".tiff", ".npz", ".json"}  # files that the page links
+_LINKED = {
+    ".step",
+    ".stl",
+    ".obj",
+    ".ply",
+    ".3mf",
+    ".glb",
+    ".tiff",
+    ".npz",
+    ".json",
+}  # files that the page links
 _INK, _COLOURS = "#71828f", ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900")
 _WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH: "no catch"}
-_WORDS |= {status: f"beyond the {status.removeprefix('beyond-')}, no energy," for status in Status if status.beyond}
+_WORDS |= {
+    status: f"beyond the {status.removeprefix('beyond-')}, no energy,"
+    for status in Status
+    if status.beyond
+}
 
 
 @dataclass(frozen=True)
@@ -49,13 +76,22 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     """Write ``index.html`` and the script of plotly beside it, so that the page works without a network."""
     from plotly.offline import get_plotlyjs
 
-    script, page, source = output / "assets" / "plotly.min.js", output / "index.html", get_plotlyjs()
+    script, page, source = (
+        output / "assets" / "plotly.min.js",
+        output / "index.html",
+        get_plotlyjs(),
+    )
     script.parent.mkdir(exist_ok=True)
     if not script.is_file() or script.read_text(encoding="utf-8") != source:
         replace_text(script, source)
-    links = linked(output, [f"{one.stimuli.name}/{name}/{RECORD}" for one in sections for name in one.records])
+    links = linked(
+        output, [f"{one.stimuli.name}/{name}/{RECORD}" for one in sections for name in one.records]
+    )
     # the steps of the paper come first, else the user's own order
-    sets = [_section(section, links) for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")]
+    sets = [
+        _section(section, links)
+        for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")
+    ]
     rows = [row for section in sets for row in section["rows"]]
     values = {
         "total": len(rows),
@@ -102,8 +138,15 @@ def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
     for drag in dict.fromkeys(prediction.drag for prediction in predictions):
         releases = [prediction.release for prediction in predictions if prediction.drag == drag]
         felt = [one for one in releases if one.status is Status.RELEASES]
-        figures = {"force": [one.pull_force for one in felt], "energy": [one.vibration_energy for one in felt]}
-        spans = (format_span(min(values), max(values), name) for name, values in figures.items() if values)
+        figures = {
+            "force": [one.pull_force for one in felt],
+            "energy": [one.vibration_energy for one in felt],
+        }
+        spans = (
+            format_span(min(values), max(values), name)
+            for name, values in figures.items()
+            if values
+        )
         parts = [", ".join(spans)]
         for status, words in _WORDS.items():
             if count := sum(release.status is status for release in releases):
@@ -140,7 +183,11 @@ def _figure(stimuli: StimulusSet) -> str | None:
             }
             trace |= {"yaxis": axis, "xaxis": axis.replace("y", "x"), "showlegend": False}
             if kind == "lines":
-                trace |= {"name": name, "line": {"color": colour, "width": 2}, "showlegend": axis == "y2"}
+                trace |= {
+                    "name": name,
+                    "line": {"color": colour, "width": 2},
+                    "showlegend": axis == "y2",
+                }
             else:
                 trace |= {"text": names[: len(x)], "marker": {"color": colour, "size": 8}}
                 trace["hovertemplate"] = "%{text}: %{y:.4g}<extra></extra>"
@@ -150,20 +197,48 @@ def _figure(stimuli: StimulusSet) -> str | None:
         force = kernels.pull_force(load, kernels.angle_on_step(heights, radius), friction)
         return 1e6 * tool.conversion * kernels.stored_energy(force, tool.stiffness)
 
-    draw(lambda heights: np.degrees(kernels.angle_on_step(heights, radius)), radius, "critical angle", _INK, "y")
+    draw(
+        lambda heights: np.degrees(kernels.angle_on_step(heights, radius)),
+        radius,
+        "critical angle",
+        _INK,
+        "y",
+    )
     for index, friction in enumerate(grid.frictions):
-        colour, locking = _COLOURS[index % len(_COLOURS)], float(kernels.locking_height(radius, friction))
+        colour, locking = (
+            _COLOURS[index % len(_COLOURS)],
+            float(kernels.locking_height(radius, friction)),
+        )
         # where the pull reaches the limit: F = N tan(a + atan mu); beyond it there is no energy
         least = float(kernels.height_at_angle(math.atan2(most, load) - math.atan(friction), radius))
-        draw(partial(energy, friction=friction), least, f"E<sub>v</sub>, µ {friction:g}", colour, "y2")
+        draw(
+            partial(energy, friction=friction),
+            least,
+            f"E<sub>v</sub>, µ {friction:g}",
+            colour,
+            "y2",
+        )
         if locking < 1.02 * top:
             ends = {"x0": locking * 1e6, "x1": locking * 1e6, "yref": "paper", "y0": 0, "y1": 1}
-            shapes.append({"type": "line", **ends, "line": {"color": colour, "dash": "dot", "width": 1.5}})
-    marked = [y for trace in traces if trace["yaxis"] == "y2" and trace["mode"] == "markers" for y in trace["y"]]
+            shapes.append(
+                {"type": "line", **ends, "line": {"color": colour, "dash": "dot", "width": 1.5}}
+            )
+    marked = [
+        y
+        for trace in traces
+        if trace["yaxis"] == "y2" and trace["mode"] == "markers"
+        for y in trace["y"]
+    ]
     felt_range = [math.log10(0.3 * min(marked)), math.log10(3.0 * max(marked))] if marked else None
     decades = [10.0**power for power in range(-3, 5)]
-    ticks = {"tickvals": decades, "ticktext": [format_span(1e-6 * one, 1e-6 * one, "energy") for one in decades]}
-    title = f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks; no energy beyond {most:g} N ({limit})"
+    ticks = {
+        "tickvals": decades,
+        "ticktext": [format_span(1e-6 * one, 1e-6 * one, "energy") for one in decades],
+    }
+    title = (
+        f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks; no energy "
+        f"beyond {most:g} N ({limit})"
+    )
     height, across = {"text": "step height, µm"}, [0, top * 1e6]
     layout = {
         "height": 400,
@@ -172,7 +247,13 @@ def _figure(stimuli: StimulusSet) -> str | None:
         "xaxis": {"title": height, "domain": [0.0, 0.44], "range": across},
         "yaxis": {"title": {"text": "critical angle, °"}},
         "xaxis2": {"title": height, "domain": [0.56, 1.0], "range": across, "anchor": "y2"},
-        "yaxis2": {"title": {"text": "vibration energy"}, "type": "log", "anchor": "x2", "range": felt_range, **ticks},
+        "yaxis2": {
+            "title": {"text": "vibration energy"},
+            "type": "log",
+            "anchor": "x2",
+            "range": felt_range,
+            **ticks,
+        },
         "shapes": [shape | {"xref": axis} for shape in shapes for axis in ("x", "x2")],
         "legend": {"orientation": "h", "y": -0.22, "x": 0.56},
         "hovermode": "closest",

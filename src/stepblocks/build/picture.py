@@ -23,7 +23,11 @@ def exaggerated(vertices: NDArray[np.float64], factor: float) -> NDArray[np.floa
 
 
 def draw(
-    path: Path, meshes: Sequence[Arrays], exaggeration: float, half_width: float, centre: tuple[float, float, float]
+    path: Path,
+    meshes: Sequence[Arrays],
+    exaggeration: float,
+    half_width: float,
+    centre: tuple[float, float, float],
 ) -> None:
     """Render a part."""
     if "DISPLAY" not in os.environ:  # without a screen VTK first tries X11 and complains
@@ -34,7 +38,11 @@ def draw(
     try:
         plotter.subplot(0, 0)
         whole = [(exaggerated(vertices, exaggeration), triangles) for vertices, triangles in meshes]
-        caption = "whole part" if exaggeration == 1.0 else f"heights over the lower face x {exaggeration:g}"
+        caption = (
+            "whole part"
+            if exaggeration == 1.0
+            else f"heights over the lower face x {exaggeration:g}"
+        )
         _show(plotter, _opened(whole), caption)
         plotter.subplot(0, 1)
         close = [_boxed(mesh, half_width, centre) for mesh in meshes]
@@ -55,15 +63,21 @@ def _cut(mesh: Arrays, cut: Callable[[Any], Any]) -> Any:
     import manifold3d
 
     vertices, triangles = mesh
-    left = cut(manifold3d.Manifold(manifold3d.Mesh64(vertices * 1e3, triangles.astype(np.uint64)))).to_mesh64()
-    return _poly(np.asarray(left.vert_properties)[:, :3] * 1e-3, np.asarray(left.tri_verts).astype(np.int64))
+    left = cut(
+        manifold3d.Manifold(manifold3d.Mesh64(vertices * 1e3, triangles.astype(np.uint64)))
+    ).to_mesh64()
+    return _poly(
+        np.asarray(left.vert_properties)[:, :3] * 1e-3, np.asarray(left.tri_verts).astype(np.int64)
+    )
 
 
 def _boxed(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) -> Any:
     """Cut out what of a body lies in a box."""
     import manifold3d
 
-    box = manifold3d.Manifold.cube([2e3 * half_width] * 3, True).translate([1e3 * c for c in centre])
+    box = manifold3d.Manifold.cube([2e3 * half_width] * 3, True).translate(
+        [1e3 * c for c in centre]
+    )
     return _cut(mesh, lambda solid: solid ^ box)
 
 
@@ -83,24 +97,36 @@ def write_view(
     centre: tuple[float, float, float],
 ) -> None:
     """Write the bodies in millimetres as a call of the page's function ``stepblocksView``: a script loads from a folder."""
-    # Coordinates are float32, a nanometre in 20 mm, and corners uint16 where that is enough, in base64: half the size of digits.
+    # Coordinates are float32, a nanometre in 20 mm, and corners uint16 where that is enough, in
+    # base64: half the size of digits.
 
     def packed(values: NDArray[Any], kind: str) -> str:
         return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
     bodies = [
         {name: packed(column * 1e3, "<f4") for name, column in zip("xyz", vertices.T, strict=True)}
-        | {name: packed(column, f"<u{wide}") for name, column in zip("ijk", triangles.T, strict=True)}
+        | {
+            name: packed(column, f"<u{wide}")
+            for name, column in zip("ijk", triangles.T, strict=True)
+        }
         | {"bytes_of_a_corner": wide}
         for vertices, triangles in meshes
         for wide in (2 if len(vertices) <= 1 << 16 else 4,)
     ]
     data = {
-        **{"id": identity, "unit": "mm", "exaggeration": exaggeration, "half_width": half_width * 1e3},
+        **{
+            "id": identity,
+            "unit": "mm",
+            "exaggeration": exaggeration,
+            "half_width": half_width * 1e3,
+        },
         "centre": [value * 1e3 for value in centre],
         "bodies": bodies,
     }
-    path.write_text(f"stepblocksView({json.dumps(data, separators=(',', ':'), allow_nan=False)});\n", encoding="ascii")
+    path.write_text(
+        f"stepblocksView({json.dumps(data, separators=(',', ':'), allow_nan=False)});\n",
+        encoding="ascii",
+    )
 
 
 def _show(plotter: Any, bodies: list[Any], caption: str) -> None:
@@ -108,7 +134,14 @@ def _show(plotter: Any, bodies: list[Any], caption: str) -> None:
     for index, one in enumerate(bodies):
         if one.n_cells == 0:
             continue
-        plotter.add_mesh(one, color=_COLOURS[index % 2], smooth_shading=False, ambient=0.35, diffuse=0.65, specular=0.1)
+        plotter.add_mesh(
+            one,
+            color=_COLOURS[index % 2],
+            smooth_shading=False,
+            ambient=0.35,
+            diffuse=0.65,
+            specular=0.1,
+        )
         edges = one.extract_feature_edges(25.0, boundary_edges=False, manifold_edges=False)
         if edges.n_cells:
             plotter.add_mesh(edges, color=_INK, line_width=1.5)

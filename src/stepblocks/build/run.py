@@ -54,13 +54,17 @@ class BuildReport:
     output: str  # the output folder
     built: list[str] = field(default_factory=list)  # stimuli that were built, ``"set/id"``
     current: int = 0  # how many were up to date
-    failures: list[str] = field(default_factory=list)  # failed verdicts of all stimuli of the folder, one line each
+    failures: list[str] = field(
+        default_factory=list
+    )  # failed verdicts of all stimuli of the folder, one line each
 
     def _repr_html_(self) -> str:
         page = escape(str(Path(self.output) / "index.html"))
         failed = "".join(f"<li>{escape(line)}</li>" for line in self.failures)
         return (
-            f"<p>{len(self.built)} built, {self.current} up to date, {len(self.failures)} checks failed; "
+            f"<p>{len(self.built)} built, {self.current} up to date, {len(self.failures)} "
+            "checks "
+            "failed; "
             f'see <a href="{page}">{page}</a></p>' + (f"<ul>{failed}</ul>" if failed else "")
         )
 
@@ -83,7 +87,8 @@ def build_sets(
     output : str or Path, optional
         The output folder.
     only : str, optional
-        Pattern such as ``"paper-ten/*"`` or ``"step-0?0"``; what it does not match is left as it is.
+        Pattern such as ``"paper-ten/*"`` or ``"step-0?0"``; what it does not match is left as it
+        is.
     jobs : int, optional
         Number of processes; all cores where omitted.
     announce : callable, optional
@@ -99,10 +104,13 @@ def build_sets(
     Raises
     ------
     StepblocksError
-        If a file is malformed or the output folder cannot be used; nothing is written before all files are valid.
+        If a file is malformed or the output folder cannot be used; nothing is written before all
+        files are valid.
     """
     sources, folder = stimulus_files(files), Path(output)
-    inputs = {path.name: hash_file(path) for path in sources} | ({"--model": hash_file(Path(model))} if model else {})
+    inputs = {path.name: hash_file(path) for path in sources} | (
+        {"--model": hash_file(Path(model))} if model else {}
+    )
     code = code_fingerprint()
     manifest = load_json(folder / MANIFEST)
     beside = linked(folder, written(manifest))
@@ -123,7 +131,9 @@ def build_sets(
         selected = _selected(sets, only)
         wanted = _not_current(selected, folder, code)
         report.current = len(selected) - len(wanted)
-        with closing(make_all(wanted, folder, jobs)) as results:  # its workers have ended before drafts are swept
+        with closing(
+            make_all(wanted, folder, jobs)
+        ) as results:  # its workers have ended before drafts are swept
             for number, made in enumerate(results, start=1):
                 report.built.append(made.name)
                 if announce:
@@ -149,21 +159,33 @@ def build_sets(
 def _require_folder(output: Path, sets: Sequence[StimulusSet]) -> None:
     if not os.access(output, os.W_OK):
         raise PipelineError(f"the output folder must be writable [{output}]")
-    for name in ("assets", *(f"{stimuli.name}/{stimulus.id}" for stimuli in sets for stimulus in stimuli.stimuli)):
+    for name in (
+        "assets",
+        *(f"{stimuli.name}/{stimulus.id}" for stimuli in sets for stimulus in stimuli.stimuli),
+    ):
         if inside(output, name) is None:
-            raise PipelineError(f"the folder must lie in the output folder, with no link on the way [{output / name}]")
+            raise PipelineError(
+                "the folder must lie in the output folder, with no link on the way "
+                f"[{output / name}]"
+            )
 
 
 def _selected(sets: Sequence[StimulusSet], only: str | None) -> list[tuple[str, Part]]:
     """Stimuli that a pattern means, each with the name of its set."""
     every = [(stimuli.name, stimulus) for stimuli in sets for stimulus in stimuli.stimuli]
-    found = [(name, stimulus) for name, stimulus in every if only is None or matches(only, name, stimulus.id)]
+    found = [
+        (name, stimulus)
+        for name, stimulus in every
+        if only is None or matches(only, name, stimulus.id)
+    ]
     if not found:
         raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
     return found
 
 
-def _not_current(selected: Sequence[tuple[str, Part]], output: Path, code: str) -> list[tuple[str, Part, str]]:
+def _not_current(
+    selected: Sequence[tuple[str, Part]], output: Path, code: str
+) -> list[tuple[str, Part, str]]:
     """List the stimuli to build, each with its set and its key, a hash of what it would be built from."""
     wanted = []
     for name, stimulus in selected:
@@ -203,7 +225,11 @@ def _tables_and_page(
         for identity, record in records.items():
             place = f"{stimuli.name}/{identity}"
             outputs |= {f"{place}/{name}": value for name, value in written(record).items()}
-            report.failures += [f"{place}/{verdict['text']}" for verdict in record["verdicts"] if not verdict["passed"]]
+            report.failures += [
+                f"{place}/{verdict['text']}"
+                for verdict in record["verdicts"]
+                if not verdict["passed"]
+            ]
         outputs |= hashes([*made, *(folder / identity / RECORD for identity in records)])
     outputs |= hashes(write_page(sections, output))
     return outputs, sum(len(section.records) for section in sections)
@@ -223,14 +249,18 @@ def _remove_stale(output: Path, before: Mapping[str, str], now: Mapping[str, str
 
 
 def check_output(
-    files: str | Path | Sequence[str | Path] | None = None, output: str | Path = "out", *, only: str | None = None
+    files: str | Path | Sequence[str | Path] | None = None,
+    output: str | Path = "out",
+    *,
+    only: str | None = None,
 ) -> Iterator[tuple[str, list[Verdict]]]:
     """Check the artefacts of all stimuli.
 
     Parameters
     ----------
     files : str, Path or sequence of them, optional
-        Stimulus files, or folders of them, which say what the artefacts must be; the folder ``stimuli`` where omitted.
+        Stimulus files, or folders of them, which say what the artefacts must be; the folder
+        ``stimuli`` where omitted.
     output : str or Path, optional
         The output folder.
     only : str, optional
@@ -272,10 +302,19 @@ def _table_verdict(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
         altered = hash_file(path) != written(manifest).get(name)
         return Verdict(path.name, "bytes as the manifest says", 0.0, float(altered), 0.0, "count")
     try:
-        found = path.read_text(encoding="utf-8").splitlines() if plain_size(path) < _LARGEST_TABLE else []
+        found = (
+            path.read_text(encoding="utf-8").splitlines()
+            if plain_size(path) < _LARGEST_TABLE
+            else []
+        )
     except (OSError, UnicodeDecodeError) as error:
-        return Verdict(path.name, f"cannot be read: {' '.join(str(error).split())}", 1.0, 0.0, 0.0, "file")
-    wanted, got = (list(csv.reader(lines)) for lines in (predictions_csv(predict_all(stimuli)).splitlines(), found))
+        return Verdict(
+            path.name, f"cannot be read: {' '.join(str(error).split())}", 1.0, 0.0, 0.0, "file"
+        )
+    wanted, got = (
+        list(csv.reader(lines))
+        for lines in (predictions_csv(predict_all(stimuli)).splitlines(), found)
+    )
     rows = zip_longest(wanted, got, fillvalue=())
     wrong = sum(not _alike(*cells) for pair in rows for cells in zip_longest(*pair, fillvalue=""))
     return Verdict(path.name, "cells that differ from the prediction", 0.0, wrong, 0.0, "count")

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Point = Sequence[float]
-Outline = Sequence[Any]  # points, and pairs (middle point, end point) where an arc leads on; it closes by itself
+Outline = Sequence[
+    Any
+]  # points, and pairs (middle point, end point) where an arc leads on; it closes by itself
 Body: TypeAlias = Any  # a solid as the kernel holds it [mm]; opaque to every other module
 
 
@@ -16,7 +18,9 @@ Body: TypeAlias = Any  # a solid as the kernel holds it [mm]; opaque to every ot
 class Face:
     """What a tessellation rule may know of a face."""
 
-    kind: str  # ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another type of the kernel
+    # ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another type of the
+    # kernel
+    kind: str
     radius: float  # of a cylinder or sphere [m]; not-a-number for others
     low: tuple[float, float, float]  # corners of the bounding box [m]
     high: tuple[float, float, float]

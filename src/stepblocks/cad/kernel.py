@@ -44,9 +44,13 @@ def _wire(outline: Outline) -> cq.Wire:
 
 def _arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
     """Arc through three points about a centre of our own: the kernel's answer varies by 1e-18 from run to run."""
-    a, b = np.subtract(middle.toTuple(), start.toTuple()), np.subtract(end.toTuple(), start.toTuple())
+    a, b = (
+        np.subtract(middle.toTuple(), start.toTuple()),
+        np.subtract(end.toTuple(), start.toTuple()),
+    )
     normal = np.cross(a, b)
-    # circumcentre relative to the start, by products alone; their sums are exact, for `@` is another number on another processor
+    # circumcentre relative to the start, by products alone; their sums are exact, for `@` is
+    # another number on another processor
     offset = np.cross(_squared(a) * b - _squared(b) * a, normal) / (2.0 * _squared(normal))
     centre = np.add(start.toTuple(), offset)
     frame = gp_Ax2(gp_Pnt(*centre.tolist()), gp_Dir(*normal.tolist()), gp_Dir(*(-offset).tolist()))
@@ -67,7 +71,9 @@ def circle(centre: Point, u: Point, v: Point) -> Outline:
 
 def extruded(outline: Outline, direction: Point, holes: Sequence[Outline] = ()) -> Body:
     """Extrude a plane outline."""
-    return cq.Solid.extrudeLinear(_wire(outline), [_wire(hole) for hole in holes], _vector(direction))
+    return cq.Solid.extrudeLinear(
+        _wire(outline), [_wire(hole) for hole in holes], _vector(direction)
+    )
 
 
 def box(low: Point, high: Point) -> Body:
@@ -78,7 +84,11 @@ def box(low: Point, high: Point) -> Body:
 
 def ends(body: Body, axis: int) -> tuple[int, int]:
     """Find the lowest and the highest plane face square to an axis, by their indices."""
-    flat = [(face.low[axis], i) for i, face in enumerate(face_kinds(body)) if face.high[axis] - face.low[axis] < 1e-6]
+    flat = [
+        (face.low[axis], i)
+        for i, face in enumerate(face_kinds(body))
+        if face.high[axis] - face.low[axis] < 1e-6
+    ]
     return min(flat)[1], max(flat)[1]
 
 
@@ -90,13 +100,19 @@ def revolved(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) -
 
 def _placed(outline: Outline, place: Callable[[float, float], Point]) -> Outline:
     """Lift a plane outline into space."""
-    return [_placed(item, place) if isinstance(item[0], tuple) else place(*item) for item in outline]
+    return [
+        _placed(item, place) if isinstance(item[0], tuple) else place(*item) for item in outline
+    ]
 
 
 def turned(outline: Outline, origin: Point) -> Body:
     """Turn an outline given in radius and height about a vertical axis."""
     x, y, z = origin
-    return revolved(_placed(outline, lambda radius, height: (x + radius, y, z + height)), origin, (0.0, 0.0, 1e-3))
+    return revolved(
+        _placed(outline, lambda radius, height: (x + radius, y, z + height)),
+        origin,
+        (0.0, 0.0, 1e-3),
+    )
 
 
 def prism(outline: Outline, width: float) -> Body:
@@ -159,7 +175,9 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     along_edges = min(map(deflection, described))
     parameters = IMeshTools_Parameters()
     parameters.Deflection = along_edges * _MM
-    parameters.Angle = parameters.AngleInterior = 1.0  # rad; wide, so that the chordal error alone decides
+    parameters.Angle = parameters.AngleInterior = (
+        1.0  # rad; wide, so that the chordal error alone decides
+    )
     parameters.Relative = parameters.InParallel = parameters.AllowQualityDecrease = False
     parameters.MinSize = 1e-7
     for face, description in zip(faces, described, strict=True):
@@ -184,7 +202,9 @@ def _triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.int64
     if triangulation is None:
         raise SolidError("a face could not be tessellated")
     transform = location.Transformation()
-    points = (triangulation.Node(i + 1).Transformed(transform) for i in range(triangulation.NbNodes()))
+    points = (
+        triangulation.Node(i + 1).Transformed(transform) for i in range(triangulation.NbNodes())
+    )
     nodes = np.array([(point.X(), point.Y(), point.Z()) for point in points])
     indices = range(1, triangulation.NbTriangles() + 1)
     corners = np.array([triangulation.Triangle(i).Get() for i in indices], dtype=np.int64)

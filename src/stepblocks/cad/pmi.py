@@ -20,13 +20,27 @@ from OCP.TDF import TDF_AttributeIterator, TDF_Label, TDF_LabelSequence
 from OCP.TDocStd import TDocStd_Document
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Compound
-from OCP.XCAFDoc import XCAFDoc_Datum, XCAFDoc_Dimension, XCAFDoc_DocumentTool, XCAFDoc_GeomTolerance
+from OCP.XCAFDoc import (
+    XCAFDoc_Datum,
+    XCAFDoc_Dimension,
+    XCAFDoc_DocumentTool,
+    XCAFDoc_GeomTolerance,
+)
 
 from stepblocks.cad.door import Body
 from stepblocks.errors import SolidError
 
 _MM = 1e3
-PmiKind = Literal["distance", "to_outer", "diameter", "radius", "spherical_radius", "toroidal_radius", "cone", "angle"]
+PmiKind = Literal[
+    "distance",
+    "to_outer",
+    "diameter",
+    "radius",
+    "spherical_radius",
+    "toroidal_radius",
+    "cone",
+    "angle",
+]
 _OF_DIMENSION: dict[PmiKind, str] = {
     "distance": "Location_LinearDistance",
     "to_outer": "Location_LinearDistance_FromCenterToOuter",
@@ -44,7 +58,9 @@ class Callout:
     """Lines that a viewer shows for a dimension or tolerance."""
 
     text: str
-    lines: Sequence[tuple[Sequence[float], Sequence[float]]]  # in one plane square to y [m], the last one a leader
+    lines: Sequence[
+        tuple[Sequence[float], Sequence[float]]
+    ]  # in one plane square to y [m], the last one a leader
 
 
 @dataclass(frozen=True)
@@ -60,8 +76,8 @@ class PmiItem:
 class PmiDimension:
     """A dimension with its limits."""
 
-    # ``to_outer``: from the first item to the far side of the second; ``toroidal_radius``: at the middle of the ring;
-    # ``cone``: its included angle; ``angle``: between two faces
+    # ``to_outer``: from the first item to the far side of the second; ``toroidal_radius``: at the
+    # middle of the ring; ``cone``: its included angle; ``angle``: between two faces
     kind: PmiKind
     items: tuple[PmiItem, ...]  # one or two, of one solid or of two
     nominal: float  # m or rad
@@ -93,7 +109,8 @@ def write_step_with_tolerances(
     """Write solids, dimensions, tolerances and material as AP242, as the kernel does it."""
     for printer in Message.DefaultMessenger_s().Printers():
         printer.SetTraceLevel(Message_Gravity.Message_Fail)
-    STEPControl_Controller.Init_s()  # a schema that is set before a controller exists is silently ignored
+    # a schema that is set before a controller exists is silently ignored
+    STEPControl_Controller.Init_s()
     Interface_Static.SetCVal_s("write.step.schema", "AP242DIS")
     Interface_Static.SetCVal_s("write.step.unit", "MM")
     Interface_Static.SetIVal_s("write.precision.mode", 0)
@@ -114,7 +131,9 @@ def write_step_with_tolerances(
 class _Document:
     """An XCAF document that is filled step by step."""
 
-    def __init__(self, bodies: Sequence[tuple[str, Body]], material: tuple[str, float], assembly: str) -> None:
+    def __init__(
+        self, bodies: Sequence[tuple[str, Body]], material: tuple[str, float], assembly: str
+    ) -> None:
         self.document = TDocStd_Document(TCollection_ExtendedString("stepblocks"))
         self._shapes = XCAFDoc_DocumentTool.ShapeTool_s(self.document.Main())
         self._tolerances = XCAFDoc_DocumentTool.DimTolTool_s(self.document.Main())
@@ -129,7 +148,8 @@ class _Document:
             designation, note, what, kind = map(TCollection_HAsciiString, said)
             materials.SetMaterial(label, designation, note, material[1], what, kind)
         if len(bodies) > 1:
-            # one product of all bodies where they are, which stay products of their own, each of its material
+            # one product of all bodies where they are, which stay products of their own, each of
+            # its material
             root = self._shapes.NewShape()
             TDataStd_Name.Set_s(root, TCollection_ExtendedString(assembly))
             for (name, _), (label, _) in zip(bodies, self._bodies, strict=True):
@@ -142,7 +162,11 @@ class _Document:
         shape = faces[item.face]
         if item.other is not None:
             others = [edge.wrapped for edge in faces[item.other].Edges()]
-            shared = [edge for edge in shape.Edges() if any(edge.wrapped.IsSame(other) for other in others)]
+            shared = [
+                edge
+                for edge in shape.Edges()
+                if any(edge.wrapped.IsSame(other) for other in others)
+            ]
             if not shared:
                 raise SolidError("two faces that carry an edge must meet in one")
             shape = max(shared, key=lambda edge: float(edge.Length()))
@@ -177,7 +201,9 @@ class _Document:
         content.SetValue(tolerance.zone * _MM)
         _present(content, tolerance.callout)
         _attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
-        self._tolerances.SetGeomTolerance(self._item(PmiItem(tolerance.body, tolerance.face)), label)
+        self._tolerances.SetGeomTolerance(
+            self._item(PmiItem(tolerance.body, tolerance.face)), label
+        )
         if tolerance.datum is None:
             return
         letter, face = tolerance.datum
@@ -193,7 +219,9 @@ class _Document:
 
 
 def _named(kind: str, name: str) -> Any:
-    return getattr(getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}"), f"XCAFDimTolObjects_{kind}_{name}")
+    return getattr(
+        getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}"), f"XCAFDimTolObjects_{kind}_{name}"
+    )
 
 
 def _present(content: Any, callout: Callout | None) -> None:

@@ -34,12 +34,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text
             stream.reconfigure(errors="backslashreplace")
     for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-        # our matrices are small: threads of the linear algebra only wait for each other, and we divide the work ourselves
+        # our matrices are small: threads of the linear algebra only wait for each other, and we
+        # divide the work ourselves
         os.environ.setdefault(library, "1")
     if threading.current_thread() is threading.main_thread():
         # asked to end, a command takes its workers with it and leaves no draft behind
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-            if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):  # not under nohup
+            if signal.getsignal(number) in (
+                signal.SIG_DFL,
+                signal.default_int_handler,
+            ):  # not under nohup
                 signal.signal(number, _end)
     try:
         arguments = make_parser().parse_args(argv)
@@ -59,9 +63,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("stepblocks: interrupted", file=sys.stderr)
         return 130
-    except OSError as error:  # a full disk, a folder that is read only, a file where a folder should be
-        place = f" [{str(error.filename).partition('/.partial-')[0]}]" if error.filename is not None else ""
-        said = "a folder must stand here, got a file" if isinstance(error, FileExistsError) else error.strerror or error
+    except (
+        OSError
+    ) as error:  # a full disk, a folder that is read only, a file where a folder should be
+        place = (
+            f" [{str(error.filename).partition('/.partial-')[0]}]"
+            if error.filename is not None
+            else ""
+        )
+        said = (
+            "a folder must stand here, got a file"
+            if isinstance(error, FileExistsError)
+            else error.strerror or error
+        )
         print(f"stepblocks: error: {said}{place}", file=sys.stderr)
         return 2
     except MemoryError:
@@ -79,8 +93,13 @@ def _fault(error: Exception) -> str:
     """Keep what a mender needs in a file, and say in one line what happened and where the file is."""
     message = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     try:
-        with tempfile.NamedTemporaryFile("w", prefix="stepblocks-fault-", suffix=".txt", delete=False) as file:
-            file.write(f"stepblocks {__version__}, Python {sys.version}\n{sys.argv}\n{traceback.format_exc()}")
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="stepblocks-fault-", suffix=".txt", delete=False
+        ) as file:
+            file.write(
+                f"stepblocks {__version__}, Python "
+                f"{sys.version}\n{sys.argv}\n{traceback.format_exc()}"
+            )
     except OSError:
         return message
     return f"{message} (please send {file.name})"
@@ -88,7 +107,9 @@ def _fault(error: Exception) -> str:
 
 def _end(number: int, _: object) -> NoReturn:
     kill_workers()
-    late = threading.Timer(_GRACE, os._exit, (128 + number,))  # where a library waits for a worker that is no more
+    late = threading.Timer(
+        _GRACE, os._exit, (128 + number,)
+    )  # where a library waits for a worker that is no more
     late.daemon = True
     late.start()
     raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
@@ -99,12 +120,16 @@ def make_parser() -> Parser:
     parser = Parser(
         prog="stepblocks",
         usage="stepblocks COMMAND ... | COMMAND --help | --version",
-        description="Haptic step stimuli: from a declaration to proven artefacts, predictions and the closed loop.",
-        epilog="exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, 70 a fault of ours\n"
+        description="Haptic step stimuli: from a declaration to proven artefacts, predictions and the "
+        "closed loop.",
+        epilog="exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, 70 a fault of "
+        "ours\n"
         "start with: stepblocks new block mine.toml && stepblocks build mine.toml",
     )
     parser.add_argument("--version", action="version", version=f"stepblocks {__version__}")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True, prog="stepblocks", parser_class=Parser)
+    commands = parser.add_subparsers(
+        metavar="COMMAND", required=True, prog="stepblocks", parser_class=Parser
+    )
     runs, readers = dict[str, Any](), dict[str, Any]()
     for name in _MODULES:
         module = import_module(f"stepblocks.cli.{name}")

@@ -62,7 +62,9 @@ class Parser(argparse.ArgumentParser):
         """Show the commands of the program itself in their groups."""
         if not self.groups:
             return super().format_help()
-        actions = [action for one in self._actions for action in getattr(one, "_choices_actions", ())]
+        actions = [
+            action for one in self._actions for action in getattr(one, "_choices_actions", ())
+        ]
         formatter = self._get_formatter()
         formatter.add_usage(self.usage, [], [])
         formatter.add_text(self.description)
@@ -76,7 +78,12 @@ class Parser(argparse.ArgumentParser):
     @property
     def commands(self) -> dict[str, Parser]:
         """Parsers of its commands, by name."""
-        return {name: one for a in self._actions if isinstance(a.choices, dict) for name, one in a.choices.items()}
+        return {
+            name: one
+            for a in self._actions
+            if isinstance(a.choices, dict)
+            for name, one in a.choices.items()
+        }
 
 
 def _formatter(prog: str) -> argparse.HelpFormatter:
@@ -89,7 +96,9 @@ def _formatter(prog: str) -> argparse.HelpFormatter:
 def declare(commands: Any, runs: Mapping[str, Run], readers: Readers) -> dict[str, list[str]]:
     """Register the commands as commands.txt declares them; returns their names in groups."""
     families, shared, groups = {"": commands}, dict[str, list[str]](), dict[str, list[str]]()
-    for part in Path(__file__).with_name("commands.txt").read_text(encoding="utf-8").split("\n== ")[1:]:
+    for part in (
+        Path(__file__).with_name("commands.txt").read_text(encoding="utf-8").split("\n== ")[1:]
+    ):
         head, *lines = part.strip().splitlines()
         if head.startswith("@"):
             shared[head] = [other for line in lines for other in shared.get(line, [line])]
@@ -102,8 +111,15 @@ def declare(commands: Any, runs: Mapping[str, Run], readers: Readers) -> dict[st
         if not within:
             names.append(name)
         examples = [f"  stepblocks {line[2:]}" for line in lines if line.startswith("$ ")]
-        takes = [other for line in lines if "  " in line or line in shared for other in shared.get(line, [line])]
-        prose = " ".join(line for line in lines if not line.startswith(("$ ", "@")) and "  " not in line)
+        takes = [
+            other
+            for line in lines
+            if "  " in line or line in shared
+            for other in shared.get(line, [line])
+        ]
+        prose = " ".join(
+            line for line in lines if not line.startswith(("$ ", "@")) and "  " not in line
+        )
         parser: Parser = families[within].add_parser(
             word,
             help=said,
@@ -115,14 +131,18 @@ def declare(commands: Any, runs: Mapping[str, Run], readers: Readers) -> dict[st
             _take_all(parser, takes, readers)
             _take_all(parser.add_argument_group("in every command"), shared["@every"], readers)
         else:
-            families[name] = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+            families[name] = parser.add_subparsers(
+                title="commands", metavar="COMMAND", required=True
+            )
     return groups
 
 
 def _take_all(parser: Any, lines: Sequence[str], readers: Readers) -> None:
     group = None
     for line in lines:
-        must, bar, option = line.partition("| ") if line.startswith(("| ", "!| ")) else ("", "", line)
+        must, bar, option = (
+            line.partition("| ") if line.startswith(("| ", "!| ")) else ("", "", line)
+        )
         if not bar:
             group = None
         elif group is None:
@@ -170,7 +190,11 @@ def _reader(metavar: str) -> Callable[[str], Any]:
 
 def given(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
     """Pick the options that were given, as a default has one home, the function called."""
-    return {name: value for name, value in vars(arguments).items() if name in names and value is not None}
+    return {
+        name: value
+        for name, value in vars(arguments).items()
+        if name in names and value is not None
+    }
 
 
 def number(least: int, most: int) -> Callable[[str], int]:
@@ -178,7 +202,9 @@ def number(least: int, most: int) -> Callable[[str], int]:
 
     def read(text: str) -> int:
         if not text.isdecimal() or len(text) > 18 or not least <= int(text) <= most:
-            raise argparse.ArgumentTypeError(f"must be a whole number from {least} to {most}, got {text!r:.40}")
+            raise argparse.ArgumentTypeError(
+                f"must be a whole number from {least} to {most}, got {text!r:.40}"
+            )
         return int(text)
 
     return read

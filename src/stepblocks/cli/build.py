@@ -32,7 +32,9 @@ def _build(arguments: argparse.Namespace) -> Outcome:
 
 
 def _check(arguments: argparse.Namespace) -> Outcome:
-    if arguments.files and all(path.suffix.lower() in (".step", ".stp", ".p21") for path in arguments.files):
+    if arguments.files and all(
+        path.suffix.lower() in (".step", ".stp", ".p21") for path in arguments.files
+    ):
         return _check_step_files(arguments.files)
     from stepblocks.build.run import check_output
 
@@ -79,7 +81,8 @@ def _workshop(arguments: argparse.Namespace) -> Outcome:
     )
     missing = [f"MISSING {line}" for order in orders for line in order.missing]
     return Outcome(
-        f"{sum(len(order.files) for order in orders)} files of {len(orders)} parts in {arguments.output}",
+        f"{sum(len(order.files) for order in orders)} files of {len(orders)} parts in "
+        f"{arguments.output}",
         tables={"Routes": route_lines(orders)},
         code=1 if missing else 0,
         failures=missing,

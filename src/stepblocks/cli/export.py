@@ -29,8 +29,12 @@ def _export(arguments: argparse.Namespace) -> Outcome:
     written = export(arguments.files, arguments.simulator, arguments.output, **asked)
     return Outcome(
         f"{len(written)} folder{'s' if len(written) != 1 else ''} for {arguments.simulator}",
-        notes=[f"{one.name}: {one.folder}" + (f"\n  {one.plan}" if one.plan else "") for one in written],
-        record={one.name: {"folder": str(one.folder), "plan": str(one.plan or "")} for one in written},
+        notes=[
+            f"{one.name}: {one.folder}" + (f"\n  {one.plan}" if one.plan else "") for one in written
+        ],
+        record={
+            one.name: {"folder": str(one.folder), "plan": str(one.plan or "")} for one in written
+        },
     )
 
 
@@ -49,13 +53,17 @@ def _devices(own: Path | None) -> Outcome:
         }
         for one in load_devices(own)
     ]
-    return Outcome(f"{len(rows)} devices; sources stand in simulators/devices.toml", {"devices": rows})
+    return Outcome(
+        f"{len(rows)} devices; sources stand in simulators/devices.toml", {"devices": rows}
+    )
 
 
 def _feel(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.simulators.feel import feel
 
-    arguments.output = page.with_suffix(page.suffix or ".html") if (page := arguments.output).name else page
+    arguments.output = (
+        page.with_suffix(page.suffix or ".html") if (page := arguments.output).name else page
+    )
     count = feel(arguments.files, arguments.output)
     if not arguments.no_open:
         import webbrowser

@@ -18,10 +18,21 @@ def _new(arguments: argparse.Namespace) -> Outcome:
         return _copy_shipped(arguments.shipped, force=arguments.force)
     file = arguments.file or Path(f"my-{thing}" if thing == "session" else f"my-{thing}.toml")
     file = file.parent if (thing, file.name) == ("session", "session.toml") else file
-    place = file / "session.toml" if thing == "session" else file.with_suffix(".toml") if file.name else file
+    place = (
+        file / "session.toml"
+        if thing == "session"
+        else file.with_suffix(".toml")
+        if file.name
+        else file
+    )
     text, then = beginning(thing, file if thing == "session" else place)
-    _write_new({place: text} | ({file / "trials.csv": _TRIALS} if thing == "session" else {}), force=arguments.force)
-    return Outcome(f"{place}: change it, then run: {then}", record={"written": str(place), "then": then})
+    _write_new(
+        {place: text} | ({file / "trials.csv": _TRIALS} if thing == "session" else {}),
+        force=arguments.force,
+    )
+    return Outcome(
+        f"{place}: change it, then run: {then}", record={"written": str(place), "then": then}
+    )
 
 
 def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
@@ -41,12 +52,20 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
 
     installed = Path(sysconfig.get_path("data")) / "share" / "stepblocks" / "stimuli"
     source = installed if installed.is_dir() else Path(__file__).parents[3] / "stimuli"
-    texts = {folder / path.name: path.read_text(encoding="utf-8") for path in sorted(source.glob("*.toml"))}
+    texts = {
+        folder / path.name: path.read_text(encoding="utf-8")
+        for path in sorted(source.glob("*.toml"))
+    }
     if not texts:
-        raise PipelineError(f"the shipped stimuli must lie in the installation, found none [{installed}]")
+        raise PipelineError(
+            f"the shipped stimuli must lie in the installation, found none [{installed}]"
+        )
     _write_new(texts, force=force)
     then = f"stepblocks build {folder}"
-    return Outcome(f"{len(texts)} files in {folder}: {then}", record={"written": list(map(str, texts)), "then": then})
+    return Outcome(
+        f"{len(texts)} files in {folder}: {then}",
+        record={"written": list(map(str, texts)), "then": then},
+    )
 
 
 def beginning(thing: str, place: Path) -> tuple[str, str]:
@@ -55,7 +74,9 @@ def beginning(thing: str, place: Path) -> tuple[str, str]:
 
     sections = Path(__file__).with_name("beginnings.txt").read_text(encoding="utf-8").split("==== ")
     (section,) = (one for one in sections if one.startswith(f"{thing}: "))
-    head, _, text = section.replace("{file}", str(place)).replace("{folder}", str(place)).partition("\n")
+    head, _, text = (
+        section.replace("{file}", str(place)).replace("{folder}", str(place)).partition("\n")
+    )
     text, _, shown = text.partition("%usual ")
     for kind in shown.split():
         text += f"# What a {kind} leaves out; to change it for all of them, take the leading '# ' away.\n"

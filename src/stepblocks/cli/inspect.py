@@ -18,15 +18,25 @@ def _run(arguments: argparse.Namespace) -> Outcome:
     scan, told = arguments.scans[0], given(arguments, "unit", "channel", "feature")
     if arguments.list_channels:
         names = list_channels(scan)
-        return Outcome("", notes=names or ["one layer of heights, without channels"], record={"channels": names})
-    instrument = Instrument(arguments.calibration, arguments.resolution or 0.0, arguments.lateral_calibration)
+        return Outcome(
+            "",
+            notes=names or ["one layer of heights, without channels"],
+            record={"channels": names},
+        )
+    instrument = Instrument(
+        arguments.calibration, arguments.resolution or 0.0, arguments.lateral_calibration
+    )
     told["how"] = How(degree=LEVELS.get(arguments.level or ""), **given(arguments, *vars(AS_FOUND)))
     told["instrument"] = instrument
     if len(arguments.scans) > 1 or scan.is_dir() or is_table(arguments.scans):
-        told |= given(arguments, "stimulus", "standard", "tolerance" if arguments.standard else "stimuli")
+        told |= given(
+            arguments, "stimulus", "standard", "tolerance" if arguments.standard else "stimuli"
+        )
         together = inspect_many(arguments.scans, **told)
         written = [] if arguments.output is None else write_many(together, arguments.output)
-        tables = {name: one.to_dict("records") for name, one in together.tables.items() if name != "chart"}
+        tables = {
+            name: one.to_dict("records") for name, one in together.tables.items() if name != "chart"
+        }
         look = next((path for path in written if path.suffix == ".html"), None)
         record, code = together.as_record(), together.verdict.exit_code
         return Outcome("", tables, together.left_out, look, code, record)

@@ -38,7 +38,11 @@ def show(outcome: Outcome, arguments: argparse.Namespace, written: Sequence[Path
     if arguments.json:
         told = outcome.record
         if told is None:
-            told = {"said": outcome.said, **outcome.tables, "written": [str(path) for path in written]}
+            told = {
+                "said": outcome.said,
+                **outcome.tables,
+                "written": [str(path) for path in written],
+            }
         print(json.dumps(told, indent=1, allow_nan=False, default=str))
         return
     if not arguments.quiet:
@@ -62,7 +66,9 @@ def _where(written: Sequence[Path]) -> str:
     top = Path(os.path.commonpath(folders))
     if len(written) <= 4:
         return "written: " + " ".join(map(str, written))
-    return f"written: {len(written)} files in {top}" + (f", {len(folders)} folders" if len(folders) > 1 else "")
+    return f"written: {len(written)} files in {top}" + (
+        f", {len(folders)} folders" if len(folders) > 1 else ""
+    )
 
 
 def _print(shown: Any, style: str | None = None, width: int | None = None) -> None:
@@ -71,7 +77,9 @@ def _print(shown: Any, style: str | None = None, width: int | None = None) -> No
 
     console = Console(width=width, highlight=False, soft_wrap=width is None)
     with console.capture() as captured:
-        console.print(readable(shown) if isinstance(shown, str) else shown, style=style, markup=False)
+        console.print(
+            readable(shown) if isinstance(shown, str) else shown, style=style, markup=False
+        )
     sys.stdout.write(captured.get())
 
 
@@ -84,14 +92,22 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = F
         return
     cells = {name: column_of_figures([row.get(name) for row in rows]) for name in rows[0]}
     heads = {name: column_label(name) for name in cells}
-    alike = {} if wide or len(rows) < 2 else {name: column[0] for name, column in cells.items() if len({*column}) == 1}
+    alike = (
+        {}
+        if wide or len(rows) < 2
+        else {name: column[0] for name, column in cells.items() if len({*column}) == 1}
+    )
     room = 10_000 if wide else int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
     left, names = room + 2, list[str]()
     for name in (name for name in cells if name not in alike):
         left -= max(map(len, (*heads[name].split(), *cells[name]))) + 2
         if left >= 0 or not names:
             names.append(name)
-    said = (f"{heads[name].replace(',', '')} {value}" for name, value in alike.items() if value not in ("", "-"))
+    said = (
+        f"{heads[name].replace(',', '')} {value}"
+        for name, value in alike.items()
+        if value not in ("", "-")
+    )
     same = ", ".join(said)
     for line in (title, same):
         if line:
@@ -101,7 +117,9 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = F
         head = Text(heads[name].replace(" ", "\n"))
         table.add_column(
             head,
-            justify="right" if not any(cell.strip("-+.e∞0123456789") for cell in cells[name]) else "left",
+            justify="right"
+            if not any(cell.strip("-+.e∞0123456789") for cell in cells[name])
+            else "left",
             no_wrap=True,
             vertical="bottom",
         )
@@ -119,7 +137,9 @@ def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Calla
 
     def in_lines(done: int | None = None, total: int | None = None, name: str = "") -> None:
         done, of = done or next(number), "" if total is None else f"/{total}"
-        some = lines and (total is None or total <= lines or done % (total // lines) == 0 or done == total)
+        some = lines and (
+            total is None or total <= lines or done % (total // lines) == 0 or done == total
+        )
         if some and not quiet:
             print(f"[{done}{of}] {did} {name}".rstrip(), file=sys.stderr, flush=True)
 
@@ -127,9 +147,20 @@ def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Calla
         return in_lines
 
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}", markup=False)
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
     bar = Progress(*columns, console=Console(stderr=True), transient=True)
     task = bar.add_task(did, total=None)
     atexit.register(bar.stop)  # also where the command fails: a terminal must get its cursor back
@@ -146,9 +177,9 @@ def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Calla
 @contextmanager
 def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
     """Let a command write to a place, but replace nothing there that is not ours; gives the list of what it wrote."""
-    # To that list the command adds what it found and kept; afterwards it names what was written. What a build wrote stands in
-    # its ``manifest.json``; what another command wrote in ``.stepblocks.json`` with its hash, so that a table somebody filled
-    # in since is theirs.
+    # To that list the command adds what it found and kept; afterwards it names what was written.
+    # What a build wrote stands in its ``manifest.json``; what another command wrote in
+    # ``.stepblocks.json`` with its hash, so that a table somebody filled in since is theirs.
     from stepblocks.atomic import keeping
 
     written: list[Path] = []
@@ -169,7 +200,10 @@ def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
         with keeping(theirs):
             yield written
     finally:
-        kept, written[:] = written[:], sorted(path for path in _files(place) if before.get(path) != _stamp(path))
+        kept, written[:] = (
+            written[:],
+            sorted(path for path in _files(place) if before.get(path) != _stamp(path)),
+        )
         _remember(folder, known, [*written, *kept])
 
 
@@ -202,4 +236,6 @@ def _remember(folder: Path, known: Mapping[str, str], written: Sequence[Path]) -
     if known and not total:
         (folder / _MEMORY).unlink()
     elif total != known:
-        replace_text(folder / _MEMORY, json.dumps({"written": dict(sorted(total.items()))}, indent=1) + "\n")
+        replace_text(
+            folder / _MEMORY, json.dumps({"written": dict(sorted(total.items()))}, indent=1) + "\n"
+        )

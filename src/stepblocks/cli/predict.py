@@ -76,7 +76,9 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
             def more(prediction: Prediction) -> dict[str, str]:
                 return as_built.surface_columns(by_set[prediction.set_name](prediction))
 
-        for sentence in (sentence for stimuli in sets for sentence in as_built.moved_energies(stimuli, records)):
+        for sentence in (
+            sentence for stimuli in sets for sentence in as_built.moved_energies(stimuli, records)
+        ):
             print(readable(sentence), file=sys.stderr)
         sets = [as_built.with_as_built(stimuli, records) for stimuli in sets]
     in_time = None if arguments.conversion is None else arguments.conversion == "simulated"
@@ -118,7 +120,8 @@ def _drag(arguments: argparse.Namespace) -> Outcome:
     summary = done.summary
     settings, probe = summary["settings"], summary["probe"]
     notes = [
-        f"{summary['subject']}: {format_quantity(settings['normal_load'], 'force')}, mu {settings['friction']:g}, "
+        f"{summary['subject']}: {format_quantity(settings['normal_load'], 'force')}, mu "
+        f"{settings['friction']:g}, "
         f"k {probe['stiffness'] * 1e-3:g} N/mm"
     ]
     if "setting" in summary:
@@ -129,10 +132,13 @@ def _drag(arguments: argparse.Namespace) -> Outcome:
         notes.append(
             f"peak {summary['peak_force_n']:.4g} N{beside}; "
             f"rings with {format_quantity(summary['vibration_energy_j'], 'energy')} "
-            f"({summary['ring_share']:.0%} of the stored energy) for {summary['ring_duration_s'] * 1e3:.1f} ms"
+            f"({summary['ring_share']:.0%} of the stored energy) for "
+            f"{summary['ring_duration_s'] * 1e3:.1f} ms"
         )
     closes = f"ledger closes to {summary['ledger_error']:.1e}"
-    return Outcome(f"{summary['status']}; {closes} [{arguments.output}]", notes=notes, record=summary)
+    return Outcome(
+        f"{summary['status']}; {closes} [{arguments.output}]", notes=notes, record=summary
+    )
 
 
 def _sweep(arguments: argparse.Namespace) -> Outcome:
@@ -144,9 +150,14 @@ def _sweep(arguments: argparse.Namespace) -> Outcome:
     how = {"jobs": arguments.jobs, "scheduler": arguments.scheduler}
     output = arguments.output
     computed, found = sweep(plan, output, **how, on_partition=lambda _: told(total=plan.partitions))
-    said = f"{plan.rows} rows in {plan.partitions} partitions: {computed} computed, {found} found [{output}]"
+    said = (
+        f"{plan.rows} rows in {plan.partitions} partitions: {computed} computed, {found} found "
+        f"[{output}]"
+    )
     kept = [output / "sweep.json", *output.glob("part-*.parquet")]
-    return Outcome(said, record={"rows": plan.rows, "computed": computed, "found": found}, kept=kept)
+    return Outcome(
+        said, record={"rows": plan.rows, "computed": computed, "found": found}, kept=kept
+    )
 
 
 def _evidence(arguments: argparse.Namespace) -> Outcome:
@@ -154,7 +165,10 @@ def _evidence(arguments: argparse.Namespace) -> Outcome:
 
     found = hold_against_evidence(arguments.output)
     shown = found.table.drop(columns=["said"]), found.resolutions.drop(columns=["setting"])
-    full = {"evidence": found.table.to_dict("records"), "resolutions": found.resolutions.to_dict("records")}
+    full = {
+        "evidence": found.table.to_dict("records"),
+        "resolutions": found.resolutions.to_dict("records"),
+    }
     tables = {title: table.to_dict("records") for title, table in zip(full, shown, strict=True)}
     return Outcome(found.finding(), tables, look=arguments.output / "evidence.html", record=full)
 

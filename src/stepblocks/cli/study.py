@@ -15,16 +15,29 @@ from stepblocks.errors import PipelineError
 
 
 def _design(arguments: argparse.Namespace) -> Outcome:
-    plan = stepblocks.design_study(_source(arguments), arguments.output, **_options(arguments, stepblocks.design_study))
+    plan = stepblocks.design_study(
+        _source(arguments), arguments.output, **_options(arguments, stepblocks.design_study)
+    )
     trials, people = len(plan.trials), int(plan.trials[-1]["participant"])
-    said = f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; {plan.balance}"
-    record = {"trials": trials, "participants": people, "balance": plan.balance, "advice": plan.advice}
+    said = (
+        f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; "
+        f"{plan.balance}"
+    )
+    record = {
+        "trials": trials,
+        "participants": people,
+        "balance": plan.balance,
+        "advice": plan.advice,
+    }
     return Outcome(said, notes=list(filter(None, [plan.advice])), record=record)
 
 
 def _sheet(arguments: argparse.Namespace) -> Outcome:
     number = stepblocks.write_sheets(arguments.folder)
-    said = f"{arguments.folder / 'sheets'}: {number} run sheets; print {arguments.folder / 'run-sheets.pdf'}"
+    said = (
+        f"{arguments.folder / 'sheets'}: {number} run sheets; print "
+        f"{arguments.folder / 'run-sheets.pdf'}"
+    )
     return Outcome(said, record={"sheets": number})
 
 
@@ -40,16 +53,22 @@ def _analyse(arguments: argparse.Namespace) -> Outcome:
 
     data, folder = given(arguments, "data").get("data"), arguments.folder
     if bool(data) == bool(arguments.answers) or (data and folder):
-        raise PipelineError("a folder of a study with its answers must be given, or --data with a table of your own")
+        raise PipelineError(
+            "a folder of a study with its answers must be given, or --data with a table of your own"
+        )
     output = arguments.output or (folder or Path("out/study")) / "report"
     options = _options(arguments, stepblocks.analyse_study)
     result = stepblocks.analyse_study(folder, data or arguments.answers, output, **options)
     notes, said = [*result.notes, *result.remarks], headline(result)
-    return Outcome(said, notes=notes, look=output / "report.html", record={"said": said, "notes": notes})
+    return Outcome(
+        said, notes=notes, look=output / "report.html", record={"said": said, "notes": notes}
+    )
 
 
 def _share(arguments: argparse.Namespace) -> Outcome:
-    files = stepblocks.share_study(arguments.folder, arguments.answers, arguments.output, **given(arguments, "form"))
+    files = stepblocks.share_study(
+        arguments.folder, arguments.answers, arguments.output, **given(arguments, "form")
+    )
     return Outcome(f"{arguments.output}: {len(files)} files", record={"files": files})
 
 
@@ -83,9 +102,15 @@ def _start(arguments: argparse.Namespace) -> Outcome:
     study = stepblocks.start_adaptive(
         _source(arguments), arguments.output, **_options(arguments, stepblocks.start_adaptive)
     )
-    said = f"{study.plan.method} with {len(study.plan.compared)} blocks against the standard, {study.participants} participants"
+    said = (
+        f"{study.plan.method} with {len(study.plan.compared)} blocks against the standard, "
+        f"{study.participants} participants"
+    )
     most = f"at most {study.plan.trials} trials each"
-    return Outcome(f"{arguments.output / 'setup.json'}: {said}, {most}", notes=list(filter(None, [study.advice])))
+    return Outcome(
+        f"{arguments.output / 'setup.json'}: {said}, {most}",
+        notes=list(filter(None, [study.advice])),
+    )
 
 
 def _run(arguments: argparse.Namespace) -> Outcome:
@@ -93,7 +118,10 @@ def _run(arguments: argparse.Namespace) -> Outcome:
 
     session = open_adaptive(arguments.folder).session(arguments.participant)
     while (pair := session.next_pair()) is not None:
-        asked = f"trial {pair.trial}: first {pair.first}, then {pair.second}. Second higher? y, n or q: "
+        asked = (
+            f"trial {pair.trial}: first {pair.first}, then {pair.second}. Second higher? y, n or "
+            "q: "
+        )
         print(asked, end="", flush=True)
         line = sys.stdin.readline()
         text = line.strip().lower()
@@ -121,14 +149,19 @@ def _result(arguments: argparse.Namespace) -> Outcome:
 
 def _heights(text: str) -> tuple[float, ...]:
     """Read heights in micrometres [m]."""
-    return tuple(quantity("length")(part if part.strip(" 0123456789.") else f"{part} um") for part in text.split(","))
+    return tuple(
+        quantity("length")(part if part.strip(" 0123456789.") else f"{part} um")
+        for part in text.split(",")
+    )
 
 
 def _source(arguments: argparse.Namespace) -> Any:
     """Return the stimulus file or the heights, of which one must be given."""
     asked = getattr(arguments, "heights", None)
     if (arguments.file is None) == (asked is None):
-        raise PipelineError("a stimulus FILE or --heights must be given, got " + ("both" if asked else "neither"))
+        raise PipelineError(
+            "a stimulus FILE or --heights must be given, got " + ("both" if asked else "neither")
+        )
     return asked or arguments.file
 
 
@@ -158,7 +191,9 @@ def _names(text: str) -> tuple[str, ...]:
 def _scale(text: str) -> tuple[int, int]:
     """Read the ends of a scale."""
     low, dash, high = text.partition("-")
-    if not (dash and low.isdecimal() and high.isdecimal() and len(text) < 40 and int(low) < int(high)):
+    if not (
+        dash and low.isdecimal() and high.isdecimal() and len(text) < 40 and int(low) < int(high)
+    ):
         raise argparse.ArgumentTypeError(f"must be LOW-HIGH such as 1-7, got {text!r:.40}")
     return int(low), int(high)
 

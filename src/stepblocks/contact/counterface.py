@@ -25,8 +25,13 @@ REACH = 5e-3  # half length of a centre path on either side of the edge [m]
 class Counterface(ABC):
     """A surface across the drag: x along the drag, z up, the working edge at x = 0, the near side at z = 0."""
 
-    ways: ClassVar[tuple[str, ...]] = ("forward", "backward")  # names of the directions that are felt, forward first
-    _dimensions: ClassVar[tuple[str, ...]] = ()  # fields on which the angles depend, where they have a closed form
+    ways: ClassVar[tuple[str, ...]] = (
+        "forward",
+        "backward",
+    )  # names of the directions that are felt, forward first
+    _dimensions: ClassVar[
+        tuple[str, ...]
+    ] = ()  # fields on which the angles depend, where they have a closed form
 
     @property
     def far_side(self) -> float:
@@ -54,7 +59,10 @@ class Counterface(ABC):
 
     def moved(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
         """Dimensions that deviate by so much from the nominal, kept where the critical angles are defined [m]."""
-        return {name: np.maximum(value + deviations.get(name, 0.0), 0.0) for name, value in self.dimensions.items()}
+        return {
+            name: np.maximum(value + deviations.get(name, 0.0), 0.0)
+            for name, value in self.dimensions.items()
+        }
 
     def release(self, point: OperatingPoint, backward: bool = False) -> Release:
         """Force and energy of one drag, equations (1) and (2)."""
@@ -101,8 +109,14 @@ class Step(Counterface):
         return {"height": by_height, "edge_radius": by_radius, "ball_radius": by_radius}
 
     def heights(self, x: Array) -> Array:
-        across = np.clip(self.edge_radius - x, 0.0, self.edge_radius)  # from the arc's centre back towards the riser
-        rounded = self.height - self.edge_radius + np.sqrt(self.edge_radius * self.edge_radius - across * across)
+        across = np.clip(
+            self.edge_radius - x, 0.0, self.edge_radius
+        )  # from the arc's centre back towards the riser
+        rounded = (
+            self.height
+            - self.edge_radius
+            + np.sqrt(self.edge_radius * self.edge_radius - across * across)
+        )
         return np.where(x < 0.0, 0.0, rounded)
 
     def section(self, run: float) -> tuple[Array, Array]:
@@ -113,7 +127,10 @@ class Step(Counterface):
         x, z = radius * (1.0 - np.sin(angles)), height - radius * (1.0 - np.cos(angles))
         z[-1] = height
         foot = x[0]
-        return (np.concatenate([[foot - run, foot], x, [radius + run]]), np.concatenate([[0.0, 0.0], z, [height]]))
+        return (
+            np.concatenate([[foot - run, foot], x, [radius + run]]),
+            np.concatenate([[0.0, 0.0], z, [height]]),
+        )
 
     def centre_path(self, ball_radius: float) -> CentrePath:
         """Over the arc a circle of R + r."""
@@ -129,8 +146,10 @@ class Margin(Counterface):
     """Tooth, gap and crown in the terms of Holmes et al. (1989): bevelled back at 45 degrees where it opens beyond the gap."""
 
     gap: float  # marginal gap g between the walls [m]
-    opening: float  # along the drag from the tooth's corner to the crown's [m]; below 0 a lip overlaps the tooth
-    rise: float  # height of the crown over the tooth, the horizontal marginal discrepancy [m], of either sign
+    # along the drag from the tooth's corner to the crown's [m]; below 0 a lip overlaps the tooth
+    opening: float
+    # height of the crown over the tooth, the horizontal marginal discrepancy [m], of either sign
+    rise: float
     depth: float = 1e-3  # of the gap where it begins [m]; deeper than any tip sinks
     fall: float = 0.0  # how steeply its floor falls from there [1]
     ways = ("tooth-to-crown", "crown-to-tooth")
@@ -150,7 +169,11 @@ class Margin(Counterface):
         gap = self.gap + deviations.get("gap", 0.0)
         follows = self.opening + gap - self.gap
         opening = self.opening + deviations["opening"] if "opening" in deviations else follows
-        return {"gap": np.maximum(gap, 0.0), "opening": opening, "rise": self.rise + deviations.get("rise", 0.0)}
+        return {
+            "gap": np.maximum(gap, 0.0),
+            "opening": opening,
+            "rise": self.rise + deviations.get("rise", 0.0),
+        }
 
     def section(self, run: float) -> tuple[Array, Array]:
         opening, gap, rise, depth, fall = self.opening, self.gap, self.rise, self.depth, self.fall
@@ -159,7 +182,9 @@ class Margin(Counterface):
             corners += [(0.0, -depth), (gap, -depth - fall * gap), (gap, rise + gap - opening)]
         elif opening > 0.0:
             corners += [(0.0, -depth), (opening, -depth - fall * opening)]
-        x, z = np.array([(corners[0][0] - run, 0.0), *corners, (opening, rise), (opening + run, rise)]).T
+        x, z = np.array(
+            [(corners[0][0] - run, 0.0), *corners, (opening, rise), (opening + run, rise)]
+        ).T
         return x, z
 
 
@@ -197,7 +222,9 @@ class Profile(Counterface):
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
         balls, which = np.unique(np.asarray(ball_radius, dtype=np.float64), return_inverse=True)
         found = np.array([_steepest(self.x, self.z, float(ball), "flat") for ball in balls])[which]
-        forward, backward = (plain(found[..., way].reshape(np.shape(ball_radius))) for way in (0, 1))
+        forward, backward = (
+            plain(found[..., way].reshape(np.shape(ball_radius))) for way in (0, 1)
+        )
         return forward, backward
 
     def heights(self, x: Array) -> Array:
@@ -208,7 +235,10 @@ class Profile(Counterface):
         on = last > first  # on a point, or on several that make a riser
         if not np.any(on):
             return between
-        ends = [self.z[a:b].max() if b > a else value for a, b, value in zip(first, last, between, strict=True)]
+        ends = [
+            self.z[a:b].max() if b > a else value
+            for a, b, value in zip(first, last, between, strict=True)
+        ]
         return np.where(on, np.asarray(ends), between)
 
     def section(self, run: float) -> tuple[Array, Array]:
@@ -238,7 +268,9 @@ class ProfiledMargin(Margin):
         level, drawn = super().angles(ball, **mean), super().angles(**at)
         ways = zip(found, level, drawn, strict=True)
         forward, backward = (
-            np.where((now > 0.0) & (now < 0.5 * np.pi), np.clip(own + now - once, 0.0, 0.5 * np.pi), now)
+            np.where(
+                (now > 0.0) & (now < 0.5 * np.pi), np.clip(own + now - once, 0.0, 0.5 * np.pi), now
+            )
             for own, once, now in ways
         )
         return forward, backward
@@ -257,7 +289,10 @@ class ProfiledMargin(Margin):
 
 
 def energy_change(
-    before: Counterface | Release, after: Counterface | Release, point: OperatingPoint, backward: bool = False
+    before: Counterface | Release,
+    after: Counterface | Release,
+    point: OperatingPoint,
+    backward: bool = False,
 ) -> float:
     """Relative change of the energy that is felt; NaN unless both release.
 
@@ -278,13 +313,18 @@ def energy_change(
     >>> f"{energy_change(Step(25e-6), Step(26e-6), PAPER):+.1%}"
     '+5.4%'
     """
-    first, second = (one.release(point, backward) if isinstance(one, Counterface) else one for one in (before, after))
+    first, second = (
+        one.release(point, backward) if isinstance(one, Counterface) else one
+        for one in (before, after)
+    )
     if first.status is not Status.RELEASES or second.status is not Status.RELEASES:
         return math.nan
     return float(second.vibration_energy / first.vibration_energy - 1.0)
 
 
-def scanned_angle(position: NDArray[np.float64], height: NDArray[np.float64], ball: float) -> float | None:
+def scanned_angle(
+    position: NDArray[np.float64], height: NDArray[np.float64], ball: float
+) -> float | None:
     """Critical angle of a scanned edge: the steepest rise of the path of the tip's centre over it, up the step."""
     known = height[np.isfinite(height)]
     tenth = len(known) // 10
@@ -299,7 +339,9 @@ def scanned_angle(position: NDArray[np.float64], height: NDArray[np.float64], ba
     return angle if 0.0 < angle < 0.5 * math.pi else None
 
 
-def _steepest(x: Array, z: Array, ball: float, edges: Literal["strict", "flat"]) -> tuple[float, float]:
+def _steepest(
+    x: Array, z: Array, ball: float, edges: Literal["strict", "flat"]
+) -> tuple[float, float]:
     """Critical angles over a profile by exact dilation [rad], forward and backward."""
     # compiled kernels, loaded where they are used
     from stepblocks.contact.path.profile import profile_path, steepest

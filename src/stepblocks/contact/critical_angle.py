@@ -3,7 +3,13 @@
 import numpy as np
 
 from stepblocks.contact import kernels
-from stepblocks.contact.domain import Real, plain, require_finite, require_not_negative, require_positive
+from stepblocks.contact.domain import (
+    Real,
+    plain,
+    require_finite,
+    require_not_negative,
+    require_positive,
+)
 
 
 def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real:
@@ -12,12 +18,14 @@ def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real
     Parameters
     ----------
     height, ball_radius, edge_radius : float or array_like
-        Height of the step H, radius of the probe tip R, and of the rounded edge r, 0 for a sharp one [m].
+        Height of the step H, radius of the probe tip R, and of the rounded edge r, 0 for a sharp
+        one [m].
 
     Returns
     -------
     float or ndarray, of the shape to which the arguments broadcast
-        ``arccos(1 - H / (R + r))`` [rad]; a right angle where ``H >= R + r``, since the ball then meets the riser.
+        ``arccos(1 - H / (R + r))`` [rad]; a right angle where ``H >= R + r``, since the ball then
+        meets the riser.
 
     Raises
     ------
@@ -35,7 +43,9 @@ def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real
     >>> np.degrees(step_angle([25e-6, 125e-6], 125e-6)).round(4).tolist()
     [36.8699, 90.0]
     """
-    height, ball_radius, edge_radius = _checked(height=height, ball_radius=ball_radius, edge_radius=edge_radius)
+    height, ball_radius, edge_radius = _checked(
+        height=height, ball_radius=ball_radius, edge_radius=edge_radius
+    )
     return plain(kernels.step_angle(height, ball_radius + edge_radius))
 
 
@@ -45,14 +55,15 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
     Parameters
     ----------
     opening, rise, ball_radius : float or array_like
-        Distance g between the two edges along the drag, 0 where they touch or overlap; height of the second over the first, of
-        either sign; radius of the probe tip R [m].
+        Distance g between the two edges along the drag, 0 where they touch or overlap; height of
+        the second over the first, of either sign; radius of the probe tip R [m].
 
     Returns
     -------
     forward, backward : float or ndarray, of the shape to which the arguments broadcast
-        Critical angle [rad] dragging from the first shoulder to the second, and back: 0 where nothing catches, ``asin(g / 2R)``
-        out of a groove between equal shoulders, a right angle where the ball falls between them.
+        Critical angle [rad] dragging from the first shoulder to the second, and back: 0 where
+        nothing catches, ``asin(g / 2R)`` out of a groove between equal shoulders, a right angle
+        where the ball falls between them.
 
     Raises
     ------
@@ -74,7 +85,9 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
     return plain(forward), plain(backward)
 
 
-def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
+def bevelled_margin_angles(
+    gap: Real, opening: Real, rise: Real, ball_radius: Real
+) -> tuple[Real, Real]:
     """`margin_angles` over a far side that is bevelled back at 45 degrees where it opens wider than its gap."""
     gap, rise, ball_radius = _checked(gap=gap, rise=rise, ball_radius=ball_radius)
     opening = np.asarray(opening, dtype=np.float64)[()]

@@ -13,7 +13,9 @@ Real = Any  # a float or an array of them: what is given decides what comes out
 
 def require_positive(name: str, value: Real, unit: str = "") -> None:
     """Refuse a value that is not above 0, or not finite."""
-    if not (isinstance(value, float) and 0.0 < value < math.inf):  # mostly a single float, which needs no array
+    if not (
+        isinstance(value, float) and 0.0 < value < math.inf
+    ):  # mostly a single float, which needs no array
         _require(name, value, unit, np.isfinite(value) & (value > 0.0), "positive and finite")
 
 
@@ -31,7 +33,9 @@ def require_finite(name: str, value: Real, unit: str = "") -> None:
 def require_points(x: NDArray[np.float64], z: NDArray[np.float64]) -> None:
     """Refuse a profile that is not two rows of one length."""
     if x.ndim != 1 or x.shape != z.shape:
-        raise ContactError(f"profile needs x and z of one equal length, got shapes {x.shape} and {z.shape}")
+        raise ContactError(
+            f"profile needs x and z of one equal length, got shapes {x.shape} and {z.shape}"
+        )
     if x.size < 2:
         raise ContactError(f"profile needs at least 2 points, got {x.size}")
 

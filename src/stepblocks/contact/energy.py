@@ -18,7 +18,8 @@ class Status(StrEnum):
 
     RELEASES = "releases"  # it climbs, slips and rings
     LOCKED = "locked"  # ``a + atan mu`` is a right angle or more: no pulling force lifts it
-    TOO_HIGH = "too-high"  # the step is as high as the ball or higher: the ball meets the riser, not the edge
+    # the step is as high as the ball or higher: the ball meets the riser, not the edge
+    TOO_HIGH = "too-high"
     NO_CATCH = "no-catch"  # the path of the ball's centre never rises in this direction
     BEYOND_STRENGTH = "beyond-strength"  # the pull that it takes is more than the tool bears,
     BEYOND_SPRING = "beyond-spring"  # than its spring is linear to,
@@ -38,9 +39,13 @@ _KINDS = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
 class Release:
     """What is felt when the probe slips over an edge; of many drags at once, each field is an array over them."""
 
-    status: Status  # whether it slips at all, as text in an array; the energies below are not-a-number unless it does
+    # whether it slips at all, as text in an array; the energies below are not-a-number unless it
+    # does
+    status: Status
     angle: float  # critical angle a [rad]
-    pull_force: float = math.nan  # tangential force at release F_px [N]; beyond a limit what it would take
+    pull_force: float = (
+        math.nan
+    )  # tangential force at release F_px [N]; beyond a limit what it would take
     vibration_energy: float = math.nan  # energy of the ring E_v [J]
     mean_power: float = math.nan  # E_v over the duration of the ring [W]
     threshold_ratio: float = math.nan  # mean power over the detection threshold [1]
@@ -52,20 +57,23 @@ def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPE
     Parameters
     ----------
     angle, normal_load, friction : float or array_like
-        Critical angle a [rad], from 0 to a right angle; load F_py [N]; coefficient of friction mu [1].
+        Critical angle a [rad], from 0 to a right angle; load F_py [N]; coefficient of friction mu
+        [1].
     tool : Tool
         Spring, ring and limits of the explorer; the default has no limits.
 
     Returns
     -------
     Release
-        Status and, where the probe slips, force, energy and power; beyond a limit the force that it would take. One drag has
-        a `Status` and floats, several have arrays of the shape to which the arguments broadcast, the status as text.
+        Status and, where the probe slips, force, energy and power; beyond a limit the force that it
+        would take. One drag has a `Status` and floats, several have arrays of the shape to which
+        the arguments broadcast, the status as text.
 
     Raises
     ------
     ContactError
-        If the load is not positive, the friction negative, the angle outside [0, pi/2], or one of them not finite.
+        If the load is not positive, the friction negative, the angle outside [0, pi/2], or one of
+        them not finite.
 
     References
     ----------
@@ -80,7 +88,9 @@ def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPE
     >>> release_at(step_angle([25e-6, 100e-6], 125e-6), normal_load=1.0, friction=0.3).status.tolist()
     ['releases', 'locked']
     """
-    a, load, mu = (np.asarray(value, dtype=np.float64)[()] for value in (angle, normal_load, friction))
+    a, load, mu = (
+        np.asarray(value, dtype=np.float64)[()] for value in (angle, normal_load, friction)
+    )
     require_positive("normal_load", load, "N")
     require_not_negative("friction", mu)
     inside = (a >= 0.0) & (a <= 0.5 * math.pi)
@@ -88,9 +98,13 @@ def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPE
         wrong = np.degrees(np.asarray(a)[np.logical_not(inside)].flat[0])
         raise ContactError(f"angle must lie between 0 and 90 deg, got {wrong:g} deg")
     # the first of these that holds
-    kind = where(a == 0.0, 0, where(a == 0.5 * math.pi, 1, where(a + np.arctan(mu) >= 0.5 * math.pi, 2, 3)))
+    kind = where(
+        a == 0.0, 0, where(a == 0.5 * math.pi, 1, where(a + np.arctan(mu) >= 0.5 * math.pi, 2, 3))
+    )
     released = kind == 3
-    force = where(released, kernels.pull_force(load, where(released, a, 0.0), mu), math.nan * (a + load + mu))
+    force = where(
+        released, kernels.pull_force(load, where(released, a, 0.0), mu), math.nan * (a + load + mu)
+    )
     limit, most = tool.limits.first
     beyond = released & (force > most)
     energy = where(beyond, math.nan, tool.conversion * kernels.stored_energy(force, tool.stiffness))

@@ -14,23 +14,34 @@ from stepblocks.contact.operating_point import OperatingPoint, Tool
 Array = NDArray[np.float64]
 _LENGTH = 7.0  # of a rendered ring in time constants: all but 1e-6 of the energy
 _EXPONENTIAL = (
-    "force on the hand along direction_xyz: amplitude_n exp(-t/decay_s) sin(2 pi frequency_hz t), t from the release"
+    "force on the hand along direction_xyz: amplitude_n exp(-t/decay_s) sin(2 pi frequency_hz "
+    "t), t from the release"
 )
 _SIMULATED = (
-    "force on the hand along direction_xyz as in the WAV files, from the time-domain drag, scaled until its "
-    "energy by energy_rule is energy_j; its first sample is simulated_delay_s after the release; amplitude, frequency and "
+    "force on the hand along direction_xyz as in the WAV files, from the time-domain drag, "
+    "scaled "
+    "until its "
+    "energy by energy_rule is energy_j; its first sample is simulated_delay_s after the "
+    "release; "
+    "amplitude, frequency and "
     "decay are those of the exponential of the same energy, which .hjif and .ahap hold"
 )
-_RULE = "2/(stiffness_n_per_m decay_s) (1 + 1/(2 pi frequency_hz decay_s)^2) times the integral of force^2"
+_RULE = (
+    "2/(stiffness_n_per_m decay_s) (1 + 1/(2 pi frequency_hz decay_s)^2) times the integral of "
+    "force^2"
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Waveform:
     """A ring that was simulated in time, instead of the exponential."""
 
-    force: Array  # shape (n,), on the hand in the direction of the drag [N], scaled so that `ring_energy` is E_v
+    # shape (n,), on the hand in the direction of the drag [N], scaled so that `ring_energy` is E_v
+    force: Array
     rate: float  # of its samples [Hz]
-    delay: float  # from the release to the first sample [s]: the fall of the spring force, which the spring renders
+    # from the release to the first sample [s]: the fall of the spring force, which the spring
+    # renders
+    delay: float
     simulated_peak: float  # pulling force at the release [N] that the simulation found by itself
     simulated_energy: float  # of the ring [J], likewise
     factor: float  # that its force was multiplied by [1]
@@ -41,7 +52,9 @@ class Learned:
     """What a model that a measured session has taught says of one drag."""
 
     status: str  # "ok", or why the prediction must not be trusted
-    peak_force: tuple[float, float, float]  # at the release [N], with the bounds of 95 % of single trials
+    peak_force: tuple[
+        float, float, float
+    ]  # at the release [N], with the bounds of 95 % of single trials
     energy: tuple[float, float, float]  # of the vibration [J], likewise
 
 
@@ -51,14 +64,18 @@ class VibrationEvent:
 
     stimulus: str  # what is felt
     status: Status
-    direction: int  # of the drag along x, +1 or -1, and of the first half wave of the force on the hand
+    direction: (
+        int  # of the drag along x, +1 or -1, and of the first half wave of the force on the hand
+    )
     trigger_position: float  # of the ball's centre across the edge at the release [m], unscaled
     trigger_height: float  # of the same over the part's z = 0 [m], unscaled
     critical_angle: float  # slope of the path there [rad]
     critical_force: float  # pulling force at which the probe releases [N]
     energy: float  # E_v [J], never scaled
     tool: Tool  # the spring that rings
-    waveform: Waveform | None = None  # a simulated ring of the same energy; None where it is the exponential
+    waveform: Waveform | None = (
+        None  # a simulated ring of the same energy; None where it is the exponential
+    )
     learned: Learned | None = None  # energy and tool are then those that were learnt
 
     @property
@@ -114,7 +131,9 @@ def ring(event: VibrationEvent, rate: float) -> Array:
         return np.asarray(np.interp(wanted, known, event.waveform.force))
     tool = event.tool
     time = np.arange(math.ceil(_LENGTH * tool.decay_time * rate)) / rate
-    return np.asarray(event.amplitude * np.exp(-time / tool.decay_time) * np.sin(math.tau * tool.frequency * time))
+    return np.asarray(
+        event.amplitude * np.exp(-time / tool.decay_time) * np.sin(math.tau * tool.frequency * time)
+    )
 
 
 def ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
@@ -158,12 +177,20 @@ def as_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
             "simulated_factor": wave.factor,
         }
     if learned is not None:
-        forces = zip(("peak_force_n", "peak_force_low_n", "peak_force_high_n"), learned.peak_force, strict=True)
+        forces = zip(
+            ("peak_force_n", "peak_force_low_n", "peak_force_high_n"),
+            learned.peak_force,
+            strict=True,
+        )
         energies = zip(("energy_j", "energy_low_j", "energy_high_j"), learned.energy, strict=True)
-        record["learned"] = nan_as_none({"status": learned.status, **dict(forces), **dict(energies)})
+        record["learned"] = nan_as_none(
+            {"status": learned.status, **dict(forces), **dict(energies)}
+        )
     return nan_as_none(record)
 
 
 def nan_as_none(record: dict[str, Any]) -> dict[str, Any]:
     """Put None for what is not a number."""
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in record.items()}
+    return {
+        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in record.items()
+    }

@@ -39,7 +39,9 @@ class BenchDesign:
         if len(self.block) == 0:
             raise ContactError("block must name at least one trial")
         if not (np.isfinite(self.spring_constant) and self.spring_constant > 0.0):
-            raise ContactError(f"spring_constant must be positive and finite, got {self.spring_constant:g} N/m")
+            raise ContactError(
+                f"spring_constant must be positive and finite, got {self.spring_constant:g} N/m"
+            )
 
     @cached_property
     def members(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
@@ -48,13 +50,17 @@ class BenchDesign:
         return tuple(height_name(str(b)) for b in blocks), inverse
 
 
-def design_of(block: NDArray[Any], covariates: Mapping[str, NDArray[Any]], spring_constant: float) -> BenchDesign:
+def design_of(
+    block: NDArray[Any], covariates: Mapping[str, NDArray[Any]], spring_constant: float
+) -> BenchDesign:
     """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units."""
     height, load, speed, radius = (
         np.asarray(covariates[name], dtype=np.float64)
         for name in ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
     )
-    return BenchDesign(block, height * 1e-6, load, speed * 1e-3, radius * 1e-6, spring_constant, covariates)
+    return BenchDesign(
+        block, height * 1e-6, load, speed * 1e-3, radius * 1e-6, spring_constant, covariates
+    )
 
 
 def tip_radius_um(tip: str, default: float) -> float:
@@ -72,7 +78,8 @@ def constants(
     design: BenchDesign,
     tool: Tool = PAPER.tool,
     height_std: float = 1e-6,
-    scanned: Mapping[str, tuple[float, float]] | None = None,  # height and standard uncertainty of blocks [m]
+    scanned: Mapping[str, tuple[float, float]]
+    | None = None,  # height and standard uncertainty of blocks [m]
 ) -> tuple[Parameter, ...]:
     """List the constants fitted to a session from the ring of `tool` on, and the height error of each block, which may be `scanned`."""
     found = [
@@ -89,7 +96,11 @@ def constants(
             start, spread = scanned[block][0] - nominal, max(scanned[block][1], 0.1e-6)
         # the bounds keep a step a step
         reach = min(12.0 * height_std, 0.8 * nominal)
-        found.append(Parameter(height_name(block), "m", start, start - reach, start + reach, 0.3e-6, spread, block))
+        found.append(
+            Parameter(
+                height_name(block), "m", start, start - reach, start + reach, 0.3e-6, spread, block
+            )
+        )
     return tuple(found)
 
 
@@ -99,9 +110,12 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
     errors = np.array([values.get(name, 0.0) for name in names])
     one, zero = np.ones(len(design.block)), np.zeros(len(design.block))
     absent: dict[str, Any] = dict.fromkeys((slot.name for slot in fields(DragState)), zero)
-    frequency, decay_time = (np.exp(values[f"ln_{name}"]) * one for name in ("ring_frequency", "decay_time"))
+    frequency, decay_time = (
+        np.exp(values[f"ln_{name}"]) * one for name in ("ring_frequency", "decay_time")
+    )
     off = values.get("load_error", 0.0) * one
-    # while the tip is held and the handle goes on, the tool's damper 2 k / (omega^2 T) takes its share of the pull
+    # while the tip is held and the handle goes on, the tool's damper 2 k / (omega^2 T) takes its
+    # share of the pull
     damper = 2.0 * design.spring_constant / ((2.0 * np.pi * frequency) ** 2 * decay_time)
     return DragState(**absent).changed(
         height=design.height + errors[inverse],
@@ -125,7 +139,9 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
     )
 
 
-def extended_state(design: BenchDesign, values: Mapping[str, float], active: Active = ()) -> DragState:
+def extended_state(
+    design: BenchDesign, values: Mapping[str, float], active: Active = ()
+) -> DragState:
     """Fill the slots from the constants and apply the effects: release after contact, what follows the peak when it is known."""
     state = nominal_state(design, values)
 
@@ -133,7 +149,9 @@ def extended_state(design: BenchDesign, values: Mapping[str, float], active: Act
         return pair[0].given and pair[0].covariate == PEAK_FORCE, pair[0].slot == "conversion"
 
     for law, own in sorted(active, key=when):
-        state = law.apply(state, covariate_of(design, state, law.covariate) if law.given else None, own)
+        state = law.apply(
+            state, covariate_of(design, state, law.covariate) if law.given else None, own
+        )
     return state
 
 
@@ -161,7 +179,9 @@ def responses(state: DragState) -> Floats:
     weight = state.set_load + state.sensed_offset
     moved = (
         state.changed(friction=state.friction * (1.0 + step)),
-        state.changed(load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight),
+        state.changed(
+            load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight
+        ),
         state.changed(conversion=state.conversion * (1.0 + step)),
     )
     return np.stack([(observe(other) - base) / step for other in moved], axis=2)

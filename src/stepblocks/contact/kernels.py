@@ -14,7 +14,9 @@ def angle_on_step(height: Real, radius_sum: Real) -> Real:
 def step_angle(height: Real, radius_sum: Real) -> Real:
     """`angle_on_step`, and a right angle where the ball meets the riser, ``H >= R + r``."""
     riser = height >= radius_sum
-    return where(riser, 0.5 * np.pi, angle_on_step(where(riser, 0.0, height), where(riser, 1.0, radius_sum)))
+    return where(
+        riser, 0.5 * np.pi, angle_on_step(where(riser, 0.0, height), where(riser, 1.0, radius_sum))
+    )
 
 
 def angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
@@ -25,11 +27,14 @@ def angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
 
 def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
     """Critical angles over two corners `opening` apart, the far one higher by `rise` of either sign: forward, backward."""
-    # where the ball still rides on the lower shoulder when it meets the higher corner, the step alone counts; where its centre
-    # sinks below that corner it leans on the wall, which it never climbs, and meets the lower corner from a radius away
+    # where the ball still rides on the lower shoulder when it meets the higher corner, the step
+    # alone counts; where its centre sinks below that corner it leans on the wall, which it never
+    # climbs, and meets the lower corner from a radius away
     high = np.abs(rise)
     low_step = high < ball_radius
-    reach = where(low_step, np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0)), ball_radius)
+    reach = where(
+        low_step, np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0)), ball_radius
+    )
     riding = opening <= reach
     step = step_angle(high, ball_radius)
     near = np.hypot(opening, high) < 2.0 * ball_radius
@@ -44,18 +49,24 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
     return where(upwards, towards_high, towards_low), where(upwards, towards_low, towards_high)
 
 
-def bevelled_margin_angles(gap: Real, opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
+def bevelled_margin_angles(
+    gap: Real, opening: Real, rise: Real, ball_radius: Real
+) -> tuple[Real, Real]:
     """Critical angles over a margin whose far side is bevelled at 45 degrees where it opens beyond its `gap`."""
-    # the ball first touches the outer corner (opening, rise), the bevel, or its inner corner, and on its way back climbs the near
-    # corner from the same place; up to `gap` the far side ends square, or in a lip that overlaps the near side
+    # the ball first touches the outer corner (opening, rise), the bevel, or its inner corner, and
+    # on its way back climbs the near corner from the same place; up to `gap` the far side ends
+    # square, or in a lip that overlaps the near side
     square = margin_angles(np.maximum(opening, 0.0), rise, ball_radius)
     bevelled, opening = opening > gap, np.maximum(opening, gap)
     diagonal = np.sqrt(0.5) * ball_radius
-    # centre (x, z) of a ball that touches the bevel, z = x + d, and the near corner, x^2 + z^2 = R^2
+    # centre (x, z) of a ball that touches the bevel, z = x + d, and the near corner, x^2 + z^2 =
+    # R^2
     d = rise - opening + 2.0 * diagonal
     x = 0.5 * (np.sqrt(np.maximum(2.0 * ball_radius * ball_radius - d * d, 0.0)) - d)
     leaning = x + d <= 0.0  # its centre lies below the near corner: it leans on the wall
-    x = where(leaning, ball_radius, where(x < 0.0, ball_radius - d, x))  # or rides on the near shoulder
+    x = where(
+        leaning, ball_radius, where(x < 0.0, ball_radius - d, x)
+    )  # or rides on the near shoulder
     back = where(leaning, 0.5 * np.pi, np.arcsin(np.clip(x / ball_radius, 0.0, 1.0)))
     outer = margin_angles(opening, rise, ball_radius)
     inner = margin_angles(gap, rise - (opening - gap), ball_radius)
@@ -91,11 +102,16 @@ def softened(force: Real, cubic: Real) -> Real:
     return 2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0)
 
 
-def release(angle: Real, friction: Real, normal_load: Real, stiffness: Real, conversion: Real) -> tuple[Real, Real]:
+def release(
+    angle: Real, friction: Real, normal_load: Real, stiffness: Real, conversion: Real
+) -> tuple[Real, Real]:
     """Force and vibration energy over arrays: both infinite where the tip is held, both 0 where nothing catches."""
     held = angle + np.arctan(friction) >= 0.5 * np.pi
     force = pull_force(normal_load, np.where(held, 0.0, angle), friction)
     with np.errstate(divide="ignore", invalid="ignore"):
         energy = conversion * stored_energy(force, stiffness)
     none = angle == 0.0
-    return (np.where(held, np.inf, np.where(none, 0.0, force)), np.where(held, np.inf, np.where(none, 0.0, energy)))
+    return (
+        np.where(held, np.inf, np.where(none, 0.0, force)),
+        np.where(held, np.inf, np.where(none, 0.0, energy)),
+    )

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.errors import ContactError
 
-_BAND_SHARE, _HALF_BAND = 0.86, 50.0  # figure 5: 86 % of the energy of the ring lies in 250 to 350 Hz [1], [Hz]
+_BAND_SHARE, _HALF_BAND = (
+    0.86,
+    50.0,
+)  # figure 5: 86 % of the energy of the ring lies in 250 to 350 Hz [1], [Hz]
 
 
 @dataclass(frozen=True)
@@ -33,16 +36,23 @@ class Limits:
 class Tool:
     """The explorer as a spring that rings, and what is felt of it; every default is the paper's, limits it has none."""
 
-    # of its ring the paper says 250 to 350 Hz (figure 5) and "approximately 250 Hz", where less than half of a line would lie in
-    # that band: its middle, a deviation that reaches both ends, and the decay of a Lorentzian line with the 86 % of figure 5
+    # of its ring the paper says 250 to 350 Hz (figure 5) and "approximately 250 Hz", where less
+    # than half of a line would lie in that band: its middle, a deviation that reaches both ends,
+    # and the decay of a Lorentzian line with the 86 % of figure 5
     stiffness: float = 9.81e3  # tangential, k of equation (1) [N/m]
-    conversion: float = 0.20  # share C_v of the stored energy that becomes vibration, by the paper's regression [1]
+    conversion: float = (
+        0.20  # share C_v of the stored energy that becomes vibration, by the paper's regression [1]
+    )
     ring_duration: float = 16e-3  # over which the vibration energy is spent [s]
     detection_threshold: float = 0.08e-6  # vibration power that a fingertip just detects [W]
     frequency: float = 300.0  # of the ring [Hz]
-    decay_time: float = math.tan(0.5 * math.pi * _BAND_SHARE) / (math.tau * _HALF_BAND)  # of its amplitude, to 1/e [s]
+    decay_time: float = math.tan(0.5 * math.pi * _BAND_SHARE) / (
+        math.tau * _HALF_BAND
+    )  # of its amplitude, to 1/e [s]
     frequency_deviation: float = _HALF_BAND  # how far the frequency may be off to either side [Hz]
-    limits: Limits = Limits()  # beyond which the tip does not slip; sets and tables bring `SHIPPED_LIMITS` or their own
+    limits: Limits = (
+        Limits()
+    )  # beyond which the tip does not slip; sets and tables bring `SHIPPED_LIMITS` or their own
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -93,21 +103,29 @@ class OperatingPoint:
         require_positive("speed", self.speed, "m/s")
 
 
-# The blunt tip and the spring of the paper. It states a band of loads and no friction: 1 N and 0.15, steel on steel with a
-# trace of grease, stand for them; 5 mm/s is a speed of the hand.
+# The blunt tip and the spring of the paper. It states a band of loads and no friction: 1 N and
+# 0.15, steel on steel with a trace of grease, stand for them; 5 mm/s is a speed of the hand.
 PAPER = OperatingPoint(ball_radius=125e-6, normal_load=1.0, friction=0.15)
 
 # What sets and tables are held to unless they say otherwise, with where each comes from [N]
 LIMIT_SOURCES = {
     "strength": (
         13.0,
-        "assumed: a steel shank of 4 mm on 91.6 mm (stimuli/sheaths.toml) yields at its clamp from 190 MPa",
+        "assumed: a steel shank of 4 mm on 91.6 mm (stimuli/sheaths.toml) yields at its clamp "
+        "from 190 MPa",
     ),
-    "spring": (90.0, "a deflection of a tenth of that free length, to which the elastica is linear within 1 %"),
+    "spring": (
+        90.0,
+        "a deflection of a tenth of that free length, to which the elastica is linear within 1 %",
+    ),
     "gauge": (
         20.0,
-        "assumed: twice the greatest force that the gauges of Caries Res 2003;37:365 saw; take your gauge's",
+        "assumed: twice the greatest force that the gauges of Caries Res 2003;37:365 saw; take "
+        "your gauge's",
     ),
-    "hand": (9.87, "1006 g, the greatest of five dentists: Caries Res 2003;37:365, doi 10.1159/000072169"),
+    "hand": (
+        9.87,
+        "1006 g, the greatest of five dentists: Caries Res 2003;37:365, doi 10.1159/000072169",
+    ),
 }
 SHIPPED_LIMITS = Limits(**{name: value for name, (value, _) in LIMIT_SOURCES.items()})

@@ -13,13 +13,29 @@ from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
 Array = NDArray[np.float64]
-# Euler-Bernoulli beam in units of the rod: lengths in its free length, stiffness and mass in its own; the loss is taken from the
-# undamped shape, each part's loss factor weighted by its share of the strain energy
-_PER_LENGTH, _HELD = 32, 48  # cubic elements of the free length, and of a bedding: frequency to 1e-7 of the closed form
-_BENDING = np.array([[12.0, 6.0, -12.0, 6.0], [6.0, 4.0, -6.0, 2.0], [-12.0, -6.0, 12.0, -6.0], [6.0, 2.0, -6.0, 4.0]])
+# Euler-Bernoulli beam in units of the rod: lengths in its free length, stiffness and mass in its
+# own; the loss is taken from the undamped shape, each part's loss factor weighted by its share of
+# the strain energy
+_PER_LENGTH, _HELD = (
+    32,
+    48,
+)  # cubic elements of the free length, and of a bedding: frequency to 1e-7 of the closed form
+_BENDING = np.array(
+    [
+        [12.0, 6.0, -12.0, 6.0],
+        [6.0, 4.0, -6.0, 2.0],
+        [-12.0, -6.0, 12.0, -6.0],
+        [6.0, 2.0, -6.0, 4.0],
+    ]
+)
 _INERTIA = (
     np.array(
-        [[156.0, 22.0, 54.0, -13.0], [22.0, 4.0, 13.0, -3.0], [54.0, 13.0, 156.0, -22.0], [-13.0, -3.0, -22.0, 4.0]]
+        [
+            [156.0, 22.0, 54.0, -13.0],
+            [22.0, 4.0, 13.0, -3.0],
+            [54.0, 13.0, 156.0, -22.0],
+            [-13.0, -3.0, -22.0, 4.0],
+        ]
     )
     / 420.0
 )
@@ -78,7 +94,12 @@ class RodRing:
     def as_tool(self, like: Tool = PAPER.tool) -> Tool:
         """Return the tool that rings so, like another in all else."""
         deviation = like.frequency_deviation * self.frequency / like.frequency  # the same share
-        rung = replace(like, frequency=self.frequency, frequency_deviation=deviation, decay_time=self.decay_time)
+        rung = replace(
+            like,
+            frequency=self.frequency,
+            frequency_deviation=deviation,
+            decay_time=self.decay_time,
+        )
         return replace(rung, stiffness=self.stiffness)
 
     def mean_energy(self, duration: float) -> float:
@@ -88,33 +109,52 @@ class RodRing:
 
 
 def rod_for(
-    stiffness: float, frequency: float, decay_time: float, diameter: float, modulus: float, density: float
+    stiffness: float,
+    frequency: float,
+    decay_time: float,
+    diameter: float,
+    modulus: float,
+    density: float,
 ) -> Rod:
     """Find the rod of a diameter that has a stiffness, and the mass at its tip with which it rings at a frequency."""
-    for name, value in (("stiffness", stiffness), ("frequency", frequency), ("decay_time", decay_time)):
+    for name, value in (
+        ("stiffness", stiffness),
+        ("frequency", frequency),
+        ("decay_time", decay_time),
+    ):
         require_positive(name, value)
     section = 0.25 * math.pi * diameter**2
     bending = modulus * math.pi * diameter**4 / 64.0
     length = (3.0 * bending / stiffness) ** (1.0 / 3.0)
     rod = Rod(bending, density * section, length, 0.0, 1.0 / (math.pi * frequency * decay_time))
-    # wave number times length, and what mass at the end makes it an eigenvalue: 1 + cos cosh = r b (sin cosh - cos sinh)
+    # wave number times length, and what mass at the end makes it an eigenvalue: 1 + cos cosh = r b
+    # (sin cosh - cos sinh)
     beta = length * (rod.line_mass * (math.tau * frequency) ** 2 / bending) ** 0.25
     over = beta * (math.sin(beta) * math.cosh(beta) - math.cos(beta) * math.sinh(beta))
     ratio = (1.0 + math.cos(beta) * math.cosh(beta)) / over if over else math.inf
     if ratio < 0.0:
         bare = ring_of(rod).frequency
         raise ContactError(
-            f"frequency must not exceed that of the bare shank of this diameter and stiffness ({bare:.4g} Hz), got {frequency:g} Hz"
+            "frequency must not exceed that of the bare shank of this diameter and stiffness "
+            f"({bare:.4g} Hz), got {frequency:g} Hz"
         )
     return Rod(bending, rod.line_mass, length, ratio * rod.line_mass * length, rod.loss_factor)
 
 
 def bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) -> float:
     """Stiffness per length of a bonded bush whose core moves sideways in a rigid shell."""
-    # Adkins, Gent (1954), Br. J. Appl. Phys. 5, 354, for Poisson's ratio 0.5; else Muskhelishvili's ring between rigid circles
+    # Adkins, Gent (1954), Br. J. Appl. Phys. 5, 354, for Poisson's ratio 0.5; else Muskhelishvili's
+    # ring between rigid circles
     shear, kappa = modulus / (2.0 * (1.0 + poisson)), 3.0 - 4.0 * poisson
     grown = (outer**2 - bore**2) / (outer**2 + bore**2)
-    return 8.0 * math.pi * shear * (1.0 - poisson) * kappa / (kappa**2 * math.log(outer / bore) - grown)
+    return (
+        8.0
+        * math.pi
+        * shear
+        * (1.0 - poisson)
+        * kappa
+        / (kappa**2 * math.log(outer / bore) - grown)
+    )
 
 
 def ring_of(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
@@ -125,7 +165,9 @@ def ring_of(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
         end = sheath.start + sheath.length
         if not (sheath.length > 0.0 <= sheath.start and end <= rod.length * (1.0 + 1e-12)):
             raise ContactError(
-                f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} mm from the clamp, "
+                "a sheath must lie on the free length of the shank, 0 to "
+                f"{rod.length * 1e3:.4g} "
+                "mm from the clamp, "
                 f"got {sheath.start * 1e3:.4g} to {end * 1e3:.4g} mm"
             )
     parts, mass, losses, _ = _assembled(rod, sheath)
@@ -172,13 +214,21 @@ def _nodes(rod: Rod, sheath: Sleeve | Hold | None) -> Array:
     """Places of the nodes in units of the free length; every end of a sheath is one."""
     ends = {0.0, 1.0}
     if isinstance(sheath, Sleeve):
-        ends |= {min(place / rod.length, 1.0) for place in (sheath.start, sheath.start + sheath.length)}
+        ends |= {
+            min(place / rod.length, 1.0) for place in (sheath.start, sheath.start + sheath.length)
+        }
     elif sheath is not None:
         ends.add(-sheath.length / rod.length)
     pieces = sorted(ends)
     kept = [pieces[0], *(b for a, b in itertools.pairwise(pieces) if b - a > 1e-9)]
-    counts = [_HELD if b <= 0.0 else max(1, math.ceil(_PER_LENGTH * (b - a))) for a, b in itertools.pairwise(kept)]
-    spans = [np.linspace(a, b, n, endpoint=False) for (a, b), n in zip(itertools.pairwise(kept), counts, strict=True)]
+    counts = [
+        _HELD if b <= 0.0 else max(1, math.ceil(_PER_LENGTH * (b - a)))
+        for a, b in itertools.pairwise(kept)
+    ]
+    spans = [
+        np.linspace(a, b, n, endpoint=False)
+        for (a, b), n in zip(itertools.pairwise(kept), counts, strict=True)
+    ]
     return np.concatenate([*spans, [kept[-1]]])
 
 
@@ -210,13 +260,16 @@ class Hand:
     arm_damping: float  # N s/m
 
 
-# Fu and Cavusoglu 2012, IEEE Trans. SMC B 42, 1633: a hand on a stylus in two directions, grasp 380 to 770 N/m and 0.8 to 1.8 N s/m,
-# 0.20 to 0.22 kg, arm 79 to 272 N/m and 4.6 to 18 N s/m; the middles, as a digest of it quotes them. Identified up to 30 Hz: at
-# 300 Hz it is an extrapolation. The handle's 20 g are assumed.
+# Fu and Cavusoglu 2012, IEEE Trans. SMC B 42, 1633: a hand on a stylus in two directions, grasp 380
+# to 770 N/m and 0.8 to 1.8 N s/m, 0.20 to 0.22 kg, arm 79 to 272 N/m and 4.6 to 18 N s/m; the
+# middles, as a digest of it quotes them. Identified up to 30 Hz: at 300 Hz it is an extrapolation.
+# The handle's 20 g are assumed.
 STYLUS_HAND = Hand(20e-3, 575.0, 1.3, 0.21, 176.0, 11.3)
 
 
-def modes_of(rod: Rod, sheath: Sleeve | Hold | None = None, highest: float = _HIGHEST) -> list[Mode]:
+def modes_of(
+    rod: Rod, sheath: Sleeve | Hold | None = None, highest: float = _HIGHEST
+) -> list[Mode]:
     """Return the modes of a rod, rigidly clamped or held through a sheath, up to a frequency [Hz]."""
     from scipy.linalg import eigh
 
@@ -262,7 +315,8 @@ def finger_share(
     """Share of the energy stored at the release that the grasp of a hand takes up as vibration over a time [1]."""
     from scipy.linalg import expm, solve, solve_continuous_lyapunov
 
-    # the modes of the held rod ride on a handle that the hand carries: q'' + w eta q' + w^2 q = -G u'' for each
+    # the modes of the held rod ride on a handle that the hand carries: q'' + w eta q' + w^2 q = -G
+    # u'' for each
     n = len(modes)
     w = np.array([math.tau * one.frequency for one in modes])
     momentum, tip = np.array([one.momentum for one in modes]), np.array([one.tip for one in modes])
@@ -277,7 +331,9 @@ def finger_share(
     spring += hand.arm_stiffness * np.outer(arm, arm)
     damper = np.diag([*(w * [one.loss_factor for one in modes]), 0.0, 0.0])
     damper += hand.grasp_damping * np.outer(grasp, grasp) + hand.arm_damping * np.outer(arm, arm)
-    system = np.block([[np.zeros_like(mass), np.eye(n + 2)], [-solve(mass, spring), -solve(mass, damper)]])
+    system = np.block(
+        [[np.zeros_like(mass), np.eye(n + 2)], [-solve(mass, spring), -solve(mass, damper)]]
+    )
     pull = np.concatenate([tip, [1.0, 0.0]])  # 1 N on the tip moves rod and handle
     start = np.concatenate([solve(spring, pull), np.zeros(n + 2)])
     values, vectors = np.linalg.eig(system)

@@ -12,11 +12,14 @@ from stepblocks.contact import kernels
 
 Floats = NDArray[np.float64]
 
-# what a trial shows: logarithms of J, N, Hz and s; spring constant over its nominal value; measured over set load
+# what a trial shows: logarithms of J, N, Hz and s; spring constant over its nominal value; measured
+# over set load
 CHANNELS: tuple[str, ...] = ("ln_energy", "ln_peak_force", "sliding_friction", "spring_constant")
 CHANNELS += ("ln_ring_frequency", "ln_decay_time", "normal_load_ratio")
 
-_STEEPEST = np.deg2rad(89.0)  # beyond it the tip locks; a fit needs a finite slope back into the domain
+_STEEPEST = np.deg2rad(
+    89.0
+)  # beyond it the tip locks; a fit needs a finite slope back into the domain
 _LEAST_LOAD, _LEAST_FORCE = 1e-3, 1e-4  # N, where a fit strays
 _LEAST_ENERGY = 1e-30  # of what is left of a ring, below which a fit may stray but no logarithm [J]
 _LINE_SHARE = 0.9  # of the rise, to which the evaluation of a trace fits the line of a bent ramp
@@ -40,7 +43,9 @@ class DragState:
     ring_stiffness: Floats  # of the ring [N/m]
     give: Floats  # of the contact, in series with the spring while that is loaded [m/N]
     hardening: Floats  # g of ``F = u + g u^3`` with u = k x [1/N^2]
-    pitch_share: Floats  # of the first amplitude squared that the pitch of the fitted ring shows [1]
+    pitch_share: (
+        Floats  # of the first amplitude squared that the pitch of the fitted ring shows [1]
+    )
     conversion: Floats  # share C_v of the stored energy that rings [1]
     lost_energy: Floats  # spent before the ring [J]
     drag: Floats  # tangential force beside friction, at any time [N]
@@ -60,7 +65,10 @@ class DragState:
 
     def _slope(self) -> Floats:
         share = np.clip(self.height / self.radius, 1e-9, 1.0)
-        return np.asarray(kernels.angle_on_step(share, 1.0) + (self.tilt + np.arctan(self.friction * self.edge_factor)))
+        return np.asarray(
+            kernels.angle_on_step(share, 1.0)
+            + (self.tilt + np.arctan(self.friction * self.edge_factor))
+        )
 
     def angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], held below locking."""
@@ -79,7 +87,10 @@ class DragState:
 
     def sliding_force(self) -> Floats:
         """Tangential force on the tool before the edge [N]."""
-        return np.asarray(kernels.pull_force(np.maximum(self.load, _LEAST_LOAD), self.tilt, self.friction) + self.drag)
+        return np.asarray(
+            kernels.pull_force(np.maximum(self.load, _LEAST_LOAD), self.tilt, self.friction)
+            + self.drag
+        )
 
     def changed(self, **slots: Any) -> DragState:
         """Return a copy with some slots changed; cheaper than ``dataclasses.replace`` in inner loops."""
@@ -94,35 +105,55 @@ def observe(state: DragState) -> Floats:
     force, sliding = state.peak_force(), state.sliding_force()
     spring = _spring(state, force, sliding)
     energy = state.conversion * spring.stored
-    if np.any(state.lost_energy):  # what is left never turns negative: below a tenth it fades out smoothly
+    if np.any(
+        state.lost_energy
+    ):  # what is left never turns negative: below a tenth it fades out smoothly
         left, floor = energy - state.lost_energy, 0.1 * energy
         energy = np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))
-    # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with: a stiffer spring shows no more
+    # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with: a
+    # stiffer spring shows no more
     energy = energy * (state.ring_stiffness / state.nominal_stiffness)
     if np.any(state.hardening):
-        # 2 k E = c A^2 + g A^4 / 2 about the level that it rings about; the force at A is A (c + g A^2)
+        # 2 k E = c A^2 + g A^4 / 2 about the level that it rings about; the force at A is A (c + g
+        # A^2)
         double = 2.0 * state.nominal_stiffness * energy
         root = np.sqrt(spring.level**2 + 2.0 * state.hardening * double)
         square = 2.0 * double / (spring.level + root)
-        energy = square * (spring.level + state.hardening * square) ** 2 / (2.0 * state.nominal_stiffness)
-        spring = spring._replace(pitch=spring.level + 0.75 * state.pitch_share * state.hardening * square)
+        energy = (
+            square
+            * (spring.level + state.hardening * square) ** 2
+            / (2.0 * state.nominal_stiffness)
+        )
+        spring = spring._replace(
+            pitch=spring.level + 0.75 * state.pitch_share * state.hardening * square
+        )
     peak = force
     if np.any(state.lag):
-        # of first order: late on the ramp by its time constant, and the ring is flatter by sqrt(1 + (2 pi f tau)^2)
+        # of first order: late on the ramp by its time constant, and the ring is flatter by sqrt(1 +
+        # (2 pi f tau)^2)
         slope, late = state.stiffness * state.speed, np.maximum(state.lag, 1e-18)
         ramp = np.maximum(force - sliding, 0.0) / slope
-        peak = np.maximum(force - slope * late * (1.0 - np.exp(-np.minimum(ramp / late, 50.0))), _LEAST_FORCE)
+        peak = np.maximum(
+            force - slope * late * (1.0 - np.exp(-np.minimum(ramp / late, 50.0))), _LEAST_FORCE
+        )
         energy = energy / (1.0 + (2.0 * np.pi * state.frequency * late) ** 2)
     pressed = np.maximum(state.set_load + state.sensed_offset, _LEAST_LOAD)
     normal = pressed + state.normal_cross_talk * sliding
     sensed = np.maximum(state.normal_gain * normal + state.normal_zero, _LEAST_LOAD)
     beside = state.zero + state.cross_talk * pressed
-    ring, ramp = state.ring_stiffness * spring.pitch / state.nominal_stiffness, state.stiffness * spring.slope
+    ring, ramp = (
+        state.ring_stiffness * spring.pitch / state.nominal_stiffness,
+        state.stiffness * spring.slope,
+    )
     shown = (
         np.log(np.maximum(state.gain**2 * energy, _LEAST_ENERGY)),
         np.log(np.maximum(state.gain * peak + beside, _LEAST_FORCE)),
         (state.gain * sliding + beside) / sensed,
-        state.gain * ramp / (1.0 + ramp * state.give) * np.exp(-state.ln_clock) / state.nominal_stiffness,
+        state.gain
+        * ramp
+        / (1.0 + ramp * state.give)
+        * np.exp(-state.ln_clock)
+        / state.nominal_stiffness,
         np.log(state.frequency * np.sqrt(ring)) - state.ln_clock,
         np.log(state.decay_time / state.damping) + state.ln_clock,
         sensed / state.set_load,

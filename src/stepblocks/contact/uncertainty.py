@@ -23,8 +23,9 @@ _SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
 _KNOWN = 300.0  # logarithm of a factor beyond which nothing is known
 
 
-# Drawn and analytic ends agree where everything is small against the distance to locking. Where they do not, the drawn ones
-# are right: near locking the energy has a long tail, and part of the draws do not release at all
+# Drawn and analytic ends agree where everything is small against the distance to locking. Where
+# they do not, the drawn ones are right: near locking the energy has a long tail, and part of the
+# draws do not release at all
 @dataclass(frozen=True)
 class Interval:
     """A prediction with its intervals."""
@@ -32,14 +33,19 @@ class Interval:
     status: Status  # of the nominal inputs
     force: float  # nominal F_px [N]; NaN unless it releases
     energy: float  # nominal E_v [J]; NaN unless it releases
-    force_low: float  # quantiles of the draws; infinite where that share of them is held, 0 where it does not catch
+    # quantiles of the draws; infinite where that share of them is held, 0 where it does not catch
+    force_low: float
     force_high: float
     energy_low: float
     energy_high: float
-    analytic_energy_low: float  # the same from sensitivities of the logarithm; NaN unless the nominal releases
+    analytic_energy_low: (
+        float  # the same from sensitivities of the logarithm; NaN unless the nominal releases
+    )
     analytic_energy_high: float
     held_probability: float  # share of the draws that lock or meet a riser [1]
-    agrees: bool  # whether drawn and analytic ends of the energy interval differ by less than a tenth of its width
+    # whether drawn and analytic ends of the energy interval differ by less than a tenth of its
+    # width
+    agrees: bool
 
 
 def rectangular(half_widths: Mapping[str, float]) -> dict[str, float]:
@@ -49,8 +55,16 @@ def rectangular(half_widths: Mapping[str, float]) -> dict[str, float]:
 
 def inputs_of(face: Counterface, point: OperatingPoint) -> dict[str, float]:
     """Everything that force and energy depend on, by name [SI]."""
-    felt = {"ball_radius": point.ball_radius, "friction": point.friction, "normal_load": point.normal_load}
-    return face.dimensions | felt | {"stiffness": point.tool.stiffness, "conversion": point.tool.conversion}
+    felt = {
+        "ball_radius": point.ball_radius,
+        "friction": point.friction,
+        "normal_load": point.normal_load,
+    }
+    return (
+        face.dimensions
+        | felt
+        | {"stiffness": point.tool.stiffness, "conversion": point.tool.conversion}
+    )
 
 
 def moved_releases(
@@ -59,23 +73,34 @@ def moved_releases(
     """Compute F_px [N] and E_v [J] where the inputs deviate by so much: infinite where the tip is held, 0 where nothing catches."""
     sizes = face.moved(deviations)
     nominal = inputs_of(face, point)
-    at = {name: np.maximum(nominal[name] + deviations.get(name, 0.0), 0.0) for name in nominal if name not in sizes}
+    at = {
+        name: np.maximum(nominal[name] + deviations.get(name, 0.0), 0.0)
+        for name in nominal
+        if name not in sizes
+    }
     ball = np.maximum(at["ball_radius"], _SMALLEST_BALL * point.ball_radius)
     angle = face.angles(ball, **sizes)[backward]
-    force, energy = kernels.release(angle, at["friction"], at["normal_load"], at["stiffness"], at["conversion"])
+    force, energy = kernels.release(
+        angle, at["friction"], at["normal_load"], at["stiffness"], at["conversion"]
+    )
     force = np.broadcast_to(force, energy.shape)
     held = force > point.tool.limits.first[1]
     return np.where(held, np.inf, force), np.where(held, np.inf, energy)
 
 
 def sensitivities(
-    face: Counterface, point: OperatingPoint, uncertainty: Mapping[str, float], backward: bool = False
+    face: Counterface,
+    point: OperatingPoint,
+    uncertainty: Mapping[str, float],
+    backward: bool = False,
 ) -> dict[str, float]:
     """Derive ln E_v = 2 ln F - ln k + ln C_v by each uncertain input, per unit of the input."""
     release = face.release(point, backward)
     if release.status is not Status.RELEASES:
         raise ContactError(f"an edge that is {release.status} has no sensitivity")
-    by_angle = 2.0 / math.sin(2.0 * (release.angle + math.atan(point.friction)))  # of ln F, F = N tan(a + atan mu)
+    by_angle = 2.0 / math.sin(
+        2.0 * (release.angle + math.atan(point.friction))
+    )  # of ln F, F = N tan(a + atan mu)
     slopes = {
         "friction": 2.0 * (by_angle / (1.0 + point.friction**2)),
         "normal_load": 2.0 / point.normal_load,
@@ -84,10 +109,14 @@ def sensitivities(
     }
     closed = {} if backward else face.angle_slopes(point.ball_radius)
     slopes |= {name: 2.0 * by_angle * slope for name, slope in closed.items()}
-    for name in uncertainty.keys() - slopes.keys():  # by differences; NaN where one end does not release
+    for name in (
+        uncertainty.keys() - slopes.keys()
+    ):  # by differences; NaN where one end does not release
         slopes[name], step = 0.0, 1e-3 * uncertainty[name]
         if step > 0.0:
-            deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {name: np.array([step, -step])}
+            deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {
+                name: np.array([step, -step])
+            }
             up, down = moved_releases(face, point, deviations, backward)[1]
             released = min(up, down) > 0.0 and max(up, down) < math.inf
             slopes[name] = math.log(up / down) / (2.0 * step) if released else math.nan
@@ -110,10 +139,11 @@ def interval_of(
     face, point : Counterface, OperatingPoint
         What is dragged over at its nominal dimensions, and under what.
     uncertainty : mapping of str to float
-        Standard uncertainties [SI] by name: of the counterface's dimensions (`height`, `edge_radius` of a step; `gap`,
-        `opening`, `rise` of a margin, whose opening follows the gap where it is left out), of `ball_radius`, `friction`,
-        `normal_load`, `stiffness` and `conversion`; what is left out is known. Each is drawn from a normal distribution of
-        its own, cut off at 0.
+        Standard uncertainties [SI] by name: of the counterface's dimensions (`height`,
+        `edge_radius` of a step; `gap`, `opening`, `rise` of a margin, whose opening follows the gap
+        where it is left out), of `ball_radius`, `friction`, `normal_load`, `stiffness` and
+        `conversion`; what is left out is known. Each is drawn from a normal distribution of its
+        own, cut off at 0.
     draws, seed : int
         At most 10 million draws; the same seed gives the same interval.
 
@@ -153,13 +183,24 @@ def interval_of(
     low = high = math.nan  # to first order in the logarithm
     if release.status is Status.RELEASES:
         slopes = sensitivities(face, point, uncertainty, backward)
-        spread = math.sqrt(sum(moved * moved for moved in (slopes[name] * uncertainty[name] for name in uncertainty)))
+        spread = math.sqrt(
+            sum(
+                moved * moved
+                for moved in (slopes[name] * uncertainty[name] for name in uncertainty)
+            )
+        )
         wide = NormalDist().inv_cdf(_TAILS[1]) * spread
         if not wide < _KNOWN:
             raise ContactError(
-                "uncertainties must leave the energy known to a factor, got spreads as large as the values"
+                "uncertainties must leave the energy known to a factor, got spreads as "
+                "large "
+                "as "
+                "the values"
             )
-        low, high = release.vibration_energy * math.exp(-wide), release.vibration_energy * math.exp(wide)
+        low, high = (
+            release.vibration_energy * math.exp(-wide),
+            release.vibration_energy * math.exp(wide),
+        )
     width = max(high - low, 1e-12 * release.vibration_energy)
     agrees = bool(max(abs(drawn[2] - low), abs(drawn[3] - high)) < 0.1 * width)
     nominal = release.status, release.pull_force, release.vibration_energy
@@ -208,18 +249,30 @@ def tolerances_for_energy(
     fixed: Mapping[str, float] | None = None,
 ) -> TolerancePlan:
     """Find the widest tolerances of height, edge radius and tip radius whose worst corner keeps E_v within +-`energy_tolerance`."""
-    # the half-widths that are `fixed`, of any input, spend the budget first; what remains is split in equal shares
+    # the half-widths that are `fixed`, of any input, spend the budget first; what remains is split
+    # in equal shares
     finest, fixed = finest or {}, dict(fixed or {})
     if face.release(point).status is not Status.RELEASES:
-        raise ContactError(f"a step of {face.height:g} m that is {face.release(point).status} has no energy to keep")
+        raise ContactError(
+            f"a step of {face.height:g} m that is {face.release(point).status} has no "
+            "energy "
+            "to "
+            "keep"
+        )
     free = [name for name in _DIMENSIONS if name not in fixed]
-    at_finest: dict[str, float] = {}  # what the workshop cannot make as fine as its share keeps to what it holds
+    at_finest: dict[
+        str, float
+    ] = {}  # what the workshop cannot make as fine as its share keeps to what it holds
     while True:
         low, high = energy_at_corners(face, point, fixed | at_finest)
         if not free or high >= energy_tolerance or low <= -energy_tolerance:
             given = " and ".join(sorted(name for name, width in fixed.items() if width > 0.0))
-            held = " and ".join(f"{name} to {width * 1e6:.3g} um" for name, width in at_finest.items())
-            cause = f"the workshop holds {held}, which" if held else f"the given uncertainty of {given}"
+            held = " and ".join(
+                f"{name} to {width * 1e6:.3g} um" for name, width in at_finest.items()
+            )
+            cause = (
+                f"the workshop holds {held}, which" if held else f"the given uncertainty of {given}"
+            )
             reason = f"{cause} alone changes the energy by {low:+.1%} to {high:+.1%}"
             return TolerancePlan(False, reason, 0.0, 0.0, 0.0, low, high)
         found = _in_shares(face, point, energy_tolerance, fixed | at_finest, free)
@@ -236,7 +289,11 @@ def tolerances_for_energy(
 
 
 def _in_shares(
-    face: Step, point: OperatingPoint, energy_tolerance: float, fixed: dict[str, float], free: list[str]
+    face: Step,
+    point: OperatingPoint,
+    energy_tolerance: float,
+    fixed: dict[str, float],
+    free: list[str],
 ) -> dict[str, float]:
     """Find the widest half-widths in equal shares whose worst corner keeps the energy."""
     from scipy.optimize import brentq
@@ -245,22 +302,32 @@ def _in_shares(
     unit = {name: 1.0 / len(free) / abs(slopes[name]) for name in free}
 
     def excess(scale: float) -> float:
-        low, high = energy_at_corners(face, point, fixed | {name: scale * width for name, width in unit.items()})
+        low, high = energy_at_corners(
+            face, point, fixed | {name: scale * width for name, width in unit.items()}
+        )
         return min(max(high, -low), 1e6) - energy_tolerance
 
-    # half the tolerance is inside by linearity; four times is outside, since the energy grows faster than linearly
+    # half the tolerance is inside by linearity; four times is outside, since the energy grows
+    # faster than linearly
     scale = float(brentq(excess, 0.0, 4.0 * energy_tolerance, xtol=1e-9 * energy_tolerance))
     return {name: scale * width for name, width in unit.items()}
 
 
-def energy_at_corners(face: Step, point: OperatingPoint, widths: Mapping[str, float]) -> tuple[float, float]:
+def energy_at_corners(
+    face: Step, point: OperatingPoint, widths: Mapping[str, float]
+) -> tuple[float, float]:
     """Relative change of the energy at the worst corners of a tolerance zone; infinite where the tip is held at one."""
     nominal = face.release(point).vibration_energy
     toleranced = {name: width for name, width in widths.items() if width > 0.0}
     inputs = inputs_of(face, point)
-    if any(inputs[name] <= toleranced.get(name, 0.0) for name in ("ball_radius", "stiffness", "normal_load")):
+    if any(
+        inputs[name] <= toleranced.get(name, 0.0)
+        for name in ("ball_radius", "stiffness", "normal_load")
+    ):
         return -1.0, math.inf
     signs = np.array(list(product((-1.0, 1.0), repeat=len(toleranced)))).T
-    deviations = {name: sign * width for sign, (name, width) in zip(signs, toleranced.items(), strict=True)}
+    deviations = {
+        name: sign * width for sign, (name, width) in zip(signs, toleranced.items(), strict=True)
+    }
     changes = moved_releases(face, point, deviations)[1] / nominal - 1.0
     return min(0.0, float(np.min(changes))), max(0.0, float(np.max(changes)))

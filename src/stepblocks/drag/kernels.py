@@ -8,8 +8,20 @@ from numba import njit
 
 Array = Any
 # What each row of a trace holds
-COLUMNS = ("time_s", "fx_n", "fy_n", "x_m", "y_m", "vx_m_s", "vy_m_s", "handle_m", "normal_n", "friction_n")
-# Energies [J]: work put in by the handle or the pulling force, changes of what is stored, and what is lost
+COLUMNS = (
+    "time_s",
+    "fx_n",
+    "fy_n",
+    "x_m",
+    "y_m",
+    "vx_m_s",
+    "vy_m_s",
+    "handle_m",
+    "normal_n",
+    "friction_n",
+)
+# Energies [J]: work put in by the handle or the pulling force, changes of what is stored, and what
+# is lost
 _STORED = ("kinetic", "spring", "lift", "contact", "bristle")
 _LOST = ("friction_loss", "damping_loss", "impact_loss", "tissue_loss")
 LEDGER = ("handle_work", *_STORED, *_LOST)
@@ -17,11 +29,19 @@ LEDGER = ("handle_work", *_STORED, *_LOST)
 
 @njit(cache=True, inline="always")
 def _press(
-    gap: float, s: float, bend: float, q: float, vx: float, vy: float, stiffness: float, power: float, loss: float
+    gap: float,
+    s: float,
+    bend: float,
+    q: float,
+    vx: float,
+    vy: float,
+    stiffness: float,
+    power: float,
+    loss: float,
 ) -> tuple[float, float, float, float, float]:
     """Force of one contact pressed in by `gap` > 0: x and y of its elastic part, all of it, its loss, stored energy."""
-    # the gradient of a potential of the indentation along the normal conserves energy on a curved path too; the loss is Hunt and
-    # Crossley's; q is 1 / sqrt(1 + s^2)
+    # the gradient of a potential of the indentation along the normal conserves energy on a curved
+    # path too; the loss is Hunt and Crossley's; q is 1 / sqrt(1 + s^2)
     dent = gap * q
     force = stiffness * dent if power == 1.0 else stiffness * dent * math.sqrt(dent)
     stored = force * dent * (0.5 if power == 1.0 else 0.4)
@@ -31,7 +51,13 @@ def _press(
 
 @njit(cache=True, inline="always")
 def _grip(
-    bristle: float, travel: float, rate: float, limit: float, stiffness: float, give: float, damping: float
+    bristle: float,
+    travel: float,
+    rate: float,
+    limit: float,
+    stiffness: float,
+    give: float,
+    damping: float,
 ) -> tuple[float, float]:
     """Friction, and new stretch of the tangential spring that `travel` carried along: it sticks truly, and yields at `limit`."""
     stretch = bristle + travel
@@ -53,32 +79,69 @@ def integrate(
     pace: tuple[float, int, int],
 ) -> tuple[Array, int, Array, Array]:
     """Integrate a drag into rows, their count, the peak (force, time, x, 1 where it was too great) and the ledger."""
-    nodes, table, kinks, ends = track  # knots, the cubics between them, which knots are kinks, the branches there
+    nodes, table, kinks, ends = (
+        track  # knots, the cubics between them, which knots are kinks, the branches there
+    )
     # the fields of `Probe` and `DragSettings` in their order
     k, mass, ratio, kn, power, loss, ky, carrier_mass, cubic = probe
-    load, mu_k, speed, pull, hand_mass, hand_damping, _, v_s, viscous, _, after, _, _, wall_k, wall_c, wall_most = (
-        settings
+    (
+        load,
+        mu_k,
+        speed,
+        pull,
+        hand_mass,
+        hand_damping,
+        _,
+        v_s,
+        viscous,
+        _,
+        after,
+        _,
+        _,
+        wall_k,
+        wall_c,
+        wall_most,
+    ) = settings
+    mu_s, kt, limit = (
+        # friction at rest, stiffness of the bristles, force past which the tip counts as locked
+        contact
     )
-    mu_s, kt, limit = contact  # friction at rest, stiffness of the bristles, force past which the tip counts as locked
-    x, y, near, rest = start  # within `near` of a kink both sides are touched; `rest` is the stretch in steady sliding
+    x, y, near, rest = (
+        # within `near` of a kink both sides are touched; `rest` is the stretch in steady sliding
+        start
+    )
     dt, steps, every = pace
-    c, cy, ct = 2.0 * ratio * math.sqrt(k * mass), 2.0 * ratio * math.sqrt(ky * mass), 0.3 * math.sqrt(kt * mass)
+    c, cy, ct = (
+        2.0 * ratio * math.sqrt(k * mass),
+        2.0 * ratio * math.sqrt(ky * mass),
+        0.3 * math.sqrt(kt * mass),
+    )
     # in steady sliding at the speed of the handle, or at rest where a force pulls that
     driven, carried = speed > 0.0, ky > 0.0
     vx, vy, vh, vc = speed, 0.0, speed, 0.0
     walled = wall_k > 0.0
-    stretch = wall_most / wall_k if walled and driven else 0.0  # of the soft wall that the tool carries along
+    stretch = (
+        wall_most / wall_k if walled and driven else 0.0
+    )  # of the soft wall that the tool carries along
     level = mu_k * load + wall_most
     hand = x + rest if driven else x
     carrier = y - load / ky if carried else 0.0
     rows = np.empty((steps // every + 2, 10))
     ledger, peak = np.zeros(10), np.array([-np.inf, 0.0, x, 0.0])
     kinked, varied, give = kinks.size > 0, mu_s != mu_k or viscous > 0.0, 1.0 / kt
-    kicks = np.empty((2, 5))  # of the first half step and of a whole one: h / m, and the damper at the step's middle
+    kicks = np.empty(
+        (2, 5)
+    )  # of the first half step and of a whole one: h / m, and the damper at the step's middle
     for k_step in range(2):
         h = 0.5 * dt if k_step == 0 else dt
         ax, ay = 0.5 * c * h / mass, 0.5 * cy * h / mass
-        kicks[k_step] = (h / mass, (1.0 - ax) / (1.0 + ax), 1.0 / (1.0 + ax), (1.0 - ay) / (1.0 + ay), 1.0 / (1.0 + ay))
+        kicks[k_step] = (
+            h / mass,
+            (1.0 - ax) / (1.0 + ax),
+            1.0 / (1.0 + ax),
+            (1.0 - ay) / (1.0 + ay),
+            1.0 / (1.0 + ay),
+        )
     countdown = 0
     i = np.searchsorted(nodes, x, side="right") - 1
     last = nodes.size - 2
@@ -108,7 +171,10 @@ def integrate(
                 j -= 1
             step = x - nodes[kinks[j]]
             if (step >= 0.0) != on_right and not first:
-                here, there = there, here  # the tip has passed the kink: the branches change their parts
+                here, there = (
+                    there,
+                    here,
+                )  # the tip has passed the kink: the branches change their parts
             on_right = step >= 0.0
             if abs(step) < near:
                 c0, s0, b0 = ends[j, 0 if on_right else 1]
@@ -119,7 +185,9 @@ def integrate(
                     fx2, fy2, n2, d2, u2 = _press(gap2, s2, 2.0 * b0, q2, vx, vy, kn, power, loss)
         if gap > 0.0:
             q1 = 1.0 / math.sqrt(1.0 + sx * sx)
-            fx1, fy1, n1, d1, u1 = _press(gap, sx, 2.0 * k2 + 6.0 * d * k3, q1, vx, vy, kn, power, loss)
+            fx1, fy1, n1, d1, u1 = _press(
+                gap, sx, 2.0 * k2 + 6.0 * d * k3, q1, vx, vy, kn, power, loss
+            )
         # ---- friction of both contacts; a contact that has parted lets go of its bristle
         t1 = t2 = 0.0
         rate1, rate2 = q1 * (vx + sx * vy), q2 * (vx + s2 * vy)
@@ -148,7 +216,10 @@ def integrate(
         pulled = hand - x
         spring = k * pulled + cubic * pulled * pulled * pulled
         hold = ky * (carrier - y) if carried else -load
-        force_x, force_y = fx1 + fx2 + loss_x + grip_x + spring - wall, fy1 + fy2 + loss_y + grip_y + hold
+        force_x, force_y = (
+            fx1 + fx2 + loss_x + grip_x + spring - wall,
+            fy1 + fy2 + loss_y + grip_y + hold,
+        )
         # ---- kick, with half a step at the start so that velocities live between the positions
         h = 0.5 * dt if first else dt
         hm, keep_x, gain_x, keep_y, gain_y = kicks[0 if first else 1]
@@ -165,7 +236,12 @@ def integrate(
             vc = vc + h * (-load - hold - cy * rate) / carrier_mass
         else:
             vy = keep_y * vy + gain_y * (hm * force_y)
-        mx, my, mh, mc = 0.5 * (vx + old_x), 0.5 * (vy + old_y), 0.5 * (vh + old_h), 0.5 * (vc + old_c)
+        mx, my, mh, mc = (
+            0.5 * (vx + old_x),
+            0.5 * (vy + old_y),
+            0.5 * (vh + old_h),
+            0.5 * (vc + old_c),
+        )
         tug = c * (mh - mx) if driven else c * (old_h - old_x)
         # ---- what a strain gauge reads, and whether the run is over
         gauge, t = spring + tug, n * dt
@@ -177,7 +253,8 @@ def integrate(
             peak[3] = 1.0
         leaves = x + dt * vx >= nodes[-1] or x + dt * vx <= nodes[0]
         ended = leaves or gauge > limit or n == steps - 1 or (released and t - peak[1] > after)
-        # ---- the ledger, by the very velocities that the step uses; the last kick counts to its middle only
+        # ---- the ledger, by the very velocities that the step uses; the last kick counts to its
+        # middle only
         w = 0.5 * h if ended else h
         if driven:
             ledger[0] += (spring + tug) * mh * w
@@ -198,7 +275,9 @@ def integrate(
             kinetic = 0.5 * mass * (mx * mx + my * my) + 0.5 * carrier_mass * mc * mc
             ledger[1] += sign * (kinetic if driven else kinetic + 0.5 * hand_mass * mh * mh)
             ledger[2] += sign * (0.5 * k * (hand - x) ** 2 + 0.25 * cubic * (hand - x) ** 4)
-            ledger[3] += sign * (load * carrier + 0.5 * ky * (carrier - y) ** 2 if carried else load * y)
+            ledger[3] += sign * (
+                load * carrier + 0.5 * ky * (carrier - y) ** 2 if carried else load * y
+            )
             ledger[4] += sign * (u1 + u2)
             ledger[5] += sign * grip
         if countdown == 0 or ended:

@@ -23,12 +23,18 @@ _QUIET = 0.05  # of the first swing: below it the ring has ended
 class Ring:
     """The vibration after a release."""
 
-    amplitude: float  # first swing of the tangential force below `level` [N]: the tip runs forward all through it
-    level: float  # mu F_py, the force of sliding forward on a level face, about which that swing goes [N]
+    # first swing of the tangential force below `level` [N]: the tip runs forward all through it
+    amplitude: float
+    # mu F_py, the force of sliding forward on a level face, about which that swing goes [N]
+    level: float
     energy: float  # E_v = amplitude^2 / 2k [J]
     share: float  # E_v over the energy stored at the release [1]; the paper's C_v
-    duration: float  # from the release until the force stays within 5 % of the first swing around where it settles [s]
-    decay_time: float  # in which the swings fall to 1/e of the first [s]; NaN where the trace ends before
+    # from the release until the force stays within 5 % of the first swing around where it settles
+    # [s]
+    duration: float
+    decay_time: (
+        float  # in which the swings fall to 1/e of the first [s]; NaN where the trace ends before
+    )
     frequency: float = math.nan  # peak of the spectrum over 16 ms after the release [Hz]
     loading_share: float = math.nan  # of the loading phase's spectral energy in 0-100 Hz [1]
     ring_band_share: float = math.nan  # of the vibration phase's spectral energy in 250-350 Hz [1]
@@ -40,18 +46,26 @@ def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
         raise ContactError(f"a trace that is {trace.status} has no ring")
     time, force = trace.column("time_s"), trace.column("fx_n")
     if time[-1] - trace.release_time < _PAPER_RING:
-        raise ContactError(f"a ring needs {_PAPER_RING:g} s after the release, got {time[-1] - trace.release_time:g} s")
+        raise ContactError(
+            f"a ring needs {_PAPER_RING:g} s after the release, got "
+            f"{time[-1] - trace.release_time:g} s"
+        )
     after = time >= trace.release_time
     swing = force[after]
     level = trace.settings.sliding_force
-    # the lowest point of the first swing lies within one period of the release, after the fall itself
-    first = swing[: max(np.searchsorted(time[after], trace.release_time + 2.0 / trace.probe.frequency), 3)]
+    # the lowest point of the first swing lies within one period of the release, after the fall
+    # itself
+    first = swing[
+        : max(np.searchsorted(time[after], trace.release_time + 2.0 / trace.probe.frequency), 3)
+    ]
     amplitude = max(level - float(first.min()), 0.0)
     loud = np.flatnonzero(np.abs(swing - _settled(trace)) > _QUIET * amplitude)
     duration = float(time[after][loud[-1]] - trace.release_time) if loud.size else 0.0
     hard = trace.probe.hardening > 0.0
     energy = trace.probe.energy(level - amplitude, level) if hard else trace.probe.energy(amplitude)
-    ring = Ring(amplitude, level, energy, energy / trace.stored_energy, duration, _decay_time(trace))
+    ring = Ring(
+        amplitude, level, energy, energy / trace.stored_energy, duration, _decay_time(trace)
+    )
     if not spectra:
         return ring
     frequencies, power = phase_spectrum(trace, "vibration")
@@ -59,7 +73,12 @@ def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
         band_share(*phase_spectrum(trace, "loading"), LOADING_BAND),
         band_share(frequencies, power, RING_BAND),
     )
-    return replace(ring, frequency=float(frequencies[np.argmax(power)]), loading_share=loading, ring_band_share=own)
+    return replace(
+        ring,
+        frequency=float(frequencies[np.argmax(power)]),
+        loading_share=loading,
+        ring_band_share=own,
+    )
 
 
 def phase_spectrum(
@@ -87,7 +106,9 @@ def _decay_time(trace: DragTrace) -> float:
     force = trace.column("fx_n")[trace.column("time_s") >= _fallen(trace)]
     rate = trace.settings.sample_rate
     half = max(round(0.5 * rate / trace.probe.frequency), 2)
-    swings = np.abs(force[: force.size // half * half] - _settled(trace)).reshape(-1, half).max(axis=1)
+    swings = (
+        np.abs(force[: force.size // half * half] - _settled(trace)).reshape(-1, half).max(axis=1)
+    )
     below = np.flatnonzero(swings <= swings[:1] / math.e)
     if below.size == 0:
         return math.nan
@@ -115,7 +136,9 @@ def _fallen(trace: DragTrace) -> float:
     return float(time[below[0]]) if below.size else trace.release_time
 
 
-def band_share(frequency: NDArray[np.float64], energy: NDArray[np.float64], band: tuple[float, float]) -> float:
+def band_share(
+    frequency: NDArray[np.float64], energy: NDArray[np.float64], band: tuple[float, float]
+) -> float:
     """Share of a spectrum's energy between two frequencies [1]."""
     inside = (frequency >= band[0]) & (frequency <= band[1])
     return float(energy[inside].sum() / energy.sum())
@@ -125,14 +148,22 @@ def draw_force(trace: DragTrace, path: Path, title: str) -> None:
     """Draw both forces against time, as figure 3 of the paper does, and mark the release."""
     figure, axes = new_figure(2, 1, sharex=True, height=4.6)
     time = trace.column("time_s") * 1e3
-    for axis, name, label in ((axes[0], "fx_n", "tangential $F_x$ [N]"), (axes[1], "fy_n", "normal $F_y$ [N]")):
+    for axis, name, label in (
+        (axes[0], "fx_n", "tangential $F_x$ [N]"),
+        (axes[1], "fy_n", "normal $F_y$ [N]"),
+    ):
         axis.plot(time, trace.column(name), lw=0.8, color="#1f4e79")
         axis.set_ylabel(label)
         if trace.status is Status.RELEASES:
             axis.axvline(trace.release_time * 1e3, color="#b03030", lw=0.8, ls="--")
     if trace.status is Status.RELEASES:
-        said, place = f"release, $F_{{px}}$ = {trace.peak_force:.3g} N", (trace.release_time * 1e3, trace.peak_force)
-        axes[0].annotate(said, place, (8, 2), textcoords="offset points", va="top", fontsize=8, color="#b03030")
+        said, place = (
+            f"release, $F_{{px}}$ = {trace.peak_force:.3g} N",
+            (trace.release_time * 1e3, trace.peak_force),
+        )
+        axes[0].annotate(
+            said, place, (8, 2), textcoords="offset points", va="top", fontsize=8, color="#b03030"
+        )
     axes[1].set_xlabel("time [ms]")
     axes[0].set_title(title, fontsize=10)
     save_figure(figure, path)
@@ -142,15 +173,22 @@ def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
     """Draw the spectra of the loading and of the vibration phase of both forces, as figures 4 and 5 do."""
     figure, axes = new_figure(2, 2, sharex=True, height=5.0)
     for row, (channel, label) in enumerate((("fx_n", "$F_x$"), ("fy_n", "$F_y$"))):
-        for axis, (phase, band) in zip(axes[row], (("loading", LOADING_BAND), ("vibration", RING_BAND)), strict=True):
+        for axis, (phase, band) in zip(
+            axes[row], (("loading", LOADING_BAND), ("vibration", RING_BAND)), strict=True
+        ):
             frequency, energy = phase_spectrum(trace, phase, channel)
             shown = frequency <= 600.0
             axis.plot(
-                frequency[shown], energy[shown] / max(float(energy[shown].max()), 1e-300), lw=0.9, color="#1f4e79"
+                frequency[shown],
+                energy[shown] / max(float(energy[shown].max()), 1e-300),
+                lw=0.9,
+                color="#1f4e79",
             )
             axis.axvspan(*band, color="#f0c040", alpha=0.25, lw=0)
             share = band_share(frequency, energy, band)
-            axis.set_title(f"{phase}, {label}: {share:.0%} in {band[0]:.0f}-{band[1]:.0f} Hz", fontsize=9)
+            axis.set_title(
+                f"{phase}, {label}: {share:.0%} in {band[0]:.0f}-{band[1]:.0f} Hz", fontsize=9
+            )
             axis.set_ylabel("relative energy")
     for axis in axes[1]:
         axis.set_xlabel("frequency [Hz]")

@@ -30,11 +30,20 @@ from stepblocks.text_file import as_text
 if TYPE_CHECKING:
     import pandas as pd
 
-# what may be given beside the subject [SI]: where it goes in an operating point, in its tool, in the probe; else in the settings
+# what may be given beside the subject [SI]: where it goes in an operating point, in its tool, in
+# the probe; else in the settings
 _OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}
 _OF_TOOL = ("stiffness", "frequency")
 _OF_PROBE = ("damping_ratio", "hardening")
-_ELSEWHERE = (*_OF_POINT, *_OF_TOOL, *_OF_PROBE, "edge_radius", "step_height", "pull", "handle_mass")
+_ELSEWHERE = (
+    *_OF_POINT,
+    *_OF_TOOL,
+    *_OF_PROBE,
+    "edge_radius",
+    "step_height",
+    "pull",
+    "handle_mass",
+)
 _WANTED = "stimulus must be a step height such as '25 um', a CSV"
 _GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
@@ -50,14 +59,19 @@ class Subject:
 
 
 def subject_of(
-    given: str | Path | Counterface, values: Mapping[str, float], backward: bool = False, where: Path | None = None
+    given: str | Path | Counterface,
+    values: Mapping[str, float],
+    backward: bool = False,
+    where: Path | None = None,
 ) -> Subject:
     """Understand what is to be dragged over; `values` [SI] take the place of what the paper or the set says."""
     if isinstance(given, Counterface):
         return Subject("a counterface", given, _changed(PAPER, values))
     if (path := Path(given)).suffix.lower() == ".csv":
         if "edge_radius" in values:
-            raise PipelineError(f"--edge-radius is for a plain step; a profile has its own [{path}]")
+            raise PipelineError(
+                f"--edge-radius is for a plain step; a profile has its own [{path}]"
+            )
         frame = read_table(path)
         columns = si_columns(frame, {name: ([name], "length", None) for name in ("x", "z")}, path)
         try:
@@ -73,13 +87,19 @@ def subject_of(
     return Subject(f"a step of {format_quantity(height, 'length')}", face, _changed(PAPER, values))
 
 
-def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool) -> Subject:
+def _declared(
+    stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool
+) -> Subject:
     """Drag over a part, or with it, under the first tip, load, friction and step of its set unless `values` differ."""
     grid = stimuli.grid_of(part)
     own = {
         "edge_radius": "--edge-radius is for a plain step; a stimulus declares its own",
-        "tip_radius": "--tip-radius must not be given for a tip, it declares its own" if part.ball is not None else "",
-        "step_height": "--step-height is for a declared tip; a block declares its own" if part.crossed else "",
+        "tip_radius": "--tip-radius must not be given for a tip, it declares its own"
+        if part.ball is not None
+        else "",
+        "step_height": "--step-height is for a declared tip; a block declares its own"
+        if part.crossed
+        else "",
     }
     for name, rule in own.items():
         if rule and name in values:
@@ -89,7 +109,9 @@ def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], bac
     tool = grid.as_tool()
     if ring := stimuli.ring_of(part):
         tool = ring.as_tool(tool)
-    point = OperatingPoint(ball, grid.normal_loads[0], grid.frictions[0], tool, tissue=part.tissue(tool))
+    point = OperatingPoint(
+        ball, grid.normal_loads[0], grid.frictions[0], tool, tissue=part.tissue(tool)
+    )
     face, name = part.counterface(height), part.id
     if height is not None:
         probe = name if part.ball is not None else f"probe in {name}"
@@ -101,7 +123,9 @@ def _declared(stimuli: StimulusSet, part: Part, values: Mapping[str, float], bac
 
 def _changed(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
     of_tool: dict[str, Any] = {name: values[name] for name in _OF_TOOL if name in values}
-    moved: dict[str, Any] = {field: values[name] for name, field in _OF_POINT.items() if name in values}
+    moved: dict[str, Any] = {
+        field: values[name] for name, field in _OF_POINT.items() if name in values
+    }
     return replace(point, tool=replace(point.tool, **of_tool), **moved)
 
 
@@ -115,7 +139,9 @@ def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
     else:
         files, wanted = stimulus_files(where), text
     sets = [load_declared(file) for file in files]
-    found = [(one, part) for one in sets for part in one.stimuli if matches(wanted, one.name, part.id)]
+    found = [
+        (one, part) for one in sets for part in one.stimuli if matches(wanted, one.name, part.id)
+    ]
     if len(found) > 1:
         names = ", ".join(f"{one.name}/{part.id}" for one, part in found)
         raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
@@ -181,7 +207,10 @@ class Drag:
         if by.status is not Status.NO_CATCH:
             told["equation_1"] = {"status": str(by.status)}
         if by.status is Status.RELEASES:
-            told["equation_1"] |= {"peak_force_n": by.pull_force, "vibration_energy_j": by.vibration_energy}
+            told["equation_1"] |= {
+                "peak_force_n": by.pull_force,
+                "vibration_energy_j": by.vibration_energy,
+            }
         return told
 
     def write(self, folder: Path) -> None:
@@ -191,7 +220,9 @@ class Drag:
         draw_force(self.trace, folder / "force.png", self.title)
         if self.trace.status is Status.RELEASES:
             draw_spectra(self.trace, folder / "spectra.png", self.title)
-        replace_text(folder / "drag.json", json.dumps(self.summary, indent=1, sort_keys=True) + "\n")
+        replace_text(
+            folder / "drag.json", json.dumps(self.summary, indent=1, sort_keys=True) + "\n"
+        )
 
     def _repr_html_(self) -> str:
         import pandas as pd
@@ -213,31 +244,37 @@ def drag_over(
     Parameters
     ----------
     subject : str, Path or Counterface
-        A step height such as ``"25 um"``; a CSV with the columns x and z, the unit in their names; a declared stimulus by
-        ``ID``, ``SET/ID`` or ``FILE.toml/ID``; or a counterface, such as a part's.
+        A step height such as ``"25 um"``; a CSV with the columns x and z, the unit in their names;
+        a declared stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``; or a counterface, such as a
+        part's.
     backward : bool
         Towards falling x: from the crown to the tooth, or down a step.
     stimuli : Path, optional
         Where identities are looked up; by default the folder ``stimuli``.
     setting : str, optional
-        ``"figures-3-to-5"``: the load carried as those of the paper need it, and its load, friction and damping unless given.
+        ``"figures-3-to-5"``: the load carried as those of the paper need it, and its load, friction
+        and damping unless given.
     **values : float
-        What differs from the paper, or from the stimulus's set: `tip_radius`, `edge_radius`, `step_height` [m], `load` [N],
-        `friction` [1], `stiffness` [N/m], `frequency` [Hz], `damping_ratio`, a share of critical damping [1] that is else
-        that of the tool's ring; `hardening`, k3 of ``F = k x + k3 x^3`` [N/m^3]; `pull`, a force [N] on a handle of
-        `handle_mass` [kg] that else moves at constant speed; fields of `DragSettings`, such as `speed` [m/s].
+        What differs from the paper, or from the stimulus's set: `tip_radius`, `edge_radius`,
+        `step_height` [m], `load` [N], `friction` [1], `stiffness` [N/m], `frequency` [Hz],
+        `damping_ratio`, a share of critical damping [1] that is else that of the tool's ring;
+        `hardening`, k3 of ``F = k x + k3 x^3`` [N/m^3]; `pull`, a force [N] on a handle of
+        `handle_mass` [kg] that else moves at constant speed; fields of `DragSettings`, such as
+        `speed` [m/s].
 
     Returns
     -------
     Drag
-        Traces as a table in `frame`, the release beside equation (1) in `summary`; `write` leaves them in a folder.
+        Traces as a table in `frame`, the release beside equation (1) in `summary`; `write` leaves
+        them in a folder.
 
     Raises
     ------
     PipelineError
         If the subject cannot be understood, or a value is given that it declares itself.
     ContactError
-        If the tip can never climb, or the settings make no sense or need more steps than can be afforded.
+        If the tip can never climb, or the settings make no sense or need more steps than can be
+        afforded.
 
     Examples
     --------
@@ -252,7 +289,11 @@ def drag_over(
     given = usual | values
     settings = {name: value for name, value in given.items() if name not in _ELSEWHERE}
     if pull := given.get("pull"):
-        settings |= {"speed": 0.0, "pulling_force": pull, "handle_mass": given.get("handle_mass", 0.1)}
+        settings |= {
+            "speed": 0.0,
+            "pulling_force": pull,
+            "handle_mass": given.get("handle_mass", 0.1),
+        }
         settings["handle_damping"] = _GUIDE_DAMPING
     found = subject_of(subject, given, backward, stimuli)
     point = found.point
@@ -263,5 +304,9 @@ def drag_over(
         raise (PipelineError(f"{error} {found.place}") if found.place else error) from error
     changes = named.changes(point.tool, point.normal_load) if named else {}
     changes |= {name: given[name] for name in _OF_PROBE if name in given}
-    trace = simulate(track, probe_for(point.tool, point.ball_radius, **changes), DragSettings.under(point, **settings))
+    trace = simulate(
+        track,
+        probe_for(point.tool, point.ball_radius, **changes),
+        DragSettings.under(point, **settings),
+    )
     return Drag(f"Drag over {found.name}", trace, formula, point.tool, named)

@@ -27,18 +27,31 @@ class Probe:
     damping_ratio: float  # share of critical damping of the tangential spring [1]
     contact_stiffness: float  # of the contact along its normal [N/m^p]
     contact_power: float = 1.5  # p: 1.5 for Hertz, 1 for a linear contact
-    contact_loss: float = 5.0  # Hunt and Crossley: share of the contact force lost per speed of approach [s/m]; assumed
-    normal_stiffness: float = 0.0  # between the tip and the carrier of the weight [N/m]; 0: the load acts on the tip
-    carrier_mass: float = 0.0  # that is lifted with the carrier [kg]; used where `normal_stiffness` is not 0
+    # Hunt and Crossley: share of the contact force lost per speed of approach [s/m]; assumed
+    contact_loss: float = 5.0
+    normal_stiffness: float = (
+        0.0  # between the tip and the carrier of the weight [N/m]; 0: the load acts on the tip
+    )
+    carrier_mass: float = (
+        0.0  # that is lifted with the carrier [kg]; used where `normal_stiffness` is not 0
+    )
     hardening: float = 0.0  # k3 of ``F = k x + k3 x^3``, Duffing's spring [N/m^3]
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "mass", "contact_stiffness"):
             require_positive(name, getattr(self, name))
-        for name in ("damping_ratio", "contact_loss", "normal_stiffness", "carrier_mass", "hardening"):
+        for name in (
+            "damping_ratio",
+            "contact_loss",
+            "normal_stiffness",
+            "carrier_mass",
+            "hardening",
+        ):
             require_not_negative(name, getattr(self, name))
         if self.contact_power not in (1.0, 1.5):
-            raise ContactError(f"contact_power must be 1 (linear) or 1.5 (Hertz), got {self.contact_power:g}")
+            raise ContactError(
+                f"contact_power must be 1 (linear) or 1.5 (Hertz), got {self.contact_power:g}"
+            )
         if self.normal_stiffness > 0.0 and self.carrier_mass <= 0.0:
             raise ContactError("carrier_mass must be positive where normal_stiffness is not 0")
 
@@ -70,17 +83,23 @@ class DragSettings:
     normal_load: float  # weight F_py [N]
     friction: float  # coefficient of friction while sliding mu [1]
     speed: float = PAPER.speed  # of the handle [m/s]; 0 where a force pulls it
-    pulling_force: float = 0.0  # constant force on the handle [N]; 0 where it moves at constant speed
+    pulling_force: float = (
+        0.0  # constant force on the handle [N]; 0 where it moves at constant speed
+    )
     handle_mass: float = 0.0  # inertia of a handle that is pulled [kg]
     handle_damping: float = 0.0  # of the guide of a handle that is pulled [N s/m]
     static_friction: float = 0.0  # coefficient of friction at rest [1]; 0: as while sliding
     stribeck_speed: float = 1e-3  # over which static falls to sliding friction [m/s]
     viscous_friction: float = 0.0  # rise of the coefficient of friction per speed [s/m]
-    lead: float = 20e-6  # distance of sliding before the path first bends or slopes by more than a degree [m]
+    lead: float = (
+        20e-6  # distance of sliding before the path first bends or slopes by more than a degree [m]
+    )
     ring_time: float = 40e-3  # recorded after the release [s]
     sample_rate: float = 10e3  # rows of the trace per second [Hz]
     resolution: float = 20.0  # steps per period of the stiffest contact mode [1]
-    tissue_stiffness: float = 0.0  # of a soft wall along which the tool rubs [N/m]; 0: there is none
+    tissue_stiffness: float = (
+        0.0  # of a soft wall along which the tool rubs [N/m]; 0: there is none
+    )
     tissue_damping: float = 0.0  # N s/m
     tissue_friction: float = 0.0  # at which the tool slides along it [N]
 
@@ -94,9 +113,13 @@ class DragSettings:
         if self.pulling_force > 0.0 and self.handle_mass <= 0.0:
             raise ContactError("handle_mass must be positive where a pulling_force acts")
         if self.static_friction and self.static_friction < self.friction:
-            raise ContactError(f"static_friction must not be less than friction ({self.friction:g})")
+            raise ContactError(
+                f"static_friction must not be less than friction ({self.friction:g})"
+            )
         if not 4.0 <= self.resolution <= 1e4:
-            raise ContactError(f"resolution must lie between 4 and 10000 steps per period, got {self.resolution:g}")
+            raise ContactError(
+                f"resolution must lie between 4 and 10000 steps per period, got {self.resolution:g}"
+            )
 
     @classmethod
     def under(cls, point: OperatingPoint, **changes: float) -> DragSettings:
@@ -134,14 +157,23 @@ class Setting:
     def changes(self, tool: Tool, normal_load: float) -> dict[str, float]:
         """Return what of a probe is other than the tool says: a round rod, as stiff along the normal, its load behind it."""
         carried = normal_load / 9.81 + self.holder_mass
-        return {"damping_ratio": self.damping_ratio, "normal_stiffness": tool.stiffness, "carrier_mass": carried}
+        return {
+            "damping_ratio": self.damping_ratio,
+            "normal_stiffness": tool.stiffness,
+            "carrier_mass": carried,
+        }
 
 
 SETTINGS = {
     "figures-3-to-5": Setting(
-        "chosen on a step of 100 um so that figures 3 to 5 of the paper come out at once (docs/drag.md); the paper states "
+        "chosen on a step of 100 um so that figures 3 to 5 of the paper come out at once "
+        "(docs/drag.md); the paper states "
         "neither step, load, mass nor damping of them",
-        "on low steps under high loads the ring ends within 4 ms, with less than a tenth of its energy in 250-350 Hz; on 50 and "
+        "on low steps under high loads the ring ends within 4 ms, with less than a "
+        "tenth "
+        "of "
+        "its "
+        "energy in 250-350 Hz; on 50 and "
         "75 um less than a tenth of the stored energy rings",
         normal_load=0.1,
         friction=0.1,
@@ -159,7 +191,9 @@ _MOST_ROWS = 5_000_000
 class DragTrace:
     """What a drag recorded."""
 
-    rows: NDArray[np.float64]  # shape (n, 10); samples; columns as in `stepblocks.drag.kernels.COLUMNS`
+    rows: NDArray[
+        np.float64
+    ]  # shape (n, 10); samples; columns as in `stepblocks.drag.kernels.COLUMNS`
     status: Status  # ``RELEASES``, ``LOCKED`` (the force grew past any climb), or ``NO_CATCH``
     peak_force: float  # greatest tangential force of the first catch F_px [N]
     release_time: float  # when it was reached [s]
@@ -194,16 +228,24 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     dt, bristle = _time_step(probe, settings, limit)
     end = 20.0 * settings.ring_time
     if settings.speed > 0.0:
-        end = (track.features[1] - x + limit / probe.stiffness) / settings.speed + settings.ring_time
+        end = (
+            track.features[1] - x + limit / probe.stiffness
+        ) / settings.speed + settings.ring_time
     steps = math.ceil(end / dt)
     if steps > _MOST_STEPS:
-        raise ContactError(f"drag of {end:g} s needs {steps} steps of {dt:.2g} s, more than {_MOST_STEPS}; drag faster")
+        raise ContactError(
+            f"drag of {end:g} s needs {steps} steps of {dt:.2g} s, more than "
+            f"{_MOST_STEPS}; "
+            "drag "
+            "faster"
+        )
     every = max(round(1.0 / (settings.sample_rate * dt)), 1)
     dt = 1.0 / (settings.sample_rate * every)  # rows at exactly the sample rate
     steps = math.ceil(end / dt)
     if steps // every > _MOST_ROWS:
         raise ContactError(
-            f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; record fewer"
+            f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; "
+            "record fewer"
         )
     y = float(np.interp(x, track.x, track.z)) - dent
     rows, count, peak, ledger = kernels.integrate(
@@ -220,7 +262,9 @@ def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
         and force > 1.02 * mu_s * settings.normal_load + settings.tissue_friction
     )
     # a pulled handle may also be too weak for a climb that is possible
-    held = bool(overloaded) or (settings.speed == 0.0 and (not reachable or (caught and not passed)))
+    held = bool(overloaded) or (
+        settings.speed == 0.0 and (not reachable or (caught and not passed))
+    )
     return DragTrace(
         rows=rows[:count].copy(),
         status=Status.LOCKED if held else Status.RELEASES if caught else Status.NO_CATCH,
@@ -245,14 +289,16 @@ def _force_limit(track: Track, settings: DragSettings, mu: float) -> tuple[float
 def _time_step(probe: Probe, settings: DragSettings, limit: float) -> tuple[float, float]:
     """Step [s] and stiffness of the tangential contact [N/m]."""
     p, stiffness = probe.contact_power, probe.contact_stiffness
-    # the normal force to be resolved: the climb's, or that of a blow with all of the spring's energy
+    # the normal force to be resolved: the climb's, or that of a blow with all of the spring's
+    # energy
     stored = 0.5 * (limit / 3.0) ** 2 / probe.stiffness
     blow = stiffness * float(((p + 1.0) * stored / stiffness) ** (p / (p + 1.0)))
     force = max(min(limit, 20.0 * settings.normal_load), blow)
     dent = (force / stiffness) ** (1.0 / p)
     normal = p * force / dent
     under_load = (settings.normal_load / stiffness) ** (1.0 / p)
-    # Mindlin: the tangential stiffness of a contact is 2 (1 - nu) / (2 - nu) = 0.82 of the normal one, at nu = 0.3
+    # Mindlin: the tangential stiffness of a contact is 2 (1 - nu) / (2 - nu) = 0.82 of the normal
+    # one, at nu = 0.3
     tangential = 0.82 * p * settings.normal_load / under_load
     fastest = math.sqrt((2.0 * normal + 2.0 * tangential + probe.stiffness) / probe.mass)
     return 2.0 * math.pi / (fastest * settings.resolution), tangential

@@ -13,7 +13,9 @@ from stepblocks.contact.path.centre import Array, CentrePath
 from stepblocks.contact.path.profile import interval_slopes, profile_path
 from stepblocks.errors import ContactError
 
-_KINK = math.radians(2.0)  # a turn at which two contacts share the load, on a surface that may be rough
+_KINK = math.radians(
+    2.0
+)  # a turn at which two contacts share the load, on a surface that may be rough
 _SHARED = 1e-3  # the same on a path whose notches are exact [rad]
 _LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
@@ -35,14 +37,20 @@ class Track(CentrePath):
         """Coefficients of each piece in powers of the distance from its left knot; shape (n - 1, 4)."""
         h, a, b = np.diff(self.x), self.slope_start, self.slope_end
         d = np.diff(self.z) / h
-        return np.column_stack([self.z[:-1], a, (3.0 * d - 2.0 * a - b) / h, (a + b - 2.0 * d) / (h * h)])
+        return np.column_stack(
+            [self.z[:-1], a, (3.0 * d - 2.0 * a - b) / h, (a + b - 2.0 * d) / (h * h)]
+        )
 
     @cached_property
     def branches(self) -> Array:
         """Height, slope and half the curvature at each kink of the branch that ends and of the one that begins; shape (m, 2, 3)."""
         h = np.diff(self.x)[self.kinks - 1]
         k0, k1, k2, k3 = self.cubics[self.kinks - 1].T
-        ends = k0 + h * (k1 + h * (k2 + h * k3)), k1 + h * (2.0 * k2 + 3.0 * h * k3), k2 + 3.0 * h * k3
+        ends = (
+            k0 + h * (k1 + h * (k2 + h * k3)),
+            k1 + h * (2.0 * k2 + 3.0 * h * k3),
+            k2 + 3.0 * h * k3,
+        )
         return np.stack([np.column_stack(ends), self.cubics[self.kinks, :3]], axis=1)
 
     @cached_property
@@ -84,14 +92,20 @@ def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool =
     span = float(xs.max() - xs.min())
     count = max(math.ceil(span / (0.01 * ball_radius)), 8)
     if count > 2_000_000:
-        raise ContactError(f"profile of {span:g} m is too long to drag over with a ball of {ball_radius:g} m")
+        raise ContactError(
+            f"profile of {span:g} m is too long to drag over with a ball of {ball_radius:g} m"
+        )
     grid = np.linspace(xs.min(), xs.max(), count + 1)
     path = profile_path(xs, zs, ball_radius, positions=grid, edges="flat")
     if np.isnan(path.height).any():
-        raise ContactError("profile has a gap that is wider than the tip; it cannot be dragged over")
+        raise ContactError(
+            "profile has a gap that is wider than the tip; it cannot be dragged over"
+        )
     steep = interval_slopes(path, -math.inf)
     if np.isposinf(steep[:, 0]).any():
-        raise ContactError("profile has a riser as high as the ball (too-high); the tip would never climb it")
+        raise ContactError(
+            "profile has a riser as high as the ball (too-high); the tip would never climb it"
+        )
     turns = np.arctan(steep[:, 0]) - np.arctan(path.slope[:-1])
     breaks = steep[turns > _KINK, 1]
     nodes = np.unique(np.concatenate([grid, breaks]))
@@ -108,7 +122,9 @@ def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool =
     slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
     ends = nodes[0] - _LEVEL * ball_radius, nodes[-1] + _LEVEL * ball_radius
     x, z = np.concatenate([ends[:1], nodes, ends[1:]]), np.pad(right.height, 1, "edge")
-    return Track(x, z, np.pad(right.slope[:-1], 1), np.pad(slope_left[1:], 1), kinks + 1, ball_radius)
+    return Track(
+        x, z, np.pad(right.slope[:-1], 1), np.pad(slope_left[1:], 1), kinks + 1, ball_radius
+    )
 
 
 def step_track(height: float, ball_radius: float, edge_radius: float = 0.0) -> Track:
@@ -119,12 +135,18 @@ def step_track(height: float, ball_radius: float, edge_radius: float = 0.0) -> T
     require_not_negative("edge_radius", edge_radius, "m")
     if height >= radius:
         raise ContactError(
-            f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip is held"
+            f"height must be less than R + r ({radius:g} m), got {height:g} m: "
+            "too-high, "
+            "the "
+            "tip "
+            "is held"
         )
     length = _LEVEL * ball_radius
     angle = 2.0 * math.asin(math.sqrt(0.5 * height / radius))
     angles = np.linspace(angle, 0.0, 400)
-    x = np.concatenate([np.linspace(-length, -radius * math.sin(angle), 50)[:-1], -radius * np.sin(angles)])
+    x = np.concatenate(
+        [np.linspace(-length, -radius * math.sin(angle), 50)[:-1], -radius * np.sin(angles)]
+    )
     x = np.concatenate([x, np.linspace(0.0, length, 50)[1:]])
     arc = slice(49, 449)
     z, slope = np.where(x < 0.0, 0.0, height), np.zeros_like(x)

@@ -32,7 +32,10 @@ class Value:
 
 
 def _value(question: str, raw: Mapping[str, Any]) -> Value:
-    at = {key: parse_quantity(text, AT[key]) if AT[key] else text for key, text in raw.get("at", {}).items()}
+    at = {
+        key: parse_quantity(text, AT[key]) if AT[key] else text
+        for key, text in raw.get("at", {}).items()
+    }
     ends = {end: parse_quantity(raw[end], dimension_of(question, at)) for end in ("low", "high")}
     return Value(**{**raw, **ends, "at": at})
 
@@ -83,14 +86,22 @@ class Row:
         known = self.answers.known()
         if not known:
             return Verdict.NOT_SAID
-        inside = all(self.value.low * (1.0 - 1e-9) <= one <= self.value.high * (1.0 + 1e-9) for one in known.values())
+        inside = all(
+            self.value.low * (1.0 - 1e-9) <= one <= self.value.high * (1.0 + 1e-9)
+            for one in known.values()
+        )
         return Verdict.AGREES if inside else Verdict.DISAGREES
 
     def texts(self) -> dict[str, str]:
         """Say the row in words, units in the values."""
         dimension = dimension_of(self.publication.question, self.value.at)
-        known = {name: format_quantity(value, dimension, 3) for name, value in self.answers.known().items()}
-        low, high = (format_quantity(value, dimension, 3) for value in (self.value.low, self.value.high))
+        known = {
+            name: format_quantity(value, dimension, 3)
+            for name, value in self.answers.known().items()
+        }
+        low, high = (
+            format_quantity(value, dimension, 3) for value in (self.value.low, self.value.high)
+        )
         return {
             "topic": self.publication.topic,
             "figure": self.value.label,
@@ -106,7 +117,9 @@ class Evidence:
     """What others published, beside what the model says."""
 
     rows: tuple[Row, ...]
-    explanations: tuple[Explanation, ...]  # of the paper's contradiction: equation (1) as it stands, then its rivals
+    explanations: tuple[
+        Explanation, ...
+    ]  # of the paper's contradiction: equation (1) as it stands, then its rivals
 
     @property
     def table(self) -> pd.DataFrame:
@@ -139,9 +152,12 @@ class Evidence:
         before, best = self.explanations[0], self.explanations[1]
         held, of = best.facts()
         return (
-            f"Of {len(self.rows)} published figures the model agrees with {counts[Verdict.AGREES]}, disagrees with "
-            f"{counts[Verdict.DISAGREES]} and says nothing of {counts[Verdict.NOT_SAID]}. The paper's energies miss equation (1) "
-            f"at one load by a factor of {before.missed:.1f}; {best.name} leaves {best.missed:.2f}, with {best.numbers} "
+            f"Of {len(self.rows)} published figures the model agrees with "
+            f"{counts[Verdict.AGREES]}, disagrees with "
+            f"{counts[Verdict.DISAGREES]} and says nothing of {counts[Verdict.NOT_SAID]}. The "
+            "paper's energies miss equation (1) "
+            f"at one load by a factor of {before.missed:.1f}; {best.name} leaves "
+            f"{best.missed:.2f}, with {best.numbers} "
             f"fitted, and keeps {held} of {of} of its other statements."
         )
 
@@ -160,7 +176,8 @@ def hold_against_evidence(output: str | Path | None = None) -> Evidence:
     Returns
     -------
     Evidence
-        A row per published figure with verdict, and what would resolve the paper's own contradiction.
+        A row per published figure with verdict, and what would resolve the paper's own
+        contradiction.
 
     Raises
     ------
@@ -173,7 +190,11 @@ def hold_against_evidence(output: str | Path | None = None) -> Evidence:
     >>> f"equation (1) at one load spreads the paper's four energies by a factor of {before.spread:.0f}"
     "equation (1) at one load spreads the paper's four energies by a factor of 353"
     """
-    rows = [Row(one, value, QUESTIONS[one.question][0](value.at)) for one in shipped() for value in one.values]
+    rows = [
+        Row(one, value, QUESTIONS[one.question][0](value.at))
+        for one in shipped()
+        for value in one.values
+    ]
     found = Evidence(tuple(rows), tuple(explanations()))
     if output is not None:
         write_evidence(found, Path(output))
@@ -192,7 +213,11 @@ def write_evidence(found: Evidence, folder: Path) -> None:
     save_figure(_energies(found), folder / "resolutions.svg")
     publications = {id(row.publication): row.publication for row in found.rows}.values()
     topics = [(one, [row for row in found.rows if row.publication is one]) for one in publications]
-    told = {"finding": found.finding(), "publications": topics, "resolutions": found.resolutions.to_dict("records")}
+    told = {
+        "finding": found.finding(),
+        "publications": topics,
+        "resolutions": found.resolutions.to_dict("records"),
+    }
     replace_text(folder / "evidence.html", render_page("evidence", "evidence.html.j2", **told))
 
 
@@ -213,9 +238,15 @@ def _ratios(found: Evidence) -> Any:
             mark, colour = _MARKS[name]
             axis.plot(value / middle, place, mark, color=colour, ms=5, label=name)
     axis.set_xscale("log")
-    axis.set_yticks(range(len(rows)), [f"{row.publication.topic}: {row.value.label}" for row in rows], fontsize=7)
+    axis.set_yticks(
+        range(len(rows)),
+        [f"{row.publication.topic}: {row.value.label}" for row in rows],
+        fontsize=7,
+    )
     axis.set_xlabel("over the middle of the published range (bar)")
-    handles = {label: handle for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    handles = {
+        label: handle for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
     axis.legend(handles.values(), handles.keys(), fontsize=8, loc="lower right")
     return figure
 
@@ -228,7 +259,14 @@ def _energies(found: Evidence) -> Any:
     axis.axhspan(BAND[0] * 1e6, BAND[1] * 1e6, color="#dfe7ee", label="the paper: 10 to 20 uJ")
     for number, one in enumerate(found.explanations):
         style = {"lw": 2.4, "color": "#1d2a36"} if number == 0 else {"lw": 1.3}
-        axis.plot([h * 1e6 for h in HEIGHTS], [e * 1e6 for e in one.energies], "o-", ms=4, label=one.name, **style)
+        axis.plot(
+            [h * 1e6 for h in HEIGHTS],
+            [e * 1e6 for e in one.energies],
+            "o-",
+            ms=4,
+            label=one.name,
+            **style,
+        )
     axis.set_yscale("log")
     axis.set_xlabel("step height, um")
     axis.set_ylabel("vibration energy, uJ")

@@ -1,8 +1,9 @@
 """What would resolve the paper's own contradiction: four blocks, one band of energies, and an equation that spreads them."""
 
-# Each explanation is fitted to the band of 10 to 20 uJ for steps of 25, 50, 75 and 100 um; what is left is the factor by
-# which energies miss it. Then the drag in time is asked under the fitted setting for what else the paper says: the share
-# that rings, the duration, both spectra. The best explanation fits all of it with few numbers of its own.
+# Each explanation is fitted to the band of 10 to 20 uJ for steps of 25, 50, 75 and 100 um; what is
+# left is the factor by which energies miss it. Then the drag in time is asked under the fitted
+# setting for what else the paper says: the share that rings, the duration, both spectra. The best
+# explanation fits all of it with few numbers of its own.
 
 import math
 from collections.abc import Sequence
@@ -32,7 +33,9 @@ class Explanation:
     numbers: int  # how many of its own were fitted
     setting: str  # the fitted numbers in words
     energies: tuple[float, ...]  # E_v of the four blocks [J]; infinite where the tip is held
-    points: tuple[tuple[Step, OperatingPoint, float], ...]  # what the drag in time is asked: edge, condition, pull [N]
+    points: tuple[
+        tuple[Step, OperatingPoint, float], ...
+    ]  # what the drag in time is asked: edge, condition, pull [N]
 
     @property
     def missed(self) -> float:
@@ -46,14 +49,22 @@ class Explanation:
 
     def facts(self) -> tuple[int, int]:
         """How many of the paper's other statements the drag in time keeps under this setting, and of how many."""
-        held = [fact for step, point, pull in self.points for fact in _facts(*dragged(step, point, True, pull))]
+        held = [
+            fact
+            for step, point, pull in self.points
+            for fact in _facts(*dragged(step, point, True, pull))
+        ]
         return sum(held), len(held)
 
 
 def missed(energies: Sequence[float]) -> float:
     """Root mean square factor by which energies miss the band."""
     off = [
-        max(0.0, math.log(BAND[0] / e) if e > 0.0 else math.inf, math.log(e / BAND[1]) if e > 0.0 else 0.0)
+        max(
+            0.0,
+            math.log(BAND[0] / e) if e > 0.0 else math.inf,
+            math.log(e / BAND[1]) if e > 0.0 else 0.0,
+        )
         for e in energies
     ]
     return math.exp(math.sqrt(sum(one * one for one in off) / len(off)))
@@ -75,11 +86,15 @@ def _energy(step: Step, load: float, friction: float = PAPER.friction) -> float:
     return math.inf if release.status is not Status.RELEASES else release.vibration_energy
 
 
-def _best(name: str, count: int, tried: Sequence[tuple[str, Sequence[float], list[Step], float, float]]) -> Explanation:
+def _best(
+    name: str, count: int, tried: Sequence[tuple[str, Sequence[float], list[Step], float, float]]
+) -> Explanation:
     """Choose of what was tried (words, energies, steps, load, friction) what misses the band least."""
     setting, energies, steps, load, friction = min(tried, key=lambda one: missed(one[1]))
     point = replace(PAPER, normal_load=load, friction=friction)
-    return Explanation(name, count, setting, tuple(energies), tuple((step, point, 0.0) for step in steps))
+    return Explanation(
+        name, count, setting, tuple(energies), tuple((step, point, 0.0) for step in steps)
+    )
 
 
 def _one_load(name: str, friction: float, radii: Sequence[float] = (0.0,)) -> Explanation:
@@ -88,14 +103,18 @@ def _one_load(name: str, friction: float, radii: Sequence[float] = (0.0,)) -> Ex
         steps = [Step(height, radius) for height in HEIGHTS]
         unit = [_energy(step, 1.0, friction) for step in steps]
         for load in _LOADS:
-            words = f"load {load:.2g} N" + (f", edges rounded by {radius * 1e6:.0f} um" if radius else "")
+            words = f"load {load:.2g} N" + (
+                f", edges rounded by {radius * 1e6:.0f} um" if radius else ""
+            )
             tried.append((words, [e * load * load for e in unit], steps, float(load), friction))
     return _best(name, 1 + (len(radii) > 1), tried)
 
 
 def _loads_per_block() -> Explanation:
     loads = [math.sqrt(_MIDDLE / _energy(step, 1.0)) for step in _STEPS]
-    points = tuple((s, replace(PAPER, normal_load=load), 0.0) for s, load in zip(_STEPS, loads, strict=True))
+    points = tuple(
+        (s, replace(PAPER, normal_load=load), 0.0) for s, load in zip(_STEPS, loads, strict=True)
+    )
     words = "loads " + ", ".join(f"{load:.2g}" for load in loads) + " N"
     return Explanation("a load of its own for each block", 4, words, (_MIDDLE,) * 4, points)
 
@@ -126,7 +145,9 @@ def explanations() -> list[Explanation]:
     before = _one_load("equation (1) at one load for all blocks", PAPER.friction)
     rivals = [
         _one_load("the same without friction", 0.0),
-        _one_load("edges rounded in machining", PAPER.friction, np.arange(0.0, 205e-6, 5e-6).tolist()),
+        _one_load(
+            "edges rounded in machining", PAPER.friction, np.arange(0.0, 205e-6, 5e-6).tolist()
+        ),
         _loads_per_block(),
         _pulled_by_weight(),
         _lost_to_the_lift(),

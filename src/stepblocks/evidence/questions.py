@@ -1,7 +1,7 @@
 """What the model is asked: by equations (1) and (2), by the drag in time, and by the drag in time of a rod."""
 
-# Each question takes the condition of a published figure in SI and returns up to three answers; not-a-number where the
-# model says nothing, and words where it says that something cannot be.
+# Each question takes the condition of a published figure in SI and returns up to three answers;
+# not-a-number where the model says nothing, and words where it says that something cannot be.
 
 import math
 from collections.abc import Callable, Mapping
@@ -34,7 +34,11 @@ class Answers:
 
     def known(self) -> dict[str, float]:
         """Return the answers that are figures, by whom."""
-        return {name: value for name in ("formula", "drag", "rod") if math.isfinite(value := getattr(self, name))}
+        return {
+            name: value
+            for name in ("formula", "drag", "rod")
+            if math.isfinite(value := getattr(self, name))
+        }
 
 
 def _point(at: At) -> OperatingPoint:
@@ -47,16 +51,20 @@ def _face(at: At) -> Counterface:
 
 
 @lru_cache(maxsize=256)
-def dragged(face: Counterface, point: OperatingPoint, rod: bool = False, pull: float = 0.0) -> tuple[Status, Ring]:
+def dragged(
+    face: Counterface, point: OperatingPoint, rod: bool = False, pull: float = 0.0
+) -> tuple[Status, Ring]:
     """Drag in time over a counterface, in the setting of docs/drag.md for figures 3 to 5; without a ring all is not-a-number."""
-    # A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its weight; `pull` [N] pulls
-    # the handle with a constant force instead of moving it.
+    # A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its
+    # weight; `pull` [N] pulls the handle with a constant force instead of moving it.
     light = {"damping_ratio": 0.01}
     changes = SETTINGS["figures-3-to-5"].changes(point.tool, point.normal_load) if rod else light
     probe = probe_for(point.tool, point.ball_radius, **changes)
     how = {"speed": 0.0, "pulling_force": pull, "handle_mass": 0.1} if pull else {}
     trace = simulate(track_over(face, point.ball_radius), probe, DragSettings.under(point, **how))
-    return trace.status, ring_of(trace) if trace.status is Status.RELEASES else Ring(*[math.nan] * 6)
+    return trace.status, ring_of(trace) if trace.status is Status.RELEASES else Ring(
+        *[math.nan] * 6
+    )
 
 
 def _energy(at: At) -> Answers:
@@ -72,7 +80,11 @@ def _ring(at: At) -> Answers:
     # the formula says nothing of its own: its decay was chosen from the share of the band
     if at.get("figure") == "frequency":
         return Answers(said="an input of the model")
-    name = {"loading": "loading_share", "vibration": "ring_band_share"}[at["phase"]] if "phase" in at else at["figure"]
+    name = (
+        {"loading": "loading_share", "vibration": "ring_band_share"}[at["phase"]]
+        if "phase" in at
+        else at["figure"]
+    )
     (_, light), (_, rod) = (dragged(_face(at), _point(at), rod) for rod in (False, True))
     return Answers(drag=getattr(light, name), rod=getattr(rod, name))
 
@@ -80,7 +92,9 @@ def _ring(at: At) -> Answers:
 def _pull_force(at: At) -> Answers:
     face, point = _face(at), _point(at)
     release = face.release(point)
-    return Answers(release.pull_force, said="" if release.status is Status.RELEASES else str(release.status))
+    return Answers(
+        release.pull_force, said="" if release.status is Status.RELEASES else str(release.status)
+    )
 
 
 def _detectable_groove(at: At) -> Answers:
@@ -90,7 +104,10 @@ def _detectable_groove(at: At) -> Answers:
 
     def by_formula(gap: float) -> bool:
         release = Margin(gap, gap, 0.0).release(point)
-        return release.status in (Status.LOCKED, Status.TOO_HIGH) or release.vibration_energy >= threshold
+        return (
+            release.status in (Status.LOCKED, Status.TOO_HIGH)
+            or release.vibration_energy >= threshold
+        )
 
     def by_drag(gap: float, rod: bool) -> bool:
         status, ring = dragged(Margin(gap, gap, 0.0), point, rod)

@@ -1,8 +1,8 @@
 """A measured value with its uncertainty budget, and whether it conforms.
 
-JCGM 100:2008: components add in squares (10), degrees of freedom by Welch and Satterthwaite (G.2b), coverage factor
-from Student's law. ISO 14253-1: inside the limits by more than the guard band the part conforms; outside by more than it, it
-does not; between, neither is proven.
+JCGM 100:2008: components add in squares (10), degrees of freedom by Welch and Satterthwaite (G.2b),
+coverage factor from Student's law. ISO 14253-1: inside the limits by more than the guard band the
+part conforms; outside by more than it, it does not; between, neither is proven.
 """
 
 import math
@@ -16,7 +16,8 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import Array, Estimate
 from stepblocks.parts.tolerance import GUARD_FACTOR
 
-# slow cosines that are always taken, where there are as many profiles: Student's factor is then 2.8 at 95 %
+# slow cosines that are always taken, where there are as many profiles: Student's factor is then 2.8
+# at 95 %
 _LEAST_COSINES = 4
 
 
@@ -34,12 +35,19 @@ class Component:
 class Instrument:
     """What is known of the instrument besides the scan."""
 
-    calibration_std: float | None = None  # relative, of the vertical scale [1]; None where it is not stated
+    calibration_std: float | None = (
+        None  # relative, of the vertical scale [1]; None where it is not stated
+    )
     resolution: float = 0.0  # least difference of height that it shows [m]
-    lateral_std: float | None = None  # relative, of the lateral scale [1]; None where it is not stated
+    lateral_std: float | None = (
+        None  # relative, of the lateral scale [1]; None where it is not stated
+    )
 
     def __post_init__(self) -> None:
-        for name, value in (("calibration", self.calibration_std), ("lateral calibration", self.lateral_std)):
+        for name, value in (
+            ("calibration", self.calibration_std),
+            ("lateral calibration", self.lateral_std),
+        ):
             if value is not None and not 0.0 <= value < 1.0:
                 raise MetrologyError(f"{name} must be at least 0 and below 1, got {value:g}")
         if not 0.0 <= self.resolution < 1e-3:
@@ -68,7 +76,9 @@ class Measured:
     @property
     def dof(self) -> float:
         """Effective degrees of freedom by Welch and Satterthwaite."""
-        known = [part for part in self.components if math.isfinite(part.std) and math.isfinite(part.dof)]
+        known = [
+            part for part in self.components if math.isfinite(part.std) and math.isfinite(part.dof)
+        ]
         weight = sum(part.std**4 / part.dof for part in known)
         return self.std**4 / weight if weight > 0.0 else math.inf
 
@@ -96,13 +106,22 @@ def with_budget(
     """Add what the instrument owes to a value [m]: calibration, and resolution behind the other components."""
     # `axes` says with which power the value goes with the vertical scale, and with the lateral one.
     parts = list(own)
-    scales = ("calibration", instrument.calibration_std), ("lateral calibration", instrument.lateral_std)
+    scales = (
+        ("calibration", instrument.calibration_std),
+        ("lateral calibration", instrument.lateral_std),
+    )
     for (label, relative), power in zip(scales, axes, strict=True):
         if power != 0.0 and relative is None:
             parts.append(Component(label, math.nan, how="not stated"))
         elif power != 0.0 and relative is not None:
-            parts.append(Component(label, power * relative * abs(value), how=f"{power * relative:g} of the value"))
-    resolution = Component("resolution", instrument.resolution / math.sqrt(12.0), how="one count, rectangular")
+            parts.append(
+                Component(
+                    label, power * relative * abs(value), how=f"{power * relative:g} of the value"
+                )
+            )
+    resolution = Component(
+        "resolution", instrument.resolution / math.sqrt(12.0), how="one count, rectangular"
+    )
     return Measured(name, value, (*parts, *others, resolution))
 
 
@@ -117,11 +136,15 @@ def measured_from_profiles(
     values = np.array([one.value for one in found])
     within = np.array([one.std**2 for one in found])
     if len(values) == 0 or not (np.isfinite(values).all() and np.isfinite(within).all()):
-        raise MetrologyError(f"{name} must come from at least one profile with a finite value, got {len(values)}")
+        raise MetrologyError(
+            f"{name} must come from at least one profile with a finite value, got {len(values)}"
+        )
     mean = float(values.mean())
     if len(values) == 1:
         parts = [
-            Component("noise", math.sqrt(within[0]), found[0].dof, "autocovariance of the residuals"),
+            Component(
+                "noise", math.sqrt(within[0]), found[0].dof, "autocovariance of the residuals"
+            ),
             Component("repeatability", math.nan, how="one profile: not observed"),
         ]
     else:
@@ -131,23 +154,37 @@ def measured_from_profiles(
 
 def _scatter(deviations: Array, noise: float) -> list[Component]:
     """Split the variance of a mean over profiles into their noise, itself a variance, and repeatability."""
-    # Neighbouring profiles may err together, so of the scatter only its slow part counts: the lowest cosines over the map, whose
-    # squares average the variance of the mean with as many degrees of freedom; exact for independent profiles, and little too small
-    # for correlated ones (Lazarus, Lewis, Stock and Watson 2018, doi:10.1080/07350015.2018.1506926). Repeatability is what that has
-    # beyond the noise; as a difference of two variances it has few degrees of freedom.
+    # Neighbouring profiles may err together, so of the scatter only its slow part counts: the
+    # lowest cosines over the map, whose squares average the variance of the mean with as many
+    # degrees of freedom; exact for independent profiles, and little too small for correlated ones
+    # (Lazarus, Lewis, Stock and Watson 2018, doi:10.1080/07350015.2018.1506926). Repeatability is
+    # what that has beyond the noise; as a difference of two variances it has few degrees of
+    # freedom.
     from scipy.fft import dct
 
     count = len(deviations)
     cosines = min(max(_LEAST_COSINES, round(0.4 * count ** (2.0 / 3.0))), count - 1)
-    variance, dof = float(np.mean(dct(deviations, norm="ortho")[1 : cosines + 1] ** 2)) / count, float(cosines)
-    how = f"slow part of the scatter of {count} profiles" if cosines < count - 1 else f"scatter of {count} profiles"
+    variance, dof = (
+        float(np.mean(dct(deviations, norm="ortho")[1 : cosines + 1] ** 2)) / count,
+        float(cosines),
+    )
+    how = (
+        f"slow part of the scatter of {count} profiles"
+        if cosines < count - 1
+        else f"scatter of {count} profiles"
+    )
     beyond = variance - noise
     if beyond <= 0.0:
         none = Component("repeatability", 0.0, how="none beyond noise")
         return [Component("noise", math.sqrt(variance), dof, how), none]
     return [
         Component("noise", math.sqrt(noise), how="autocovariance of the residuals"),
-        Component("repeatability", math.sqrt(beyond), dof * (beyond / variance) ** 2, f"{how}, beyond their noise"),
+        Component(
+            "repeatability",
+            math.sqrt(beyond),
+            dof * (beyond / variance) ** 2,
+            f"{how}, beyond their noise",
+        ),
     ]
 
 
@@ -178,12 +215,18 @@ class Decision:
 
 
 def decide(
-    value: float, std: float, lower: float = -math.inf, upper: float = math.inf, dof: float = math.inf
+    value: float,
+    std: float,
+    lower: float = -math.inf,
+    upper: float = math.inf,
+    dof: float = math.inf,
 ) -> Decision:
     """Judge one measured value; with few degrees of freedom the guard band is Student's 95 % point instead of `GUARD_FACTOR`."""
     # Proof of conformity is impossible where the tolerance is narrower than two guard bands.
     if not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
-        raise MetrologyError(f"value and std must be finite and std not negative, got {value:g} and {std:g}")
+        raise MetrologyError(
+            f"value and std must be finite and std not negative, got {value:g} and {std:g}"
+        )
     if not lower <= upper:
         raise MetrologyError(f"limits must be in order, got {lower:g} to {upper:g}")
     from scipy.special import stdtr

@@ -1,7 +1,8 @@
 """A single edge in a profile: height of the step by two planes, radius of the edge by its arc.
 
-A single edge is not type A1 of ISO 5436-1. By the convention here one common slope and two offsets are fitted to the faces
-beyond the exclusion; the height is the difference of the offsets. The radius comes from the points inside the exclusion.
+A single edge is not type A1 of ISO 5436-1. By the convention here one common slope and two offsets
+are fitted to the faces beyond the exclusion; the height is the difference of the offsets. The
+radius comes from the points inside the exclusion.
 """
 
 from dataclasses import dataclass
@@ -22,8 +23,10 @@ from stepblocks.inspect.noise import (
     estimator_covariance,
 )
 
-_SUSPECT = 4.0  # mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
-# factor by which that falls when the spike is left out [1]; form of the edge is in all points and falls by less
+# mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
+_SUSPECT = 4.0
+# factor by which that falls when the spike is left out [1]; form of the edge is in all points and
+# falls by less
 _BY_FAR = 2.5
 _LEAST_EXCLUSION = 16.0  # sampling intervals kept out of the faces where the edge is sharp [1]
 _MOST_DROPPED = 0.2  # part of the points of a face, or at an edge, that may be spikes [1]
@@ -35,8 +38,10 @@ class Edge:
     """What one profile across one edge says."""
 
     height: Estimate  # of the step by the two-plane convention [m]
-    radius: Estimate  # of the rounded edge [m]; of a sharp one a part of the sampling interval, as is its uncertainty
-    radius_limit: float  # upper limit of the radius at 95 % [m]: what a sharp edge of this sampling may still have
+    # of the rounded edge [m]; of a sharp one a part of the sampling interval, as is its uncertainty
+    radius: Estimate
+    # upper limit of the radius at 95 % [m]: what a sharp edge of this sampling may still have
+    radius_limit: float
     position: float  # of the riser along the profile [m]
     tilt: float  # common slope of the faces [1]
     exclusion: float  # half width that was kept out of the faces [m]
@@ -48,7 +53,8 @@ class Edge:
 
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
     """Height of a step and radius of its edge from one profile across it [m], nan where nothing was measured."""
-    # `exclusion` is the half width that is kept out of the faces [m]; half as much again as the edge is rounded by default.
+    # `exclusion` is the half width that is kept out of the faces [m]; half as much again as the
+    # edge is rounded by default.
     own, rising, x, z, middle = _largest(position, height)
     spacing = (x[-1] - x[0]) / (len(x) - 1)
     half_width = exclusion
@@ -64,15 +70,21 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     known = np.isfinite(z)
     near, spikes = known & (np.abs(x - middle) < half_width), np.zeros_like(known)
     # over the whole profile, so that the points at the ends of the window have their neighbours too
-    spikes[known] = _beyond_neighbours(z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER))
+    spikes[known] = _beyond_neighbours(
+        z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER)
+    )
     spikes &= near
     levelled = z - planes.offset - planes.tilt * x
     arc, flank, on_arc = _arc_or_flank(x, levelled, spacing, faces, np.flatnonzero(near & ~spikes))
     if (share := float(spikes.sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
         got = f"{share:.0%} of those within {half_width * 1e6:.3g} um of it"
-        raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got {got}")
+        raise MetrologyError(
+            f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got {got}"
+        )
     if (lost := planes.fit.rejected / int(faces.asked.sum())) > _MOST_DROPPED:
-        raise MetrologyError(f"at most {_MOST_DROPPED:.0%} of the points of the faces may be spikes, got {lost:.0%}")
+        raise MetrologyError(
+            f"at most {_MOST_DROPPED:.0%} of the points of the faces may be spikes, got {lost:.0%}"
+        )
     off = faces.asked & ~planes.fit.used | spikes
     dropped = np.zeros(len(position), dtype=bool)
     dropped[np.flatnonzero(own)] = off if rising else off[::-1]
@@ -82,7 +94,9 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         corner, limit = (flank.radius, flank.radius_std), flank.radius + 1.645 * flank.radius_std
     return Edge(
         height=step,
-        radius=Estimate(*corner, step.dof),  # the noise that it is whitened with is as well known as that of the height
+        radius=Estimate(
+            *corner, step.dof
+        ),  # the noise that it is whitened with is as well known as that of the height
         radius_limit=limit,
         position=sign * arc.riser,
         tilt=sign * planes.tilt,
@@ -117,7 +131,8 @@ def _largest(x: Array, height: Array) -> tuple[Mask, bool, Array, Array, float]:
 class _Faces:
     planes: TwoPlanes
     gamma: Array  # autocovariance of their noise [m^2]
-    errors: Array  # shape (3, 3); rows whose products add up to the covariance of tilt, offset and height
+    # shape (3, 3); rows whose products add up to the covariance of tilt, offset and height
+    errors: Array
     asked: Mask  # shape (n,); points beside the exclusion
     middle: float  # m
 
@@ -131,13 +146,21 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     finite = np.isfinite(z)
     for name, side in (("left", lower), ("right", upper)):
         if (count := int((side & finite).sum())) < LEAST_FACE:
-            rule = f"must keep {LEAST_FACE} points outside the exclusion of {exclusion * 1e6:.4g} um"
+            rule = (
+                f"must keep {LEAST_FACE} points outside the exclusion of {exclusion * 1e6:.4g} um"
+            )
             raise MetrologyError(f"face {name} of the edge {rule}, got {count}")
     asked = (lower | upper) & finite
     planes = fit_two_planes(x, z, middle, asked)
     kept = np.where(planes.fit.used, planes.fit.residuals, np.nan)
     gamma = autocovariance([kept[lower], kept[upper]])
-    return _Faces(planes, gamma, covariance_root(estimator_covariance(planes.fit.weights, gamma)), asked, middle)
+    return _Faces(
+        planes,
+        gamma,
+        covariance_root(estimator_covariance(planes.fit.weights, gamma)),
+        asked,
+        middle,
+    )
 
 
 def _flank_of(x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc) -> Flank | None:
@@ -147,7 +170,9 @@ def _flank_of(x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc
     if flank is None:
         return None
     # of a quarter of a circle the surface is this steep at half the height
-    upright = float(np.arccos(np.clip(1.0 - 0.5 * height / max(arc.radius, 0.5 * height), 0.0, 1.0)))
+    upright = float(
+        np.arccos(np.clip(1.0 - 0.5 * height / max(arc.radius, 0.5 * height), 0.0, 1.0))
+    )
     gentler = upright - flank.angle > 3.0 * flank.angle_std + np.radians(5.0)
     return flank if arc.excess > _SUSPECT and gentler else None
 
@@ -178,7 +203,9 @@ def _arc_or_flank(
     flank = _flank_of(x[kept], levelled[kept], spacing, faces, arc)
     while flank is None and arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
         trials = [np.delete(kept, index) for index in arc.suspects]
-        best, points = min(((fitted(points), points) for points in trials), key=lambda trial: trial[0].misfit)
+        best, points = min(
+            ((fitted(points), points) for points in trials), key=lambda trial: trial[0].misfit
+        )
         if best.excess > arc.excess / _BY_FAR:
             break
         arc, kept, dropped = best, points, dropped + 1

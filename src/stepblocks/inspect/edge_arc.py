@@ -1,8 +1,9 @@
 """Radius of a rounded edge from the few points that lie on its arc.
 
-The radius is not a least-squares optimum but the posterior of a grid: an edge sharper than the sampling has no
-optimum worth a name, yet a clear upper limit. Residuals are taken across the surface, since noise is along z divided by the cosine
-of its slope, bounded lest the foot of the arc outweigh its crown, and whitened by the roughness of the faces.
+The radius is not a least-squares optimum but the posterior of a grid: an edge sharper than the
+sampling has no optimum worth a name, yet a clear upper limit. Residuals are taken across the
+surface, since noise is along z divided by the cosine of its slope, bounded lest the foot of the arc
+outweigh its crown, and whitened by the roughness of the faces.
 """
 
 from dataclasses import dataclass
@@ -13,11 +14,14 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import LEAST_SCATTER, Array, estimator_covariance, padded
 
-_MOST_POINTS = 800  # of the window that are whitened together; more are thinned, since the cost grows with their square
+# of the window that are whitened together; more are thinned, since the cost grows with their square
+_MOST_POINTS = 800
 _LOSS = 3.0  # whitened residual beyond which a point is form or spike rather than noise [1]
-# E[psi'] / E[psi^2] of this loss under a normal law [1]: with it the posterior is as wide as the estimate scatters
+# E[psi'] / E[psi^2] of this loss under a normal law [1]: with it the posterior is as wide as the
+# estimate scatters
 _TEMPER = 1.2523383
-# least cosine of the slope by which a residual is divided [1]: steeper than 78 degrees the lateral error decides
+# least cosine of the slope by which a residual is divided [1]: steeper than 78 degrees the lateral
+# error decides
 _LEAST_COSINE = 0.2
 _UNRESOLVED = 3.0  # sampling intervals below which a radius is not resolved [1]
 _BETWEEN = 25  # positions of the riser that are tried in a sampling interval about half the height
@@ -35,12 +39,17 @@ class Arc:
     """Radius of an edge."""
 
     radius: float  # mean of the posterior [m]
-    radius_std: float  # its standard deviation [m], of an unresolved one together with a rectangle of one interval
+    # its standard deviation [m], of an unresolved one together with a rectangle of one interval
+    radius_std: float
     radius_limit: float  # upper limit at 95 % [m]
     riser: float  # position of the riser at the most probable radius [m]
-    excess: float  # mean square of the whitened residuals on the arc [1]; about one or less where the edge is a circle
+    # mean square of the whitened residuals on the arc [1]; about one or less where the edge is a
+    # circle
+    excess: float
     misfit: float  # half sum of the robust squares of all whitened residuals [1]
-    suspects: tuple[int, ...]  # points with the largest residuals, and the first on the arc: a spike is among them
+    suspects: tuple[
+        int, ...
+    ]  # points with the largest residuals, and the first on the arc: a spike is among them
 
 
 def edge_profile(position: Array, riser: float, height: float, radius: float) -> Array:
@@ -54,23 +63,39 @@ class Window:
     """Levelled points at an edge, and the misfit of the ideal edge to them."""
 
     def __init__(
-        self, position: Array, levelled: Array, height: float, spacing: float, gamma: Array, shared: Array
+        self,
+        position: Array,
+        levelled: Array,
+        height: float,
+        spacing: float,
+        gamma: Array,
+        shared: Array,
     ) -> None:
         """Take positions and heights over the lower face [m], of shape (n,), the step and the sampling interval [m]."""
-        # `gamma` is the autocovariance of the noise by lag [m^2]; rows of `shared`, shape (m, n), have products that add up to the
-        # covariance of the levels [m^2].
+        # `gamma` is the autocovariance of the noise by lag [m^2]; rows of `shared`, shape (m, n),
+        # have products that add up to the covariance of the levels [m^2].
         if len(position) < 8:
-            raise MetrologyError(f"window at the edge must hold at least 8 points, got {len(position)}")
+            raise MetrologyError(
+                f"window at the edge must hold at least 8 points, got {len(position)}"
+            )
         thin = -(-len(position) // _MOST_POINTS)
-        self.x, self.z, self.height, self.spacing = position[::thin], levelled[::thin], height, spacing
+        self.x, self.z, self.height, self.spacing = (
+            position[::thin],
+            levelled[::thin],
+            height,
+            spacing,
+        )
         lags = np.rint((self.x - self.x[0]) / spacing).astype(int)
         column = padded(gamma, int(lags[-1]) + 1)
         column[0] = column[0] + 1e-3 * max(gamma[0], (1e-6 * height) ** 2)
         full = toeplitz(column)[np.ix_(lags, lags)] + shared[:, ::thin].T @ shared[:, ::thin]
         self.whitening = solve_triangular(cholesky(full, lower=True), np.eye(len(full)), lower=True)
-        # last point below half the height and first above, where the fewest points lie on the wrong side: spikes may
+        # last point below half the height and first above, where the fewest points lie on the wrong
+        # side: spikes may
         upper = self.z > 0.5 * height
-        wrong = np.concatenate([[0], np.cumsum(upper)]) + np.concatenate([np.cumsum(~upper[::-1])[::-1], [0]])
+        wrong = np.concatenate([[0], np.cumsum(upper)]) + np.concatenate(
+            [np.cumsum(~upper[::-1])[::-1], [0]]
+        )
         first = min(max(int(np.argmin(wrong)), 1), len(upper) - 1)
         self.crossing = float(self.x[first - 1]), float(self.x[first])
 
@@ -78,7 +103,9 @@ class Window:
         """Residuals from the ideal surface [m], one row per position of the riser and its radius."""
         radius = radii[:, np.newaxis]
         from_riser = self.x - risers[:, np.newaxis]
-        short = np.minimum(np.maximum(radius - from_riser, 0.0), radius) ** 2  # of the end of the arc, squared
+        short = (
+            np.minimum(np.maximum(radius - from_riser, 0.0), radius) ** 2
+        )  # of the end of the arc, squared
         root, above = np.sqrt(radius * radius - short), self.z - self.height + radius
         vertical = np.where(from_riser < 0.0, self.z, np.minimum(above - root, self.z))
         # on the arc the distance is radial, which stays finite where the slope does not
@@ -100,7 +127,9 @@ class Window:
 
     def grid(self, risers: Array, radii: Array) -> Array:
         """Costs of every radius, in rows, with every riser."""
-        return self.costs(np.tile(risers, len(radii)), np.repeat(radii, len(risers))).reshape(len(radii), -1)
+        return self.costs(np.tile(risers, len(radii)), np.repeat(radii, len(risers))).reshape(
+            len(radii), -1
+        )
 
 
 def arc_radius(window: Window) -> Arc:
@@ -116,27 +145,34 @@ def arc_radius(window: Window) -> Arc:
     riser, radius = float(risers[at[1]]), float(radii[at[0]])
     across = window.across(np.array([riser]), np.array([radius]))[0]
     white = window.whitening @ across
-    zone = (window.x > riser - 2.0 * window.spacing) & (window.x < riser + max(radius, 4.0 * window.spacing))
-    # where the edge is no circle, the posterior of a circle is too narrow: widen it by the excess of its residuals
+    zone = (window.x > riser - 2.0 * window.spacing) & (
+        window.x < riser + max(radius, 4.0 * window.spacing)
+    )
+    # where the edge is no circle, the posterior of a circle is too narrow: widen it by the excess
+    # of its residuals
     excess = max(1.0, float(np.mean(white[zone] ** 2))) if zone.any() else 1.0
     weight = np.exp((costs.min() - costs) / excess).sum(axis=1)
     weight /= weight.sum()
     mean, std = _moments(radii, weight)
     limit = float(np.interp(0.95, np.cumsum(weight) - 0.5 * weight, radii))
     if mean < _UNRESOLVED * window.spacing:
-        # between two samples nothing is known: a rectangle of one interval, as on any length along x
+        # between two samples nothing is known: a rectangle of one interval, as on any length along
+        # x
         std = float(np.hypot(std, window.spacing / np.sqrt(12.0)))
         limit = max(limit, mean + _NORMAL_95 * std)
     first = int(np.searchsorted(window.x, riser))
     # a spike low on the arc draws the circle to itself and leaves its residual to others
     leading = range(max(first - 1, 0), min(first + _SUSPECTS, len(across)))
-    suspects = tuple(sorted({*leading, *(int(index) for index in np.argsort(-np.abs(across))[:_SUSPECTS])}))
+    suspects = tuple(
+        sorted({*leading, *(int(index) for index in np.argsort(-np.abs(across))[:_SUSPECTS])})
+    )
     return Arc(mean, std, limit, riser, excess, float(costs.min()), suspects)
 
 
 def _unresolved(window: Window) -> tuple[Array, Array, Array]:
     """Costs over all that an edge too sharp for the sampling may be."""
-    # Many places are as likely there, so nothing is sought: a search would end in one or another of them by the last bits.
+    # Many places are as likely there, so nothing is sought: a search would end in one or another of
+    # them by the last bits.
     spacing = window.spacing
     radii = np.linspace(0.0, 2.0 * _UNRESOLVED * spacing, 49)
     # of an arc higher than half the step the riser lies before the half height
@@ -155,12 +191,16 @@ def _coarsely(window: Window) -> list[tuple[float, float, float]]:
     radii = np.geomspace(0.2 * spacing, 0.5 * float(window.x[-1] - window.x[0]), 48)
     # the riser lies left of the half-height crossing, at most by the width of the arc below it
     reach = radii + 2.0 * spacing
-    spread = np.linspace(start - reach, start + spacing, max(12, min(60, int(reach[-1] / spacing))), axis=1)
+    spread = np.linspace(
+        start - reach, start + spacing, max(12, min(60, int(reach[-1] / spacing))), axis=1
+    )
     risers = np.hstack([spread, np.tile(between, (len(radii), 1))])
     costs = window.costs(risers.ravel(), np.repeat(radii, risers.shape[1])).reshape(risers.shape)
     best = np.argmin(costs, axis=1)
     rows = np.arange(len(radii))
-    return list(zip(costs[rows, best].tolist(), radii.tolist(), risers[rows, best].tolist(), strict=True))
+    return list(
+        zip(costs[rows, best].tolist(), radii.tolist(), risers[rows, best].tolist(), strict=True)
+    )
 
 
 def _followed(window: Window, found: list[tuple[float, float, float]]) -> tuple[float, float]:
@@ -178,8 +218,15 @@ def _followed(window: Window, found: list[tuple[float, float, float]]) -> tuple[
     each = zip([ends, *found], found, [*found[1:], ends], strict=False)
     valleys = {one for before, one, behind in each if one < min(before, behind)}
     for _, radius, riser in sorted(valleys.intersection(sorted(found)[:_STARTS])):
-        simplex = np.array([[radius, riser], [radius + spacing, riser], [radius, riser + 0.3 * spacing]])
-        options = {"initial_simplex": simplex / spacing, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 200}
+        simplex = np.array(
+            [[radius, riser], [radius + spacing, riser], [radius, riser + 0.3 * spacing]]
+        )
+        options = {
+            "initial_simplex": simplex / spacing,
+            "xatol": 1e-3,
+            "fatol": 1e-3,
+            "maxfev": 200,
+        }
         ended = minimize(cost, simplex[0] / spacing, method="Nelder-Mead", options=options)
         if ended.fun < best[0]:
             best = (float(ended.fun), float(ended.x[0]) * spacing, float(ended.x[1]) * spacing)
@@ -188,7 +235,10 @@ def _followed(window: Window, found: list[tuple[float, float, float]]) -> tuple[
 
 def _refined(window: Window, radius: float, riser: float) -> tuple[Array, Array, Array]:
     """Costs on a grid that is narrowed until it resolves the posterior and still holds all of it."""
-    half_r, half_x = max(0.3 * radius, 3.0 * window.spacing), max(0.3 * radius, 2.0 * window.spacing)
+    half_r, half_x = (
+        max(0.3 * radius, 3.0 * window.spacing),
+        max(0.3 * radius, 2.0 * window.spacing),
+    )
     for _ in range(6):
         radii = np.linspace(max(radius - half_r, 0.0), radius + half_r, 33)
         risers = np.linspace(riser - half_x, riser + half_x, 33)
@@ -196,8 +246,14 @@ def _refined(window: Window, radius: float, riser: float) -> tuple[Array, Array,
         at = np.unravel_index(int(np.argmin(costs)), costs.shape)
         radius, riser = float(radii[at[0]]), float(risers[at[1]])
         weight = np.exp(costs.min() - costs)
-        std_r, std_x = _moments(radii, weight.sum(axis=1))[1], _moments(risers, weight.sum(axis=0))[1]
-        if half_r <= 8.0 * std_r + window.spacing * 0.02 and half_x <= 10.0 * std_x + window.spacing * 0.02:
+        std_r, std_x = (
+            _moments(radii, weight.sum(axis=1))[1],
+            _moments(risers, weight.sum(axis=0))[1],
+        )
+        if (
+            half_r <= 8.0 * std_r + window.spacing * 0.02
+            and half_x <= 10.0 * std_x + window.spacing * 0.02
+        ):
             break
         half_r = min(half_r, max(6.0 * std_r, 3.0 * float(radii[1] - radii[0])))
         half_x = min(half_x, max(6.0 * std_x, 3.0 * float(risers[1] - risers[0])))
@@ -220,9 +276,12 @@ class Flank:
     radius_std: float  # m
 
 
-def sloped_flank(position: Array, levelled: Array, height: float, spacing: float, gamma: Array) -> Flank | None:
+def sloped_flank(
+    position: Array, levelled: Array, height: float, spacing: float, gamma: Array
+) -> Flank | None:
     """Fit flank and corner to the upper three quarters of an edge; None where fewer than six points lie on its flank."""
-    # The arguments are those of `Window`. Errors of flank and radius go together through the autocovariance of the faces.
+    # The arguments are those of `Window`. Errors of flank and radius go together through the
+    # autocovariance of the faces.
     inside = (levelled > 0.25 * height) & (levelled < 0.75 * height)
     if inside.sum() < _LEAST_ON_FLANK:
         return None
@@ -235,7 +294,9 @@ def sloped_flank(position: Array, levelled: Array, height: float, spacing: float
         place, angle, radius = state[0] * spacing, state[1], abs(state[2]) * spacing
         u, reach = position[used] - place, radius * np.tan(0.5 * angle)
         arc = height - radius + np.sqrt(np.maximum(radius**2 - (u - reach) ** 2, 0.0))
-        return np.where(u < -reach * np.cos(angle), height + u * np.tan(angle), np.where(u < reach, arc, height))
+        return np.where(
+            u < -reach * np.cos(angle), height + u * np.tan(angle), np.where(u < reach, arc, height)
+        )
 
     variance = max(float(gamma[0]), (1e-4 * height) ** 2)
     start = [(height - offset) / slope / spacing, float(np.arctan(slope)), 0.3 * height / spacing]
@@ -244,13 +305,20 @@ def sloped_flank(position: Array, levelled: Array, height: float, spacing: float
     found = least_squares(
         lambda state: (shape(state) - levelled[used]) / np.sqrt(variance),
         start,
-        bounds=([-np.inf, _LEAST_ANGLE, 0.0], [np.inf, 0.5 * np.pi - 0.01, 20.0 * height / spacing]),
+        bounds=(
+            [-np.inf, _LEAST_ANGLE, 0.0],
+            [np.inf, 0.5 * np.pi - 0.01, 20.0 * height / spacing],
+        ),
         loss="soft_l1",
         x_scale="jac",
     )
     gain = np.linalg.pinv(found.jac * np.sqrt(variance))
     # what the model leaves counts as noise where it is more than that of the faces
-    excess = max(1.0, float(np.mean(found.fun**2)) * variance / float(gamma[0])) if gamma[0] > 0.0 else 1.0
+    excess = (
+        max(1.0, float(np.mean(found.fun**2)) * variance / float(gamma[0]))
+        if gamma[0] > 0.0
+        else 1.0
+    )
     stds = np.sqrt(excess * np.diag(estimator_covariance(gain, gamma)).clip(min=0.0))
     # nothing is known of a corner between two samples
     radius_std = float(np.hypot(stds[2] * spacing, spacing / np.sqrt(12.0)))

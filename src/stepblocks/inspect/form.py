@@ -1,7 +1,8 @@
 """Flatness of a face and parallelism to a datum, by minimum zone (ISO 1101): of points, and of the form apart from the noise.
 
-The zone that holds all measured points grows with noise and with their number, and says little of a face. Stated is that
-of the form, a polynomial of total degree three or less over what was scanned; what noise adds to it is drawn and taken off.
+The zone that holds all measured points grows with noise and with their number, and says little of a
+face. Stated is that of the form, a polynomial of total degree three or less over what was scanned;
+what noise adds to it is drawn and taken off.
 """
 
 from collections.abc import Callable
@@ -13,10 +14,12 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.levelling import fit_without_spikes
 from stepblocks.inspect.noise import Array, Estimate, Mask, estimated
 
-_MOST_DEGREE = 3  # largest total degree of the form [1]; lower along a side with fewer than four points per degree
+# largest total degree of the form [1]; lower along a side with fewer than four points per degree
+_MOST_DEGREE = 3
 _DRAWS = 40
 _SCALES = (1.0, np.sqrt(3.0))
-# ratio of the two growths from which it is told from the root of two [1]; forty draws scatter it by a third
+# ratio of the two growths from which it is told from the root of two [1]; forty draws scatter it by
+# a third
 _SEVERAL = 2.0
 _GRID = 9  # points along either side at which the form is judged
 
@@ -35,8 +38,13 @@ def _known(points: Array) -> Array:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     cloud = points[np.isfinite(points).all(axis=1)]
-    if len(cloud) < 4 or np.linalg.matrix_rank(cloud[:, :2] - cloud[:, :2].mean(axis=0), tol=1e-12) < 2:
-        raise MetrologyError(f"points must span a face: at least 4 that are not on one line, got {len(cloud)}")
+    if (
+        len(cloud) < 4
+        or np.linalg.matrix_rank(cloud[:, :2] - cloud[:, :2].mean(axis=0), tol=1e-12) < 2
+    ):
+        raise MetrologyError(
+            f"points must span a face: at least 4 that are not on one line, got {len(cloud)}"
+        )
     return cloud
 
 
@@ -96,18 +104,33 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     used = face & np.isfinite(height)
     rows, columns = np.flatnonzero(used.any(axis=1)), np.flatnonzero(used.any(axis=0))
     if used.sum() < 20 or len(rows) < 2 or len(columns) < 2:
-        raise MetrologyError(f"face must have at least 20 points on two rows and columns, got {int(used.sum())}")
+        raise MetrologyError(
+            f"face must have at least 20 points on two rows and columns, got {int(used.sum())}"
+        )
     mx, my = np.meshgrid(x, y)
     points = np.stack([mx[used], my[used], height[used]], axis=1)
     sides = (x[columns[0]], x[columns[-1]]), (y[rows[0]], y[rows[-1]])
-    middles, halves = [0.5 * (begin + end) for begin, end in sides], [0.5 * (end - begin) for begin, end in sides]
+    middles, halves = (
+        [0.5 * (begin + end) for begin, end in sides],
+        [0.5 * (end - begin) for begin, end in sides],
+    )
     degrees = [min(_MOST_DEGREE, max(len(index) // 4, 1)) for index in (columns, rows)]
-    powers = [(i, j) for i in range(degrees[0] + 1) for j in range(degrees[1] + 1) if i + j <= max(degrees)]
-    design = _terms((x[np.newaxis, :] - middles[0]) / halves[0], (y[:, np.newaxis] - middles[1]) / halves[1], powers)
+    powers = [
+        (i, j)
+        for i in range(degrees[0] + 1)
+        for j in range(degrees[1] + 1)
+        if i + j <= max(degrees)
+    ]
+    design = _terms(
+        (x[np.newaxis, :] - middles[0]) / halves[0],
+        (y[:, np.newaxis] - middles[1]) / halves[1],
+        powers,
+    )
     fit = fit_without_spikes(design.reshape(len(design), -1), height.ravel(), used.ravel())
     kept, residuals = fit.used.reshape(height.shape), fit.residuals.reshape(height.shape)
     count = float(kept.sum())
-    # for terms that vary little over the correlation length, the covariance is that of white noise times one factor
+    # for terms that vary little over the correlation length, the covariance is that of white noise
+    # times one factor
     mean = estimated(0.0, kept / count, residuals, kept, design)
     # not by eigenvectors, whose signs hang on the last bit: the draws would
     root = np.linalg.cholesky(fit.weights @ fit.weights.T).T * (mean.std * np.sqrt(count))
@@ -125,14 +148,18 @@ def _terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
 
 def zone_of(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     """Return the zone of the form of faces: what noise adds to it is taken off, and counts, as a rectangle, beside the scatter."""
-    # The fit holds the noise once, draws at the two scales hold it as its root of two and twice. Where one term sets the zone, the
-    # zone grows with the standard deviation of the noise and the second growth is the first times the root of two; where several
-    # do, it grows with a higher power, and the power follows from the two. Either way it is followed back to no noise.
+    # The fit holds the noise once, draws at the two scales hold it as its root of two and twice.
+    # Where one term sets the zone, the zone grows with the standard deviation of the noise and the
+    # second growth is the first times the root of two; where several do, it grows with a higher
+    # power, and the power follows from the two. Either way it is followed back to no noise.
     random = np.random.default_rng(1101)
     draws = list(zip(*(face.draws(random) for face in faces), strict=True))
 
     def drawn(scale: float) -> Array:
-        shapes = ([face.shape(scale * one) for face, one in zip(faces, draw, strict=True)] for draw in draws)
+        shapes = (
+            [face.shape(scale * one) for face, one in zip(faces, draw, strict=True)]
+            for draw in draws
+        )
         return np.array([width(*points) for points in shapes])
 
     once, twice = (drawn(scale) for scale in _SCALES)

@@ -8,30 +8,61 @@ import numpy as np
 
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
-from stepblocks.inspect.levelling import Feature, Found, Levels, find_edges, measured_features, other_heights
+from stepblocks.inspect.budget import (
+    Component,
+    Instrument,
+    Measured,
+    measured_from_profiles,
+    with_budget,
+)
+from stepblocks.inspect.levelling import (
+    Feature,
+    Found,
+    Levels,
+    find_edges,
+    measured_features,
+    other_heights,
+)
 from stepblocks.inspect.map_levels import fit_grating, masked_step
-from stepblocks.inspect.measure import AS_FOUND, How, Inspected, Shown, ShownMap, Window, agreed, sampled, tried
+from stepblocks.inspect.measure import (
+    AS_FOUND,
+    How,
+    Inspected,
+    Shown,
+    ShownMap,
+    Window,
+    agreed,
+    sampled,
+    tried,
+)
 from stepblocks.inspect.noise import Array
 from stepblocks.inspect.type_a1 import TypeA1, evaluate_a1
 
 _FITS = 2.0  # scatter about type A1 over that about a polynomial, up to which type A1 is taken [1]
-_TRIED = 8  # profiles of a map that are evaluated first: of half that agree, two of them do but once in thirty
+# profiles of a map that are evaluated first: of half that agree, two of them do but once in thirty
+_TRIED = 8
 _LEVEL = 0.1  # of a step that its faces may be off, and of a face over which they may be [1]
-_TAKEN_BACK = 0.5  # of steps in one direction, by the slope between them, from which they may be a sawtooth [1]
+# of steps in one direction, by the slope between them, from which they may be a sawtooth [1]
+_TAKEN_BACK = 0.5
 _DEGREE_NAMES = {1: "line", 2: "parabola", 3: "cubic"}
 
 
 def measure_groove(
-    scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND, key: str = "groove_depth"
+    scan: Profile | HeightMap,
+    instrument: Instrument,
+    how: How = AS_FOUND,
+    key: str = "groove_depth",
 ) -> Inspected:
     """Depth of all grooves or ridges of a scan: by type A1 or A2 where their windows fit, else on a masked polynomial."""
-    # A map whose rows do not agree on what they cross is evaluated across its columns, then by two levels, then as a grating.
+    # A map whose rows do not agree on what they cross is evaluated across its columns, then by two
+    # levels, then as a grating.
     ways: list[Callable[[], Inspected]] = [lambda: _by_rows(scan, instrument, how, key)]
     if isinstance(scan, HeightMap) and how.along != "x":
         turned = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)
         ways.append(lambda: _by_rows(turned, instrument, how, key))
-        ways = ways[1:] if how.along == "y" else [*ways, lambda: _masked(scan, instrument, how, key)]
+        ways = (
+            ways[1:] if how.along == "y" else [*ways, lambda: _masked(scan, instrument, how, key)]
+        )
     refused = []
     ways.append(lambda: _grating(scan, instrument, how, key))
     # a part, a level or an edge is followed profile by profile alone
@@ -79,15 +110,25 @@ def _row(row: Profile, edges: list[Found], how: How) -> _Row:
     """Evaluate all features of a profile, each by what its windows allow; and again with other windows, for the form."""
     x, z = row.position, row.height
     levels = measured_features(x, z, edges, how.degree, how.exclusion)
-    chosen = [index for index in range(len(levels.features)) if how.edges is None or index + 1 in how.edges]
+    chosen = [
+        index
+        for index in range(len(levels.features))
+        if how.edges is None or index + 1 in how.edges
+    ]
     if not chosen:
-        raise MetrologyError(f"edges must name features of the {len(levels.features)} found, got {how.edges}")
+        raise MetrologyError(
+            f"edges must name features of the {len(levels.features)} found, got {how.edges}"
+        )
     others, seen = _otherwise(x, z, levels, how), []
     for index in chosen:
         feature, windows = levels.features[index], list[Window]()
         height, name = feature.height, f"masked {_DEGREE_NAMES[levels.degree]}"
         change = tuple(float(one[index]) - height.value for one in others)
-        best = None if how.degree is not None or how.exclusion is not None else _by_windows(x, z, levels, feature)
+        best = (
+            None
+            if how.degree is not None or how.exclusion is not None
+            else _by_windows(x, z, levels, feature)
+        )
         if best is None:
             _check_level(z, levels, height.value)
         else:
@@ -95,7 +136,9 @@ def _row(row: Profile, edges: list[Found], how: How) -> _Row:
             windows = [(*span, one) for span, one in zip(best.windows, "ACB", strict=True)]
             change = (np.sqrt(3.0) * (best.depth.value - best.near),)
         seen.append(_Seen(replace(feature, height=height), change, name, tuple(windows)))
-    return _Row(tuple(seen), levels.level, levels.rejected, int(levels.used.sum()) + levels.rejected)
+    return _Row(
+        tuple(seen), levels.level, levels.rejected, int(levels.used.sum()) + levels.rejected
+    )
 
 
 def _check_level(z: Array, levels: Levels, height: float) -> None:
@@ -103,10 +146,21 @@ def _check_level(z: Array, levels: Levels, height: float) -> None:
     rest = float(np.sqrt(np.mean((z - levels.level)[levels.used] ** 2)))
     face = float(levels.used.sum()) / (len(levels.edges) + 1)
     if rest > _LEVEL * abs(height) and levels.together > _LEVEL * face:
-        got = f"{rest * 1e9:.3g} nm that wander together over {levels.together / face:.0%} of a face"
-        raise MetrologyError(f"faces beside a step of {abs(height) * 1e9:.4g} nm must be level, got residuals of {got}")
+        got = (
+            f"{rest * 1e9:.3g} nm that wander together over {levels.together / face:.0%} of a face"
+        )
+        raise MetrologyError(
+            f"faces beside a step of {abs(height) * 1e9:.4g} nm must be level, got "
+            "residuals "
+            "of "
+            f"{got}"
+        )
     single = np.array([one.height.value for one in levels.features if not np.isfinite(one.end)])
-    back = 1.0 - float(levels.level[-1] - levels.level[0]) / float(single.sum()) if len(single) > 1 else 0.0
+    back = (
+        1.0 - float(levels.level[-1] - levels.level[0]) / float(single.sum())
+        if len(single) > 1
+        else 0.0
+    )
     if abs(back - 1.0) < _TAKEN_BACK and abs(single.sum()) > _TAKEN_BACK * np.abs(single).sum():
         got = f"{len(single)} in one direction, of which the slope takes back {back:.0%}"
         raise MetrologyError(f"steps must not be those of a sawtooth, got {got}")
@@ -132,7 +186,9 @@ def _otherwise(x: Array, z: Array, levels: Levels, how: How) -> list[Array]:
         more = 0.5 * (one.end - one.begin) + 2 * step
         wider.append(replace(one, begin=one.begin - more, end=one.end + more))
     degrees = [levels.degree + 1 if levels.degree < 3 else 2, levels.degree]
-    asked = zip((levels.edges, wider), degrees if how.degree is None else [how.degree] * 2, strict=True)
+    asked = zip(
+        (levels.edges, wider), degrees if how.degree is None else [how.degree] * 2, strict=True
+    )
     return [found for _, found in tried(lambda pair: other_heights(x, z, *pair), asked)[0]]
 
 
@@ -141,7 +197,9 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     crossing, refused = tried(lambda row: find_edges(row.position, row.height), rows)
     rule = "profiles must agree on the features that they cross"
     if len(rows) > 1 and len(refused) > len(crossing):
-        raise MetrologyError(f"{rule}, got {len(crossing)} of {len(rows)} that cross any, others since {refused[0]}")
+        raise MetrologyError(
+            f"{rule}, got {len(crossing)} of {len(rows)} that cross any, others since {refused[0]}"
+        )
     some = crossing[:: max(len(crossing) // _TRIED, 1)]
     if len(some) >= _TRIED and len(tried(lambda one: _row(*one, how), some)[0]) < 2:
         raise MetrologyError(f"{rule}, got less than 2 of {len(some)}")
@@ -153,29 +211,42 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     same = [(row, one) for row, one in same if one.kind == kind]
     spans = np.array([one.spans for _, one in same]).reshape(len(same), kind[0], 2)
     begins, widths = spans[..., 0], spans[..., 1] - spans[..., 0]
-    slack = np.where(np.isfinite(widths), 0.25 * widths, 0.02 * np.ptp(begins) if begins.size else 0.0)
-    sizes = np.array([[each.feature.height.value for each in one.seen] for _, one in same]).reshape(begins.shape)
+    slack = np.where(
+        np.isfinite(widths), 0.25 * widths, 0.02 * np.ptp(begins) if begins.size else 0.0
+    )
+    sizes = np.array([[each.feature.height.value for each in one.seen] for _, one in same]).reshape(
+        begins.shape
+    )
     kept = agreed(same, np.stack([sizes, begins, slack]), rows, refused + others, notes)
     (first, best), found, count = kept[0], [one for _, one in kept], kind[0]
     spans = np.array([one.spans for one in found])
     single = not np.isfinite(spans).all()  # steps, which have neither width nor pitch
     maps = [scan] if isinstance(scan, HeightMap) and single else []
     if tried(lambda one: fit_grating(one.x, one.y, one.height), maps)[0]:
-        raise MetrologyError("single steps must not repeat over a map, as the teeth of a grating do")
+        raise MetrologyError(
+            "single steps must not repeat over a map, as the teeth of a grating do"
+        )
     label, each = key.replace("_", " "), []
     for index in range(count):
         each_row = [one.seen[index].feature.height for one in found]
         heights = [replace(one, value=abs(one.value)) for one in each_row]
-        form = Component("form", _form(found, index), how="change by other windows or levelling, rectangular")
+        form = Component(
+            "form", _form(found, index), how="change by other windows or levelling, rectangular"
+        )
         name = f"{label} {index + 1}" if count > 1 else label
         each.append(measured_from_profiles(name, heights, instrument, [form]))
     if count == 1:
         values = {key: each[0]}
     else:
-        values = {key: _mean_of(label, each, instrument), **{f"{key}_{n}": one for n, one in enumerate(each, 1)}}
+        values = {
+            key: _mean_of(label, each, instrument),
+            **{f"{key}_{n}": one for n, one in enumerate(each, 1)},
+        }
     if not single:
         hidden = float(np.mean([each.feature.unseen for one in found for each in one.seen]))
-        values |= (_width if count == 1 else _pitch)(label, spans, first.spacing, instrument, hidden)
+        values |= (_width if count == 1 else _pitch)(
+            label, spans, first.spacing, instrument, hidden
+        )
     if outliers := sum(one.rejected for one in found):
         notes.append(f"{outliers} of {sum(one.points for one in found)} points left out as spikes")
     convention = f"ISO 5436-1 {kind[1]}, profile by profile, unfiltered"
@@ -184,7 +255,9 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     windows = sum((one.windows for one in best.seen), ()) or tuple(
         (begin, min(end, float(first.position[-1])), "") for begin, end in best.spans
     )
-    line = np.polynomial.Polynomial.fit(first.position[[0, -1]], best.fitted[[0, -1]], 1)(first.position)
+    line = np.polynomial.Polynomial.fit(first.position[[0, -1]], best.fitted[[0, -1]], 1)(
+        first.position
+    )
     shown = Shown(first.position, first.height - line, windows, best.fitted - line)
     return Inspected(values, convention, tuple(notes), shown)
 
@@ -210,33 +283,55 @@ def _mean_of(label: str, each: list[Measured], instrument: Instrument) -> Measur
     """Mean over features: their scatter holds the noise of each; what the instrument owes is shared by all."""
     heights = np.array([one.value for one in each])
     own = float(heights.std(ddof=1) / np.sqrt(len(each)))
-    form = float(np.mean([part.std for one in each for part in one.components if part.name == "form"]))
+    form = float(
+        np.mean([part.std for one in each for part in one.components if part.name == "form"])
+    )
     scatter = Component("scatter", own, len(each) - 1.0, f"over {len(each)} features")
     parts = [scatter, Component("form", form, how="mean of theirs")]
     return with_budget(f"{label}, mean", float(heights.mean()), parts, instrument)
 
 
-def _pitch(_: str, spans: Array, spacing: float, instrument: Instrument, hidden: float) -> dict[str, Measured]:
+def _pitch(
+    _: str, spans: Array, spacing: float, instrument: Instrument, hidden: float
+) -> dict[str, Measured]:
     """Mean distance of the middles of neighbours, `spans` of shape (rows, features, 2) [m]."""
     pitches = np.diff(spans.mean(axis=2), axis=1).mean(axis=0)
     count = len(pitches)
-    own, dof = (pitches.std(ddof=1) / np.sqrt(count), count - 1.0) if count > 1 else (spacing / np.sqrt(6.0), np.inf)
+    own, dof = (
+        (pitches.std(ddof=1) / np.sqrt(count), count - 1.0)
+        if count > 1
+        else (spacing / np.sqrt(6.0), np.inf)
+    )
     # the middles at either end are off by a half of what was not seen of them
     std = float(np.hypot(own, np.hypot(spacing, hidden) / np.sqrt(6.0) / count))
     part = Component("scatter", std, dof, "over the pitches, and one interval")
-    return {"feature_pitch": with_budget("pitch", float(pitches.mean()), [part], instrument, axes=(0.0, 1.0))}
+    return {
+        "feature_pitch": with_budget(
+            "pitch", float(pitches.mean()), [part], instrument, axes=(0.0, 1.0)
+        )
+    }
 
 
-def _width(label: str, spans: Array, spacing: float, instrument: Instrument, hidden: float) -> dict[str, Measured]:
+def _width(
+    label: str, spans: Array, spacing: float, instrument: Instrument, hidden: float
+) -> dict[str, Measured]:
     """Mean width of one feature over the profiles."""
     widths = (spans[..., 1] - spans[..., 0]).ravel()
     scatter = float(widths.std(ddof=1) / np.sqrt(len(widths))) if len(widths) > 1 else 0.0
     std = float(np.hypot(spacing / np.sqrt(6.0), scatter))
     parts = [Component("sampling", std, how="one interval at either edge, rectangular")]
     if hidden > 0.0:
-        parts += [Component("missing", hidden / np.sqrt(3.0), how="half of what was not measured there, rectangular")]
+        parts += [
+            Component(
+                "missing",
+                hidden / np.sqrt(3.0),
+                how="half of what was not measured there, rectangular",
+            )
+        ]
     name = f"width W of the {label.split()[0]}, at half its height"
-    return {"feature_width": with_budget(name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0))}
+    return {
+        "feature_width": with_budget(name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0))
+    }
 
 
 def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
@@ -244,20 +339,38 @@ def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Insp
     # a floor too narrow for more to be kept out is compared with more of its flanks
     again = partial(masked_step, scan, inside=step.inside)
     others = tried(again, [1.5 * step.exclusion])[0] or tried(again, [step.exclusion / 1.5])[0]
-    form = max((abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in others), default=np.nan)
-    noise = Component("noise", step.depth.std, step.depth.dof, "scatter over rows, with the correlation of neighbours")
-    change = Component("form", form, how="change with one and a half times the exclusion or its part, rectangular")
+    form = max(
+        (abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in others),
+        default=np.nan,
+    )
+    noise = Component(
+        "noise",
+        step.depth.std,
+        step.depth.dof,
+        "scatter over rows, with the correlation of neighbours",
+    )
+    change = Component(
+        "form", form, how="change with one and a half times the exclusion or its part, rectangular"
+    )
     value = with_budget(key.replace("_", " "), abs(step.depth.value), [noise], instrument, [change])
     convention = (
-        f"masked step over {step.features} features and {step.rows} rows: each row levelled on the reference between the "
+        f"masked step over {step.features} features and {step.rows} rows: each row levelled on "
+        "the reference between the "
         f"features, {step.exclusion * 1e6:.3g} um kept from every edge"
     )
-    note = f"the features differ by {step.differ * 1e9:.3g} nm, so may another (standard deviation, by area)"
+    note = (
+        f"the features differ by {step.differ * 1e9:.3g} nm, so may another (standard deviation, "
+        "by area)"
+    )
     note = note if step.features > 1 else "one feature alone: another may be of another height"
-    rest = np.where(step.reference, step.level, np.where(step.floor, step.level + step.depth.value, np.nan))
+    rest = np.where(
+        step.reference, step.level, np.where(step.floor, step.level + step.depth.value, np.nan)
+    )
     parts = ("features", step.floor), ("reference", step.reference)
     drawn = ShownMap(step.level, rest, parts, (float(scan.x[-1]), float(scan.y[-1])))
-    return Inspected({key: value}, convention, (note,), Shown(scan.x, step.level[step.shown], map=drawn))
+    return Inspected(
+        {key: value}, convention, (note,), Shown(scan.x, step.level[step.shown], map=drawn)
+    )
 
 
 def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
@@ -268,16 +381,31 @@ def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
         found = fit_grating(scan.position, np.zeros(1), scan.height[np.newaxis, :])
     else:
         found = fit_grating(scan.x, scan.y, scan.height)
-        parts, size = (("measured", np.isfinite(scan.height)),), (float(scan.x[-1]), float(scan.y[-1]))
+        parts, size = (
+            (("measured", np.isfinite(scan.height)),),
+            (float(scan.x[-1]), float(scan.y[-1])),
+        )
         drawn = ShownMap(found.level, found.rest, parts, size)
     noise = Component("noise", found.depth.std, found.depth.dof, "scatter over parts of the scan")
     form = Component("form", found.form, how="change by half as many harmonics, rectangular")
-    part = Component("scatter", found.pitch.std, found.pitch.dof, "over the pitches, and a part of a sampling interval")
-    pitch = with_budget("pitch, across the lines", found.pitch.value, [part], instrument, axes=(0.0, 1.0))
+    part = Component(
+        "scatter",
+        found.pitch.std,
+        found.pitch.dof,
+        "over the pitches, and a part of a sampling interval",
+    )
+    pitch = with_budget(
+        "pitch, across the lines", found.pitch.value, [part], instrument, axes=(0.0, 1.0)
+    )
     depth = with_budget(key.replace("_", " "), found.depth.value, [noise], instrument, [form])
     if depth.value < depth.expanded():
         got = f"{depth.value * 1e9:.3g} +-{depth.expanded() * 1e9:.3g} nm"
         raise MetrologyError(f"depth of a grating must stand out of its uncertainty, got {got}")
-    convention = f"grating: from the lowest to the highest point of the mean shape, which repeats in {found.share:.0%} of the variance"
+    convention = (
+        "grating: from the lowest to the highest point of the mean shape, which repeats in "
+        f"{found.share:.0%} of the variance"
+    )
     note = f"lines at {np.degrees(found.angle):.1f} deg from the y axis"
-    return Inspected({key: depth, "feature_pitch": pitch}, convention, (note,), Shown(*found.shape, map=drawn))
+    return Inspected(
+        {key: depth, "feature_pitch": pitch}, convention, (note,), Shown(*found.shape, map=drawn)
+    )

@@ -1,8 +1,9 @@
 """Levelling: what is an edge, two planes beside one, and a polynomial beside all of them.
 
-An edge is where two windows side by side differ by far more than such windows do elsewhere: the noise, the roughness and the
-bow of the surface itself are the yardstick. What is found must then beat a smooth curve with as many parameters. Heights come
-from one least-squares fit of a polynomial (line, parabola or cubic, as the data or the user say) and one height per feature.
+An edge is where two windows side by side differ by far more than such windows do elsewhere: the
+noise, the roughness and the bow of the surface itself are the yardstick. What is found must then
+beat a smooth curve with as many parameters. Heights come from one least-squares fit of a polynomial
+(line, parabola or cubic, as the data or the user say) and one height per feature.
 """
 
 import itertools
@@ -27,14 +28,18 @@ from stepblocks.inspect.noise import (
 
 LEAST_FACE = 20  # points of a face or shoulder that is fitted
 _STAND_OUT = 7.0  # difference of two windows over the usual one, from which it is an edge [1]
-BEAT = 10.0  # by which twice the logarithm of the likelihood, less the parameters, must gain on a smooth curve (Kass and Raftery 1995)
+# by which twice the logarithm of the likelihood, less the parameters, must gain on a smooth curve
+# (Kass and Raftery 1995)
+BEAT = 10.0
 _ALIKE = 0.3  # of the largest edge, from which another counts [1]
 _PAIR = 0.35  # relative difference of the two edges of one ridge or groove, at most [1]
 _PLATEAU = 0.8  # of the lesser of two edges, below which the difference must fall between them [1]
 _MOST_EDGES = 400
 _STARTS = 5  # of a fit, each nearer to the least sum of distances
 _DEGREES = (1, 2, 3)
-_SIGNIFICANT = 4.0  # of the last coefficient of a polynomial over its uncertainty, from which it is kept [1]
+_SIGNIFICANT = (
+    4.0  # of the last coefficient of a polynomial over its uncertainty, from which it is kept [1]
+)
 LEVELS = {"line": 1, "parabola": 2, "cubic": 3}
 
 
@@ -79,15 +84,22 @@ class Fit:
     def estimate(self, index: int, factor: float = 1.0) -> Estimate:
         """Return one term of the solution, times a factor, with its uncertainty."""
         value = factor * float(self.solution[index])
-        return estimated(value, factor * self.weights[index], self.residuals, self.used, self.design)
+        return estimated(
+            value, factor * self.weights[index], self.residuals, self.used, self.design
+        )
 
 
 def fit_without_spikes(design: Array, z: Array, used: Mask) -> Fit:
     """Fit the rows of `design` to the heights [m] of those points that are no spikes."""
     whole, root = int(used.sum()), np.ones(len(z))
-    for _ in range(_STARTS):  # first by distances instead of squares, so that neither spikes nor stray points pull
+    for _ in range(
+        _STARTS
+    ):  # first by distances instead of squares, so that neither spikes nor stray points pull
         residuals = z - weighted(design * root, z * root, used)[1] @ design
-        root = np.maximum(np.abs(residuals) / max(robust_scale(residuals[used]), LEAST_SCATTER), 1.0) ** -0.5
+        root = (
+            np.maximum(np.abs(residuals) / max(robust_scale(residuals[used]), LEAST_SCATTER), 1.0)
+            ** -0.5
+        )
     used = used & ~outlier_mask(residuals, used)
     for _ in range(5):
         weights, solution = weighted(design, z, used)
@@ -111,9 +123,12 @@ class TwoPlanes:
 
 def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
     """Fit ``z = a (x - middle) + b + h s(x)``, s = 0 before and 1 behind the middle, by least squares without spikes."""
-    # Source: ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no feature to level through.
+    # Source: ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no
+    # feature to level through.
     scale = float(max(abs(x[0] - middle), abs(x[-1] - middle)))
-    fit = fit_without_spikes(np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)]), z, used)
+    fit = fit_without_spikes(
+        np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)]), z, used
+    )
     height = fit.estimate(2)
     fit.weights[0] /= scale
     tilt = float(fit.solution[0]) / scale
@@ -163,27 +178,44 @@ def find_edges(x: Array, z: Array) -> list[Found]:
     best, reaches, gaps = (_STAND_OUT, -1), [4], list[Array]()
     while 3 * reaches[-1] <= len(x) // 4:
         gap = _differences(calm, known, reaches[-1])
-        scale = max(robust_scale(gap[np.isfinite(gap)]), LEAST_SCATTER) if np.isfinite(gap).any() else np.inf
+        scale = (
+            max(robust_scale(gap[np.isfinite(gap)]), LEAST_SCATTER)
+            if np.isfinite(gap).any()
+            else np.inf
+        )
         ratio = float(np.nanmax(np.abs(gap), initial=0.0)) / scale
         if ratio > best[0] * 1.05:
             best = ratio, len(gaps)
         gaps.append(np.where(np.abs(gap) < _STAND_OUT * scale, 0.0, gap))
         reaches.append(int(np.ceil(1.5 * reaches[-1])))
-    nothing = f"profile must show a step above its noise, one that stands out {_STAND_OUT:g} times over what is usual, got none"
+    nothing = (
+        f"profile must show a step above its noise, one that stands out {_STAND_OUT:g} times "
+        "over what is usual, got none"
+    )
     if (at := best[1]) < 0:
         raise MetrologyError(nothing)
     reach, gap = reaches[at], gaps[at]
-    for other in gaps[:at]:  # what is too narrow for the best windows, or too near to where nothing was measured
+    for other in gaps[
+        :at
+    ]:  # what is too narrow for the best windows, or too near to where nothing was measured
         gap = np.where(np.abs(other) > np.nan_to_num(np.abs(gap)), other, gap)
     for other in gaps[at + 1 :]:  # what missing points hide from them
         gap = np.where(np.isfinite(gap), gap, other)
     seen, places = np.nan_to_num(gap), set[int]()
     around = maximum_filter1d(np.abs(seen), 2 * reach + 1)
-    least = np.maximum(_ALIKE * around.max(), _PLATEAU * around)  # so that the other edge of a groove is no lesser one
+    least = np.maximum(
+        _ALIKE * around.max(), _PLATEAU * around
+    )  # so that the other edge of a groove is no lesser one
     for size in (np.maximum(seen, 0.0), np.maximum(-seen, 0.0)):
         peaks = np.flatnonzero((size >= least) & (size == maximum_filter1d(size, 2 * reach + 1)))
-        places |= {_middle(size, one, reach) for one in peaks[np.diff(peaks, prepend=-reach) > reach]}
-    if not (found := _flanks(x, calm, known, *_joined(x, calm, known, sorted(places)[:_MOST_EDGES], gap))):
+        places |= {
+            _middle(size, one, reach) for one in peaks[np.diff(peaks, prepend=-reach) > reach]
+        }
+    if not (
+        found := _flanks(
+            x, calm, known, *_joined(x, calm, known, sorted(places)[:_MOST_EDGES], gap)
+        )
+    ):
         raise MetrologyError(nothing)
     return found
 
@@ -198,7 +230,9 @@ def _middle(size: Array, peak: int, reach: int) -> int:
 def _differences(z: Array, known: Mask, reach: int) -> Array:
     """Difference of the means of two windows beside a gap, less what is usual around it: the slope and bow of the surface."""
     filled = np.where(known, z, 0.0)
-    count, total = (np.concatenate([[0.0], np.cumsum(one)]) for one in (known.astype(float), filled))
+    count, total = (
+        np.concatenate([[0.0], np.cumsum(one)]) for one in (known.astype(float), filled)
+    )
     at, gap = np.arange(1, len(z)), reach // 2
 
     def mean(begin: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -215,10 +249,14 @@ def _differences(z: Array, known: Mask, reach: int) -> Array:
     # a bow makes them lean, of which the median would lose hold at either end
     slope = float(np.median(filled[lag:] - filled[:-lag])) / lag
     lean = min((0.0 * at, slope * at), key=lambda one: robust_scale(filled - one))
-    return np.asarray(gaps - lean - median_filter(filled - lean, min(9 * reach, len(gaps)), mode="nearest"))
+    return np.asarray(
+        gaps - lean - median_filter(filled - lean, min(9 * reach, len(gaps)), mode="nearest")
+    )
 
 
-def _joined(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> tuple[list[int], Array]:
+def _joined(
+    x: Array, z: Array, known: Mask, places: list[int], gap: Array
+) -> tuple[list[int], Array]:
     """Join two edges of one sign that are one: the surface goes on rising between them by more than half of the lesser."""
     # It rises so if it is steeper than farther out on either side, which a bow is not on average.
     ends = [0, *places, len(x) - 1]
@@ -226,12 +264,21 @@ def _joined(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> t
         if gap[first] * gap[second] < 0.0:
             continue
         far, lesser = second - first, min(abs(gap[first]), abs(gap[second]))
-        # where the difference does not fall between them, they are the ends of one that points are missing of
+        # where the difference does not fall between them, they are the ends of one that points are
+        # missing of
         joined = bool(np.nanmin(np.abs(gap[first:second])) > _PLATEAU * lesser)
         faces = [_face(x, z, known, at, at + far) for at in (first - 2 * far, first, second + far)]
         slopes = [float(face[0].deriv()(x[first])) for face in faces if face is not None]
-        if len(slopes) == 3 and first - 2 * far >= ends[index] and second + 2 * far <= ends[index + 3]:
-            rise = (slopes[1] - 0.5 * (slopes[0] + slopes[2])) * float(x[second] - x[first]) * np.sign(gap[first])
+        if (
+            len(slopes) == 3
+            and first - 2 * far >= ends[index]
+            and second + 2 * far <= ends[index + 3]
+        ):
+            rise = (
+                (slopes[1] - 0.5 * (slopes[0] + slopes[2]))
+                * float(x[second] - x[first])
+                * np.sign(gap[first])
+            )
             joined |= rise > 0.5 * lesser
         if joined:
             middle = (first + second) // 2
@@ -253,27 +300,41 @@ def _flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> l
         if np.sign(between) == np.sign(rise):
             rise = between
         sides = (low, rough_low), (high, rough_high)
-        on_low, on_high = (np.abs(z - line(x)) <= max(6.0 * rough, 0.02 * abs(rise)) for line, rough in sides)
+        on_low, on_high = (
+            np.abs(z - line(x)) <= max(6.0 * rough, 0.02 * abs(rise)) for line, rough in sides
+        )
         begin, end = at, at
         while begin > before and not (on_low[begin] and on_low[max(begin - 2, before)]):
             begin -= 1
         while end < behind and not (on_high[end] and on_high[min(end + 2, behind)]):
             end += 1
         part = slice(begin, end + 1)
-        above = np.where(known[part], (z[part] - 0.5 * (low(x[part]) + high(x[part]))) * np.sign(rise), 0.0)
+        above = np.where(
+            known[part], (z[part] - 0.5 * (low(x[part]) + high(x[part]))) * np.sign(rise), 0.0
+        )
         first = int(np.argmax(above > 0.0)) if (above > 0.0).any() else at - begin
-        position, unseen, measured = float(x[begin + first]), 0.0, np.flatnonzero(known[begin : begin + first])
+        position, unseen, measured = (
+            float(x[begin + first]),
+            0.0,
+            np.flatnonzero(known[begin : begin + first]),
+        )
         if len(measured) and above[first] > 0.0:
             last, step = int(measured[-1]), float(x[1] - x[0])
-            position -= (first - last) * step * float(above[first] / max(above[first] - above[last], 1e-30))
+            position -= (
+                (first - last) * step * float(above[first] / max(above[first] - above[last], 1e-30))
+            )
             unseen = 0.5 * (first - last - 1) * step
         found.append(Found(position, rise, float(x[begin]), float(x[end]), unseen))
     return found
 
 
-def _face(x: Array, z: Array, known: Mask, begin: int, end: int) -> tuple[np.polynomial.Polynomial, float] | None:
+def _face(
+    x: Array, z: Array, known: Mask, begin: int, end: int
+) -> tuple[np.polynomial.Polynomial, float] | None:
     """Line through a face without its ends at edges, and its scatter; None where nothing of it was measured."""
-    measured = max(begin, 0) + np.flatnonzero(known[max(begin, 0) : end])  # a face ends where it is seen no more
+    measured = max(begin, 0) + np.flatnonzero(
+        known[max(begin, 0) : end]
+    )  # a face ends where it is seen no more
     cut = max(len(measured) // 5, 1)
     inner = measured[cut:-cut]
     if len(inner) < 4:
@@ -282,26 +343,39 @@ def _face(x: Array, z: Array, known: Mask, begin: int, end: int) -> tuple[np.pol
     return line, robust_scale(z[inner] - line(x[inner]))
 
 
-def measured_features(x: Array, z: Array, edges: list[Found], degree: int | None, exclusion: float | None) -> Levels:
+def measured_features(
+    x: Array, z: Array, edges: list[Found], degree: int | None, exclusion: float | None
+) -> Levels:
     """Fit all features of a profile [m]; refused, with the figure, where none is significant or a smooth curve does as well."""
     while edges:
         levels = fit_features(x, z, edges, degree, exclusion)
-        weak = [one for one in levels.features if abs(one.height.value) < _SIGNIFICANT * one.height.std]
+        weak = [
+            one for one in levels.features if abs(one.height.value) < _SIGNIFICANT * one.height.std
+        ]
         if not weak:
             if levels.gain < BEAT:
                 got = f"a likelihood gain of {levels.gain:.1f} on a smooth curve ({BEAT:g} needed)"
-                raise MetrologyError(f"profile must show a step that a smooth curve does not explain, got {got}")
+                raise MetrologyError(
+                    f"profile must show a step that a smooth curve does not explain, got {got}"
+                )
             return levels
         gone = {end for one in weak for end in (one.begin, one.end)}
         edges = [edge for edge in edges if edge.position not in gone]
-    raise MetrologyError(f"profile must show a step, got none of {_SIGNIFICANT:g} times its uncertainty")
+    raise MetrologyError(
+        f"profile must show a step, got none of {_SIGNIFICANT:g} times its uncertainty"
+    )
 
 
 def fit_features(
-    x: Array, z: Array, edges: Sequence[Found], degree: int | None = None, exclusion: float | None = None
+    x: Array,
+    z: Array,
+    edges: Sequence[Found],
+    degree: int | None = None,
+    exclusion: float | None = None,
 ) -> Levels:
     """Heights of all features between `edges` in one fit; the polynomial's degree is that of its last significant term."""
-    # `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much again, by default.
+    # `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much
+    # again, by default.
     fits = _fits(x, z, edges, _DEGREES if degree is None else (degree,), exclusion)
 
     def significant(power: int) -> bool:
@@ -310,9 +384,20 @@ def fit_features(
 
     power = max(one for one in fits if one == min(fits) or significant(one))
     fit = fits[power]
-    features = tuple(Feature(*span, fit.estimate(power + index)) for index, span in enumerate(_paired(edges), 1))
+    features = tuple(
+        Feature(*span, fit.estimate(power + index)) for index, span in enumerate(_paired(edges), 1)
+    )
     gain, together = _gain(fit.design[1], z, fit, power + 1 + 2 * len(edges))
-    return Levels(features, power, fit.solution @ fit.design, fit.used, fit.rejected, gain, together, tuple(edges))
+    return Levels(
+        features,
+        power,
+        fit.solution @ fit.design,
+        fit.used,
+        fit.rejected,
+        gain,
+        together,
+        tuple(edges),
+    )
 
 
 def other_heights(x: Array, z: Array, edges: Sequence[Found], degree: int) -> Array:
@@ -320,18 +405,26 @@ def other_heights(x: Array, z: Array, edges: Sequence[Found], degree: int) -> Ar
     return _fits(x, z, edges, (degree,), None)[degree].solution[degree + 1 :]
 
 
-def _fits(x: Array, z: Array, edges: Sequence[Found], powers: Sequence[int], exclusion: float | None) -> dict[int, Fit]:
+def _fits(
+    x: Array, z: Array, edges: Sequence[Found], powers: Sequence[int], exclusion: float | None
+) -> dict[int, Fit]:
     """Fit polynomials and heights by the degree of the polynomial, as far as the points determine them."""
     used = np.isfinite(z)
     for edge in edges:
         slack = 0.25 * (edge.end - edge.begin) + 1.5 * float(x[1] - x[0])
         span = (edge.begin - slack, edge.end + slack)
-        begin, end = span if exclusion is None else (edge.position - exclusion, edge.position + exclusion)
+        begin, end = (
+            span if exclusion is None else (edge.position - exclusion, edge.position + exclusion)
+        )
         used &= (x < begin) | (x > end)
-    steps = np.array([(x > begin) & (x < end) for begin, end, _ in _paired(edges)], dtype=np.float64)
+    steps = np.array(
+        [(x > begin) & (x < end) for begin, end, _ in _paired(edges)], dtype=np.float64
+    )
     least = min(*(used & (steps > 0.5)).sum(axis=1), (used & (steps.sum(axis=0) < 0.5)).sum())
     if least < 5:
-        raise MetrologyError(f"each feature and its surroundings must keep 5 points beside the flanks, got {least}")
+        raise MetrologyError(
+            f"each feature and its surroundings must keep 5 points beside the flanks, got {least}"
+        )
     t = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
     fits: dict[int, Fit] = {}
     for power in powers:
@@ -340,7 +433,9 @@ def _fits(x: Array, z: Array, edges: Sequence[Found], powers: Sequence[int], exc
             break
         fits[power] = fit_without_spikes(design, z, used)
     if not fits:
-        raise MetrologyError("features must leave enough of a reference to level the profile on, got too little")
+        raise MetrologyError(
+            "features must leave enough of a reference to level the profile on, got too little"
+        )
     return fits
 
 
@@ -361,7 +456,9 @@ def _paired(edges: Sequence[Found]) -> list[tuple[float, float, float]]:
     spans, waiting = [], list(edges)
     while waiting:
         one = waiting.pop(0)
-        if waiting and abs(one.rise + waiting[0].rise) < _PAIR * max(abs(one.rise), abs(waiting[0].rise)):
+        if waiting and abs(one.rise + waiting[0].rise) < _PAIR * max(
+            abs(one.rise), abs(waiting[0].rise)
+        ):
             other = waiting.pop(0)
             spans.append((one.position, other.position, float(np.hypot(one.unseen, other.unseen))))
         else:

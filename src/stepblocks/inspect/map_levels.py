@@ -1,8 +1,9 @@
 """Depth of many small features in one map: by two levels of height, or by the shape that repeats.
 
-Holes of a grating are too short for the windows of type A1. Here each row gets its own slope and offset, the drift of a
-scanning instrument, from points away from every edge. A map has levels only where its heights gather at two with a gap between.
-Where they do not, but one shape repeats along a direction, that shape is folded out of all points.
+Holes of a grating are too short for the windows of type A1. Here each row gets its own slope and
+offset, the drift of a scanning instrument, from points away from every edge. A map has levels only
+where its heights gather at two with a gap between. Where they do not, but one shape repeats along a
+direction, that shape is folded out of all points.
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,15 @@ from scipy import ndimage
 
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, Mask, estimated, outlier_mask, robust_scale
+from stepblocks.inspect.noise import (
+    LEAST_SCATTER,
+    Array,
+    Estimate,
+    Mask,
+    estimated,
+    outlier_mask,
+    robust_scale,
+)
 
 _LEAST_FLOOR = 5  # points of a row in the features
 _LEAST_REFERENCE = 20  # points of a row beside them
@@ -28,8 +37,10 @@ _HARMONICS = 16  # of a grating's period that are kept
 _PHASES = 48  # into which the period of a grating is folded
 _REPEATS = 0.8  # part of the variance that repeats, from which a map is a grating [1]
 _LEAST_SEEN = 0.05  # part of the features that is evaluated: less is a corner of one [1]
-_LEAST_KEPT = 0.8  # part of the reference that must not be spikes: debris lies on it, a third level is none [1]
-# part of the half width of a feature within which its edge changes heights by what part of the depth, where it is a step [1]
+# part of the reference that must not be spikes: debris lies on it, a third level is none [1]
+_LEAST_KEPT = 0.8
+# part of the half width of a feature within which its edge changes heights by what part of the
+# depth, where it is a step [1]
 _SUDDEN = 0.1, 0.5
 _LEAST_BANDS = 4  # of rows, over which a scatter is taken
 
@@ -50,17 +61,24 @@ class MaskedStep:
     shown: int  # row with most floor
 
 
-def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | None = None) -> MaskedStep:
+def masked_step(
+    scan: HeightMap, exclusion: float | None = None, inside: Mask | None = None
+) -> MaskedStep:
     """Depth of holes, or height of bumps, over a map; missing points take no part."""
-    # `exclusion` is the distance to keep to every edge [m]; by default that at which both sides have settled. `inside` is the mask of
-    # the features; by default they are sought.
+    # `exclusion` is the distance to keep to every edge [m]; by default that at which both sides
+    # have settled. `inside` is the mask of the features; by default they are sought.
     z, measured = scan.height, np.isfinite(scan.height)
     pitch = min(scan.dx, scan.dy)
     if inside is None:
         # a missing point lies where its nearest neighbour does
-        nearest = ndimage.distance_transform_edt(~measured, return_distances=False, return_indices=True)
+        nearest = ndimage.distance_transform_edt(
+            ~measured, return_distances=False, return_indices=True
+        )
         inside = _features(scan)[tuple(nearest)]
-    within, outside = (ndimage.distance_transform_edt(one, sampling=(scan.dy, scan.dx)) for one in (inside, ~inside))
+    within, outside = (
+        ndimage.distance_transform_edt(one, sampling=(scan.dy, scan.dx))
+        for one in (inside, ~inside)
+    )
     if exclusion is None:
         level = _levelled(z, (outside > 3.0 * pitch) & measured, 1)
         exclusion = _settling_distance(level, within, outside, pitch)
@@ -77,33 +95,48 @@ def masked_step(scan: HeightMap, exclusion: float | None = None, inside: Mask | 
     depths, weights = _row_depths(scan.x, z, floor, reference)
     known = np.isfinite(depths)
     if known.sum() < 3:
-        rule = f"map must keep at least 3 rows with floor and reference beyond {exclusion * 1e6:.3g} um"
+        rule = (
+            "map must keep at least 3 rows with floor and reference beyond "
+            f"{exclusion * 1e6:.3g} um"
+        )
         raise MetrologyError(f"{rule}, got {int(known.sum())} [{scan.source}]")
     if floor.sum() < _LEAST_SEEN * (inside & measured).sum():
-        rule = f"at least {_LEAST_SEEN:.0%} of the features must lie {exclusion * 1e6:.3g} um from their edges, where they are level"
-        raise MetrologyError(f"{rule}, got {floor.sum() / (inside & measured).sum():.1%} [{scan.source}]")
+        rule = (
+            f"at least {_LEAST_SEEN:.0%} of the features must lie {exclusion * 1e6:.3g} um from "
+            "their edges, where they are level"
+        )
+        raise MetrologyError(
+            f"{rule}, got {floor.sum() / (inside & measured).sum():.1%} [{scan.source}]"
+        )
     share = weights / weights.sum()
     value = float(np.sum(share[known] * depths[known]))
     depth = _by_bands(depths, share, value, known)
     near = max(3.0 * pitch, _SUDDEN[0] * float(within.max()))
     sides = [level[(np.abs(one - near) <= pitch) & measured] for one in (within, outside)]
     if not all(side.size for side in sides):
-        raise MetrologyError(f"heights must be measured {near * 1e6:.3g} um beside an edge, got none [{scan.source}]")
+        raise MetrologyError(
+            f"heights must be measured {near * 1e6:.3g} um beside an edge, got none [{scan.source}]"
+        )
     inner, outer = map(np.median, sides)
     if not (jump := float(outer - inner) / value) > _SUDDEN[1]:
         got = f"{jump:.0%} within {near * 1e6:.3g} um of an edge [{scan.source}]"
-        raise MetrologyError(f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {got}")
+        raise MetrologyError(
+            f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {got}"
+        )
     own = ndimage.label(inside)[0][floor]
     means = np.bincount(own, level[floor]) / np.maximum(np.bincount(own), 1)
     differ = float(np.std(means[own]))
     counts = int(known.sum()), int(np.unique(own).size)
-    return MaskedStep(depth, differ, exclusion, *counts, level, inside, floor, reference, int(np.argmax(weights)))
+    return MaskedStep(
+        depth, differ, exclusion, *counts, level, inside, floor, reference, int(np.argmax(weights))
+    )
 
 
 def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimate:
     """Scatter over bands of rows that cross the same features; rows within a band are not independent of one another."""
-    # Bands whose variance goes as one over their share give ``sum(share deviation^2) / (bands - 1)`` without bias and with
-    # exactly one degree of freedom less than bands; a band that the map cuts to a sliver counts with its neighbour.
+    # Bands whose variance goes as one over their share give ``sum(share deviation^2) / (bands -
+    # 1)`` without bias and with exactly one degree of freedom less than bands; a band that the map
+    # cuts to a sliver counts with its neighbour.
     rows = np.flatnonzero(known)
     bands = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     least = 0.5 * float(np.median([share[band].sum() for band in bands]))
@@ -113,7 +146,9 @@ def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimat
         bands[-2:] = [np.concatenate(bands[-2:])]
     if len(bands) < _LEAST_BANDS:
         return estimated(depth, share, depths - depth, known, np.ones((1, len(depths))))
-    parts = [np.sum(share[band] * (depths[band] - depth)) ** 2 / np.sum(share[band]) for band in bands]
+    parts = [
+        np.sum(share[band] * (depths[band] - depth)) ** 2 / np.sum(share[band]) for band in bands
+    ]
     return Estimate(depth, float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
 
 
@@ -161,10 +196,16 @@ def _two_modes(heights: Array, source: str) -> tuple[float, float]:
     peaks = 1 + np.flatnonzero(tops & (density[1:-1] >= _LEAST_LEVEL * density.max()))
     main = int(np.argmax(density))
     others = peaks[peaks != main]
-    between = {one: float(density[min(one, main) : max(one, main) + 1].min() / density[one]) for one in others}
+    between = {
+        one: float(density[min(one, main) : max(one, main) + 1].min() / density[one])
+        for one in others
+    }
     apart = [one for one, part in between.items() if part < _GAP]
     if not apart:
-        rule = f"heights of a map must gather at two levels, with less than {_GAP:.0%} as many between as at the lesser"
+        rule = (
+            f"heights of a map must gather at two levels, with less than {_GAP:.0%} as many "
+            "between as at the lesser"
+        )
         raise MetrologyError(f"{rule}, got {min(between.values(), default=1.0):.0%} [{source}]")
     best = max(apart, key=lambda one: density[one])
     centres = np.concatenate([[bins[0]], 0.5 * (bins[1:] + bins[:-1]), [bins[-1]]])
@@ -180,17 +221,22 @@ def _rows_levelled(z: Array, reference: Mask) -> Array:
     heights, t = np.where(reference[rows], z[rows], 0.0), np.linspace(-1.0, 1.0, z.shape[1])
     mean, middle = ((share * one).sum(axis=1, keepdims=True) for one in (heights, t))
     lever = share * (t - middle)
-    slope = (lever * (heights - mean)).sum(axis=1, keepdims=True) / (lever * (t - middle)).sum(axis=1, keepdims=True)
+    slope = (lever * (heights - mean)).sum(axis=1, keepdims=True) / (lever * (t - middle)).sum(
+        axis=1, keepdims=True
+    )
     level[rows] = z[rows] - mean - slope * (t - middle)
     return np.asarray(level)
 
 
 def _settling_distance(level: Array, within: Array, outside: Array, pitch: float) -> float:
-    # both sides are judged within the half width of the features, since bows of the scan show beyond it
+    # both sides are judged within the half width of the features, since bows of the scan show
+    # beyond it
     reach = float(within.max())
     near = [(distance > 0.5 * reach) & (distance <= reach) for distance in (within, outside)]
     if not all(np.isfinite(level[mask]).any() for mask in near):
-        raise MetrologyError("features and what lies beside them must be measured half of their width from an edge")
+        raise MetrologyError(
+            "features and what lies beside them must be measured half of their width from an edge"
+        )
     plateau = [float(np.nanmedian(level[mask])) for mask in near]
     limit = _SETTLED * abs(plateau[0] - plateau[1])
     settled = 1
@@ -200,7 +246,8 @@ def _settling_distance(level: Array, within: Array, outside: Array, pitch: float
             points = points[np.isfinite(points)]
             if points.size and abs(np.median(points) - target) > limit:
                 settled = max(settled, ring)
-    # one ring more, since a ring is judged by its median and half of its points lie nearer to the edge
+    # one ring more, since a ring is judged by its median and half of its points lie nearer to the
+    # edge
     return (settled + 1.5) * pitch
 
 
@@ -211,7 +258,9 @@ def _row_depths(x: Array, z: Array, floor: Mask, reference: Mask) -> tuple[Array
         if low.sum() < _LEAST_FLOOR or high.sum() < _LEAST_REFERENCE:
             continue
         used = low | high
-        design = np.stack([x[used] / x[-1], np.ones(int(used.sum())), -low[used].astype(float)], axis=1)
+        design = np.stack(
+            [x[used] / x[-1], np.ones(int(used.sum())), -low[used].astype(float)], axis=1
+        )
         depths[row] = np.linalg.lstsq(design, z[row, used], rcond=None)[0][2]
         weights[row] = low.sum()
     return depths, weights
@@ -223,7 +272,8 @@ class Grating:
 
     depth: Estimate  # from the lowest to the highest point of the mean shape [m]
     form: float  # standard uncertainty of it by what the harmonics leave of sharp tips [m]
-    pitch: Estimate  # m; by the scatter of the distances of neighbours, and a part of a sampling interval
+    # m; by the scatter of the distances of neighbours, and a part of a sampling interval
+    pitch: Estimate
     angle: float  # of the direction in which it repeats, from x [rad]
     share: float  # part of the variance that repeats [1]
     shape: tuple[Array, Array]  # position within a period and mean height [m]
@@ -238,16 +288,28 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     known = np.isfinite(z)
     level = np.where(known, _levelled(z, known, 2), 0.0)
     tapers = [np.hanning(n + 2)[1:-1] if n > 3 else np.ones(n) for n in z.shape]
-    power = np.abs(np.fft.rfft2(level * np.outer(*tapers), [max(4 * n, 1) if n > 3 else 1 for n in z.shape])) ** 2
+    power = (
+        np.abs(
+            np.fft.rfft2(
+                level * np.outer(*tapers), [max(4 * n, 1) if n > 3 else 1 for n in z.shape]
+            )
+        )
+        ** 2
+    )
     extents = float(x[-1] - x[0]), float(y[-1] - y[0]) if len(y) > 1 else 0.0
     fx = np.fft.rfftfreq(4 * len(x), float(x[1] - x[0]))
     fy = np.fft.fftfreq(4 * len(y), float(y[1] - y[0])) if len(y) > 3 else np.zeros(1)
     periods = np.hypot(fx[np.newaxis, :] * extents[0], fy[:, np.newaxis] * extents[1])
-    at = np.unravel_index(int(np.argmax(np.where(periods >= _LEAST_PERIODS, power, 0.0))), power.shape)
+    at = np.unravel_index(
+        int(np.argmax(np.where(periods >= _LEAST_PERIODS, power, 0.0))), power.shape
+    )
     first = np.array([fx[at[1]], fy[at[0]]])
     # rows far apart do no harm where each shows several periods
     over = [abs(float(one)) * extent for one, extent in zip(first, extents, strict=True)]
-    dense = max([(n - 1) / one for one, n in zip(over, z.shape[::-1], strict=True) if one > 1.0], default=_LEAST_POINTS)
+    dense = max(
+        [(n - 1) / one for one, n in zip(over, z.shape[::-1], strict=True) if one > 1.0],
+        default=_LEAST_POINTS,
+    )
     if dense < _LEAST_POINTS:
         rule = f"one shape must repeat over {_LEAST_POINTS:.0f} points of a grating or more"
         raise MetrologyError(f"{rule}, got {dense:.3g}")
@@ -257,13 +319,23 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
 
     def unexplained(scaled: Array) -> float:
         shape, phase = _folded((first + scaled * unit) @ points[:, ::thin], heights[::thin])
-        # a shape of half as many phases as there are points fits anything, as it does the rounding of a plane
+        # a shape of half as many phases as there are points fits anything, as it does the rounding
+        # of a plane
         left, floor = len(phase) - 2 * len(np.unique(phase)), LEAST_SCATTER**2 * len(phase)
         squares = float(np.sum((heights[::thin] - shape[phase]) ** 2)) * len(phase) / max(left, 1)
-        return (squares + floor) / float(len(phase) * np.var(heights[::thin]) + floor) if left > 0 else 1.0
+        return (
+            (squares + floor) / float(len(phase) * np.var(heights[::thin]) + floor)
+            if left > 0
+            else 1.0
+        )
 
     unit = 0.25 / np.array([extents[0], extents[1] or np.inf])
-    options = {"initial_simplex": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], "xatol": 1e-3, "fatol": 1e-6, "maxfev": 200}
+    options = {
+        "initial_simplex": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+        "xatol": 1e-3,
+        "fatol": 1e-6,
+        "maxfev": 200,
+    }
     moved = minimize(unexplained, np.zeros(2), method="Nelder-Mead", options=options).x
     frequency = first + moved * unit
     along = frequency @ points
@@ -273,7 +345,9 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
         raise MetrologyError(f"{rule}, got {share:.0%}")
     pitch, angle = 1.0 / float(np.hypot(*frequency)), float(np.arctan2(frequency[1], frequency[0]))
     depth, form, shape = _depth(along, heights)
-    parts = np.array_split(np.argsort(along, kind="stable"), int(min(8, max(np.ptp(along) // 1.5, 2))))
+    parts = np.array_split(
+        np.argsort(along, kind="stable"), int(min(8, max(np.ptp(along) // 1.5, 2)))
+    )
     depths = np.array([_depth(along[part], heights[part])[0] for part in parts])
     scatter = float(depths.std(ddof=1) / np.sqrt(len(parts)))
     step = float(x[1] - x[0]) / np.sqrt(12.0) / max(float(np.ptp(along)), 1.0)
@@ -283,7 +357,9 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     own = Estimate(pitch, float(np.hypot(pitch * uneven, step)), dof)
     found = Estimate(depth, scatter, len(parts) - 1.0), form, own
     drawn = np.where(known, level, np.nan), rest
-    return Grating(*found, angle, share, ((np.arange(_PHASES) + 0.5) / _PHASES * pitch, shape), *drawn)
+    return Grating(
+        *found, angle, share, ((np.arange(_PHASES) + 0.5) / _PHASES * pitch, shape), *drawn
+    )
 
 
 def _folded(along: Array, heights: Array) -> tuple[Array, NDArray[np.intp]]:
@@ -305,14 +381,17 @@ def _uneven(along: Array, heights: Array, rest: Array) -> tuple[float, float]:
         whole = weight > 0.5 * np.median(weight)
         moved = np.bincount(line, slope * rest)[whole] / weight[whole]
         if len(moved) > 2:
-            found.append((float(np.diff(moved).std(ddof=1) / np.sqrt(len(moved) - 1.0)), len(moved) - 2.0))
+            found.append(
+                (float(np.diff(moved).std(ddof=1) / np.sqrt(len(moved) - 1.0)), len(moved) - 2.0)
+            )
     return max(found)
 
 
 def _depth(along: Array, heights: Array) -> tuple[float, float, Array]:
     """Peak to valley of the mean shape, its uncertainty, and the shape."""
-    # Noise is kept out by few harmonics. What they round off a sharp tip goes as one over their number, so the change from half as
-    # many is added once more, and is the uncertainty too, as a rectangle.
+    # Noise is kept out by few harmonics. What they round off a sharp tip goes as one over their
+    # number, so the change from half as many is added once more, and is the uncertainty too, as a
+    # rectangle.
     shape, _ = _folded(along, heights)
     terms = np.pad(np.fft.rfft(shape), (0, 7 * _PHASES))
     ranges = []

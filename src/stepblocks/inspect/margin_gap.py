@@ -1,7 +1,8 @@
 """Gap and discrepancies of a crown margin, from a profile across it.
 
-Terms of Holmes et al. 1989 (J. Prosthet. Dent. 62:405, doi:10.1016/0022-3913(89)90170-4) for a planar junction: the opening
-lies between the points where the profile leaves the two shoulders; with the rise it makes the absolute discrepancy.
+Terms of Holmes et al. 1989 (J. Prosthet. Dent. 62:405, doi:10.1016/0022-3913(89)90170-4) for a
+planar junction: the opening lies between the points where the profile leaves the two shoulders;
+with the rise it makes the absolute discrepancy.
 """
 
 from dataclasses import dataclass
@@ -18,8 +19,11 @@ from stepblocks.inspect.noise import Array, Estimate
 class Margin:
     """What a profile across a margin says."""
 
-    opening: Estimate  # distance between the two edges along the profile, by the noise where they are sampled [m]
-    sampling: float  # standard uncertainty of it since nothing is known between two samples of a wall [m]
+    # distance between the two edges along the profile, by the noise where they are sampled [m]
+    opening: Estimate
+    sampling: (
+        float  # standard uncertainty of it since nothing is known between two samples of a wall [m]
+    )
     rise: Estimate  # height of the right shoulder over the left [m]
 
     @property
@@ -27,13 +31,16 @@ class Margin:
         """Absolute marginal discrepancy, the hypotenuse [m]; the degrees of freedom are those of the rise, which carries them."""
         size = float(np.hypot(self.opening.value, self.rise.value))
         share, slope = self.opening.value / size, self.rise.value / size
-        return Estimate(size, float(np.hypot(share * self.opening.std, slope * self.rise.std)), self.rise.dof)
+        return Estimate(
+            size, float(np.hypot(share * self.opening.std, slope * self.rise.std)), self.rise.dof
+        )
 
 
 def fit_margin(x: Array, z: Array) -> Margin:
     """Measure opening and rise of a margin from a profile [m], nan where nothing was measured."""
-    # An edge is where the profile has fallen below its own shoulder by half the depth of the gap; missing points count as gap.
-    # Where two samples jump over a wall, the edge is known to that interval, as a rectangle; on a flank it is interpolated.
+    # An edge is where the profile has fallen below its own shoulder by half the depth of the gap;
+    # missing points count as gap. Where two samples jump over a wall, the edge is known to that
+    # interval, as a rectangle; on a flank it is interpolated.
     check_profile(x, z, 3 * LEAST_FACE)
     begin, end = _gap(x, z)
     margin = max((end - begin) // 2, 3)
@@ -43,27 +50,40 @@ def fit_margin(x: Array, z: Array) -> Margin:
         raise MetrologyError(f"shoulders must keep {LEAST_FACE} points each beside the gap")
     planes = fit_two_planes(x, z, 0.5 * float(x[begin] + x[end - 1]), used)
     left, right = _edges(x, z - planes.tilt * x - planes.offset, planes.height.value, begin, end)
-    spacing, roughness = float(np.diff(x).mean()), float(np.std(planes.fit.residuals[planes.fit.used]))
+    spacing, roughness = (
+        float(np.diff(x).mean()),
+        float(np.std(planes.fit.residuals[planes.fit.used])),
+    )
     sampling = spacing * float(np.hypot(left.unresolved, right.unresolved)) / np.sqrt(12.0)
-    crossing = [0.0 if np.isnan(one.jump) else roughness * spacing / one.jump for one in (left, right)]
-    opening = Estimate(right.position - left.position, float(np.hypot(crossing[0], crossing[1])), planes.height.dof)
+    crossing = [
+        0.0 if np.isnan(one.jump) else roughness * spacing / one.jump for one in (left, right)
+    ]
+    opening = Estimate(
+        right.position - left.position, float(np.hypot(crossing[0], crossing[1])), planes.height.dof
+    )
     return Margin(opening, sampling, planes.height)
 
 
 def _gap(x: Array, z: Array) -> tuple[int, int]:
     """Return the indices of the longest stretch that is missing or far below both shoulders."""
-    # Only to find it the profile is levelled by the median of its slopes, which does not see a gap of less than half of it.
+    # Only to find it the profile is levelled by the median of its slopes, which does not see a gap
+    # of less than half of it.
     known, quarter = np.isfinite(z), len(z) // 4
     u, w = x[known], z[known]
     lag = max(len(w) // 50, 1)
     level = despiked(z - float(np.median((w[lag:] - w[:-lag]) / (u[lag:] - u[:-lag]))) * x)
-    shoulders, bottom = [float(np.nanmedian(part)) for part in (level[:quarter], level[-quarter:])], np.nanmin(level)
+    shoulders, bottom = (
+        [float(np.nanmedian(part)) for part in (level[:quarter], level[-quarter:])],
+        np.nanmin(level),
+    )
     depth = min(shoulders) - bottom
     if not depth > max(0.2 * abs(shoulders[1] - shoulders[0]), 1e-12):
         raise MetrologyError("profile must show a gap below both shoulders, got none")
     inside = ~known | (level < min(shoulders) - 0.5 * depth)
     change = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
-    begin, end = max(zip(change[::2], change[1::2], strict=True), key=lambda pair: pair[1] - pair[0])
+    begin, end = max(
+        zip(change[::2], change[1::2], strict=True), key=lambda pair: pair[1] - pair[0]
+    )
     if begin < LEAST_FACE or len(level) - end < LEAST_FACE:
         raise MetrologyError(f"gap must leave {LEAST_FACE} points of a shoulder on either side")
     return int(begin), int(end)
@@ -84,7 +104,10 @@ def _edges(x: Array, flat: Array, rise: float, begin: int, end: int) -> list[_Wa
     level = lower - (0.5 * depth if np.isfinite(depth) else 0.0)
     solid = np.isfinite(flat) & (flat > level)
     middle = (begin + end) // 2
-    left, right = int(np.flatnonzero(solid[:middle])[-1]), middle + int(np.flatnonzero(solid[middle:])[0])
+    left, right = (
+        int(np.flatnonzero(solid[:middle])[-1]),
+        middle + int(np.flatnonzero(solid[middle:])[0]),
+    )
     return [_wall(x[low : low + 2], flat[low : low + 2], level, depth) for low in (left, right - 1)]
 
 

@@ -8,7 +8,13 @@ import numpy as np
 
 from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles, with_budget
+from stepblocks.inspect.budget import (
+    Component,
+    Instrument,
+    Measured,
+    measured_from_profiles,
+    with_budget,
+)
 from stepblocks.inspect.edge import Edge, fit_edge, fit_step
 from stepblocks.inspect.edge_arc import edge_profile
 from stepblocks.inspect.form import FaceForm, fit_face, flatness, parallelism, zone_of
@@ -53,11 +59,15 @@ class How:
     """How a scan is to be evaluated; what is not said follows the data."""
 
     exclusion: float | None = None  # half width kept out at every edge [m]; where the flank is
-    degree: int | None = None  # of the polynomial that a profile is levelled by, 1 to 3; as the data carry
+    degree: int | None = (
+        None  # of the polynomial that a profile is levelled by, 1 to 3; as the data carry
+    )
     begin: float | None = None  # of the part of each profile that is looked at [m]; all of it
     end: float | None = None  # likewise [m]
     edges: tuple[int, ...] | None = None  # which features, counted from 1; all
-    along: Literal["x", "y"] | None = None  # direction of the profiles of a map; whichever shows features
+    along: Literal["x", "y"] | None = (
+        None  # direction of the profiles of a map; whichever shows features
+    )
     stylus_radius: float = 0.0  # m
     stylus_cone: float = 0.0  # full angle of the stylus [rad]
 
@@ -76,35 +86,58 @@ class Inspected:
     arc: bool = True  # whether the edge is an arc, which its radius then says all of
 
 
-def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:
+def measure_edge(
+    scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND
+) -> Inspected:
     """Height and edge radius of a step; of a map also flatness and parallelism of the faces."""
     rows, notes = sampled(scan, how)
     found, refused = tried(lambda row: fit_edge(row.position, row.height, how.exclusion), rows)
-    crossed = np.array([(one.height.value, one.position, one.exclusion) for _, one in found]).reshape(-1, 3, 1)
+    crossed = np.array(
+        [(one.height.value, one.position, one.exclusion) for _, one in found]
+    ).reshape(-1, 3, 1)
     results = agreed(found, crossed.swapaxes(0, 1), rows, refused, notes)
     edges = [edge for _, edge in results]
     form = Component("form", _form_of(results), how="change with twice the exclusion, rectangular")
-    height = measured_from_profiles("step height", [one.height for one in edges], instrument, [form])
+    height = measured_from_profiles(
+        "step height", [one.height for one in edges], instrument, [form]
+    )
     flanks = [one.flank for one in edges if one.flank is not None]
     sloped = 2 * len(flanks) > len(edges)
     corners = [one.radius for one in edges if (one.flank is not None) == sloped]
-    # what lies between two samples of a sharp edge is the same in every profile, and does not average
+    # what lies between two samples of a sharp edge is the same in every profile, and does not
+    # average
     sharp = np.mean([one.value for one in corners]) < 3.0 * rows[0].spacing
     unresolved = rows[0].spacing / np.sqrt(12.0) if sharp else 0.0
     corners = [
         # a stylus rounds a corner by its own radius
-        Estimate(one.value - how.stylus_radius, float(np.sqrt(max(one.std**2 - unresolved**2, 0.0))), one.dof)
+        Estimate(
+            one.value - how.stylus_radius,
+            float(np.sqrt(max(one.std**2 - unresolved**2, 0.0))),
+            one.dof,
+        )
         for one in corners
     ]
-    sampling = [Component("sampling", unresolved, how="one interval, rectangular")] if unresolved > 0.0 else []
+    sampling = (
+        [Component("sampling", unresolved, how="one interval, rectangular")]
+        if unresolved > 0.0
+        else []
+    )
     radius = measured_from_profiles("edge radius", corners, instrument, sampling, axes=(1.0, 1.0))
     if how.stylus_radius > 0.0:
-        notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius")
+        notes.append(
+            f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius"
+        )
     if sloped:
-        angle, off = np.mean([one.angle for one in flanks]), np.mean([one.angle_std for one in flanks])
+        angle, off = (
+            np.mean([one.angle for one in flanks]),
+            np.mean([one.angle_std for one in flanks]),
+        )
         slope = f"{np.degrees(angle):.1f} +-{np.degrees(2.0 * off):.1f} deg"
         said = f"the edge is no arc: its flank slopes by {slope}, its radius is that of the corner"
-        if how.stylus_cone > 0.0 and angle > 0.5 * np.pi - 0.5 * how.stylus_cone - 2.0 * off - np.radians(1.0):
+        if (
+            how.stylus_cone > 0.0
+            and angle > 0.5 * np.pi - 0.5 * how.stylus_cone - 2.0 * off - np.radians(1.0)
+        ):
             said += ", and the flank may be steeper: it is as steep as the cone of the stylus"
         notes.append(said)
     values = {"step_height": height, "edge_radius": radius}
@@ -117,11 +150,20 @@ def measure_edge(scan: Profile | HeightMap, instrument: Instrument, how: How = A
         notes.append(f"{rejected} points missing or left out as spikes")
     if any(one.radius.value < 3.0 * first.spacing for one in edges):
         limit = max(one.radius_limit for one in edges)
-        notes.append(f"edge sharper than the sampling resolves; radius below {limit * 1e6:.2g} um at 95 %")
-    convention = f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side of the edge; radius by arc"
+        notes.append(
+            f"edge sharper than the sampling resolves; radius below {limit * 1e6:.2g} um at 95 %"
+        )
+    convention = (
+        f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side "
+        "of the edge; radius by arc"
+    )
     if sloped:
         convention = f"{convention} of the corner beside its flank"
-    x, before, behind = first.position, edge.position - edge.exclusion, edge.position + edge.exclusion
+    x, before, behind = (
+        first.position,
+        edge.position - edge.exclusion,
+        edge.position + edge.exclusion,
+    )
     windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
     level = first.height - edge.tilt * x
     lower = (x < before) if edge.rising else (x > behind)
@@ -143,7 +185,9 @@ def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profil
     inside = (x >= begin) & (x <= end)
     measured = [row for row in rows if np.isfinite(row.height[inside]).any()]
     if inside.sum() < 3 or not measured:
-        raise MetrologyError(f"part from {begin * 1e6:g} to {end * 1e6:g} um must hold 3 points, got {inside.sum()}")
+        raise MetrologyError(
+            f"part from {begin * 1e6:g} to {end * 1e6:g} um must hold 3 points, got {inside.sum()}"
+        )
     x = x[inside]
     heights = [row.height[inside] for row in measured]
     step = float(np.median(np.diff(x)))
@@ -153,16 +197,23 @@ def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profil
         far = np.abs(even - x[np.searchsorted(x, even).clip(0, len(x) - 1)]) > 3.0 * step
         heights = [np.where(far, np.nan, np.interp(even, x, z)) for z in heights]
         x = even
-        notes.append(f"positions set to equal steps of {step * 1e6:.4g} um, between which heights are interpolated")
+        notes.append(
+            f"positions set to equal steps of {step * 1e6:.4g} um, between which heights are "
+            "interpolated"
+        )
     return [Profile(x, z, row.source) for z, row in zip(heights, measured, strict=True)], notes
 
 
 def agreed(
-    found: list[tuple[Profile, T]], crossed: Array, rows: list[Profile], refused: list[str], notes: list[str]
+    found: list[tuple[Profile, T]],
+    crossed: Array,
+    rows: list[Profile],
+    refused: list[str],
+    notes: list[str],
 ) -> list[tuple[Profile, T]]:
     """Return the profiles that agree on what they cross; refused, with the share, where they are less than half of those asked."""
-    # `crossed`, shape (3, profiles, features), are height, place and slack of place of each feature [m]. They must lie where the
-    # others have them, a slant over the map allowed, and be as high.
+    # `crossed`, shape (3, profiles, features), are height, place and slack of place of each feature
+    # [m]. They must lie where the others have them, a slant over the map allowed, and be as high.
     heights, places, slack = crossed
     alike = np.ones(len(found), dtype=bool)
     if len(found) > 2:
@@ -185,7 +236,10 @@ def agreed(
     if (between := places[-1] - places[0] + 1) > len(kept):
         notes.append(f"{between - len(kept)} of {between} profiles refused, the first {reason}")
     if between < asked:  # a feature may end within a map
-        notes.append(f"{asked - between} of {asked} profiles lie beyond those that show it, the first {reason}")
+        notes.append(
+            f"{asked - between} of {asked} profiles lie beyond those that show it, the first "
+            f"{reason}"
+        )
     return kept
 
 
@@ -203,7 +257,9 @@ def tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S,
 def _form_of(results: list[tuple[Profile, Edge]]) -> float:
     """Change of the mean height when twice as much is excluded, beyond what noise alone changes, as a rectangle."""
     some = results[:: max(len(results) // 10, 1)]
-    wider = tried(lambda one: fit_step(one[0].position, one[0].height, 2.0 * one[1].exclusion), some)[0]
+    wider = tried(
+        lambda one: fit_step(one[0].position, one[0].height, 2.0 * one[1].exclusion), some
+    )[0]
     pairs = [(edge.height, wide) for (_, edge), wide in wider]
     if not pairs:
         return 0.0
@@ -221,7 +277,9 @@ def _faces(
     across, along = (slice(None, None, max(size // _MOST_ACROSS, 1)) for size in scan.height.shape)
     x, y, height = scan.x[along], scan.y[across], scan.height[across, along]
     sides = [x < edge.position - edge.exclusion, x > edge.position + edge.exclusion]
-    lower, upper = (np.broadcast_to(side, height.shape) for side in (sides if edge.rising else sides[::-1]))
+    lower, upper = (
+        np.broadcast_to(side, height.shape) for side in (sides if edge.rising else sides[::-1])
+    )
     low, high = (fit_face(x, y, height, face) for face in (lower, upper))
     level = height - edge.tilt * x
     level = level - np.nanmedian(np.where(lower, level, np.nan), axis=1, keepdims=True)
@@ -234,10 +292,14 @@ def _faces(
         "flatness_upper": ("flatness, upper face", flatness, (high,)),
         "parallelism": ("parallelism, upper face to A", parallelism, (high, low)),
     }
-    zones = [(name, zone(*[face.points for face in faces]) * 1e6) for name, zone, faces in asked.values()]
+    zones = [
+        (name, zone(*[face.points for face in faces]) * 1e6) for name, zone, faces in asked.values()
+    ]
     notes.append(
-        f"flatness and parallelism are those of the form, polynomials of degree {max(low.degree, high.degree)}, over what was "
-        f"scanned; zones of all points, noise included: {', '.join(f'{name} {size:.3g} um' for name, size in zones)}"
+        "flatness and parallelism are those of the form, polynomials of degree "
+        f"{max(low.degree, high.degree)}, over what was "
+        "scanned; zones of all points, noise included: "
+        f"{', '.join(f'{name} {size:.3g} um' for name, size in zones)}"
     )
     values = {}
     for key, (name, zone, faces) in asked.items():
@@ -247,12 +309,16 @@ def _faces(
     return values, drawn
 
 
-def measure_margin(scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND) -> Inspected:
+def measure_margin(
+    scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND
+) -> Inspected:
     """Measure opening and rise of a margin, and the absolute discrepancy."""
     rows, notes = sampled(scan, how)
     found, refused = tried(lambda row: fit_margin(row.position, row.height), rows)
     openings = np.array([[one.opening.value] for _, one in found]).reshape(-1, 1)
-    results = agreed(found, np.stack([openings, 0.0 * openings, 0.0 * openings]), rows, refused, notes)
+    results = agreed(
+        found, np.stack([openings, 0.0 * openings, 0.0 * openings]), rows, refused, notes
+    )
     ones = [one for _, one in results]
     share = float(np.mean([one.opening.value / one.absolute.value for one in ones]))
     sampling = float(np.mean([one.sampling for one in ones]))
@@ -280,22 +346,36 @@ def measure_tip(
     if isinstance(scan, Profile):
         (scan,), notes = sampled(scan, how)
     cap = fit_cap(scan, nominal)
-    radius, reach = cap.radius, float(np.sin(cap.cap_angle))  # of what the points cover, as a part of the radius
+    radius, reach = (
+        cap.radius,
+        float(np.sin(cap.cap_angle)),
+    )  # of what the points cover, as a part of the radius
     narrower = tried(lambda part: fit_cap(scan, nominal, part), [_NARROWER * reach])[0]
     change = max((abs(one.radius.value - radius.value) for _, one in narrower), default=0.0)
     # a cap of 0.7 of the angle knows its radius by a quarter as well
     beyond = float(np.sqrt(max(change**2 - (3.0 * radius.std) ** 2, 0.0) / 3.0))
-    form = Component("form", beyond, how="change over a cap of seven tenths of it, less its noise, rectangular")
+    form = Component(
+        "form", beyond, how="change over a cap of seven tenths of it, less its noise, rectangular"
+    )
     if how.stylus_radius > 0.0:
         radius = replace(radius, value=radius.value - how.stylus_radius)
         notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.4g} um is taken off")
     # of a cap, height h over width a, R is a^2 / 2h: twice the lateral error, once the vertical
     value = measured_from_profiles("ball radius", [radius], instrument, [form], axes=(1.0, 2.0))
-    notes.append(f"form of the ball {cap.form * 1e6:.3g} um, with noise, over {np.degrees(cap.cap_angle):.3g} deg")
+    notes.append(
+        f"form of the ball {cap.form * 1e6:.3g} um, with noise, over "
+        f"{np.degrees(cap.cap_angle):.3g} deg"
+    )
     if cap.rejected:
         notes.append(f"{cap.rejected} of {cap.points} points left out as spikes")
-    through = "circle through the cap of the profile" if isinstance(scan, Profile) else "sphere through the cap"
+    through = (
+        "circle through the cap of the profile"
+        if isinstance(scan, Profile)
+        else "sphere through the cap"
+    )
     x, z, fitted = cap.drawn
     low = float(np.nanmin(z))
     shown = Shown(x, z - low, (), fitted - low)
-    return Inspected({"ball_radius": value}, f"least-squares {through}, in heights", tuple(notes), shown)
+    return Inspected(
+        {"ball_radius": value}, f"least-squares {through}, in heights", tuple(notes), shown
+    )

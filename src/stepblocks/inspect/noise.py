@@ -1,10 +1,12 @@
 """What the residuals of a fit say about its noise, and the standard uncertainty that an estimate has from it.
 
-Machined faces carry roughness that is correlated over micrometres, so 4,000 points are not 4,000 observations: each
-uncertainty of this room goes through the autocovariance of the residuals. A height is a weighted sum ``w . z``; with stationary
-noise its variance is the sum over lags of ``c(k) gamma(k)``, c the autocorrelation of the weights and gamma the autocovariance of
-the noise. Gamma is estimated from a few hundred residuals, so the variance carries degrees of freedom. Two biases are taken out: the
-taper over lags is flat where the noise is correlated, and what the fit has swallowed of the noise is put back by its expectation.
+Machined faces carry roughness that is correlated over micrometres, so 4,000 points are not 4,000
+observations: each uncertainty of this room goes through the autocovariance of the residuals. A
+height is a weighted sum ``w . z``; with stationary noise its variance is the sum over lags of
+``c(k) gamma(k)``, c the autocorrelation of the weights and gamma the autocovariance of the noise.
+Gamma is estimated from a few hundred residuals, so the variance carries degrees of freedom. Two
+biases are taken out: the taper over lags is flat where the noise is correlated, and what the fit
+has swallowed of the noise is put back by its expectation.
 """
 
 import math
@@ -19,15 +21,22 @@ from scipy.linalg import matmul_toeplitz
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# scatter that counts as none [m]: a hundredth of an atom. Below it lies the rounding of a processor, not a surface
+# scatter that counts as none [m]: a hundredth of an atom. Below it lies the rounding of a
+# processor, not a surface
 LEAST_SCATTER = 1e-12
-_GAUSS_PER_MAD = 1.482602218505602  # standard deviation of a normal law over its median absolute deviation
+_GAUSS_PER_MAD = (
+    1.482602218505602  # standard deviation of a normal law over its median absolute deviation
+)
 SPIKE = 5.0  # robust standard deviations beyond which a point is a spike
 _LEAST_SPAN = 1e-10  # of columns' products, as a share of the largest: below lies rounding
-_MOST_RESTORED = 4.0  # by which a variance is raised for what the fit swallowed; beyond it, nothing is known
-# least part of the low frequencies that a fit may leave [1]; with less, the correlation cannot be told from the form
+_MOST_RESTORED = (
+    4.0  # by which a variance is raised for what the fit swallowed; beyond it, nothing is known
+)
+# least part of the low frequencies that a fit may leave [1]; with less, the correlation cannot be
+# told from the form
 _LEAST_LEFT = 0.25
-# smallest variance as a part of that of white noise of the same scatter: a truncated sum over lags may fall below zero
+# smallest variance as a part of that of white noise of the same scatter: a truncated sum over lags
+# may fall below zero
 _LEAST_OF_WHITE = 0.25
 
 
@@ -37,7 +46,9 @@ class Estimate:
 
     value: float
     std: float  # standard uncertainty, in the unit of the value
-    dof: float = math.inf  # its effective degrees of freedom; infinite where the residuals are zero up to rounding
+    dof: float = (
+        math.inf
+    )  # its effective degrees of freedom; infinite where the residuals are zero up to rounding
 
 
 def robust_scale(residuals: Array) -> float:
@@ -57,8 +68,9 @@ def outlier_mask(residuals: Array, used: Mask) -> Mask:
 
 def autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
     """Autocovariance of residuals that come in pieces, tapered so that it is a valid covariance."""
-    # The sum over pairs is divided by the number of points at every lag, which keeps it positive semidefinite, as does
-    # the product with Parzen's window. The window is four times as wide as the lag at which the correlation drowns.
+    # The sum over pairs is divided by the number of points at every lag, which keeps it positive
+    # semidefinite, as does the product with Parzen's window. The window is four times as wide as
+    # the lag at which the correlation drowns.
     count = sum(int(np.isfinite(piece).sum()) for piece in pieces)
     longest = max(len(piece) for piece in pieces)
     total = np.zeros(longest)
@@ -98,13 +110,16 @@ def covariance_root(covariance: Array) -> Array:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)
 
 
-def estimated(value: float, weights: Array, residuals: Array, used: Mask, design: Array) -> Estimate:
+def estimated(
+    value: float, weights: Array, residuals: Array, used: Mask, design: Array
+) -> Estimate:
     """State `value`, which is ``sum(weights * z)``, with its uncertainty from the residuals of the fit."""
-    # With residuals ``r = M z``, M the projection of the fit, the estimate of the variance is a quadratic form ``r Q r``;
-    # Q holds ``c(k) taper(k) / pairs(k)``. Its mean is ``tr(M Q M Gamma)``, which gives the correction, and twice the
-    # square of its mean over its variance the degrees of freedom (Satterthwaite 1946, Biometrics Bulletin 2:110,
-    # doi:10.2307/3002019), here ``tr(Q Gamma)^2 / tr(Q Gamma Q Gamma)`` evaluated over frequencies. The taper is the flat
-    # top of Politis and Romano (1995), its width by Politis (2003), J. Nonparametr. Stat. 15:375,
+    # With residuals ``r = M z``, M the projection of the fit, the estimate of the variance is a
+    # quadratic form ``r Q r``; Q holds ``c(k) taper(k) / pairs(k)``. Its mean is ``tr(M Q M
+    # Gamma)``, which gives the correction, and twice the square of its mean over its variance the
+    # degrees of freedom (Satterthwaite 1946, Biometrics Bulletin 2:110, doi:10.2307/3002019), here
+    # ``tr(Q Gamma)^2 / tr(Q Gamma Q Gamma)`` evaluated over frequencies. The taper is the flat top
+    # of Politis and Romano (1995), its width by Politis (2003), J. Nonparametr. Stat. 15:375,
     # doi:10.1080/1048525031000157990.
     lags = _Lags(residuals.shape)
     inside = used.astype(np.float64)
@@ -119,9 +134,12 @@ def estimated(value: float, weights: Array, residuals: Array, used: Mask, design
     c = lags.autocorrelation(w)
     white = float(c.flat[0] * gamma.flat[0])
     variance = max(float(np.sum(c * gamma * taper)), _LEAST_OF_WHITE * white)
-    # each column of the fit takes the mean power of one frequency: every lag lies too low by the same amount
+    # each column of the fit takes the mean power of one frequency: every lag lies too low by the
+    # same amount
     share = len(design) / count
-    lifted = gamma + share * float(np.sum(gamma * taper)) / max(1.0 - share * float(taper.sum()), _LEAST_LEFT)
+    lifted = gamma + share * float(np.sum(gamma * taper)) / max(
+        1.0 - share * float(taper.sum()), _LEAST_LEFT
+    )
     spectrum = np.maximum(lags.transform(lifted * taper).real, 0.0)
     form = lags.transform(np.where(known, c * taper / np.maximum(pairs, 1.0), 0.0)).real
     trace, seen = _expectations(lags, spectrum, form, pairs, inside, design)
@@ -166,9 +184,12 @@ def _expectations(
     """Traces of Q Gamma and of M Q M Gamma; the projection has few columns, so no large matrix is ever formed."""
     trace = float(np.sum(lags.back(form) * pairs * lags.back(spectrum)))
     columns = design * inside
-    by_noise, by_form = ((lags.convolved(one, columns) * inside).reshape(len(design), -1) for one in (spectrum, form))
+    by_noise, by_form = (
+        (lags.convolved(one, columns) * inside).reshape(len(design), -1) for one in (spectrum, form)
+    )
     columns = columns.reshape(len(design), -1)
-    # the projection is that of the columns' span: of columns that depend on each other where outliers fell out, one counts
+    # the projection is that of the columns' span: of columns that depend on each other where
+    # outliers fell out, one counts
     size = np.sqrt(np.einsum("ij,ij->i", columns, columns))
     size = np.where(size > 0.0, size, 1.0)[:, np.newaxis]
     columns, by_noise, by_form = columns / size, by_noise / size, by_form / size
@@ -187,7 +208,9 @@ def _taper(gamma: Array, shape: tuple[int, ...], count: float) -> Array:
         line[axis] = slice(1, max(size // 3, 2))
         correlation = np.abs(gamma[tuple(line)]) / gamma.flat[0]
         # five in a row that are indistinguishable from none
-        quiet = np.flatnonzero(np.convolve(correlation < limit, np.ones(5))[4:] >= min(5, len(correlation)))
+        quiet = np.flatnonzero(
+            np.convolve(correlation < limit, np.ones(5))[4:] >= min(5, len(correlation))
+        )
         flat = max(int(quiet[0]) if quiet.size else len(correlation), 1)
         lag = np.abs(np.fft.fftfreq(gamma.shape[axis]) * gamma.shape[axis])
         along = [1] * gamma.ndim

@@ -34,7 +34,12 @@ _COLOUR: dict[Outcome | None, str] = {
 }
 _MOST_DRAWN = 4000
 _MOST_ACROSS = 500  # points of a map that is drawn
-_HEIGHTS = ("step_height", "ridge_height", "horizontal_discrepancy", "groove_depth")  # limits drawn beside the scan
+_HEIGHTS = (
+    "step_height",
+    "ridge_height",
+    "horizontal_discrepancy",
+    "groove_depth",
+)  # limits drawn beside the scan
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,9 @@ class InspectionResult:
     verdict: Outcome | None  # over all of them; None where nothing was asked
     felt: str  # how far the felt energy moved; empty where it does not follow from the values
     source: Path  # the scan, or the results of another program
-    order: OrderSpec = field(default_factory=OrderSpec)  # who asks for it, for QIF and the certificate
+    order: OrderSpec = field(
+        default_factory=OrderSpec
+    )  # who asks for it, for QIF and the certificate
 
     @property
     def said(self) -> str:
@@ -64,25 +71,44 @@ class InspectionResult:
             label, decision = limits.get(key, (measured.name, None))
             half = measured.expanded() * 1e6
             # two of the uncertainty, none below a picometre
-            digits = min(max(1 - math.floor(math.log10(half)), 0), 6) if 0.0 < half < math.inf else 4
+            digits = (
+                min(max(1 - math.floor(math.log10(half)), 0), 6) if 0.0 < half < math.inf else 4
+            )
             value, stated = (f"{x:.{digits}f}" for x in (measured.value * 1e6, half))
-            row: dict[str, Any] = {"characteristic": label, "value_um": value, "expanded_uncertainty_95_um": stated}
+            row: dict[str, Any] = {
+                "characteristic": label,
+                "value_um": value,
+                "expanded_uncertainty_95_um": stated,
+            }
             row |= {"lower_um": None, "upper_um": None, "guard_um": None}
             if decision is not None:
-                ends = {"lower_um": decision.lower, "upper_um": decision.upper, "guard_um": decision.guard}
+                ends = {
+                    "lower_um": decision.lower,
+                    "upper_um": decision.upper,
+                    "guard_um": decision.guard,
+                }
                 row |= {name: _known(value * 1e6) for name, value in ends.items()}
-            rows.append({**row, "verdict": "no limits" if decision is None else decision.verdict.value})
+            rows.append(
+                {**row, "verdict": "no limits" if decision is None else decision.verdict.value}
+            )
             for part in measured.components:
                 said = "not stated" if math.isnan(part.std) else f"{part.std * 1e6:.3g}"
-                budget.append({"characteristic": label, "component": part.name, "u_um": said, "how": part.how})
+                budget.append(
+                    {"characteristic": label, "component": part.name, "u_um": said, "how": part.how}
+                )
         return {"characteristics": rows, "uncertainty budget": budget}
 
     @property
     def remarks(self) -> list[str]:
         """Convention, what was not stated, what was left out, and what is felt."""
-        unstated = sorted({name for measured in self.inspected.values.values() for name in measured.unstated})
+        unstated = sorted(
+            {name for measured in self.inspected.values.values() for name in measured.unstated}
+        )
         said = [f"not stated counts as zero: {', '.join(unstated)}"] if unstated else []
-        guard = f"guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of freedom"
+        guard = (
+            f"guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of "
+            "freedom"
+        )
         said += [f"convention: {self.inspected.convention}", f"decision: ISO 14253-1, {guard}"]
         said += [f"note: {note}" for note in self.inspected.notes]
         return [*said, f"felt: {self.felt}"] if self.felt else said
@@ -115,7 +141,9 @@ class InspectionResult:
             "notes": list(self.inspected.notes),
             "felt": self.felt,
             "others_m": {key: one.value for key, one in self._others.items()},
-            "characteristics": [_record(one, d, self.inspected.values[one.key]) for one, d in self.judged],
+            "characteristics": [
+                _record(one, d, self.inspected.values[one.key]) for one, d in self.judged
+            ],
         }
 
 
@@ -173,15 +201,31 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
     inspected, shown = result.inspected, result.inspected.shown
     surface = Profile(shown.position, shown.height) if result.felt and shown is not None else None
-    record = AsBuilt(result.identity, result.source.name, digest, inspected.convention, values, surface, inspected.arc)
+    record = AsBuilt(
+        result.identity,
+        result.source.name,
+        digest,
+        inspected.convention,
+        values,
+        surface,
+        inspected.arc,
+    )
     paths = [*(write_as_built(record_path, record) if values else ()), data, plot, page]
     replace_text(data, json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
     _draw(plot, result)
-    filled_in = {"tables": result.tables, "notes": result.remarks, "said": result.said, "picture": plot.name}
+    filled_in = {
+        "tables": result.tables,
+        "notes": result.remarks,
+        "said": result.said,
+        "picture": plot.name,
+    }
     lead = result.felt or f"Measured on {result.source.name}."
     alt = f"Scan of {result.identity}, what was fitted, limits and guard bands"
     title = f"Inspection of {result.identity}"
-    replace_text(page, render_page("inspect", "inspection.html.j2", title=title, lead=lead, alt=alt, **filled_in))
+    replace_text(
+        page,
+        render_page("inspect", "inspection.html.j2", title=title, lead=lead, alt=alt, **filled_in),
+    )
     if result.stimulus is not None:
         filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
         write_table(sheet_table(result.stimulus, filled), sheet)
@@ -205,7 +249,9 @@ def _draw(path: Path, result: InspectionResult) -> None:
     if shown is not None:
         _draw_scan(axes[len(maps)], result, shown)
     title = f"{result.identity}: {result.said}"
-    axes[0].set_title(title, color=_COLOUR.get(result.verdict, "#1d2a36"), fontweight="bold", loc="left")
+    axes[0].set_title(
+        title, color=_COLOUR.get(result.verdict, "#1d2a36"), fontweight="bold", loc="left"
+    )
     for axis, (one, decision) in zip(axes[len(maps + scan) :], result.judged, strict=True):
         _draw_limits(axis, one, decision)
     save_figure(figure, path)
@@ -216,16 +262,22 @@ def _draw_map(axes: Any, shown: ShownMap) -> None:
 
     thin = max(max(shown.height.shape) // _MOST_ACROSS, 1)
     extent = (0.0, shown.size[0] * 1e6, 0.0, shown.size[1] * 1e6)
-    for axis, values, label in zip(axes, (shown.height, shown.residual), ("height / um", "residual / um"), strict=True):
+    for axis, values, label in zip(
+        axes, (shown.height, shown.residual), ("height / um", "residual / um"), strict=True
+    ):
         low, high = np.nanpercentile(values, [1.0, 99.0]) * 1e6
-        image = axis.imshow(values[::thin, ::thin] * 1e6, origin="lower", extent=extent, vmin=low, vmax=high)
+        image = axis.imshow(
+            values[::thin, ::thin] * 1e6, origin="lower", extent=extent, vmin=low, vmax=high
+        )
         axis.figure.colorbar(image, cax=axis.inset_axes((1.03, 0.0, 0.03, 1.0)), label=label)
         axis.set(xlabel="x / um", ylabel="y / um")
         axis.grid(visible=False)
     lines = []
     for (name, mask), colour in zip(shown.outlines, ("#b3261e", "#ffffff"), strict=False):
         if not mask.all():
-            axes[0].contour(mask[::thin, ::thin], levels=[0.5], colors=colour, linewidths=0.8, extent=extent)
+            axes[0].contour(
+                mask[::thin, ::thin], levels=[0.5], colors=colour, linewidths=0.8, extent=extent
+            )
         lines.append(Line2D([], [], color=colour, label=f"{name}, as evaluated"))
     place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.2), "ncols": 2}
     axes[0].legend(handles=lines, facecolor="#8a97a3", fontsize=7, **place)
@@ -237,7 +289,9 @@ def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
     axis.plot(x, z, color="#1d2a36", linewidth=1.4)
     for index, (begin, end, name) in enumerate(shown.windows):
         label = "evaluated" if name and index == 0 else None
-        axis.axvspan(begin * 1e6, end * 1e6, fc="#eaf0f5", ec="#b9c6d2", linewidth=0.5, zorder=0, label=label)
+        axis.axvspan(
+            begin * 1e6, end * 1e6, fc="#eaf0f5", ec="#b9c6d2", linewidth=0.5, zorder=0, label=label
+        )
     if shown.fitted is not None:
         fitted = shown.fitted[::thin] * 1e6
         axis.plot(x, fitted, color="#f0a020", linewidth=0.7, label="fitted")
@@ -251,14 +305,21 @@ def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
         left_out = shown.position[off] * 1e6, shown.height[off] * 1e6
         axis.plot(*left_out, "x", color="#b3261e", markersize=4, label="left out")
     if axis.get_legend_handles_labels()[0]:
-        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=7, frameon=False)
+        axis.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=7, frameon=False
+        )
     low, high = np.nanmin(z), np.nanmax(z)
     # of a feature that lies below the faces the limits are drawn below them
     falls = np.nanmedian(z) > 0.5 * (low + high) and low < -0.5 * np.ptp(z)
     for one, decision in result.judged:
         for limit in (decision.lower, decision.upper):
             if one.key in _HEIGHTS and math.isfinite(limit):
-                axis.axhline((-1.0 if falls else 1.0) * limit * 1e6, color="#c8553d", linestyle="--", linewidth=0.8)
+                axis.axhline(
+                    (-1.0 if falls else 1.0) * limit * 1e6,
+                    color="#c8553d",
+                    linestyle="--",
+                    linewidth=0.8,
+                )
     limits = (low - 0.08 * (high - low), high + 0.22 * (high - low))
     axis.set(xlim=(x[0], x[-1]), ylim=limits, xlabel="position / um", ylabel="height / um")
     axis.spines[["top", "right"]].set_visible(False)

@@ -12,7 +12,14 @@ from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, judge, verdict_of
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.measure import AS_FOUND, How, Inspected, measure_edge, measure_margin, measure_tip
+from stepblocks.inspect.measure import (
+    AS_FOUND,
+    How,
+    Inspected,
+    measure_edge,
+    measure_margin,
+    measure_tip,
+)
 from stepblocks.inspect.report import InspectionResult
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec, PredictionGrid
@@ -22,17 +29,27 @@ from stepblocks.text_file import as_text
 
 Evaluation = Callable[[Profile | HeightMap, Instrument, Characteristic, How], Inspected]
 
-# What is scanned of a part, by the characteristic that it shows: a part that has one can be inspected.
+# What is scanned of a part, by the characteristic that it shows: a part that has one can be
+# inspected.
 EVALUATIONS: dict[str, Evaluation] = {
     "step_height": lambda scan, instrument, asked, how: measure_edge(scan, instrument, how),
-    "groove_depth": lambda scan, instrument, asked, how: measure_groove(scan, instrument, how, asked.key),
-    "ridge_height": lambda scan, instrument, asked, how: measure_groove(scan, instrument, how, asked.key),
-    "horizontal_discrepancy": lambda scan, instrument, asked, how: measure_margin(scan, instrument, how),
-    "ball_radius": lambda scan, instrument, asked, how: measure_tip(scan, instrument, how, asked.nominal),
+    "groove_depth": lambda scan, instrument, asked, how: measure_groove(
+        scan, instrument, how, asked.key
+    ),
+    "ridge_height": lambda scan, instrument, asked, how: measure_groove(
+        scan, instrument, how, asked.key
+    ),
+    "horizontal_discrepancy": lambda scan, instrument, asked, how: measure_margin(
+        scan, instrument, how
+    ),
+    "ball_radius": lambda scan, instrument, asked, how: measure_tip(
+        scan, instrument, how, asked.nominal
+    ),
 }
 # what a scan of a feature does not show, and which evaluation a standard of a feature needs
 _BESIDE = {"edge": ("groove_depth", "ridge_height"), "groove": ("step_height",)}
-# which options, besides the part of a profile (`--from`, `--to`), an evaluation follows; the others are refused
+# which options, besides the part of a profile (`--from`, `--to`), an evaluation follows; the others
+# are refused
 _STYLUS = {"stylus_radius": "--stylus-radius", "stylus_cone": "--stylus-cone"}
 _FLAT = {"degree": "--level", "edges": "--edges", "along": "--along"}
 _UNFOLLOWED: dict[str, dict[str, str]] = {
@@ -64,7 +81,8 @@ def inspect_scan(
     Parameters
     ----------
     scan : str or Path
-        Profile or height map, of any format that `read_scan` reads; or results of another program, ``*.qif``.
+        Profile or height map, of any format that `read_scan` reads; or results of another program,
+        ``*.qif``.
     stimulus : str
         Identity of the part, such as ``"step-050"``.
     stimuli : str or Path
@@ -74,7 +92,8 @@ def inspect_scan(
     feature : {"edge", "groove"}
         What of a step block was scanned; the groove stands also for a ridge.
     how : How
-        Exclusion, levelling, part of the profile, edges, direction and stylus; what is not said follows the data.
+        Exclusion, levelling, part of the profile, edges, direction and stylus; what is not said
+        follows the data.
     unit, channel : str, optional
         As `read_scan` takes them.
 
@@ -88,7 +107,8 @@ def inspect_scan(
     MetrologyError
         If the scan cannot be read or evaluated.
     PipelineError
-        If the stimulus is not declared there, there is no evaluation for it or none that follows `how`, or the feature is neither.
+        If the stimulus is not declared there, there is no evaluation for it or none that follows
+        `how`, or the feature is neither.
     """
     if feature not in _BESIDE:
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
@@ -99,18 +119,28 @@ def inspect_scan(
         return replace(result, felt=_felt_sentence(result, prediction))
     shown = [one for one in asked if one.key in EVALUATIONS and one.key not in _BESIDE[feature]]
     if not shown:
-        raise PipelineError(f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can")
+        raise PipelineError(
+            f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can"
+        )
     _require_followed(shown[0].key, how)
-    inspected = _evaluated(EVALUATIONS[shown[0].key], read_scan(scan, unit, channel), instrument, shown[0], how)
+    inspected = _evaluated(
+        EVALUATIONS[shown[0].key], read_scan(scan, unit, channel), instrument, shown[0], how
+    )
     result = _judged(part, inspected, asked, Path(scan), order)
     if not result.judged:
-        raise PipelineError(f"scan of {part.id} must measure at least one characteristic with limits, got none")
+        raise PipelineError(
+            f"scan of {part.id} must measure at least one characteristic with limits, got none"
+        )
     return replace(result, felt=_felt_sentence(result, prediction))
 
 
 def _from_qif(path: Path, asked: list[Characteristic]) -> Inspected:
     """Take lengths that another program measured, found by key, label or number on the drawing, with the uncertainty it states."""
-    called = {name: one.key for n, one in enumerate(asked, start=1) for name in (str(n), one.label, one.key)}
+    called = {
+        name: one.key
+        for n, one in enumerate(asked, start=1)
+        for name in (str(n), one.label, one.key)
+    }
     angles = {one.key for one in asked if one.quantity == "angle"}
     results = read_qif_results(path)
     found = {key: one for key, one in matched_by(results, called).items() if key not in angles}
@@ -146,26 +176,30 @@ def inspect_standard(
     scan, instrument, how, unit, channel
         As `inspect_scan` takes them.
     depth, tolerance : float
-        Certified depth or radius and its tolerance [m]; with a tolerance of 0 nothing can be proven but a deviation. Without a
-        depth the scan is measured and nothing is judged.
+        Certified depth or radius and its tolerance [m]; with a tolerance of 0 nothing can be proven
+        but a deviation. Without a depth the scan is measured and nothing is judged.
     feature : {"groove", "edge", "ball"}
         What was scanned; grooves stand also for ridges, single steps and gratings.
 
     Returns
     -------
     InspectionResult
-        Depth by type A1 or A2, by a masked polynomial, a masked step or as a grating; or radius of a ball.
+        Depth by type A1 or A2, by a masked polynomial, a masked step or as a grating; or radius of
+        a ball.
 
     Raises
     ------
     MetrologyError
-        If the scan cannot be read or evaluated, or does not show a feature that a smooth curve does not explain.
+        If the scan cannot be read or evaluated, or does not show a feature that a smooth curve does
+        not explain.
     """
     if feature == "ball" and depth is None:
         raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
     _require_followed(_STANDARDS[feature], how)
     key = _STANDARDS[feature].removeprefix("groove_")
-    asked = Characteristic(key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance)
+    asked = Characteristic(
+        key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance
+    )
     read = read_scan(scan, unit, channel)
     inspected = _evaluated(EVALUATIONS[_STANDARDS[feature]], read, instrument, asked, how)
     return _judged(None, inspected, [asked] if depth is not None else [], Path(scan))
@@ -185,14 +219,22 @@ def _declared(identity: str, where: Path) -> tuple[Part, OrderSpec, PredictionGr
 
 def _require_followed(key: str, how: How) -> None:
     """Refuse what an evaluation would leave aside without a word."""
-    idle = [option for name, option in _UNFOLLOWED[key].items() if getattr(how, name) != getattr(AS_FOUND, name)]
+    idle = [
+        option
+        for name, option in _UNFOLLOWED[key].items()
+        if getattr(how, name) != getattr(AS_FOUND, name)
+    ]
     if idle:
         rule = f"leave out {', '.join(idle)}, which this evaluation does not follow"
         raise PipelineError(f"an evaluation of {key.replace('_', ' ')} must {rule}")
 
 
 def _evaluated(
-    evaluate: Evaluation, read: Profile | HeightMap, instrument: Instrument, asked: Characteristic, how: How
+    evaluate: Evaluation,
+    read: Profile | HeightMap,
+    instrument: Instrument,
+    asked: Characteristic,
+    how: How,
 ) -> Inspected:
     """Evaluate a scan by an instrument that resolves no less than one count of it."""
     resolution = max(instrument.resolution, read.count or 0.0)
@@ -200,7 +242,11 @@ def _evaluated(
 
 
 def _judged(
-    part: Part | None, inspected: Inspected, asked: Iterable[Characteristic], source: Path, order: OrderSpec = _NO_ORDER
+    part: Part | None,
+    inspected: Inspected,
+    asked: Iterable[Characteristic],
+    source: Path,
+    order: OrderSpec = _NO_ORDER,
 ) -> InspectionResult:
     found = [(one, inspected.values[one.key]) for one in asked if one.key in inspected.values]
     judged = tuple((one, judge(value, one.nominal, one.lower, one.upper)) for one, value in found)
@@ -211,8 +257,8 @@ def _judged(
 
 def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
     """Say how the energy that the edge releases differs from the nominal block's, and why."""
-    # Compared under the first tip, load and friction of the grid: the nominal step, as built, and the scanned surface. Empty
-    # where height and edge radius were not both measured.
+    # Compared under the first tip, load and friction of the grid: the nominal step, as built, and
+    # the scanned surface. Empty where height and edge radius were not both measured.
     values, shown = result.inspected.values, result.inspected.shown
     if not {"step_height", "edge_radius"} <= set(values):
         return ""
@@ -220,23 +266,39 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
     nominal = {one.key: one.nominal for one, _ in result.judged}
     asked = Step(nominal["step_height"], nominal["edge_radius"])
     made = Step(values["step_height"].value, max(values["edge_radius"].value, 0.0))
-    by_radius, by_height = Step(asked.height, made.edge_radius), Step(made.height, asked.edge_radius)
+    by_radius, by_height = (
+        Step(asked.height, made.edge_radius),
+        Step(made.height, asked.edge_radius),
+    )
     releases = [face.release(point) for face in (asked, made, by_radius, by_height)]
     verdict = f"{result.identity} {result.said}"
-    where = f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction {point.friction:g})"
+    where = (
+        f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction "
+        f"{point.friction:g})"
+    )
     if any(release.status is not Status.RELEASES for release in releases):
-        return f"{verdict}; nominal {releases[0].status.value}, as built {releases[1].status.value} {where}"
+        return (
+            f"{verdict}; nominal {releases[0].status.value}, as built {releases[1].status.value} "
+            f"{where}"
+        )
     surface = ""
-    angle = None if shown is None else scanned_angle(shown.position, shown.height, point.ball_radius)
+    angle = (
+        None if shown is None else scanned_angle(shown.position, shown.height, point.ball_radius)
+    )
     if angle is not None:
         scanned = release_at(angle, point.normal_load, point.friction, point.tool)
         if scanned.status is Status.RELEASES:
-            surface = f"; by the scanned surface itself {energy_change(asked, scanned, point) * 100:+.1f} %"
+            surface = (
+                "; by the scanned surface itself "
+                f"{energy_change(asked, scanned, point) * 100:+.1f} %"
+            )
             if not result.inspected.arc:  # its radius says little of it
                 energy = float(scanned.vibration_energy) * 1e6
                 return f"{verdict}; the edge is no arc{surface}, to {energy:.3g} uJ {where}"
     causes = {
-        f"its edge radius of {made.edge_radius * 1e6:.3g} um": energy_change(asked, by_radius, point),
+        f"its edge radius of {made.edge_radius * 1e6:.3g} um": energy_change(
+            asked, by_radius, point
+        ),
         f"its height of {made.height * 1e6:.2f} um": energy_change(asked, by_height, point),
     }
     named = " and ".join(
@@ -248,4 +310,7 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
     if named:
         told = f"{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
     change, energy = energy_change(asked, made, point), float(releases[1].vibration_energy)
-    return f"{verdict}{told}; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ{surface} {where}"
+    return (
+        f"{verdict}{told}; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ{surface} "
+        f"{where}"
+    )

@@ -1,7 +1,8 @@
 """Radius and form of a probe tip: a sphere through the heights of the cap of a map, or a circle through those of a profile.
 
-The noise of a scan is along z and correlated. So the sphere is fitted to heights, with the forms that leave its curvature
-alone (astigmatism, coma), and its uncertainty goes through the autocovariance of the residuals.
+The noise of a scan is along z and correlated. So the sphere is fitted to heights, with the forms
+that leave its curvature alone (astigmatism, coma), and its uncertainty goes through the
+autocovariance of the residuals.
 """
 
 from dataclasses import dataclass
@@ -14,14 +15,21 @@ from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import Array, Estimate, Mask, estimated, outlier_mask
 
-# reach of the cap that is fitted, as a part of the nominal radius [1]: 44 degrees of the ball, clear of the cone
+# reach of the cap that is fitted, as a part of the nominal radius [1]: 44 degrees of the ball,
+# clear of the cone
 _CAP = 0.7
 _MOST_ACROSS = 256  # points of a map along either side that are fitted; of more, every so many
 _CENTRINGS = 4
-_FEW = 4.0  # degrees of freedom below which the residuals are too smooth for their autocovariance [1]
+_FEW = (
+    4.0  # degrees of freedom below which the residuals are too smooth for their autocovariance [1]
+)
 _CELLS = 150  # into which such residuals are averaged
 _KEPT = 0.5  # part of the usual number of points, from which a cell counts [1]
-_POWERS = 1.0, 1.5, 2.0  # of the lag in the laws of correlation that are tried, from ragged to smooth [1]
+_POWERS = (
+    1.0,
+    1.5,
+    2.0,
+)  # of the lag in the laws of correlation that are tried, from ragged to smooth [1]
 
 
 @dataclass(frozen=True)
@@ -33,24 +41,38 @@ class Cap:
     cap_angle: float  # half angle of the cap [rad]
     rejected: int  # points left out as spikes
     points: int  # of the cap, with these
-    drawn: tuple[Array, Array, Array]  # position, height and fit along the row with most of the cap [m]
+    drawn: tuple[
+        Array, Array, Array
+    ]  # position, height and fit along the row with most of the cap [m]
 
 
 def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> Cap:
     """Fit a sphere, or a circle, to the heights within `reach` of the nominal radius [m] around the apex."""
     if isinstance(scan, Profile):
-        x, y, z = scan.position[np.newaxis, :], np.zeros((1, len(scan.position))), scan.height[np.newaxis, :]
+        x, y, z = (
+            scan.position[np.newaxis, :],
+            np.zeros((1, len(scan.position))),
+            scan.height[np.newaxis, :],
+        )
     else:
         thin = tuple(max(size // _MOST_ACROSS, 1) for size in scan.height.shape)
-        (x, y), z = np.meshgrid(scan.x[:: thin[1]], scan.y[:: thin[0]]), scan.height[:: thin[0], :: thin[1]]
+        (x, y), z = (
+            np.meshgrid(scan.x[:: thin[1]], scan.y[:: thin[0]]),
+            scan.height[:: thin[0], :: thin[1]],
+        )
     flat = len(z) == 1
     asked = f"a cap of a ball of about {nominal * 1e6:.4g} um"
     top = z > np.nanmax(z) - 0.02 * nominal
     place = float(np.median(x[top])), float(np.median(y[top]))
-    for _ in range(_CENTRINGS):  # the apex by the fit, since the highest points lie on a slope of noise
+    for _ in range(
+        _CENTRINGS
+    ):  # the apex by the fit, since the highest points lie on a slope of noise
         face = (np.hypot(x - place[0], y - place[1]) < reach * nominal) & np.isfinite(z)
         if face.sum() < 10:
-            raise MetrologyError(f"tip must show at least 10 points of its cap, got {int(face.sum())} [{scan.source}]")
+            raise MetrologyError(
+                f"tip must show at least 10 points of its cap, got {int(face.sum())} "
+                f"[{scan.source}]"
+            )
         state = _algebraic(np.stack([x[face], y[face], z[face]], axis=1), nominal, flat)
         place = state[0], state[1]
     used = face.copy()
@@ -63,14 +85,22 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
         u, v = (x - state[0]) / (reach * nominal), (y - state[1]) / (reach * nominal)
         columns = [(x - state[0]) / rise, np.ones_like(rise), state[3] / rise]
         if not flat:
-            columns += [(y - state[1]) / rise, u * u - v * v, u * v, u * (u * u + v * v), v * (u * u + v * v)]
+            columns += [
+                (y - state[1]) / rise,
+                u * u - v * v,
+                u * v,
+                u * (u * u + v * v),
+                v * (u * u + v * v),
+            ]
         design = np.stack([np.where(used, column, 0.0) for column in columns])
         weights = np.linalg.pinv(design[:, used].T)
         solution = weights @ residuals[used]
         residuals -= np.tensordot(solution, design, 1)
         step = np.array([solution[0], 0.0 if flat else solution[3], solution[1], solution[2]])
         state += step
-        spikes = outlier_mask(residuals, used)  # after the fit, since the start knows no form, and form is no spike
+        spikes = outlier_mask(
+            residuals, used
+        )  # after the fit, since the start knows no form, and form is no spike
         if not left or (np.abs(step).max() < 1e-9 * state[3] and not spikes.any()):
             break
         used &= ~spikes
@@ -87,15 +117,27 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
     axis = outward.mean(axis=1) / np.linalg.norm(outward.mean(axis=1))
     cap_angle = float(np.arccos(np.clip((axis @ (outward / distance)).min(), -1.0, 1.0)))
     row = int(np.argmax(used.sum(axis=1)))
-    circle = state[2] + np.sqrt(np.maximum(state[3] ** 2 - (x[row] - state[0]) ** 2 - (y[row] - state[1]) ** 2, 0.0))
+    circle = state[2] + np.sqrt(
+        np.maximum(state[3] ** 2 - (x[row] - state[0]) ** 2 - (y[row] - state[1]) ** 2, 0.0)
+    )
     drawn = x[row], z[row], np.where(used[row], circle, np.nan)
-    return Cap(radius, float(np.ptp(distance)), cap_angle, int(face.sum() - used.sum()), int(face.sum()), drawn)
+    return Cap(
+        radius,
+        float(np.ptp(distance)),
+        cap_angle,
+        int(face.sum() - used.sum()),
+        int(face.sum()),
+        drawn,
+    )
 
 
-def _by_form(value: float, x: Array, y: Array, residuals: Array, used: Mask, design: Array) -> Estimate:
+def _by_form(
+    value: float, x: Array, y: Array, residuals: Array, used: Mask, design: Array
+) -> Estimate:
     """State a radius by residuals that are mostly form: what smooth laws of correlation, each as likely as it is, say of it."""
-    # Restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545), which knows what the fit has swallowed, over
-    # exp(-(lag / length)^power) and a white part; the logarithm of the variance is the mean over all of them.
+    # Restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545), which knows
+    # what the fit has swallowed, over exp(-(lag / length)^power) and a white part; the logarithm of
+    # the variance is the mean over all of them.
     size = int(np.ceil((used.sum() / _CELLS) ** (1.0 if len(used) == 1 else 0.5)))
     rows, columns = (one // size for one in np.nonzero(used))
     _, cell, count = np.unique(rows * used.size + columns, return_inverse=True, return_counts=True)

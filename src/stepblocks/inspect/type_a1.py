@@ -1,8 +1,9 @@
 """Step height of a ridge or a groove by ISO 5436-1, type A1.
 
-For a groove of width W between the edges L and R, one least-squares fit ``Z = a X + b + h d`` runs over
-A = [L - W, L - W/3], C = the middle third, B = [R + W/3, R + W], with d = +1 on A and B and -1 on C; the depth is 2 h.
-The profile is not filtered. A window that holds a part of a flank bends the result, and is refused.
+For a groove of width W between the edges L and R, one least-squares fit ``Z = a X + b + h d`` runs
+over A = [L - W, L - W/3], C = the middle third, B = [R + W/3, R + W], with d = +1 on A and B and -1
+on C; the depth is 2 h. The profile is not filtered. A window that holds a part of a flank bends the
+result, and is refused.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,15 @@ import numpy as np
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.levelling import Fit, fit_without_spikes, weighted
-from stepblocks.inspect.noise import LEAST_SCATTER, SPIKE, Array, Estimate, Mask, estimated, robust_scale
+from stepblocks.inspect.noise import (
+    LEAST_SCATTER,
+    SPIKE,
+    Array,
+    Estimate,
+    Mask,
+    estimated,
+    robust_scale,
+)
 
 Span = tuple[float, float]
 
@@ -36,7 +45,8 @@ class TypeA1:
 
 def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
     """Depth of one groove or ridge between `edges` L and R [m] in one profile (ISO 5436-1:2000, 5.2 and figure 7)."""
-    # Where the middle third is domed by more than its noise, the depth is that of type A2: to the apex of the arc through it.
+    # Where the middle third is domed by more than its noise, the depth is that of type A2: to the
+    # apex of the arc through it.
     left, right = edges
     width = right - left
     if not width > 0.0:
@@ -46,20 +56,25 @@ def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
     slack = 0.5 * (x[-1] - x[0]) / (len(x) - 1)
     if spans[0][0] < x[0] - slack or spans[2][1] > x[-1] + slack:
         raise MetrologyError(
-            f"profile must reach one width ({width * 1e6:.4g} um) beyond the edges, from {spans[0][0] * 1e6:.4g} to "
+            f"profile must reach one width ({width * 1e6:.4g} um) beyond the edges, from "
+            f"{spans[0][0] * 1e6:.4g} to "
             f"{spans[2][1] * 1e6:.4g} um, got {x[0] * 1e6:.4g} to {x[-1] * 1e6:.4g} um"
         )
     feature = f"the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
     masks = [(x >= begin) & (x <= end) & np.isfinite(z) for begin, end in spans]
     for name, mask in zip("ACB", masks, strict=True):
         if mask.sum() < _LEAST_POINTS:
-            raise MetrologyError(f"window {name} must keep {_LEAST_POINTS} points, got {mask.sum()} for {feature}")
+            raise MetrologyError(
+                f"window {name} must keep {_LEAST_POINTS} points, got {mask.sum()} for {feature}"
+            )
     return _domed(x, z, masks) or _flat(x, z, masks, feature)
 
 
 def _design(x: Array, masks: list[Mask]) -> Array:
     used = masks[0] | masks[1] | masks[2]
-    return np.stack([(x - x[used].mean()) / np.ptp(x[used]), np.ones_like(x), np.where(masks[1], -1.0, 1.0)])
+    return np.stack(
+        [(x - x[used].mean()) / np.ptp(x[used]), np.ones_like(x), np.where(masks[1], -1.0, 1.0)]
+    )
 
 
 def _flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
@@ -68,9 +83,13 @@ def _flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
     if name := _flank_in(fit, dict(zip("ACB", masks, strict=True))):
         got = f"a flank or a defect reaches into it for {feature}"
         raise MetrologyError(f"window {name} of type A1 must lie on a face, but {got}")
-    if fit.rejected > _MOST_OUTLIERS * used.sum() or any((mask & fit.used).sum() < _LEAST_POINTS for mask in masks):
+    if fit.rejected > _MOST_OUTLIERS * used.sum() or any(
+        (mask & fit.used).sum() < _LEAST_POINTS for mask in masks
+    ):
         got = f"{fit.rejected} of {used.sum()} points for {feature}"
-        raise MetrologyError(f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got {got}")
+        raise MetrologyError(
+            f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got {got}"
+        )
     kept = [x[mask & fit.used] for mask in masks]
     inner = (x >= np.mean(kept[0][[0, -1]])) & (x <= np.mean(kept[2][[0, -1]]))
     near = 2.0 * float(weighted(fit.design, z, fit.used & inner)[1][2])
@@ -83,7 +102,9 @@ def _flank_in(fit: Fit, windows: dict[str, Mask]) -> str:
     noise, depth = robust_scale(fit.residuals[fit.used]), abs(2.0 * float(fit.solution[2]))
     off = np.abs(fit.residuals) > max(SPIKE * noise, _TOLERATED * depth, LEAST_SCATTER)
     ends = {name: np.flatnonzero(mask) for name, mask in windows.items()}
-    return next((name for name, own in ends.items() if off[own[:3]].all() or off[own[-3:]].all()), "")
+    return next(
+        (name for name, own in ends.items() if off[own[:3]].all() or off[own[-3:]].all()), ""
+    )
 
 
 def _domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
@@ -101,12 +122,15 @@ def _domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
     least = max(_SIGNIFICANT * bow.std, _DOMED * abs(depth), LEAST_SCATTER, abs(slant))
     if abs(bow.value) < least or bow.value * depth < 0.0:
         return None
-    # the middle lies below the line by the depth; its apex is lower by a third of the bow and by what the slant adds
+    # the middle lies below the line by the depth; its apex is lower by a third of the bow and by
+    # what the slant adds
     half = slant / (2.0 * bow.value)
     weights = 2.0 * fit.weights[2] + half * fit.weights[3] + (1.0 / 3.0 - half**2) * fit.weights[4]
     lowest = depth + bow.value / 3.0 + slant**2 / (4.0 * bow.value)
     apex = estimated(lowest, weights, fit.residuals, fit.used, fit.design)
-    return TypeA1(apex, _ends([x[mask] for mask in masks]), fit.rejected, "A2", apex.value, apex.value)
+    return TypeA1(
+        apex, _ends([x[mask] for mask in masks]), fit.rejected, "A2", apex.value, apex.value
+    )
 
 
 def _ends(windows: list[Array]) -> tuple[Span, Span, Span]:

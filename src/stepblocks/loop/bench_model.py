@@ -17,8 +17,8 @@ from stepblocks.contact.state import CHANNELS, DragState, observe
 from stepblocks.law import Active, Law, Parameter
 from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
-# what the evaluation of traces may leave as an error common to many trials, one deviation per unit of covariate;
-# benchmarks of the features on synthetic traces show less
+# what the evaluation of traces may leave as an error common to many trials, one deviation per unit
+# of covariate; benchmarks of the features on synthetic traces show less
 _COMMON = {
     "ln_energy": 0.008,
     "ln_peak_force": 0.003,
@@ -47,10 +47,18 @@ class SessionModel:
 
     tool: Tool  # the nominal spring, and the ring with which the fit begins
     height_std: float = 1e-6  # of blocks that are not scanned [m]
-    scanned: Mapping[str, tuple[float, float]] | None = None  # block to height and standard uncertainty [m]
-    scanned_radius: tuple[float, float] | None = None  # of the edges from their scans: mean and uncertainty [m]
+    scanned: Mapping[str, tuple[float, float]] | None = (
+        None  # block to height and standard uncertainty [m]
+    )
+    scanned_radius: tuple[float, float] | None = (
+        None  # of the edges from their scans: mean and uncertainty [m]
+    )
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # certified or tared
-    quantities: ClassVar = ("friction", "normal_load", "conversion")  # what scatters among trials, by its slot
+    quantities: ClassVar = (
+        "friction",
+        "normal_load",
+        "conversion",
+    )  # what scatters among trials, by its slot
 
     def order(self, trials: Trials) -> Floats:
         """Order in time: the run order where it is told, else that of the table."""
@@ -65,24 +73,41 @@ class SessionModel:
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
-        found = forward.constants(_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned)
+        found = forward.constants(
+            _design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned
+        )
         if spring := self.known.get("spring_constant"):
             ratio, std = (one / self.tool.stiffness for one in spring)
-            found = tuple(replace(p, start=ratio, prior_std=std) if p.name == "stiffness_ratio" else p for p in found)
+            found = tuple(
+                replace(p, start=ratio, prior_std=std) if p.name == "stiffness_ratio" else p
+                for p in found
+            )
         # whether the gauge sees what the tool's damper takes nobody knows
         own = [Parameter("damper_share", "1", 0.5, -1.0, 2.0, 0.1, 0.5)]
         if self.scanned_radius and self.scanned_radius[0] < _SHARP:
             own.append(
-                Parameter("edge_radius", "m", self.scanned_radius[0], 0.0, 3.0 * _SHARP, 1e-7, self.scanned_radius[1])
+                Parameter(
+                    "edge_radius",
+                    "m",
+                    self.scanned_radius[0],
+                    0.0,
+                    3.0 * _SHARP,
+                    1e-7,
+                    self.scanned_radius[1],
+                )
             )
         if "load_bias_n" in self.known:
-            own.append(Parameter("load_error", "N", 0.0, -0.25, 0.6, 1e-3, self.known["load_bias_n"][1]))
+            own.append(
+                Parameter("load_error", "N", 0.0, -0.25, 0.6, 1e-3, self.known["load_bias_n"][1])
+            )
         return (*found, *own)
 
     def systematics(self, trials: Trials) -> list[Systematic]:
         """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares."""
         design = _design(trials, self.tool.stiffness)
-        height, load, speed = (_standard(np.log(column)) for column in (design.height, design.load, design.speed))
+        height, load, speed = (
+            _standard(np.log(column)) for column in (design.height, design.load, design.speed)
+        )
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
         return [
             Systematic(channel, column, _COMMON[channel])
@@ -100,22 +125,29 @@ class SessionModel:
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
         """Return every effect that may be asked of a table, knowing what the scans have ruled out."""
         laws = candidates(
-            trials, covariate_ranges(trials), scanned_radius=self.scanned_radius and self.scanned_radius[0]
+            trials,
+            covariate_ranges(trials),
+            scanned_radius=self.scanned_radius and self.scanned_radius[0],
         )
-        # constants of gauges and load are what is added to the known ones: a calibration says how much that may be
+        # constants of gauges and load are what is added to the known ones: a calibration says how
+        # much that may be
         open_to = {name: std for name, (_, std) in self.known.items()}
 
         def informed(law: Law) -> Law:
             held = (replace(p, prior_std=open_to.get(p.name, p.prior_std)) for p in law.parameters)
             return replace(law, parameters=tuple(held))
 
-        return tuple(informed(law) if law.slot in ("sensor", "normal_load") else law for law in laws)
+        return tuple(
+            informed(law) if law.slot in ("sensor", "normal_load") else law for law in laws
+        )
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels."""
         return observe(self.state(trials, values, effects))
 
-    def responses(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def responses(
+        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+    ) -> Floats:
         """Change of the channels with friction, load and conversion, which scatter from trial to trial."""
         return forward.responses(self.state(trials, values, effects))
 
@@ -123,7 +155,11 @@ class SessionModel:
 def _standard(logarithm: Floats) -> Floats:
     spread = float(np.std(logarithm))
     # the mean of equal numbers may differ from them in the last bit
-    return np.asarray((logarithm - logarithm.mean()) / spread) if spread > 1e-9 else np.zeros_like(logarithm)
+    return (
+        np.asarray((logarithm - logarithm.mean()) / spread)
+        if spread > 1e-9
+        else np.zeros_like(logarithm)
+    )
 
 
 def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
@@ -146,7 +182,11 @@ def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
         force = np.exp(force[np.isfinite(force)])
         if force.size > 10 and force.max() > 1.001 * force.min():
             found.append(CovariateRange(PEAK_FORCE, float(force.min()), float(force.max()), True))
-    climate = [place for place in found if not place.labels and place.distinct > 2 and place.name not in _SET]
+    climate = [
+        place
+        for place in found
+        if not place.labels and place.distinct > 2 and place.name not in _SET
+    ]
     for one, other in combinations(climate[:_INTERACTING], 2):
         found.append(CovariateRange(TOGETHER.join((one.name, other.name)), pair=(one, other)))
     blocks = tuple(str(block) for block in np.unique(trials.block))
@@ -156,7 +196,10 @@ def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
 
 
 def candidates(
-    trials: Trials, ranges: Sequence[CovariateRange], with_imitated: bool = False, scanned_radius: float | None = None
+    trials: Trials,
+    ranges: Sequence[CovariateRange],
+    with_imitated: bool = False,
+    scanned_radius: float | None = None,
 ) -> tuple[Law, ...]:
     """Return every effect that may be asked of a table: laws whose covariate varies, and all smooths."""
     names = {place.name for place in ranges} | {"none", "block"}
@@ -164,4 +207,7 @@ def candidates(
     ruled_out = _SAME_BY_DEFINITION | {"edge_rounding" if sharp else "tip_radius_error"}
     blocks = [str(block) for block in np.unique(trials.block)]
     laws = [law for law in named_laws(blocks) if law.covariate in names]
-    return (*(law for law in laws if with_imitated or law.id not in ruled_out), *smooth_laws(ranges))
+    return (
+        *(law for law in laws if with_imitated or law.id not in ruled_out),
+        *smooth_laws(ranges),
+    )

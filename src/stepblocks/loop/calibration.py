@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LOAD = "load_bias_n"  # the parameter of a load that is other than set
-Known = Mapping[str, tuple[float, float]]  # a parameter of the instrument to its value and standard uncertainty
+Known = Mapping[
+    str, tuple[float, float]
+]  # a parameter of the instrument to its value and standard uncertainty
 
 _Force = Annotated[float, BeforeValidator(quantity_parser("force"))]
 _Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio"))]
@@ -58,7 +60,9 @@ class _Calibration(Strict):
     normal_cross_talk: _KnownShare = None  # tangential force in the normal one
     bandwidth: _KnownBandwidth = Field(default=None, serialization_alias="time_constant_s")
     clock: _KnownGain = Field(default=None, serialization_alias="ln_clock")  # shown over true time
-    spring_constant: tuple[Stiffness, Stiffness] | None = None  # with the error of the handle's speed
+    spring_constant: tuple[Stiffness, Stiffness] | None = (
+        None  # with the error of the handle's speed
+    )
     load_table: str | None = None  # of the apparatus, ``*.loads.csv`` in the folder of the session
 
 
@@ -69,7 +73,9 @@ class _Session(BaseModel):
 def read_calibration(session: Path) -> dict[str, tuple[float, float]]:
     """Read the optional table ``[calibration]`` of a session, all mistakes told at once, each in a line."""
     path = session / "session.toml"
-    declared = validated(_Session, tomllib.loads(path.read_text(encoding="utf-8")), path, PipelineError)
+    declared = validated(
+        _Session, tomllib.loads(path.read_text(encoding="utf-8")), path, PipelineError
+    )
     known = declared.calibration.model_dump(by_alias=True, exclude_none=True)
     if table := known.pop("load_table", None):
         known[LOAD] = 0.0, _load_std(session, table)
@@ -80,11 +86,15 @@ def _load_std(session: Path, name: str) -> float:
     """Largest standard uncertainty of what the weights of an apparatus put on the tip [N]; it is common to all trials."""
     path = inside(session, name)
     if path is None:
-        raise PipelineError(f"load_table must be a file in the folder of the session, got {name!r} [{session}]")
+        raise PipelineError(
+            f"load_table must be a file in the folder of the session, got {name!r} [{session}]"
+        )
     table = read_table(path)
     if "axis" not in table or "normal" not in set(table["axis"]):
         raise PipelineError(f"load_table must have a column axis with a row normal [{path}]")
-    stds = si_columns(table[table["axis"] == "normal"], {"std": (("std",), "force", None)}, path)["std"]
+    stds = si_columns(table[table["axis"] == "normal"], {"std": (("std",), "force", None)}, path)[
+        "std"
+    ]
     return max(float(stds.max()), _LEAST_STD)
 
 

@@ -6,8 +6,15 @@ from typing import Any
 
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
 
-# a factor and a unit that people read, by the unit that a parameter has; beyond the limit the plain one
-_READ = {"m": (1e6, "µm"), "N": (1e3, "mN"), "s": (1e3, "ms"), "m/s": (1e3, "mm/s"), "rad": (1e3, "mrad")}
+# a factor and a unit that people read, by the unit that a parameter has; beyond the limit the plain
+# one
+_READ = {
+    "m": (1e6, "µm"),
+    "N": (1e3, "mN"),
+    "s": (1e3, "ms"),
+    "m/s": (1e3, "mm/s"),
+    "rad": (1e3, "mrad"),
+}
 
 
 def read_as(value: float, unit: str) -> str:
@@ -21,7 +28,10 @@ def sentence(found: Explanation, document: Mapping[str, Any]) -> str:
     """Say what was found, how large, how far the error fell, and what noise leaves."""
     errors = _errors(document)
     if found.verdict is Verdict.NONE:
-        could = [f"; {e['said']} of {read_as(e['value'], e['unit'])}" for e in document["could_have_shown"][:3]]
+        could = [
+            f"; {e['said']} of {read_as(e['value'], e['unit'])}"
+            for e in document["could_have_shown"][:3]
+        ]
         shown = "".join([*could, " would have shown"]) if could else ""
         noise = f"error of E_v {errors['before']}, noise {errors['noise']}"
         return f"Nothing is there that noise would not do{shown}; {noise}"
@@ -29,7 +39,9 @@ def sentence(found: Explanation, document: Mapping[str, Any]) -> str:
     parts += [_of(f, entry) for f, entry in zip(found.findings, document["effects"], strict=True)]
     if any(hint.kind != "stick-slip" for hint in found.told):
         parts.append("write down what differs between these trials")
-    text = "; ".join(parts) or "The trials differ by more than noise would do, and no law is claimed"
+    text = (
+        "; ".join(parts) or "The trials differ by more than noise would do, and no law is claimed"
+    )
     change = f"{errors['before']} -> {errors['after']}" if found.findings else errors["before"]
     text = f"{text}; error of E_v {change}, noise {errors['noise']}"
     return text[0].upper() + text[1:]
@@ -43,22 +55,36 @@ def _errors(document: Mapping[str, Any]) -> dict[str, str]:
         "noise": extended["noise_floor"]["ln_energy_rms"],
     }
     # of a logarithm: 0.05 is 5 %
-    return {name: f"{100.0 * math.expm1(v):.0f} %" if math.isfinite(v) else "unknown" for name, v in figures.items()}
+    return {
+        name: f"{100.0 * math.expm1(v):.0f} %" if math.isfinite(v) else "unknown"
+        for name, v in figures.items()
+    }
 
 
 def _of(finding: Finding, entry: Mapping[str, Any]) -> str:
     law = finding.effect
     name = "" if finding.verdict is Verdict.UNEXPLAINED else law.said
     if not name:
-        along = {"none": "is another", "block": "differs by block"}.get(law.covariate, f"follows {law.covariate}")
+        along = {"none": "is another", "block": "differs by block"}.get(
+            law.covariate, f"follows {law.covariate}"
+        )
         return f"{law.slot.replace('_', ' ')} {along}, no law claimed"
     figures = [
-        f"{read_as(p['value'], p['unit'])} ({read_as(p['low'], p['unit'])} to {read_as(p['high'], p['unit'])})"
+        f"{read_as(p['value'], p['unit'])} ({read_as(p['low'], p['unit'])} to "
+        f"{read_as(p['high'], p['unit'])})"
         for p in entry["parameters"].values()
     ]
-    labels = [key[key.index("[") + 1 : -1] + " " if "[" in key else "" for key in entry["parameters"]]
-    text = f"{name} " + ", ".join(label + figure for label, figure in zip(labels, figures, strict=True))
+    labels = [
+        key[key.index("[") + 1 : -1] + " " if "[" in key else "" for key in entry["parameters"]
+    ]
+    text = f"{name} " + ", ".join(
+        label + figure for label, figure in zip(labels, figures, strict=True)
+    )
     if finding.verdict is not Verdict.AMBIGUOUS:
         return text
     rivals = [rival.id.split("~")[0].replace("_", " ") for rival, _, _ in finding.rivals[:2]]
-    return f"{text}, or " + ", or ".join(rivals or ["what some folds chose instead"]) + ": these trials cannot tell"
+    return (
+        f"{text}, or "
+        + ", or ".join(rivals or ["what some folds chose instead"])
+        + ": these trials cannot tell"
+    )

@@ -33,7 +33,9 @@ def page_of(result: LoopResult) -> str:
         title=result.title,
         asked=_UNASKED | asked if asked else None,
         r=result.document,
-        constants=[(n, p) for n, p in result.document["extended"]["parameters"].items() if "." not in n],
+        constants=[
+            (n, p) for n, p in result.document["extended"]["parameters"].items() if "." not in n
+        ],
         agreement=_agreement(result.found),
         residuals=[_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
         curves=[_curve(result, finding.effect, str(entry["id"])) for finding, entry in named],
@@ -56,9 +58,18 @@ def _agreement(found: Explanation) -> str:
     for axis, (channel, scale, title) in zip(figure.subplots(1, 2), named, strict=True):
         j = found.problem.trials.channels.index(channel)
         measured = scale * np.exp(found.problem.trials.values[:, j])
-        for fitted, colour, label in ((found.nominal, _BEFORE, "nominal"), (found.extended, _AFTER, "extended")):
+        for fitted, colour, label in (
+            (found.nominal, _BEFORE, "nominal"),
+            (found.extended, _AFTER, "extended"),
+        ):
             axis.loglog(
-                scale * np.exp(fitted.predicted[:, j]), measured, ".", ms=4, color=colour, alpha=0.6, label=label
+                scale * np.exp(fitted.predicted[:, j]),
+                measured,
+                ".",
+                ms=4,
+                color=colour,
+                alpha=0.6,
+                label=label,
             )
         if np.any(np.isfinite(measured)):
             ends = [np.nanmin(measured), np.nanmax(measured)]
@@ -76,9 +87,15 @@ def _residuals(found: Explanation, channel: str) -> dict[str, str]:
 
     trials = found.problem.trials
     j = trials.channels.index(channel)
-    before, after = (trials.values[:, j] - fitted.predicted[:, j] for fitted in (found.nominal, found.extended))
-    columns = {name: column for name, column in trials.covariates.items() if len(np.unique(column)) > 1}
-    columns[PEAK_FORCE] = np.exp(found.extended.predicted[:, trials.channels.index("ln_peak_force")])
+    before, after = (
+        trials.values[:, j] - fitted.predicted[:, j] for fitted in (found.nominal, found.extended)
+    )
+    columns = {
+        name: column for name, column in trials.covariates.items() if len(np.unique(column)) > 1
+    }
+    columns[PEAK_FORCE] = np.exp(
+        found.extended.predicted[:, trials.channels.index("ln_peak_force")]
+    )
     rows = -(-len(columns) // 3)
     figure = Figure(figsize=(11.0, 2.6 * rows), layout="constrained")
     axes = figure.subplots(rows, 3, sharey=True).ravel()
@@ -112,7 +129,11 @@ def _curve(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
     j, change, std = _change(result.found, effect)
     along, name = _followed(result, effect)
     x, curve, band = _averaged(along, change, std)
-    unit = "vibration energy" if result.found.problem.trials.channels[j] == "ln_energy" else "peak force"
+    unit = (
+        "vibration energy"
+        if result.found.problem.trials.channels[j] == "ln_energy"
+        else "peak force"
+    )
     low, middle, high = (100.0 * np.expm1(curve + side * band) for side in (-WIDE, 0.0, WIDE))
     figure = Figure(figsize=(6.0, 3.4), layout="constrained")
     axis = figure.subplots()
@@ -121,7 +142,10 @@ def _curve(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
     axis.axhline(0.0, color="0.6", lw=0.8)
     axis.set_xlabel(name)
     axis.set_ylabel(f"change of {unit} [%]")
-    title = f"{name_shown} ({effect.slot}): change of {unit} that it makes, average over the other settings"
+    title = (
+        f"{name_shown} ({effect.slot}): change of {unit} that it makes, average over the other "
+        "settings"
+    )
     return {"title": title, "image": _png(figure)}
 
 
@@ -140,7 +164,9 @@ def _change(found: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
     slopes = np.zeros((len(trials), len(index)))
     for k, name in enumerate(fitted.parameters[i].name for i in index):
         step = 0.05 * fitted.std[name] or 1e-12
-        slopes[:, k] = (change(fitted.values | {name: fitted.values[name] + step})[:, j] - base[:, j]) / step
+        slopes[:, k] = (
+            change(fitted.values | {name: fitted.values[name] + step})[:, j] - base[:, j]
+        ) / step
     variance = np.einsum("ni,ij,nj->n", slopes, fitted.covariance[np.ix_(index, index)], slopes)
     return j, base[:, j], np.sqrt(np.maximum(variance, 0.0))
 
@@ -161,5 +187,7 @@ def _averaged(along: Floats, values: Floats, std: Floats) -> tuple[Floats, Float
     else:
         order = np.argsort(along, kind="stable")
         groups = list(np.array_split(order, min(24, max(2, len(order) // 5))))
-    x, mean, spread = (np.array([column[g].mean() for g in groups]) for column in (along, values, std))
+    x, mean, spread = (
+        np.array([column[g].mean() for g in groups]) for column in (along, values, std)
+    )
     return x, mean, spread

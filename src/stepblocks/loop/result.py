@@ -55,11 +55,16 @@ class LoopResult:
 
         errors = {part: self.document[part]["error"] for part in ("nominal", "extended")}
         rows = pd.DataFrame(errors).drop(index="noise_floor").rename_axis("held-out error")
-        said = f"<p>{escape(self.title)}: <b>{self.verdict}</b>. {escape(self.document['finding'])}.</p>"
+        said = (
+            f"<p>{escape(self.title)}: <b>{self.verdict}</b>. "
+            f"{escape(self.document['finding'])}.</p>"
+        )
         return said + str(rows.to_html(float_format="{:.3g}".format))
 
 
-def learned_model(table: SessionTable, found: Explanation, ranges: tuple[CovariateRange, ...]) -> LearnedModel:
+def learned_model(
+    table: SessionTable, found: Explanation, ranges: tuple[CovariateRange, ...]
+) -> LearnedModel:
     """Return what was learnt, as it can be predicted from without the session."""
     model, scatter = table.model, found.problem.noise.scatter
     nominal, extended = (
@@ -82,7 +87,11 @@ def learned_model(table: SessionTable, found: Explanation, ranges: tuple[Covaria
 
 
 def result_document(
-    table: SessionTable, found: Explanation, holdouts: tuple[Holdout, Holdout], scans: Scans, rules: Rules
+    table: SessionTable,
+    found: Explanation,
+    holdouts: tuple[Holdout, Holdout],
+    scans: Scans,
+    rules: Rules,
 ) -> dict[str, Any]:
     """Return the contents of result.json; units stand in keys or beside the values."""
     adequacy = _adequacy(table, found, rules)
@@ -93,7 +102,9 @@ def result_document(
             "error": _errors(holdouts, which, floor),
             "twice_negative_log_likelihood": fitted.cost,
         }
-        for which, (name, fitted) in enumerate((("nominal", found.nominal), ("extended", found.extended)))
+        for which, (name, fitted) in enumerate(
+            (("nominal", found.nominal), ("extended", found.extended))
+        )
     }
     document = {
         "finding": "",
@@ -101,7 +112,9 @@ def result_document(
         **models,
         "effects": [_finding(finding, found.extended) for finding in found.findings],
         "rivals": [
-            _effect(e, fitted, {"criterion_behind": behind, "instead_of": f.effect.id.split("~")[0]})
+            _effect(
+                e, fitted, {"criterion_behind": behind, "instead_of": f.effect.id.split("~")[0]}
+            )
             for f in found.findings
             for e, fitted, behind in f.rivals
         ],
@@ -110,7 +123,9 @@ def result_document(
             | {"heaps": [[str(table.names[row]) for row in heap] for heap in h.heaps]}
             for h in found.told
         ],
-        "known_of_the_gauges": {n: {"value": v, "std": s} for n, (v, s) in table.model.known.items()},
+        "known_of_the_gauges": {
+            n: {"value": v, "std": s} for n, (v, s) in table.model.known.items()
+        },
         "could_have_shown": _could_have_shown(found),
         "excluded": [{"trial": trial, "reason": reason} for trial, reason in table.excluded],
         "flagged": [{"trial": trial, "reason": reason} for trial, reason in table.flagged],
@@ -128,26 +143,40 @@ def result_document(
 
 def _censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
     """Trials whose peak is known as a bound alone, and those whose predicted peak stays below it by 3 deviations."""
-    bound = np.full(len(table.trials), np.nan) if table.trials.floor is None else table.trials.floor[:, 1]
+    bound = (
+        np.full(len(table.trials), np.nan)
+        if table.trials.floor is None
+        else table.trials.floor[:, 1]
+    )
     rows = np.isfinite(bound)
     scatter, fitted = found.problem.noise.scatter, found.extended
     moved = table.model.responses(table.trials, fitted.values, fitted.active)[:, 1]
     spread = np.sqrt(scatter.channels[1] + moved**2 @ scatter.quantities)
     below = rows & (found.extended.predicted[:, 1] < bound - 3.0 * spread)
-    return {"trials": table.names[rows].tolist(), "predicted_below_their_bound": table.names[below].tolist()}
+    return {
+        "trials": table.names[rows].tolist(),
+        "predicted_below_their_bound": table.names[below].tolist(),
+    }
 
 
 def _could_have_shown(found: Explanation) -> list[dict[str, Any]]:
     """List the smallest effect of each slot that the last gate would have let through nine times in ten."""
     trials = found.problem.trials
-    laws = [law for law in candidates(trials, covariate_ranges(trials)) if law.named and law.covariate != "block"]
+    laws = [
+        law
+        for law in candidates(trials, covariate_ranges(trials))
+        if law.named and law.covariate != "block"
+    ]
     shown = smallest_shown(found.problem, found.extended, laws, found.needed)
     entries: dict[str, dict[str, Any]] = {}
     for law in (law for law in laws if np.isfinite(shown.get(law.id, np.nan))):
         (name,) = law.amplitudes
         entry = {"id": law.id, "slot": law.slot, "covariate": law.covariate, "parameter": name}
         unit = next(p.unit for p in law.parameters if p.name == name)
-        entries.setdefault(law.slot, entry | {"value": shown[law.id], "unit": unit, "said": law.id.replace("_", " ")})
+        entries.setdefault(
+            law.slot,
+            entry | {"value": shown[law.id], "unit": unit, "said": law.id.replace("_", " ")},
+        )
     return list(entries.values())
 
 
@@ -210,7 +239,8 @@ def _noise_floor(table: SessionTable, adequacy: Mapping[str, Any]) -> list[float
     residual, dof = flexible_residual(table.trials)
     floor = np.sqrt(np.nansum(residual[:, :2] ** 2, axis=0) / max(dof, 1))
     replicates = [
-        t["replicate_std"] if t["replicate_dof"] >= _REPLICATES else np.inf for t in adequacy["pure_error"].values()
+        t["replicate_std"] if t["replicate_dof"] >= _REPLICATES else np.inf
+        for t in adequacy["pure_error"].values()
     ]
     return [float(value) for value in np.fmin(floor, replicates)]
 
@@ -220,7 +250,9 @@ def _adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str
     cells = table.model.cells(trials)
     tests = {}
     for j, channel in ((0, "ln_energy"), (1, "ln_peak_force")):
-        residual = np.where(trials.seen[:, j], trials.values[:, j] - found.extended.predicted[:, j], np.nan)
+        residual = np.where(
+            trials.seen[:, j], trials.values[:, j] - found.extended.predicted[:, j], np.nan
+        )
         tests[channel] = pure_error(residual, cells, len(found.extended.parameters))
     worst = sorted(found.checks, key=lambda c: c[2])[:8]
     return {
@@ -228,44 +260,67 @@ def _adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str
         "last_gate_p_value": found.last_gate_p,
         "gate_level": rules.alpha,
         "pure_error": tests,
-        "residual_against_covariates": [{"channel": c, "covariate": v, "holm_p_value": p} for c, v, p in worst],
+        "residual_against_covariates": [
+            {"channel": c, "covariate": v, "holm_p_value": p} for c, v, p in worst
+        ],
     }
 
 
 def _identifiability(found: Explanation) -> dict[str, Any]:
     trials = found.problem.trials
-    effects = [e for e in candidates(trials, covariate_ranges(trials), True) if e.named and e.covariate != "block"]
+    effects = [
+        e
+        for e in candidates(trials, covariate_ranges(trials), True)
+        if e.named and e.covariate != "block"
+    ]
     return identifiability(found.problem, found.nominal, effects) | {
         "by_the_equations": [
             ["block_tilt", "friction"],
             ["edge_rounding", "tip_radius_error"],
-            ["conversion", "1 / spring_constant of the ring", "load gain squared, in energies alone"],
+            [
+                "conversion",
+                "1 / spring_constant of the ring",
+                "load gain squared, in energies alone",
+            ],
         ]
     }
 
 
 def _scans(scans: Scans) -> dict[str, Any]:
     document: dict[str, Any] = {"blocks": {block: dict(scan) for block, scan in scans.items()}}
-    edges = [(s.get("edge_radius_m", np.nan), s.get("edge_radius_std_m", np.nan)) for s in scans.values()]
+    edges = [
+        (s.get("edge_radius_m", np.nan), s.get("edge_radius_std_m", np.nan)) for s in scans.values()
+    ]
     seen = [(radius, std) for radius, std in edges if np.isfinite(radius) and np.isfinite(std)]
     if seen:
         weights = [1.0 / max(std, 1e-7) ** 2 for _, std in seen]
-        document["mean_edge_radius_m"] = float(np.average([radius for radius, _ in seen], weights=weights))
+        document["mean_edge_radius_m"] = float(
+            np.average([radius for radius, _ in seen], weights=weights)
+        )
     return document
 
 
 def next_experiment(found: Explanation) -> dict[str, Any] | None:
     """Return settings that separate the rivals best, with the expected gain; None where nothing is open."""
-    laws = [law for f in found.findings if f.rivals for law in (f.effect, *(r[0] for r in f.rivals))]
+    laws = [
+        law for f in found.findings if f.rivals for law in (f.effect, *(r[0] for r in f.rivals))
+    ]
     # what to do on the bench would settle a group of laws, each move once
     moves = list(dict.fromkeys(law.settled for law in laws if law.settled))
     pair = _pair(found)
     if pair is None:
         note = "write down what differs between these trials: who, when, which tip and which batch"
-        return {"separates": [h.said for h in found.told], "trials": [], "note": note} if found.told else None
+        return (
+            {"separates": [h.said for h in found.told], "trials": [], "note": note}
+            if found.told
+            else None
+        )
     names, first, second = pair
     trials = found.problem.trials
-    extra = sorted({e.covariate for e in (*first.effects, *second.effects)} & set(trials.covariates) - set(_SHOWN))
+    extra = sorted(
+        {e.covariate for e in (*first.effects, *second.effects)}
+        & set(trials.covariates) - set(_SHOWN)
+    )
     proposal = propose(found.problem, first, second, _grid(trials, extra), (*_SHOWN, *extra))
     if proposal is None:
         note = "no setting within reach tells these apart"
@@ -287,13 +342,18 @@ def block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
     if not experiment or "block" not in experiment:
         return None
     block = experiment["block"]
-    loads = ", ".join(f'"{load:g} N"' for load in sorted({float(trial["load_n"]) for trial in experiment["trials"]}))
+    loads = ", ".join(
+        f'"{load:g} N"'
+        for load in sorted({float(trial["load_n"]) for trial in experiment["trials"]})
+    )
     return (
         'schema = 1\nset = "next-block"\n'
         f'title = "The block that would separate {" from ".join(experiment["separates"])} best"\n'
         'source = "next experiment of stepblocks loop"\n\n'
-        f'[prediction]\ntip_radii = ["{block["tip"]}"]\nnormal_loads = [{loads}]\nfrictions = [{block["friction"]}]\n\n'
-        f'[[step_block]]\nid = "{block["name"]}"\nheight = {{ nominal = "{block["height"]}", tolerance = "1 um" }}\n'
+        f'[prediction]\ntip_radii = ["{block["tip"]}"]\nnormal_loads = [{loads}]\nfrictions = '
+        f"[{block['friction']}]\n\n"
+        f'[[step_block]]\nid = "{block["name"]}"\nheight = {{ nominal = "{block["height"]}", '
+        f'tolerance = "1 um" }}\n'
     )
 
 
@@ -306,7 +366,11 @@ def _pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
         return [finding.effect.id, rival.id], found.extended, fitted
     # where nothing rivals it, ask what would confirm it: with it, against without it
     finding = min(found.findings, key=lambda f: (f.effect.named, f.gain))
-    return [finding.effect.id, "nothing"], found.extended, without(found.problem, found.extended, finding.effect)
+    return (
+        [finding.effect.id, "nothing"],
+        found.extended,
+        without(found.problem, found.extended, finding.effect),
+    )
 
 
 def _grid(trials: Trials, extra: list[str]) -> Trials:
@@ -317,8 +381,13 @@ def _grid(trials: Trials, extra: list[str]) -> Trials:
 
     loads = sorted({*np.unique(trials.covariates["load_n"]).tolist(), 1.5})
     speeds = sorted({*np.unique(trials.covariates["speed_mm_s"]).tolist(), 1.0, 40.0})
-    rows = list(itertools.product(_HEIGHTS_UM, loads, speeds, *(span(name) for name in extra)))[:20000]
-    columns = {name: np.array(column) for name, column in zip((*_SHOWN, *extra), zip(*rows, strict=True), strict=True)}
+    rows = list(itertools.product(_HEIGHTS_UM, loads, speeds, *(span(name) for name in extra)))[
+        :20000
+    ]
+    columns = {
+        name: np.array(column)
+        for name, column in zip((*_SHOWN, *extra), zip(*rows, strict=True), strict=True)
+    }
     for name, column in trials.covariates.items():
         numbers = trials.numeric(name)
         middle: Any = column[0] if numbers is None else float(np.median(numbers))

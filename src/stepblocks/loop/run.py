@@ -56,22 +56,26 @@ def loop_session(
     session : str or Path
         Folder of the session; it is only read.
     output : str or Path, optional
-        Folder for features.csv, result.json, model.json, report.html and, where a block is asked for, next-block.toml.
+        Folder for features.csv, result.json, model.json, report.html and, where a block is asked
+        for, next-block.toml.
     jobs : int, optional
         Processes; as many as cores where omitted.
     waveform : bool
-        Also fit the drag in time to every whole trace, and say in ``document["waveform"]`` how well one drag foretells E_v.
+        Also fit the drag in time to every whole trace, and say in ``document["waveform"]`` how well
+        one drag foretells E_v.
     forces_only : bool
         Leave the scans of the blocks out and let the forces speak alone.
     as_built : sequence of str or Path
-        As-built records of inspected blocks, or folders of them; they count instead of the session's own scans.
+        As-built records of inspected blocks, or folders of them; they count instead of the
+        session's own scans.
     progress : callable, optional
         Told how many of how many trials are measured.
 
     Returns
     -------
     LoopResult
-        ``verdict``, the fits behind it, ``document`` as in result.json, and ``model`` to predict from.
+        ``verdict``, the fits behind it, ``document`` as in result.json, and ``model`` to predict
+        from.
 
     Raises
     ------
@@ -90,7 +94,9 @@ def loop_session(
     conditions = conditions_of(declared)
     radius = declared.probe.tip_radius
     if radius is None:
-        raise PipelineError(f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]")
+        raise PipelineError(
+            f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]"
+        )
     cores = jobs or len(os.sched_getaffinity(0))
     with nullcontext() if output is None else alone_in(Path(output)):
         table = None if output is None else Path(output) / "features.csv"
@@ -102,11 +108,19 @@ def loop_session(
             # what was inspected needs no scan
             blocks = sorted(set(features["block"].dropna()))
             scans, failed = scan_blocks(
-                session, declared.stimuli.scans, [block for block in blocks if block not in inspected]
+                session,
+                declared.stimuli.scans,
+                [block for block in blocks if block not in inspected],
             )
-            scans = scans | {block: dict(inspected[block]) for block in blocks if block in inspected}
-        result = analyse_features(features, declared.probe.spring_constant, radius, scans, jobs=cores, known=known)
-        result.document["scans"]["left_out"] = [{"block": block, "reason": reason} for block, reason in failed.items()]
+            scans = scans | {
+                block: dict(inspected[block]) for block in blocks if block in inspected
+            }
+        result = analyse_features(
+            features, declared.probe.spring_constant, radius, scans, jobs=cores, known=known
+        )
+        result.document["scans"]["left_out"] = [
+            {"block": block, "reason": reason} for block, reason in failed.items()
+        ]
         if waveform:
             result.document["waveform"] = predict_energies(features, declared.probe.spring_constant)
         result = replace(result, title=declared.title or session.name)
@@ -134,12 +148,17 @@ def analyse_features(
     return LoopResult("", table, found, *holdouts, document, model)
 
 
-def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanation, tuple[Holdout, Holdout]]:
+def _explained(
+    table: SessionTable, rules: Rules, jobs: int
+) -> tuple[Explanation, tuple[Holdout, Holdout]]:
     """Explain all trials, and hold out trials within blocks and whole blocks; every fold chooses its own effects."""
     model, trials = table.model, table.trials
     inside = folds_within_blocks(trials, _WITHIN, rules.seed)
     outside = folds_of_blocks(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []
-    inside, outside = ([rows for rows in folds if len(trials) - len(rows) >= _FEWEST] for folds in (inside, outside))
+    inside, outside = (
+        [rows for rows in folds if len(trials) - len(rows) >= _FEWEST]
+        for folds in (inside, outside)
+    )
     one_fold = partial(hold_out, model, trials, candidates=model.candidates, rules=rules)
     with ExitStack() as stack:
         run: Callable[..., Any] = map
@@ -149,13 +168,22 @@ def _explained(table: SessionTable, rules: Rules, jobs: int) -> tuple[Explanatio
             from stepblocks.workers import die_with_parent
 
             # these workers load no main module: a script or a notebook needs no guard
-            threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ}
-            run = stack.enter_context(ProcessPoolExecutor(jobs - 1, initializer=die_with_parent, env=threads)).map
+            threads = {
+                name: "1"
+                for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+                if name not in os.environ
+            }
+            run = stack.enter_context(
+                ProcessPoolExecutor(jobs - 1, initializer=die_with_parent, env=threads)
+            ).map
         # the folds do not wait for what all trials say
         waiting = run(one_fold, [*inside, *outside])
         found = explain(model, trials, model.candidates(trials), rules)
         done = list(waiting)
-    holdouts = gather(trials, inside, done[: len(inside)]), gather(trials, outside, done[len(inside) :])
+    holdouts = (
+        gather(trials, inside, done[: len(inside)]),
+        gather(trials, outside, done[len(inside) :]),
+    )
     return withdrawn(earned(found, holdouts, model.cells(trials)), regime_hints(table)), holdouts
 
 
@@ -164,7 +192,10 @@ def write_loop(result: LoopResult, output: Path) -> None:
     from stepblocks.loop.page import page_of
 
     output.mkdir(parents=True, exist_ok=True)
-    for name, document in (("result.json", result.document), ("model.json", model_document(result.model))):
+    for name, document in (
+        ("result.json", result.document),
+        ("model.json", model_document(result.model)),
+    ):
         # numbers that JSON cannot hold become null
         plain = json.loads(json.dumps(document, default=int), parse_constant=lambda _: None)
         replace_text(output / name, json.dumps(plain, indent=2, allow_nan=False) + "\n")

@@ -58,7 +58,9 @@ class SessionTable:
     excluded: list[tuple[str, str]]
     flagged: list[tuple[str, str]]  # measured and used, but unlike their label
     regimes: dict[str, int]  # how many of the trials moved how
-    static_friction: float  # of tips that stuck before the edge, median; not-a-number where none did
+    static_friction: (
+        float  # of tips that stuck before the edge, median; not-a-number where none did
+    )
     model: SessionModel  # starts from the data
     tip_radius_um: float  # of trials whose tip has no number in its name
 
@@ -73,7 +75,9 @@ def trials_of(
     """Turn a table of features into trials with channels."""
     missing = [name for name in _REQUIRED if name not in features.columns]
     if missing:
-        raise PipelineError(f"features must have the columns {', '.join(_REQUIRED)}, missing {', '.join(missing)}")
+        raise PipelineError(
+            f"features must have the columns {', '.join(_REQUIRED)}, missing {', '.join(missing)}"
+        )
     features = features.assign(
         trial=features["trial"].astype(str),
         status=features["status"].astype(str) if "status" in features else "ok",
@@ -83,11 +87,16 @@ def trials_of(
     radius = np.array([tip_radius_um(tip, tip_radius * 1e6) for tip in tips])
     good, excluded = _good(features, radius)
     if good.sum() < _FEWEST:
-        raise PipelineError(f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}")
+        raise PipelineError(
+            f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}"
+        )
     table = features.loc[good]
     values, std = _channels(table, spring_constant)
-    # a peak without an uncertainty is a bound, and its trial measures no energy; a normal gauge alone leaves both whole
-    bounded = (table["status"] == _CENSORED).to_numpy() & ~np.isfinite(_numbers(table, "peak_force_std_n"))
+    # a peak without an uncertainty is a bound, and its trial measures no energy; a normal gauge
+    # alone leaves both whole
+    bounded = (table["status"] == _CENSORED).to_numpy() & ~np.isfinite(
+        _numbers(table, "peak_force_std_n")
+    )
     floor = np.full(values.shape, np.nan)
     floor[bounded, 1] = np.log(_numbers(table, "peak_force_n")[bounded])
     values[bounded, :2] = np.nan
@@ -95,14 +104,20 @@ def trials_of(
     trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy(), floor)
     names = table["trial"].to_numpy()
     alone = outliers(trials)
-    excluded += [(str(names[i]), f"{CHANNELS[j]} lies far from all other trials") for i, j in np.argwhere(alone)]
+    excluded += [
+        (str(names[i]), f"{CHANNELS[j]} lies far from all other trials")
+        for i, j in np.argwhere(alone)
+    ]
     values = np.where(alone, np.nan, values)
     edges = [
         (scan["edge_radius_m"], scan.get("edge_radius_std_m", 0.0))
         for scan in (scans or {}).values()
         if "edge_radius_m" in scan
     ]
-    heights = {block: (float(s["height_m"]), float(s["height_std_m"])) for block, s in (scans or {}).items()}
+    heights = {
+        block: (float(s["height_m"]), float(s["height_std_m"]))
+        for block, s in (scans or {}).items()
+    }
     model = SessionModel(
         # where no trial rang, these two constants stay where they begin
         Tool(
@@ -112,7 +127,9 @@ def trials_of(
         ),
         scanned=heights or None,
         # where the profile cannot resolve an edge all its scans err alike
-        scanned_radius=tuple(np.maximum(np.mean(edges, axis=0), (0.0, 0.05e-6)).tolist()) if edges else None,
+        scanned_radius=tuple(np.maximum(np.mean(edges, axis=0), (0.0, 0.05e-6)).tolist())
+        if edges
+        else None,
         known=unloaded_zeros(features) | dict(known or {}),
     )
     flagged = table.loc[table["status"] == "flagged", ["trial", "reason"]]
@@ -140,11 +157,16 @@ def regime_hints(table: SessionTable) -> tuple[Hint, ...]:
     if stuck < _STICKING * n:
         return ()
     seen = f" of {table.static_friction:.2g}" if np.isfinite(table.static_friction) else ""
-    said = f"static friction{seen} above the kinetic: the tip sticks and slips before the edge in {stuck} of {n} trials"
+    said = (
+        f"static friction{seen} above the kinetic: the tip sticks and slips before the edge in "
+        f"{stuck} of {n} trials"
+    )
     return (Hint("stick-slip", "friction", 0.0, said),)
 
 
-def _good(features: pd.DataFrame, radius_um: Floats) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
+def _good(
+    features: pd.DataFrame, radius_um: Floats
+) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
     """Which trials can be used, and why the others cannot: each for the first reason that holds."""
     import pandas as pd
 
@@ -153,7 +175,9 @@ def _good(features: pd.DataFrame, radius_um: Floats) -> tuple[NDArray[np.bool_],
 
     def leave_out(bad: Any, reasons: Any) -> None:
         rows = good & np.asarray(bad)
-        excluded.extend(features[["trial"]].assign(reason=reasons)[rows].itertuples(index=False, name=None))
+        excluded.extend(
+            features[["trial"]].assign(reason=reasons)[rows].itertuples(index=False, name=None)
+        )
         good[rows] = False
 
     # what is unlike its label is data, and so is what a saturated gauge or a locked tip still shows
@@ -167,10 +191,15 @@ def _good(features: pd.DataFrame, radius_um: Floats) -> tuple[NDArray[np.bool_],
     marks = np.stack([_numbers(features, name) for name in _MARKS], axis=1)
     known = np.isfinite(marks)
     leave_out(~known[:, :2].any(axis=1), "neither a peak force nor a vibration energy was measured")
-    # forces that are those of an earlier trial to the last digit are a copy, which would count twice
+    # forces that are those of an earlier trial to the last digit are a copy, which would count
+    # twice
     asked = good & (known.sum(axis=1) >= 2)
     forces = pd.DataFrame(marks, index=features.index)[asked]
-    first = features["trial"][asked].groupby([forces[i] for i in forces], dropna=False).transform("first")
+    first = (
+        features["trial"][asked]
+        .groupby([forces[i] for i in forces], dropna=False)
+        .transform("first")
+    )
     copied = forces.duplicated().reindex(features.index, fill_value=False)
     leave_out(copied, ("the same forces as trial " + first).reindex(features.index))
     return good, excluded

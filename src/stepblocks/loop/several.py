@@ -19,12 +19,17 @@ from stepblocks.loop.search.fit import fit
 _LEVEL = 0.975  # quantile of a 95 % interval
 
 
-def shared_parameter(name: str, unit: str, sessions: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+def shared_parameter(
+    name: str, unit: str, sessions: Mapping[str, tuple[float, float]]
+) -> dict[str, Any]:
     """Pool one parameter by its value and standard error in each session that has it, as sessions.json shows it."""
-    # a draw from a distribution over sessions: an empirical-Bayes fit of random effects after Paule and Mandel
+    # a draw from a distribution over sessions: an empirical-Bayes fit of random effects after Paule
+    # and Mandel
     from statsmodels.stats.meta_analysis import combine_effects
 
-    values, variances = np.array([(value, max(std, 1e-12) ** 2) for value, std in sessions.values()]).T
+    values, variances = np.array(
+        [(value, max(std, 1e-12) ** 2) for value, std in sessions.values()]
+    ).T
     between = 0.0
     ends: tuple[float | None, float | None] = (None, None)
     # the height of a block is one number in all sessions and does not differ among them
@@ -34,27 +39,39 @@ def shared_parameter(name: str, unit: str, sessions: Mapping[str, tuple[float, f
         found = combine_effects(values / scale, variances / scale**2, method_re="iterated")
         between = scale * float(np.sqrt(max(found.tau2, 0.0)))
     weights = 1.0 / (variances + between**2)
-    mean, mean_std = float(np.sum(weights * values) / weights.sum()), float(1.0 / np.sqrt(weights.sum()))
+    mean, mean_std = (
+        float(np.sum(weights * values) / weights.sum()),
+        float(1.0 / np.sqrt(weights.sum())),
+    )
     if len(values) > 1:
-        # of as many sessions, the spread among them is known no better (Higgins 2009, doi:10.1111/j.1467-985X.2008.00552.x)
+        # of as many sessions, the spread among them is known no better (Higgins 2009,
+        # doi:10.1111/j.1467-985X.2008.00552.x)
         reach = float(stats.t.ppf(_LEVEL, len(values) - 1)) * float(np.hypot(between, mean_std))
         ends = mean - reach, mean + reach
     # a session's own value with the others known is drawn to the mean as far as its error asks
-    shrunk = mean + between**2 / (between**2 + variances) * (values - mean) if between else np.full(len(values), mean)
+    shrunk = (
+        mean + between**2 / (between**2 + variances) * (values - mean)
+        if between
+        else np.full(len(values), mean)
+    )
     own = zip(sessions.items(), shrunk.tolist(), strict=True)
     return {
         "unit": unit,
         "mean": mean,
         "mean_std": mean_std,
         "among_sessions_std": between,  # beyond what their own errors explain
-        "next": dict(zip(("low", "high"), ends, strict=True)),  # 95 % interval in a session that is yet to come
+        "next": dict(
+            zip(("low", "high"), ends, strict=True)
+        ),  # 95 % interval in a session that is yet to come
         "sessions": {session: {"value": v, "std": e, "shrunk": s} for (session, (v, e)), s in own},
     }
 
 
 def hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Any], LearnedModel]:
     """Fit the hierarchy of some sessions by name; beside it the model that predicts the next one."""
-    wanted = dict.fromkeys(f.effect.id for result in results.values() for f in result.found.findings)
+    wanted = dict.fromkeys(
+        f.effect.id for result in results.values() for f in result.found.findings
+    )
     fits = {}
     for name, result in results.items():
         asked = {law.id: law for law in result.table.model.candidates(result.table.trials)}
@@ -63,7 +80,11 @@ def hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Any], Learne
     units = {p.name: p.unit for fitted in fits.values() for p in fitted.parameters}
     shared = {}
     for parameter, unit in units.items():
-        own = {s: (f.values[parameter], f.std[parameter]) for s, f in fits.items() if parameter in f.values}
+        own = {
+            s: (f.values[parameter], f.std[parameter])
+            for s, f in fits.items()
+            if parameter in f.values
+        }
         shared[parameter] = shared_parameter(parameter, unit, own)
     # the parameters of the last session become those of any session, with the doubt about the next
     last = fits[name]
@@ -90,15 +111,17 @@ def loop_sessions(
     sessions : sequence of str or Path
         Folders, in the order in which they were run; their names must differ.
     output : str or Path
-        Folder for one folder per session, sessions.json, and model.json that predicts the next session.
+        Folder for one folder per session, sessions.json, and model.json that predicts the next
+        session.
     jobs, forces_only, as_built, progress
         As in `loop_session`.
 
     Returns
     -------
     dict
-        As in sessions.json: the verdict and finding of each session, and per parameter its values, the mean, the standard
-        deviation among sessions, and the 95 % interval in a session yet to come (null where one session alone has it).
+        As in sessions.json: the verdict and finding of each session, and per parameter its values,
+        the mean, the standard deviation among sessions, and the 95 % interval in a session yet to
+        come (null where one session alone has it).
 
     Raises
     ------
@@ -110,12 +133,23 @@ def loop_sessions(
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PipelineError(f"sessions must have names of their own, got {twice[0]!r} twice")
     output = Path(output)
-    given: dict[str, Any] = {"jobs": jobs, "forces_only": forces_only, "as_built": as_built, "progress": progress}
+    given: dict[str, Any] = {
+        "jobs": jobs,
+        "forces_only": forces_only,
+        "as_built": as_built,
+        "progress": progress,
+    }
     with alone_in(output):
-        results = {name: loop_session(one, output / name, **given) for name, one in zip(names, folders, strict=True)}
+        results = {
+            name: loop_session(one, output / name, **given)
+            for name, one in zip(names, folders, strict=True)
+        }
         shared, model = hierarchy(results)
         document = {
-            "sessions": {n: {"verdict": str(r.verdict), "finding": r.document["finding"]} for n, r in results.items()},
+            "sessions": {
+                n: {"verdict": str(r.verdict), "finding": r.document["finding"]}
+                for n, r in results.items()
+            },
             "parameters": shared,
         }
         for file, content in (("sessions.json", document), ("model.json", model_document(model))):

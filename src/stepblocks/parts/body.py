@@ -29,7 +29,8 @@ from stepblocks.parts.lettering import letters, text_width
 from stepblocks.parts.revolution import Point, Point3
 from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
 
-# by thread: core drill (ISO 261, ISO 2306), medium clearance (ISO 273), head (ISO 4762), major diameter [m]
+# by thread: core drill (ISO 261, ISO 2306), medium clearance (ISO 273), head (ISO 4762), major
+# diameter [m]
 _THREADS = {
     "M2": (1.6e-3, 2.4e-3, 4.4e-3, 2.0e-3),
     "M2.5": (2.05e-3, 2.9e-3, 5.0e-3, 2.5e-3),
@@ -43,11 +44,14 @@ OVER = 1e-3  # how far a cutting body stands out of the block [m]
 class Mounting(Table):
     """Two holes on the block's long axis."""
 
-    # ``"tapped"``: blind from below, the working faces stay whole; ``"clearance"``: through, counterbored from above
+    # ``"tapped"``: blind from below, the working faces stay whole; ``"clearance"``: through,
+    # counterbored from above
     kind: Literal["tapped", "clearance"] = "tapped"
     thread: Literal["M2", "M2.5", "M3", "M4"] = "M3"  # metric coarse
     spacing: PositiveLength = usual("12 mm")  # of the holes along x [m]
-    depth: PositiveLength = usual("5 mm")  # of the full core hole from the base, or of the counterbore [m]
+    depth: PositiveLength = usual(
+        "5 mm"
+    )  # of the full core hole from the base, or of the counterbore [m]
 
     @property
     def hole_diameter(self) -> float:
@@ -76,7 +80,9 @@ class Body(Table):
     length: PositiveLength = usual("20 mm")  # along x, across the working edge [m]
     width: PositiveLength = usual("24 mm")  # along y [m]
     thickness: PositiveLength = usual("8 mm")  # from the base to the lower working face [m]
-    edge_break: Length = usual("0.3 mm", otherwise="0.1 mm")  # leg of the chamfer on all edges but the working ones [m]
+    edge_break: Length = usual(
+        "0.3 mm", otherwise="0.1 mm"
+    )  # leg of the chamfer on all edges but the working ones [m]
     mounting: Mounting = usual({})
     engraving: Engraving = usual({})
 
@@ -88,11 +94,27 @@ class Body(Table):
         half, room = 0.5 * min(length, width, thickness), length - 2.0 * chamfer
         yield below("edge_break", "be smaller than half the smallest side", chamfer, half)
         inside = spacing + entry < room
-        yield must(inside, "mounting.spacing", "leave the holes inside the base", room - entry, spacing)
+        yield must(
+            inside, "mounting.spacing", "leave the holes inside the base", room - entry, spacing
+        )
         yield must(entry < spacing, "mounting.spacing", "exceed the hole", entry, spacing)
-        tip = 0.5 * holes.hole_diameter / math.tan(0.5 * DRILL_POINT) if holes.kind == "tapped" else 0.0
-        yield below("mounting.depth", "leave a floor over the drill point", holes.depth.nominal, thickness - tip)
-        yield below("engraving.depth", "be below a tenth of the width", self.engraving.depth.nominal, 0.1 * width)
+        tip = (
+            0.5 * holes.hole_diameter / math.tan(0.5 * DRILL_POINT)
+            if holes.kind == "tapped"
+            else 0.0
+        )
+        yield below(
+            "mounting.depth",
+            "leave a floor over the drill point",
+            holes.depth.nominal,
+            thickness - tip,
+        )
+        yield below(
+            "engraving.depth",
+            "be below a tenth of the width",
+            self.engraving.depth.nominal,
+            0.1 * width,
+        )
 
 
 class Block(Part):
@@ -118,7 +140,11 @@ class Block(Part):
     def filled(self) -> float:
         """Volume of holes and engraving [m^3]."""
         body, mounting = self.body, self.body.mounting
-        drill, entry, depth = 0.5 * mounting.hole_diameter, 0.5 * mounting.entry_diameter, mounting.depth.nominal
+        drill, entry, depth = (
+            0.5 * mounting.hole_diameter,
+            0.5 * mounting.entry_diameter,
+            mounting.depth.nominal,
+        )
         if mounting.kind == "tapped":
             sink = entry - drill
             frustum = math.pi * sink * (entry * entry + entry * drill + drill * drill) / 3.0
@@ -126,7 +152,9 @@ class Block(Part):
             holes = 2.0 * (frustum + math.pi * drill * drill * (depth - sink) + point)
         else:
             bore, tops = body.thickness.nominal - depth, (0.0, self.rise)
-            holes = math.fsum(math.pi * (drill * drill * bore + entry * entry * (depth + top)) for top in tops)
+            holes = math.fsum(
+                math.pi * (drill * drill * bore + entry * entry * (depth + top)) for top in tops
+            )
         area = 0.0
         for outer, *inner in letters(self.id.upper(), body.engraving.height.nominal):
             area += _shoelace(outer) - math.fsum(map(_shoelace, inner))
@@ -136,39 +164,60 @@ class Block(Part):
         """Extrude the section, its outline between the working faces a crest from the right one to the left one."""
         body, rise = self.body, self.rise
         half, base, c = 0.5 * body.length.nominal, -body.thickness.nominal, body.edge_break.nominal
-        right = dict.fromkeys([(half - c, base), (half, base + c), (half, rise - c), (half - c, rise)])
+        right = dict.fromkeys(
+            [(half - c, base), (half, base + c), (half, rise - c), (half - c, rise)]
+        )
         left = dict.fromkeys([(-half + c, 0.0), (-half, -c), (-half, base + c), (-half + c, base)])
         return cad.kernel.prism([*right, *crest, *left], body.width.nominal)
 
-    def body_characteristics(self, lower: FaceRule, upper: FaceRule, edge: Rule | None) -> Iterator[Characteristic]:
+    def body_characteristics(
+        self, lower: FaceRule, upper: FaceRule, edge: Rule | None
+    ) -> Iterator[Characteristic]:
         """List what a workshop must hold of the block itself, by its working faces and the wall of its edge, if it has one."""
         body = self.body
-        half, side, base = 0.5 * body.length.nominal, 0.5 * body.width.nominal, -body.thickness.nominal
+        half, side, base = (
+            0.5 * body.length.nominal,
+            0.5 * body.width.nominal,
+            -body.thickness.nominal,
+        )
         yield toleranced("length", "distance", body.length, plane(0, -half), plane(0, half))
         yield toleranced("width", "distance", body.width, plane(1, -side), plane(1, side))
         yield toleranced("thickness", "distance", body.thickness, plane(2, base), lower)
         spacing, radius = body.mounting.spacing, 0.5 * body.mounting.hole_diameter
-        holes = [FaceRule("CYLINDER", radius=radius, holds={0: x * spacing.nominal}) for x in (-0.5, 0.5)]
-        yield toleranced("hole_spacing", "distance", spacing, *holes, method="coordinate measuring machine")
+        holes = [
+            FaceRule("CYLINDER", radius=radius, holds={0: x * spacing.nominal}) for x in (-0.5, 0.5)
+        ]
+        yield toleranced(
+            "hole_spacing", "distance", spacing, *holes, method="coordinate measuring machine"
+        )
         c = body.edge_break.nominal
         # of all edges alike, measured at the one along the base on the right
         slope = FaceRule("SLOPE", holds={0: half - 0.5 * c, 1: 0.0, 2: base + 0.5 * c})
         yield broken_edges(body.edge_break, plane(0, half), EdgeRule(slope, plane(2, base)))
         depth = body.engraving.depth
-        yield toleranced("engraving_depth", "distance", depth, plane(1, -side), plane(1, -side + depth.nominal))
+        yield toleranced(
+            "engraving_depth", "distance", depth, plane(1, -side), plane(1, -side + depth.nominal)
+        )
         said = "height of the engraved letters, middle of the front"
         yield toleranced("engraving_height", "note", body.engraving.height, label=said)
         # depth and place of the fixing holes, measured at the left one
         at, deep = -0.5 * spacing.nominal, body.mounting.depth.nominal
         ends: tuple[Rule, Rule] = lower, plane(2, -deep, x=at + radius)
         if tapped := body.mounting.kind == "tapped":  # down to where the drill's point begins
-            ends = plane(2, base), EdgeRule(holes[0], FaceRule("CONE", holds={0: at, 2: base + deep + 0.2 * radius}))
+            ends = (
+                plane(2, base),
+                EdgeRule(holes[0], FaceRule("CONE", holds={0: at, 2: base + deep + 0.2 * radius})),
+            )
         label = "depth of the core holes" if tapped else "depth of the counterbores"
         yield toleranced("hole_depth", "distance", body.mounting.depth, *ends, label=label)
-        yield located("hole_position", "left hole from the left side", half + at, plane(0, -half), holes[0])
+        yield located(
+            "hole_position", "left hole from the left side", half + at, plane(0, -half), holes[0]
+        )
         yield located("hole_row", "holes from the front", side, plane(1, -side), holes[0])
         if edge is not None:
-            yield located("edge_position", "working edge from the left side", half, plane(0, -half), edge)
+            yield located(
+                "edge_position", "working edge from the left side", half, plane(0, -half), edge
+            )
         yield texture_of(self.face_demands, lower, upper)
 
     def require_engravable(self) -> Iterator[str]:
@@ -177,7 +226,13 @@ class Block(Part):
         broken = 2.0 * body.edge_break.nominal
         room = body.length.nominal - broken
         width = text_width(self.id.upper(), letter)
-        yield must(width < room, "engraving.height", f"let {self.id!r} fit the front", letter * room / width, letter)
+        yield must(
+            width < room,
+            "engraving.height",
+            f"let {self.id!r} fit the front",
+            letter * room / width,
+            letter,
+        )
         low = 0.6 * (body.thickness.nominal - broken)
         yield below("engraving.height", "leave room over and under the letters", letter, low)
 
@@ -189,13 +244,20 @@ def body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body]:
     middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * OVER
     into = (0.0, body.engraving.depth.nominal + 0.1 * OVER, 0.0)
     for outlines in letters(identity.upper(), body.engraving.height.nominal):
-        outer, *holes = ([(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines)
+        outer, *holes = (
+            [(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines
+        )
         cuts.append(cad.kernel.extruded(outer, into, holes))
     return cuts
 
 
 def _edge_breaks(body: Body, rise: float) -> Iterator[cad.door.Body]:
-    length, width, base, c = body.length.nominal, body.width.nominal, -body.thickness.nominal, body.edge_break.nominal
+    length, width, base, c = (
+        body.length.nominal,
+        body.width.nominal,
+        -body.thickness.nominal,
+        body.edge_break.nominal,
+    )
     long, high = 0.5 * length + OVER, body.thickness.nominal + max(rise, 0.0) + 2.0 * OVER
     along = (-long, 0.0, 0.0, 1.0), (0.0, long, rise, 1.0), (-long, long, base, -1.0)
     for side in (-1.0, 1.0):
@@ -215,9 +277,21 @@ def _hole(body: Body, x: float) -> cad.door.Body:
     drill, entry, depth = 0.5 * holes.hole_diameter, 0.5 * holes.entry_diameter, holes.depth.nominal
     if holes.kind == "tapped":
         sink, point = entry - drill, drill / math.tan(0.5 * DRILL_POINT)  # 90 degree countersink
-        outline = [(0.0, -OVER), (entry + OVER, -OVER), (drill, sink), (drill, depth), (0.0, depth + point)]
+        outline = [
+            (0.0, -OVER),
+            (entry + OVER, -OVER),
+            (drill, sink),
+            (drill, depth),
+            (0.0, depth + point),
+        ]
         return cad.kernel.turned(outline, (x, 0.0, base))
-    outline = [(0.0, base - OVER), (drill, base - OVER), (drill, -depth), (entry, -depth), (entry, OVER)]
+    outline = [
+        (0.0, base - OVER),
+        (drill, base - OVER),
+        (drill, -depth),
+        (entry, -depth),
+        (entry, OVER),
+    ]
     return cad.kernel.turned([*outline, (0.0, OVER)], (x, 0.0, 0.0))
 
 
@@ -246,7 +320,8 @@ def half_volume(body: Body, extent: float, top: float) -> float:
     width, c = body.width.nominal, body.edge_break.nominal
     height = top + body.thickness.nominal
 
-    # the slice at an inset s from the chamfers is (extent - s)(width - 2 s) less two triangles of leg c - 2 s
+    # the slice at an inset s from the chamfers is (extent - s)(width - 2 s) less two triangles of
+    # leg c - 2 s
     def rectangle(s: float) -> float:  # antiderivative of that product
         return extent * width * s - (2.0 * extent + width) * s * s / 2.0 + 2.0 * s**3 / 3.0
 
@@ -272,6 +347,11 @@ def strip_volume(body: Body, top: float, polygon: list[Point]) -> float:
         for a, b in itertools.pairwise(cuts):
             (xa, za), (xb, zb) = ((x0 + t * (x1 - x0), z0 + t * (z1 - z0)) for t in (a, b))
             mid = 0.5 * (za + zb)
-            values = [(width - 2.0 * max(z - knee, 0.0)) * x for x, z in ((xa, za), (0.5 * (xa + xb), mid), (xb, zb))]
-            total += (zb - za) * (values[0] + 4.0 * values[1] + values[2]) / 6.0  # Simpson, exact for a quadratic
+            values = [
+                (width - 2.0 * max(z - knee, 0.0)) * x
+                for x, z in ((xa, za), (0.5 * (xa + xb), mid), (xb, zb))
+            ]
+            total += (
+                (zb - za) * (values[0] + 4.0 * values[1] + values[2]) / 6.0
+            )  # Simpson, exact for a quadratic
     return abs(total)

@@ -11,18 +11,23 @@ from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import FaceDemands
 from stepblocks.parts.tolerance import Dimension, general_deviation
 
-Kind = Literal["distance", "diameter", "radius", "angle", "flatness", "parallelism", "roughness", "note"]
+Kind = Literal[
+    "distance", "diameter", "radius", "angle", "flatness", "parallelism", "roughness", "note"
+]
 FORM = ("flatness", "parallelism", "roughness")  # kinds with a largest value and no nominal
 PROFILE = "profilometer, two planes with edge exclusion"
 CALIPER = "caliper or micrometer"
-_REACH = 1e-7  # how far a bounding box may be off its face [m]: the kernel enlarges boxes by its tolerance
+# how far a bounding box may be off its face [m]: the kernel enlarges boxes by its tolerance
+_REACH = 1e-7
 
 
 @dataclass(frozen=True)
 class FaceRule:
     """How to find a face."""
 
-    kind: str  # ``PLANE`` (square to an axis), ``SLOPE`` (a plane that is not), ``CYLINDER``, ``CONE``, ``TORUS``, ``SPHERE``
+    # ``PLANE`` (square to an axis), ``SLOPE`` (a plane that is not), ``CYLINDER``, ``CONE``,
+    # ``TORUS``, ``SPHERE``
+    kind: str
     axis: int = 2  # that a plane is square to
     at: float = 0.0  # coordinate of the plane along it [m]
     radius: float = 0.0  # of a cylinder or sphere [m]
@@ -58,7 +63,9 @@ class Characteristic:
     lower: float  # signed deviation [m or rad]
     upper: float  # signed deviation [m or rad]
     body: int = 0  # index of the solid it belongs to
-    faces: tuple[Rule, ...] = ()  # two of a distance or of an angle between planes, one of the others
+    faces: tuple[
+        Rule, ...
+    ] = ()  # two of a distance or of an angle between planes, one of the others
     method: str = CALIPER  # how it is measured
     quantity: str = "length"  # ``length`` or ``angle``
     # what the file declares and it holds; empty where it follows from other dimensions
@@ -67,13 +74,19 @@ class Characteristic:
     @property
     def doubled(self) -> Characteristic:
         """The diameter of a radius, or the whole of a half angle."""
-        return replace(self, nominal=2.0 * self.nominal, lower=2.0 * self.lower, upper=2.0 * self.upper)
+        return replace(
+            self, nominal=2.0 * self.nominal, lower=2.0 * self.lower, upper=2.0 * self.upper
+        )
 
     @property
     def unsigned(self) -> Characteristic:
         """The distance that a workshop sees, which has no sign: the limits of a length below zero change places."""
         negative = self.nominal < 0.0
-        return replace(self, nominal=-self.nominal, lower=-self.upper, upper=-self.lower) if negative else self
+        return (
+            replace(self, nominal=-self.nominal, lower=-self.upper, upper=-self.lower)
+            if negative
+            else self
+        )
 
 
 def find_face(faces: tuple[cad.door.Face, ...], rule: FaceRule, place: str) -> int:
@@ -83,7 +96,9 @@ def find_face(faces: tuple[cad.door.Face, ...], rule: FaceRule, place: str) -> i
         raise MachiningError(f"a face must exist for {rule}, got none [{place}]")
 
     def extent(index: int) -> float:
-        sides = sorted(high - low for low, high in zip(faces[index].low, faces[index].high, strict=True))
+        sides = sorted(
+            high - low for low, high in zip(faces[index].low, faces[index].high, strict=True)
+        )
         return sides[-1] * sides[-2]
 
     return max(found, key=extent)
@@ -93,7 +108,9 @@ def _fits(face: cad.door.Face, rule: FaceRule) -> bool:
     if face.kind != ("PLANE" if rule.kind == "SLOPE" else rule.kind):
         return False
     if rule.kind == "SLOPE":
-        flat = any(high - low < 10.0 * _REACH for low, high in zip(face.low, face.high, strict=True))
+        flat = any(
+            high - low < 10.0 * _REACH for low, high in zip(face.low, face.high, strict=True)
+        )
         middle = [0.5 * (low + high) for low, high in zip(face.low, face.high, strict=True)]
         return not flat and all(abs(middle[k] - v) < 2.0 * _REACH for k, v in rule.holds.items())
     if rule.kind == "PLANE":
@@ -106,14 +123,25 @@ def _fits(face: cad.door.Face, rule: FaceRule) -> bool:
 
 
 def toleranced(
-    key: str, kind: Kind, dimension: Dimension, *faces: Rule, label: str = "", body: int = 0, method: str = CALIPER
+    key: str,
+    kind: Kind,
+    dimension: Dimension,
+    *faces: Rule,
+    label: str = "",
+    body: int = 0,
+    method: str = CALIPER,
 ) -> Characteristic:
     """State a dimension as declared; its key with spaces is its label where none is given."""
     if dimension.unresolved:
         rule = "have its tolerance worked out (load_declared) before it is made"
         raise MachiningError(f"{key} must {rule}, got {dimension}")
-    name, limits = label or key.replace("_", " "), (dimension.nominal, dimension.lower, dimension.upper)
-    return Characteristic(key, name, kind, *limits, body, faces, method, dimension.quantity, (dimension,))
+    name, limits = (
+        label or key.replace("_", " "),
+        (dimension.nominal, dimension.lower, dimension.upper),
+    )
+    return Characteristic(
+        key, name, kind, *limits, body, faces, method, dimension.quantity, (dimension,)
+    )
 
 
 def broken_edges(edge_break: Dimension, *faces: Rule) -> Characteristic:
@@ -126,24 +154,38 @@ def broken_edges(edge_break: Dimension, *faces: Rule) -> Characteristic:
 
 def plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
     """Describe a plane square to an axis that contains the coordinates `x`, `y` and `z` [m]."""
-    return FaceRule("PLANE", axis, at, holds={"xyz".index(name): value for name, value in holds.items()}, body=body)
+    return FaceRule(
+        "PLANE",
+        axis,
+        at,
+        holds={"xyz".index(name): value for name, value in holds.items()},
+        body=body,
+    )
 
 
-def form_of(demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upper: str) -> Iterator[Characteristic]:
+def form_of(
+    demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upper: str
+) -> Iterator[Characteristic]:
     """State flatness and parallelism of the two working faces."""
     how = "interferometer, form of the face, minimum zone"
     for key, said, face in (("flatness_lower", lower, low), ("flatness_upper", upper, high)):
         yield _largest(key, f"flatness, {said}", "flatness", demands, (face,), how)
-    yield _largest("parallelism", f"parallelism, {upper} to A", "parallelism", demands, (high, low), how)
+    yield _largest(
+        "parallelism", f"parallelism, {upper} to A", "parallelism", demands, (high, low), how
+    )
 
 
 def texture_of(demands: FaceDemands, low: FaceRule, high: FaceRule) -> Characteristic:
     """State the largest roughness of the working faces."""
     how = "profilometer or interferometer, ISO 21920-2"
-    return _largest("roughness", "roughness Ra, working faces", "roughness", demands, (low, high), how)
+    return _largest(
+        "roughness", "roughness Ra, working faces", "roughness", demands, (low, high), how
+    )
 
 
-def _largest(key: str, label: str, kind: Kind, asked: FaceDemands, faces: tuple[Rule, ...], how: str) -> Characteristic:
+def _largest(
+    key: str, label: str, kind: Kind, asked: FaceDemands, faces: tuple[Rule, ...], how: str
+) -> Characteristic:
     zone = asked[kind]
     states = () if zone.usual else (zone,)
     return Characteristic(key, label, kind, 0.0, 0.0, zone.upper, 0, faces, how, states=states)

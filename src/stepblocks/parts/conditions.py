@@ -6,7 +6,14 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, Limits, OperatingPoint, Tissue, Tool
+from stepblocks.contact.operating_point import (
+    LIMIT_SOURCES,
+    PAPER,
+    Limits,
+    OperatingPoint,
+    Tissue,
+    Tool,
+)
 from stepblocks.contact.rod import Rod, RodRing, Sleeve, ring_of, rod_for
 from stepblocks.parts.declared import Sourced, Table, positive, sourced
 
@@ -46,13 +53,17 @@ class LimitsSpec(Table):
 class SettingTolerances(Table):
     """How far what is not on a drawing may be off, to either side; what is left out is taken as known."""
 
-    tip_radius: Annotated[float, positive("length", or_zero=True)] = 0.0  # of `PredictionGrid.tip_radii` [m]
+    tip_radius: Annotated[float, positive("length", or_zero=True)] = (
+        0.0  # of `PredictionGrid.tip_radii` [m]
+    )
     friction: Ratio = 0.0  # 1
     normal_load: _Share = 0.0  # as a share of the load [1]
     stiffness: _Share = 0.0  # as a share of the stiffness [1]
     conversion: _Share = 0.0  # as a share of C_v [1]
     # of the ring [Hz]; left out, the paper's band
-    frequency: Annotated[float, positive("frequency", or_zero=True)] = PAPER.tool.frequency_deviation
+    frequency: Annotated[float, positive("frequency", or_zero=True)] = (
+        PAPER.tool.frequency_deviation
+    )
 
 
 class PredictionGrid(Table):
@@ -74,26 +85,38 @@ class PredictionGrid(Table):
     def first_point(self, **other: Any) -> OperatingPoint:
         """Return the first of the conditions, but for what is other in it; a set of tips alone names no tip radius."""
         ball = next(iter(self.tip_radii), PAPER.ball_radius)
-        return replace(OperatingPoint(ball, self.normal_loads[0], self.frictions[0], self.as_tool()), **other)
+        return replace(
+            OperatingPoint(ball, self.normal_loads[0], self.frictions[0], self.as_tool()), **other
+        )
 
 
 class Gum(Table):
     """Gum beside the margin: a soft wall, Kelvin and Voigt's, that the flank of the tool presses in and rubs along."""
 
-    indentation: Annotated[float, positive("length")] = 0.2e-3  # by the tool; a gentle touch, assumed [m]
-    contact: Annotated[float, positive("length")] = 1e-3  # of the flank with the gum along the tool; assumed [m]
+    indentation: Annotated[float, positive("length")] = (
+        0.2e-3  # by the tool; a gentle touch, assumed [m]
+    )
+    contact: Annotated[float, positive("length")] = (
+        1e-3  # of the flank with the gum along the tool; assumed [m]
+    )
     shear_modulus: Annotated[Sourced, sourced("pressure")] = Sourced(
-        83e3, "pressure", "masticatory mucosa, mean of patients: Wakabayashi, Suzuki 2013, doi 10.1177/1758736013483298"
+        83e3,
+        "pressure",
+        "masticatory mucosa, mean of patients: Wakabayashi, Suzuki 2013, doi "
+        "10.1177/1758736013483298",
     )
     loss_factor: Annotated[Sourced, sourced("ratio")] = Sourced(
         0.3, "ratio", "assumed at 300 Hz; the relaxation that is published takes minutes"
     )
-    friction: Annotated[Sourced, sourced("ratio")] = Sourced(0.1, "ratio", "assumed: wet with saliva")
+    friction: Annotated[Sourced, sourced("ratio")] = Sourced(
+        0.1, "ratio", "assumed: wet with saliva"
+    )
 
     def tissue(self, frequency: float) -> Tissue:
         """Return the wall at the frequency of a ring [Hz]."""
-        # a long tool on an incompressible half space: N = pi/4 E* L d with E* = 4 G (Popov 2017, Contact Mechanics and Friction,
-        # 2.3.2), tangential over normal stiffness 2 (1 - nu) / (2 - nu) = 2/3 (Mindlin); damping eta k / w
+        # a long tool on an incompressible half space: N = pi/4 E* L d with E* = 4 G (Popov 2017,
+        # Contact Mechanics and Friction, 2.3.2), tangential over normal stiffness 2 (1 - nu) / (2 -
+        # nu) = 2/3 (Mindlin); damping eta k / w
         normal = math.pi * self.shear_modulus.value * self.contact
         stiffness = 2.0 / 3.0 * normal
         damping = self.loss_factor.value * stiffness / (math.tau * frequency)
@@ -132,7 +155,9 @@ class DampingRig(Table):
     """The rig that moves a tip by a fixed distance and lets it go."""
 
     displacement: Annotated[Sourced, sourced("length")]  # that distance
-    noise: Annotated[Sourced, sourced("length")]  # standard deviation of one sample of the displacement
+    noise: Annotated[
+        Sourced, sourced("length")
+    ]  # standard deviation of one sample of the displacement
     sample_rate: Annotated[Sourced, sourced("frequency")]
     # relative standard uncertainty wanted of the logarithmic decrement
     uncertainty: Annotated[Sourced, sourced("ratio")]

@@ -9,7 +9,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from stepblocks.parts.tolerance import Dimension, parse_sensible
 from stepblocks.quantities import DIMENSIONS, format_quantity, parse_quantity
 
-# Name of a stimulus: lower-case words and digits joined by hyphens; it becomes a folder and an engraving
+# Name of a stimulus: lower-case words and digits joined by hyphens; it becomes a folder and an
+# engraving
 Identity = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]
 
 
@@ -76,7 +77,10 @@ class Table(BaseModel):
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON, with the unit in the name of every field."""
         stated = {name: value for name, value in self if value is not None}
-        return {name: value.record() if hasattr(value, "record") else value for name, value in stated.items()}
+        return {
+            name: value.record() if hasattr(value, "record") else value
+            for name, value in stated.items()
+        }
 
     def dimensions(self, prefix: str = "") -> Iterator[tuple[str, Dimension]]:
         """Yield every dimension with the name of its field, dotted where it stands in a table."""
@@ -110,7 +114,9 @@ def sourced(quantity: str) -> BeforeValidator:
         if not isinstance(raw, dict) or set(raw) != {"value", "source"}:
             raise ValueError(f"must be a table with value and source, got {raw!r:.60}")
         if not isinstance(raw["source"], str) or not raw["source"].strip():
-            raise ValueError(f"source must say where the value comes from, got {raw['source']!r:.60}")
+            raise ValueError(
+                f"source must say where the value comes from, got {raw['source']!r:.60}"
+            )
         value = parse_sensible(raw["value"], quantity)
         if value <= 0.0:
             raise ValueError(f"value must be positive, got {raw['value']!r:.60}")
@@ -129,10 +135,15 @@ class Material(Table):
     def record(self) -> dict[str, Any]:
         """Return plain values for JSON, the unit in the name."""
         told: dict[str, Any] = {}
-        named = {"density": ("density_kg_m3", "source"), "modulus": ("modulus_pa", "modulus_source")}
+        named = {
+            "density": ("density_kg_m3", "source"),
+            "modulus": ("modulus_pa", "modulus_source"),
+        }
         for name, one in self:
             value, source = named.get(name, (name, f"{name}_source"))
-            told |= {value: one.value, source: one.source} if isinstance(one, Sourced) else {name: one}
+            told |= (
+                {value: one.value, source: one.source} if isinstance(one, Sourced) else {name: one}
+            )
         return told
 
 
@@ -172,18 +183,24 @@ def _zone(raw: object) -> Dimension:
     return Dimension(0.0, width, 0.0)
 
 
-Zone = Annotated[Dimension, BeforeValidator(_zone)]  # width of a tolerance zone, or largest roughness [m]
+Zone = Annotated[
+    Dimension, BeforeValidator(_zone)
+]  # width of a tolerance zone, or largest roughness [m]
 
 
 class WorkingFaces(Table):
     """What is asked of the faces beside the working edge; what is left out takes its default."""
 
     flatness: Zone | None = None  # of either face; default a quarter of the height's tolerance band
-    parallelism: Zone | None = None  # of the upper face to the lower one, datum A; default half of that band
+    parallelism: Zone | None = (
+        None  # of the upper face to the lower one, datum A; default half of that band
+    )
     roughness: Zone | None = None  # largest Ra; default a twentieth of that band, at least 0.05 um
 
 
-FaceDemands: TypeAlias = dict[str, Dimension]  # flatness, parallelism and roughness of the working faces in force
+FaceDemands: TypeAlias = dict[
+    str, Dimension
+]  # flatness, parallelism and roughness of the working faces in force
 
 
 def face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:

@@ -20,8 +20,8 @@ from stepblocks.parts.tolerance import Dimension
 from stepblocks.quantities import parse_quantity
 
 Condition: TypeAlias = tuple[Step, OperatingPoint]
-# Smallest deviations to either side that can be made and measured, assumed: somewhat less than two wrung gauge blocks hold,
-# and about what an arc fit on a profile resolves [m]
+# Smallest deviations to either side that can be made and measured, assumed: somewhat less than two
+# wrung gauge blocks hold, and about what an arc fit on a profile resolves [m]
 _FINEST = {"height": 0.1e-6, "edge_radius": 0.5e-6, "ball_radius": 0.5e-6}
 
 
@@ -35,7 +35,9 @@ def _share(raw: object) -> float:
 class EnergyTolerance(Table):
     """A tolerance of the vibration energy."""
 
-    within: Annotated[float, BeforeValidator(_share)]  # allowed relative change of the energy to either side [1]
+    within: Annotated[
+        float, BeforeValidator(_share)
+    ]  # allowed relative change of the energy to either side [1]
     # of the tip [m]; left out, the tip has a share of the budget like the block
     ball_radius: Annotated[float, positive("length", or_zero=True)] | None = None
     friction: Ratio = 0.0  # of mu, spent before the block's share [1]
@@ -43,7 +45,11 @@ class EnergyTolerance(Table):
 
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON."""
-        told = {"within": self.within, "ball_radius_deviation_m": self.ball_radius, "friction_deviation": self.friction}
+        told = {
+            "within": self.within,
+            "ball_radius_deviation_m": self.ball_radius,
+            "friction_deviation": self.friction,
+        }
         told["normal_load_deviation_share"] = self.normal_load
         return {name: value for name, value in told.items() if value is not None}
 
@@ -64,11 +70,15 @@ class EnergyBudget(EnergyTolerance):
 
 
 # A share such as ``"10 %"``, or a table with `within` and what spends the budget
-_TABLE = BeforeValidator(lambda raw: raw if isinstance(raw, dict | EnergyTolerance) else {"within": raw})
+_TABLE = BeforeValidator(
+    lambda raw: raw if isinstance(raw, dict | EnergyTolerance) else {"within": raw}
+)
 EnergyToleranceField = Annotated[EnergyTolerance, _TABLE]
 
 
-def energy_tolerance_lacks(energy: EnergyTolerance | None, named: dict[str, Dimension], tip_is_free: bool) -> str:
+def energy_tolerance_lacks(
+    energy: EnergyTolerance | None, named: dict[str, Dimension], tip_is_free: bool
+) -> str:
     """Say that a dimension is toleranced by an energy that is not given, or an energy tolerances nothing; else ``""``."""
     left = [name for name, dimension in named.items() if dimension.by_energy]
     if left and energy is None:
@@ -84,7 +94,9 @@ def described(energy: EnergyTolerance | None) -> list[list[str]]:
     if not isinstance(energy, EnergyBudget):
         return []
     tips = ", ".join(str(tip) for tip in energy.tips)
-    return [["vibration energy", f"kept within {energy.within:.3g} of the nominal with a tip of {tips}"]]
+    return [
+        ["vibration energy", f"kept within {energy.within:.3g} of the nominal with a tip of {tips}"]
+    ]
 
 
 def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
@@ -94,15 +106,23 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
         return part
 
     place = f"[{set_name}, {part.stanza} {part.id!r}]"
-    felt = [(face, at) for face, at in _conditions(part, grid) if face.release(at).status is Status.RELEASES]
+    felt = [
+        (face, at)
+        for face, at in _conditions(part, grid)
+        if face.release(at).status is Status.RELEASES
+    ]
     if not felt:
-        raise PipelineError(f"energy_tolerance needs a condition of the prediction that releases, got none {place}")
+        raise PipelineError(
+            f"energy_tolerance needs a condition of the prediction that releases, got none {place}"
+        )
     free = [name for name, one in part.sizes.items() if one.by_energy]
     # what is given spends the budget first
     fixed = {"friction": energy.friction, "normal_load": energy.normal_load}
     if not part.crossed:
         fixed |= {"height": 0.0, "edge_radius": 0.0}
-    fixed |= {name: max(one.upper, -one.lower) for name, one in part.sizes.items() if not one.by_energy}
+    fixed |= {
+        name: max(one.upper, -one.lower) for name, one in part.sizes.items() if not one.by_energy
+    }
     if energy.ball_radius is None:
         free.append("ball_radius")
     else:
@@ -116,7 +136,9 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
             raise PipelineError(f"energy_tolerance: {error} {place}") from error
         if not plan.achievable:
             asked = f"energy_tolerance of {energy.within * 100.0:.3g} %"
-            raise PipelineError(f"{asked} can be kept by no tolerance at {where}: {plan.reason} {place}")
+            raise PipelineError(
+                f"{asked} can be kept by no tolerance at {where}: {plan.reason} {place}"
+            )
         plans.append(plan)
     widths = {name: min(_drawn(getattr(plan, name)) for plan in plans) for name in free}
     # the narrowest of what the conditions ask for, rounded down to what a drawing says
@@ -124,7 +146,10 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     for (_, at), plan in zip(felt, plans, strict=True):
         given = energy.ball_radius if energy.ball_radius is not None else _drawn(plan.ball_radius)
         tips[at.ball_radius] = min(given, tips.get(at.ball_radius, math.inf))
-    corners = [energy_at_corners(face, at, fixed | widths | {"ball_radius": tips[at.ball_radius]}) for face, at in felt]
+    corners = [
+        energy_at_corners(face, at, fixed | widths | {"ball_radius": tips[at.ball_radius]})
+        for face, at in felt
+    ]
     budget = EnergyBudget.model_construct(
         **dict(energy),
         tips=tuple(Dimension(radius, t, -t, by_energy=True) for radius, t in sorted(tips.items())),
@@ -136,7 +161,9 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     for name, width in widths.items():
         dimension = getattr(part, name, None)
         if dimension is not None and dimension.by_energy:
-            update[name] = replace(dimension, upper=width, lower=0.0 - min(width, dimension.nominal))
+            update[name] = replace(
+                dimension, upper=width, lower=0.0 - min(width, dimension.nominal)
+            )
     return part.model_copy(update=update)
 
 

@@ -35,21 +35,31 @@ class Finding(NamedTuple):
     relative: bool = False
 
 
-MeasuredMesh: TypeAlias = Any  # a mesh read back from disk: `stepblocks.artefacts.meshes.measures.MeshMeasures`
+MeasuredMesh: TypeAlias = (
+    Any  # a mesh read back from disk: `stepblocks.artefacts.meshes.measures.MeshMeasures`
+)
 
 
 class Part(Table, ABC):
     """A declared part, across which a tip is dragged."""
 
-    stanza: ClassVar[str]  # name of its tables in a stimulus file, and its key wherever kinds are told apart
+    stanza: ClassVar[
+        str
+    ]  # name of its tables in a stimulus file, and its key wherever kinds are told apart
     called: ClassVar[str]  # what people call it
     titled: ClassVar[str]  # what its drawing is called
-    felt_by: ClassVar[dict[str, str]] = {}  # fields on which the counterface depends, by its names for them
+    felt_by: ClassVar[
+        dict[str, str]
+    ] = {}  # fields on which the counterface depends, by its names for them
     governed_by: ClassVar[str]  # field whose tolerance band sets the usual demands on its faces
     crossed: ClassVar[bool] = True  # whether a tip is dragged across it
-    has_working_faces: ClassVar[bool] = False  # plane ones beside a straight edge: flatness, roughness, a height field
+    has_working_faces: ClassVar[bool] = (
+        False  # plane ones beside a straight edge: flatness, roughness, a height field
+    )
     is_turned: ClassVar[bool] = False  # a body of revolution: its convex pieces are polygons
-    axes: ClassVar[str] = "x across the edge, y along it, z up; the working edge is at x = 0, the lower face at z = 0"
+    axes: ClassVar[str] = (
+        "x across the edge, y along it, z up; the working edge is at x = 0, the lower face at z = 0"
+    )
 
     id: Identity
 
@@ -180,7 +190,9 @@ class HeldPart(Part):
     def counterface(self, step_height: float | None = None) -> Counterface:
         """Answer the sharp step under it."""
         if step_height is None:
-            raise ContactError(f"the height of the step under the probe must be given, got none [{self.id}]")
+            raise ContactError(
+                f"the height of the step under the probe must be given, got none [{self.id}]"
+            )
         return self.sized(height=step_height)
 
 

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-Letter = tuple[NDArray[np.float64], ...]  # outer outline, then holes, each an open polygon of points (u, v) [m]
+Letter = tuple[
+    NDArray[np.float64], ...
+]  # outer outline, then holes, each an open polygon of points (u, v) [m]
 
 _FLATNESS = 0.01  # of the letter height: curves become chords no further from them than this
 
@@ -22,18 +24,25 @@ def _glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
 
     font = FontProperties(fname=Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
     size = 1.0 / 0.729  # DejaVu's capitals are 0.729 em high
-    advance = float(TextPath((0.0, 0.0), character + "|", size=size, prop=font).vertices[:, 0].max())
+    advance = float(
+        TextPath((0.0, 0.0), character + "|", size=size, prop=font).vertices[:, 0].max()
+    )
     advance -= float(TextPath((0.0, 0.0), "|", size=size, prop=font).vertices[:, 0].max())
     if character.isspace():
         return advance, ()  # matplotlib makes no path of nothing
-    rings = [np.asarray(ring)[:-1] for ring in TextPath((0.0, 0.0), character, size=size, prop=font).to_polygons()]
+    rings = [
+        np.asarray(ring)[:-1]
+        for ring in TextPath((0.0, 0.0), character, size=size, prop=font).to_polygons()
+    ]
     shape = shapely.Polygon()
     for ring in rings:  # even-odd: a ring inside another is its hole
         shape = shape.symmetric_difference(shapely.Polygon(ring))
     shape = shapely.simplify(shape, _FLATNESS, preserve_topology=True)
     polygons = []
     for part in map(shapely.orient_polygons, getattr(shape, "geoms", [shape])):
-        polygons.append(tuple(np.asarray(line.coords)[:-1] for line in (part.exterior, *part.interiors)))
+        polygons.append(
+            tuple(np.asarray(line.coords)[:-1] for line in (part.exterior, *part.interiors))
+        )
     return advance, tuple(polygons)
 
 

@@ -15,45 +15,63 @@ _MOST_TRIANGLES = 5_000_000
 _SMALLEST, _LARGEST = 2e-3, 0.15  # of what is scanned, from a short crown to a whole arch [m]
 _BESIDE = 0.5e-3  # how far a picked point may lie from the scan [m]
 _MOST_KNOTS = 60  # of the margin line: between them it is smooth
-_FITTED = 1e-3  # of either side from which their shape is taken, and along the margin: a scan's noise averages out [m]
+# of either side from which their shape is taken, and along the margin: a scan's noise averages out
+# [m]
+_FITTED = 1e-3
 _SAMPLES, _SECTIONS = 51, 9  # of either side of a section, and beside each other at a station
 _COVERED = 1.0 / 3.0  # share of a side that must be there: a hole beside the margin is bridged [1]
 _OUTLYING = 4.0  # robust standard deviations beyond which a sample is debris or the edge of a hole
 
 
 def stations_in(
-    path: Path, scale: float, margin: list[list[float]], count: int, towards: Sequence[float], shows: str
+    path: Path,
+    scale: float,
+    margin: list[list[float]],
+    count: int,
+    towards: Sequence[float],
+    shows: str,
 ) -> dict[str, Any]:
     """Measure `count` sections across a margin, each x, y, z, curvature, slope, curvature and scatter [SI]; in a confined process."""
-    # a scan errs by more than a gap: only slope and curvature of either side are taken from it, by least squares
+    # a scan errs by more than a gap: only slope and curvature of either side are taken from it, by
+    # least squares
     import trimesh
     from scipy.spatial import cKDTree
 
     mesh = trimesh.load_mesh(path, file_type=path.suffix[1:].lower())
     if not 0 < len(mesh.faces) <= _MOST_TRIANGLES or not np.isfinite(mesh.vertices).all():
         rule = f"1 to {_MOST_TRIANGLES} triangles between finite points"
-        raise StimulusError(f"a mesh must have {rule}, got {len(mesh.faces)} triangles [{path.name}]")
+        raise StimulusError(
+            f"a mesh must have {rule}, got {len(mesh.faces)} triangles [{path.name}]"
+        )
     mesh.apply_scale(scale)
     size = float(mesh.extents.max())
     if not _SMALLEST <= size <= _LARGEST:
         rule = f"a tooth of {_SMALLEST * 1e3:g} to {_LARGEST * 1e3:g} mm"
-        raise StimulusError(f"unit must make the mesh {rule}, got {size * 1e3:.4g} mm [{path.name}]")
+        raise StimulusError(
+            f"unit must make the mesh {rule}, got {size * 1e3:.4g} mm [{path.name}]"
+        )
     mesh.update_faces(mesh.nondegenerate_faces())
-    pieces = trimesh.graph.connected_components(mesh.face_adjacency, nodes=np.arange(len(mesh.faces)))
+    pieces = trimesh.graph.connected_components(
+        mesh.face_adjacency, nodes=np.arange(len(mesh.faces))
+    )
     least = 0.05 * max(map(len, pieces))  # smaller ones are debris
     mesh.update_faces(np.concatenate([piece for piece in pieces if len(piece) > least]))
     picked = np.asarray(margin, dtype=np.float64) * scale
     beside = cKDTree(mesh.vertices).query(picked)[0] - float(mesh.edges_unique_length.max())
     if beside.max() > _BESIDE:
         got = f"{beside.max() * 1e3:.3g} mm off at point {int(beside.argmax()) + 1}"
-        raise StimulusError(f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got {got} [{path.name}]")
+        raise StimulusError(
+            f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got {got} [{path.name}]"
+        )
     line = _closed(picked, path)
     around = line(np.linspace(0.0, line.x[-1], 500))
     middle = around.mean(axis=0)
     draw = np.linalg.svd(around - middle, full_matrices=False)[2][2]
     draw *= math.copysign(1.0, float(draw @ towards))
     if draw @ towards < 0.5 * np.linalg.norm(towards):
-        raise StimulusError(f"crown_towards must leave the plane of the margin by 30 deg or more [{path.name}]")
+        raise StimulusError(
+            f"crown_towards must leave the plane of the margin by 30 deg or more [{path.name}]"
+        )
     radii = np.linalg.norm(mesh.triangles - mesh.triangles_center[:, None], axis=2).max(axis=1)
     beside = cKDTree(around).query(mesh.triangles_center)[0] < 3.0 * _FITTED + radii
     mesh.update_faces(beside)
@@ -62,15 +80,23 @@ def stations_in(
     for number in range(count):
         where = line.x[-1] * number / count + np.linspace(-0.5 * _FITTED, 0.5 * _FITTED, _SECTIONS)
         place = line(where[_SECTIONS // 2])
-        near = np.flatnonzero(np.linalg.norm(mesh.triangles_center - place, axis=1) < 3.0 * _FITTED + radii[beside])
+        near = np.flatnonzero(
+            np.linalg.norm(mesh.triangles_center - place, axis=1) < 3.0 * _FITTED + radii[beside]
+        )
         frames = zip(line(where), line(where, 1), strict=True)
-        hole, sides = _sides([_section(mesh, near, *frame, middle, draw) for frame in frames], shows)
+        hole, sides = _sides(
+            [_section(mesh, near, *frame, middle, draw) for frame in frames], shows
+        )
         if hole:
             rule = f"must show a third of the {hole} within {_FITTED * 1e3:g} mm of the margin"
-            raise StimulusError(f"the scan {rule}, got a hole at station {number + 1} [{path.name}]")
+            raise StimulusError(
+                f"the scan {rule}, got a hole at station {number + 1} [{path.name}]"
+            )
         found.append([*place, *sides])
     # digits far below what a scan tells, which are the same on every processor
-    return {"stations": np.where([0, 0, 0, 1, 1, 1, 0], np.round(found, 6), np.round(found, 9)) + 0.0}
+    return {
+        "stations": np.where([0, 0, 0, 1, 1, 1, 0], np.round(found, 6), np.round(found, 9)) + 0.0
+    }
 
 
 def _closed(points: Array, path: Path) -> Any:
@@ -90,12 +116,16 @@ def _closed(points: Array, path: Path) -> Any:
     return CubicSpline(at, line, bc_type="periodic")
 
 
-def _section(mesh: Any, near: NDArray[np.int64], place: Array, along: Array, middle: Array, draw: Array) -> Array:
+def _section(
+    mesh: Any, near: NDArray[np.int64], place: Array, along: Array, middle: Array, draw: Array
+) -> Array:
     """Outermost points (x to the crown, z out of the tooth) of the section across the margin, shape (n, 2)."""
     import trimesh
 
     outward = np.cross(along, draw)
-    outward *= math.copysign(1.0 / float(np.linalg.norm(outward)), float(outward @ (place - middle)))
+    outward *= math.copysign(
+        1.0 / float(np.linalg.norm(outward)), float(outward @ (place - middle))
+    )
     across = np.cross(outward, along)
     across *= math.copysign(1.0 / float(np.linalg.norm(across)), float(across @ draw))
     cut = trimesh.intersections.mesh_plane(mesh, along, place, local_faces=near) - place
@@ -111,8 +141,12 @@ def _section(mesh: Any, near: NDArray[np.int64], place: Array, along: Array, mid
 
 def _sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
     """Name of the side that is not there, if any; curvature of the tooth, slope and curvature of the crown, scatter."""
-    # sections share their shape, each at a level of its own, in a frame turned until the tooth, or else the crown, is level
-    points, which = np.concatenate(sections), np.repeat(np.arange(_SECTIONS), [len(one) for one in sections])
+    # sections share their shape, each at a level of its own, in a frame turned until the tooth, or
+    # else the crown, is level
+    points, which = (
+        np.concatenate(sections),
+        np.repeat(np.arange(_SECTIONS), [len(one) for one in sections]),
+    )
     fit, scatter = np.zeros(_SECTIONS + 4), 0.0
     for _ in range(6):  # the turn converges by a factor of a hundred each time
         within = np.abs(points[:, 0]) <= _FITTED

@@ -14,7 +14,9 @@ from stepblocks.parts.shapes import hull
 
 Point = tuple[float, float]
 Point3 = tuple[float, float, float]
-Outline = list[Point | tuple[Point, Point]]  # (radius, height) [m], for an arc (middle point, end point); closes itself
+Outline = list[
+    Point | tuple[Point, Point]
+]  # (radius, height) [m], for an arc (middle point, end point); closes itself
 
 SECTORS = 96  # of a shell of revolution; the chords of a 4 mm crown sag 2 um
 
@@ -65,7 +67,9 @@ def _along_arc(start: Point, middle: Point, end: Point) -> float:
     return antiderivative(last) - antiderivative(first)
 
 
-def _circle(start: Point, middle: Point, end: Point, squares: list[float]) -> tuple[Point, float, float, float]:
+def _circle(
+    start: Point, middle: Point, end: Point, squares: list[float]
+) -> tuple[Point, float, float, float]:
     """Centre, radius, first and last angle of an arc; `squares`: by how much middle and end lie further from the origin [m^2]."""
     # by Cramer's rule: a library's solver gives other last bits on another processor
     (a, b), (c, d) = ((2.0 * (p[0] - start[0]), 2.0 * (p[1] - start[1])) for p in (middle, end))
@@ -73,7 +77,12 @@ def _circle(start: Point, middle: Point, end: Point, squares: list[float]) -> tu
     x, z = (squares[0] * d - b * squares[1]) / double, (a * squares[1] - squares[0] * c) / double
     first, half, last = (math.atan2(p[1] - z, p[0] - x) for p in (start, middle, end))
     half = first + math.remainder(half - first, math.tau)
-    return (x, z), math.hypot(start[0] - x, start[1] - z), first, half + math.remainder(last - half, math.tau)
+    return (
+        (x, z),
+        math.hypot(start[0] - x, start[1] - z),
+        first,
+        half + math.remainder(last - half, math.tau),
+    )
 
 
 def outline_points(outline: Outline, chord: float) -> list[Point]:
@@ -84,7 +93,9 @@ def outline_points(outline: Outline, chord: float) -> list[Point]:
             start, (middle, end) = points[-1], item
             squares = [math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)]
             (x, z), radius, first, last = _circle(start, middle, end, squares)
-            count = max(1, math.ceil(abs(last - first) / (2.0 * math.acos(max(1.0 - chord / radius, -1.0)))))
+            count = max(
+                1, math.ceil(abs(last - first) / (2.0 * math.acos(max(1.0 - chord / radius, -1.0))))
+            )
             angles = np.linspace(first, last, count + 1)[1:-1]
             points += [*((x + radius * math.cos(a), z + radius * math.sin(a)) for a in angles), end]
         else:
@@ -102,16 +113,25 @@ def ring(radius: float, height: float) -> list[Point3]:
 
 def turned_hull(outline: Outline) -> Any:
     """Turn a convex outline."""
-    return hull(point for r, z in outline_points(outline, CONTACT_DEFLECTION) for point in ring(r, z))
+    return hull(
+        point for r, z in outline_points(outline, CONTACT_DEFLECTION) for point in ring(r, z)
+    )
 
 
 def stack(outline: Outline) -> list[Any]:
     """Frusta of a solid of revolution whose radius is a function of height."""
     points = [(r, z) for r, z in outline_points(outline, 5e-6) if r > 0.0]
-    return [hull([*ring(r0, z0), *ring(r1, z1)]) for (r0, z0), (r1, z1) in itertools.pairwise(points) if z1 > z0]
+    return [
+        hull([*ring(r0, z0), *ring(r1, z1)])
+        for (r0, z0), (r1, z1) in itertools.pairwise(points)
+        if z1 > z0
+    ]
 
 
 def sectors(cell: Sequence[Point]) -> list[Any]:
     """Turn a convex cell of the half section into sectors."""
     turns = itertools.pairwise(2.0 * math.pi * sector / SECTORS for sector in range(SECTORS + 1))
-    return [hull((r * math.cos(a), r * math.sin(a), z) for r, z in cell for a in angles) for angles in turns]
+    return [
+        hull((r * math.cos(a), r * math.sin(a), z) for r, z in cell for a in angles)
+        for angles in turns
+    ]

@@ -14,7 +14,9 @@ _BESIDE = ("tolerance", "source")  # what a dimension has besides its nominal
 _OF_DIMENSION = {"nominal", "from", "values"}
 MAX_SERIES = 20_000  # most stimuli that one stanza may stand for
 
-_PLACEHOLDER = re.compile(r"\{(?P<field>[a-z_]+?)(?:_(?P<unit>um|nm|mm|deg))?(?::0(?P<digits>[1-9]))?\}")
+_PLACEHOLDER = re.compile(
+    r"\{(?P<field>[a-z_]+?)(?:_(?P<unit>um|nm|mm|deg))?(?::0(?P<digits>[1-9]))?\}"
+)
 _UNITS = {"um": 1e6, "nm": 1e9, "mm": 1e3, "deg": 57.29577951308232}
 
 
@@ -23,7 +25,11 @@ def merged(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict[str, 
     result: dict[str, Any] = copy.deepcopy(dict(defaults))
     for key, value in stanza.items():
         # both must be tables, and neither of them a dimension
-        tables = [one for one in (result.get(key), value) if isinstance(one, dict) and not _OF_DIMENSION & set(one)]
+        tables = [
+            one
+            for one in (result.get(key), value)
+            if isinstance(one, dict) and not _OF_DIMENSION & set(one)
+        ]
         result[key] = merged(*tables) if len(tables) == 2 else copy.deepcopy(value)
     return result
 
@@ -46,7 +52,9 @@ def expand(stanza: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         yield one
 
 
-def _series_tables(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+def _series_tables(
+    table: Mapping[str, Any], path: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
     for key, value in table.items():
         if isinstance(value, dict):
             if "from" in value or "values" in value:
@@ -59,16 +67,26 @@ def _values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
     name = ".".join(path)
     unknown = set(table) - {"from", "to", "step", "values", *_BESIDE}
     if unknown:
-        raise ValueError(f"{name}: a series has from, to and step, or values; got also {', '.join(sorted(unknown))}")
+        raise ValueError(
+            f"{name}: a series has from, to and step, or values; got also "
+            f"{', '.join(sorted(unknown))}"
+        )
     if "values" in table:
         values = table["values"]
-        if not isinstance(values, list) or not values or "from" in table or not all(isinstance(v, str) for v in values):
+        if (
+            not isinstance(values, list)
+            or not values
+            or "from" in table
+            or not all(isinstance(v, str) for v in values)
+        ):
             rule = "values must be a list of quantities such as ['25 um', '50 um']"
             raise ValueError(f"{name}: {rule}, got {values!r:.60}")
         return list(values)
     missing = {"to", "step"} - set(table)
     if missing:
-        raise ValueError(f"{name}: a series needs from, to and step, got no {' and no '.join(sorted(missing))}")
+        raise ValueError(
+            f"{name}: a series needs from, to and step, got no {' and no '.join(sorted(missing))}"
+        )
     first, last, step = (table[key] for key in ("from", "to", "step"))
     dimension = _dimension_of(first)
     try:
@@ -81,7 +99,9 @@ def _values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
     steps = (stop - start) / stride
     count = round(steps)
     if steps > MAX_SERIES:
-        raise ValueError(f"{name}: a series must have at most {MAX_SERIES} members, got {steps:.0f}")
+        raise ValueError(
+            f"{name}: a series must have at most {MAX_SERIES} members, got {steps:.0f}"
+        )
     if abs(steps - count) > 1e-6:
         raise ValueError(f"{name}: to must be a whole number of steps from from, {got}")
     unit = str(first).lstrip("+-.0123456789eE ").strip()

@@ -10,7 +10,13 @@ from pydantic import BeforeValidator, Field, create_model
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.rod import RodRing
 from stepblocks.errors import StimulusError
-from stepblocks.parts.conditions import PAPER_STEPS, DampingRig, OrderSpec, PredictionGrid, ProbeSpec
+from stepblocks.parts.conditions import (
+    PAPER_STEPS,
+    DampingRig,
+    OrderSpec,
+    PredictionGrid,
+    ProbeSpec,
+)
 from stepblocks.parts.declared import Identity, Table, rules_validator
 from stepblocks.parts.energy_tolerance import toleranced
 from stepblocks.parts.kind import Part
@@ -22,7 +28,15 @@ from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
 
 # The kinds, in the order in which a set holds them; a new one stands here
-SHIPPED: tuple[type[Part], ...] = (StepBlock, MarginBlock, CrownOnTooth, ScannedMargin, StraightTip, HookTip, Sheath)
+SHIPPED: tuple[type[Part], ...] = (
+    StepBlock,
+    MarginBlock,
+    CrownOnTooth,
+    ScannedMargin,
+    StraightTip,
+    HookTip,
+    Sheath,
+)
 _more: list[type[Part]] = []
 
 
@@ -112,7 +126,9 @@ class StimulusSet(Table):
 
 def file_model() -> type[Table]:
     """Model of a file: the fields of a set, and a list of tables for each kind under the name of its stanza."""
-    fields: dict[str, Any] = {name: (field.annotation, field) for name, field in StimulusSet.model_fields.items()}
+    fields: dict[str, Any] = {
+        name: (field.annotation, field) for name, field in StimulusSet.model_fields.items()
+    }
     fields.pop("stimuli")
     for stanza, kind in kinds().items():
         fields[stanza] = (Annotated[tuple[kind, ...], BeforeValidator(kind.prepared)], ())  # type: ignore[valid-type]

@@ -46,7 +46,8 @@ def build_solids(part: Part) -> list[tuple[str, cad.door.Body]]:
 def convex_pieces(part: Part) -> list[Mesh]:
     """Cut a part into convex pieces, for simulators that turn one concave mesh into its hull and a step into a ramp.
 
-    Pieces describe what a probe can touch: fixing holes and engraving are left out. They fill the part without overlapping.
+    Pieces describe what a probe can touch: fixing holes and engraving are left out. They fill the
+    part without overlapping.
 
     Parameters
     ----------
@@ -58,7 +59,10 @@ def convex_pieces(part: Part) -> list[Mesh]:
     list of Mesh
         Closed convex meshes, outward-wound.
     """
-    return [_mesh(f"{part.id}-piece-{number:03}", piece) for number, piece in enumerate(part.hulls(), start=1)]
+    return [
+        _mesh(f"{part.id}-piece-{number:03}", piece)
+        for number, piece in enumerate(part.hulls(), start=1)
+    ]
 
 
 def mesh_solid(part: Part, name: str, body: cad.door.Body) -> Mesh:
@@ -97,7 +101,9 @@ def enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np.int64])
     return math.fsum((a * np.cross(b, c)).ravel().tolist()) / 6.0
 
 
-def _lifted(raw: cad.door.Tessellation, deflection: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
+def _lifted(
+    raw: cad.door.Tessellation, deflection: NDArray[np.float64], volume: float
+) -> NDArray[np.float64]:
     """Lift the vertices of coarse curved faces along their normals until the mesh encloses `volume`."""
     # chords cut corners: a mesh inscribed in a hole of 2.5 mm at 10 um is 1e-4 of a block too heavy
     curved = np.array([face.kind != "PLANE" for face in raw.faces])
@@ -124,17 +130,24 @@ def _lifted(raw: cad.door.Tessellation, deflection: NDArray[np.float64], volume:
     return _with_volume(raw, normals, volume)
 
 
-def _with_volume(raw: cad.door.Tessellation, direction: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
+def _with_volume(
+    raw: cad.door.Tessellation, direction: NDArray[np.float64], volume: float
+) -> NDArray[np.float64]:
     """Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear."""
     lift, step = 0.0, 1e-7
     for _ in range(6):
         here = enclosed_volume(raw.vertices + lift * direction, raw.triangles)
-        slope = (enclosed_volume(raw.vertices + (lift + step) * direction, raw.triangles) - here) / step
+        slope = (
+            enclosed_volume(raw.vertices + (lift + step) * direction, raw.triangles) - here
+        ) / step
         if slope == 0.0 or abs(here - volume) <= 1e-12 * volume:
             break
         lift += (volume - here) / slope
     if abs(lift) > COARSE_DEFLECTION:
-        raise HapticsError(f"a mesh must keep its chordal error ({COARSE_DEFLECTION:g} m), got a lift of {lift:g} m")
+        raise HapticsError(
+            f"a mesh must keep its chordal error ({COARSE_DEFLECTION:g} m), got a lift of "
+            f"{lift:g} m"
+        )
     return raw.vertices + lift * direction
 
 
@@ -142,7 +155,9 @@ def require_manifold(mesh: Mesh) -> None:
     """Refuse a mesh that is not closed, oriented and outward-wound."""
     import manifold3d
 
-    solid = manifold3d.Manifold(manifold3d.Mesh64(mesh.vertices * 1e3, mesh.triangles.astype(np.uint64)))
+    solid = manifold3d.Manifold(
+        manifold3d.Mesh64(mesh.vertices * 1e3, mesh.triangles.astype(np.uint64))
+    )
     if solid.status() != manifold3d.Error.NoError:
         raise HapticsError(f"the mesh of {mesh.name} must be a manifold, got {solid.status()}")
     if enclosed_volume(mesh.vertices, mesh.triangles) <= 0.0:
@@ -166,7 +181,9 @@ def split(solid: Any, axis: str, position: float) -> tuple[Any, Any]:
 def _mesh(name: str, piece: Any) -> Mesh:
     """Put vertices and triangles in ascending order: the hull's own order varies with its threads."""
     mesh = piece.to_mesh64()
-    vertices, index = np.unique(np.asarray(mesh.vert_properties)[:, :3], axis=0, return_inverse=True)
+    vertices, index = np.unique(
+        np.asarray(mesh.vert_properties)[:, :3], axis=0, return_inverse=True
+    )
     triangles = index.reshape(-1)[np.asarray(mesh.tri_verts).astype(np.int64)]
     first = triangles.argmin(axis=1)[:, None]
     triangles = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)

@@ -9,15 +9,29 @@ from pydantic import BeforeValidator
 
 from stepblocks.quantities import format_quantity, parse_quantity
 
-BY_ENERGY = "by energy"  # what stands in place of a tolerance that follows from the energy that shall be felt
+# what stands in place of a tolerance that follows from the energy that shall be felt
+BY_ENERGY = "by energy"
 
-# What a bench has unless it is zero, in SI: beyond lies a slip of the unit; 10 nm are neither cut nor measured
-_SENSIBLE = {"length": (10e-9, 1.0), "force": (1e-6, 1e3), "stiffness": (1e-3, 1e9), "time": (1e-9, 10.0)}
-_SENSIBLE |= {"frequency": (0.01, 1e7), "pressure": (1.0, 1e13), "density": (0.1, 1e5), "ratio": (1e-9, 1e6)}
+# What a bench has unless it is zero, in SI: beyond lies a slip of the unit; 10 nm are neither cut
+# nor measured
+_SENSIBLE = {
+    "length": (10e-9, 1.0),
+    "force": (1e-6, 1e3),
+    "stiffness": (1e-3, 1e9),
+    "time": (1e-9, 10.0),
+}
+_SENSIBLE |= {
+    "frequency": (0.01, 1e7),
+    "pressure": (1.0, 1e13),
+    "density": (0.1, 1e5),
+    "ratio": (1e-9, 1e6),
+}
 
-GUARD_FACTOR = 1.65  # guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]
+# guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]
+GUARD_FACTOR = 1.65
 
-# ISO 2768-1:1989, table 1 (linear dimensions, from 0.5 mm): up to, permissible deviation of class m [m]
+# ISO 2768-1:1989, table 1 (linear dimensions, from 0.5 mm): up to, permissible deviation of class m
+# [m]
 _LINEAR = ((3e-3, 0.1e-3), (6e-3, 0.1e-3), (30e-3, 0.2e-3), (120e-3, 0.3e-3), (400e-3, 0.5e-3))
 # ISO 2768-1:1989, table 3 (angles), shorter side up to 10 mm, classes f and m.
 ANGULAR_DEVIATION = math.radians(1.0)
@@ -30,7 +44,9 @@ def parse_sensible(raw: object, quantity: str) -> float:
     if abs(value) > largest:
         raise ValueError(f"must not exceed {format_quantity(largest, quantity)}, got {raw!r:.60}")
     if 0.0 < abs(value) < least:
-        raise ValueError(f"must be 0 or at least {format_quantity(least, quantity)}, got {raw!r:.60}")
+        raise ValueError(
+            f"must be 0 or at least {format_quantity(least, quantity)}, got {raw!r:.60}"
+        )
     return value
 
 
@@ -43,9 +59,15 @@ class Dimension:
     lower: float  # permitted deviation, signed, at most `upper` [m or rad]
     quantity: str = "length"  # ``"length"`` or ``"angle"``
     source: str = ""  # of the nominal; empty where the file does not say
-    usual: bool = False  # whether the deviations are those that this program takes where none are stated
-    general: bool = False  # whether the deviations are the general ones of ISO 2768-1 rather than stated
-    by_energy: bool = False  # whether they follow from the energy tolerance; both are 0 until that is resolved
+    usual: bool = (
+        False  # whether the deviations are those that this program takes where none are stated
+    )
+    general: bool = (
+        False  # whether the deviations are the general ones of ISO 2768-1 rather than stated
+    )
+    by_energy: bool = (
+        False  # whether they follow from the energy tolerance; both are 0 until that is resolved
+    )
 
     @property
     def unresolved(self) -> bool:
@@ -60,8 +82,17 @@ class Dimension:
     def record(self) -> dict[str, Any]:
         """Return plain values for JSON, the unit in the names."""
         unit = "rad" if self.quantity == "angle" else "m"
-        values = {"nominal": self.nominal, "upper_deviation": self.upper, "lower_deviation": self.lower}
-        origins = {BY_ENERGY: self.by_energy, "ISO 2768-m": self.general, "default": self.usual, "stated": True}
+        values = {
+            "nominal": self.nominal,
+            "upper_deviation": self.upper,
+            "lower_deviation": self.lower,
+        }
+        origins = {
+            BY_ENERGY: self.by_energy,
+            "ISO 2768-m": self.general,
+            "default": self.usual,
+            "stated": True,
+        }
         told: dict[str, Any] = {f"{name}_{unit}": value for name, value in values.items()}
         told["tolerance"] = next(origin for origin, holds in origins.items() if holds)
         return {**told, "source": self.source} if self.source else told
@@ -73,7 +104,9 @@ class Dimension:
             return f"{text}, tolerance {BY_ENERGY}"
         if self.upper == -self.lower:
             return f"{text} ±{format_quantity(self.upper, self.quantity)}"
-        signs = [(one, "+" if one > 0.0 else "-" if one else "") for one in (self.upper, self.lower)]
+        signs = [
+            (one, "+" if one > 0.0 else "-" if one else "") for one in (self.upper, self.lower)
+        ]
         signed = (sign + format_quantity(abs(one), self.quantity) for one, sign in signs)
         return f"{text} {'/'.join(signed)}"
 
@@ -89,7 +122,10 @@ _DEVIATIONS = re.compile(r"^\s*(?P<upper>[+-]?[^/]+)/(?P<lower>[+-]?[^/]+)$")
 def _deviations(raw: object, quantity: str) -> tuple[float, float]:
     """Read ``"1 um"`` (to either side) or ``"+2 um / -0 um"``."""
     if isinstance(raw, str) and (match := _DEVIATIONS.match(raw)):
-        upper, lower = parse_quantity(match["upper"], quantity), parse_quantity(match["lower"], quantity)
+        upper, lower = (
+            parse_quantity(match["upper"], quantity),
+            parse_quantity(match["lower"], quantity),
+        )
     else:
         upper = parse_quantity(raw, quantity)
         if upper <= 0.0:
@@ -97,7 +133,10 @@ def _deviations(raw: object, quantity: str) -> tuple[float, float]:
         lower = -upper
     largest = _SENSIBLE.get(quantity, (0.0, math.inf))[1]
     if not -largest <= lower < upper <= largest:
-        raise ValueError(f"tolerance must have its upper deviation above the lower one, within sense, got {raw!r:.60}")
+        raise ValueError(
+            "tolerance must have its upper deviation above the lower one, within sense, got "
+            f"{raw!r:.60}"
+        )
     return upper, lower
 
 
@@ -115,7 +154,9 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
         raise ValueError(f"source must be text, got {source!r}")
     if table.get("tolerance") == BY_ENERGY:
         if not felt:
-            raise ValueError(f"tolerance {BY_ENERGY!r} is for height, edge_radius and ball_radius, give a length")
+            raise ValueError(
+                f"tolerance {BY_ENERGY!r} is for height, edge_radius and ball_radius, give a length"
+            )
         return Dimension(nominal, 0.0, 0.0, quantity, source, by_energy=True)
     if "tolerance" in table:
         return Dimension(nominal, *_deviations(table["tolerance"], quantity), quantity, source)
@@ -123,23 +164,38 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
     if general is not None:
         return Dimension(nominal, general, -general, quantity, source, general=True)
     if "otherwise" in table:
-        return Dimension(nominal, *_deviations(table["otherwise"], quantity), quantity, source, usual=True)
+        return Dimension(
+            nominal, *_deviations(table["otherwise"], quantity), quantity, source, usual=True
+        )
     length = format_quantity(nominal, quantity)
-    raise ValueError(f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {length}")
+    raise ValueError(
+        f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {length}"
+    )
 
 
-def _read(quantity: str, rule: str = "", *, above: bool = False, felt: bool = False) -> BeforeValidator:
+def _read(
+    quantity: str, rule: str = "", *, above: bool = False, felt: bool = False
+) -> BeforeValidator:
     """Make a validator of a dimension; where a rule is given, it must be at least, or above, 0; an angle below 180 degrees."""
     least = 0.0 if rule else -math.inf
 
     def read(raw: object) -> Dimension:
         dimension = _dimension(raw, quantity, felt)
         value = dimension.nominal
-        if value < least or (above and value == least) or (quantity == "angle" and value >= math.pi):
+        if (
+            value < least
+            or (above and value == least)
+            or (quantity == "angle" and value >= math.pi)
+        ):
             raise ValueError(f"must {rule}, got {format_quantity(value, quantity)}")
         if quantity == "length" and least == 0.0 < value < -dimension.lower:
             below = format_quantity(-dimension.lower, "length")
-            raise ValueError(f"tolerance must not exceed the nominal {format_quantity(value, 'length')}, got -{below}")
+            raise ValueError(
+                "tolerance must not exceed the nominal "
+                f"{format_quantity(value, 'length')}, "
+                "got "
+                f"-{below}"
+            )
         return dimension
 
     return BeforeValidator(read)

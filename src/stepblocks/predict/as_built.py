@@ -28,11 +28,16 @@ def _as_built(part: Part, record: AsBuilt | None) -> Part:
         measured["height"] = record.height.value
     if "edge_radius" in record.values:
         measured["edge_radius"] = max(record.values["edge_radius"].value, 0.0)
-    sizes = {name: replace(part.sizes[name], nominal=value, source=source) for name, value in measured.items()}
+    sizes = {
+        name: replace(part.sizes[name], nominal=value, source=source)
+        for name, value in measured.items()
+    }
     return part.model_copy(update=sizes)
 
 
-def surface_releases(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Callable[[Prediction], Release | None]:
+def surface_releases(
+    stimuli: StimulusSet, records: Mapping[str, AsBuilt]
+) -> Callable[[Prediction], Release | None]:
     """Prepare to predict from the scanned surfaces themselves, through the path of the tip over each."""
     tool = stimuli.prediction.as_tool()
 
@@ -44,19 +49,27 @@ def surface_releases(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Ca
     def release(prediction: Prediction) -> Release | None:
         point = prediction.point
         steepest = angle(prediction.stimulus, point.ball_radius)
-        return None if steepest is None else release_at(steepest, point.normal_load, point.friction, tool)
+        return (
+            None
+            if steepest is None
+            else release_at(steepest, point.normal_load, point.friction, tool)
+        )
 
     return release
 
 
-def by_surface(made: Iterable[Prediction], stimuli: StimulusSet, known: Mapping[str, AsBuilt]) -> Iterator[Prediction]:
+def by_surface(
+    made: Iterable[Prediction], stimuli: StimulusSet, known: Mapping[str, AsBuilt]
+) -> Iterator[Prediction]:
     """Predict a recorded edge that is no arc from its scanned surface, since its radius says little of it."""
     scanned = surface_releases(stimuli, known)
     for one in made:
         record = known.get(one.stimulus)
         release = None if record is None or record.arc else scanned(one)
         if release is not None:
-            one = replace(one, release=release, interval=one.interval and _moved_with(one.interval, release))
+            one = replace(
+                one, release=release, interval=one.interval and _moved_with(one.interval, release)
+            )
         yield one
 
 
@@ -65,7 +78,10 @@ def _moved_with(interval: Interval, release: Release) -> Interval:
     names = [(f"{kind}_{end}", kind) for kind in ("force", "energy") for end in ("low", "high")]
     names += [(f"analytic_energy_{end}", "energy") for end in ("low", "high")]
     found = {"force": float(release.pull_force), "energy": float(release.vibration_energy)}
-    limits = {name: getattr(interval, name) * found[kind] / getattr(interval, kind) for name, kind in names}
+    limits = {
+        name: getattr(interval, name) * found[kind] / getattr(interval, kind)
+        for name, kind in names
+    }
     changes: dict[str, Any] = {"status": release.status, **found, **limits}
     return replace(interval, **changes)
 
@@ -76,14 +92,19 @@ def surface_columns(release: Release | None) -> dict[str, str]:
         "surface_critical_angle_deg": six_digits(math.degrees(release.angle)) if release else "",
         "surface_status": release.status.value if release else "",
         "surface_pull_force_n": six_digits(release.pull_force) if release else "",
-        "surface_vibration_energy_uj": six_digits(release.vibration_energy * 1e6) if release else "",
+        "surface_vibration_energy_uj": six_digits(release.vibration_energy * 1e6)
+        if release
+        else "",
     }
 
 
 def moved_energies(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iterator[str]:
     """Say for each recorded step block how far the felt energy moved over the conditions of its set."""
     built = with_as_built(stimuli, records)
-    asked, made = list(predictions_of(stimuli)), list(by_surface(predictions_of(built), stimuli, records))
+    asked, made = (
+        list(predictions_of(stimuli)),
+        list(by_surface(predictions_of(built), stimuli, records)),
+    )
     scanned = surface_releases(stimuli, records)
     for part in built.stimuli:
         if part.id not in records or "height" not in part.sizes:
@@ -92,15 +113,24 @@ def moved_energies(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iter
         verdicts = ", ".join(f"{key} {one.verdict}" for key, one in records[part.id].values.items())
         moved = _moved(pairs) or "nothing to compare: the probe does not release"
         height, radius = (part.sizes[name].nominal * 1e6 for name in ("height", "edge_radius"))
-        sentence = f"{part.id} ({verdicts}): as built, {height:.2f} um and an edge radius of {radius:.2g} um, {moved}"
+        sentence = (
+            f"{part.id} ({verdicts}): as built, {height:.2f} um and an edge radius of "
+            f"{radius:.2g} um, {moved}"
+        )
         over = _moved([(a, release) for a, _ in pairs if (release := scanned(a)) is not None])
         if over:
             sentence += f"; by the scanned surface itself {over}"
         other = sum(a.release.status is not b.status for a, b in pairs)
-        yield sentence + (f"; {other} conditions change between releasing and locking" if other else "")
+        yield sentence + (
+            f"; {other} conditions change between releasing and locking" if other else ""
+        )
 
 
 def _moved(pairs: Sequence[tuple[Prediction, Release]]) -> str:
     changes = [energy_change(asked.release, made, asked.point) for asked, made in pairs]
     known = [change for change in changes if not math.isnan(change)]
-    return f"E_v {min(known) * 100:+.1f} % to {max(known) * 100:+.1f} % over {len(known)} conditions" if known else ""
+    return (
+        f"E_v {min(known) * 100:+.1f} % to {max(known) * 100:+.1f} % over {len(known)} conditions"
+        if known
+        else ""
+    )

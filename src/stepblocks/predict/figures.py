@@ -25,8 +25,8 @@ _BLUE, _RED = "#1f4e79", "#b03030"
 
 def margin_map(gaps: Floats, discrepancies: Floats, point: OperatingPoint) -> tuple[Floats, Floats]:
     """Peak force [N] from crown to tooth, and back, of shape (gaps, discrepancies); 0 where nothing catches, infinite where held."""
-    # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405: a tooth that stands higher than the crown is positive. The gap is
-    # taken to be deeper than the tip sinks.
+    # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405: a tooth that stands higher than the
+    # crown is positive. The gap is taken to be deeper than the tip sinks.
     to_tooth, to_crown = margin_angles(gaps[:, None], discrepancies, point.ball_radius)
     felt = point.friction, point.normal_load, 1.0, 1.0
     return kernels.release(to_tooth, *felt)[0], kernels.release(to_crown, *felt)[0]
@@ -48,15 +48,22 @@ def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
             first = next(part for part in parts if part.id in steps)
             uncertainty = uncertainty_of(first, grid, tip_of(grid, radius), point.normal_load)
             top = 1.25 * max(step.height for step in steps.values())
-            curve = [Step(height, steps[first.id].edge_radius) for height in np.linspace(0.02 * top, top, 80)]
-            draw_energy_of_height(curve, point, uncertainty, path, [step.height for step in steps.values()])
+            curve = [
+                Step(height, steps[first.id].edge_radius)
+                for height in np.linspace(0.02 * top, top, 80)
+            ]
+            draw_energy_of_height(
+                curve, point, uncertainty, path, [step.height for step in steps.values()]
+            )
             yield path
         if margins:
             path = folder / f"{stimuli.name}.margin-map.{name}.png"
             gap = 1.25 * max(margin.opening for margin in margins.values())
             rise = 1.25 * max(*(abs(margin.rise) for margin in margins.values()), 20e-6)
             axes = np.linspace(0.0, max(gap, 100e-6), 76), np.linspace(-rise, rise, 81)
-            draw_margin_map(*axes, point, path, [(max(one.opening, 0.0), -one.rise) for one in margins.values()])
+            draw_margin_map(
+                *axes, point, path, [(max(one.opening, 0.0), -one.rise) for one in margins.values()]
+            )
             yield path
 
 
@@ -73,28 +80,47 @@ def draw_energy_of_height(
     figure, axis = new_figure()
     released = np.array([one.status is Status.RELEASES for one in intervals])
     if not released.any():
-        raise ContactError("a figure of energy against height needs a height that releases, got none")
+        raise ContactError(
+            "a figure of energy against height needs a height that releases, got none"
+        )
     energy, low, high = (
-        1e6 * np.array([getattr(one, name) for one in intervals]) for name in ("energy", "energy_low", "energy_high")
+        1e6 * np.array([getattr(one, name) for one in intervals])
+        for name in ("energy", "energy_low", "energy_high")
     )
     top, shown = 10.0 * energy[released].max(), np.isfinite(low)
     band = low[shown], np.minimum(high[shown], top)
     axis.fill_between(heights[shown], *band, alpha=0.3, lw=0, color=_BLUE, label="95 % interval")
-    axis.plot(heights[released], energy[released], color=_BLUE, label="$E_v$, equations (1) and (2)")
-    limit = 1e6 * float(kernels.locking_height(point.ball_radius + steps[0].edge_radius, point.friction))
+    axis.plot(
+        heights[released], energy[released], color=_BLUE, label="$E_v$, equations (1) and (2)"
+    )
+    limit = 1e6 * float(
+        kernels.locking_height(point.ball_radius + steps[0].edge_radius, point.friction)
+    )
     axis.axvline(limit, color=_RED, ls="--", lw=1, label=f"locks from {limit:.1f} um")
     axis.set(xlabel="step height H [um]", ylabel="vibration energy $E_v$ [uJ]", yscale="log")
     axis.set_ylim(top=top)
     under = f"R {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, mu {point.friction:g}"
     axis.set_title(f"{under}, C_v {point.tool.conversion:g}", fontsize=9)
     for height in marks:
-        axis.plot(height * 1e6, 0.0, "|", ms=9, color="k", transform=axis.get_xaxis_transform(), clip_on=False)
+        axis.plot(
+            height * 1e6,
+            0.0,
+            "|",
+            ms=9,
+            color="k",
+            transform=axis.get_xaxis_transform(),
+            clip_on=False,
+        )
     axis.legend(fontsize=8)
     save_figure(figure, path)
 
 
 def draw_margin_map(
-    gaps: Floats, discrepancies: Floats, point: OperatingPoint, path: Path, marks: Sequence[tuple[float, float]] = ()
+    gaps: Floats,
+    discrepancies: Floats,
+    point: OperatingPoint,
+    path: Path,
+    marks: Sequence[tuple[float, float]] = (),
 ) -> None:
     """Draw the peak force of both directions over gap and discrepancy, held margins hatched; `marks` are such pairs [m]."""
     from matplotlib.colors import LogNorm

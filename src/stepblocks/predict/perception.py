@@ -29,10 +29,18 @@ from stepblocks.predict.predictions import Prediction, predict_one
 if TYPE_CHECKING:
     import pandas as pd
 
-_CURVE = 81  # heights at which the drag is asked from the lowest to the highest block: 2 % of the energy between two
+# heights at which the drag is asked from the lowest to the highest block: 2 % of the energy between
+# two
+_CURVE = 81
 # columns of a table of neighbours, which may have no rows
 _NEIGHBOURS = ["set", "tip_radius_um", "normal_load_n", "friction", "lower", "higher"]
-_NEIGHBOURS += ["lower_level_db", "higher_level_db", "just_noticeable_differences", "correct", "felt_by"]
+_NEIGHBOURS += [
+    "lower_level_db",
+    "higher_level_db",
+    "just_noticeable_differences",
+    "correct",
+    "felt_by",
+]
 
 
 @dataclass(frozen=True)
@@ -51,17 +59,22 @@ class Observer:
         require_not_negative("masking", self.masking)
 
 
-# None of these was measured on a hand-held explorer but the threshold. Threshold and duration: the paper. 1.5 dB
-# (Weber fraction 0.41 of energy, 0.19 of amplitude): a median of 0.20 of amplitude stands in the abstract of
-# "Vibrotactile difference thresholds: effects of vibration frequency, vibration magnitude, contact area, and body
-# location" (thenar, 125 Hz, 10 dB over threshold, 12 subjects; up to 0.58 elsewhere). Craig (1972, Perception &
-# Psychophysics 11, 150) is remembered, not checked, for 1.5 dB. The fraction rises towards threshold, which is
-# ignored, and was not measured on a short ring felt through a tool: treat it as a factor of two. Masking: a signal
-# must exceed a masker of the same channel by the Weber fraction; an assumption, not a measurement
-PAPER_OBSERVER = Observer(PAPER.tool.detection_threshold, PAPER.tool.ring_duration, level_difference=1.5, masking=0.41)
+# None of these was measured on a hand-held explorer but the threshold. Threshold and duration: the
+# paper. 1.5 dB (Weber fraction 0.41 of energy, 0.19 of amplitude): a median of 0.20 of amplitude
+# stands in the abstract of "Vibrotactile difference thresholds: effects of vibration frequency,
+# vibration magnitude, contact area, and body location" (thenar, 125 Hz, 10 dB over threshold, 12
+# subjects; up to 0.58 elsewhere). Craig (1972, Perception & Psychophysics 11, 150) is remembered,
+# not checked, for 1.5 dB. The fraction rises towards threshold, which is ignored, and was not
+# measured on a short ring felt through a tool: treat it as a factor of two. Masking: a signal must
+# exceed a masker of the same channel by the Weber fraction; an assumption, not a measurement
+PAPER_OBSERVER = Observer(
+    PAPER.tool.detection_threshold, PAPER.tool.ring_duration, level_difference=1.5, masking=0.41
+)
 
 
-def sensation_level(energy: float, observer: Observer = PAPER_OBSERVER, masker_power: float = 0.0) -> float:
+def sensation_level(
+    energy: float, observer: Observer = PAPER_OBSERVER, masker_power: float = 0.0
+) -> float:
     """Level of a ring over its threshold."""
     require_positive("energy", energy, "J")
     require_not_negative("masker_power", masker_power, "W")
@@ -69,7 +82,9 @@ def sensation_level(energy: float, observer: Observer = PAPER_OBSERVER, masker_p
     return 10.0 * math.log10(energy * observer.reach / observer.ring_duration / threshold)
 
 
-def discriminability(first: float, second: float, observer: Observer = PAPER_OBSERVER) -> tuple[float, float]:
+def discriminability(
+    first: float, second: float, observer: Observer = PAPER_OBSERVER
+) -> tuple[float, float]:
     """How well two rings can be told apart: just noticeable differences n, of 75 % correct each, and P = Phi(n z(0.75))."""
     from scipy.stats import norm
 
@@ -80,7 +95,8 @@ def discriminability(first: float, second: float, observer: Observer = PAPER_OBS
 
 def felt_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
     """Energies [J] of drags that a person compares, NaN where nothing slips, and who says them: the formula or the drag."""
-    # by the drag where one of them differs: a change of model between two blocks would be felt as a difference
+    # by the drag where one of them differs: a change of model between two blocks would be felt as a
+    # difference
     if any(one.differs for one in compared):
         return [math.nan if one.in_time is None else one.in_time.energy for one in compared], "drag"
     return [one.release.vibration_energy for one in compared], "formula"
@@ -93,7 +109,9 @@ def height_of_energy(energy: float, point: OperatingPoint, edge_radius: float = 
     angle = math.atan2(force, point.normal_load) - math.atan(point.friction)
     if angle <= 0.0:
         raise ContactError(
-            f"energy of {energy:g} J is less than sliding friction alone stores: no step rings so little"
+            f"energy of {energy:g} J is less than sliding friction alone stores: no step "
+            "rings so "
+            "little"
         )
     return float((point.ball_radius + edge_radius) * 2.0 * math.sin(0.5 * angle) ** 2)
 
@@ -107,9 +125,13 @@ def equally_felt_heights(
     observer: Observer = PAPER_OBSERVER,
 ) -> tuple[NDArray[np.float64], float, str]:
     """Heights of a set whose blocks are equally spaced in predicted sensation, their spacing, and by whom it is said."""
-    # sensation is taken to grow with the logarithm of the energy (Fechner), as a constant Weber fraction implies
+    # sensation is taken to grow with the logarithm of the energy (Fechner), as a constant Weber
+    # fraction implies
     if count < 2 or not 0.0 < lowest < highest:
-        raise ContactError(f"a set needs at least 2 blocks of increasing height, got {count}, {lowest:g}, {highest:g}")
+        raise ContactError(
+            f"a set needs at least 2 blocks of increasing height, got {count}, {lowest:g}, "
+            f"{highest:g}"
+        )
     for height in (lowest, highest):
         release = Step(height, edge_radius).release(point)
         if release.status is not Status.RELEASES:
@@ -123,13 +145,18 @@ def equally_felt_heights(
     curve_energies, by = felt_energies(asked)
     if by == "formula":
         energies = np.geomspace(curve_energies[0], curve_energies[-1], count)
-        heights = np.array([height_of_energy(float(energy), point, edge_radius) for energy in energies])
+        heights = np.array(
+            [height_of_energy(float(energy), point, edge_radius) for energy in energies]
+        )
         return heights, discriminability(float(energies[0]), float(energies[1]), observer)[0], by
     rings = np.maximum.accumulate(curve_energies)
     if not rings[0] > 0.0:
         least = curve[np.argmax(rings > 0.0)] if rings[-1] > 0.0 else math.nan
         raise ContactError(
-            f"a step of {lowest * 1e6:g} um does not ring in time under {point.normal_load:g} N: the tip walks over it; "
+            f"a step of {lowest * 1e6:g} um does not ring in time under "
+            f"{point.normal_load:g} "
+            "N: "
+            "the tip walks over it; "
             f"the lowest that rings is {least * 1e6:.3g} um"
         )
     levels = np.linspace(math.log(rings[0]), math.log(rings[-1]), count)
@@ -142,10 +169,14 @@ def equally_felt_heights(
 def observer_of(stimuli: StimulusSet) -> Observer:
     """Return the person of a set: its threshold and ring duration, else the paper's; at the finger where it declares the probe."""
     tool, probe = stimuli.prediction.tool, stimuli.probe
-    person = replace(PAPER_OBSERVER, threshold_power=tool.detection_threshold, ring_duration=tool.ring_duration)
+    person = replace(
+        PAPER_OBSERVER, threshold_power=tool.detection_threshold, ring_duration=tool.ring_duration
+    )
     if probe is None:
         return person
-    share = finger_share(probe.rod(), probe.stiffness.value, modes_of(probe.rod()), duration=tool.ring_duration)
+    share = finger_share(
+        probe.rod(), probe.stiffness.value, modes_of(probe.rod()), duration=tool.ring_duration
+    )
     return replace(person, reach=share / tool.conversion)
 
 
@@ -164,11 +195,17 @@ def neighbours(stimuli: StimulusSet, predictions: Iterable[Prediction]) -> pd.Da
     for (tip, friction, load), group in groupby(felt, condition):
         compared = list(group)
         energies, by = felt_energies(compared)
-        ringing = [(one.stimulus, energy) for one, energy in zip(compared, energies, strict=True) if energy > 0.0]
+        ringing = [
+            (one.stimulus, energy)
+            for one, energy in zip(compared, energies, strict=True)
+            if energy > 0.0
+        ]
         for (lower, low), (higher, high) in pairwise(ringing):
             levels = (sensation_level(energy, observer) for energy in (low, high))
             told = discriminability(low, high, observer)
-            rows.append((stimuli.name, tip * 1e6, load, friction, lower, higher, *levels, *told, by))
+            rows.append(
+                (stimuli.name, tip * 1e6, load, friction, lower, higher, *levels, *told, by)
+            )
     return pd.DataFrame(rows, columns=_NEIGHBOURS)
 
 
@@ -176,7 +213,9 @@ def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[flo
     """Write a set whose step blocks are equally spaced in predicted sensation, between the lowest and the highest of another."""
     stimuli = load_declared(source)
     if not stimuli.step_block:
-        raise PipelineError(f"a set that is equally felt needs step blocks to lie between, got none [{source}]")
+        raise PipelineError(
+            f"a set that is equally felt needs step blocks to lie between, got none [{source}]"
+        )
     if not 2 <= count <= 100:
         raise PipelineError(f"--equally-felt must lie between 2 and 100 blocks, got {count}")
     if target.resolve() == source.resolve() or target.suffix != ".toml":
@@ -211,7 +250,9 @@ def _with_heights(text: str, name: str, heights_um: list[float], height: Dimensi
     up, down = (f"{deviation * 1e6:.9g} um" for deviation in (height.upper, -height.lower))
     tolerance = "by energy" if height.by_energy else f"+{up} / -{down}"
     series = f'height = {{ values = [{values}], tolerance = "{tolerance}" }}'
-    kept = re.sub(r"(?m)^height\s*=.*\n?", "", kept).replace("[[step_block]]\n", f"[[step_block]]\n{series}\n", 1)
+    kept = re.sub(r"(?m)^height\s*=.*\n?", "", kept).replace(
+        "[[step_block]]\n", f"[[step_block]]\n{series}\n", 1
+    )
     kept = re.sub(r"(?m)^id\s*=.*$", 'id = "felt-{height_um:03}"', kept, count=1)
     for stanza in reversed(stanzas):
         text = text[: stanza.start()] + text[stanza.end() :]

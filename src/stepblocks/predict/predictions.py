@@ -28,9 +28,11 @@ if TYPE_CHECKING:
     from stepblocks.drag.ring import Ring
     from stepblocks.drag.simulate import DragTrace
 
-_DRAWS = 2000  # of each interval: its ends scatter by 2 % of its width, and a thousand blocks still take seconds
+# of each interval: its ends scatter by 2 % of its width, and a thousand blocks still take seconds
+_DRAWS = 2000
 MOST_DRAGGED = 10_000  # rows of a set that are dragged in time without being asked: a few seconds
-DIFFERS = 1.5  # factor between the formula's energy and the drag's beyond which the drag's is what is felt [1]
+# factor between the formula's energy and the drag's beyond which the drag's is what is felt [1]
+DIFFERS = 1.5
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,12 @@ class Prediction:
     point: OperatingPoint  # under what
     backward: bool
     release: Release  # at the nominal dimensions
-    limits: tuple[Release, Release]  # at the least and the greatest angle within the tolerances of the stimulus
-    interval: Interval | None  # of 95 %, from all tolerances of stimulus and setting; None where there are none
+    limits: tuple[
+        Release, Release
+    ]  # at the least and the greatest angle within the tolerances of the stimulus
+    interval: (
+        Interval | None
+    )  # of 95 %, from all tolerances of stimulus and setting; None where there are none
     in_time: InTime | None = None  # None where it was not dragged
 
     @property
@@ -66,7 +72,11 @@ class Prediction:
     def over_formula(self) -> float:
         """Energy of the drag over that of the formula [1]; NaN where one of them is not known."""
         known = self.release.status is Status.RELEASES and self.in_time is not None
-        return self.in_time.energy / self.release.vibration_energy if known and self.in_time else math.nan
+        return (
+            self.in_time.energy / self.release.vibration_energy
+            if known and self.in_time
+            else math.nan
+        )
 
     @property
     def differs(self) -> bool:
@@ -76,7 +86,9 @@ class Prediction:
     @property
     def felt_energy(self) -> float:
         """Energy that is felt [J]: the formula's, and the drag's where they differ; NaN where nothing slips."""
-        return self.in_time.energy if self.differs and self.in_time else self.release.vibration_energy
+        return (
+            self.in_time.energy if self.differs and self.in_time else self.release.vibration_energy
+        )
 
 
 def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
@@ -86,7 +98,11 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
         grid, ring = stimuli.grid_of(part), stimuli.ring_of(part)
         tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
         worn = rectangular({"stiffness": _worn_deviation(stimuli, part)})["stiffness"]
-        balls = [tip_of(grid, radius) for radius in grid.tip_radii] if part.ball is None else [part.ball]
+        balls = (
+            [tip_of(grid, radius) for radius in grid.tip_radii]
+            if part.ball is None
+            else [part.ball]
+        )
         for ball, step_height in product(balls, (None,) if part.crossed else grid.step_heights):
             faces = list(part.corners(step_height))
             # the tolerance of a tip of the setting is no limit of the part
@@ -100,12 +116,18 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
                 reached = [angles[backward] for angles in corners]
                 angles = nominal[backward], min(reached), max(reached)
                 for friction, load in product(grid.frictions, grid.normal_loads):
-                    point = OperatingPoint(ball.nominal, load, friction, tool, tissue=part.tissue(tool))
-                    release, low, high = (release_at(angle, load, friction, tool) for angle in angles)
+                    point = OperatingPoint(
+                        ball.nominal, load, friction, tool, tissue=part.tissue(tool)
+                    )
+                    release, low, high = (
+                        release_at(angle, load, friction, tool) for angle in angles
+                    )
                     spread = uncertainty_of(part, grid, ball, load)
                     spread["stiffness"] = math.hypot(spread["stiffness"], worn)
                     at = replace(point, ball_radius=middle_of(ball))
-                    drawn = partial(interval_of, middle, at, spread, backward=bool(backward), draws=_DRAWS)
+                    drawn = partial(
+                        interval_of, middle, at, spread, backward=bool(backward), draws=_DRAWS
+                    )
                     interval = drawn() if any(spread.values()) else None
                     yield Prediction(
                         set_name=stimuli.name,
@@ -126,8 +148,13 @@ def _worn_deviation(stimuli: StimulusSet, part: Part) -> float:
     moved = 0.0
     for name, one in part:
         if isinstance(one, Dimension) and one.upper > one.lower:
-            ends = (part.model_copy(update={name: replace(one, nominal=end)}).sleeve for end in one.limits)
-            low, high = (stimuli.probe.ring(sleeve).stiffness for sleeve in ends if sleeve is not None)
+            ends = (
+                part.model_copy(update={name: replace(one, nominal=end)}).sleeve
+                for end in one.limits
+            )
+            low, high = (
+                stimuli.probe.ring(sleeve).stiffness for sleeve in ends if sleeve is not None
+            )
             moved = math.hypot(moved, 0.5 * (high - low))
     return moved
 
@@ -138,7 +165,9 @@ def tip_of(grid: PredictionGrid, radius: float) -> Dimension:
     return Dimension(radius, width, -width)
 
 
-def uncertainty_of(part: Part, grid: PredictionGrid, ball: Dimension, load: float) -> dict[str, float]:
+def uncertainty_of(
+    part: Part, grid: PredictionGrid, ball: Dimension, load: float
+) -> dict[str, float]:
     """Take every tolerance as a rectangular distribution over its zone, in the names of `interval_of`."""
     off, tool = grid.tolerances, grid.tool
     # a profile without a closed form is taken as known; its corners still stand beside the interval
@@ -167,9 +196,10 @@ def half_width(dimension: Dimension) -> float:
 
 def figures_of(prediction: Prediction) -> dict[str, float | str]:
     """Put a prediction into the columns of ``predictions.csv``, units in their names; NaN where there is no figure."""
-    # ``low`` and ``high`` are the worst cases within the tolerances, ``95_low`` and ``95_high`` the ends of the drawn 95 %
-    # interval, ``analytic_95`` the same by first-order sensitivities; beyond a limit there is no energy. ``drag`` is what
-    # the drag in time says, ``felt`` the formula's or, where they differ by more than `DIFFERS`, the drag's.
+    # ``low`` and ``high`` are the worst cases within the tolerances, ``95_low`` and ``95_high`` the
+    # ends of the drawn 95 % interval, ``analytic_95`` the same by first-order sensitivities; beyond
+    # a limit there is no energy. ``drag`` is what the drag in time says, ``felt`` the formula's or,
+    # where they differ by more than `DIFFERS`, the drag's.
     release, (low, high), interval = prediction.release, prediction.limits, prediction.interval
     tool, dragged = prediction.point.tool, prediction.in_time
     power = prediction.felt_energy / tool.ring_duration
@@ -210,7 +240,11 @@ def figures_of(prediction: Prediction) -> dict[str, float | str]:
         "vibration_energy_analytic_95_low_uj": within("analytic_energy_low") * 1e6,
         "vibration_energy_analytic_95_high_uj": within("analytic_energy_high") * 1e6,
         "held_probability": interval.held_probability if interval else math.nan,
-        "intervals_agree": "" if interval is None or release.status.beyond else "yes" if interval.agrees else "no",
+        "intervals_agree": ""
+        if interval is None or release.status.beyond
+        else "yes"
+        if interval.agrees
+        else "no",
         "limit_n": tool.limits.first[1] if release.status.beyond else math.nan,
         "frequency_hz": tool.frequency,
         "frequency_low_hz": tool.frequency - tool.frequency_deviation,
@@ -228,7 +262,10 @@ def figures_of(prediction: Prediction) -> dict[str, float | str]:
 
 def as_row(prediction: Prediction) -> dict[str, str]:
     """Format a prediction for a table."""
-    return {name: one if isinstance(one, str) else six_digits(one) for name, one in figures_of(prediction).items()}
+    return {
+        name: one if isinstance(one, str) else six_digits(one)
+        for name, one in figures_of(prediction).items()
+    }
 
 
 def six_digits(figure: float) -> str:
@@ -248,7 +285,9 @@ def predict_all(
     return tuple(replace(one, in_time=_in_time(one, speed)) for one in made) if dragged else made
 
 
-def predictions_csv(made: Iterable[Prediction], more: Callable[[Prediction], dict[str, str]] | None = None) -> str:
+def predictions_csv(
+    made: Iterable[Prediction], more: Callable[[Prediction], dict[str, str]] | None = None
+) -> str:
     """Write predictions as ``predictions.csv``, with further columns behind."""
     return csv_text([as_row(one) | (more(one) if more else {}) for one in made])
 
@@ -270,8 +309,8 @@ def predict_set(
     Returns
     -------
     pandas.DataFrame
-        One row for each stimulus, tip, step, direction, friction and load, in that order; the columns of
-        ``predictions.csv`` (docs/prediction.md), the unit in each name, with all digits.
+        One row for each stimulus, tip, step, direction, friction and load, in that order; the
+        columns of ``predictions.csv`` (docs/prediction.md), the unit in each name, with all digits.
 
     Raises
     ------
@@ -288,8 +327,22 @@ def predict_set(
 
 
 _HIDDEN = (
-    *("set", "critical_angle_deg", "status_at_limits", "conversion", "mean_power_uw", "threshold_ratio"),
-    *("locking_height_um", "held_probability", "intervals_agree", "drag_status", "drag_over_formula", "felt_power_uw"),
+    *(
+        "set",
+        "critical_angle_deg",
+        "status_at_limits",
+        "conversion",
+        "mean_power_uw",
+        "threshold_ratio",
+    ),
+    *(
+        "locking_height_um",
+        "held_probability",
+        "intervals_agree",
+        "drag_status",
+        "drag_over_formula",
+        "felt_power_uw",
+    ),
     *("_low_n", "_high_n", "_low_uj", "_high_uj", "_hz", "drag_pull_force_n"),
 )
 
@@ -304,9 +357,12 @@ def left_out(predictions: Iterable[Prediction]) -> list[str]:
     found: dict[tuple[Status, float], list[str]] = {}
     for one in predictions:
         if one.release.status.beyond:
-            found.setdefault((one.release.status, one.point.tool.limits.first[1]), []).append(one.stimulus)
+            found.setdefault((one.release.status, one.point.tool.limits.first[1]), []).append(
+                one.stimulus
+            )
     return [
-        f"{status} ({limit:g} N), no energy, left out of every mean: {len(names)} rows of {', '.join(dict.fromkeys(names))}"
+        f"{status} ({limit:g} N), no energy, left out of every mean: {len(names)} rows of "
+        f"{', '.join(dict.fromkeys(names))}"
         for (status, limit), names in found.items()
     ]
 
@@ -320,7 +376,9 @@ def dragged(
     from stepblocks.drag.track import track_over
 
     own = probe_for(point.tool, point.ball_radius, **probe)
-    trace = simulate(track_over(face, point.ball_radius, backward), own, DragSettings.under(point, speed=speed))
+    trace = simulate(
+        track_over(face, point.ball_radius, backward), own, DragSettings.under(point, speed=speed)
+    )
     return trace, ring_of(trace, spectra=False) if trace.status is Status.RELEASES else None
 
 

@@ -10,7 +10,16 @@ import numpy as np
 from stepblocks.atomic import replace_text
 from stepblocks.contact.domain import require_positive
 from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.rod import Hold, RodRing, Sleeve, bush_stiffness, finger_share, modes_of, ring_of, sensed
+from stepblocks.contact.rod import (
+    Hold,
+    RodRing,
+    Sleeve,
+    bush_stiffness,
+    finger_share,
+    modes_of,
+    ring_of,
+    sensed,
+)
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import ProbeSpec
 from stepblocks.parts.kinds.sheath import Sheath
@@ -34,7 +43,9 @@ class Condition:
     use: str  # how the probe is used
     mass: float  # of the sheath [kg]
     ring: RodRing
-    sensed: float  # square of the force at a sensor between rod or sheath and clamp, over the ring [s]
+    sensed: (
+        float  # square of the force at a sensor between rod or sheath and clamp, over the ring [s]
+    )
     finger: float  # share of the stored energy that the grasp takes up as vibration [1]
 
 
@@ -57,7 +68,11 @@ def damping_of(source: str | Path) -> dict[str, float]:
     found = conditions_of(load_set(Path(source)))
     if not found:
         raise PipelineError(f"damping needs a set with a probe and sheaths, got none [{source}]")
-    held = {one.sheath.removeprefix("sheath-"): one.sensed / found[0].sensed for one in found if one.use == HELD}
+    held = {
+        one.sheath.removeprefix("sheath-"): one.sensed / found[0].sensed
+        for one in found
+        if one.use == HELD
+    }
     return {"bare": 1.0, **held}
 
 
@@ -107,7 +122,10 @@ def decay_test_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
     tests = [(one, plan_decay_test(one.ring.as_tool(), *asked)) for one in conditions_of(stimuli)]
     return [
         {"sheath": one.sheath or "none", "use": one.use}
-        | {name: f"{value:{digits}}" for (name, value), digits in zip(test.items(), _DIGITS, strict=True)}
+        | {
+            name: f"{value:{digits}}"
+            for (name, value), digits in zip(test.items(), _DIGITS, strict=True)
+        }
         | {"releases_to_tell_from_bare": _releases_to_tell(tests[0][1], test)}
         for one, test in tests
     ]
@@ -121,20 +139,32 @@ def _releases_to_tell(bare: dict[str, float], test: dict[str, float]) -> str:
     return f"{math.ceil((3.0 * spread / difference) ** 2)}"
 
 
-def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, wanted: float) -> dict[str, float]:
+def plan_decay_test(
+    tool: Tool, displacement: float, noise: float, rate: float, wanted: float
+) -> dict[str, float]:
     """Say what a test of a tool's ring will measure, and how well; `wanted` is relative, of the logarithmic decrement."""
-    for name, value in (("displacement", displacement), ("noise", noise), ("rate", rate), ("wanted", wanted)):
+    for name, value in (
+        ("displacement", displacement),
+        ("noise", noise),
+        ("rate", rate),
+        ("wanted", wanted),
+    ):
         require_positive(name, value)
     frequency, decay_time = tool.frequency, tool.decay_time
     if rate < 4.0 * frequency:
-        raise ContactError(f"rate must be at least four samples per period ({4.0 * frequency:.4g} Hz), got {rate:g} Hz")
+        raise ContactError(
+            f"rate must be at least four samples per period ({4.0 * frequency:.4g} Hz), got "
+            f"{rate:g} Hz"
+        )
     if displacement <= 3.0 * noise:
         raise ContactError(
-            f"displacement must exceed three times the noise ({3e6 * noise:g} um), got {displacement * 1e6:g} um"
+            f"displacement must exceed three times the noise ({3e6 * noise:g} um), got "
+            f"{displacement * 1e6:g} um"
         )
     count = max(math.ceil(_RECORD * decay_time * rate), 8)
     decrement = 1.0 / (decay_time * frequency)
-    # the Cramer-Rao bound of a damped sine: least standard uncertainties of its angular frequency and decay rate [1/s]
+    # the Cramer-Rao bound of a damped sine: least standard uncertainties of its angular frequency
+    # and decay rate [1/s]
     time = np.arange(count) / rate
     envelope, phase = np.exp(-time / decay_time), math.tau * frequency * time
     cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)
@@ -145,7 +175,10 @@ def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, 
     decrement_std = math.hypot(rate_std / frequency, decrement * frequency_std / frequency)
     releases = max(math.ceil((decrement_std / (wanted * decrement)) ** 2), 1)
     if releases > _MOST_RELEASES:
-        raise ContactError(f"an uncertainty of {wanted:g} would take {releases} releases, more than {_MOST_RELEASES}")
+        raise ContactError(
+            f"an uncertainty of {wanted:g} would take {releases} releases, more than "
+            f"{_MOST_RELEASES}"
+        )
     return {
         "displacement_um": displacement * 1e6,
         "holding_force_n": tool.stiffness * displacement,
@@ -155,7 +188,9 @@ def plan_decay_test(tool: Tool, displacement: float, noise: float, rate: float, 
         "log_decrement": decrement,
         "log_decrement_std": decrement_std,
         "decay_time_ms": decay_time * 1e3,
-        "periods_above_noise": math.floor(decay_time * math.log(displacement / (3.0 * noise)) * frequency),
+        "periods_above_noise": math.floor(
+            decay_time * math.log(displacement / (3.0 * noise)) * frequency
+        ),
         "record_ms": count / rate * 1e3,
         "samples": count,
         "releases": releases,
@@ -170,7 +205,11 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
     rod = stimuli.probe.rod()
     told = {
         "probe": stimuli.probe.record(),
-        "follows": {"free_length_m": rod.length, "tip_mass_kg": rod.end_mass, "loss_factor": rod.loss_factor},
+        "follows": {
+            "free_length_m": rod.length,
+            "tip_mass_kg": rod.end_mass,
+            "loss_factor": rod.loss_factor,
+        },
         "damping_rig": stimuli.damping_rig.record(),
     }
     texts = {

@@ -50,25 +50,32 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
 }
 _DRAWS = 4000  # of each interval
 _POSITIVE = ("height_um", "load_n", "speed_mm_s")
-_FIGURES = {"peak_force{}_n": 1, "vibration_energy{}_j": 0}  # columns of the result, and their channels
+_FIGURES = {
+    "peak_force{}_n": 1,
+    "vibration_energy{}_j": 0,
+}  # columns of the result, and their channels
 
 
-def predict_table(table: pd.DataFrame | str | Path, output: str | Path | None = None) -> pd.DataFrame:
+def predict_table(
+    table: pd.DataFrame | str | Path, output: str | Path | None = None
+) -> pd.DataFrame:
     """Predict each row of a table, with an interval.
 
     Parameters
     ----------
     table : pandas.DataFrame, str or Path
-        Table or CSV with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction`` and, where they differ from the
-        paper, ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``, ``conversion``, in any unit that the name of the
-        column says; standard uncertainties in columns of the same names with ``u_`` before them.
+        Table or CSV with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction`` and, where
+        they differ from the paper, ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``,
+        ``conversion``, in any unit that the name of the column says; standard uncertainties in
+        columns of the same names with ``u_`` before them.
 
     Returns
     -------
     pandas.DataFrame
-        The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j`` and their ends ``_low``
-        and ``_high``, ``held_probability`` and ``problem``, which says why a row is ``invalid``; beyond one of the limits
-        of docs/model.md its ``status`` names it, and there is no energy.
+        The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j``
+        and their ends ``_low`` and ``_high``, ``held_probability`` and ``problem``, which says why
+        a row is ``invalid``; beyond one of the limits of docs/model.md its ``status`` names it, and
+        there is no energy.
 
     Raises
     ------
@@ -79,7 +86,10 @@ def predict_table(table: pd.DataFrame | str | Path, output: str | Path | None = 
 
     place = "table" if isinstance(table, pd.DataFrame) else Path(table)
     frame = table if isinstance(table, pd.DataFrame) else read_table(Path(table))
-    uncertain = {f"u_{name}": ([f"u_{n}" for n in names], of, 0.0) for name, (names, of, _) in _COLUMNS.items()}
+    uncertain = {
+        f"u_{name}": ([f"u_{n}" for n in names], of, 0.0)
+        for name, (names, of, _) in _COLUMNS.items()
+    }
     columns = si_columns(frame, {**_COLUMNS, **uncertain}, place)
     rows: list[dict[str, Any]] = []
     for k in range(len(frame)):
@@ -103,42 +113,52 @@ def predict_table(table: pd.DataFrame | str | Path, output: str | Path | None = 
                 "peak_force_low_n": interval.force_low,
                 "peak_force_high_n": interval.force_high,
                 "vibration_energy_j": interval.energy,
-                "vibration_energy_low_j": math.nan if interval.status.beyond else interval.energy_low,
-                "vibration_energy_high_j": math.nan if interval.status.beyond else interval.energy_high,
+                "vibration_energy_low_j": math.nan
+                if interval.status.beyond
+                else interval.energy_low,
+                "vibration_energy_high_j": math.nan
+                if interval.status.beyond
+                else interval.energy_high,
                 "held_probability": interval.held_probability,
                 "problem": "",
             }
         )
     added = pd.DataFrame(rows, index=frame.index)
-    result = pd.concat([frame.drop(columns=[c for c in added.columns if c in frame.columns]), added], axis=1)
+    result = pd.concat(
+        [frame.drop(columns=[c for c in added.columns if c in frame.columns]), added], axis=1
+    )
     if output is not None:
         write_table(result, Path(output))
     return result
 
 
 def predict_trials(
-    trials: str | Path | pd.DataFrame, model: str | Path | LearnedModel, output: str | Path | None = None
+    trials: str | Path | pd.DataFrame,
+    model: str | Path | LearnedModel,
+    output: str | Path | None = None,
 ) -> pd.DataFrame:
     """Predict trials with what a session taught.
 
     Parameters
     ----------
     trials : str, Path or DataFrame
-        A table as trials.csv: ``trial``, ``block``, ``height_um``, ``load_n``, ``speed_mm_s``, and what the effects of
-        the model follow.
+        A table as trials.csv: ``trial``, ``block``, ``height_um``, ``load_n``, ``speed_mm_s``, and
+        what the effects of the model follow.
     model : str, Path or LearnedModel
         ``model.json`` of `stepblocks loop`.
 
     Returns
     -------
     DataFrame
-        A row for each trial: its ``status`` (``ok``, ``locked``, ``outside-range(...)``, ``invalid(...)``), peak force [N]
-        and vibration energy [J] with 95 % intervals for a single trial, by the extended and by the nominal model.
+        A row for each trial: its ``status`` (``ok``, ``locked``, ``outside-range(...)``,
+        ``invalid(...)``), peak force [N] and vibration energy [J] with 95 % intervals for a single
+        trial, by the extended and by the nominal model.
 
     Raises
     ------
     PipelineError
-        If the table or the model cannot be read, a column is missing, or the output cannot be written.
+        If the table or the model cannot be read, a column is missing, or the output cannot be
+        written.
     """
     import pandas as pd
 
@@ -147,7 +167,9 @@ def predict_trials(
         try:
             trials = pd.read_csv(trials, dtype={"trial": str, "block": str, "tip": str})
         except (OSError, ValueError) as error:
-            raise PipelineError(f"trials must be a readable CSV table: {error!s:.80} [{trials}]") from error
+            raise PipelineError(
+                f"trials must be a readable CSV table: {error!s:.80} [{trials}]"
+            ) from error
     result = predicted(trials, learned)[0]
     if output is not None:
         write_table(result, Path(output), "%.9g")
@@ -162,25 +184,37 @@ def predicted(table: pd.DataFrame, learned: LearnedModel) -> tuple[pd.DataFrame,
     needed = ("trial", "block", *_POSITIVE, *sorted(used))
     missing = [name for name in needed if name not in table.columns]
     if missing:
-        raise PipelineError(f"trials must have the columns {', '.join(missing)}, which the model needs")
+        raise PipelineError(
+            f"trials must have the columns {', '.join(missing)}, which the model needs"
+        )
     columns, invalid, outside = _conditions(table, learned, {*_POSITIVE, *used})
     tips = table["tip"].astype(str) if "tip" in table else [""] * len(table)
     columns["tip_radius_um"] = np.array([tip_radius_um(tip, learned.tip_radius_um) for tip in tips])
     # a block is known by its name; a new height under an old name is a block of its own
     design = design_of(table["block"].astype(str).to_numpy(), columns, learned.tool.stiffness)
-    models = {"": _channels(design, learned.extended, learned), "nominal_": _channels(design, learned.nominal, learned)}
+    models = {
+        "": _channels(design, learned.extended, learned),
+        "nominal_": _channels(design, learned.nominal, learned),
+    }
     wrong, beyond, state = invalid.astype(bool), outside.astype(bool), models[""][2]
     status = np.where(beyond, "outside-range(" + outside + ")", "ok")
     status = np.where(state.locked(), "locked", status)
-    result = {"trial": table["trial"].to_numpy(), "status": np.where(wrong, "invalid(" + invalid + ")", status)}
+    result = {
+        "trial": table["trial"].to_numpy(),
+        "status": np.where(wrong, "invalid(" + invalid + ")", status),
+    }
     # first the values, then their intervals
     for ends in ({"": 0.0}, {"_low": -WIDE, "_high": WIDE}):
         each = product(models.items(), _FIGURES.items(), ends.items())
         for (prefix, (mean, std, slots)), (name, channel), (end, shift) in each:
-            value = np.where(slots.locked() | wrong, np.nan, np.exp(mean[:, channel] + shift * std[:, channel]))
+            value = np.where(
+                slots.locked() | wrong, np.nan, np.exp(mean[:, channel] + shift * std[:, channel])
+            )
             result[prefix + name.format(end)] = value
             if not np.isfinite(value[~(slots.locked() | wrong)]).all():
-                raise PipelineError(f"model is damaged: it gives no finite {prefix}{name.format(end)} [model.json]")
+                raise PipelineError(
+                    f"model is damaged: it gives no finite {prefix}{name.format(end)} [model.json]"
+                )
     return pd.DataFrame(result), state
 
 
@@ -209,12 +243,18 @@ def _conditions(
             note(invalid, ~good, name)
         if place is not None:
             slack = 1e-9 * max(abs(place.low), abs(place.high))
-            note(outside, good & ((numbers < place.low - slack) | (numbers > place.high + slack)), name)
+            note(
+                outside,
+                good & ((numbers < place.low - slack) | (numbers > place.high + slack)),
+                name,
+            )
         columns[name] = np.where(good, numbers, 1.0)
     return columns, invalid, outside
 
 
-def _channels(design: BenchDesign, fitted: LearnedFit, learned: LearnedModel) -> tuple[Floats, Floats, DragState]:
+def _channels(
+    design: BenchDesign, fitted: LearnedFit, learned: LearnedModel
+) -> tuple[Floats, Floats, DragState]:
     """Channels of single trials, their standard deviations, and the slots behind them."""
 
     def at(values: Mapping[str, float]) -> Floats:
@@ -246,15 +286,27 @@ class LearnedDrag(Learned):
 
     friction: float
     tool: Tool  # with the learnt spring, conversion and ring
-    edge_radius: float  # what the model adds to the ball's radius [m]; 0 where it has no such effect
+    edge_radius: (
+        float  # what the model adds to the ball's radius [m]; 0 where it has no such effect
+    )
 
 
-def learned_drag(learned: LearnedModel, block: str, height: float, condition: OperatingPoint) -> LearnedDrag:
+def learned_drag(
+    learned: LearnedModel, block: str, height: float, condition: OperatingPoint
+) -> LearnedDrag:
     """Ask a learned model about one step; of the condition its friction and tool are not asked, they are learnt."""
     import pandas as pd
 
-    row: dict[str, Any] = {"trial": "1", "block": block, "tip": f"tip-{condition.ball_radius * 1e6:.6f}"}
-    row |= {"height_um": height * 1e6, "load_n": condition.normal_load, "speed_mm_s": condition.speed * 1e3}
+    row: dict[str, Any] = {
+        "trial": "1",
+        "block": block,
+        "tip": f"tip-{condition.ball_radius * 1e6:.6f}",
+    }
+    row |= {
+        "height_um": height * 1e6,
+        "load_n": condition.normal_load,
+        "speed_mm_s": condition.speed * 1e3,
+    }
     for place in learned.ranges:
         if place.name not in row and not place.pair and place.name != PEAK_FORCE:
             row[place.name] = place.labels[0] if place.labels else 0.5 * (place.low + place.high)
@@ -271,10 +323,16 @@ def learned_drag(learned: LearnedModel, block: str, height: float, condition: Op
     edge_radius = max(float(state.radius[0]) - condition.ball_radius, 0.0)
     # the value, and the ends of its interval
     force, energy = (
-        (float(found[name.format("")]), float(found[name.format("_low")]), float(found[name.format("_high")]))
+        (
+            float(found[name.format("")]),
+            float(found[name.format("_low")]),
+            float(found[name.format("_high")]),
+        )
         for name in _FIGURES
     )
-    return LearnedDrag(str(found["status"]), force, energy, float(state.friction[0]), tool, edge_radius)
+    return LearnedDrag(
+        str(found["status"]), force, energy, float(state.friction[0]), tool, edge_radius
+    )
 
 
 def taught_set(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
@@ -298,7 +356,12 @@ def learned_columns(prediction: Prediction, learned: LearnedModel) -> dict[str, 
     # an edge that is no plain step counts as the step of the same critical angle
     plain = prediction.drag == "up"
     face, point = prediction.face, prediction.point
-    height = face.far_side if plain else height_at_angle(prediction.release.angle, point.ball_radius)
+    height = (
+        face.far_side if plain else height_at_angle(prediction.release.angle, point.ball_radius)
+    )
     found = learned_drag(learned, prediction.stimulus, float(height), point)
     values = [*found.peak_force, *(1e6 * energy for energy in found.energy)]
-    return {"learned_status": found.status, **dict(zip(names, map(six_digits, values), strict=True))}
+    return {
+        "learned_status": found.status,
+        **dict(zip(names, map(six_digits, values), strict=True)),
+    }

@@ -36,14 +36,20 @@ def plain_step(height: float, name: str = "step") -> StepBlock:
         return {field: {"nominal": size, "tolerance": "1 um"} for field, size in sizes.items()}
 
     mounting = {"kind": "tapped", "thread": "M2", **exact(spacing="6 mm", depth="2 mm")}
-    body: dict[str, Any] = exact(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm")
+    body: dict[str, Any] = exact(
+        length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm"
+    )
     body |= {"mounting": mounting, "engraving": exact(height="0.5 mm", depth="0.05 mm")}
     groove = {"kind": "groove", **exact(width="0.4 mm", lane="3 mm", distance="1 mm")}
     edge = exact(height=f"{height * 1e6:.9g} um", edge_radius="0 um")
     try:
-        return StepBlock.model_validate({"id": name, "material": "steel", "body": body, "metrology": groove, **edge})
+        return StepBlock.model_validate(
+            {"id": name, "material": "steel", "body": body, "metrology": groove, **edge}
+        )
     except ValidationError as error:
-        rule = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ").splitlines()[0]
+        rule = (
+            error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ").splitlines()[0]
+        )
         raise HapticsError(f"the step under a tip is impossible: {rule} [{name}]") from error
 
 
@@ -74,7 +80,10 @@ def scene_of(
         point=point,
         scale=size,
         frame=frame,
-        whole=_joined(surface.id, [frame.of(mesh_solid(surface, *solid), size) for solid in build_solids(surface)]),
+        whole=_joined(
+            surface.id,
+            [frame.of(mesh_solid(surface, *solid), size) for solid in build_solids(surface)],
+        ),
         pieces=tuple(frame.of(piece, size) for piece in convex_pieces(surface)),
         path=path.scaled(size),
         events=events,
@@ -94,7 +103,9 @@ def met(
     surface = stimulus
     if not stimulus.crossed:  # a tip or a sheathed probe, over a plain step
         if step_height is None:
-            raise HapticsError(f"the height of the step under the probe must be given, got none [{stimulus.id}]")
+            raise HapticsError(
+                f"the height of the step under the probe must be given, got none [{stimulus.id}]"
+            )
         surface = plain_step(step_height, f"{stimulus.id[:30].rstrip('-')}-step")
     if learned is not None:
         return teach(learned, surface, point, keep_friction=keep_friction)
@@ -123,16 +134,24 @@ def teach(
 ) -> tuple[Part, OperatingPoint, Events]:
     """Apply what was learnt to a surface, its operating point and its events."""
     known = _ask(learned, surface, point, 1)
-    taught = replace(point, friction=point.friction if keep_friction else known.friction, tool=known.tool)
+    taught = replace(
+        point, friction=point.friction if keep_friction else known.friction, tool=known.tool
+    )
     edge = surface.sizes.get("edge_radius")
     if edge is not None and known.edge_radius > 0.0:
         radius = min(known.edge_radius, surface.counterface().far_side)
         surface = surface.model_copy(update={"edge_radius": replace(edge, nominal=radius)})
     up, down = vibration_events(surface.counterface(), taught, surface.id)
-    return surface, taught, (_told(learned, up, surface, taught), _told(learned, down, surface, taught))
+    return (
+        surface,
+        taught,
+        (_told(learned, up, surface, taught), _told(learned, down, surface, taught)),
+    )
 
 
-def _told(learned: LearnedModel, event: VibrationEvent, surface: Part, point: OperatingPoint) -> VibrationEvent:
+def _told(
+    learned: LearnedModel, event: VibrationEvent, surface: Part, point: OperatingPoint
+) -> VibrationEvent:
     if event.status is not Status.RELEASES:
         return event
     known = _ask(learned, surface, point, event.direction)
@@ -140,18 +159,24 @@ def _told(learned: LearnedModel, event: VibrationEvent, surface: Part, point: Op
     return replace(event, energy=energy, learned=known)
 
 
-def _ask(learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int) -> LearnedDrag:
+def _ask(
+    learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int
+) -> LearnedDrag:
     """Ask of the step that this edge is for the ball: as high as itself, or as that of the same critical angle."""
     from stepblocks.predict.table import learned_drag
 
     face = surface.counterface()
     height = face.far_side
     if direction < 0 or face.ways[0] != "up":
-        height = point.ball_radius * (1.0 - math.cos(face.centre_path(point.ball_radius).notch(float(direction))[2]))
+        height = point.ball_radius * (
+            1.0 - math.cos(face.centre_path(point.ball_radius).notch(float(direction))[2])
+        )
     return learned_drag(learned, surface.id, height, point)
 
 
-def with_drag_ring(event: VibrationEvent, path: CentrePath, point: OperatingPoint) -> VibrationEvent:
+def with_drag_ring(
+    event: VibrationEvent, path: CentrePath, point: OperatingPoint
+) -> VibrationEvent:
     """Replace the exponential by the ring of a drag in time: the force below that of sliding, from where it first falls there."""
     from stepblocks.drag.ring import ring_of
     from stepblocks.drag.simulate import DragSettings, probe_for, simulate
@@ -164,12 +189,23 @@ def with_drag_ring(event: VibrationEvent, path: CentrePath, point: OperatingPoin
     trace = simulate(track_along(path, point.ball_radius, event.direction < 0), probe, settings)
     name = f"[{event.stimulus} {event.drag}]"
     if trace.status is not Status.RELEASES:
-        raise HapticsError(f"the time-domain drag must release to give a ring, got {trace.status.value} {name}")
+        raise HapticsError(
+            f"the time-domain drag must release to give a ring, got {trace.status.value} {name}"
+        )
     time, pull, level = trace.column("time_s"), trace.column("fx_n"), settings.sliding_force
     after = np.flatnonzero((time >= trace.release_time) & (pull <= level))
     if len(after) < 2:
-        raise HapticsError(f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that low")
+        raise HapticsError(
+            f"the pulling force must fall to that of sliding ({level:g} N) to "
+            "ring, "
+            "got "
+            "none "
+            "that "
+            "low"
+        )
     force, delay = level - pull[after[0] :], float(time[after[0]] - trace.release_time)
     factor = math.sqrt(event.energy / ring_energy(force, _RATE, event.tool))
     own = ring_of(trace, spectra=False)
-    return replace(event, waveform=Waveform(force * factor, _RATE, delay, trace.peak_force, own.energy, factor))
+    return replace(
+        event, waveform=Waveform(force * factor, _RATE, delay, trace.peak_force, own.energy, factor)
+    )

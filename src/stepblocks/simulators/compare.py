@@ -22,38 +22,48 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 _LENGTH = 5.0  # of the ring that is compared, in time constants
 _HAPTIC = "doi 10.1109/HAPTIC.2006.1627110"
-# Just noticeable differences as shares of the value, and where they stand. That of a decay was not found for rings this
-# short: an assumption, twice that of the energy which it changes
+# Just noticeable differences as shares of the value, and where they stand. That of a decay was not
+# found for rings this short: an assumption, twice that of the energy which it changes
 _POWER = 10.0 ** (PAPER_OBSERVER.level_difference / 10.0) - 1.0
 JND = {
-    "peak force": (0.07, "Pang, Tan, Durlach (1991), Perception & Psychophysics 49, 531: about 7 % of 2.5 to 10 N"),
+    "peak force": (
+        0.07,
+        "Pang, Tan, Durlach (1991), Perception & Psychophysics 49, 531: about 7 % of 2.5 to 10 N",
+    ),
     "ring energy": (_POWER, "1.5 dB of power, as `predict.perception` takes it"),
-    "ring frequency": (0.2, f"HAPTIC 2006, {_HAPTIC}: 0.18 to 0.25 at the index finger up to 200 Hz, 0.2 taken"),
+    "ring frequency": (
+        0.2,
+        f"HAPTIC 2006, {_HAPTIC}: 0.18 to 0.25 at the index finger up to 200 Hz, 0.2 taken",
+    ),
     "ring decay": (0.8, "assumed"),
     "energy in the ring's band": (_POWER, "as the energy"),
 }
 
 
-def compare(record: str | Path, stimulus: str | Path, output: str | Path | None = None, **felt: float) -> pd.DataFrame:
+def compare(
+    record: str | Path, stimulus: str | Path, output: str | Path | None = None, **felt: float
+) -> pd.DataFrame:
     """Compare a recorded step with its stimulus.
 
     Parameters
     ----------
     record : str or Path
-        CSV with ``time_s`` and ``force_n`` (on the hand along the drag, from before the release) or ``acceleration_m_s2`` (of the
-        tool), or the HDF5 of a trial as ``study run`` writes it.
+        CSV with ``time_s`` and ``force_n`` (on the hand along the drag, from before the release) or
+        ``acceleration_m_s2`` (of the tool), or the HDF5 of a trial as ``study run`` writes it.
     stimulus : str or Path
         Stimulus file and identity, such as ``stimuli/paper-ten.toml/step-050``.
     output : str or Path, optional
         CSV to write.
     **felt : float
-        ``ball_radius`` [m], ``normal_load`` [N], ``friction`` [1]; by default the first of the file's grid.
+        ``ball_radius`` [m], ``normal_load`` [N], ``friction`` [1]; by default the first of the
+        file's grid.
 
     Returns
     -------
     DataFrame
-        Peak force, energy, frequency, decay and band of the ring [SI], in just noticeable differences (``difference_jnd``), and
-        one ``score``, the root of the sum of their squares: below 1 the two can hardly be told apart.
+        Peak force, energy, frequency, decay and band of the ring [SI], in just noticeable
+        differences (``difference_jnd``), and one ``score``, the root of the sum of their squares:
+        below 1 the two can hardly be told apart.
 
     Raises
     ------
@@ -64,15 +74,24 @@ def compare(record: str | Path, stimulus: str | Path, output: str | Path | None 
 
     event = _event_of(Path(stimulus), felt)
     force, rate = _read(Path(record), event)
-    start = int(np.argmin(np.diff(np.abs(force)))) + 1  # the ring begins behind the sharpest fall of the force's size
+    start = (
+        int(np.argmin(np.diff(np.abs(force)))) + 1
+    )  # the ring begins behind the sharpest fall of the force's size
     tail = force[start : start + math.ceil(_LENGTH * event.tool.decay_time * rate)]
     if len(tail) < 16 or not np.ptp(tail) > 0.0:
         raise HapticsError(
-            f"a record must hold {_LENGTH:g} time constants of a ring, got {len(tail)} samples [{record}]"
+            f"a record must hold {_LENGTH:g} time constants of a ring, got {len(tail)} samples "
+            f"[{record}]"
         )
     meant = ring(event, rate)[: len(tail)]
-    got, ideal = _figures(tail - tail[-len(tail) // 5 :].mean(), rate, event), _figures(meant, rate, event)
-    got["peak force"], ideal["peak force"] = float(np.abs(force[:start]).max()), event.critical_force
+    got, ideal = (
+        _figures(tail - tail[-len(tail) // 5 :].mean(), rate, event),
+        _figures(meant, rate, event),
+    )
+    got["peak force"], ideal["peak force"] = (
+        float(np.abs(force[:start]).max()),
+        event.critical_force,
+    )
     rows: list[tuple[Any, ...]] = []
     for name, (share, source) in JND.items():
         apart = abs(math.log(max(got[name], 1e-12) / ideal[name])) / math.log1p(share)
@@ -90,7 +109,9 @@ def _event_of(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
     part = next((one for one in declared.stimuli if one.id == stimulus.name), None)
     if part is None:
         known = ", ".join(one.id for one in declared.stimuli)
-        raise HapticsError(f"the stimulus must be one of {known}, got {stimulus.name!r} [{stimulus.parent}]")
+        raise HapticsError(
+            f"the stimulus must be one of {known}, got {stimulus.name!r} [{stimulus.parent}]"
+        )
     point = declared.grid_of(part).first_point(**felt)
     event = vibration_events(part.counterface(), point, part.id)[0]
     if event.status is not Status.RELEASES:
@@ -106,7 +127,9 @@ def _read(path: Path, event: VibrationEvent) -> tuple[Array, float]:
 
         try:
             with h5py.File(path) as file:
-                return -np.asarray(file["force_x_n"][:], dtype=np.float64), float(file.attrs["rate_hz"])
+                return -np.asarray(file["force_x_n"][:], dtype=np.float64), float(
+                    file.attrs["rate_hz"]
+                )
         except (OSError, ValueError, KeyError) as error:
             raise HapticsError(f"the record cannot be read: {error} [{path}]") from error
     frame = read_table(path)
@@ -120,7 +143,9 @@ def _read(path: Path, event: VibrationEvent) -> tuple[Array, float]:
         raise HapticsError(f"time_s must rise in at least 16 rows, got {len(time)} [{path}]")
     rate = 1.0 / float(np.median(steps))
     if "acceleration_m_s2" in frame:
-        return frame["acceleration_m_s2"].to_numpy(dtype=np.float64) * event.tool.effective_mass, rate
+        return frame["acceleration_m_s2"].to_numpy(
+            dtype=np.float64
+        ) * event.tool.effective_mass, rate
     return columns["force"], rate
 
 
@@ -132,17 +157,26 @@ def _figures(force: Array, rate: float, event: VibrationEvent) -> dict[str, Any]
 
     def shape(p: Any) -> Any:
         wave = math.tau * p[0] * time
-        return np.exp(-time / np.exp(p[1]))[:, np.newaxis] * np.column_stack([np.sin(wave), np.cos(wave)])
+        return np.exp(-time / np.exp(p[1]))[:, np.newaxis] * np.column_stack(
+            [np.sin(wave), np.cos(wave)]
+        )
 
     def misfit(p: Any) -> Any:
         columns = shape(p)
         return force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0]
 
-    starts = [(tool.frequency * share, math.log(tool.decay_time)) for share in (0.7, 0.85, 1.0, 1.15, 1.3)]
-    best = min((least_squares(misfit, start, x_scale=(10.0, 0.1)) for start in starts), key=lambda one: float(one.cost))
+    starts = [
+        (tool.frequency * share, math.log(tool.decay_time)) for share in (0.7, 0.85, 1.0, 1.15, 1.3)
+    ]
+    best = min(
+        (least_squares(misfit, start, x_scale=(10.0, 0.1)) for start in starts),
+        key=lambda one: float(one.cost),
+    )
     power = np.abs(np.fft.rfft(force, 2 ** math.ceil(math.log2(len(force)) + 2))) ** 2
     band = np.fft.rfftfreq(2 * (len(power) - 1), 1.0 / rate)
-    low, high = (share / 300.0 * tool.frequency for share in (250.0, 350.0))  # the paper's 250 to 350 Hz
+    low, high = (
+        share / 300.0 * tool.frequency for share in (250.0, 350.0)
+    )  # the paper's 250 to 350 Hz
     inside = (band >= low) & (band <= high)
     return {
         "ring energy": ring_energy(force, rate, tool),

@@ -19,12 +19,20 @@ from stepblocks.quantities import parse_quantity
 from stepblocks.text_file import read_document
 
 _MAX_FILE_BYTES = 200_000
-# largest error of a force by rounded positions that a plan accepts, relative to the smaller of load and release force [1]
+# largest error of a force by rounded positions that a plan accepts, relative to the smaller of load
+# and release force [1]
 FORCE_ERROR = 0.01
-_SAMPLES_PER_CYCLE = 10.0  # of the ring through the device's servo loop (Choi and Tan advise 5 to 10 kHz for textures)
+# of the ring through the device's servo loop (Choi and Tan advise 5 to 10 kHz for textures)
+_SAMPLES_PER_CYCLE = 10.0
 _SCALES = tuple(m * 10.0**e for e in range(4) for m in (1.0, 2.0, 5.0))
 # Units of a plan's figures, at the end of their names
-_UNITS = {"ball_radius": "m", "hand_travel": "m", "stiffness": "n_per_m", "critical_force": "n", "force_step": "n"}
+_UNITS = {
+    "ball_radius": "m",
+    "hand_travel": "m",
+    "stiffness": "n_per_m",
+    "critical_force": "n",
+    "force_step": "n",
+}
 _UNITS |= {"force_error": "relative", "ring_energy": "j", "ring_samples": "per_cycle"}
 
 
@@ -61,7 +69,9 @@ class Device(BaseModel, frozen=True, extra="forbid"):
     position_resolution: Length  # smallest step of the measured position [m]
     peak_force: Force  # N
     continuous_force: Force | None = None  # that it can hold [N]
-    stiffness_limit: Annotated[Figure, _figure("stiffness")] | None = None  # stiffest spring rendered stably [N/m]
+    stiffness_limit: Annotated[Figure, _figure("stiffness")] | None = (
+        None  # stiffest spring rendered stably [N/m]
+    )
     update_rate: Annotated[Figure, _figure("frequency")]  # of the servo loop [Hz]
     travel: Length | None = None  # shortest side of the workspace [m]
     actuated_axes: Annotated[int, Field(ge=1, le=12)]  # degrees of freedom
@@ -75,8 +85,13 @@ class _DeviceFile(BaseModel, extra="forbid"):
 def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
     """Read device profiles: the shipped ones, and those of a file of the user's."""
     sources = [Path(__file__).with_name("devices.toml"), *([] if path is None else [Path(path)])]
-    raw = {source: read_document(source, "a device file", HapticsError, _MAX_FILE_BYTES) for source in sources}
-    files = [validated(_DeviceFile, content, source, HapticsError) for source, content in raw.items()]
+    raw = {
+        source: read_document(source, "a device file", HapticsError, _MAX_FILE_BYTES)
+        for source in sources
+    }
+    files = [
+        validated(_DeviceFile, content, source, HapticsError) for source, content in raw.items()
+    ]
     return tuple({device.id: device for file in files for device in file.device}.values())
 
 
@@ -105,7 +120,9 @@ class RenderingPlan:
     scale: float  # magnification S of ball and step [1]
     ball_radius: float  # S R [m]
     stiffness: float  # k/S [N/m]
-    critical_force: float  # F_px, the same at any scale [N]; not-a-number where the probe does not release
+    critical_force: (
+        float  # F_px, the same at any scale [N]; not-a-number where the probe does not release
+    )
     ring_energy: float  # of the ring to inject, never scaled [J]
     force_step: float  # of the rendered force, k q / S [N]
     force_error: float  # half of it over the smaller of load and release force [1]
@@ -117,8 +134,13 @@ class RenderingPlan:
 
     def as_record(self) -> dict[str, Any]:
         """Return plain values for JSON, the unit in every name; None for what is not a number."""
-        record = nan_as_none(asdict(self) | {"verdict": self.verdict.value, "reasons": list(self.reasons)})
-        return {f"{name}_{_UNITS[name]}" if name in _UNITS else name: value for name, value in record.items()}
+        record = nan_as_none(
+            asdict(self) | {"verdict": self.verdict.value, "reasons": list(self.reasons)}
+        )
+        return {
+            f"{name}_{_UNITS[name]}" if name in _UNITS else name: value
+            for name, value in record.items()
+        }
 
     def __str__(self) -> str:
         """Say it in one line."""
@@ -144,13 +166,21 @@ def plan_rendering(
         ring_energy=event.energy,
         force_step=k * q,
         force_error=0.5 * k * q / _smallest_force(event, point),
-        hand_travel=chosen * _finite(event.critical_force, device.peak_force.value) / point.tool.stiffness,
+        hand_travel=chosen
+        * _finite(event.critical_force, device.peak_force.value)
+        / point.tool.stiffness,
         ring_route=route if event.status is Status.RELEASES else "none",
         ring_samples=samples,
     )
     refused = _refusals(device, plan, point.normal_load)
     lost = _deviations(device, plan, event, point.normal_load)
-    verdict = Faithfulness.IMPOSSIBLE if refused else Faithfulness.DEVIATES if lost else Faithfulness.FAITHFUL
+    verdict = (
+        Faithfulness.IMPOSSIBLE
+        if refused
+        else Faithfulness.DEVIATES
+        if lost
+        else Faithfulness.FAITHFUL
+    )
     return replace(plan, verdict=verdict, reasons=(*refused, *lost))
 
 
@@ -164,8 +194,12 @@ def one_scale(device: Device, drags: Sequence[tuple[VibrationEvent, OperatingPoi
         lost = [reason for reason in together.reasons if _kind(reason) not in known]
         if lost and alone.verdict is not Faithfulness.IMPOSSIBLE:  # which no scale would help
             raise HapticsError(
-                f"the set must have one scale on {alone.device}, got none: {needy.stimulus} needs {needy.scale:g}, at which "
-                f"{'; '.join(lost)} [{alone.stimulus}]; leave one of them out (--only), or ask for --scale per-block"
+                f"the set must have one scale on {alone.device}, got none: "
+                f"{needy.stimulus} "
+                "needs "
+                f"{needy.scale:g}, at which "
+                f"{'; '.join(lost)} [{alone.stimulus}]; leave one of them out (--only), or ask "
+                "for --scale per-block"
             )
     return needy.scale
 
@@ -188,37 +222,62 @@ def _smallest_force(event: VibrationEvent, point: OperatingPoint) -> float:
 
 def _choose(device: Device, event: VibrationEvent, point: OperatingPoint) -> float:
     k, q = point.tool.stiffness, device.position_resolution.value
-    wanted = max(0.5 * k * q / (FORCE_ERROR * _smallest_force(event, point)), k / _limit(device.stiffness_limit))
+    wanted = max(
+        0.5 * k * q / (FORCE_ERROR * _smallest_force(event, point)),
+        k / _limit(device.stiffness_limit),
+    )
     most = 0.5 * _limit(device.travel) * k / _finite(event.critical_force, device.peak_force.value)
     fitting = [scale for scale in _SCALES if scale <= most] or [_SCALES[0]]
     return next((scale for scale in fitting if scale >= wanted * (1.0 - 1e-9)), fitting[-1])
 
 
 def _refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
-    peak, limit, force = device.peak_force.value, _limit(device.stiffness_limit), plan.critical_force
+    peak, limit, force = (
+        device.peak_force.value,
+        _limit(device.stiffness_limit),
+        plan.critical_force,
+    )
     rules = {
         f"the load of {load:g} N exceeds its peak force of {peak:g} N": load > peak,
-        f"the release force of {force:.3g} N exceeds its peak force of {peak:g} N: it would slip early": force > peak,
-        f"the spring of {plan.stiffness:.4g} N/m exceeds its stiffness limit of {limit:.4g} N/m: a larger scale is needed": (
-            plan.stiffness > limit * (1.0 + 1e-9)
-        ),
+        f"the release force of {force:.3g} N exceeds its peak force of {peak:g} N: it "
+        "would "
+        "slip "
+        "early": force > peak,
+        f"the spring of {plan.stiffness:.4g} N/m exceeds its stiffness limit of "
+        f"{limit:.4g} "
+        "N/m: "
+        "a larger scale is needed": (plan.stiffness > limit * (1.0 + 1e-9)),
     }
     return [said for said, holds in rules.items() if holds]
 
 
-def _deviations(device: Device, plan: RenderingPlan, event: VibrationEvent, load: float) -> list[str]:
-    resolution, peak, rate = device.position_resolution.value, device.peak_force.value, device.update_rate.value
+def _deviations(
+    device: Device, plan: RenderingPlan, event: VibrationEvent, load: float
+) -> list[str]:
+    resolution, peak, rate = (
+        device.position_resolution.value,
+        device.peak_force.value,
+        device.update_rate.value,
+    )
     held, lasting = max(load, _finite(event.critical_force, 0.0)), _limit(device.continuous_force)
     travel, most = plan.hand_travel, _limit(device.travel)
-    samples, cycle = f"{plan.ring_samples:.1f} samples a cycle", f"the ring of {event.tool.frequency:g} Hz"
+    samples, cycle = (
+        f"{plan.ring_samples:.1f} samples a cycle",
+        f"the ring of {event.tool.frequency:g} Hz",
+    )
     rules = {
-        f"positions rounded to {resolution * 1e6:g} um err by {100.0 * plan.force_error:.2g} % of the force": (
-            plan.force_error > FORCE_ERROR * (1.0 + 1e-9)
-        ),
-        f"the probe locks: the wall gives way above {peak:g} N": event.status in (Status.LOCKED, Status.TOO_HIGH),
-        f"{held:.3g} N exceed its continuous force of {lasting:g} N: short drags only": held > lasting,
-        f"the hand must travel {travel * 1e3:.3g} mm, more than its {most * 1e3:g} mm": travel > most,
-        f"{cycle} gets {samples} at {rate:g} Hz and needs a voice coil": plan.ring_route == "voice coil",
+        f"positions rounded to {resolution * 1e6:g} um err by "
+        f"{100.0 * plan.force_error:.2g} "
+        "% of "
+        "the force": (plan.force_error > FORCE_ERROR * (1.0 + 1e-9)),
+        f"the probe locks: the wall gives way above {peak:g} N": event.status
+        in (Status.LOCKED, Status.TOO_HIGH),
+        f"{held:.3g} N exceed its continuous force of {lasting:g} N: short drags only": held
+        > lasting,
+        f"the hand must travel {travel * 1e3:.3g} mm, more than its {most * 1e3:g} mm": travel
+        > most,
+        f"{cycle} gets {samples} at {rate:g} Hz and needs a voice coil": plan.ring_route
+        == "voice coil",
         "its stiffness limit is unknown": device.stiffness_limit is None,
     }
     return [said for said, holds in rules.items() if holds]

@@ -55,23 +55,26 @@ def export(
     output : str or Path
         Folder for ``set/id/simulator``, or ``set/id/simulator-device``; what else lies there stays.
     device, devices : str, str or Path, optional
-        Force-feedback device whose rendering plan sets the scale; TOML file with devices of the user's.
+        Force-feedback device whose rendering plan sets the scale; TOML file with devices of the
+        user's.
     only : str, optional
         Pattern of the stimuli that are meant, such as ``step-0?0``.
     step_height : float, optional
         Of the step under a declared tip [m]; the first of the set's prediction if left out.
     scale : float or "per-block", optional
-        Magnification of every scene [1]; if left out 1, or with a device the one that all stimuli of a set can have. Each stimulus
-        at the scale of its own plan (``"per-block"``) is confounded: springs and travels then tell heights apart.
+        Magnification of every scene [1]; if left out 1, or with a device the one that all stimuli
+        of a set can have. Each stimulus at the scale of its own plan (``"per-block"``) is
+        confounded: springs and travels then tell heights apart.
     ring : str
-        Waveform of the WAV files: ``"exponential"``, or ``"drag"`` for that of the time-domain drag with the same energy.
+        Waveform of the WAV files: ``"exponential"``, or ``"drag"`` for that of the time-domain drag
+        with the same energy.
     model : str or Path, optional
         model.json of a measured session: friction, spring, edge and ring are then what it taught.
     progress : callable, optional
         Is told of every folder when it is done.
     **felt : float
-        ``normal_load`` [N], ``friction`` [1], ``ball_radius`` [m], ``speed`` [m/s]; the first of the set's prediction, and 5 mm/s,
-        if left out. A declared tip brings its ball.
+        ``normal_load`` [N], ``friction`` [1], ``ball_radius`` [m], ``speed`` [m/s]; the first of
+        the set's prediction, and 5 mm/s, if left out. A declared tip brings its ball.
 
     Returns
     -------
@@ -90,21 +93,36 @@ def export(
 
     if simulator not in SCENE_FORMATS:
         raise PipelineError(f"--for must be one of {', '.join(SCENE_FORMATS)}, got {simulator!r}")
-    known = load_devices(devices)  # a file that is missing is told also where no device is asked for
+    known = load_devices(
+        devices
+    )  # a file that is missing is told also where no device is asked for
     chosen = None if device is None else device_named(device, known)
     learned = None if model is None else read_model(Path(model))
     done: list[Exported] = []
     for stimuli in [load_declared(path) for path in stimulus_files(files)]:
-        meant = [part for part in stimuli.stimuli if only is None or matches(only, stimuli.name, part.id)]
+        meant = [
+            part for part in stimuli.stimuli if only is None or matches(only, stimuli.name, part.id)
+        ]
         points = [_point(stimuli, part, felt) for part in meant]
         height = step_height or next(iter(stimuli.prediction.step_heights), None)
-        taught: dict[str, Any] = {"step_height": height, "learned": learned, "keep_friction": "friction" in felt}
+        taught: dict[str, Any] = {
+            "step_height": height,
+            "learned": learned,
+            "keep_friction": "friction" in felt,
+        }
         shared = None if scale == "per-block" else scale
         if chosen is not None and scale is None and meant:
             each = [met(part, point, **taught) for part, point in zip(meant, points, strict=True)]
             shared = one_scale(chosen, [(events[0], point) for _, point, events in each])
-        options = taught | {"device": chosen, "scale": shared, "ring": ring, "own_scale": scale == "per-block"}
-        scenes = [scene_of(part, point, **options) for part, point in zip(meant, points, strict=True)]
+        options = taught | {
+            "device": chosen,
+            "scale": shared,
+            "ring": ring,
+            "own_scale": scale == "per-block",
+        }
+        scenes = [
+            scene_of(part, point, **options) for part, point in zip(meant, points, strict=True)
+        ]
         loudest = max((scene.loudest() for scene in scenes), default=0.0)
         form, place = SCENE_FORMATS[simulator], Path(output) / stimuli.name
         called = simulator if chosen is None else f"{simulator}-{chosen.id}"
@@ -129,7 +147,9 @@ def _point(stimuli: StimulusSet, part: Part, given: Mapping[str, Any]) -> Operat
         tool = replace(tool, frequency=worn.frequency, decay_time=worn.decay_time)
     ball = next(iter(grid.tip_radii), None) if part.ball is None else part.ball.nominal
     if ball is None and "ball_radius" not in given:
-        raise PipelineError("--tip-radius must be given for a set whose prediction names no tip_radii, got none")
+        raise PipelineError(
+            "--tip-radius must be given for a set whose prediction names no tip_radii, got none"
+        )
     own = {"ball_radius": ball, "normal_load": grid.normal_loads[0], "friction": grid.frictions[0]}
     asked = given if part.ball is None else {**given, "ball_radius": ball}
     values: dict[str, Any] = {**own, "tool": tool, "tissue": part.tissue(tool), **asked}

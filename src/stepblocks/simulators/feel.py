@@ -39,9 +39,16 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
         If a file is wrong, none has a block, or the page cannot be written.
     """
     sets = [load_declared(path) for path in stimulus_files(files)]
-    found = [(stimuli, s) for stimuli in sets for s in stimuli.stimuli if s.crossed and s.turn_radius is None]
+    found = [
+        (stimuli, s)
+        for stimuli in sets
+        for s in stimuli.stimuli
+        if s.crossed and s.turn_radius is None
+    ]
     if not found:
-        raise PipelineError("stepblocks feel needs at least one step_block or margin_block, got none")
+        raise PipelineError(
+            "stepblocks feel needs at least one step_block or margin_block, got none"
+        )
     point = found[0][0].prediction.first_point()
     radius, tool = point.ball_radius, point.tool
     blocks = [{"name": block.id, **_felt(block.counterface(), radius)} for _, block in found]
@@ -49,7 +56,9 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
         "simulators",
         "feel.html",
         blocks=blocks,
-        first=next((one["name"] for one in blocks if one["name"].endswith("-050")), blocks[0]["name"]),
+        first=next(
+            (one["name"] for one in blocks if one["name"].endswith("-050")), blocks[0]["name"]
+        ),
         # names are lower-case words by the rules of the stimulus file; "<" is escaped all the same
         data=json.dumps(blocks, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         stiffness_n_per_m=tool.stiffness,
@@ -75,8 +84,14 @@ def _felt(face: Counterface, radius: float) -> dict[str, Any]:
     before, after = path.slope_end[:-1], path.slope_start[1:]  # of the inner knots
     corners = np.flatnonzero(np.abs(after - before) > _KINK) + 1
     flat = np.flatnonzero((after == 0.0) != (before == 0.0)) + 1
-    kept = np.unique(np.concatenate([np.arange(0, len(path.x), _EVERY), corners, flat, [len(path.x) - 1]]))
-    held = [(float(path.x[i]), before[i - 1], after[i - 1]) for i in corners if after[i - 1] > before[i - 1]]
+    kept = np.unique(
+        np.concatenate([np.arange(0, len(path.x), _EVERY), corners, flat, [len(path.x) - 1]])
+    )
+    held = [
+        (float(path.x[i]), before[i - 1], after[i - 1])
+        for i in corners
+        if after[i - 1] > before[i - 1]
+    ]
     return {
         "angle": angle,
         "trigger": trigger,
@@ -85,5 +100,8 @@ def _felt(face: Counterface, radius: float) -> dict[str, Any]:
         "z": path.z[kept].tolist(),
         "first": path.slope_start[kept[:-1]].tolist(),
         "last": path.slope_end[kept[1:] - 1].tolist(),
-        "notches": [{"x": x, "up": bool(rise > _KINK), "down": bool(fall < -_KINK)} for x, fall, rise in held],
+        "notches": [
+            {"x": x, "up": bool(rise > _KINK), "down": bool(fall < -_KINK)}
+            for x, fall, rise in held
+        ],
     }

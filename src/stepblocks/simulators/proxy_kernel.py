@@ -1,9 +1,10 @@
 """One servo tick, compiled: no allocation, no search beyond the pieces that the proxy really crosses.
 
-The proxy is the ball's centre on its path; the hand pulls it through the spring. It stays where it is as long as the
-spring's force lies within the friction cone, and slides to the next point where it does so again. At a notch the two
-slopes differ, and the proxy holds until ``F_x (1 - mu t) > F_z (t + mu)``: equation (1) without its division, which
-therefore also says that a locked proxy never moves.
+The proxy is the ball's centre on its path; the hand pulls it through the spring. It stays where it
+is as long as the spring's force lies within the friction cone, and slides to the next point where
+it does so again. At a notch the two slopes differ, and the proxy holds until ``F_x (1 - mu t) > F_z
+(t + mu)``: equation (1) without its division, which therefore also says that a locked proxy never
+moves.
 """
 
 import math
@@ -20,19 +21,25 @@ _BISECTIONS = 40
 
 _FLOAT, _TRUTH = np.float64, np.bool_
 
-# The path of the ball's centre: one record per knot; what belongs to a piece stands at the knot where it begins. Place, x
-# ascending [m], slopes where the piece begins and ends [1], and whether the knot is a notch that holds a drag up and down x
-PATH = np.dtype([(name, _FLOAT) for name in ("x", "z", "first", "last")] + [("up", _TRUTH), ("down", _TRUTH)])
-# One record: springs along the drag and along the load [N/m], mu [1], damping of the hand's velocity in contact [N s/m],
-# period of a tick [s]; of the ring its amplitude over the force at release [1] (0 switches the event off), [rad/s] and decay [s]
+# The path of the ball's centre: one record per knot; what belongs to a piece stands at the knot
+# where it begins. Place, x ascending [m], slopes where the piece begins and ends [1], and whether
+# the knot is a notch that holds a drag up and down x
+PATH = np.dtype(
+    [(name, _FLOAT) for name in ("x", "z", "first", "last")] + [("up", _TRUTH), ("down", _TRUTH)]
+)
+# One record: springs along the drag and along the load [N/m], mu [1], damping of the hand's
+# velocity in contact [N s/m], period of a tick [s]; of the ring its amplitude over the force at
+# release [1] (0 switches the event off), [rad/s] and decay [s]
 _SETTINGS = ("stiffness", "wall", "friction", "damping", "period", "ring", "omega", "decay")
 SETTING = np.dtype([(name, _FLOAT) for name in _SETTINGS])
-# What changes from tick to tick, one record: the proxy across and along the edge, the height of a free one [m], the spring force
-# of the last tick [N]; since the last event [s], negative before the first, its signed amplitude and the spring force at it [N];
-# the piece of the path that the proxy is on, how many events there were
+# What changes from tick to tick, one record: the proxy across and along the edge, the height of a
+# free one [m], the spring force of the last tick [N]; since the last event [s], negative before the
+# first, its signed amplitude and the spring force at it [N]; the piece of the path that the proxy
+# is on, how many events there were
 _STATES = ("x", "y", "height", "pull", "ring_time", "ring_force", "release")
 STATE = np.dtype(
-    [(name, _FLOAT) for name in _STATES] + [("piece", np.int64), ("events", np.int64), ("touching", _TRUTH)]
+    [(name, _FLOAT) for name in _STATES]
+    + [("piece", np.int64), ("events", np.int64), ("touching", _TRUTH)]
 )
 
 
@@ -58,7 +65,9 @@ def _drive(direction: float, x: float, z: float, slope: float, hand: Hand, setti
 
 @numba.njit(cache=True)
 def _slides(direction: float, x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
-    return _drive(direction, x, _height(x, piece, path), _slope(x, piece, path), hand, setting) > 0.0
+    return (
+        _drive(direction, x, _height(x, piece, path), _slope(x, piece, path), hand, setting) > 0.0
+    )
 
 
 @numba.njit(cache=True)
@@ -119,7 +128,10 @@ def _pressed(x: float, piece: int, hand: Hand, setting: Any, path: Records) -> A
         behind = path.last[piece]
         if piece + 2 < len(path.x):
             ahead = path.first[piece + 1]
-    pull, down = setting.stiffness * (hand[0] - x), setting.wall * (_height(x, piece, path) - hand[1])
+    pull, down = (
+        setting.stiffness * (hand[0] - x),
+        setting.wall * (_height(x, piece, path) - hand[1]),
+    )
     return not (pull * ahead + down < 0.0 and pull * behind + down < 0.0)
 
 
@@ -137,15 +149,28 @@ def _move(state: Any, landed: bool, hand: Hand, setting: Any, path: Records) -> 
     if new_x == x:
         return
     state.x, state.piece = new_x, new_piece
-    if setting.ring > 0.0 and not landed and ((at_start and caught[piece]) or (at_end and caught[piece + 1])):
+    if (
+        setting.ring > 0.0
+        and not landed
+        and ((at_start and caught[piece]) or (at_end and caught[piece + 1]))
+    ):
         state.ring_time = 0.0
-        state.ring_force = setting.ring * state.pull  # the pull of the last tick: what the notch held
+        state.ring_force = (
+            setting.ring * state.pull
+        )  # the pull of the last tick: what the notch held
         state.release = state.pull
         state.events += 1
 
 
 @numba.njit(cache=True)
-def tick(position: Array, velocity: Array, force: Array, states: Records, settings: Records, path: Records) -> None:
+def tick(
+    position: Array,
+    velocity: Array,
+    force: Array,
+    states: Records,
+    settings: Records,
+    path: Records,
+) -> None:
     """Advance the proxy of one record `states` by one tick of the hand (x, y, z), and write the force on the hand."""
     state, setting = states[0], settings[0]
     hand = (min(max(position[0], path.x[0]), path.x[-1]), position[2])
@@ -160,7 +185,8 @@ def tick(position: Array, velocity: Array, force: Array, states: Records, settin
         _move(state, landed, hand, setting, path)
         state.pull = setting.stiffness * (hand[0] - state.x)
         down = setting.wall * (_height(state.x, state.piece, path) - hand[1])
-        # along the edge the friction has its own limit: a box instead of the cone, exact for drags along x or y
+        # along the edge the friction has its own limit: a box instead of the cone, exact for drags
+        # along x or y
         limit = setting.friction * max(down, 0.0)
         slack = min(max(setting.stiffness * (position[1] - state.y), -limit), limit)
         state.y = position[1] - slack / setting.stiffness
@@ -170,7 +196,9 @@ def tick(position: Array, velocity: Array, force: Array, states: Records, settin
     else:
         force[0] = force[1] = force[2] = state.pull = 0.0
     if state.ring_time >= 0.0:
-        swing = math.exp(-state.ring_time / setting.decay) * math.sin(setting.omega * state.ring_time)
+        swing = math.exp(-state.ring_time / setting.decay) * math.sin(
+            setting.omega * state.ring_time
+        )
         force[0] += state.ring_force * swing
         state.ring_time += setting.period
 

@@ -39,11 +39,13 @@ class Renderer:
     point : OperatingPoint
         Friction and tool; ball and load are in the path and in the hand.
     scale, rate : float
-        Magnification S of the path, by which the spring is divided: forces and ring stay; rate of the servo loop [Hz].
+        Magnification S of the path, by which the spring is divided: forces and ring stay; rate of
+        the servo loop [Hz].
     event : bool
         Whether a release rings; False is the paper's condition without vibration.
     wall, damping : float
-        Spring along the load, that of the tool over S if left out [N/m]; of the hand's velocity in contact [N s/m].
+        Spring along the load, that of the tool over S if left out [N/m]; of the hand's velocity in
+        contact [N s/m].
 
     Raises
     ------
@@ -97,7 +99,9 @@ class Renderer:
     def reset(self, position: Array) -> None:
         """Put the proxy where the hand is [m], free."""
         x = float(np.clip(position[0], self.path.x[0], self.path.x[-1]))
-        piece = int(np.clip(np.searchsorted(self.path.x, x, side="right") - 1, 0, len(self.path.x) - 2))
+        piece = int(
+            np.clip(np.searchsorted(self.path.x, x, side="right") - 1, 0, len(self.path.x) - 2)
+        )
         self._states[0] = (x, position[1], position[2], 0.0, -1.0, 0.0, 0.0, piece, 0, False)
         self.force[:] = 0.0
 
@@ -107,7 +111,12 @@ class Renderer:
         return self.force
 
     def drag(
-        self, load: float, travel: float, direction: float = 1.0, speed: float = 1e-3, resolution: float = 0.0
+        self,
+        load: float,
+        travel: float,
+        direction: float = 1.0,
+        speed: float = 1e-3,
+        resolution: float = 0.0,
     ) -> Drag:
         """Drag over the notch by a virtual hand that keeps its load [N], as the bench does, on a device of a resolution [m]."""
         # travel behind the notch [m] and speed [m/s] in the magnified frame, towards +x or -x

@@ -31,7 +31,9 @@ class Frame:
 
     def of(self, mesh: Mesh, scale: float) -> Mesh:
         """Turn, shift and magnify a mesh."""
-        return Mesh(mesh.name, (mesh.vertices @ self.turn.T + self.shift + 0.0) * scale, mesh.triangles)
+        return Mesh(
+            mesh.name, (mesh.vertices @ self.turn.T + self.shift + 0.0) * scale, mesh.triangles
+        )
 
 
 @dataclass(frozen=True)
@@ -48,12 +50,19 @@ class Scene:
     path: CentrePath  # of the ball [m], magnified
     events: Events  # of the drags towards +x and -x, unscaled
     plan: RenderingPlan | None = None  # where a device was named
-    own_scale: bool = False  # whether the scale is this block's alone: the hand's travel then tells blocks apart
-    full_scale: float = 0.0  # force at full scale of the WAV files, one for a set [N]; the ring's own where 0
+    own_scale: bool = (
+        False  # whether the scale is this block's alone: the hand's travel then tells blocks apart
+    )
+    full_scale: float = (
+        0.0  # force at full scale of the WAV files, one for a set [N]; the ring's own where 0
+    )
 
     def loudest(self) -> float:
         """Return the largest force of any ring [N]; 0 where nothing rings."""
-        return max((largest_force(event) for event in self.events if event.status is Status.RELEASES), default=0.0)
+        return max(
+            (largest_force(event) for event in self.events if event.status is Status.RELEASES),
+            default=0.0,
+        )
 
     @property
     def ball_radius(self) -> float:
@@ -81,7 +90,9 @@ class Scene:
             "stimulus": self.stimulus.id,
             "surface": self.surface.id,
             "scale": self.scale,
-            "scale_is_of": "this block alone: confounded with its height" if self.own_scale else "the set",
+            "scale_is_of": "this block alone: confounded with its height"
+            if self.own_scale
+            else "the set",
             "ball_radius_m": self.ball_radius,
             "normal_load_n": self.point.normal_load,
             "friction": self.point.friction,
@@ -105,7 +116,8 @@ class SceneFormat:
     run: str  # how to run or load it, a line of Markdown
     settings: tuple[str, ...]  # what is set and why, one line of Markdown each
     verified: str  # what of it was run or read back by another program, and what was not
-    # takes a folder, scenes of a set that share ball, spring and friction, and what the folder of each is called: all in one
+    # takes a folder, scenes of a set that share ball, spring and friction, and what the folder of
+    # each is called: all in one
     write_set: Callable[[Path, Sequence[Scene], str], None] | None = None
 
 
@@ -124,12 +136,20 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         waves = {f"{stem}-{rate // 1000}khz-{end}": rate for rate in WAV_RATES for end in ends}
         for name, rate in waves.items():
             write_wav(folder / name, event, rate, full)
-        energies = {name: ring_energy(ring(event, rate), rate, event.tool) for name, rate in waves.items()}
-        told = {"full_scale_n": dict.fromkeys(waves, full), "energy_j": event.energy, "energy_in_file_j": energies}
+        energies = {
+            name: ring_energy(ring(event, rate), rate, event.tool) for name, rate in waves.items()
+        }
+        told = {
+            "full_scale_n": dict.fromkeys(waves, full),
+            "energy_j": event.energy,
+            "energy_in_file_j": energies,
+        }
         write_hjif(folder / f"{stem}.hjif", event)
         write_ahap(folder / f"{stem}.ahap", event)
         write_json(folder / f"{stem}.json", told)
-    names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    names = sorted(
+        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
+    )
     fill(folder / "README.md", scene=scene, form=form, names=names, math=math, Status=Status)
 
 
@@ -143,9 +163,12 @@ def fill(path: Path, template: str = "", **values: Any) -> None:
         keep_trailing_newline=True,
         trim_blocks=True,
         lstrip_blocks=True,
-        autoescape=False,  # code and Markdown; in XML stand only numbers, and names that are lower-case words
+        # code and Markdown; in XML stand only numbers, and names that are lower-case words
+        autoescape=False,
     )
-    environment.filters["numbers"] = lambda values: " ".join(f"{value:.12g}" for value in values.ravel())
+    environment.filters["numbers"] = lambda values: " ".join(
+        f"{value:.12g}" for value in values.ravel()
+    )
     text = environment.get_template(f"{template or path.name}.j2").render(**values)
     path.write_text(readable(text) if path.suffix == ".md" else text, encoding="utf-8")
 

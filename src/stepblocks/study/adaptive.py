@@ -33,12 +33,16 @@ class AdaptiveStudy:
     plan: Plan  # method, blocks by code, standard
     participants: int
     blocks: Mapping[str, Item]  # by code; only for who loads the blocks
-    advice: str = field(default="", compare=False)  # on levels that are too coarse to tell a threshold
+    advice: str = field(
+        default="", compare=False
+    )  # on levels that are too coarse to tell a threshold
 
     def record_of(self, participant: int) -> Path:
         """Return where a participant's answers stand."""
         if not 1 <= participant <= self.participants:
-            raise PipelineError(f"participant must be one of 1 to {self.participants}, got {participant}")
+            raise PipelineError(
+                f"participant must be one of 1 to {self.participants}, got {participant}"
+            )
         digits = len(str(self.participants))
         return self.folder / "answers" / f"participant-{participant:0{digits}}.csv"
 
@@ -50,10 +54,19 @@ class AdaptiveStudy:
             wanted = pair and (str(participant), str(pair.trial), pair.first, pair.second)
             got = tuple(row[name] for name in ("participant", "trial", "first_code", "second_code"))
             if pair is None or got != wanted:
-                asked = "participant, trial and codes " + " ".join(wanted) if wanted else "no further trial"
-                raise StudyError(f"the procedure asks for {asked} here, got {' '.join(got)} [{row['line']}]")
+                asked = (
+                    "participant, trial and codes " + " ".join(wanted)
+                    if wanted
+                    else "no further trial"
+                )
+                raise StudyError(
+                    f"the procedure asks for {asked} here, got {' '.join(got)} [{row['line']}]"
+                )
             if row["second_is_higher"].lower() not in ("y", "n"):
-                raise StudyError(f"second_is_higher must be y or n, got {row['second_is_higher']!r} [{row['line']}]")
+                raise StudyError(
+                    f"second_is_higher must be y or n, got {row['second_is_higher']!r} "
+                    f"[{row['line']}]"
+                )
             session.record(pair.trial, row["second_is_higher"].lower() == "y")
         return session
 
@@ -96,7 +109,8 @@ def start_adaptive(
     standard : str
         Block that the others are compared with.
     method : str
-        ``"quest"``, ``"staircase"``, or ``"training"``: pairs in order of their predicted discriminability, at 75 % right.
+        ``"quest"``, ``"staircase"``, or ``"training"``: pairs in order of their predicted
+        discriminability, at 75 % right.
     participants, trials, reversals : int
         How many, most comparisons of each, and after how many reversals a staircase ends.
 
@@ -120,10 +134,18 @@ def start_adaptive(
     setup = {"schema": _SCHEMA, "experiment": "adaptive", "method": method, **size, "seed": seed}
     if method == "training":
         energies = found.energies()
-        setup["ease"] = {codes[name]: abs(math.log(value / energies[standard])) for name, value in energies.items()}
-    setup |= {"standard": codes[standard], "blocks": {code: items[code].told() for code in sorted(items)}}
+        setup["ease"] = {
+            codes[name]: abs(math.log(value / energies[standard]))
+            for name, value in energies.items()
+        }
+    setup |= {
+        "standard": codes[standard],
+        "blocks": {code: items[code].told() for code in sorted(items)},
+    }
     study = _study(Path(folder), setup)
-    write_new(study.folder, {_SETUP: json.dumps(setup, indent=1) + "\n", "key.csv": key_csv(study.blocks)})
+    write_new(
+        study.folder, {_SETUP: json.dumps(setup, indent=1) + "\n", "key.csv": key_csv(study.blocks)}
+    )
     return replace(study, advice=too_coarse(found, standard))
 
 
@@ -133,18 +155,25 @@ def open_adaptive(folder: str | Path) -> AdaptiveStudy:
     try:
         setup = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise PipelineError(f"an adaptive study must be set up first, see 'adaptive start' [{path}]") from error
+        raise PipelineError(
+            f"an adaptive study must be set up first, see 'adaptive start' [{path}]"
+        ) from error
     try:
         if setup["schema"] != _SCHEMA:
             raise PipelineError(f"schema must be {_SCHEMA}, got {setup['schema']!r} [{path}]")
         return _study(Path(folder), setup)
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise PipelineError(f"setup must be as 'adaptive start' wrote it: {error!r:.80} [{path}]") from error
+        raise PipelineError(
+            f"setup must be as 'adaptive start' wrote it: {error!r:.80} [{path}]"
+        ) from error
 
 
 def _study(folder: Path, setup: Mapping[str, Any]) -> AdaptiveStudy:
     told = setup["blocks"].items()
-    blocks = {code: Item(one["stimulus"], one["engraved"], float(one["height_um"]) / 1e6) for code, one in told}
+    blocks = {
+        code: Item(one["stimulus"], one["engraved"], float(one["height_um"]) / 1e6)
+        for code, one in told
+    }
     heights = {code: block.height for code, block in blocks.items()}
     sizes = {name: setup[name] for name in ("trials", "reversals", "seed")}
     plan = Plan(setup["method"], heights, setup["standard"], **sizes, ease=setup.get("ease", {}))
@@ -163,7 +192,10 @@ def undo(folder: str | Path, participant: int) -> Session:
     """Take the last answer of a participant back; the same pair is asked again."""
     study = open_adaptive(folder)
     session = study.session(participant)
-    require(session.answers, f"participant {participant} must have answered before an answer can be undone, got none")
+    require(
+        session.answers,
+        f"participant {participant} must have answered before an answer can be undone, got none",
+    )
     again = Session(study.plan, participant)
     for pair, second in session.answers[:-1]:
         again.record(pair.trial, second)
@@ -179,7 +211,9 @@ def results(folder: str | Path) -> pd.DataFrame:
     played = [study.session(number) for number in range(1, study.participants + 1)]
     sessions = [session for session in played if session.answers]
     if not sessions:
-        raise PipelineError(f"at least one participant must have answered, got none [{study.folder / 'answers'}]")
+        raise PipelineError(
+            f"at least one participant must have answered, got none [{study.folder / 'answers'}]"
+        )
     table = pd.DataFrame([_result(session) for session in sessions])
     trials = [_trial(study, session, pair) for session in sessions for pair, _ in session.answers]
     write_table(table, study.folder / "adaptive-results.csv", "%.4g")
@@ -195,7 +229,12 @@ def _result(session: Session) -> dict[str, Any]:
         found = session.estimate()
     except StudyError as error:
         found, state = dict.fromkeys(ESTIMATED, math.nan), f"{state}; {error}"
-    return {"participant": session.participant, "trials": len(session.answers), **found, "state": state}
+    return {
+        "participant": session.participant,
+        "trials": len(session.answers),
+        **found,
+        "state": state,
+    }
 
 
 def _trial(study: AdaptiveStudy, session: Session, pair: Pair) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """One participant's run of a design, trial by trial: what is next, what was answered; on the disk before the next trial is shown."""
 
-# Whatever happens, the trial that was running is asked again, those that were answered stay, and the order is the design's.
+# Whatever happens, the trial that was running is asked again, those that were answered stay, and
+# the order is the design's.
 
 import json
 import math
@@ -32,7 +33,9 @@ from stepblocks.tables import csv_text
 
 _SLOW = 1.0  # s
 _LARGEST = 20_000  # bytes of a request
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'"
+_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'"
+)
 _PULL = 400  # pixels to the right of the edge that are there on every screen
 _LINGER = 1.5  # the page still shows that the run is done [s]
 MAGNIFICATION = 100.0  # of a virtual block: the hand of a mouse travels centimetres [1]
@@ -77,7 +80,10 @@ class Run:
         if not text.endswith("\n"):
             text = text[: text.rfind("\n") + 1]
             replace_text(self.path, text or ",".join(columns) + "\n")
-        rows, most = read_answers(self.path, experiment) if text.count("\n") > 1 else [], len(self.planned)
+        rows, most = (
+            read_answers(self.path, experiment) if text.count("\n") > 1 else [],
+            len(self.planned),
+        )
         for row, planned in zip(rows, self.planned, strict=False):
             if row["trial"] != planned["trial"]:
                 said = f"trial must be {planned['trial']} here, as planned"
@@ -93,11 +99,26 @@ class Run:
     def state(self) -> dict[str, Any]:
         """Say what a page may show: neither identity nor height, and of a virtual block not even its condition."""
         row, running = self.now, self._running is not None
-        said = {"participant": self.participant, "of": len(self.planned), "answers": list(self.kind.answers)}
-        said |= {"virtual": self.virtual, "ratings": list(self.ratings), "done": row is None, "running": running}
+        said = {
+            "participant": self.participant,
+            "of": len(self.planned),
+            "answers": list(self.kind.answers),
+        }
+        said |= {
+            "virtual": self.virtual,
+            "ratings": list(self.ratings),
+            "done": row is None,
+            "running": running,
+        }
         if row is not None:
-            hidden = ("participant", *self.kind.answers, *(("condition", "code") if self.virtual else ()))
-            said |= {name: text for name, text in sheet_rows([row])[0].items() if name not in hidden}
+            hidden = (
+                "participant",
+                *self.kind.answers,
+                *(("condition", "code") if self.virtual else ()),
+            )
+            said |= {
+                name: text for name, text in sheet_rows([row])[0].items() if name not in hidden
+            }
         return said
 
     def begin(self) -> None:
@@ -109,7 +130,9 @@ class Run:
             self.end()
             face, point = self.blocks.faces[row["stimulus"]], self.blocks.point
             path = face.centre_path(point.ball_radius)
-            renderer = Renderer(path, point, scale=self.scale, rate=RATE, event=row["condition"] == "vibration-on")
+            renderer = Renderer(
+                path, point, scale=self.scale, rate=RATE, event=row["condition"] == "vibration-on"
+            )
             renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
             if self.hand is None or isinstance(self.hand, Mouse):
                 self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))
@@ -127,7 +150,10 @@ class Run:
         tool, renderer = self.blocks.point.tool, servo.renderer
         loudness = abs(renderer.release_force) / self.strongest
         rung = {"frequency": tool.frequency, "decay": tool.decay_time, "loudness": loudness}
-        doubts = {"over": servo.ended != "", "doubt": "" if servo.trusted else "".join(servo.doubts[-1:])}
+        doubts = {
+            "over": servo.ended != "",
+            "doubt": "" if servo.trusted else "".join(servo.doubts[-1:]),
+        }
         return {"x": renderer.proxy[0], "events": renderer.events, **rung, **doubts}
 
     @cached_property
@@ -136,12 +162,18 @@ class Run:
         if self.blocks is None:
             return 1.0
         releases = [face.release(self.blocks.point) for face in self.blocks.faces.values()]
-        return max((one.pull_force for one in releases if one.status is Status.RELEASES), default=1e-9)
+        return max(
+            (one.pull_force for one in releases if one.status is Status.RELEASES), default=1e-9
+        )
 
     @property
     def reach(self) -> float:
         """Return how far the hand must pull before the last of the blocks releases, in the magnified frame [m]."""
-        return 0.0 if self.blocks is None else self.scale * self.strongest / self.blocks.point.tool.stiffness
+        return (
+            0.0
+            if self.blocks is None
+            else self.scale * self.strongest / self.blocks.point.tool.stiffness
+        )
 
     def end(self) -> str:
         """Stop the servo loop, if one runs, and return why it ended."""
@@ -165,7 +197,9 @@ class Run:
                     raise StudyError(f"trial {trial} must be felt before it is answered")
                 servo.stop()
                 name = f"trial-{int(trial):04}.h5"
-                told = {name: row[name] for name in (*WHEN, "stimulus", "height_um")} | {"scale": self.scale}
+                told = {name: row[name] for name in (*WHEN, "stimulus", "height_um")} | {
+                    "scale": self.scale
+                }
                 write_motion(self.path.with_suffix("") / name, servo, told)
                 self._running = None
             line = csv_text([sheet_rows([row])[0] | given]).splitlines()[1]
@@ -203,13 +237,16 @@ def open_run(
     Parameters
     ----------
     folder : str or Path
-        Holds design.csv; answers go to ``runs/participant-N.csv``, motions and forces of virtual blocks to ``runs/participant-N``.
+        Holds design.csv; answers go to ``runs/participant-N.csv``, motions and forces of virtual
+        blocks to ``runs/participant-N``.
     participant : str
         Whose run it is, as in the design.
     source : str or Path, optional
-        Stimulus file of the virtual blocks; without one they are sharp steps of the design's heights.
+        Stimulus file of the virtual blocks; without one they are sharp steps of the design's
+        heights.
     device : str
-        ``"mouse"`` (and the loudspeaker of the browser), ``"openhaptics"``, ``"dhd"``, or ``"replay"`` of a recorded hand.
+        ``"mouse"`` (and the loudspeaker of the browser), ``"openhaptics"``, ``"dhd"``, or
+        ``"replay"`` of a recorded hand.
     library : str
         Path of the device's library, where the system does not find it, or of the record.
     scale : float
@@ -229,7 +266,9 @@ def open_run(
     StepblocksError
         If there is no such participant, block or device, or the run is open already.
     """
-    require(math.isfinite(scale) and scale > 0.0, f"scale must be positive and finite, got {scale:g}")
+    require(
+        math.isfinite(scale) and scale > 0.0, f"scale must be positive and finite, got {scale:g}"
+    )
     if device not in ("mouse", *HANDS):
         raise PipelineError(f"device must be one of mouse, {', '.join(HANDS)}, got {device!r}")
     design = read_design(Path(folder) / "design.csv")
@@ -271,8 +310,14 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._ours(None):
             return
         if self.path == "/":
-            told = {"participant": run.participant, "virtual": run.virtual, "token": self.server.token}
-            page = render_page("study", "run.html", metres=max(1e-4, 1.2 * run.reach / _PULL), **told)
+            told = {
+                "participant": run.participant,
+                "virtual": run.virtual,
+                "token": self.server.token,
+            }
+            page = render_page(
+                "study", "run.html", metres=max(1e-4, 1.2 * run.reach / _PULL), **told
+            )
             self._send(200, page, "text/html; charset=utf-8")
         elif self.path == "/state":
             self._json(200, run.state())
@@ -296,7 +341,10 @@ class _Handler(BaseHTTPRequestHandler):
             if self.path == "/begin":
                 run.begin()
             elif self.path == "/answer":
-                run.answer(str(asked["trial"]), {str(name): str(text) for name, text in asked["answers"].items()})
+                run.answer(
+                    str(asked["trial"]),
+                    {str(name): str(text) for name, text in asked["answers"].items()},
+                )
                 if run.now is None:
                     threading.Timer(_LINGER, self.server.shutdown).start()
             else:
@@ -310,7 +358,9 @@ class _Handler(BaseHTTPRequestHandler):
     def _ours(self, token: str | None) -> bool:
         """Whether a request is meant for this machine, and where it changes something, comes from this page."""
         local = (self.headers.get("Host") or "").rpartition(":")[0] in ("127.0.0.1", "localhost")
-        if local and (self.command == "GET" or secrets.compare_digest(token or "", self.server.token)):
+        if local and (
+            self.command == "GET" or secrets.compare_digest(token or "", self.server.token)
+        ):
             return True
         self._json(403, {"error": "only the page of this run may ask this"})
         return False
@@ -321,7 +371,11 @@ class _Handler(BaseHTTPRequestHandler):
     def _send(self, status: int, text: str, kind: str) -> None:
         body = text.encode()
         self.send_response(status)
-        headers = {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store"}
+        headers = {
+            "Content-Type": kind,
+            "Content-Length": str(len(body)),
+            "Cache-Control": "no-store",
+        }
         for name, value in (headers | {"Content-Security-Policy": _POLICY}).items():
             self.send_header(name, value)
         self.end_headers()

@@ -14,7 +14,12 @@ from stepblocks.tables import csv_text
 
 FORMATS = ("bids", "psych-ds", "psychopy")
 _UNITS = {"um": 1.0, "mm": 1e3, "m": 1e6}  # micrometres in one
-_DEFAULTS = {"estimates": "", "virtual": "", "constant": "standard-first", "magnitude": "free-modulus"}
+_DEFAULTS = {
+    "estimates": "",
+    "virtual": "",
+    "constant": "standard-first",
+    "magnitude": "free-modulus",
+}
 _ROWS = "Judgements of step blocks, one file per participant, one row per trial."
 _SAID = {
     "participant": "participant",
@@ -33,13 +38,19 @@ _SAID = {
 
 
 def judgements_of_table(
-    tables: Sequence[str | Path], columns: Mapping[str, str], experiment: str, ratings: tuple[int, int] = RATINGS
+    tables: Sequence[str | Path],
+    columns: Mapping[str, str],
+    experiment: str,
+    ratings: tuple[int, int] = RATINGS,
 ) -> sheet.Judgements:
     """Read judgements from tables, or a dataset, that no design of ours stands behind; `columns` gives their name for ours."""
-    # The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What is not there is
-    # numbered (trial, repetition) or told from the height (stimulus).
+    # The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What
+    # is not there is numbered (trial, repetition) or told from the height (stimulus).
     experiment = ALIASES.get(experiment, experiment)
-    require(experiment in EXPERIMENTS, f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
+    require(
+        experiment in EXPERIMENTS,
+        f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}",
+    )
     kind, named = EXPERIMENTS[experiment], dict(columns)
     for mine in named:
         if re.sub("_(mm|m)$", "_um", mine) not in _SAID:
@@ -49,10 +60,16 @@ def judgements_of_table(
     keys: Counter[tuple[str, ...]] = Counter()
     planned = []
     for row in rows:
-        one = {mine: text for mine in _SAID if (text := _cell(row, mine, named)) is not None} | {"line": row["line"]}
+        one = {mine: text for mine in _SAID if (text := _cell(row, mine, named)) is not None} | {
+            "line": row["line"]
+        }
         one.setdefault("condition", _DEFAULTS[experiment])
         needed = ["participant", "condition", "height_um", *kind.answers]
-        lacking = [name for name in needed if not one.get(name) and (name not in one or name not in kind.answers)]
+        lacking = [
+            name
+            for name in needed
+            if not one.get(name) and (name not in one or name not in kind.answers)
+        ]
         wanted, at = f"{', '.join(needed)} (name yours by --columns)", f"[{row['line']}]"
         require(not lacking, f"a table must have {wanted}, got no {', '.join(lacking)} {at}")
         height = number(one["height_um"])
@@ -77,7 +94,9 @@ def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
     return None
 
 
-def share_study(folder: str | Path, answers: Sequence[str | Path], output: str | Path, form: str = "bids") -> list[str]:
+def share_study(
+    folder: str | Path, answers: Sequence[str | Path], output: str | Path, form: str = "bids"
+) -> list[str]:
     """Write a study in a form that others read.
 
     Parameters
@@ -85,9 +104,11 @@ def share_study(folder: str | Path, answers: Sequence[str | Path], output: str |
     folder : str or Path
         Holds design.csv.
     answers : sequence of str or Path
-        CSV files of answers, or folders of them; none for ``"psychopy"``, which has the conditions before they are run.
+        CSV files of answers, or folders of them; none for ``"psychopy"``, which has the conditions
+        before they are run.
     output : str or Path
-        Folder to write; `analyse_study` without a design reads ``"bids"`` and ``"psych-ds"`` back to the same judgements.
+        Folder to write; `analyse_study` without a design reads ``"bids"`` and ``"psych-ds"`` back
+        to the same judgements.
     form : str
         ``"bids"`` (BIDS 1.9, behavioural), ``"psych-ds"`` (0.4) or ``"psychopy"``.
 
@@ -99,37 +120,55 @@ def share_study(folder: str | Path, answers: Sequence[str | Path], output: str |
     Raises
     ------
     StepblocksError
-        If the form is unknown, answers do not belong to the design, or another dataset stands there.
+        If the form is unknown, answers do not belong to the design, or another dataset stands
+        there.
     """
     require(form in FORMATS, f"form must be one of {', '.join(FORMATS)}, got {form!r}")
     design = sheet.read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
     kind = EXPERIMENTS[experiment]
-    if form == "psychopy":  # blinded, in order, for a loop with ``sequential``; headers are Python names
+    if (
+        form == "psychopy"
+    ):  # blinded, in order, for a loop with ``sequential``; headers are Python names
         columns = [name for name in sheet.answer_columns(experiment) if name not in kind.answers]
         sheets = sheet.by_person(sheet.sheet_rows(design))
         files = {f"conditions-{who}.csv": csv_text(rows, columns) for who, rows in sheets.items()}
     else:
-        rows = [row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, experiment)]
+        rows = [
+            row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, experiment)
+        ]
         given = {(row["participant"], row["trial"]): row for row in rows}
-        columns = [name for name in _SAID if name in design[0] and (kind.paired or not name.startswith("standard"))]
+        columns = [
+            name
+            for name in _SAID
+            if name in design[0] and (kind.paired or not name.startswith("standard"))
+        ]
         people = sheet.by_person(
             {name: row[name] for name in columns} | {name: answer[name] for name in kind.answers}
             for row in design
             if (answer := given.get((row["participant"], row["trial"])))
         )
         require(people, "the answers must belong to the design, got none that does")
-        labels = {who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people}  # as both forms allow them
+        labels = {
+            who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people
+        }  # as both forms allow them
         alike = len(set(labels.values())) < len(labels) or not all(labels.values())
-        require(not alike, f"participants must differ in letters and digits, got {list(people)[:5]}")
+        require(
+            not alike, f"participants must differ in letters and digits, got {list(people)[:5]}"
+        )
         files = (_bids if form == "bids" else _psych_ds)(experiment, people, labels)
     sheet.write_new(Path(output), files)
     return sorted(files)
 
 
-def _bids(experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[str, str]) -> dict[str, str]:
+def _bids(
+    experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[str, str]
+) -> dict[str, str]:
     columns, title = list(next(iter(people.values()))[0]), EXPERIMENTS[experiment].title
-    said = {name: {"Description": _SAID[name], **({"Units": "um"} if name.endswith("_um") else {})} for name in columns}
+    said = {
+        name: {"Description": _SAID[name], **({"Units": "um"} if name.endswith("_um") else {})}
+        for name in columns
+    }
     described = {"Name": title, "BIDSVersion": "1.9.0", "DatasetType": "raw"}
     made = {"GeneratedBy": [{"Name": "stepblocks", "Version": version("stepblocks")}]}
     listed = "".join(f"sub-{label}\t{who}\n" for who, label in labels.items())
@@ -137,20 +176,40 @@ def _bids(experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[
         "dataset_description.json": json.dumps(described | made, indent=1),
         "README": f"{title}. {_ROWS} Lengths are in micrometres.\n",
         "participants.tsv": f"participant_id\tname\n{listed}",
-        "participants.json": json.dumps({"name": {"Description": "name of the participant in the design"}}, indent=1),
+        "participants.json": json.dumps(
+            {"name": {"Description": "name of the participant in the design"}}, indent=1
+        ),
         f"task-{experiment}_beh.json": json.dumps({"TaskName": experiment, **said}, indent=1),
     }
     for who, rows in people.items():
-        lines = ["\t".join(columns), *("\t".join(row[name] or "n/a" for name in columns) for row in rows)]
-        files[f"sub-{labels[who]}/beh/sub-{labels[who]}_task-{experiment}_beh.tsv"] = "\n".join(lines) + "\n"
+        lines = [
+            "\t".join(columns),
+            *("\t".join(row[name] or "n/a" for name in columns) for row in rows),
+        ]
+        files[f"sub-{labels[who]}/beh/sub-{labels[who]}_task-{experiment}_beh.tsv"] = (
+            "\n".join(lines) + "\n"
+        )
     return files
 
 
-def _psych_ds(experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[str, str]) -> dict[str, str]:
+def _psych_ds(
+    experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[str, str]
+) -> dict[str, str]:
     columns, title = list(next(iter(people.values()))[0]), EXPERIMENTS[experiment].title
-    described = {"@context": "https://schema.org/", "@type": "Dataset", "name": title, "description": _ROWS}
-    variables = [{"@type": "PropertyValue", "name": name, "description": _SAID[name]} for name in columns]
-    files = {"dataset_description.json": json.dumps({**described, "variableMeasured": variables}, indent=1)}
+    described = {
+        "@context": "https://schema.org/",
+        "@type": "Dataset",
+        "name": title,
+        "description": _ROWS,
+    }
+    variables = [
+        {"@type": "PropertyValue", "name": name, "description": _SAID[name]} for name in columns
+    ]
+    files = {
+        "dataset_description.json": json.dumps(
+            {**described, "variableMeasured": variables}, indent=1
+        )
+    }
     files["README.md"] = f"# {title}\n\n{_ROWS} Lengths are in micrometres.\n"
     for who, rows in people.items():
         files[f"data/study-{experiment}_subject-{labels[who]}_data.csv"] = csv_text(rows, columns)

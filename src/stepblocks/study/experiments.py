@@ -34,12 +34,17 @@ class Experiment:
     title: str  # of the report
     sheet_title: str  # of the run sheets, which must not tell too much
     answers: tuple[str, ...]  # columns that are written down
-    design: Callable[..., Design]  # of participants, blocks, repetitions, seed, and by name what it `needs`
-    # of a planned trial, its answer, the largest estimate [um] and the ends of the ratings: columns of the tidy table, in SI
+    design: Callable[
+        ..., Design
+    ]  # of participants, blocks, repetitions, seed, and by name what it `needs`
+    # of a planned trial, its answer, the largest estimate [um] and the ends of the ratings: columns
+    # of the tidy table, in SI
     read: Callable[[Row, Row, float, tuple[int, int]], dict[str, Any]]
-    # of the trials (the design, with what `simulate_answers` adds), observer and generator: texts for `answers`
+    # of the trials (the design, with what `simulate_answers` adds), observer and generator: texts
+    # for `answers`
     simulate: Callable[[Any, Observer, np.random.Generator], Texts]
-    # of the tidy table and the margin within which conditions count as equivalent [m]: fields of `StudyResult`
+    # of the tidy table and the margin within which conditions count as equivalent [m]: fields of
+    # `StudyResult`
     analyse: Callable[[Any, float], dict[str, Any]]
     needs: tuple[str, ...] = ()  # options beside the size: "probes", "standard"
     paired: bool = False  # each block is compared with a standard, given before or after it
@@ -54,16 +59,26 @@ def number(text: str) -> float:
     return value if math.isfinite(value) and "_" not in text else math.nan
 
 
-def _read_estimate(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
+def _read_estimate(
+    planned: Row, answer: Row, top: float, ratings: tuple[int, int]
+) -> dict[str, Any]:
     estimate = number(answer["estimate_um"])
-    require(0.0 <= estimate <= top, f"estimate_um must be a number from 0 to {top:g}, got {answer['estimate_um']!r}")
+    require(
+        0.0 <= estimate <= top,
+        f"estimate_um must be a number from 0 to {top:g}, got {answer['estimate_um']!r}",
+    )
     return {"estimate": estimate / 1e6, "error": (estimate - number(planned["height_um"])) / 1e6}
 
 
-def _read_virtual(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
+def _read_virtual(
+    planned: Row, answer: Row, top: float, ratings: tuple[int, int]
+) -> dict[str, Any]:
     values, rating = _read_estimate(planned, answer, top, ratings), number(answer["realism_rating"])
     low, high = ratings
-    said = f"realism_rating must be a whole number from {low:g} to {high:g}, got {answer['realism_rating']!r}"
+    said = (
+        f"realism_rating must be a whole number from {low:g} to {high:g}, got "
+        f"{answer['realism_rating']!r}"
+    )
     require(low <= rating <= high and rating == int(rating), said)
     return values | {"rating": int(rating)}
 
@@ -71,15 +86,22 @@ def _read_virtual(planned: Row, answer: Row, top: float, ratings: tuple[int, int
 def _simulate_estimates(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
     by_height = dict(zip(trials["height"], trials["undamped"], strict=True))
     known = (np.array(list(by_height)), np.array(list(by_height.values())))
-    return [(f"{height * 1e6:.1f}",) for height in estimate_heights(trials, known, observer, generator)]
+    return [
+        (f"{height * 1e6:.1f}",) for height in estimate_heights(trials, known, observer, generator)
+    ]
 
 
 def _simulate_virtual(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
     estimates = _simulate_estimates(trials, observer, generator)
     own = generator.standard_normal(trials["person"].max() + 1)
-    felt = own[trials["person"]] + observer.realism_gain * (trials["condition"] == "vibration-on").to_numpy()
+    felt = (
+        own[trials["person"]]
+        + observer.realism_gain * (trials["condition"] == "vibration-on").to_numpy()
+    )
     ratings = np.clip(np.round(3.5 + (felt + generator.logistic(size=len(trials)))), *RATINGS)
-    return [(estimate, f"{rating:.0f}") for (estimate,), rating in zip(estimates, ratings, strict=True)]
+    return [
+        (estimate, f"{rating:.0f}") for (estimate,), rating in zip(estimates, ratings, strict=True)
+    ]
 
 
 def _analyse_estimates(frame: Any, margin: float) -> dict[str, Any]:
@@ -96,7 +118,9 @@ def _analyse_estimates(frame: Any, margin: float) -> dict[str, Any]:
     return {"measures": tuple(found), "remarks": tuple(lacking)}
 
 
-def _read_comparison(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
+def _read_comparison(
+    planned: Row, answer: Row, top: float, ratings: tuple[int, int]
+) -> dict[str, Any]:
     text = answer["second_is_higher"].lower()
     if text not in ("y", "n", "yes", "no", "1", "0"):
         raise StudyError(f"second_is_higher must be y or n, got {answer['second_is_higher']!r}")
@@ -107,7 +131,9 @@ def _read_comparison(planned: Row, answer: Row, top: float, ratings: tuple[int, 
 
 def _simulate_comparisons(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
     answers = []
-    for energy, standard, order in zip(trials["energy"], trials["standard_energy"], trials["condition"], strict=True):
+    for energy, standard, order in zip(
+        trials["energy"], trials["standard_energy"], trials["condition"], strict=True
+    ):
         higher = feels_higher(energy, standard, observer, generator)
         answers.append(("y" if higher == (order == "standard-first") else "n",))
     return answers
@@ -120,7 +146,9 @@ def _analyse_comparisons(frame: Any, margin: float) -> dict[str, Any]:
 
 def _curve(who: str, own: Any) -> Curve:
     by_level = own.groupby("height")["higher"].agg(["sum", "count"])
-    levels, hits, totals = (tuple(column.tolist()) for column in (by_level.index, by_level["sum"], by_level["count"]))
+    levels, hits, totals = (
+        tuple(column.tolist()) for column in (by_level.index, by_level["sum"], by_level["count"])
+    )
     try:
         fit, reason = fit_psychometric(levels, hits, totals), ""
     except StudyError as error:
@@ -128,9 +156,14 @@ def _curve(who: str, own: Any) -> Curve:
     return Curve(who, levels, hits, totals, fit, reason)
 
 
-def _read_magnitude(planned: Row, answer: Row, top: float, ratings: tuple[int, int]) -> dict[str, Any]:
+def _read_magnitude(
+    planned: Row, answer: Row, top: float, ratings: tuple[int, int]
+) -> dict[str, Any]:
     magnitude = number(answer["magnitude_ratio"])
-    require(magnitude > 0.0, f"magnitude_ratio must be a positive number, got {answer['magnitude_ratio']!r}")
+    require(
+        magnitude > 0.0,
+        f"magnitude_ratio must be a positive number, got {answer['magnitude_ratio']!r}",
+    )
     return {"magnitude": magnitude}
 
 
@@ -151,7 +184,9 @@ def power_law(frame: Any, magnitude: str, level: str, participant: str) -> Power
     found = []
     for person, own in frame.groupby(participant, sort=False):
         if own[level].nunique() < 3:
-            raise StudyError(f"an exponent needs three levels, got {own[level].nunique()} [participant {person}]")
+            raise StudyError(
+                f"an exponent needs three levels, got {own[level].nunique()} [participant {person}]"
+            )
         line = stats.linregress(np.log(own[level]), np.log(own[magnitude]))
         found.append((str(person), float(line.slope), float(line.rvalue)))
     require(len(found) >= 2, f"an interval over participants needs at least two, got {len(found)}")
@@ -181,7 +216,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         read=_read_virtual,
         simulate=_simulate_virtual,
         analyse=lambda frame, margin: (
-            _analyse_estimates(frame, margin) | {"ordinal": ordinal_model(frame, "rating", "condition", "participant")}
+            _analyse_estimates(frame, margin)
+            | {"ordinal": ordinal_model(frame, "rating", "condition", "participant")}
         ),
     ),
     "constant": Experiment(
@@ -202,6 +238,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         design=partial(crossover, "magnitude", probes=("free-modulus",)),
         read=_read_magnitude,
         simulate=_simulate_magnitudes,
-        analyse=lambda frame, margin: {"power_law": power_law(frame, "magnitude", "height", "participant")},
+        analyse=lambda frame, margin: {
+            "power_law": power_law(frame, "magnitude", "height", "participant")
+        },
     ),
 }

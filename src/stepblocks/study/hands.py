@@ -1,8 +1,9 @@
 """Who moves the probe: a mouse, a recorded hand, or a device through its maker's C library, loaded when it is asked for."""
 
-# A hand says where it is [m], how fast it moves [m/s] and whether its dead-man switch is held, and takes a force [N]; axes
-# are those of the scene: x along the drag, y along the edge, z up, magnified. Constants and signatures of the makers'
-# libraries are those of their public headers: OpenHaptics 3.5 (HD/hd.h, hdDefines.h), Force Dimension SDK 3 (dhdc.h).
+# A hand says where it is [m], how fast it moves [m/s] and whether its dead-man switch is held, and
+# takes a force [N]; axes are those of the scene: x along the drag, y along the edge, z up,
+# magnified. Constants and signatures of the makers' libraries are those of their public headers:
+# OpenHaptics 3.5 (HD/hd.h, hdDefines.h), Force Dimension SDK 3 (dhdc.h).
 
 import ctypes
 import threading
@@ -28,7 +29,9 @@ _FASTEST = 0.5  # of a mouse's hand in the magnified frame [m/s]
 class Hand(ABC):
     """What a servo loop asks of a device."""
 
-    motors: bool = False  # whether it can push: then its switch must be let go before a trial begins
+    motors: bool = (
+        False  # whether it can push: then its switch must be let go before a trial begins
+    )
 
     @abstractmethod
     def read(self) -> tuple[Array, Array, bool]:
@@ -81,7 +84,11 @@ class Replay(Hand):
     """A recorded hand, one position per tick; it lets go at its end."""
 
     def __init__(self, positions: Array, period: float = _PERIOD) -> None:
-        self._positions, self._period, self._tick = np.asarray(positions, dtype=np.float64), period, 0
+        self._positions, self._period, self._tick = (
+            np.asarray(positions, dtype=np.float64),
+            period,
+            0,
+        )
         self.forces: list[Array] = []  # that it felt
 
     def begin(self) -> None:
@@ -120,7 +127,12 @@ class ForceDimension(Hand):
     def __init__(self, library: str = "") -> None:
         self._lib = lib = _load(library, "dhd", "drd")
         pointer, real, byte = ctypes.POINTER(ctypes.c_double), ctypes.c_double, ctypes.c_char
-        lib.dhdGetPosition.argtypes = lib.dhdGetLinearVelocity.argtypes = [pointer, pointer, pointer, byte]
+        lib.dhdGetPosition.argtypes = lib.dhdGetLinearVelocity.argtypes = [
+            pointer,
+            pointer,
+            pointer,
+            byte,
+        ]
         lib.dhdSetForce.argtypes = [real, real, real, byte]
         lib.dhdGetButton.argtypes = [ctypes.c_int, byte]
         lib.dhdEnableForce.argtypes, lib.dhdClose.argtypes = [ctypes.c_ubyte, byte], [byte]
@@ -132,7 +144,9 @@ class ForceDimension(Hand):
 
     def _said(self, done: bool, wanted: str) -> None:
         if not done:
-            raise PipelineError(f"the device must {wanted}: {self._lib.dhdErrorGetLastStr().decode()}")
+            raise PipelineError(
+                f"the device must {wanted}: {self._lib.dhdErrorGetLastStr().decode()}"
+            )
 
     def read(self) -> tuple[Array, Array, bool]:
         """Its x points to the operator, its y to the right."""
@@ -140,11 +154,17 @@ class ForceDimension(Hand):
         self._said(self._lib.dhdGetPosition(*places[:3], self._one) >= 0, "tell its position")
         self._said(self._lib.dhdGetLinearVelocity(*places[3:], self._one) >= 0, "tell its velocity")
         x, y, z, u, v, w = (value.value for value in self._values)
-        return np.array([y, -x, z]), np.array([v, -u, w]), bool(self._lib.dhdGetButton(0, self._one) == 1)
+        return (
+            np.array([y, -x, z]),
+            np.array([v, -u, w]),
+            bool(self._lib.dhdGetButton(0, self._one) == 1),
+        )
 
     def apply(self, force: Array) -> None:
         """Turn the force back into its axes."""
-        self._said(self._lib.dhdSetForce(-force[1], force[0], force[2], self._one) >= 0, "take a force")
+        self._said(
+            self._lib.dhdSetForce(-force[1], force[0], force[2], self._one) >= 0, "take a force"
+        )
 
     def close(self) -> None:
         """Switch its forces off."""
@@ -167,12 +187,22 @@ class OpenHaptics(Hand):
         self._lib = lib = _load(library, "HD")
         lib.hdInitDevice.restype, lib.hdInitDevice.argtypes = ctypes.c_uint, [ctypes.c_char_p]
         lib.hdGetError.restype = _HDError
-        lib.hdGetErrorString.restype, lib.hdGetErrorString.argtypes = ctypes.c_char_p, [ctypes.c_uint]
-        lib.hdGetDoublev.argtypes = lib.hdSetDoublev.argtypes = [ctypes.c_uint, ctypes.POINTER(ctypes.c_double)]
+        lib.hdGetErrorString.restype, lib.hdGetErrorString.argtypes = (
+            ctypes.c_char_p,
+            [ctypes.c_uint],
+        )
+        lib.hdGetDoublev.argtypes = lib.hdSetDoublev.argtypes = [
+            ctypes.c_uint,
+            ctypes.POINTER(ctypes.c_double),
+        ]
         lib.hdGetIntegerv.argtypes = [ctypes.c_uint, ctypes.POINTER(ctypes.c_int)]
         self._callback = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(self._frame)
         lib.hdScheduleAsynchronous.restype = ctypes.c_ulong
-        lib.hdScheduleAsynchronous.argtypes = [type(self._callback), ctypes.c_void_p, ctypes.c_ushort]
+        lib.hdScheduleAsynchronous.argtypes = [
+            type(self._callback),
+            ctypes.c_void_p,
+            ctypes.c_ushort,
+        ]
         lib.hdUnschedule.argtypes = [ctypes.c_ulong]
         self._device = lib.hdInitDevice(None)
         self._check("be opened")
@@ -185,7 +215,9 @@ class OpenHaptics(Hand):
     def _check(self, wanted: str) -> None:
         error = self._lib.hdGetError()
         if error.code:
-            raise PipelineError(f"the device must {wanted}: {self._lib.hdGetErrorString(error.code).decode()}")
+            raise PipelineError(
+                f"the device must {wanted}: {self._lib.hdGetErrorString(error.code).decode()}"
+            )
 
     def _frame(self, _: Any) -> int:
         values, buttons = (ctypes.c_double * 6)(), ctypes.c_int()
@@ -228,8 +260,14 @@ def recorded(path: str) -> Replay:
             held, period = file["held"][:] > 0.0, 1.0 / float(file.attrs["rate_hz"])
             return Replay(np.column_stack([file[f"{axis}_m"][:][held] for axis in "xyz"]), period)
     except (OSError, KeyError, ValueError) as error:
-        raise PipelineError(f"a recorded hand must be the HDF5 of a trial: {error} [{path}]") from error
+        raise PipelineError(
+            f"a recorded hand must be the HDF5 of a trial: {error} [{path}]"
+        ) from error
 
 
 # by name: what opens a hand, from the path of its library, or of its record
-HANDS: dict[str, Callable[[str], Hand]] = {"openhaptics": OpenHaptics, "dhd": ForceDimension, "replay": recorded}
+HANDS: dict[str, Callable[[str], Hand]] = {
+    "openhaptics": OpenHaptics,
+    "dhd": ForceDimension,
+    "replay": recorded,
+}

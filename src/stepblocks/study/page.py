@@ -15,7 +15,12 @@ from stepblocks.study.prose import headline, journal_table, methods
 _COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
 _INK, _LINE = "#1d2a36", "#999999"
 _A4 = (210.0, 297.0)  # [mm]
-_LEFT, _TOP, _ROW, _ROWS = 15.0, 262.0, 6.4, 38  # margin, top of the table and height of a row [mm], rows of a page
+_LEFT, _TOP, _ROW, _ROWS = (
+    15.0,
+    262.0,
+    6.4,
+    38,
+)  # margin, top of the table and height of a row [mm], rows of a page
 _ANSWER_SHARE = 1.8  # an answer is written by hand and gets more room than what is printed
 _NOTE = "Write every answer in its row; leave a row that was not run empty."
 
@@ -34,7 +39,11 @@ def render_study(result: StudyResult) -> str:
         "study.html",
         title=EXPERIMENTS[result.experiment].title,
         headline=headline(result),
-        notes=[*result.notes, *result.remarks, *dict.fromkeys(said for one in mixed for said in one.remarks)],
+        notes=[
+            *result.notes,
+            *result.remarks,
+            *dict.fromkeys(said for one in mixed for said in one.remarks),
+        ],
         figures=study_figures(result),
         tables=[
             (": ".join(filter(None, name)), own.to_dict("records"))
@@ -65,7 +74,9 @@ def sheet_pages(title: str, sheets: Sheets) -> Iterator[Any]:
     for participant, rows in sheets.items():
         parts = [rows[start : start + _ROWS] for start in range(0, len(rows), _ROWS)]
         for number, part in enumerate(parts, start=1):
-            yield _page(f"{title}   participant {participant}", f"page {number} of {len(parts)}", part)
+            yield _page(
+                f"{title}   participant {participant}", f"page {number} of {len(parts)}", part
+            )
 
 
 def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
@@ -79,7 +90,9 @@ def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
     axes.set(xlim=(0.0, _A4[0]), ylim=(0.0, _A4[1]))
     axes.set_axis_off()
     axes.text(_LEFT, 282.0, title, fontsize=15, weight="bold", va="center")
-    axes.text(_LEFT, 273.0, "Date ____________   Experimenter ____________", fontsize=10, va="center")
+    axes.text(
+        _LEFT, 273.0, "Date ____________   Experimenter ____________", fontsize=10, va="center"
+    )
     axes.text(_LEFT, 267.0, _NOTE, fontsize=9, va="center")
     axes.text(_A4[0] - _LEFT, 12.0, foot, fontsize=9, ha="right", va="center")
     columns = [name for name in rows[0] if name != "participant"]
@@ -91,11 +104,27 @@ def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
     lines += [[(x, _TOP), (x, low)] for x in edges]
     axes.add_collection(LineCollection(lines, colors="#777777", linewidths=0.6))
     for place, name in zip(edges, columns, strict=False):
-        axes.text(place + 2.0, _TOP - 0.5 * _ROW, column_label(name), fontsize=9, weight="bold", va="center")
-        font: dict[str, Any] = {"family": "DejaVu Sans Mono", "weight": "bold"} if name.endswith("code") else {}
+        axes.text(
+            place + 2.0,
+            _TOP - 0.5 * _ROW,
+            column_label(name),
+            fontsize=9,
+            weight="bold",
+            va="center",
+        )
+        font: dict[str, Any] = (
+            {"family": "DejaVu Sans Mono", "weight": "bold"} if name.endswith("code") else {}
+        )
         for number, row in enumerate(rows, start=1):
             if row[name]:
-                axes.text(place + 2.0, _TOP - _ROW * (number + 0.5), row[name], fontsize=10, va="center", **font)
+                axes.text(
+                    place + 2.0,
+                    _TOP - _ROW * (number + 0.5),
+                    row[name],
+                    fontsize=10,
+                    va="center",
+                    **font,
+                )
     return figure
 
 
@@ -126,7 +155,9 @@ def _estimates(figure: Any, result: Any) -> None:
     axes.plot([0, top], [0, top], color=_LINE, lw=1, label="true height")
     for index, (name, own) in enumerate(groups):
         cells = own.groupby("height")["estimate"].agg(["mean", "std"])
-        x = cells.index.to_numpy() * 1e6 + (index - 0.5 * (len(groups) - 1)) * (0.006 * top)  # beside each other
+        x = cells.index.to_numpy() * 1e6 + (index - 0.5 * (len(groups) - 1)) * (
+            0.006 * top
+        )  # beside each other
         style = {"fmt": "o-", "ms": 4, "lw": 1.2, "capsize": 3, "label": str(name)}
         axes.errorbar(x, cells["mean"] * 1e6, cells["std"].fillna(0.0) * 1e6, **style)
     axes.set(xlabel=column_label("height_um"), ylabel=column_label("estimate_um"))
@@ -135,19 +166,32 @@ def _estimates(figure: Any, result: Any) -> None:
 
 def _panels(figure: Any, result: Any) -> Iterator[tuple[Any, Any, float]]:
     """Give axes to each measure, with the factor to the unit in which it is shown."""
-    for axes, measure in zip(np.atleast_1d(figure.subplots(1, len(result.measures))), result.measures, strict=True):
+    for axes, measure in zip(
+        np.atleast_1d(figure.subplots(1, len(result.measures))), result.measures, strict=True
+    ):
         yield axes, measure, 1.0 if measure.logarithmic else 1e6
 
 
 def _participants(figure: Any, result: Any) -> None:
     for axes, measure, factor in _panels(figure, result):
         shift = np.log(1e6) if measure.logarithmic else 0.0
-        table = measure.frame.groupby(["participant", "condition"])["value"].mean().unstack() * factor + shift
+        table = (
+            measure.frame.groupby(["participant", "condition"])["value"].mean().unstack() * factor
+            + shift
+        )
         x = np.arange(table.shape[1])
-        groups = measure.frame.groupby("participant")["group"].first() if "group" in measure.frame else None
+        groups = (
+            measure.frame.groupby("participant")["group"].first()
+            if "group" in measure.frame
+            else None
+        )
         names = [] if groups is None else sorted(groups.unique())
         for who, row in table.iterrows():
-            colour = _COLOURS[0] if groups is None else _COLOURS[names.index(groups[who]) % len(_COLOURS)]
+            colour = (
+                _COLOURS[0]
+                if groups is None
+                else _COLOURS[names.index(groups[who]) % len(_COLOURS)]
+            )
             axes.plot(x, row, "o-", color=colour, ms=3, lw=0.8, alpha=0.7)
         axes.plot(x, table.mean(), "s-", color=_INK, ms=5, lw=2)
         axes.set_xticks(x, table.columns)
@@ -162,8 +206,15 @@ def _intervals(figure: Any, result: Any) -> None:
             (-0.12, "mixed model", measure.mixed.intervals),
         ):
             middle = np.array([one.difference for one in family]) * factor
-            reach = np.array([[one.difference - one.low, one.high - one.difference] for one in family]).T * factor
-            axes.errorbar(middle, np.arange(len(family)) + offset, xerr=reach, fmt="o", capsize=4, label=label)
+            reach = (
+                np.array(
+                    [[one.difference - one.low, one.high - one.difference] for one in family]
+                ).T
+                * factor
+            )
+            axes.errorbar(
+                middle, np.arange(len(family)) + offset, xerr=reach, fmt="o", capsize=4, label=label
+            )
         axes.axvline(0.0, color=_LINE, lw=1)
         axes.set_yticks(range(len(names)), names)
         axes.set(ylim=(-0.6, len(names) - 0.4), xlabel=f"difference of {measure.label}")
@@ -213,7 +264,11 @@ def _curves(figure: Any, result: Any) -> None:
         x = np.geomspace(0.8 * levels.min(), 1.2 * levels.max(), 200)
         rise = ndtr(np.log(x / curve.fit.threshold) / curve.fit.spread)
         y = curve.fit.lapse + (1.0 - 2.0 * curve.fit.lapse) * rise
-        style = {"color": _INK, "lw": 2.2} if last else {"color": _COLOURS[index % len(_COLOURS)], "lw": 1}
+        style = (
+            {"color": _INK, "lw": 2.2}
+            if last
+            else {"color": _COLOURS[index % len(_COLOURS)], "lw": 1}
+        )
         axes.plot(x * 1e6, y, **style, label=curve.who if len(result.curves) < 15 or last else None)
     axes.set(xlabel=column_label("height_um"), ylabel='share "higher"')
     if any(curve.fit for curve in result.curves):
@@ -230,7 +285,11 @@ def _magnitudes(figure: Any, result: Any) -> None:
 
 # what draws, the part of the result that it needs, and its caption
 _FIGURES = (
-    (_estimates, "measures", "Estimates against height; bars: standard deviation of the judgements."),
+    (
+        _estimates,
+        "measures",
+        "Estimates against height; bars: standard deviation of the judgements.",
+    ),
     (_participants, "measures", "Every participant: a line each; black: the mean."),
     (_intervals, "measures", "Differences between conditions with the intervals of both analyses."),
     (
@@ -240,6 +299,10 @@ _FIGURES = (
         "quantiles against the normal's.",
     ),
     (_ratings, "ordinal", "Share of each rating of realism."),
-    (_curves, "curves", 'Share of answers "higher", with the fitted functions; area of a dot: trials.'),
+    (
+        _curves,
+        "curves",
+        'Share of answers "higher", with the fitted functions; area of a dot: trials.',
+    ),
     (_magnitudes, "power_law", "Magnitudes against height, one line per participant."),
 )

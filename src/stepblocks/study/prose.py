@@ -37,29 +37,46 @@ def _estimates(result: StudyResult) -> Iterator[str]:
         said = []
         scatter = None if spread is None else _facing(spread, name, best[0])
         if scatter is not None and scatter.p < _LEVEL:
-            ratio, low, high = (math.exp(v) for v in (scatter.difference, scatter.low, scatter.high))
+            ratio, low, high = (
+                math.exp(v) for v in (scatter.difference, scatter.low, scatter.high)
+            )
             said.append(f"scatter {ratio:#.2g} times as much (95 % {low:#.2g} to {high:#.2g})")
         farther, moved = _facing(absolute, name, best[0]), _facing(bias, name, best[0])
         if farther.p < _LEVEL:
             said.append(f"are farther from the height by {_um(farther)}")
         if moved.p < _LEVEL:
-            said.append(f"are {'higher' if moved.difference > 0.0 else 'lower'} by {_um(moved, abs(moved.difference))}")
+            said.append(
+                f"are {'higher' if moved.difference > 0.0 else 'lower'} by "
+                f"{_um(moved, abs(moved.difference))}"
+            )
         if said:
             listed = f"{', '.join(said[:-1])}{' and ' if said[:-1] else ''}{said[-1]}"
-            clauses.append(f"{'those' if clauses else f'compared with {best[0]}, estimates'} with {name} {listed}")
+            clauses.append(
+                f"{'those' if clauses else f'compared with {best[0]}, estimates'} with {name} "
+                f"{listed}"
+            )
     by_pair = {frozenset((one.first, one.second)): one for one in bias.equivalence}
     for one in absolute.equivalence:
-        families = [_facing(part, one.first, one.second).p for part in (absolute, bias, spread) if part is not None]
+        families = [
+            _facing(part, one.first, one.second).p
+            for part in (absolute, bias, spread)
+            if part is not None
+        ]
         if min(families) >= _LEVEL:
             bound = max(one.bound, by_pair[frozenset((one.first, one.second))].bound)
             clauses.append(
-                f"no difference was found between {one.first} and {one.second}, which differ by less than {bound * 1e6:.2g} um"
+                f"no difference was found between {one.first} and {one.second}, which "
+                "differ "
+                "by "
+                f"less than {bound * 1e6:.2g} um"
             )
     yield "; ".join(clauses)
 
 
 def _um(one: Interval, shown: float | None = None) -> str:
-    low, high = sorted((abs(one.low), abs(one.high))) if one.low * one.high > 0.0 else (one.low, one.high)
+    low, high = (
+        sorted((abs(one.low), abs(one.high))) if one.low * one.high > 0.0 else (one.low, one.high)
+    )
     difference = one.difference if shown is None else shown
     return f"{difference * 1e6:.2g} um (95 % {low * 1e6:.2g} to {high * 1e6:.2g})"
 
@@ -74,8 +91,10 @@ def _others(result: StudyResult) -> Iterator[str]:
             yield f"the comparisons of {curve.who} tell no threshold: {curve.reason}"
             continue
         yield (
-            f"a block of {fit.threshold * 1e6:.3g} um feels as high as the standard (95 % {fit.threshold_low * 1e6:.3g} to "
-            f"{fit.threshold_high * 1e6:.3g}), and a height must differ by {fit.weber * 100.0:.2g} % to be told apart "
+            f"a block of {fit.threshold * 1e6:.3g} um feels as high as the standard (95 % "
+            f"{fit.threshold_low * 1e6:.3g} to "
+            f"{fit.threshold_high * 1e6:.3g}), and a height must differ by "
+            f"{fit.weber * 100.0:.2g} % to be told apart "
             f"(95 % {fit.weber_low * 100.0:.2g} to {fit.weber_high * 100.0:.2g})"
         )
     if law := result.power_law:
@@ -87,35 +106,65 @@ def methods(result: StudyResult) -> str:
     frame = result.frame
     people, conditions = frame["participant"].nunique(), frame["condition"].nunique()
     said = [
-        f"{people} participants gave {len(frame)} judgements of {frame['stimulus'].nunique()} blocks in "
-        f"{conditions} condition{'s' if conditions > 1 else ''} ({', '.join(sorted(frame['condition'].unique()))})."
+        f"{people} participants gave {len(frame)} judgements of {frame['stimulus'].nunique()} "
+        "blocks in "
+        f"{conditions} condition{'s' if conditions > 1 else ''} "
+        f"({', '.join(sorted(frame['condition'].unique()))})."
     ]
     if result.measures:
         names = ", ".join(one.name for one in result.measures).capitalize()
         said.append(
-            f"The error of an estimate is the estimate less the height of the block. {names} were analysed; the absolute error "
-            "answers whether heights are estimated less accurately, the bias, which noise leaves where it is, is the mean signed "
-            "error, and the spread the logarithm of a participant's standard deviation about the mean of each block. Each was tested "
-            "by an analysis of variance, condition by block, with Tukey's family of intervals, which takes judgements of one "
-            "participant for independent, and by a linear mixed model, which does not: it was fitted by restricted maximum "
-            "likelihood with condition, block and their interaction as fixed effects and random intercepts of participants and of "
-            "participants by condition; its test has (participants - 1)(conditions - 1) degrees of freedom, its intervals hold "
-            "together with 95 %. Equivalence was tested by two one-sided tests at the 5 % level on the contrasts of the mixed model."
+            "The error of an estimate is the estimate less the height of the block. "
+            f"{names} "
+            "were "
+            "analysed; the absolute error "
+            "answers whether heights are estimated less accurately, the bias, which noise "
+            "leaves "
+            "where it is, is the mean signed "
+            "error, and the spread the logarithm of a participant's standard deviation "
+            "about "
+            "the "
+            "mean of each block. Each was tested "
+            "by an analysis of variance, condition by block, with Tukey's family of intervals, "
+            "which takes judgements of one "
+            "participant for independent, and by a linear mixed model, which does not: it was "
+            "fitted by restricted maximum "
+            "likelihood with condition, block and their interaction as fixed effects and "
+            "random "
+            "intercepts of participants and of "
+            "participants by condition; its test has (participants - 1)(conditions - 1) "
+            "degrees "
+            "of freedom, its intervals hold "
+            "together with 95 %. Equivalence was tested by two one-sided tests at the 5 % "
+            "level "
+            "on the contrasts of the mixed model."
         )
     if any(one.groups for one in result.measures):
-        said.append("Groups of participants were compared by a split-plot analysis of the participants' means.")
+        said.append(
+            "Groups of participants were compared by a split-plot analysis of the "
+            "participants' "
+            "means."
+        )
     if result.ordinal:
         said.append(
-            "Ratings were analysed by a proportional-odds model with a level for each participant and errors clustered by participant, "
+            "Ratings were analysed by a proportional-odds model with a level for each "
+            "participant "
+            "and errors clustered by participant, "
             "and tested by an F-test over participants."
         )
     if result.curves:
         said.append(
-            "Cumulative normals in the logarithm of the height with one lapse rate for both ends were fitted by maximum likelihood; "
+            "Cumulative normals in the logarithm of the height with one lapse rate for "
+            "both "
+            "ends "
+            "were fitted by maximum likelihood; "
             "the Weber fraction is the step from the middle to three quarters of the rise."
         )
     if result.power_law:
-        said.append("A power law was fitted to each participant; its mean exponent has an interval by Student's t.")
+        said.append(
+            "A power law was fitted to each participant; its mean exponent has an interval by "
+            "Student's t."
+        )
     tools = ", ".join(f"{name} {version(name)}" for name in ("stepblocks", "statsmodels", "scipy"))
     return " ".join([*said, f"Computed with {tools}."])
 
@@ -125,7 +174,9 @@ def journal_table(result: StudyResult) -> list[dict[str, str]]:
     rows = []
     for measure in result.measures:
         factor, shift = (1.0, math.log(1e6)) if measure.logarithmic else (1e6, 0.0)
-        means = measure.frame.groupby(["condition", "participant"])["value"].mean().groupby("condition")
+        means = (
+            measure.frame.groupby(["condition", "participant"])["value"].mean().groupby("condition")
+        )
         row = {"measure": measure.label}
         for name, own in means:
             row[name] = f"{own.mean() * factor + shift:.2f} ({own.std() * factor:.2f})"

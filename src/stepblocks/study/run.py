@@ -20,7 +20,13 @@ from stepblocks.study.design import Design, blocks_of, designed_blocks, too_coar
 from stepblocks.study.exchange import judgements_of_table
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS
 from stepblocks.study.page import render_sheets_pdf, render_study
-from stepblocks.study.simulate import TYPICAL_OBSERVER, Observer, SimulatedStudy, detection_power, estimate_power
+from stepblocks.study.simulate import (
+    TYPICAL_OBSERVER,
+    Observer,
+    SimulatedStudy,
+    detection_power,
+    estimate_power,
+)
 from stepblocks.tables import csv_text, write_table
 
 if TYPE_CHECKING:
@@ -48,8 +54,8 @@ def design_study(
     folder : str or Path
         Where design.csv and key.csv go.
     experiment : str
-        ``"estimates"`` (experiment 1), ``"virtual"`` (experiment 2), ``"constant"`` stimuli, which is also ``"2afc"``, or
-        ``"magnitude"`` estimation.
+        ``"estimates"`` (experiment 1), ``"virtual"`` (experiment 2), ``"constant"`` stimuli, which
+        is also ``"2afc"``, or ``"magnitude"`` estimation.
     participants, repetitions : int
         How many, and how often each judges each block in each condition.
     probes : sequence of str
@@ -67,11 +73,14 @@ def design_study(
     Raises
     ------
     StepblocksError
-        If the set has no step blocks, the design is impossible, or another design stands there already.
+        If the set has no step blocks, the design is impossible, or another design stands there
+        already.
     """
     experiment = ALIASES.get(experiment, experiment)
     if experiment not in EXPERIMENTS:
-        raise PipelineError(f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
+        raise PipelineError(
+            f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}"
+        )
     blocks = blocks_of(source, only=only)
     kind, options = EXPERIMENTS[experiment], {"probes": probes, "standard": standard}
     needed = {name: options[name] for name in kind.needs}
@@ -106,7 +115,10 @@ def write_sheets(folder: str | Path) -> int:
         said = f"participant must be one word of at most 40 characters, got {person!r:.60}"
         require(re.fullmatch(r"[\w.-]{1,40}", person), f"{said} [{folder / 'design.csv'}]")
     digits = len(str(len(sheets)))
-    texts = {f"sheets/participant-{person:0>{digits}}.csv": csv_text(rows) for person, rows in sheets.items()}
+    texts = {
+        f"sheets/participant-{person:0>{digits}}.csv": csv_text(rows)
+        for person, rows in sheets.items()
+    }
     title = EXPERIMENTS[design[0]["experiment"]].sheet_title
     sheet.write_new(folder, texts | {"run-sheets.pdf": render_sheets_pdf(title, sheets)})
     return len(sheets)
@@ -128,15 +140,15 @@ def simulate_study(
     Parameters
     ----------
     folder, source, output : str or Path
-        Folder with design.csv, stimulus file for the predicted energies (without one its blocks are sharp steps), CSV of answers
-        to write.
+        Folder with design.csv, stimulus file for the predicted energies (without one its blocks are
+        sharp steps), CSV of answers to write.
     damping : mapping of float, optional
         Share of the energy that each condition lets through [1]; 1 for what is not named.
     noise : mapping of float, optional
         How many times the response noise each condition has [1]; once for what is not named.
     **felt : float
-        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by default the first of the file's
-        grid, of its loads the first under which every block rings.
+        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by
+        default the first of the file's grid, of its loads the first under which every block rings.
 
     Returns
     -------
@@ -153,7 +165,10 @@ def simulate_study(
     for said, given in (("damping", damping), ("noise", noise)):
         unknown = sorted(set(given or {}) - set(known))
         if unknown:
-            raise PipelineError(f"{said} must name conditions of the design ({', '.join(known)}), got {unknown[0]!r}")
+            raise PipelineError(
+                f"{said} must name conditions of the design ({', '.join(known)}), got "
+                f"{unknown[0]!r}"
+            )
     energies = designed_blocks(design, source, felt).energies()
     answers = sheet.simulate_answers(design, energies, damping or {}, observer, seed, noise or {})
     sheet.write_new(output.parent, {output.name: csv_text(answers)})
@@ -178,27 +193,30 @@ def analyse_study(
     folder : str, Path or None
         Holds design.csv; None for judgements that no design of ours stands behind.
     answers : sequence of str or Path
-        CSV files of answers, or folders of them; commas, semicolons or tabs, decimal points or commas. Without a design also a
-        dataset as `share_study` writes it.
+        CSV files of answers, or folders of them; commas, semicolons or tabs, decimal points or
+        commas. Without a design also a dataset as `share_study` writes it.
     output : str or Path, optional
         Folder for report.html, results.csv and judgements.csv.
     columns : mapping of str
         Without a design, their names for ours:
-        ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um": "answer"}``.
+        ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um":
+        "answer"}``.
     experiment : str
         Without a design, of which kind the judgements are, as in `design_study`.
     ratings : tuple of int
         Lowest and highest rating.
     equivalent : float, optional
-        Conditions that differ by less than this count as equivalent [m]; the bound that can be told stands there without it.
+        Conditions that differ by less than this count as equivalent [m]; the bound that can be told
+        stands there without it.
     groups : str or Path, optional
-        CSV with ``participant`` and ``group``, such as dentists and students, which are then compared; without a design a column
-        ``group`` of the table does as well.
+        CSV with ``participant`` and ``group``, such as dentists and students, which are then
+        compared; without a design a column ``group`` of the table does as well.
 
     Returns
     -------
     StudyResult
-        Every figure, and in its notes what was done about what is missing; a notebook shows its table.
+        Every figure, and in its notes what was done about what is missing; a notebook shows its
+        table.
 
     Raises
     ------
@@ -209,7 +227,11 @@ def analyse_study(
         found = judgements_of_table(answers, columns, experiment, ratings)
     else:
         design = sheet.read_design(Path(folder) / "design.csv")
-        rows = [row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, design[0]["experiment"])]
+        rows = [
+            row
+            for path in sheet.sheets_of(answers)
+            for row in sheet.read_answers(path, design[0]["experiment"])
+        ]
         found = sheet.join_answers(design, rows, ratings)
     result = found.in_groups(groups).analyse(equivalent)
     if output is not None:
@@ -248,14 +270,16 @@ def study_power(
     source : str, Path or sequence of float
         Stimulus file, or heights [m].
     experiment : str
-        ``"estimates"``, or ``"constant"``, also as ``"2afc"``: each block against `standard`, by a t-test of the participants'
-        shares of right answers against one half.
+        ``"estimates"``, or ``"constant"``, also as ``"2afc"``: each block against `standard`, by a
+        t-test of the participants' shares of right answers against one half.
     seed, runs, jobs : int
-        Seed of all chance, simulated studies per size, processes (on which the outcome does not depend).
+        Seed of all chance, simulated studies per size, processes (on which the outcome does not
+        depend).
     probes : sequence of str
         The conditions that are compared; those of `damping` and `noise` if left out.
     damping, noise : mapping of float
-        Share of the energy that a condition lets through, and how many times the response noise it has [1]; 1 where not named.
+        Share of the energy that a condition lets through, and how many times the response noise it
+        has [1]; 1 where not named.
     measure : str
         ``"absolute error"``, which the report reads for accuracy, ``"bias"`` or ``"spread"``.
     standard : str
@@ -270,7 +294,8 @@ def study_power(
     Returns
     -------
     DataFrame
-        One row per size: share of the studies that find a difference between conditions, and its 95 % interval [1].
+        One row per size: share of the studies that find a difference between conditions, and its 95
+        % interval [1].
 
     Raises
     ------
@@ -290,11 +315,18 @@ def study_power(
     for people, times in itertools.product(participants, repetitions):
         size: dict[str, Any] = {"participants": people, "repetitions": times}
         if ALIASES.get(experiment, experiment) == "constant":
-            require(standard in energies, f"standard must be one of the blocks {', '.join(energies)}, got {standard!r}")
+            require(
+                standard in energies,
+                f"standard must be one of the blocks {', '.join(energies)}, got {standard!r}",
+            )
             for name in (name for name in energies if name != standard):
                 ratio = energies[name] / energies[standard]
                 found = detection_power(people, 2 * times, ratio, observer, runs, seed)
-                size |= {"judgements_each": 2 * times, "stimulus": name, "height_um": heights[name] * 1e6}
+                size |= {
+                    "judgements_each": 2 * times,
+                    "stimulus": name,
+                    "height_um": heights[name] * 1e6,
+                }
                 rows.append({"analysis": "2afc"} | size | found | {"runs": runs})
             continue
         found = estimate_power(SimulatedStudy(people, times, *sizes), analysis, runs, seed, jobs)

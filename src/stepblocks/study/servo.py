@@ -19,7 +19,13 @@ from stepblocks.study.hands import Hand
 
 RATE = 1000.0  # Hz
 # What is written of every tick; `force` is the renderer's, `applied` what the limits left of it
-COLUMNS = ("time_s", "x_m", "y_m", "z_m", *(f"{name}_{axis}_n" for name in ("force", "applied") for axis in "xyz"))
+COLUMNS = (
+    "time_s",
+    "x_m",
+    "y_m",
+    "z_m",
+    *(f"{name}_{axis}_n" for name in ("force", "applied") for axis in "xyz"),
+)
 COLUMNS += ("pull_n", "held", "events", "late_s")
 
 
@@ -28,8 +34,8 @@ _WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept t
 
 def hurry(priority: int) -> None:
     """Ask the system, where it lets us, to wake this thread before others and on time: a sleep may else last 50 us longer."""
-    # Threads that it starts take the priority over. Who holds the interpreter while the servo waits for it needs one too,
-    # though a lower one: any other program could else put both off.
+    # Threads that it starts take the priority over. Who holds the interpreter while the servo waits
+    # for it needs one too, though a lower one: any other program could else put both off.
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(29, 1, 0, 0, 0)  # PR_SET_TIMERSLACK, in nanoseconds, of this thread
     with suppress(OSError, AttributeError):
@@ -41,19 +47,29 @@ class Limits:
     """What a hand is never asked to bear, and when it is let go."""
 
     force: float = 7.0  # N; above the peak of most desk-top devices
-    growth: float = 5e3  # how fast a force may grow [N/s]; it may fall at once, as it does at a release
+    growth: float = (
+        5e3  # how fast a force may grow [N/s]; it may fall at once, as it does at a release
+    )
     late: float = 200e-6  # a tick this late is logged [s]
-    # after so long without a tick, or an answer of the hand, the force is off until the hand has let go [s]
+    # after so long without a tick, or an answer of the hand, the force is off until the hand has
+    # let go [s]
     dead: float = 0.05
 
 
 class Servo(threading.Thread):
     """One trial's loop in a thread of its own; `stop` ends it."""
 
-    # In doubt it takes the force off, says why in `doubts`, and goes on when the hand has let go and takes hold again.
+    # In doubt it takes the force off, says why in `doubts`, and goes on when the hand has let go
+    # and takes hold again.
 
     def __init__(
-        self, renderer: Renderer, hand: Hand, *, limits: Limits = Limits(), seconds: float = 120.0, waits: bool = True
+        self,
+        renderer: Renderer,
+        hand: Hand,
+        *,
+        limits: Limits = Limits(),
+        seconds: float = 120.0,
+        waits: bool = True,
     ) -> None:
         super().__init__(name="servo", daemon=True)
         self.renderer, self.hand, self.limits, self._waits = renderer, hand, limits, waits
@@ -65,7 +81,8 @@ class Servo(threading.Thread):
 
     def run(self) -> None:
         """Tick until stopped; whatever happens, the last force is zero."""
-        # the loop shares the interpreter with the page's server, which must not keep it for long, nor a collection of garbage
+        # the loop shares the interpreter with the page's server, which must not keep it for long,
+        # nor a collection of garbage
         interval, collects = sys.getswitchinterval(), gc.isenabled()
         sys.setswitchinterval(50e-6)
         gc.disable()
@@ -83,7 +100,9 @@ class Servo(threading.Thread):
         start = time.perf_counter()
         for tick, row in enumerate(self._log):
             late = self._wait(start + tick * self._period)
-            doubt = f"watchdog: a tick came {late * 1e3:.0f} ms late" if late > self.limits.dead else ""
+            doubt = (
+                f"watchdog: a tick came {late * 1e3:.0f} ms late" if late > self.limits.dead else ""
+            )
             if late > self._period:
                 start += late  # no burst of ticks to catch up with
             row[0], row[-1] = tick * self._period, late
@@ -113,8 +132,16 @@ class Servo(threading.Thread):
         self._held = held
         force = renderer.tick(position, velocity) if held else np.zeros(3)
         self._applied = self._limited(force, self._applied) if held else force
-        row[1:-1] = (*position, *force, *self._applied, renderer.pull if held else 0.0, held, renderer.events)
-        # after the log: a virtual hand moves its own position here, and keeps its load by what is rendered, not by what is left of it
+        row[1:-1] = (
+            *position,
+            *force,
+            *self._applied,
+            renderer.pull if held else 0.0,
+            held,
+            renderer.events,
+        )
+        # after the log: a virtual hand moves its own position here, and keeps its load by what is
+        # rendered, not by what is left of it
         self.hand.apply(self._applied if self.hand.motors else force)
         return ""
 
@@ -153,7 +180,11 @@ class Servo(threading.Thread):
         """Return how many ticks there were, how many came late, and the 99.9 % quantile of lateness [s]."""
         late = self._log[: self.ticks, -1]
         worst = float(np.quantile(late, 0.999)) if self.ticks else 0.0
-        return {"ticks": self.ticks, "late_ticks": int((late > self.limits.late).sum()), "late_999_s": worst}
+        return {
+            "ticks": self.ticks,
+            "late_ticks": int((late > self.limits.late).sum()),
+            "late_999_s": worst,
+        }
 
 
 def write_motion(path: Path, servo: Servo, told: dict[str, Any]) -> None:
@@ -165,4 +196,6 @@ def write_motion(path: Path, servo: Servo, told: dict[str, Any]) -> None:
         for name, values in servo.record().items():
             file.create_dataset(name, data=values, compression="gzip", shuffle=True)
         doubts = "; ".join(servo.doubts)
-        file.attrs.update({"rate_hz": RATE, "ended": servo.ended, "doubts": doubts, **servo.summary(), **told})
+        file.attrs.update(
+            {"rate_hz": RATE, "ended": servo.ended, "doubts": doubts, **servo.summary(), **told}
+        )

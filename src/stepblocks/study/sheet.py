@@ -27,7 +27,9 @@ from stepblocks.tables import csv_text
 _MAX_BYTES = 100_000_000
 _MAX_ROWS = 300_000
 _KEY = ("code", "engraved", "stimulus", "height_um")
-_COMMA = re.compile(r"^(-?\d+),(\d+)$")  # a decimal comma, as spreadsheets of half of Europe write it
+_COMMA = re.compile(
+    r"^(-?\d+),(\d+)$"
+)  # a decimal comma, as spreadsheets of half of Europe write it
 
 Key = tuple[str, str]  # participant and trial
 
@@ -68,11 +70,15 @@ def key_csv(items: Mapping[str, Item]) -> str:
 
 def write_new(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     """Write files that people work on: one that stands there with another content is theirs and stays."""
-    contents = {name: text.encode() if isinstance(text, str) else text for name, text in texts.items()}
+    contents = {
+        name: text.encode() if isinstance(text, str) else text for name, text in texts.items()
+    }
     for name, content in contents.items():
         path = folder / name
         if path.exists() and path.read_bytes() != content:
-            raise PipelineError(f"{path} has another content already; move it away or choose another folder")
+            raise PipelineError(
+                f"{path} has another content already; move it away or choose another folder"
+            )
     for name, content in contents.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         replace_bytes(folder / name, content)
@@ -91,12 +97,19 @@ def simulate_answers(
 
     named = [name for row in design for name in (row["stimulus"], row["standard"]) if name]
     for name in named:
-        require(energies.get(name, 0.0) > 0.0, f"every block must have a predicted energy, got none for {name}")
+        require(
+            energies.get(name, 0.0) > 0.0,
+            f"every block must have a predicted energy, got none for {name}",
+        )
     trials = pd.DataFrame(design)
-    trials["person"], trials["setting"] = (pd.factorize(trials[name])[0] for name in ("participant", "condition"))
+    trials["person"], trials["setting"] = (
+        pd.factorize(trials[name])[0] for name in ("participant", "condition")
+    )
     trials["height"] = trials["height_um"].astype(float) * 1e-6
     shares = [damping.get(condition, 1.0) for condition in trials["condition"]]
-    trials["undamped"], trials["standard_energy"] = (trials[name].map(energies) for name in ("stimulus", "standard"))
+    trials["undamped"], trials["standard_energy"] = (
+        trials[name].map(energies) for name in ("stimulus", "standard")
+    )
     trials["energy"] = trials["undamped"] * shares
     trials["noisier"] = [noise.get(condition, 1.0) for condition in trials["condition"]]
     kind = EXPERIMENTS[design[0]["experiment"]]
@@ -110,12 +123,16 @@ class Judgements:
     """A checked table of judgements."""
 
     experiment: str
-    # One row per answered trial: participant, trial, condition, repetition, stimulus (texts), height [m]; and by
-    # experiment estimate and error [m], rating [1], higher (whether the comparison was called higher than the
-    # standard), standard [m], magnitude [1]
+    # One row per answered trial: participant, trial, condition, repetition, stimulus (texts),
+    # height [m]; and by experiment estimate and error [m], rating [1], higher (whether the
+    # comparison was called higher than the standard), standard [m], magnitude [1]
     frame: Any
-    missing: tuple[Key, ...]  # every answer that is missing from a participant who stays in the table
-    left: tuple[str, ...]  # participants without an answer in a whole condition or more: not in the table
+    missing: tuple[
+        Key, ...
+    ]  # every answer that is missing from a participant who stays in the table
+    left: tuple[
+        str, ...
+    ]  # participants without an answer in a whole condition or more: not in the table
 
     def notes(self) -> list[str]:
         """Say what was done about what is missing."""
@@ -123,12 +140,17 @@ class Judgements:
         said = [f"{len(self.frame)} judgements of {people} participants."]
         if self.left:
             names = ", ".join(self.left)
-            said.append(f"Left out entirely, for a condition without any answer: participant {names}.")
+            said.append(
+                f"Left out entirely, for a condition without any answer: participant {names}."
+            )
         if self.missing:
             shown = ", ".join(f"{participant}/{trial}" for participant, trial in self.missing[:20])
             more = " and more" if len(self.missing) > 20 else ""
             said.append(
-                f"{len(self.missing)} missing judgements (participant/trial {shown}{more}); the models are fitted to the others, "
+                f"{len(self.missing)} missing judgements (participant/trial "
+                f"{shown}{more}); "
+                "the "
+                "models are fitted to the others, "
                 "which is right if they are missing at random."
             )
         return said
@@ -137,9 +159,15 @@ class Judgements:
         """Say of which group each participant is, by a table of participants and groups."""
         if path is None:
             return self
-        group = {row["participant"]: row["group"] for row in read_rows(Path(path), ("participant", "group"))}
+        group = {
+            row["participant"]: row["group"]
+            for row in read_rows(Path(path), ("participant", "group"))
+        }
         lacking = sorted(set(self.frame["participant"]) - set(group))
-        require(not lacking, f"every participant must have a group, got none for {', '.join(lacking[:5])} [{path}]")
+        require(
+            not lacking,
+            f"every participant must have a group, got none for {', '.join(lacking[:5])} [{path}]",
+        )
         return replace(self, frame=self.frame.assign(group=self.frame["participant"].map(group)))
 
     def analyse(self, margin: float = math.nan) -> StudyResult:
@@ -154,12 +182,16 @@ def read_design(path: Path) -> list[dict[str, str]]:
     experiments = sorted({row["experiment"] for row in rows})
     require(
         len(experiments) == 1 and experiments[0] in EXPERIMENTS,
-        f"experiment must be one of {', '.join(EXPERIMENTS)}, the same in all rows, got {experiments} [{path}]",
+        f"experiment must be one of {', '.join(EXPERIMENTS)}, the same in all rows, got "
+        f"{experiments} [{path}]",
     )
     _by_trial(rows)
     for row in rows:
         for name in ("height_um", "standard_height_um") if row["standard"] else ("height_um",):
-            require(number(row[name]) > 0.0, f"{name} must be a positive number, got {row[name]!r} [{row['line']}]")
+            require(
+                number(row[name]) > 0.0,
+                f"{name} must be a positive number, got {row[name]!r} [{row['line']}]",
+            )
     return rows
 
 
@@ -169,7 +201,9 @@ def sheets_of(paths: Sequence[str | Path]) -> list[Path]:
     for path in map(Path, paths):
         shared = sorted([*path.glob("sub-*/beh/*_beh.tsv"), *path.glob("data/**/*_data.csv")])
         found += shared or (sorted(path.glob("*.csv")) if path.is_dir() else [path])
-    require(found, f"a folder of sheets must hold CSV files, got none [{', '.join(map(str, paths))}]")
+    require(
+        found, f"a folder of sheets must hold CSV files, got none [{', '.join(map(str, paths))}]"
+    )
     return found
 
 
@@ -178,16 +212,24 @@ def read_answers(path: Path, experiment: str) -> list[dict[str, str]]:
     return read_rows(path, answer_columns(experiment))
 
 
-def join_answers(design: Sequence[Row], answers: Sequence[Row], ratings: tuple[int, int] = RATINGS) -> Judgements:
+def join_answers(
+    design: Sequence[Row], answers: Sequence[Row], ratings: tuple[int, int] = RATINGS
+) -> Judgements:
     """Put the answers to the trials that they belong to."""
     planned = {(row["participant"], row["trial"]): row for row in design}
     pairs, mistakes = [], list[Mistake]()
     for key, answer in _by_trial(answers).items():
         with noted(mistakes, answer["line"]):
-            require(key in planned, f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}")
+            require(
+                key in planned,
+                f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}",
+            )
             (shown,) = sheet_rows([planned[key]])
             for name in ("first_code", "second_code", "code", "condition"):
-                said = f"{name} must be {shown.get(name)!r} in this trial, as planned, got {answer.get(name)!r}"
+                said = (
+                    f"{name} must be {shown.get(name)!r} in this trial, as planned, got "
+                    f"{answer.get(name)!r}"
+                )
                 require(name not in shown or answer[name] == shown[name], said)
             pairs.append((planned[key], answer))
     return join_rows(design[0]["experiment"], pairs, ratings, planned, mistakes)
@@ -213,7 +255,9 @@ def join_rows(
                 answered[row["participant"], row["trial"]] = kind.read(row, answer, top, ratings)
     if found:
         files = ", ".join(dict.fromkeys(place.rpartition(", line ")[0] for place, _ in found))
-        raise StudyError(told([(place.removeprefix(f"{files}, "), text) for place, text in found], files))
+        raise StudyError(
+            told([(place.removeprefix(f"{files}, "), text) for place, text in found], files)
+        )
     got = Counter((planned[key]["participant"], planned[key]["condition"]) for key in answered)
     short = [row for row in planned.values() if not got[row["participant"], row["condition"]]]
     left = dict.fromkeys(row["participant"] for row in short)
@@ -221,13 +265,19 @@ def join_rows(
     missing = tuple(key for key in stayed if key not in answered)
     kept = [name for name in (*WHEN, "stimulus", "group") if name in next(iter(planned.values()))]
     frame = pd.DataFrame(
-        {name: row[name] for name in kept} | {"height": number(row["height_um"]) / 1e6} | answered[key]
+        {name: row[name] for name in kept}
+        | {"height": number(row["height_um"]) / 1e6}
+        | answered[key]
         for key, row in stayed.items()
         if key in answered
     )
-    require(not frame.empty, "at least one participant must have answered in every condition, got none")
+    require(
+        not frame.empty, "at least one participant must have answered in every condition, got none"
+    )
     cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
-    for condition, stimulus in sorted(cells - set(zip(frame["condition"], frame["stimulus"], strict=True))):
+    for condition, stimulus in sorted(
+        cells - set(zip(frame["condition"], frame["stimulus"], strict=True))
+    ):
         said = f"got no answer for {stimulus} with {condition}"
         raise StudyError(f"every block must be judged in every condition, {said}")
     return Judgements(experiment, frame, missing, tuple(left))
@@ -238,7 +288,10 @@ def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     try:
         require(
             path.stat().st_size <= _MAX_BYTES,
-            f"a table must be below {_MAX_BYTES // 1_000_000} MB, got {path.stat().st_size} bytes [{path}]",
+            f"a table must be below {_MAX_BYTES // 1_000_000} MB, got "
+            f"{path.stat().st_size} "
+            "bytes "
+            f"[{path}]",
         )
         with path.open(encoding="utf-8-sig", newline="") as stream:
             head = stream.readline()
@@ -248,20 +301,28 @@ def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
             names = [name.strip() for name in reader.fieldnames or []]
             reader.fieldnames = names
             lacking = [name for name in columns if name not in names]
-            require(not lacking, f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]")
+            require(
+                not lacking,
+                f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]",
+            )
             if len(set(names)) != len(names):
-                raise StudyError(f"columns must differ from each other, got one twice [{path}, line 1]")
+                raise StudyError(
+                    f"columns must differ from each other, got one twice [{path}, line 1]"
+                )
             rows = []
             for row in reader:
                 require(
                     None not in row and None not in row.values(),
-                    f"a row must have {len(names)} cells, as the header [{path}, line {reader.line_num}]",
+                    f"a row must have {len(names)} cells, as the header [{path}, line "
+                    f"{reader.line_num}]",
                 )
                 cells = {name: row[name].strip() for name in names}
                 if separator != ",":
                     cells = {name: _COMMA.sub(r"\1.\2", text) for name, text in cells.items()}
                 rows.append(cells | {"line": f"{path}, line {reader.line_num}"})
-                require(len(rows) <= _MAX_ROWS, f"a table must have at most {_MAX_ROWS} rows [{path}]")
+                require(
+                    len(rows) <= _MAX_ROWS, f"a table must have at most {_MAX_ROWS} rows [{path}]"
+                )
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise StudyError(f"a table must be readable CSV in UTF-8: {reason} [{path}]") from error

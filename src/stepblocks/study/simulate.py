@@ -23,19 +23,35 @@ Z95 = 1.6448536269514722  # standard normal quantile of 0.95
 class Observer:
     """What a population of participants is like."""
 
-    weber: float = 0.2  # Weber fraction of the energy [1]: the least difference that three of four judgements get right
-    response_noise: float = 5e-6  # standard deviation of what is added when a height is written down [m]
-    participant_spread: float = 3e-6  # standard deviation of the participants' own constant error [m]
-    condition_spread: float = 0.0  # standard deviation of how each participant's error differs by condition [m]
+    # Weber fraction of the energy [1]: the least difference that three of four judgements get right
+    weber: float = 0.2
+    response_noise: float = (
+        5e-6  # standard deviation of what is added when a height is written down [m]
+    )
+    participant_spread: float = (
+        3e-6  # standard deviation of the participants' own constant error [m]
+    )
+    condition_spread: float = (
+        0.0  # standard deviation of how each participant's error differs by condition [m]
+    )
     lapse: float = 0.0  # rate of answers that have nothing to do with the block [1]
-    realism_gain: float = 1.5  # by how much vibration moves the rating on its latent scale, in logistic units [1]
+    realism_gain: float = (
+        1.5  # by how much vibration moves the rating on its latent scale, in logistic units [1]
+    )
 
     def __post_init__(self) -> None:
         for name in ("weber", "response_noise", "participant_spread", "condition_spread"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise StudyError(f"{name} must be finite and not negative, got {getattr(self, name):g}")
-        require(0.0 <= self.lapse < 1.0, f"lapse must be a rate from 0 to below 1, got {self.lapse:g}")
-        require(math.isfinite(self.realism_gain), f"realism_gain must be finite, got {self.realism_gain:g}")
+                raise StudyError(
+                    f"{name} must be finite and not negative, got {getattr(self, name):g}"
+                )
+        require(
+            0.0 <= self.lapse < 1.0, f"lapse must be a rate from 0 to below 1, got {self.lapse:g}"
+        )
+        require(
+            math.isfinite(self.realism_gain),
+            f"realism_gain must be finite, got {self.realism_gain:g}",
+        )
 
     @property
     def sensation_noise(self) -> float:
@@ -46,11 +62,18 @@ class Observer:
 TYPICAL_OBSERVER = Observer()
 
 
-def read_off_height(energy: Any, heights: Sequence[float] | Array, energies: Sequence[float] | Array) -> Array:
+def read_off_height(
+    energy: Any, heights: Sequence[float] | Array, energies: Sequence[float] | Array
+) -> Array:
     """Read the height that usually gives an energy off those that are known, by straight lines through logarithms."""
     order = np.argsort(heights)
-    y, x = np.log(np.asarray(heights, dtype=np.float64)[order]), np.log(np.asarray(energies, dtype=np.float64)[order])
-    if len(x) < 2 or not (np.isfinite(x).all() and (np.diff(x) > 0.0).all() and (np.diff(y) > 0.0).all()):
+    y, x = (
+        np.log(np.asarray(heights, dtype=np.float64)[order]),
+        np.log(np.asarray(energies, dtype=np.float64)[order]),
+    )
+    if len(x) < 2 or not (
+        np.isfinite(x).all() and (np.diff(x) > 0.0).all() and (np.diff(y) > 0.0).all()
+    ):
         raise StudyError("energies must be at least two, positive, and rise with the height")
     query = np.log(np.asarray(energy, dtype=np.float64))
     stretch = np.clip(np.searchsorted(x, query) - 1, 0, len(x) - 2)
@@ -60,7 +83,9 @@ def read_off_height(energy: Any, heights: Sequence[float] | Array, energies: Seq
 
 def feel(energies: Array, observer: Observer, generator: np.random.Generator) -> Array:
     """Let energies [J] be felt, each with its own noise."""
-    return np.asarray(energies * np.exp(observer.sensation_noise * generator.standard_normal(len(energies))))
+    return np.asarray(
+        energies * np.exp(observer.sensation_noise * generator.standard_normal(len(energies)))
+    )
 
 
 def estimate_heights(
@@ -80,9 +105,13 @@ def estimate_heights(
     return np.maximum(estimates, 0.0)
 
 
-def feels_higher(energy: float, standard: float, observer: Observer, generator: np.random.Generator) -> bool:
+def feels_higher(
+    energy: float, standard: float, observer: Observer, generator: np.random.Generator
+) -> bool:
     """Let a participant compare two blocks by what they feel."""
-    noise = observer.sensation_noise * float(generator.standard_normal() - generator.standard_normal())
+    noise = observer.sensation_noise * float(
+        generator.standard_normal() - generator.standard_normal()
+    )
     higher = math.log(energy / standard) + noise > 0.0
     if generator.random() < observer.lapse:
         return bool(generator.random() < 0.5)
@@ -105,7 +134,9 @@ def detection_power(
 
     require(participants >= 2, f"a t-test over participants needs at least 2, got {participants}")
     noise = max(math.sqrt(2.0) * observer.sensation_noise, 1e-12)
-    right = (1.0 - observer.lapse) * float(stats.norm.cdf(abs(math.log(ratio)) / noise)) + 0.5 * observer.lapse
+    right = (1.0 - observer.lapse) * float(
+        stats.norm.cdf(abs(math.log(ratio)) / noise)
+    ) + 0.5 * observer.lapse
     shares = np.random.default_rng(seed).binomial(trials, right, (runs, participants)) / trials
     mean, spread = shares.mean(axis=1) - 0.5, shares.std(axis=1, ddof=1) / math.sqrt(participants)
     return _share_of(int(np.sum(mean > stats.t.ppf(0.95, participants - 1) * spread)), runs)
@@ -122,22 +153,37 @@ class SimulatedStudy:
     repetitions: int  # how often each participant judges each block in each condition
     heights: tuple[float, ...]  # of the blocks [m]
     energies: tuple[float, ...]  # of each block, undamped [J]
-    factors: tuple[tuple[str, float], ...]  # condition, and the share of the energy that it lets through [1]
+    factors: tuple[
+        tuple[str, float], ...
+    ]  # condition, and the share of the energy that it lets through [1]
     observer: Observer
-    noise: tuple[float, ...] = ()  # times the response noise, by condition [1]; alike where left out
+    noise: tuple[
+        float, ...
+    ] = ()  # times the response noise, by condition [1]; alike where left out
     measure: str = ANSWER  # what is tested, one of `MEASURES`
 
     def __post_init__(self) -> None:
-        require(self.measure in MEASURES, f"measure must be one of {', '.join(MEASURES)}, got {self.measure!r}")
+        require(
+            self.measure in MEASURES,
+            f"measure must be one of {', '.join(MEASURES)}, got {self.measure!r}",
+        )
         got = f"got {self.participants} and {self.repetitions}"
         enough = self.participants >= 2 and self.repetitions >= 1
         require(enough, f"a study needs at least 2 participants and 1 repetition, {got}")
-        require(len(self.factors) >= 2, f"a study must compare at least two conditions, got {len(self.factors)}")
+        require(
+            len(self.factors) >= 2,
+            f"a study must compare at least two conditions, got {len(self.factors)}",
+        )
         for name, share in self.factors:
-            said = f"the share of the energy must be positive and finite, got {share:g} [condition {name}]"
+            said = (
+                f"the share of the energy must be positive and finite, got {share:g} [condition "
+                f"{name}]"
+            )
             require(math.isfinite(share) and share > 0.0, said)
         if len(self.heights) != len(self.energies):
-            raise StudyError(f"every block must have an energy, got {len(self.heights)} and {len(self.energies)}")
+            raise StudyError(
+                f"every block must have an energy, got {len(self.heights)} and {len(self.energies)}"
+            )
 
 
 def p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
@@ -161,8 +207,14 @@ def simulated_frame(plan: SimulatedStudy, seed: int) -> Any:
     frame = pd.DataFrame({"person": person, "setting": setting, "height": heights[block]})
     frame["energy"] = energies[block] * np.array(shares)[setting]
     frame["noisier"] = np.array(plan.noise or [1.0] * len(shares))[setting]
-    estimates = estimate_heights(frame, (heights, energies), plan.observer, np.random.default_rng(seed))
-    texts = {"participant": person.astype(str), "condition": np.array(names)[setting], "stimulus": block.astype(str)}
+    estimates = estimate_heights(
+        frame, (heights, energies), plan.observer, np.random.default_rng(seed)
+    )
+    texts = {
+        "participant": person.astype(str),
+        "condition": np.array(names)[setting],
+        "stimulus": block.astype(str),
+    }
     return frame.assign(**texts, estimate=estimates, error=estimates - heights[block])
 
 
@@ -174,10 +226,18 @@ def estimate_power(
 
     from stepblocks.workers import die_with_parent
 
-    require(analysis in ANALYSES, f"analysis must be one of {', '.join(ANALYSES)}, got {analysis!r}")
+    require(
+        analysis in ANALYSES, f"analysis must be one of {', '.join(ANALYSES)}, got {analysis!r}"
+    )
     require(10 <= runs <= 100_000, f"runs must lie between 10 and 100000, got {runs}")
-    require(seed >= 0 and jobs >= 1, f"seed and jobs must be at least 0 and at least 1, got {seed} and {jobs}")
-    seeds = [int(child.generate_state(1, np.uint64)[0]) for child in np.random.SeedSequence(seed).spawn(runs)]
+    require(
+        seed >= 0 and jobs >= 1,
+        f"seed and jobs must be at least 0 and at least 1, got {seed} and {jobs}",
+    )
+    seeds = [
+        int(child.generate_state(1, np.uint64)[0])
+        for child in np.random.SeedSequence(seed).spawn(runs)
+    ]
     parallel = Parallel(n_jobs=jobs, initializer=die_with_parent)
     found = parallel(delayed(p_value)(plan, analysis, one) for one in seeds)
     return _share_of(sum(p < 0.05 for p in found), runs)

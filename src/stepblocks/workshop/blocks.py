@@ -49,7 +49,9 @@ def _octagon(low: Point, high: Point, cut: float) -> list[Point]:
 
 def _body_views(sheet: Sheet, body: Body, identity: str) -> float:
     """Draw the body from the front and from above; return the scale of both views."""
-    largest = 1e3 * max(body.length.nominal, body.width.nominal, 75.0 / 45.0 * body.thickness.nominal)
+    largest = 1e3 * max(
+        body.length.nominal, body.width.nominal, 75.0 / 45.0 * body.thickness.nominal
+    )
     scale = max(s for s in _SCALES if s * largest <= 75.0 or s == _SCALES[-1])
     k = 1e3 * scale
     hx, hy = 0.5 * body.length.nominal * k, 0.5 * body.width.nominal * k
@@ -68,22 +70,44 @@ def _body_views(sheet: Sheet, body: Body, identity: str) -> float:
         sheet.line((tx + x, ty - hole - 3.0), (tx + x, ty + hole + 3.0), "CENTRE")
     left, front, below = tx - hx, fx - hx, ty - hy
     sheet.dimension("length", (left, below + c), (tx + hx, below + c), (tx, below - 19.0), scale)
-    sheet.dimension("width", (left + c, below), (left + c, ty + hy), (left - 12.0, ty), scale, upright=True)
-    sheet.dimension("thickness", (front + c, fz - t), (front + c, fz), (front - 12.0, fz), scale, upright=True)
-    sheet.dimension("hole_spacing", (tx - half, ty - hole), (tx + half, ty - hole), (tx, below - 10.0), scale)
-    sheet.dimension("hole_position", (left, below + c), (tx - half, ty - hole), (tx, below - 28.0), scale)
-    sheet.dimension("hole_row", (left + c, below), (tx - half, ty), (left - 24.0, ty), scale, upright=True)
+    sheet.dimension(
+        "width", (left + c, below), (left + c, ty + hy), (left - 12.0, ty), scale, upright=True
+    )
+    sheet.dimension(
+        "thickness", (front + c, fz - t), (front + c, fz), (front - 12.0, fz), scale, upright=True
+    )
+    sheet.dimension(
+        "hole_spacing", (tx - half, ty - hole), (tx + half, ty - hole), (tx, below - 10.0), scale
+    )
+    sheet.dimension(
+        "hole_position", (left, below + c), (tx - half, ty - hole), (tx, below - 28.0), scale
+    )
+    sheet.dimension(
+        "hole_row", (left + c, below), (tx - half, ty), (left - 24.0, ty), scale, upright=True
+    )
     if "edge_position" in sheet.listed:
-        sheet.dimension("edge_position", (left, ty + hy - c), (tx, ty + hy), (tx, ty + hy + 16.0), scale)
-    bored = f"⌀{mounting.hole_diameter * 1e3:g} through, counterbored ⌀{mounting.entry_diameter * 1e3:g}"
+        sheet.dimension(
+            "edge_position", (left, ty + hy - c), (tx, ty + hy), (tx, ty + hy + 16.0), scale
+        )
+    bored = (
+        f"⌀{mounting.hole_diameter * 1e3:g} through, counterbored "
+        f"⌀{mounting.entry_diameter * 1e3:g}"
+    )
     made = mounting.thread if mounting.kind == "tapped" else bored
-    sheet.leader((tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.5 * hy), f"2 x {made}")
+    sheet.leader(
+        (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.5 * hy), f"2 x {made}"
+    )
     _holes_from_the_front(sheet, body, (fx, fz), scale)
     end = fx + 0.5 * text_width(identity.upper(), letter) + 0.5, fz - 0.5 * t
     sheet.leader(end, (fx + hx + 17.0, fz - 2.0), "letters {} high", "engraving_height")
     sheet.leader(end, (fx + hx + 17.0, fz - 8.0), "engraved {} deep", "engraving_depth")
     corner = (fx - hx + 0.5 * c, fz - t + 0.5 * c)
-    sheet.leader(corner, (fx - hx + 8.0, fz - t - 8.0), "{} x 45°, all edges but the working ones", "edge_break")
+    sheet.leader(
+        corner,
+        (fx - hx + 8.0, fz - t - 8.0),
+        "{} x 45°, all edges but the working ones",
+        "edge_break",
+    )
     sheet.text((fx, fz - t - 18.0), f"front {scale:g}:1", 2.5, "BOTTOM_CENTER")
     sheet.text((tx + hx + 4.0, ty - hy), f"top {scale:g}:1", 2.5, "BOTTOM_LEFT")
     return scale
@@ -92,7 +116,11 @@ def _body_views(sheet: Sheet, body: Body, identity: str) -> float:
 def _holes_from_the_front(sheet: Sheet, body: Body, at: Point, scale: float) -> None:
     """Draw the fixing holes as hidden lines, with their depth beside the view."""
     (fx, fz), k, holes = at, 1e3 * scale, body.mounting
-    drill, entry, depth = 0.5 * holes.hole_diameter * k, 0.5 * holes.entry_diameter * k, holes.depth.nominal * k
+    drill, entry, depth = (
+        0.5 * holes.hole_diameter * k,
+        0.5 * holes.entry_diameter * k,
+        holes.depth.nominal * k,
+    )
     base, half = fz - body.thickness.nominal * k, 0.5 * holes.spacing.nominal * k
     for x in (fx - half, fx + half):
         if holes.kind == "tapped":
@@ -107,7 +135,14 @@ def _holes_from_the_front(sheet: Sheet, body: Body, at: Point, scale: float) -> 
         sheet.line((x, base - 2.0), (x, fz + 2.0), "CENTRE")
     right = fx + 0.5 * body.length.nominal * k
     ends = sorted([floor, base if holes.kind == "tapped" else fz])
-    sheet.dimension("hole_depth", (x + drill, ends[0]), (x + drill, ends[1]), (right + 10.0, fz), scale, upright=True)
+    sheet.dimension(
+        "hole_depth",
+        (x + drill, ends[0]),
+        (x + drill, ends[1]),
+        (right + 10.0, fz),
+        scale,
+        upright=True,
+    )
 
 
 def _edge_in_top_view(sheet: Sheet, block: StepBlock, scale: float) -> None:
@@ -115,7 +150,10 @@ def _edge_in_top_view(sheet: Sheet, block: StepBlock, scale: float) -> None:
     hy, feature = 0.5 * block.body.width.nominal * k, block.metrology
     sheet.line((tx, ty - hy), (tx, ty + hy))
     sign = 1.0 if feature.kind == "groove" else -1.0
-    near, far = sign * feature.distance.nominal * k, sign * (feature.distance.nominal + feature.width.nominal) * k
+    near, far = (
+        sign * feature.distance.nominal * k,
+        sign * (feature.distance.nominal + feature.width.nominal) * k,
+    )
     low = hy - feature.lane.nominal * k
     sheet.rectangle((tx + near, ty + low), (tx + far, ty + hy))
     if (key := f"{feature.kind}_distance") in sheet.listed:
@@ -123,7 +161,9 @@ def _edge_in_top_view(sheet: Sheet, block: StepBlock, scale: float) -> None:
         sheet.dimension(key, ends[0], ends[1], (tx, ty + hy + 8.0), scale)
     right = tx + 0.5 * block.body.length.nominal * k
     long, beyond = f"{feature.kind}_length", right + 20.0
-    sheet.dimension(long, (tx + far, ty + low), (tx + far, ty + hy), (right + 10.0, ty), scale, upright=True)
+    sheet.dimension(
+        long, (tx + far, ty + low), (tx + far, ty + hy), (right + 10.0, ty), scale, upright=True
+    )
     sheet.leader((tx, ty - 0.3 * hy), (beyond, ty - 0.15 * hy), "working edge, detail A")
     sheet.leader((tx + far, ty + low + 2.0), (beyond, ty + low + 6.0), f"{feature.kind}, detail B")
 
@@ -168,7 +208,11 @@ def _groove_detail(sheet: Sheet, block: StepBlock) -> None:
 
 
 def _margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
-    g, h, d = margin.marginal_gap.nominal, margin.horizontal_discrepancy.nominal, margin.gap_depth.nominal
+    g, h, d = (
+        margin.marginal_gap.nominal,
+        margin.horizontal_discrepancy.nominal,
+        margin.gap_depth.nominal,
+    )
     s = round_scale(36.0 / (max(g, abs(h), abs(margin.opening.nominal)) * 1e3))
     view = View((_DETAIL[0] + 45.0, _DETAIL[1]), s)
     cx, cz = view.origin
@@ -189,7 +233,10 @@ def _margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
         sheet.dimension("horizontal_discrepancy", *ends, (cx - 40.0, cz), s, upright=True)
     top = max(cz, level)
     beyond = max(cx + 18.0, wall + 8.0)
-    if "vertical_discrepancy" in sheet.listed and sheet.listed["vertical_discrepancy"][1].kind == "distance":
+    if (
+        "vertical_discrepancy" in sheet.listed
+        and sheet.listed["vertical_discrepancy"][1].kind == "distance"
+    ):
         low, high = sorted([(cx, cz), view.at(margin.opening.nominal, h)])
         sheet.dimension("vertical_discrepancy", low, high, (cx, top + 8.0), s)
         beyond = high[0] + 42.0  # clear of the text, which stands beside a narrow dimension
@@ -202,7 +249,9 @@ def _margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
     sheet.text((cx - 58.0, cz + 3.0), "tooth", 2.5)
     sheet.text((cx + 60.0, level - 5.0), "crown", 2.5)
     sheet.texture((max(cx + 62.0, beyond + 3.0), level), "roughness", " (2 x)")
-    sheet.leader((cx + 0.4 * g * 1e3 * s, floor + 2.0), (cx - 24.0, floor + 8.0), "depth {}", "gap_depth")
+    sheet.leader(
+        (cx + 0.4 * g * 1e3 * s, floor + 2.0), (cx - 24.0, floor + 8.0), "depth {}", "gap_depth"
+    )
     sheet.text((cx, floor - 30.0), f"A   {s:g}:1", 2.5, "BOTTOM_CENTER")
 
 
@@ -227,11 +276,15 @@ permitted: {sheet.limits("step_height")} mm
 Wring parts 2 and 3 side by side, long sides together, edges of the upper one not broken.
 The chamfer of a gauge block (0.1 to 0.3 mm) lies at the working edge: order part 3 without it, or lap it off."""
     lines = text.splitlines()
-    rows = {"identity": f"{block.id.upper()}-GAUGE", "material": "base as noted, gauge blocks steel"}
+    rows = {
+        "identity": f"{block.id.upper()}-GAUGE",
+        "material": "base as noted, gauge blocks steel",
+    }
     sheet.border("Step block from gauge blocks", rows | ordered)
     foot = 20.0 + 5.0 * (len(lines) - 1)
     sheet.notes((20.0, foot), ((line, "") for line in lines))
-    # whatever their sizes, the views stand over what was written, beside one another, each by what it covers
+    # whatever their sizes, the views stand over what was written, beside one another, each by what
+    # it covers
     left, low, high = 20.0, max(foot, TOP_OF_TITLE) + 10.0, HEIGHT - 16.0
     for draw in (_gauge_section, _gauge_edge):
         start = len(sheet.space)
@@ -251,14 +304,20 @@ def _gauge_edge(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) ->
     sheet.break_line(-50.0, -10.0, 0.0)
     sheet.break_line(50.0, -10.0, top)
     sheet.dimension("step_height", (-26.0, 0.0), (0.0, top), (-14.0, 0.0), zs, upright=True)
-    sheet.text((0.0, -20.0), f"A   edge, heights {zs:g}:1, lengths not to scale", 2.5, "BOTTOM_CENTER")
+    sheet.text(
+        (0.0, -20.0), f"A   edge, heights {zs:g}:1, lengths not to scale", 2.5, "BOTTOM_CENTER"
+    )
 
 
 def _gauge_section(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) -> None:
     """Draw base and blocks as large as they fit, what each is called on the left, apart whatever their thickness."""
     thick = block.body.thickness.nominal * 1e3
     across, tall = 2e3 * SECTION[1] + 10.0, thick + pair.upper * 1e3
-    s = max(one for one in _SCALES if (one * tall <= room - 12.0 and one * across <= 120.0) or one == _SCALES[-1])
+    s = max(
+        one
+        for one in _SCALES
+        if (one * tall <= room - 12.0 and one * across <= 120.0) or one == _SCALES[-1]
+    )
     wide, rim = 1e3 * SECTION[1] * s, 5.0 * s
     low, high = pair.lower * 1e3 * s, pair.upper * 1e3 * s
     sheet.rectangle((-wide - rim, -thick * s), (wide + rim, 0.0))

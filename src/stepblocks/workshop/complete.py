@@ -20,14 +20,25 @@ def missing_from(
     part: Part, drawing: Path | None = None, step: Path | None = None, sheet: Path | None = None
 ) -> list[str]:
     """Say what is missing, wrong or there twice, a line each; a file that is left out is not looked at."""
-    # each file is read by another library than wrote it; a characteristic that states nothing follows from others
+    # each file is read by another library than wrote it; a characteristic that states nothing
+    # follows from others
     listed = list(part.characteristics())
     states = [one for each in listed for one in each.states]
-    left = ((field, one) for field, one in part.dimensions() if not any(one is stated for stated in states))
+    left = (
+        (field, one)
+        for field, one in part.dimensions()
+        if not any(one is stated for stated in states)
+    )
     found = [f"{part.id}: {field} ({one}) is stated by no characteristic" for field, one in left]
     keys = Counter(each.key for each in listed)
-    found += [f"{part.id}: {key} is listed {count} times" for key, count in keys.items() if count > 1]
-    for path, missing in ((drawing, _missing_on_drawing), (step, _missing_in_step), (sheet, _missing_on_sheet)):
+    found += [
+        f"{part.id}: {key} is listed {count} times" for key, count in keys.items() if count > 1
+    ]
+    for path, missing in (
+        (drawing, _missing_on_drawing),
+        (step, _missing_in_step),
+        (sheet, _missing_on_sheet),
+    ):
         found += [f"{path.name}: {line}" for line in missing(path, part)] if path else []
     return found
 
@@ -50,13 +61,19 @@ def _missing_on_drawing(path: Path, part: Part) -> Iterator[str]:
             yield f"{number}  {one.label} must stand once, got {len(entities)} times"
         elif not _says(entities[0], one):
             yield f"{number}  {one.label} must say {_said(one)}"
-    yield from (f"{key} was not asked for" for key in drawn if key not in {one.key for one in listed})
+    yield from (
+        f"{key} was not asked for" for key in drawn if key not in {one.key for one in listed}
+    )
 
 
 def _said(one: Characteristic) -> str:
     if one.kind == "roughness":
         return f"Ra {one.upper * 1e6:g}"
-    return zone_text(one.upper) if one.kind in FORM else limits_text(one.nominal, one.lower, one.upper, one.quantity)
+    return (
+        zone_text(one.upper)
+        if one.kind in FORM
+        else limits_text(one.nominal, one.lower, one.upper, one.quantity)
+    )
 
 
 def _says(entity: Any, one: Characteristic) -> bool:
@@ -65,13 +82,20 @@ def _says(entity: Any, one: Characteristic) -> bool:
         return _said(one) in entity.dxf.text
     style = entity.override()
     measured = float(entity.get_measurement()) * float(style.get("dimlfac", 1.0))
-    got = [value / 1e3 for value in (measured, -float(style.get("dimtm", 0.0)), float(style.get("dimtp", 0.0)))]
-    return all(abs(a - b) <= _SAME for a, b in zip(got, (one.nominal, one.lower, one.upper), strict=True))
+    got = [
+        value / 1e3
+        for value in (measured, -float(style.get("dimtm", 0.0)), float(style.get("dimtp", 0.0)))
+    ]
+    return all(
+        abs(a - b) <= _SAME for a, b in zip(got, (one.nominal, one.lower, one.upper), strict=True)
+    )
 
 
 def _missing_in_step(path: Path, part: Part) -> Iterator[str]:
     yield from check_part_step(path, part)[1]
-    noted = {str(values[0]) for _, values in read_exchange(path).named("DESCRIPTIVE_REPRESENTATION_ITEM")}
+    noted = {
+        str(values[0]) for _, values in read_exchange(path).named("DESCRIPTIVE_REPRESENTATION_ITEM")
+    }
     for number, one in enumerate(part.characteristics(), start=1):
         if one.kind == "note" and one.label not in noted:
             yield f"{number}  {one.label} must stand as a requirement of the product"

@@ -21,7 +21,13 @@ from stepblocks.parts.revolution import Turned
 from stepblocks.workshop.blocks import gauge_sheet, margin_block_views, step_block_views
 from stepblocks.workshop.gauge_route import GaugePair
 from stepblocks.workshop.sheet import FONT, HEIGHT, TOP_OF_TITLE, WIDTH, Point, Sheet, round_scale
-from stepblocks.workshop.turned import crown_views, hook_tip_views, sheath_views, straight_tip_views, turned_views
+from stepblocks.workshop.turned import (
+    crown_views,
+    hook_tip_views,
+    sheath_views,
+    straight_tip_views,
+    turned_views,
+)
 
 FORMATS = ("dxf", "svg", "pdf")
 _NOTHING_SAID = OrderSpec()
@@ -31,13 +37,18 @@ _GAP = 32.0  # between views [mm]
 _CAPITAL = 0.729  # height of a capital of the font over its size
 
 
-def machined_views(sheet: Sheet, part: Machined, room: Point = _ROOM, foot: float = 110.0) -> list[str]:
+def machined_views(
+    sheet: Sheet, part: Machined, room: Point = _ROOM, foot: float = 110.0
+) -> list[str]:
     """Draw a part; where its bores lie is said in words, by their numbers."""
     low, high = part.extent
     size = [1e3 * (b - a) for a, b in zip(low, high, strict=True)]
-    scale = round_scale(min((room[0] - _GAP) / (size[0] + size[1]), (room[1] - _GAP) / (size[1] + size[2])))
+    scale = round_scale(
+        min((room[0] - _GAP) / (size[0] + size[1]), (room[1] - _GAP) / (size[1] + size[2]))
+    )
     left, base = 45.0, foot + size[1] * scale + _GAP
-    views = {  # which axes lie along the sheet, the corner of each view, and the axis that looks out of it
+    # which axes lie along the sheet, the corner of each view, and the axis that looks out of it
+    views = {
         "front": (0, 2, left, base, "y"),
         "top": (0, 1, left, base - _GAP - size[1] * scale, "z"),
         "left": (1, 2, left + size[0] * scale + _GAP, base, "x"),
@@ -46,8 +57,13 @@ def machined_views(sheet: Sheet, part: Machined, room: Point = _ROOM, foot: floa
         k = 1e3 * scale
         for one in part.boxes:
             corner = x + (one.low[u] - low[u]) * k, y + (one.low[v] - low[v]) * k
-            far = corner[0] + (one.high[u] - one.low[u]) * k, corner[1] + (one.high[v] - one.low[v]) * k
-            sheet.rectangle(corner, far, "HIDDEN" if _covered(one, part.boxes, (u, v), out) else "OUTLINE")
+            far = (
+                corner[0] + (one.high[u] - one.low[u]) * k,
+                corner[1] + (one.high[v] - one.low[v]) * k,
+            )
+            sheet.rectangle(
+                corner, far, "HIDDEN" if _covered(one, part.boxes, (u, v), out) else "OUTLINE"
+            )
         for cylinder in (*part.rods, *part.bores):
             left_of, under = x - low[u] * k, y - low[v] * k
             if cylinder.axis == out:
@@ -69,17 +85,27 @@ def machined_views(sheet: Sheet, part: Machined, room: Point = _ROOM, foot: floa
             sheet.dimension(key, start, end, along, scale, upright=key != "length")
     notes = [f"{part.standard}." if part.standard else "Break all edges by 0.3 mm; no burr."]
     threads = sorted({one.thread for one in part.bores if one.thread})
-    return notes + [f"Threads: {', '.join(threads)}, tapped where the bore is said to be for them."] * bool(threads)
+    return notes + [
+        f"Threads: {', '.join(threads)}, tapped where the bore is said to be for them."
+    ] * bool(threads)
 
 
 def _covered(one: Box, boxes: tuple[Box, ...], axes: tuple[int, int], out: str) -> bool:
     """Tell whether another box stands before it: the top is seen from above, the others from the front and from the left."""
     w = "xyz".index(out)
-    before = [each for each in boxes if (each.high[w] > one.high[w] if out == "z" else each.low[w] < one.low[w])]
-    return any(all(each.low[k] <= one.low[k] and each.high[k] >= one.high[k] for k in axes) for each in before)
+    before = [
+        each
+        for each in boxes
+        if (each.high[w] > one.high[w] if out == "z" else each.low[w] < one.low[w])
+    ]
+    return any(
+        all(each.low[k] <= one.low[k] and each.high[k] >= one.high[k] for k in axes)
+        for each in before
+    )
 
 
-# who draws a kind on a sheet and returns lines for its notes; without views everything is said in words
+# who draws a kind on a sheet and returns lines for its notes; without views everything is said in
+# words
 VIEWS: Mapping[type, Callable[[Sheet, Any], list[str]]] = {
     StepBlock: step_block_views,
     MarginBlock: margin_block_views,
@@ -99,28 +125,45 @@ def write_drawing(
     return _write_all(folder, f"{part.id}.drawing", formats, lambda: _part_sheet(part, order))
 
 
-def write_gauge_drawing(folder: Path, block: StepBlock, pair: GaugePair, order: OrderSpec) -> list[Path]:
+def write_gauge_drawing(
+    folder: Path, block: StepBlock, pair: GaugePair, order: OrderSpec
+) -> list[Path]:
     """Draw the two-piece block of a pair of gauge blocks."""
-    return _write_all(folder, f"{block.id}.gauge", FORMATS, lambda: gauge_sheet(block, pair, _ordered(order)))
+    return _write_all(
+        folder, f"{block.id}.gauge", FORMATS, lambda: gauge_sheet(block, pair, _ordered(order))
+    )
 
 
-def write_assembly_drawing(folder: Path, name: str, parts: Sequence[Machined], order: OrderSpec) -> list[Path]:
+def write_assembly_drawing(
+    folder: Path, name: str, parts: Sequence[Machined], order: OrderSpec
+) -> list[Path]:
     """Draw the parts of an assembly where they are, each by its boxes and rods."""
-    boxes, rods = ([one for part in parts for one in getattr(part, kind)] for kind in ("boxes", "rods"))
-    whole = parts[0].model_copy(update={"boxes": tuple(boxes), "rods": tuple(rods), "bores": (), "between": ()})
+    boxes, rods = (
+        [one for part in parts for one in getattr(part, kind)] for kind in ("boxes", "rods")
+    )
+    whole = parts[0].model_copy(
+        update={"boxes": tuple(boxes), "rods": tuple(rods), "bores": (), "between": ()}
+    )
     mass = f"{math.fsum(part.mass for part in parts) * 1e3:.4g} g"
 
     def draw() -> Sheet:
         sheet = Sheet([])
         machined_views(sheet, whole, (330.0, 245.0), 35.0)
-        sheet.border("Assembly", {"identity": name.upper(), "material": "by part", "mass": mass} | _ordered(order))
+        sheet.border(
+            "Assembly",
+            {"identity": name.upper(), "material": "by part", "mass": mass} | _ordered(order),
+        )
         return sheet
 
     return _write_all(folder, f"{name}.assembly", FORMATS, draw)
 
 
 def _ordered(order: OrderSpec) -> dict[str, str]:
-    said = {"drawn by": order.author or "-", "date": order.date or "-", "revision": order.revision or "-"}
+    said = {
+        "drawn by": order.author or "-",
+        "date": order.date or "-",
+        "revision": order.revision or "-",
+    }
     return {**said, "quantity": str(order.quantity)}
 
 
@@ -135,19 +178,28 @@ def _part_sheet(stimulus: Part, order: OrderSpec) -> Sheet:
         notes += filter(None, [demands_by_default(stimulus)])
     elif governing:
         rough = stimulus.face_demands["roughness"].upper * 1e6
-        notes.append(f"Ra {rough:.2f} um or better where a tip touches, from the tolerance of the {governing}.")
+        notes.append(
+            f"Ra {rough:.2f} um or better where a tip touches, from the tolerance of the "
+            f"{governing}."
+        )
     lines += [(note, "") for note in notes]
     rows = min(len(lines), _MOST_ROWS)
     for start in range(0, len(lines), _MOST_ROWS):  # the columns of a long list start level
         at = 232.0 + 92.0 * (start // _MOST_ROWS), TOP_OF_TITLE - 1.0 + 5.0 * rows
         sheet.notes(at, lines[start : start + _MOST_ROWS])
     mass = stimulus.material.density.value * math.fsum(stimulus.volumes())
-    told = {"identity": stimulus.id.upper(), "material": stimulus.material.designation, "mass": f"{mass * 1e3:.4g} g"}
+    told = {
+        "identity": stimulus.id.upper(),
+        "material": stimulus.material.designation,
+        "mass": f"{mass * 1e3:.4g} g",
+    }
     sheet.border(stimulus.titled, told | _ordered(order))
     return sheet
 
 
-def _write_all(folder: Path, name: str, formats: Sequence[str], draw: Callable[[], Sheet]) -> list[Path]:
+def _write_all(
+    folder: Path, name: str, formats: Sequence[str], draw: Callable[[], Sheet]
+) -> list[Path]:
     paths = [folder / f"{name}.{form}" for form in formats]
     with _same_everywhere():
         sheet = draw()
@@ -170,13 +222,21 @@ def _same_everywhere() -> Iterator[None]:
     from ezdxf.fonts import fonts
 
     options = ezdxf.options
-    before = options.write_fixed_meta_data_for_testing, fonts.font_manager, fonts.TrueTypeFont._glyph_caches
+    before = (
+        options.write_fixed_meta_data_for_testing,
+        fonts.font_manager,
+        fonts.TrueTypeFont._glyph_caches,
+    )
     options.write_fixed_meta_data_for_testing = True
     fonts.font_manager, fonts.TrueTypeFont._glyph_caches = _fonts_of_matplotlib()
     try:
         yield
     finally:
-        options.write_fixed_meta_data_for_testing, fonts.font_manager, fonts.TrueTypeFont._glyph_caches = before
+        (
+            options.write_fixed_meta_data_for_testing,
+            fonts.font_manager,
+            fonts.TrueTypeFont._glyph_caches,
+        ) = before
 
 
 @cache
@@ -193,7 +253,12 @@ def _render(sheet: Sheet, path: Path) -> None:
     """Draw what the DXF holds; its letters stay letters, which can be searched."""
     import matplotlib as mpl
     from ezdxf.addons.drawing import Frontend, RenderContext
-    from ezdxf.addons.drawing.config import BackgroundPolicy, ColorPolicy, Configuration, LineweightPolicy
+    from ezdxf.addons.drawing.config import (
+        BackgroundPolicy,
+        ColorPolicy,
+        Configuration,
+        LineweightPolicy,
+    )
     from ezdxf.addons.drawing.matplotlib import MatplotlibBackend
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -209,18 +274,40 @@ def _render(sheet: Sheet, path: Path) -> None:
         configuration = Configuration(**colours, **lines, min_lineweight=0.2)
         font = FontProperties(fname=Path(mpl.get_data_path()) / "fonts" / "ttf" / FONT)
 
-        def letters(text: str, transform: Any, properties: Any, cap_height: float, dxftype: str = "TEXT") -> None:
-            origin, ahead = transform.transform((0.0, 0.0, 0.0)), transform.transform((1.0, 0.0, 0.0))
+        def letters(
+            text: str, transform: Any, properties: Any, cap_height: float, dxftype: str = "TEXT"
+        ) -> None:
+            origin, ahead = (
+                transform.transform((0.0, 0.0, 0.0)),
+                transform.transform((1.0, 0.0, 0.0)),
+            )
             turned = math.degrees(math.atan2(ahead.y - origin.y, ahead.x - origin.x))
             size = cap_height * (ahead - origin).magnitude * 72.0 / 25.4 / _CAPITAL
-            how: dict[str, Any] = {"rotation": turned, "rotation_mode": "anchor", "parse_math": False}
-            axes.text(origin.x, origin.y, text.strip(), fontsize=size, fontproperties=font.copy(), va="baseline", **how)
+            how: dict[str, Any] = {
+                "rotation": turned,
+                "rotation_mode": "anchor",
+                "parse_math": False,
+            }
+            axes.text(
+                origin.x,
+                origin.y,
+                text.strip(),
+                fontsize=size,
+                fontproperties=font.copy(),
+                va="baseline",
+                **how,
+            )
 
         backend = MatplotlibBackend(axes, adjust_figure=False)
         frontend = Frontend(RenderContext(sheet.document), backend, config=configuration)
         frontend.pipeline.draw_text = letters
         frontend.draw_layout(sheet.space, finalize=True)
-        whole = {"xlim": (0.0, WIDTH), "ylim": (0.0, HEIGHT), "aspect": "auto", "position": (0.0, 0.0, 1.0, 1.0)}
+        whole = {
+            "xlim": (0.0, WIDTH),
+            "ylim": (0.0, HEIGHT),
+            "aspect": "auto",
+            "position": (0.0, 0.0, 1.0, 1.0),
+        }
         axes.set(**whole)  # the figure has the sheet's own proportions
         axes.set_axis_off()
         dated = ("Date",) if path.suffix == ".svg" else ("CreationDate", "ModDate")

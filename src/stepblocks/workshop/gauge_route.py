@@ -10,7 +10,8 @@ from stepblocks.cad.pmi import PmiDimension, PmiItem
 from stepblocks.errors import MachiningError
 from stepblocks.parts.kinds.step_block import StepBlock
 
-# ISO 3650:1998, table 5, up to 10 mm: limit deviation of length anywhere, and tolerance of its variation, in metres.
+# ISO 3650:1998, table 5, up to 10 mm: limit deviation of length anywhere, and tolerance of its
+# variation, in metres.
 GRADES: dict[str, tuple[float, float]] = {
     "K": (0.20e-6, 0.05e-6),
     "0": (0.12e-6, 0.10e-6),
@@ -21,7 +22,8 @@ GRADES: dict[str, tuple[float, float]] = {
 _COUNTS = (10005, *range(10010, 10100, 10), *range(10100, 15000, 100), *range(5000, 100001, 5000))
 STANDARD_SET: tuple[float, ...] = tuple(count / 1e7 for count in _COUNTS)
 
-WRINGING = 0.02e-6  # thickness that a wrung joint may add, either block [m]; gauge makers state 0.005 to 0.02 um
+# thickness that a wrung joint may add, either block [m]; gauge makers state 0.005 to 0.02 um
+WRINGING = 0.02e-6
 SECTION = (30e-3, 9e-3)  # section of a gauge block up to 10 mm (ISO 3650) [m]
 
 
@@ -32,8 +34,10 @@ class GaugePair:
     lower: float  # length [m]
     upper: float  # length [m]
     grade: str  # of the set
-    worst: float  # largest deviation of the step that the grade, its variation and the wringing allow [m]
-    expected: float  # root sum of squares of the same as rectangular laws, times 2: 95 % of the pairs lie within [m]
+    # largest deviation of the step that the grade, its variation and the wringing allow [m]
+    worst: float
+    # root sum of squares of the same as rectangular laws, times 2: 95 % of the pairs lie within [m]
+    expected: float
 
 
 def choose_pair(height: float, grade: str = "0") -> GaugePair:
@@ -41,9 +45,17 @@ def choose_pair(height: float, grade: str = "0") -> GaugePair:
     if grade not in GRADES:
         raise MachiningError(f"grade must be one of {', '.join(GRADES)}, got {grade!r}")
     deviation, variation = GRADES[grade]
-    pairs = ((a, b) for a in sorted(STANDARD_SET) if a >= 1e-3 for b in STANDARD_SET if abs(b - a - height) < 1e-9)
+    pairs = (
+        (a, b)
+        for a in sorted(STANDARD_SET)
+        if a >= 1e-3
+        for b in STANDARD_SET
+        if abs(b - a - height) < 1e-9
+    )
     if (pair := next(pairs, None)) is None:
-        raise MachiningError(f"height must be a difference of two gauge blocks of the set, got {height * 1e3:.6g} mm")
+        raise MachiningError(
+            f"height must be a difference of two gauge blocks of the set, got {height * 1e3:.6g} mm"
+        )
     # half of the variation: length is stated at the middle, the edge lies beside it
     parts = [deviation] * 2 + [0.5 * variation] * 2 + [WRINGING] * 2
     expected = 2.0 * math.sqrt(sum(part * part / 3.0 for part in parts))
@@ -54,12 +66,18 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     """Write base and gauge blocks as a STEP file of three parts; edge and lower face lie as in the one-piece block."""
     long, wide = SECTION
     rim, floor, half = 5e-3, -pair.lower, 0.5 * long
-    base = (-wide - rim, -half - rim, floor - block.body.thickness.nominal), (wide + rim, half + rim, floor)
+    base = (
+        (-wide - rim, -half - rim, floor - block.body.thickness.nominal),
+        (wide + rim, half + rim, floor),
+    )
     lower = (-wide, -half, floor), (0.0, half, 0.0)
     upper = (0.0, -half, floor), (wide, half, pair.upper - pair.lower)
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
     names = f"{block.id}-base", *(f"gauge-block-{piece}" for piece in pieces)
-    bodies = [(name, cad.kernel.box(*corners)) for name, corners in zip(names, (base, lower, upper), strict=True)]
+    bodies = [
+        (name, cad.kernel.box(*corners))
+        for name, corners in zip(names, (base, lower, upper), strict=True)
+    ]
     deviation, _ = GRADES[pair.grade]
     dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):
@@ -69,4 +87,6 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
         tops.append(top)
     height = block.height
     step = PmiDimension("distance", (tops[0], tops[1]), height.nominal, height.lower, height.upper)
-    write_conforming(path, f"{block.id}-gauge", bodies, block.material, [*dimensions, ("step height", step)])
+    write_conforming(
+        path, f"{block.id}-gauge", bodies, block.material, [*dimensions, ("step height", step)]
+    )

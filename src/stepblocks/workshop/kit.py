@@ -45,12 +45,16 @@ def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> tuple[list[Path
             paths, missing = _write_part(folder / part.id, part, bodies[part.id], order)
             written, wrong = written + paths, wrong + missing
     assembly = folder / f"{kit.id}.assembly.step"
-    write_conforming(assembly, kit.id, [(part.id, bodies[part.id]) for part in parts], parts[0].material, [])
+    write_conforming(
+        assembly, kit.id, [(part.id, bodies[part.id]) for part in parts], parts[0].material, []
+    )
     drawn = write_assembly_drawing(folder, kit.id, parts, order)
     return [*written, assembly, *drawn, *_write_tables(folder, kit, parts)], wrong
 
 
-def _write_part(folder: Path, part: Machined, body: cad.door.Body, order: OrderSpec) -> tuple[list[Path], list[str]]:
+def _write_part(
+    folder: Path, part: Machined, body: cad.door.Body, order: OrderSpec
+) -> tuple[list[Path], list[str]]:
     folder.mkdir(parents=True, exist_ok=True)
     step = folder / f"{part.id}.step"
     write_step_ap242(step, part, [(part.id, body)])
@@ -58,7 +62,10 @@ def _write_part(folder: Path, part: Machined, body: cad.door.Body, order: OrderS
     meshes = []
     if part.printable:
         mesh = mesh_solid(part, part.id, body)
-        for path, write in ((folder / f"{part.id}.stl", write_stl), (folder / f"{part.id}.3mf", write_3mf)):
+        for path, write in (
+            (folder / f"{part.id}.stl", write_stl),
+            (folder / f"{part.id}.3mf", write_3mf),
+        ):
             write(path, mesh)
             meshes.append(path)
     return [step, *drawings, *meshes], missing_from(part, drawings[0], step)
@@ -80,23 +87,41 @@ def interferences(kit: Apparatus, bodies: Mapping[str, cad.door.Body]) -> Iterat
 def _write_tables(folder: Path, kit: Apparatus, parts: Sequence[Machined]) -> list[Path]:
     import pandas as pd
 
-    made = [(1, part.title, part.material.designation, part.id) for part in parts if not part.standard]
+    made = [
+        (1, part.title, part.material.designation, part.id) for part in parts if not part.standard
+    ]
     given = [part.id in ("block", "explorer", "weight") or not part.standard for part in parts]
-    bought = Counter((part.standard, part.title) for part, has in zip(parts, given, strict=True) if not has)
+    bought = Counter(
+        (part.standard, part.title) for part, has in zip(parts, given, strict=True) if not has
+    )
     said = "weight {:g} g, class M1 (OIML R 111-1)".format
-    weights = [(1, f"{said(mass * 1e3)}, bored 2.5", "", "shank of the explorer") for mass in kit.normal_weights]
+    weights = [
+        (1, f"{said(mass * 1e3)}, bored 2.5", "", "shank of the explorer")
+        for mass in kit.normal_weights
+    ]
     weights += [(1, said(mass * 1e3), "", "hanger") for mass in kit.pulling_weights]
-    lines = [*made, *((count, name, "", title) for (name, title), count in bought.items()), *weights]
+    lines = [
+        *made,
+        *((count, name, "", title) for (name, title), count in bought.items()),
+        *weights,
+    ]
     lines += [(count, what, "", where) for count, what, where in _SCREWS]
     loads = [
         {"axis": axis, "weight_g": load.mass * 1e3, "force_n": load.force, "std_n": load.std}
         | {f"{name.replace(' ', '_')}_n": std for name, std in load.budget}
-        for axis, several, of in (("normal", kit.normal_weights, normal_load), ("pull", kit.pulling_weights, pull))
+        for axis, several, of in (
+            ("normal", kit.normal_weights, normal_load),
+            ("pull", kit.pulling_weights, pull),
+        )
         for load in (of(kit, mass) for mass in several)
     ]
     bill = pd.DataFrame(lines, columns=["count", "what", "material", "for"])
     written = []
-    for name, table in (("bill", bill), ("loads", pd.DataFrame(loads)), ("flexure", pd.DataFrame([flexure_of(kit)]))):
+    for name, table in (
+        ("bill", bill),
+        ("loads", pd.DataFrame(loads)),
+        ("flexure", pd.DataFrame([flexure_of(kit)])),
+    ):
         written.append(folder / f"{kit.id}.{name}.csv")
         write_table(table, written[-1])
     return written
@@ -119,10 +144,11 @@ def flexure_of(kit: Apparatus) -> dict[str, float]:
     """Stiffness of the two leaves along the drag, and output of the full bridge over its supply for a newton."""
     leaf = kit.flexure
     length, width, thick = (one.nominal for one in (leaf.length, leaf.width, leaf.thickness))
-    # clamped at both ends, which stay parallel: twice 12 E I / L^3 (Euler and Bernoulli), less the share of shear
-    # 2.4 (1 + nu) (t/L)^2, nu 0.3 (Timoshenko, 5/6)
+    # clamped at both ends, which stay parallel: twice 12 E I / L^3 (Euler and Bernoulli), less the
+    # share of shear 2.4 (1 + nu) (t/L)^2, nu 0.3 (Timoshenko, 5/6)
     bending = 2.0 * leaf.modulus.value * width * (thick / length) ** 3
-    # gauge factor times the strain 3 F (L/2 - s) / (E b t^2) under a gauge at s from the end of a leaf
+    # gauge factor times the strain 3 F (L/2 - s) / (E b t^2) under a gauge at s from the end of a
+    # leaf
     lever = 0.5 * length - leaf.gauge_place.nominal
     strain = leaf.gauge_factor.value * 3.0 * lever / (leaf.modulus.value * width * thick**2)
     stiffness = bending / (1.0 + 2.4 * 1.3 * (thick / length) ** 2)
@@ -131,7 +157,8 @@ def flexure_of(kit: Apparatus) -> dict[str, float]:
 
 def normal_load(kit: Apparatus, mass: float) -> Load:
     """Force of a weight [kg] over the tip on a level block: the arm is balanced, so it is the weight's alone."""
-    # tolerances count as rectangular, and so does the friction of the pivot, whose sign is that of the last movement
+    # tolerances count as rectangular, and so does the friction of the pivot, whose sign is that of
+    # the last movement
     gravity, carried = kit.gravity.value, [one for one in kit.parts(mass) if one.id in ON_THE_PIVOT]
     counterweight = next(one for one in carried if one.id == "counterweight")
     pressing = gravity * math.fsum(one.mass for one in carried)

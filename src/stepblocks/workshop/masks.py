@@ -18,7 +18,8 @@ from stepblocks.tables import write_table
 GRID = 1e-3  # to which every corner is rounded; all lengths of this file are micrometres
 LEAST = 10.0  # width of what is open, and of what stays between
 STREET = 500.0  # between blocks, where they are cut apart
-# widths of trenches 2 mm long: narrow ones etch less deep (Franssila, Introduction to Microfabrication, p. 204)
+# widths of trenches 2 mm long: narrow ones etch less deep (Franssila, Introduction to
+# Microfabrication, p. 204)
 MONITORS = (12.0, 40.0, 80.0, 500.0)
 _PINNED = datetime(2000, 1, 1)  # a GDSII header has no zone; equal stimuli give equal bytes
 _MITRED: dict[str, Any] = {"join_style": "mitre", "mitre_limit": 50.0}
@@ -27,14 +28,21 @@ Shape = Any  # a polygon of shapely, or several
 
 def etch_plan(heights: Sequence[float]) -> dict[float, list[int]]:
     """Depth of each etch [m], with the indices of the heights [m] that it adds to."""
-    # heights that are multiples of one depth add up from etches of 1, 2, 4, ... times it: fewer masks than heights
+    # heights that are multiples of one depth add up from etches of 1, 2, 4, ... times it: fewer
+    # masks than heights
     nanometres = [round(height * 1e9) for height in heights]
     unit = math.gcd(*nanometres)
     bits = (max(nanometres) // unit).bit_length()
     if bits < len(set(nanometres)):
-        adds = {(unit << bit): [i for i, n in enumerate(nanometres) if n // unit >> bit & 1] for bit in range(bits)}
+        adds = {
+            (unit << bit): [i for i, n in enumerate(nanometres) if n // unit >> bit & 1]
+            for bit in range(bits)
+        }
     else:
-        adds = {depth: [i for i, n in enumerate(nanometres) if n == depth] for depth in sorted(set(nanometres))}
+        adds = {
+            depth: [i for i, n in enumerate(nanometres) if n == depth]
+            for depth in sorted(set(nanometres))
+        }
     return {depth * 1e-9: indices for depth, indices in adds.items() if indices}
 
 
@@ -55,15 +63,27 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], li
         name = f"ETCH{layer} {depth * 1e6:g}UM"
         dies = [_open(blocks[i], places[i], named=i not in named) for i in indices]
         named |= set(indices)
-        shapes = shapely.set_precision(shapely.unary_union([*dies, *_marks(layer, len(plan), name)]), GRID)
+        shapes = shapely.set_precision(
+            shapely.unary_union([*dies, *_marks(layer, len(plan), name)]), GRID
+        )
         for polygon in getattr(shapes, "geoms", [shapes]):
-            outer, *holes = (gdstk.Polygon(ring.coords[:-1], layer) for ring in (polygon.exterior, *polygon.interiors))
+            outer, *holes = (
+                gdstk.Polygon(ring.coords[:-1], layer)
+                for ring in (polygon.exterior, *polygon.interiors)
+            )
             cell.add(*(gdstk.boolean(outer, holes, "not", 0.1 * GRID, layer) if holes else [outer]))
         cell.add(gdstk.Label(name, (-2000.0, -2600.0 * layer), layer=layer))
         cell.add(*(gdstk.Label(blocks[i].id.upper(), places[i], layer=layer) for i in indices))
         faults += [f"{path.name}: {name}: {line}" for line in rule_faults(shapes)]
         made = " ".join(blocks[i].id for i in indices)
-        rows.append({"layer": layer, "depth_um": depth * 1e6, "open_mm2": shapes.area * 1e-6, "blocks": made})
+        rows.append(
+            {
+                "layer": layer,
+                "depth_um": depth * 1e6,
+                "open_mm2": shapes.area * 1e-6,
+                "blocks": made,
+            }
+        )
     with beside(path) as draft:
         library.write_gds(draft, timestamp=_PINNED)
     table = path.with_suffix(".csv")
@@ -76,7 +96,11 @@ def rule_faults(shapes: Shape) -> Iterator[str]:
     half = 0.5 * LEAST - GRID
     for what, way in (("open", -half), ("kept", half)):
         there_and_back = shapely.buffer(shapely.buffer(shapes, way, **_MITRED), -way, **_MITRED)
-        lost = shapely.difference(shapes, there_and_back) if way < 0.0 else shapely.difference(there_and_back, shapes)
+        lost = (
+            shapely.difference(shapes, there_and_back)
+            if way < 0.0
+            else shapely.difference(there_and_back, shapes)
+        )
         for part in getattr(lost, "geoms", [lost]):
             if part.area > 1.0:  # less is the rounding of slanted edges to the grid
                 x, y = part.centroid.coords[0]
@@ -85,7 +109,11 @@ def rule_faults(shapes: Shape) -> Iterator[str]:
 
 def _open(block: StepBlock, place: tuple[float, float], named: bool) -> Shape:
     """Open what is etched of a block: its lower side with the street, and the groove; a ridge stays; its name where it is first."""
-    half, side, feature = 0.5e6 * block.body.length.nominal, 0.5e6 * block.body.width.nominal, block.metrology
+    half, side, feature = (
+        0.5e6 * block.body.length.nominal,
+        0.5e6 * block.body.width.nominal,
+        block.metrology,
+    )
     near, wide, low = (1e6 * one.nominal for one in (feature.distance, feature.width, feature.lane))
     lane = (side - low, side + 0.5 * STREET)
     face = shapely.box(-half - 0.5 * STREET, -side - 0.5 * STREET, 0.0, side + 0.5 * STREET)
@@ -114,7 +142,9 @@ def _marks(layer: int, layers: int, name: str) -> Iterator[Shape]:
     for other in range(2, layers + 1) if layer == 1 else (layer,):
         x, y = 5000.0 + 400.0 * other, -1600.0
         if layer == 1:  # a cross
-            yield from (shapely.box(x - u, y - v, x + u, y + v) for u, v in ((10.0, 100.0), (100.0, 10.0)))
+            yield from (
+                shapely.box(x - u, y - v, x + u, y + v) for u, v in ((10.0, 100.0), (100.0, 10.0))
+            )
         else:  # four squares between its arms
             corners = ((x + u, y + v) for u in (25.0, -95.0) for v in (25.0, -95.0))
             yield from (shapely.box(u, v, u + 70.0, v + 70.0) for u, v in corners)

@@ -47,7 +47,9 @@ class Route:
     tolerance: float  # that the stimulus permits [m]
     note: str  # what it takes
     felt: Interval  # E_v [J] with the edge that it leaves
-    conforming: float  # share of the blocks whose height, edge radius and burr are within their limits [1]
+    conforming: (
+        float  # share of the blocks whose height, edge radius and burr are within their limits [1]
+    )
 
     @property
     def reaches(self) -> bool:
@@ -66,11 +68,17 @@ def routes_for(block: StepBlock, capability: float, point: OperatingPoint) -> li
     """Say of each route whether it reaches the height's tolerance and what is felt, cheapest class first where one is known."""
     if not capability > 0.0:
         raise MachiningError(f"capability must be positive, got {capability:g} m")
-    found = (_route(block, one, *way, point) for one in processes() for way in _ways(block, one, capability))
+    found = (
+        _route(block, one, *way, point)
+        for one in processes()
+        for way in _ways(block, one, capability)
+    )
     return sorted(found, key=lambda one: one.process.cost.value if one.process.cost else math.inf)
 
 
-def _ways(block: StepBlock, process: Process, capability: float) -> Iterator[tuple[str, float, str]]:
+def _ways(
+    block: StepBlock, process: Process, capability: float
+) -> Iterator[tuple[str, float, str]]:
     """Name, deviation and note of a process for a block; gauge blocks come in grades, and not for every height."""
     if process.name == "one piece":
         yield process.name, capability, process.note
@@ -82,22 +90,42 @@ def _ways(block: StepBlock, process: Process, capability: float) -> Iterator[tup
                 continue
             digits = 4 if round(pair.upper * 1e7) % 10 else 3
             lengths = f"{pair.lower * 1e3:.{digits}f} mm and {pair.upper * 1e3:.{digits}f} mm"
-            yield f"{process.name}, grade {grade}", pair.worst, f"wring {lengths} side by side onto a lapped base"
+            yield (
+                f"{process.name}, grade {grade}",
+                pair.worst,
+                f"wring {lengths} side by side onto a lapped base",
+            )
     else:
-        yield process.name, process.height.value + process.share.value * block.height.nominal, process.note
+        yield (
+            process.name,
+            process.height.value + process.share.value * block.height.nominal,
+            process.note,
+        )
 
 
-def _route(block: StepBlock, process: Process, name: str, deviation: float, note: str, point: OperatingPoint) -> Route:
+def _route(
+    block: StepBlock,
+    process: Process,
+    name: str,
+    deviation: float,
+    note: str,
+    point: OperatingPoint,
+) -> Route:
     """Predict one way: a burr is climbed as height is, and may stand as high as the upper deviation, which a height allows too."""
     edge, burr = process.edge_spread.value, process.burr_spread.value
     spread = rectangular({"height": deviation, "edge_radius": edge, "burr": burr})
     face = Step(block.height.nominal + process.burr.value, process.edge_radius.value)
     # of both faces where the ball touches; Rq is 1.25 Ra of normal heights
     rough = math.sqrt(2.0) * 1.25 * process.roughness.value
-    felt = {"height": math.hypot(spread["height"], spread["burr"], rough), "edge_radius": spread["edge_radius"]}
+    felt = {
+        "height": math.hypot(spread["height"], spread["burr"], rough),
+        "edge_radius": spread["edge_radius"],
+    }
     within = _share(0.0, spread["height"], block.height.lower, block.height.upper)
     low, high = block.edge_radius.limits
-    within *= _share(process.edge_radius.value, spread["edge_radius"], low if low > 0.0 else -math.inf, high)
+    within *= _share(
+        process.edge_radius.value, spread["edge_radius"], low if low > 0.0 else -math.inf, high
+    )
     within *= _share(process.burr.value, spread["burr"], -math.inf, block.height.upper)
     tolerance = min(block.height.upper, -block.height.lower)
     return Route(process, name, deviation, tolerance, note, interval_of(face, point, felt), within)
@@ -115,13 +143,27 @@ def route_row(name: str, route: Route) -> dict[str, Any]:
     """Put a route into the columns of ``routes.csv``."""
     made, felt = route.process, route.felt
     lengths = ("edge_radius", "edge_spread", "burr", "burr_spread")
-    sources = [f"{key}: {one.source}" for key, one in made if isinstance(one, Sourced) and one.source]
+    sources = [
+        f"{key}: {one.source}" for key, one in made if isinstance(one, Sourced) and one.source
+    ]
     return {
-        **{"part": name, "route": route.name, "cost_class": "" if made.cost is None else f"{made.cost.value:g}"},
+        **{
+            "part": name,
+            "route": route.name,
+            "cost_class": "" if made.cost is None else f"{made.cost.value:g}",
+        },
         **{"height_deviation_um": route.deviation * 1e6, "permitted_um": route.tolerance * 1e6},
         **{f"{key}_um": getattr(made, key).value * 1e6 for key in lengths},
-        **{"roughness_ra_um": made.roughness.value * 1e6, "status": str(felt.status), "energy_uj": felt.energy * 1e6},
+        **{
+            "roughness_ra_um": made.roughness.value * 1e6,
+            "status": str(felt.status),
+            "energy_uj": felt.energy * 1e6,
+        },
         **{"energy_95_low_uj": felt.energy_low * 1e6, "energy_95_high_uj": felt.energy_high * 1e6},
-        **{"held_share": felt.held_probability, "conforming_share": route.conforming, "note": route.note},
+        **{
+            "held_share": felt.held_probability,
+            "conforming_share": route.conforming,
+            "note": route.note,
+        },
         "sources": "; ".join(sources),
     }

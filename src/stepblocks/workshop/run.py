@@ -29,7 +29,14 @@ from stepblocks.workshop.masks import write_masks
 from stepblocks.workshop.routes import Route, route_row, routes_for
 from stepblocks.workshop.setup import write_setup
 
-_SHOWN: tuple[str, ...] = ("part", "route", "reaches", "conforming_share", "energy_uj", "energy_95_low_uj")
+_SHOWN: tuple[str, ...] = (
+    "part",
+    "route",
+    "reaches",
+    "conforming_share",
+    "energy_uj",
+    "energy_95_low_uj",
+)
 _SHOWN += ("energy_95_high_uj", "height_deviation_um", "permitted_um", "status", "note")
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
@@ -41,7 +48,9 @@ class Order:
     name: str  # ``"set/id"``
     files: tuple[Path, ...]  # drawings, for a step block also of the two-piece variant, and sheets
     routes: tuple[Route, ...]  # ways to make a step block; empty for other parts
-    missing: tuple[str, ...] = ()  # from drawing and sheet, and from the STEP file where the part has been built
+    missing: tuple[
+        str, ...
+    ] = ()  # from drawing and sheet, and from the STEP file where the part has been built
 
 
 def order_parts(
@@ -64,8 +73,8 @@ def order_parts(
     only : str, optional
         Pattern such as ``"step-0?0"`` or ``"paper-ten/*"``.
     capability : str or float, optional
-        Largest deviation of a height that the workshop holds in one piece, such as ``"1 um"``, or in metres; 2 um, ground
-        and not lapped, where omitted.
+        Largest deviation of a height that the workshop holds in one piece, such as ``"1 um"``, or
+        in metres; 2 um, ground and not lapped, where omitted.
     masks : bool, optional
         Whether to write the masks of etched steps too (GDSII; needs gdstk).
 
@@ -95,7 +104,9 @@ def order_parts(
                     announce(orders[-1])
             blocks = [one for one in chosen if isinstance(one, StepBlock)]
             if masks and blocks:
-                written, faults = write_masks(_folder(Path(output), path.stem) / f"{path.stem}.masks.gds", blocks)
+                written, faults = write_masks(
+                    _folder(Path(output), path.stem) / f"{path.stem}.masks.gds", blocks
+                )
                 orders.append(Order(f"{path.stem}/masks", tuple(written), (), tuple(faults)))
     if not orders:
         raise PipelineError(f"selection must match at least one stimulus, got {only!r}")
@@ -105,12 +116,16 @@ def order_parts(
 def _folder(output: Path, name: str) -> Path:
     folder = inside(output, name)
     if folder is None:
-        raise PipelineError(f"the folder must lie in the output folder, with no link on the way [{output / name}]")
+        raise PipelineError(
+            f"the folder must lie in the output folder, with no link on the way [{output / name}]"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
-def _order(name: str, part: Part | Apparatus, output: Path, capability: float, declared: StimulusSet | Kit) -> Order:
+def _order(
+    name: str, part: Part | Apparatus, output: Path, capability: float, declared: StimulusSet | Kit
+) -> Order:
     folder, said = _folder(output, name), declared.order
     if isinstance(part, Apparatus):
         files, wrong = write_kit(folder, part, said)
@@ -122,7 +137,9 @@ def _order(name: str, part: Part | Apparatus, output: Path, capability: float, d
         routes = routes_for(part, capability, declared.prediction.first_point())
         written.append(folder / f"{part.id}.routes.csv")
         write_table(pd.DataFrame([route_row(name, route) for route in routes]), written[-1])
-        if any(route.process.name == "gauge blocks" for route in routes):  # two blocks of the set differ by this height
+        if any(
+            route.process.name == "gauge blocks" for route in routes
+        ):  # two blocks of the set differ by this height
             pair = choose_pair(part.height.nominal)
             assembly = folder / f"{part.id}.gauge.step"
             write_gauge_assembly(assembly, part, pair)

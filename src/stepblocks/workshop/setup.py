@@ -18,8 +18,11 @@ from stepblocks.parts.tolerance import GUARD_FACTOR, general_deviation
 from stepblocks.workshop.routes import Route
 
 STOCK = 1e-3  # on every face, sawn or milled [m]
-GRINDING = 0.3e-3  # left on base and working faces after milling; it also takes what hardening warps [m]
-PROBE = 2.5e-6  # standard uncertainty of a length between two touches on the machine; assumed, state yours [m]
+GRINDING = (
+    0.3e-3  # left on base and working faces after milling; it also takes what hardening warps [m]
+)
+# standard uncertainty of a length between two touches on the machine; assumed, state yours [m]
+PROBE = 2.5e-6
 # in which setup a characteristic can be probed
 _SETUPS = {
     **dict.fromkeys(("hole_spacing", "hole_depth"), 1),
@@ -35,12 +38,30 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
     low, high = stock_of(block)
     sizes = [b - a for a, b in zip(low, high, strict=True)]
     burr = getattr(block, block.governed_by).upper
-    thick, reached = block.body.thickness, dict.fromkeys(route.name for route in routes if route.reaches)
+    thick, reached = (
+        block.body.thickness,
+        dict.fromkeys(route.name for route in routes if route.reaches),
+    )
     values: dict[str, Any] = {
-        **{"block": block, "stock": " x ".join(millimetres(size, 1) for size in sizes), "reached": ", ".join(reached)},
-        **{"finished": limits_text(thick.nominal, thick.lower, thick.upper), "rise": abs(block.rise) * 1e6},
-        **{"probed": list(_probed(block)), "burr": f"{burr * 1e6:.3g} um", "left": f"{GRINDING * 1e3:g} mm left"},
-        **{"probe": f"{PROBE * 1e6:g} um", "guard": GUARD_FACTOR, "has_gap": isinstance(block, MarginBlock)},
+        **{
+            "block": block,
+            "stock": " x ".join(millimetres(size, 1) for size in sizes),
+            "reached": ", ".join(reached),
+        },
+        **{
+            "finished": limits_text(thick.nominal, thick.lower, thick.upper),
+            "rise": abs(block.rise) * 1e6,
+        },
+        **{
+            "probed": list(_probed(block)),
+            "burr": f"{burr * 1e6:.3g} um",
+            "left": f"{GRINDING * 1e3:g} mm left",
+        },
+        **{
+            "probe": f"{PROBE * 1e6:g} um",
+            "guard": GUARD_FACTOR,
+            "has_gap": isinstance(block, MarginBlock),
+        },
     }
     replace_text(page, render_page("workshop", "setup.html", **values))
     body, dimensions = cad.kernel.box(low, high), []
@@ -49,7 +70,9 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
         deviation = general_deviation(size) or 0.0
         measured = PmiDimension("distance", (first, last), size, -deviation, deviation)
         dimensions.append((f"{name} of the stock", measured))
-    write_conforming(stock, f"{block.id}-stock", [(f"{block.id}-stock", body)], block.material, dimensions)
+    write_conforming(
+        stock, f"{block.id}-stock", [(f"{block.id}-stock", body)], block.material, dimensions
+    )
     return [page, stock]
 
 
@@ -71,8 +94,18 @@ def _probed(block: Block) -> Iterator[tuple[str, ...]]:
             text = f"Ra {one.upper * 1e6:g} um" if one.kind == "roughness" else zone_text(one.upper)
         setup = _SETUPS.get(one.key)
         # a guard band may take a quarter of the tolerance; else the machine can prove nothing
-        if setup and one.kind not in (*FORM, "note") and 2.0 * guard <= 0.25 * (one.upper - one.lower):
+        if (
+            setup
+            and one.kind not in (*FORM, "note")
+            and 2.0 * guard <= 0.25 * (one.upper - one.lower)
+        ):
             ends = (one.nominal + one.lower + guard, one.nominal + one.upper - guard)
-            yield str(number), one.label, text, f"setup {setup}", " to ".join(millimetres(end, 3) for end in ends)
+            yield (
+                str(number),
+                one.label,
+                text,
+                f"setup {setup}",
+                " to ".join(millimetres(end, 3) for end in ends),
+            )
         else:
             yield str(number), one.label, text, f"off the machine: {one.method}", "-"

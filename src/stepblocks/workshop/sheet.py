@@ -25,9 +25,19 @@ _LAYERS = {  # colour, weight of the lines [0.01 mm] and their type
     "FRAME": (7, 35, "Continuous"),
     "TEXT": (7, 18, "Continuous"),
 }
-_STYLE = {"dimtxsty": "LETTERS", "dimdsep": ord("."), "dimtxt": _TEXT, "dimasz": 2.5, "dimexe": 1.2, "dimexo": 0.8}
+_STYLE = {
+    "dimtxsty": "LETTERS",
+    "dimdsep": ord("."),
+    "dimtxt": _TEXT,
+    "dimasz": 2.5,
+    "dimexe": 1.2,
+    "dimexo": 0.8,
+}
 _STYLE |= {"dimgap": 0.8, **dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), 7)}
-_STYLE |= {**dict.fromkeys(("dimtad", "dimtofl"), 1), **dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0)}
+_STYLE |= {
+    **dict.fromkeys(("dimtad", "dimtofl"), 1),
+    **dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0),
+}
 _PREFIX = {"diameter": "⌀<>", "radius": "R<>"}  # of a dimension's text, by kind
 TOP_OF_TITLE = 73.0  # y of the upper side of the title block [mm]
 
@@ -35,7 +45,11 @@ TOP_OF_TITLE = 73.0  # y of the upper side of the title block [mm]
 def round_scale(wanted: float) -> float:
     """Return the largest of 1, 2, 2.5, 4, 5 times a power of ten that does not exceed `wanted`."""
     decade = 10.0 ** math.floor(math.log10(wanted))
-    return max(step * decade for step in (1.0, 2.0, 2.5, 4.0, 5.0) if step * decade <= wanted * (1.0 + 1e-9))
+    return max(
+        step * decade
+        for step in (1.0, 2.0, 2.5, 4.0, 5.0)
+        if step * decade <= wanted * (1.0 + 1e-9)
+    )
 
 
 @dataclass(frozen=True)
@@ -74,7 +88,9 @@ class Sheet:
         """Draw a line."""
         self.space.add_line(a, b, dxfattribs={"layer": layer})
 
-    def polyline(self, points: Sequence[Point], layer: str = "OUTLINE", closed: bool = False) -> None:
+    def polyline(
+        self, points: Sequence[Point], layer: str = "OUTLINE", closed: bool = False
+    ) -> None:
         """Draw a polyline."""
         self.space.add_lwpolyline(points, close=closed, dxfattribs={"layer": layer})
 
@@ -86,9 +102,13 @@ class Sheet:
         """Draw a circle."""
         self.space.add_circle(centre, radius, dxfattribs={"layer": layer})
 
-    def text(self, at: Point, text: str, height: float = _TEXT, align: str = "LEFT", key: str = "") -> None:
+    def text(
+        self, at: Point, text: str, height: float = _TEXT, align: str = "LEFT", key: str = ""
+    ) -> None:
         """Write one line of text; `align` is a name of ezdxf's TextEntityAlignment, `key` says which characteristic it states."""
-        entity = self.space.add_text(text, height=height, dxfattribs={"layer": "TEXT", "style": "LETTERS"})
+        entity = self.space.add_text(
+            text, height=height, dxfattribs={"layer": "TEXT", "style": "LETTERS"}
+        )
         entity.set_placement(at, align=TextEntityAlignment[align])
         if key:
             self._states(entity, key)
@@ -119,10 +139,17 @@ class Sheet:
     def break_line(self, x: float, low: float, high: float) -> None:
         """Draw a vertical break with a zigzag in its middle."""
         middle = 0.5 * (low + high)
-        zigzag = [(x, middle - 2.0), (x - 1.2, middle - 0.8), (x + 1.2, middle + 0.8), (x, middle + 2.0)]
+        zigzag = [
+            (x, middle - 2.0),
+            (x - 1.2, middle - 0.8),
+            (x + 1.2, middle + 0.8),
+            (x, middle + 2.0),
+        ]
         self.polyline([(x, low), *zigzag, (x, high)], "DIMENSION")
 
-    def dimension(self, key: str, a: Point, b: Point, along: Point, scale: float, *, upright: bool = False) -> None:
+    def dimension(
+        self, key: str, a: Point, b: Point, along: Point, scale: float, *, upright: bool = False
+    ) -> None:
         """Draw a linear dimension with its tolerance and balloon, its line through `along`."""
         _, one = self.listed[key]
         decimals = decimals_for(one.nominal, one.lower, one.upper)
@@ -130,14 +157,23 @@ class Sheet:
         if prefix := _PREFIX.get(one.kind, ""):
             override["dimpost"] = prefix
         said = {"dimstyle": "PART", "override": override, "dxfattribs": {"layer": "DIMENSION"}}
-        dimension = self.space.add_linear_dim(base=along, p1=a, p2=b, angle=90.0 if upright else 0.0, **said)
-        small = 1.0 if abs(one.upper + one.lower) < 1e-12 else 0.7  # height of two unlike deviations
+        dimension = self.space.add_linear_dim(
+            base=along, p1=a, p2=b, angle=90.0 if upright else 0.0, **said
+        )
+        small = (
+            1.0 if abs(one.upper + one.lower) < 1e-12 else 0.7
+        )  # height of two unlike deviations
         zeros = {"leading_zeros": True, "trailing_zeros": True}
-        dimension.set_tolerance(one.upper * 1e3, -one.lower * 1e3, hfactor=small, dec=decimals, **zeros)
-        # along the line of the dimension: its ends, and the length of its text; `side` leads away from it
+        dimension.set_tolerance(
+            one.upper * 1e3, -one.lower * 1e3, hfactor=small, dec=decimals, **zeros
+        )
+        # along the line of the dimension: its ends, and the length of its text; `side` leads away
+        # from it
         axis, side = (1, -1.0) if upright else (0, 1.0)
         start, end = sorted((a[axis], b[axis]))
-        needed = text_width(prefix.replace("<>", "") + self.limits(key).replace(" ", ""), _TEXT) + 2.0
+        needed = (
+            text_width(prefix.replace("<>", "") + self.limits(key).replace(" ", ""), _TEXT) + 2.0
+        )
         narrow = end - start < needed + 10.0
         reach = 0.5 * needed + 3.0
         middle = list(along)
@@ -166,7 +202,13 @@ class Sheet:
         shelf = elbow[0] + side * 3.0
         self.polyline([tip, elbow, (shelf, elbow[1])], "DIMENSION")
         self.arrow(tip, elbow)
-        self.text((shelf + side, elbow[1]), text, _TEXT, "MIDDLE_LEFT" if side > 0.0 else "MIDDLE_RIGHT", key)
+        self.text(
+            (shelf + side, elbow[1]),
+            text,
+            _TEXT,
+            "MIDDLE_LEFT" if side > 0.0 else "MIDDLE_RIGHT",
+            key,
+        )
         if key:
             self.balloon(key, (shelf + side * (5.0 + text_width(text, _TEXT)), elbow[1]))
 
@@ -186,12 +228,21 @@ class Sheet:
         high, cell = 6.0, 7.0
         value = zone_text(one.upper)
         wide = 4.0 + text_width(value, _TEXT)
-        ends = [x + cell, x + cell + wide, *([x + cell + wide + cell] if datum else [])]  # of the cells
+        ends = [
+            x + cell,
+            x + cell + wide,
+            *([x + cell + wide + cell] if datum else []),
+        ]  # of the cells
         self.rectangle(at, (ends[-1], y + high), "FRAME")
         for end in ends[:-1]:
             self.line((end, y), (end, y + high), "FRAME")
         if one.kind == "flatness":
-            corners = [(x + 1.2, y + 1.8), (x + 4.4, y + 1.8), (x + 5.8, y + 4.2), (x + 2.6, y + 4.2)]
+            corners = [
+                (x + 1.2, y + 1.8),
+                (x + 4.4, y + 1.8),
+                (x + 5.8, y + 4.2),
+                (x + 2.6, y + 4.2),
+            ]
             self.polyline(corners, "FRAME", closed=True)
         else:
             for shift in (0.0, 1.8):
@@ -211,7 +262,9 @@ class Sheet:
         """Draw a datum triangle under a face, with its letter in a box below."""
         x, y = at
         foot = (x + 1.8, y - 3.0)
-        self.space.add_solid([(x, y), (x - 1.8, y - 3.0), foot, foot], dxfattribs={"layer": "FRAME"})
+        self.space.add_solid(
+            [(x, y), (x - 1.8, y - 3.0), foot, foot], dxfattribs={"layer": "FRAME"}
+        )
         self.line((x, y - 3.0), (x, y - 6.0), "FRAME")
         self.rectangle((x - 3.0, y - 12.0), (x + 3.0, y - 6.0), "FRAME")
         self.text((x, y - 9.0), letter, 3.0, "MIDDLE_CENTER")

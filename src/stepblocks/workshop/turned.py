@@ -12,7 +12,9 @@ from stepblocks.workshop.sheet import Point, Sheet, View, round_scale
 _CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged ball shows [m]
 
 
-def _draw_mirrored(sheet: Sheet, view: View, outline: Iterable[Point], closed: bool = False) -> None:
+def _draw_mirrored(
+    sheet: Sheet, view: View, outline: Iterable[Point], closed: bool = False
+) -> None:
     """Draw a half section on either side of its axis, which lies along the sheet."""
     half = list(outline)
     for side in (1.0, -1.0):
@@ -32,9 +34,17 @@ def straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
 
 def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
     """Draw a bent tip lying on its side and its ball enlarged."""
-    top, R, r, total = tip.cone_end, tip.bend_radius.nominal, tip.shank_radius.nominal, tip.bend_angle.nominal
+    top, R, r, total = (
+        tip.cone_end,
+        tip.bend_radius.nominal,
+        tip.shank_radius.nominal,
+        tip.bend_angle.nominal,
+    )
     run, bent = tip.straight_length.nominal, []
-    for offset in (-r, r):  # outer and inner line of the bent wire with the straight shank, then its end
+    for offset in (
+        -r,
+        r,
+    ):  # outer and inner line of the bent wire with the straight shank, then its end
         turns = [total * index / 60.0 for index in range(61)]
         arc = [(top + (R + offset) * math.sin(t), R - (R + offset) * math.cos(t)) for t in turns]
         arc.append((arc[-1][0] + run * math.cos(total), arc[-1][1] + run * math.sin(total)))
@@ -48,7 +58,12 @@ def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
     sheet.leader(axis, (axis[0] + 18.0, axis[1] - 10.0), "R {}, axis of the wire", "bend_radius")
     sheet.leader(axis, (axis[0] + 18.0, axis[1] - 18.0), "bent by {}", "bend_angle")
     along = view.at(0.2 * start[0] + 0.8 * end[0], 0.2 * start[1] + 0.8 * end[1])
-    sheet.leader(along, (along[0] + 14.0, along[1] - 6.0), "straight over {} from the bend", "straight_length")
+    sheet.leader(
+        along,
+        (along[0] + 14.0, along[1] - 6.0),
+        "straight over {} from the bend",
+        "straight_length",
+    )
     return _ball(sheet, tip, view, min(-r, *(y for line in bent for _, y in line)))
 
 
@@ -56,8 +71,12 @@ def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> V
     """Draw ball, cone and shank about their axis, and more lines; return the view."""
     half = outline_points(tip.outline(), _CHORD)
     lines = [*([(z, side * r) for r, z in half] for side in (1.0, -1.0)), *more]
-    low, high = ([pick(point[k] for line in lines for point in line) for k in (0, 1)] for pick in (min, max))
-    wide, tall, shank = (1e3 * size for size in (high[0] - low[0], high[1] - low[1], tip.shank_radius.nominal))
+    low, high = (
+        [pick(point[k] for line in lines for point in line) for k in (0, 1)] for pick in (min, max)
+    )
+    wide, tall, shank = (
+        1e3 * size for size in (high[0] - low[0], high[1] - low[1], tip.shank_radius.nominal)
+    )
     s = round_scale(min(180.0 / wide, 150.0 / tall, 40.0 / shank))
     view = View((40.0, 170.0 - 0.5e3 * s * (low[1] + high[1])), s)
     for line in lines:
@@ -101,17 +120,25 @@ def turned_views(sheet: Sheet, part: Turned) -> list[str]:
     base = view.at(low, -widest)[1] - 14.0
     if "length" in sheet.listed:
         length = sheet.listed["length"][1].nominal
-        sheet.dimension("length", view.at(low, -widest), view.at(low + length, -widest), (left, base), s)
+        sheet.dimension(
+            "length", view.at(low, -widest), view.at(low + length, -widest), (left, base), s
+        )
     if "diameter" in sheet.listed:
         half = 0.5 * sheet.listed["diameter"][1].nominal
-        sheet.dimension("diameter", view.at(low, -half), view.at(low, half), (left - 14.0, cy), s, upright=True)
+        sheet.dimension(
+            "diameter", view.at(low, -half), view.at(low, half), (left - 14.0, cy), s, upright=True
+        )
     sheet.text((left, base - 12.0), f"section {s:g}:1", 2.5)
     return []
 
 
 def crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     """Draw tooth and crown in section, and the margin enlarged; return the lines of its notes."""
-    root, top, R = margin.root_length.nominal, margin.preparation_height.nominal, margin.margin_radius.nominal
+    root, top, R = (
+        margin.root_length.nominal,
+        margin.preparation_height.nominal,
+        margin.margin_radius.nominal,
+    )
     tall = root + top + 2.0 * margin.shell_thickness.nominal
     s = round_scale(min(150.0 / (tall * 1e3), 90.0 / (2.2 * R * 1e3)))
     view = View((110.0, 150.0), s)
@@ -120,19 +147,33 @@ def crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     for outline in (tooth, crown):
         for side in (1.0, -1.0):
             sheet.polyline([at(side * r, z) for r, z in outline])
-    base, roof, outer = at(0.0, -root)[1], max(z for _, z in crown), R + margin.horizontal_discrepancy.nominal
+    base, roof, outer = (
+        at(0.0, -root)[1],
+        max(z for _, z in crown),
+        R + margin.horizontal_discrepancy.nominal,
+    )
     sheet.line((cx, base - 5.0), (cx, at(0.0, top)[1] + 18.0), "CENTRE")
     sheet.dimension("margin_diameter", at(-R, -root), at(R, -root), (cx, base - 10.0), s)
-    sheet.dimension("crown_diameter", at(-outer, roof), at(outer, roof), (cx, at(0.0, roof)[1] + 10.0), s)
+    sheet.dimension(
+        "crown_diameter", at(-outer, roof), at(outer, roof), (cx, at(0.0, roof)[1] + 10.0), s
+    )
     left = at(-1.05 * outer, 0.0)[0] - 10.0
     if "preparation_height" in sheet.listed:
-        sheet.dimension("preparation_height", at(-R, 0.0), at(0.0, top), (left, cy), s, upright=True)
-        sheet.dimension("root_length", at(-R, -root), at(-R, 0.0), (left - 12.0, cy), s, upright=True)
+        sheet.dimension(
+            "preparation_height", at(-R, 0.0), at(0.0, top), (left, cy), s, upright=True
+        )
+        sheet.dimension(
+            "root_length", at(-R, -root), at(-R, 0.0), (left - 12.0, cy), s, upright=True
+        )
     else:
-        sheet.dimension("tooth_length", at(-R, -root), at(0.0, top), (left - 6.0, cy), s, upright=True)
+        sheet.dimension(
+            "tooth_length", at(-R, -root), at(0.0, top), (left - 6.0, cy), s, upright=True
+        )
     ceiling = top + margin.internal_gap.nominal
     right = at(1.05 * outer, 0.0)[0] + 54.0  # beyond the text of the diameter above
-    sheet.dimension("shell_thickness", at(0.3 * R, ceiling), at(0.3 * R, roof), (right, cy), s, upright=True)
+    sheet.dimension(
+        "shell_thickness", at(0.3 * R, ceiling), at(0.3 * R, roof), (right, cy), s, upright=True
+    )
     sheet.text((cx, base - 22.0), f"section {s:g}:1, seated", 2.5, "BOTTOM_CENTER")
     _crown_margin(sheet, margin, (tooth, crown))
     return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]
@@ -142,7 +183,9 @@ def _crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[list[Po
     import shapely
 
     (cx, cy), half, R = (300.0, 205.0), 45.0, margin.margin_radius.nominal
-    reach = 4.0 * max(margin.marginal_gap.nominal, abs(margin.horizontal_discrepancy.nominal), 50e-6)
+    reach = 4.0 * max(
+        margin.marginal_gap.nominal, abs(margin.horizontal_discrepancy.nominal), 50e-6
+    )
     s = round_scale(40.0 / (reach * 1e3))
     shown = half / (1e3 * s)
     window = shapely.box(R - shown, -shown, R + shown, shown)
@@ -166,14 +209,18 @@ def _crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[list[Po
 
 def sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     """Draw a sheath in section and from its end; return the lines of its notes."""
-    bore, outer, length, c = (one.nominal for one in (part.bore, part.outer_diameter, part.length, part.edge_break))
+    bore, outer, length, c = (
+        one.nominal for one in (part.bore, part.outer_diameter, part.length, part.edge_break)
+    )
     s = round_scale(min(130.0 / (length * 1e3), 70.0 / (outer * 1e3)))
     view = View((60.0, 190.0), s)
     (left, cy), at = view.origin, view.at
     _draw_mirrored(sheet, view, part.outline(), closed=True)
     if "edge_break" in sheet.listed:
         corner = at(length - 0.5 * c, 0.5 * outer - 0.5 * c)
-        sheet.leader(corner, (corner[0] - 12.0, corner[1] + 12.0), "{} x 45°, both ends", "edge_break")
+        sheet.leader(
+            corner, (corner[0] - 12.0, corner[1] + 12.0), "{} x 45°, both ends", "edge_break"
+        )
     for z in (0.0, length):
         sheet.line(at(z, -0.5 * bore), at(z, 0.5 * bore))
     for z in (c, length - c):
@@ -182,8 +229,12 @@ def sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     sheet.line(at(-0.1 * length, 0.0), at(1.1 * length, 0.0), "CENTRE")
     low, right = -0.5 * outer, at(length, 0.0)[0]
     sheet.dimension("length", at(0.0, low), at(length, low), at(0.0, low - 14.0 / (1e3 * s)), s)
-    sheet.dimension("bore", at(length, -0.5 * bore), at(length, 0.5 * bore), (right + 12.0, cy), s, upright=True)
-    sheet.dimension("outer_diameter", at(0.0, low), at(0.0, 0.5 * outer), (left - 16.0, cy), s, upright=True)
+    sheet.dimension(
+        "bore", at(length, -0.5 * bore), at(length, 0.5 * bore), (right + 12.0, cy), s, upright=True
+    )
+    sheet.dimension(
+        "outer_diameter", at(0.0, low), at(0.0, 0.5 * outer), (left - 16.0, cy), s, upright=True
+    )
     caption = (at(0.5 * length, 0.0)[0], at(0.0, low)[1] - 26.0)
     sheet.text(caption, f"section {s:g}:1, clamp on the left", 2.5, "BOTTOM_CENTER")
     end, reach = (right + 80.0, cy), 0.6e3 * outer * s

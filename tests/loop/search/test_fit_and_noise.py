@@ -26,7 +26,9 @@ def test_fit_is_generalised_least_squares() -> None:
     design = np.stack([np.array([[1.0, x], [2.0, 0.0]]) for x in trials.covariates["x"]])
     normal = np.einsum("nki,kl,nlj->ij", design, weight, design)
     right = np.einsum("nki,kl,nl->i", design, weight, trials.values)
-    assert [found.values["a"], found.values["b"]] == pytest.approx(np.linalg.solve(normal, right).tolist(), rel=1e-6)
+    assert [found.values["a"], found.values["b"]] == pytest.approx(
+        np.linalg.solve(normal, right).tolist(), rel=1e-6
+    )
     stds = np.sqrt(np.diag(np.linalg.inv(normal)))
     assert [found.std["a"], found.std["b"]] == pytest.approx(stds.tolist(), rel=1e-4)
 
@@ -43,8 +45,11 @@ def test_scatter_is_split_between_the_common_quantity_and_the_channels() -> None
 
 
 def test_the_least_of_two_scatters_adds_up_to_no_less_than_either_saw() -> None:
-    # one channel, moved by one quantity: 0.05^2 + 0.13^2 either way, split the one way and the other
-    splits = [Scatter(np.array([a**2]), np.array([b**2]), 60) for a, b in ((0.05, 0.13), (0.13, 0.05))]
+    # one channel, moved by one quantity: 0.05^2 + 0.13^2 either way, split the one way and the
+    # other
+    splits = [
+        Scatter(np.array([a**2]), np.array([b**2]), 60) for a, b in ((0.05, 0.13), (0.13, 0.05))
+    ]
     found = least(splits, np.ones((4, 1, 1)))
     assert found.quantities + found.channels == pytest.approx(0.05**2 + 0.13**2)
     # a channel that scatters less by one of the two estimates in all is taken from that one
@@ -73,7 +78,9 @@ def test_a_systematic_error_costs_no_more_than_its_prior() -> None:
     trials = toy_trials(40, 4)
     shape = np.linspace(-1.0, 1.0, 40)
     scatter = Scatter(np.array([1e-4]), np.array([1e-2, 1e-2]), 40)
-    noise = whitener(trials, [Systematic("first", shape, 0.5)], Toy().responses(trials, {}), scatter)
+    noise = whitener(
+        trials, [Systematic("first", shape, 0.5)], Toy().responses(trials, {}), scatter
+    )
     residual = np.zeros((40, 2))
     residual[:, 0] = 0.5 * shape
     # a shift of one deviation: its squared distance is one, less what the noise leaves open
@@ -91,7 +98,9 @@ def test_a_value_far_from_all_others_is_marked_and_no_other() -> None:
 def test_parameters_of_one_specimen_share_a_difference_and_fit_as_if_alone() -> None:
     class Offsets(Toy):
         def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
-            extra = [Parameter(f"o_{b}", "1", 0.0, -5.0, 5.0, 0.1, 1.0, b) for b in ("p", "q", "r", "s")]
+            extra = [
+                Parameter(f"o_{b}", "1", 0.0, -5.0, 5.0, 0.1, 1.0, b) for b in ("p", "q", "r", "s")
+            ]
             return (*super().parameters(trials), *extra)
 
         def predict(self, trials, values, effects=()):  # type: ignore[no-untyped-def]
@@ -111,7 +120,9 @@ def test_an_effect_at_its_start_changes_nothing() -> None:
     base = fit(problem)
     effects: list[Law] = toy_effects()
     values = base.values | {f"{e.id}.size": 0.0 for e in effects}
-    assert np.array_equal(Problem(Toy(), trials, problem.noise).predict(effects, values), base.predicted)
+    assert np.array_equal(
+        Problem(Toy(), trials, problem.noise).predict(effects, values), base.predicted
+    )
 
 
 def test_too_few_trials_are_refused_by_name_and_number() -> None:
@@ -140,7 +151,10 @@ def test_censored_values_count_as_what_they_exceed_and_do_not_bend_the_fit() -> 
         return np.sum(((values[seen, 0] - ahead[seen]) / 0.3) ** 2) - 2.0 * np.sum(exceeds)
 
     best = minimize(
-        minus_twice_log_likelihood, [0.5, 0.5], method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-9}
+        minus_twice_log_likelihood,
+        [0.5, 0.5],
+        method="Nelder-Mead",
+        options={"xatol": 1e-7, "fatol": 1e-9},
     )
     found, dropped = fitted(floor), fitted(None)
     assert [found.values["a"], found.values["b"]] == pytest.approx(best.x.tolist(), abs=2e-4)

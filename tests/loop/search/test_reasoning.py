@@ -46,7 +46,10 @@ def test_a_named_law_is_found_with_its_size() -> None:
 
 
 def test_nothing_is_claimed_of_noise() -> None:
-    verdicts = [explain(Toy(), toy_trials(60, seed), toy_effects(), _RULES).verdict for seed in range(20, 30)]
+    verdicts = [
+        explain(Toy(), toy_trials(60, seed), toy_effects(), _RULES).verdict
+        for seed in range(20, 30)
+    ]
     assert verdicts.count(Verdict.NONE) >= 9
 
 
@@ -72,8 +75,11 @@ def test_covariates_that_run_together_are_ambiguous() -> None:
 
 def test_a_group_holds_the_truth_by_95_percent_and_names_no_more() -> None:
     base = fit(problem_of(Toy(), toy_trials(60, 3)))
-    rivals = [(replace(toy_effects()[0], id=str(behind)), base, behind) for behind in (0.0, 4.0, 6.0, 7.9)]
-    # origin: exp(-behind / 2) to 1 for the effect itself; with two rivals the group holds 2.135 of 2.204, which is 96.9 %
+    rivals = [
+        (replace(toy_effects()[0], id=str(behind)), base, behind) for behind in (0.0, 4.0, 6.0, 7.9)
+    ]
+    # origin: exp(-behind / 2) to 1 for the effect itself; with two rivals the group holds 2.135 of
+    # 2.204, which is 96.9 %
     assert [r[2] for r in likeliest(rivals, rivals[:1])] == [0.0, 4.0]
     assert [r[2] for r in likeliest(rivals, rivals[3:])] == [0.0, 4.0, 7.9]
     # one alone is named even where the effect holds more than that: 1 of 1.019
@@ -85,7 +91,10 @@ def test_a_law_that_differs_between_labels_is_no_rival_of_itself_where_it_does_n
     law = toy_effects()[0]
 
     def apply(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
-        return level + np.where(trials.block == "p", own["p"], own["others"]) * trials.covariates["z"] ** 2
+        return (
+            level
+            + np.where(trials.block == "p", own["p"], own["others"]) * trials.covariates["z"] ** 2
+        )
 
     sizes = tuple(Parameter(name, "1", 0.0, -10.0, 10.0, 0.1) for name in ("p", "others"))
     wider = Law("square_by_block", "s_block z^2", sizes, apply, "level", "block")
@@ -95,7 +104,9 @@ def test_a_law_that_differs_between_labels_is_no_rival_of_itself_where_it_does_n
     trials = toy_trials(120, 1, square=0.5)
     more = np.where(trials.block == "p", 0.5, 0.0) * trials.covariates["z"] ** 2
     differs = replace(trials, values=trials.values + np.stack([more, 2.0 * more], axis=1))
-    assert [f.effect.id for f in explain(Toy(), differs, [law, wider], _RULES).findings] == ["square_by_block"]
+    assert [f.effect.id for f in explain(Toy(), differs, [law, wider], _RULES).findings] == [
+        "square_by_block"
+    ]
 
 
 def test_what_a_constant_imitates_is_named_from_the_design_alone() -> None:
@@ -106,7 +117,9 @@ def test_what_a_constant_imitates_is_named_from_the_design_alone() -> None:
 
 def test_the_search_stops_where_the_deployed_error_rises() -> None:
     trials = toy_trials(120, 5, square=0.5)
-    found = explain(Toy(), trials, toy_effects(), _RULES, deployed=lambda fitted: 1.0 + len(fitted.effects))
+    found = explain(
+        Toy(), trials, toy_effects(), _RULES, deployed=lambda fitted: 1.0 + len(fitted.effects)
+    )
     assert found.verdict is Verdict.NONE
     assert found.extended.effects == ()
 
@@ -145,7 +158,8 @@ def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
     assert proposal is not None
     difference = np.abs(grid.covariates["z"]) ** 2
     best = float(proposal["trials"][0]["z"])
-    # the nominal level sits at the mean of z^2, a third: the ends differ by 0.5 * 2/3, the middle by 0.5 / 3
+    # the nominal level sits at the mean of z^2, a third: the ends differ by 0.5 * 2/3, the middle
+    # by 0.5 / 3
     assert best**2 == pytest.approx(float(difference.max()))
     gains = [one["expected_gain"] for one in proposal["trials"]]
     assert gains == sorted(gains, reverse=True)
@@ -164,7 +178,9 @@ def test_last_bits_of_the_values_open_no_gate_and_name_no_other_law(square: floa
     # of a bootstrap of 200 draws one that lies at the score itself may fall on either side
     assert other.last_gate_p == pytest.approx(one.last_gate_p, abs=0.005)
     for name, value in one.extended.values.items():
-        assert other.extended.values[name] == pytest.approx(value, abs=1e-6 * one.extended.std[name])
+        assert other.extended.values[name] == pytest.approx(
+            value, abs=1e-6 * one.extended.std[name]
+        )
 
 
 def test_the_order_of_the_trials_scores_no_candidate_otherwise() -> None:
@@ -206,13 +222,21 @@ def test_pure_error_is_the_scatter_among_replicates() -> None:
     fine = pure_error(noise, cells, free=1)
     assert fine["replicate_std"] == pytest.approx(0.2, rel=0.1)
     assert fine["lack_of_fit_p_value"] > 0.01
-    assert pure_error(noise + 0.3 * np.sin(np.array(cells)), cells, free=1)["lack_of_fit_p_value"] < 1e-6
+    assert (
+        pure_error(noise + 0.3 * np.sin(np.array(cells)), cells, free=1)["lack_of_fit_p_value"]
+        < 1e-6
+    )
     assert np.isnan(pure_error(noise[:4], [0, 1, 2, 3], free=1)["lack_of_fit_p_value"])
 
 
 def test_a_condition_that_never_changes_has_no_smooth_though_its_scatter_is_a_rounded_zero():
     load = np.full(20, 0.4)  # their mean is 0.4 and 5e-17
-    trials = Trials({"load_n": load}, ("energy",), np.zeros((20, 1)), np.ones((20, 1)), np.array(["a"] * 20))
+    trials = Trials(
+        {"load_n": load}, ("energy",), np.zeros((20, 1)), np.ones((20, 1)), np.array(["a"] * 20)
+    )
     assert adequacy._columns(trials, "load_n") is None
     changed = np.where(np.arange(20) < 10, 0.4, 0.5)
-    assert adequacy._columns(replace(trials, covariates={"load_n": changed}), "load_n").shape == (20, 1)
+    assert adequacy._columns(replace(trials, covariates={"load_n": changed}), "load_n").shape == (
+        20,
+        1,
+    )

@@ -50,7 +50,8 @@ def test_a_law_leads_before_a_curve_that_follows_the_data_as_well(squared):
 
 
 def test_a_law_driven_to_the_end_of_its_form_is_no_law():
-    # a settling -exp(-z / s) rises and flattens; a rise that steepens is imitated best by an s that never settles
+    # a settling -exp(-z / s) rises and flattens; a rise that steepens is imitated best by an s that
+    # never settles
     def apply(level, trials, own):
         return level + own["size"] * np.exp(-trials.covariates["z"] / own["settling"])
 

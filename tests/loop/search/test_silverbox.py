@@ -1,9 +1,10 @@
 """Generality: the same closure finds the hardening spring of a measured electronic oscillator (Silverbox benchmark).
 
-Wigren and Schoukens' benchmark: the restoring force holds a cubic term; a linear model misses the growing "arrow"
-record by 14 mV in free run. A spring's force acts between the samples as the drive does, so it passes through the same
-sampled oscillator, its newest share included: taken off the next output alone, from the sample before, the same law
-leaves 2.2 mV instead of 0.9. The record lies in the shared data and is not part of the project.
+Wigren and Schoukens' benchmark: the restoring force holds a cubic term; a linear model misses the
+growing "arrow" record by 14 mV in free run. A spring's force acts between the samples as the drive
+does, so it passes through the same sampled oscillator, its newest share included: taken off the
+next output alone, from the sample before, the same law leaves 2.2 mV instead of 0.9. The record
+lies in the shared data and is not part of the project.
 """
 
 import os
@@ -23,7 +24,8 @@ _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[3] / "
 _RECORD = _SHARED / "real" / "silverbox" / "SNLS80mV.csv"
 _NAMES = ("y_1", "y_2", "u_0", "u_1", "u_2")
 _COLUMNS = ("y_1", "y_2", "y_3", "u_0", "u_1", "u_2")
-# forces from the output and the one before it: restoring terms hold the position alone, damping terms its change
+# forces from the output and the one before it: restoring terms hold the position alone, damping
+# terms its change
 _TERMS = {
     "quadratic_spring": lambda p, q: p**2,
     "cubic_spring": lambda p, q: p**3,
@@ -44,7 +46,9 @@ class Motion:
     force: Floats
 
 
-def _next_output(samples: Mapping[str, Floats], values: Mapping[str, float], effects: Active) -> Floats:
+def _next_output(
+    samples: Mapping[str, Floats], values: Mapping[str, float], effects: Active
+) -> Floats:
     """y[t] from its predecessors and the drive: a linear oscillator, sampled."""
 
     def force(now: Floats, before: Floats, drive: Floats) -> Floats:
@@ -55,8 +59,11 @@ def _next_output(samples: Mapping[str, Floats], values: Mapping[str, float], eff
 
     y_1, y_2, y_3, u_0, u_1, u_2 = (samples[name] for name in _COLUMNS)
     a, b, c, d, e = (values[name] for name in _NAMES)
-    known = values["offset"] + a * y_1 + b * y_2 + d * force(y_1, y_2, u_1) + e * force(y_2, y_3, u_2)
-    # the share of the force at the new sample hangs on the output that it makes: one correction of a linear guess
+    known = (
+        values["offset"] + a * y_1 + b * y_2 + d * force(y_1, y_2, u_1) + e * force(y_2, y_3, u_2)
+    )
+    # the share of the force at the new sample hangs on the output that it makes: one correction of
+    # a linear guess
     return known + c * force(known + c * u_0, y_1, u_0)
 
 
@@ -83,14 +90,19 @@ class LinearOscillator:
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         return _next_output(trials.covariates, values, effects)[:, None]
 
-    def responses(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def responses(
+        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+    ) -> Floats:
         return np.zeros((len(trials), 1, 0))
 
 
 def _library() -> list[Law]:
     def effect(name: str) -> Law:
         def apply(motion: Motion, _: object, own: Mapping[str, float]) -> Motion:
-            return replace(motion, force=motion.force - own["strength"] * _TERMS[name](motion.now, motion.before))
+            return replace(
+                motion,
+                force=motion.force - own["strength"] * _TERMS[name](motion.now, motion.before),
+            )
 
         slot = "restoring" if name.endswith("spring") else "damping"
         strength = Parameter("strength", "1", 0.0, -200.0, 200.0, 0.1)
@@ -103,7 +115,9 @@ def _rows(u: Floats, y: Floats, take: slice) -> Trials:
     columns = dict(zip(_COLUMNS, (y[2:-1], y[1:-2], y[:-3], u[3:], u[2:-1], u[1:-2]), strict=True))
     columns = {name: column[take] for name, column in columns.items()}
     target = y[3:][take][:, None]
-    return Trials(columns, ("output",), target, np.full(target.shape, 1e-4), np.full(len(target), "record"))
+    return Trials(
+        columns, ("output",), target, np.full(target.shape, 1e-4), np.full(len(target), "record")
+    )
 
 
 def _free_run(u: Floats, y: Floats, fitted: Fit) -> float:

@@ -87,7 +87,8 @@ def test_the_estimate_of_a_trial_is_what_moved_all_its_channels_alike():
 def test_the_likelihood_of_a_walk_is_that_of_its_covariance():
     n = 40
     values = np.random.default_rng(2).standard_normal(n)
-    # origin: scipy's multivariate normal on n - 1 contrasts, with the covariance of a walk written out
+    # origin: scipy's multivariate normal on n - 1 contrasts, with the covariance of a walk written
+    # out
     order = np.arange(1, n + 1)
     contrast = np.linalg.svd(np.eye(n) - 1.0 / n)[2][: n - 1]
 
@@ -97,4 +98,6 @@ def test_the_likelihood_of_a_walk_is_that_of_its_covariance():
 
     gain, found_step, found_scatter = walk(values)
     alone = float(np.sqrt(np.var(values) * n / (n - 1)))
-    assert gain == pytest.approx(2.0 * (dense(found_step, found_scatter) - dense(0.0, alone)), abs=1e-6)
+    assert gain == pytest.approx(
+        2.0 * (dense(found_step, found_scatter) - dense(0.0, alone)), abs=1e-6
+    )

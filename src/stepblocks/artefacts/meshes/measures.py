@@ -24,7 +24,9 @@ class MeshMeasures:
         corners = self.vertices[self.triangles]
         doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(doubled, axis=1)
-        units = np.divide(doubled, lengths[:, None], out=np.zeros_like(doubled), where=lengths[:, None] > 0.0)
+        units = np.divide(
+            doubled, lengths[:, None], out=np.zeros_like(doubled), where=lengths[:, None] > 0.0
+        )
         return units, 0.5 * lengths
 
     @property
@@ -55,7 +57,11 @@ class MeshMeasures:
         x, z = self.vertices[self.triangles, 0], self.vertices[self.triangles, 2]
         nearest = (side * (x - edge)).min(axis=1)
         chosen = (normals[:, 2] > 1.0 - 1e-6) & (nearest > -_ON_EDGE) & (nearest < _ON_EDGE)
-        return float(np.average(z[chosen].mean(axis=1), weights=areas[chosen])) if chosen.any() else math.nan
+        return (
+            float(np.average(z[chosen].mean(axis=1), weights=areas[chosen]))
+            if chosen.any()
+            else math.nan
+        )
 
     def start_of_level(self, level: float, within: float = 0.5e-6) -> float:
         """Where the level face that reaches the right end of a block begins [m]."""
@@ -77,7 +83,12 @@ class MeshMeasures:
         x, z = self.vertices[self.triangles, 0].mean(axis=1), self.vertices[self.triangles, 2]
         # the walls of engraved letters are short
         along = np.ptp(self.vertices[self.triangles, 1], axis=1) > _ALONG_EDGE
-        chosen = along & (facing * normals[:, 0] > 1.0 - 1e-6) & (np.abs(x) < reach) & (z.min(axis=1) < -50e-6)
+        chosen = (
+            along
+            & (facing * normals[:, 0] > 1.0 - 1e-6)
+            & (np.abs(x) < reach)
+            & (z.min(axis=1) < -50e-6)
+        )
         return float(np.average(x[chosen], weights=areas[chosen])) if chosen.any() else math.nan
 
     def sphere(self, radius: float, below: float) -> tuple[float, float, float]:
@@ -101,7 +112,9 @@ def sphere_radius(vertices: Floats) -> tuple[float, float]:
     """Least-squares sphere through the vertices of a tip's ball."""
     if len(vertices) < 5:
         return math.nan, math.nan
-    scale = float(np.ptp(vertices, axis=0).max())  # solve in units of the ball, where the squares are of order one
+    scale = float(
+        np.ptp(vertices, axis=0).max()
+    )  # solve in units of the ball, where the squares are of order one
     p = vertices / scale
     system = np.column_stack([2.0 * p, np.ones(len(p))])
     solution, *_ = np.linalg.lstsq(system, (p * p).sum(axis=1), rcond=None)

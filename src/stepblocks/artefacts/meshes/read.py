@@ -37,7 +37,9 @@ def _with_vtk(path: Path) -> Arrays:
             raise ValueError("not one mesh")
         found = found[0]
     points = np.asarray(found.points, dtype=np.float64)
-    upright = np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])  # glTF is in metres, y up
+    upright = np.column_stack(
+        [points[:, 0], -points[:, 2], points[:, 1]]
+    )  # glTF is in metres, y up
     return upright, np.asarray(found.regular_faces, dtype=np.int64)
 
 
@@ -45,8 +47,14 @@ def _as_text(lines: Sequence[str], first: int) -> Arrays:
     """Read one object of several in an OBJ, by the number of its first vertex; meshio would join them."""
     words = [line.split() for line in lines]
     vertices = np.array([one[1:4] for one in words if one and one[0] == "v"], dtype=np.float64)
-    triangles = np.array([one[1:4] for one in words if one and one[0] == "f"], dtype=np.int64) - first
-    if vertices.shape[1:] != (3,) or triangles.shape[1:] != (3,) or not is_whole(vertices, triangles):
+    triangles = (
+        np.array([one[1:4] for one in words if one and one[0] == "f"], dtype=np.int64) - first
+    )
+    if (
+        vertices.shape[1:] != (3,)
+        or triangles.shape[1:] != (3,)
+        or not is_whole(vertices, triangles)
+    ):
         raise ValueError("needs vertices and the triangles between them")
     return vertices * _MM, triangles
 
@@ -61,7 +69,9 @@ def _with_lib3mf(path: Path) -> Arrays:
     objects = model.GetMeshObjects()
     objects.MoveNext()
     mesh = objects.GetCurrentMeshObject()
-    vertices = np.array([tuple(vertex.Coordinates) for vertex in mesh.GetVertices()], dtype=np.float64)
+    vertices = np.array(
+        [tuple(vertex.Coordinates) for vertex in mesh.GetVertices()], dtype=np.float64
+    )
     triangles = np.array([tuple(t.Indices) for t in mesh.GetTriangleIndices()], dtype=np.int64)
     return vertices * _MM, triangles
 
@@ -82,7 +92,9 @@ def read_mesh(path: Path) -> Arrays:
 def mesh_in(path: Path) -> dict[str, Any]:
     """Read a mesh file; called in the confined process, as `pieces_in` is."""
     if (size := path.stat().st_size) > _MAX_BYTES:
-        raise MetrologyError(f"a mesh file must be at most {_MAX_BYTES} bytes, got {size} [{path.name}]")
+        raise MetrologyError(
+            f"a mesh file must be at most {_MAX_BYTES} bytes, got {size} [{path.name}]"
+        )
     vertices, triangles = MESH_READERS[path.suffix](path)
     if not is_whole(vertices, triangles):
         raise ValueError("no triangles between finite vertices")
@@ -98,13 +110,19 @@ def is_whole(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> boo
 def read_pieces(path: Path) -> list[Arrays]:
     """Read an OBJ of several objects."""
     found = read_confined(f"{__name__}:pieces_in", path, raises=MetrologyError)
-    return [(found[f"vertices {number}"], found[f"triangles {number}"]) for number in range(found["count"])]
+    return [
+        (found[f"vertices {number}"], found[f"triangles {number}"])
+        for number in range(found["count"])
+    ]
 
 
 def pieces_in(path: Path) -> dict[str, Any]:
     """Read the objects of an OBJ."""
     found: dict[str, Any] = {}
-    first, objects = 1, path.read_text(encoding="ascii").split("\no ")[1:]  # after the head of the file
+    first, objects = (
+        1,
+        path.read_text(encoding="ascii").split("\no ")[1:],
+    )  # after the head of the file
     for number, lines in enumerate(objects):
         vertices, triangles = _as_text(lines.splitlines()[1:], first)
         first += len(vertices)

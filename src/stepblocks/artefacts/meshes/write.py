@@ -30,7 +30,9 @@ def write_stl(path: Path, mesh: Mesh) -> None:
 
 def write_obj(path: Path, mesh: Mesh) -> None:
     """Write OBJ in millimetres with 12 decimals, which is a femtometre."""
-    text = _trimesh(mesh, _MM).export(file_type="obj", digits=12, include_normals=False, header=f"{mesh.name}, mm")
+    text = _trimesh(mesh, _MM).export(
+        file_type="obj", digits=12, include_normals=False, header=f"{mesh.name}, mm"
+    )
     path.write_text(text + "\n", encoding="ascii")
 
 
@@ -45,12 +47,16 @@ def write_3mf(path: Path, mesh: Mesh) -> None:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
         for name in raw.namelist():
-            archive.writestr(zipfile.ZipInfo(name, _PINNED_DATE), _counted(raw.read(name)), zipfile.ZIP_DEFLATED)
+            archive.writestr(
+                zipfile.ZipInfo(name, _PINNED_DATE), _counted(raw.read(name)), zipfile.ZIP_DEFLATED
+            )
     path.write_bytes(buffer.getvalue())
 
 
 def _counted(text: bytes) -> bytes:
-    found = dict.fromkeys(re.findall(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", text))
+    found = dict.fromkeys(
+        re.findall(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", text)
+    )
     for number, identifier in enumerate(found, start=1):
         text = text.replace(identifier, b"00000000-0000-4000-8000-%012d" % number)
     return text
@@ -65,7 +71,13 @@ def write_glb(path: Path, mesh: Mesh) -> None:
 
 # Every mesh format that is written, by its ending; a new one is tested by standing here
 MESH_FORMATS: dict[str, Callable[[Path, Mesh], None]]
-MESH_FORMATS = {".stl": write_stl, ".obj": write_obj, ".ply": write_ply, ".3mf": write_3mf, ".glb": write_glb}
+MESH_FORMATS = {
+    ".stl": write_stl,
+    ".obj": write_obj,
+    ".ply": write_ply,
+    ".3mf": write_3mf,
+    ".glb": write_glb,
+}
 
 
 def write_pieces(path: Path, pieces: Sequence[Mesh]) -> None:

@@ -16,7 +16,15 @@ _MOST_HEAD = 1 << 16  # bytes of a header that are read
 _MOST_INDEX = 1 << 24  # bytes of the index of an archive
 _CHUNK = 1 << 22
 _X3P_TYPES = {"I": "<i2", "L": "<i4", "F": "<f4", "D": "<f8"}
-_BROKEN = (struct.error, zipfile.BadZipFile, ElementTree.ParseError, LookupError, ValueError, OSError, EOFError)
+_BROKEN = (
+    struct.error,
+    zipfile.BadZipFile,
+    ElementTree.ParseError,
+    LookupError,
+    ValueError,
+    OSError,
+    EOFError,
+)
 _MICROMETRE = 1e-6  # height of the stored number 1 in a PLUX file [m]
 
 
@@ -47,13 +55,19 @@ def stated_height_scale(path: Path, form: str, channel: str) -> HeightScale | No
             scale = _HEADERS[form](head, channel) if form in _HEADERS else None
     except _BROKEN as error:
         part = "index" if form in _PACKED else "header"
-        raise MetrologyError(f"{part} must state the height scale, got {error} [{path.name}]") from error
+        raise MetrologyError(
+            f"{part} must state the height scale, got {error} [{path.name}]"
+        ) from error
     if scale is not None and not (np.isfinite(scale.count) and scale.count > 0.0):
-        raise MetrologyError(f"{scale.field} must be positive and finite, got {scale.count:g} m [{path.name}]")
+        raise MetrologyError(
+            f"{scale.field} must be positive and finite, got {scale.count:g} m [{path.name}]"
+        )
     return scale
 
 
-def check_height_scale(height: NDArray[np.float64], scale: HeightScale, place: str, used: float | None = None) -> str:
+def check_height_scale(
+    height: NDArray[np.float64], scale: HeightScale, place: str, used: float | None = None
+) -> str:
     """Compare heights with the scale of the header."""
     if scale.extent:
         found = float(np.nanmax(height) - np.nanmin(height))
@@ -62,21 +76,32 @@ def check_height_scale(height: NDArray[np.float64], scale: HeightScale, place: s
             raise MetrologyError(f"{rule}, got {found:g} m [{place}]")
         return f"{scale.field}: {scale.count:.6g} m, checked"
     if used is not None and abs(abs(used) / scale.count - 1.0) > 1e-6:
-        raise MetrologyError(f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]")
+        raise MetrologyError(
+            f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]"
+        )
     if not scale.integral and used is None:
-        raise MetrologyError(f"reader must say what it took for {scale.field}, got nothing [{place}]")
+        raise MetrologyError(
+            f"reader must say what it took for {scale.field}, got nothing [{place}]"
+        )
     finite = height[np.isfinite(height)]
     ends = [abs(end) for end in (scale.lowest, scale.highest) if np.isfinite(end)]
     slack = 2.0 * scale.count if scale.integral else 1e-6 * max(ends, default=0.0)
-    if finite.size and (finite.min() < scale.lowest - slack or finite.max() > scale.highest + slack):
+    if finite.size and (
+        finite.min() < scale.lowest - slack or finite.max() > scale.highest + slack
+    ):
         stated = f"{scale.lowest:g} to {scale.highest:g} m ({scale.field})"
-        raise MetrologyError(f"heights must lie within {stated}, got {finite.min():g} to {finite.max():g} m [{place}]")
+        raise MetrologyError(
+            f"heights must lie within {stated}, got {finite.min():g} to {finite.max():g} m "
+            f"[{place}]"
+        )
     if not scale.integral:
         return f"{scale.field}: {scale.count:.6g} m, checked"
     counts = (finite[:20000] - finite[0]) / scale.count
     # float32 counts above 2^24 and offsets cost digits; a wrong factor misses by far more
     if np.max(np.abs(counts - np.rint(counts))) > 0.02 + 1e-6 * float(np.max(np.abs(counts))):
-        raise MetrologyError(f"heights must be multiples of {scale.count:g} m ({scale.field}) [{place}]")
+        raise MetrologyError(
+            f"heights must be multiples of {scale.count:g} m ({scale.field}) [{place}]"
+        )
     return f"{scale.field}: {scale.count:.6g} m per count, checked"
 
 
@@ -84,10 +109,17 @@ def _nid(head: bytes, channel: str) -> HeightScale | None:
     """Nanosurf: the sections of channels state Frame, Dim2Name, Dim2Unit, Dim2Range, Dim2Min and SaveBits."""
     for section in head.decode("latin-1").split("\r\n["):
         fields = dict(line.split("=", 1) for line in section.splitlines() if "=" in line)
-        named = not channel or f"{fields.get('Frame', '').strip()} ({fields.get('Dim2Name', '').strip()})" == channel
+        named = (
+            not channel
+            or f"{fields.get('Frame', '').strip()} ({fields.get('Dim2Name', '').strip()})"
+            == channel
+        )
         if "Dim2Range" in fields and named and fields["Dim2Unit"].strip() in LENGTH_UNITS:
             per_metre = LENGTH_UNITS[fields["Dim2Unit"].strip()]
-            span, lowest = float(fields["Dim2Range"]) / per_metre, float(fields["Dim2Min"]) / per_metre
+            span, lowest = (
+                float(fields["Dim2Range"]) / per_metre,
+                float(fields["Dim2Min"]) / per_metre,
+            )
             count = span / 2 ** int(fields["SaveBits"])
             # readers keep or drop the offset of the range, which a step height does not see
             reach = max(abs(lowest), abs(lowest + span))
@@ -113,11 +145,18 @@ def _sdf(head: bytes, channel: str) -> HeightScale | None:
         count, kind = struct.unpack_from("<d", head, 62)[0], head[79]
     elif head[:8] == b"aISO-1.0":
         text = head.split(b"*", 1)[0].decode("latin-1")
-        fields = {key.strip(): value.strip() for key, value in (x.split("=", 1) for x in text.splitlines() if "=" in x)}
+        fields = {
+            key.strip(): value.strip()
+            for key, value in (x.split("=", 1) for x in text.splitlines() if "=" in x)
+        }
         count, kind = float(fields["Zscale"]), int(fields["DataType"])
     else:
         return None
-    return None if kind in (3, 7) else HeightScale(count, -(2**32) * count, 2**32 * count, "Zscale of the header")
+    return (
+        None
+        if kind in (3, 7)
+        else HeightScale(count, -(2**32) * count, 2**32 * count, "Zscale of the header")
+    )
 
 
 def _opdx(head: bytes, channel: str) -> HeightScale | None:
@@ -141,13 +180,19 @@ def _gwy(head: bytes, _: str) -> HeightScale | None:
     if at < 0 or text < 0:
         raise ValueError("no si_unit_z")
     unit = head[text + 9 : text + 41].split(b"\0")[0].decode("utf-8").strip()
-    return HeightScale(1.0 / LENGTH_UNITS[unit], -np.inf, np.inf, f"si_unit_z {unit!r}", integral=False)
+    return HeightScale(
+        1.0 / LENGTH_UNITS[unit], -np.inf, np.inf, f"si_unit_z {unit!r}", integral=False
+    )
 
 
 def _mi(head: bytes, channel: str) -> HeightScale | None:
     """Agilent: each buffer states its label, range and unit; counts of 16 or 32 bits, or text, reach over the range."""
     text = head.split(b"\ndata", 1)
-    fields = [line.split(None, 1) for line in text[0].decode("latin-1").splitlines() if len(line.split(None, 1)) == 2]
+    fields = [
+        line.split(None, 1)
+        for line in text[0].decode("latin-1").splitlines()
+        if len(line.split(None, 1)) == 2
+    ]
     at = fields.index(["bufferLabel", channel])
     stated = dict(reversed(fields[at + 1 :]))  # the first of each that follows
     span, bits = float(stated["bufferRange"]), 31 if b"BINARY_32" in text[1][:20] else 15
@@ -164,10 +209,15 @@ def _wsxm(head: bytes, _: str) -> HeightScale | None:
 
 def _metropro(head: bytes, _: str) -> HeightScale | None:
     """Zygo: a count is wavelength times obliquity times scale factor over the resolution of the phase."""
-    (scale, wavelength), (obliquity,) = struct.unpack_from(">ff", head, 164), struct.unpack_from(">f", head, 176)
+    (scale, wavelength), (obliquity,) = (
+        struct.unpack_from(">ff", head, 164),
+        struct.unpack_from(">f", head, 176),
+    )
     per_wave = (4096, 32768, 131072)[struct.unpack_from(">h", head, 218)[0]]
     count = float(scale) * float(wavelength) * float(obliquity) / per_wave
-    return HeightScale(count, -(2**31) * count, 2**31 * count, "wavelength and factors of the header")
+    return HeightScale(
+        count, -(2**31) * count, 2**31 * count, "wavelength and factors of the header"
+    )
 
 
 def _x3p(archive: zipfile.ZipFile) -> HeightScale:
@@ -182,8 +232,12 @@ def _x3p(archive: zipfile.ZipFile) -> HeightScale:
     lowest, highest = -np.inf, np.inf
     link = index.find("Record3/DataLink/PointDataLink")
     grid = index.find("Record3/MatrixDimension")
-    if link is not None and link.text and grid is not None:  # else the points stand in the index as text
-        lowest, highest = sorted(increment * end for end in _range(archive, link.text.strip(), kind))
+    if (
+        link is not None and link.text and grid is not None
+    ):  # else the points stand in the index as text
+        lowest, highest = sorted(
+            increment * end for end in _range(archive, link.text.strip(), kind)
+        )
         # readers keep or drop the offset of the axis, which a step height does not see
         lowest, highest = lowest + min(offset, 0.0), highest + max(offset, 0.0)
     return HeightScale(abs(increment), lowest, highest, "Increment of CZ", integral="i" in kind)
@@ -197,14 +251,18 @@ def _plux(archive: zipfile.ZipFile) -> HeightScale:
     if archive.getinfo(name).file_size != 4 * points:
         raise ValueError(f"{archive.getinfo(name).file_size} bytes in {name} for {points} points")
     lowest, highest = (end * _MICROMETRE for end in _range(archive, name, "<f4"))
-    return HeightScale(_MICROMETRE, lowest, highest, f"numbers of {name}, um by the format", integral=False)
+    return HeightScale(
+        _MICROMETRE, lowest, highest, f"numbers of {name}, um by the format", integral=False
+    )
 
 
 def _index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
     if archive.getinfo(name).file_size > _MOST_INDEX:
         raise ValueError(f"{name} of more than {_MOST_INDEX >> 20} MiB")
     text = archive.read(name)
-    if b"<!" in text.replace(b"<!--", b"").replace(b"<![CDATA[", b""):  # entities may grow without bound
+    if b"<!" in text.replace(b"<!--", b"").replace(
+        b"<![CDATA[", b""
+    ):  # entities may grow without bound
         raise ValueError(f"a document type in {name}")
     return ElementTree.fromstring(text)
 
@@ -229,6 +287,14 @@ def _range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float
     return lowest, highest
 
 
-_HEADERS = {"ezd": _nid, "sur": _sur, "sdf": _sdf, "opdx": _opdx, "gwy": _gwy, "mi": _mi, "wsxm": _wsxm}
+_HEADERS = {
+    "ezd": _nid,
+    "sur": _sur,
+    "sdf": _sdf,
+    "opdx": _opdx,
+    "gwy": _gwy,
+    "mi": _mi,
+    "wsxm": _wsxm,
+}
 _HEADERS = _HEADERS | {"metropro": _metropro}
 _PACKED = {"x3p": _x3p, "plux": _plux}

@@ -24,13 +24,20 @@ def gridded(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
         raise MetrologyError(f"points must lie on a grid, got {len(x)} points [{source}]")
     axes = _axes(x, y)
     shape = tuple(len(axis) for axis in axes)
-    if min(shape) < 2 or (1.0 - _MOST_EMPTY) * shape[0] * shape[1] > len(x) or max(shape) > _MOST_CELLS / min(shape):
+    if (
+        min(shape) < 2
+        or (1.0 - _MOST_EMPTY) * shape[0] * shape[1] > len(x)
+        or max(shape) > _MOST_CELLS / min(shape)
+    ):
         got = f"{len(x)} points on {shape[0]} columns and {shape[1]} rows"
         raise MetrologyError(f"points must lie on a grid, got {got} [{source}]")
     steps = [(axis[-1] - axis[0]) / (len(axis) - 1) for axis in axes]
     grid = zip((x, y), axes, steps, strict=True)
     column, row = (np.rint((one - axis[0]) / step).astype(int) for one, axis, step in grid)
-    off = max(float(np.abs(x - axes[0][column]).max() / steps[0]), float(np.abs(y - axes[1][row]).max() / steps[1]))
+    off = max(
+        float(np.abs(x - axes[0][column]).max() / steps[0]),
+        float(np.abs(y - axes[1][row]).max() / steps[1]),
+    )
     height, count = np.zeros(shape[::-1]), np.zeros(shape[::-1])
     seen = np.isfinite(z)
     np.add.at(height, (row[seen], column[seen]), z[seen])
@@ -49,14 +56,24 @@ def _axes(x: Array, y: Array) -> list[Array]:
     if not any(counts):
         # points come line by line: along a line they step evenly
         along = [np.abs(np.diff(one)) for one in (x, y)]
-        uneven = [float(np.median(np.abs(step - np.median(step))) / max(np.median(step), 1e-15)) for step in along]
+        uneven = [
+            float(np.median(np.abs(step - np.median(step))) / max(np.median(step), 1e-15))
+            for step in along
+        ]
         fast = int(np.argmin(uneven))
         extents = [float(np.ptp(one)) for one in (x, y)]
-        even = np.median(along[fast]) if uneven[fast] < _EVEN else np.sqrt(extents[0] * extents[1] / len(x))
+        even = (
+            np.median(along[fast])
+            if uneven[fast] < _EVEN
+            else np.sqrt(extents[0] * extents[1] / len(x))
+        )
         counts[fast] = round(extents[fast] / float(even)) + 1
     counts = [count or max(round(len(x) / max(counts)), 1) for count in counts]
     pairs = zip(exact, counts, (x, y), strict=True)
-    return [np.linspace(one.min(), one.max(), count) if axis is None else axis for axis, count, one in pairs]
+    return [
+        np.linspace(one.min(), one.max(), count) if axis is None else axis
+        for axis, count, one in pairs
+    ]
 
 
 def _exact_axis(positions: Array) -> Array | None:
@@ -71,7 +88,10 @@ def _exact_axis(positions: Array) -> Array | None:
     gaps = np.diff(merged)
     whole = np.maximum(np.rint(gaps / np.median(gaps)), 1.0)
     step = extent / float(whole.sum())
-    if len(merged) > 0.5 * len(positions) or (np.abs(gaps - whole * step) > _EVEN * step * whole).any():
+    if (
+        len(merged) > 0.5 * len(positions)
+        or (np.abs(gaps - whole * step) > _EVEN * step * whole).any()
+    ):
         return None
     return np.linspace(values[0], values[-1], int(whole.sum()) + 1)
 
@@ -99,12 +119,19 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
 
 def _json_image(path: Path, per: Array) -> HeightMap:
     """Height image of a line camera: size of a pixel, and big- or little-endian counts in base64, of which 0 is missing."""
-    stored = np.ravel(np.array(json.loads(path.read_text(encoding="utf-8")), dtype=object))  # one, or lists of them
+    stored = np.ravel(
+        np.array(json.loads(path.read_text(encoding="utf-8")), dtype=object)
+    )  # one, or lists of them
     found = [one["data"] for one in stored if one.get("class") == "Image"]
     image = next(one for one in found if one["Data"]["ImageType"] in ("uint16", "float32"))
     data, size, origin = image["Data"], image["PixelSize"], image["Origin"]
-    kind = ("<" if data["Pixels"]["endian"] == "little" else ">") + {"uint16": "u2", "float32": "f4"}[data["ImageType"]]
-    raw = np.frombuffer(base64.b64decode(data["Pixels"]["data"]), kind).reshape(data["Height"], data["Width"])
+    kind = ("<" if data["Pixels"]["endian"] == "little" else ">") + {
+        "uint16": "u2",
+        "float32": "f4",
+    }[data["ImageType"]]
+    raw = np.frombuffer(base64.b64decode(data["Pixels"]["data"]), kind).reshape(
+        data["Height"], data["Width"]
+    )
     counts = raw.astype(np.float64)
     if image.get("HandleZeroPixels") == "MissingData":
         counts[counts == 0.0] = np.nan
@@ -117,7 +144,11 @@ def _pcd(path: Path) -> Array:
     """Points of a PCD file 0.7, ASCII or binary: header lines, then rows of fields."""
     raw = path.read_bytes()
     head, _, rest = raw.partition(b"\nDATA ")
-    fields = dict(line.split(" ", 1) for line in head.decode("ascii").splitlines() if " " in line and line[0] != "#")
+    fields = dict(
+        line.split(" ", 1)
+        for line in head.decode("ascii").splitlines()
+        if " " in line and line[0] != "#"
+    )
     names, sizes, kinds = (fields[key].split() for key in ("FIELDS", "SIZE", "TYPE"))
     counts = fields.get("COUNT", " ".join(["1"] * len(names))).split()
     coding, _, body = rest.partition(b"\n")
@@ -129,6 +160,8 @@ def _pcd(path: Path) -> Array:
         got = coding[:40].decode("ascii", "replace").strip()
         raise MetrologyError(f"data must be ascii or binary, got {got} [{path.name}]")
     parts = zip(names, kinds, sizes, counts, strict=True)
-    kind = np.dtype([(name, f"<{letter.lower()}{size}", (int(count),)) for name, letter, size, count in parts])
+    kind = np.dtype(
+        [(name, f"<{letter.lower()}{size}", (int(count),)) for name, letter, size, count in parts]
+    )
     packed = np.frombuffer(body, kind, int(fields["POINTS"]))
     return np.column_stack([packed[axis][:, 0].astype(np.float64) for axis in "xyz"])

@@ -20,46 +20,66 @@ from stepblocks.errors import MetrologyError
 from stepblocks.text_file import is_file
 
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".xyz", ".asc", ".dat")
-POINT_ENDINGS = (".ply", ".stl", ".obj", ".pcd", ".json")  # numbers without a unit, which must be given
-_NAMED = "x3p sdf sur plux gwy opdx nid opd datx al3d plu zon vk4 ezd ibw mi mnt tmd stp top frt spm di"
+POINT_ENDINGS = (
+    ".ply",
+    ".stl",
+    ".obj",
+    ".pcd",
+    ".json",
+)  # numbers without a unit, which must be given
+_NAMED = (
+    "x3p sdf sur plux gwy opdx nid opd datx al3d plu zon vk4 ezd ibw mi mnt tmd stp top frt spm di"
+)
 # what the reader calls each ending
 FORMATS = {f".{name}": name for name in _NAMED.split()}
 FORMATS |= {".nid": "ezd", ".vk4": "vk", ".stp": "wsxm", ".top": "wsxm", ".spm": "di"}
 # beginnings of files whose ending says little, such as .dat or .001
-_MAGIC = {b"\x88\x1b\x03\x6f": "metropro", b"\x88\x1b\x03\x70": "metropro", b"\x88\x1b\x03\x71": "metropro"}
+_MAGIC = {
+    b"\x88\x1b\x03\x6f": "metropro",
+    b"\x88\x1b\x03\x70": "metropro",
+    b"\x88\x1b\x03\x71": "metropro",
+}
 _MAGIC |= {b"\\*Fi": "di"}
 # a channel that a reader takes for heights by its unit, and whose name says otherwise
-_NO_HEIGHT = re.compile(r"(?i)deflection|amplitude|phase|error|friction|adhesion|current|potential|lateral|user")
+_NO_HEIGHT = re.compile(
+    r"(?i)deflection|amplitude|phase|error|friction|adhesion|current|potential|lateral|user"
+)
 
 _LIST = "--list--"  # asked for as a channel, its answer is the names of all
 _MOST_POINTS = 64_000_000
 _MOST_UNPACKED = 2**30
 
 
-def read_scan(path: str | Path, unit: str | None = None, channel: str | None = None) -> Profile | HeightMap:
+def read_scan(
+    path: str | Path, unit: str | None = None, channel: str | None = None
+) -> Profile | HeightMap:
     """Read what an instrument measured.
 
     Parameters
     ----------
     path : str or Path
-        A text table (``.csv``, ``.txt``, ``.tsv``, ``.xyz``, ``.asc``, ``.dat``) of x, z or of x, y, z, or a matrix of
-        heights; points (``.ply``, ``.stl``, ``.obj``, ``.pcd``, ``.json``); or a file of an instrument (``.x3p``, ``.sdf``,
-        ``.sur``, ``.plux``, ``.gwy``, ``.opdx``, ``.nid``, ``.ibw``, ``.mi``, ``.mnt``, ``.stp``, ``.frt`` and others).
+        A text table (``.csv``, ``.txt``, ``.tsv``, ``.xyz``, ``.asc``, ``.dat``) of x, z or of x,
+        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.pcd``, ``.json``); or
+        a file of an instrument (``.x3p``, ``.sdf``, ``.sur``, ``.plux``, ``.gwy``, ``.opdx``,
+        ``.nid``, ``.ibw``, ``.mi``, ``.mnt``, ``.stp``, ``.frt`` and others).
     unit : str, optional
-        Unit of what does not say its own: ``um``, or by axis ``x=mm,z=um``; a number before it is the size of a stored 1.
+        Unit of what does not say its own: ``um``, or by axis ``x=mm,z=um``; a number before it is
+        the size of a stored 1.
     channel : str, optional
-        Name of the channel (of text, the column) of heights, or a part that no other has; the first so named by default.
+        Name of the channel (of text, the column) of heights, or a part that no other has; the first
+        so named by default.
 
     Returns
     -------
     Profile or HeightMap
-        Heights in metres, nan where nothing was measured; the height scale of a file of an instrument has been checked
-        against its own header.
+        Heights in metres, nan where nothing was measured; the height scale of a file of an
+        instrument has been checked against its own header.
 
     Raises
     ------
     MetrologyError
-        If the file is missing, broken, hostile, ambiguous in its units or channels, or read with another scale than it states.
+        If the file is missing, broken, hostile, ambiguous in its units or channels, or read with
+        another scale than it states.
     """
     path, form = _known_form(Path(path))
     if form == "text":
@@ -67,17 +87,29 @@ def read_scan(path: str | Path, unit: str | None = None, channel: str | None = N
     if unit is not None and form != "points":
         rule = f"unit must not be given for a {path.suffix.lower()} file"
         raise MetrologyError(f"{rule}, which says its own [{path.name}]")
-    found = read_confined(f"{__name__}:scan_in", path, unit or "", channel or "", raises=MetrologyError)
+    found = read_confined(
+        f"{__name__}:scan_in", path, unit or "", channel or "", raises=MetrologyError
+    )
     height, told = found["height"], (path.name, found["scale"], found.get("count"))
     profile = height.ndim == 1
-    scan = Profile(found["position"], height, *told) if profile else HeightMap(height, found["dx"], found["dy"], *told)
+    scan = (
+        Profile(found["position"], height, *told)
+        if profile
+        else HeightMap(height, found["dx"], found["dy"], *told)
+    )
     stated = stated_height_scale(path, form, found.get("channel", ""))
     if stated is None:
-        said = "" if form in ("points", "asc") else "; its height scale was read once, not checked against its header"
+        said = (
+            ""
+            if form in ("points", "asc")
+            else "; its height scale was read once, not checked against its header"
+        )
         return replace(scan, count=None, scale=scan.scale + said)
     checked = check_height_scale(scan.height, stated, path.name, scan.count)
     # a stored floating number has no steps, so its unit is no resolution
-    return replace(scan, scale=f"{scan.scale}; {checked}", count=scan.count if stated.integral else None)
+    return replace(
+        scan, scale=f"{scan.scale}; {checked}", count=scan.count if stated.integral else None
+    )
 
 
 def list_channels(path: str | Path) -> list[str]:
@@ -101,7 +133,9 @@ def list_channels(path: str | Path) -> list[str]:
     path, form = _known_form(Path(path))
     if form in ("text", "points", "x3p", "sdf"):
         return []
-    return list(read_confined(f"{__name__}:scan_in", path, "", _LIST, raises=MetrologyError)["channels"])
+    return list(
+        read_confined(f"{__name__}:scan_in", path, "", _LIST, raises=MetrologyError)["channels"]
+    )
 
 
 def _known_form(path: Path) -> tuple[Path, str]:
@@ -124,7 +158,9 @@ def _known_form(path: Path) -> tuple[Path, str]:
         return path, "points"
     if ending not in FORMATS:
         known = ", ".join([*TEXT_ENDINGS, *POINT_ENDINGS, *FORMATS])
-        raise MetrologyError(f"ending of a scan must be one of {known}, got {ending!r} [{path.name}]")
+        raise MetrologyError(
+            f"ending of a scan must be one of {known}, got {ending!r} [{path.name}]"
+        )
     return path, FORMATS[ending]
 
 
@@ -167,15 +203,21 @@ def _unpacked_sur(path: Path) -> bytes:
     raw = path.read_bytes()
     begin = 512 + sum(struct.unpack_from("<HH", raw, 334))
     (pieces,) = struct.unpack_from("<I", raw, begin)
-    sizes = [struct.unpack_from("<II", raw, begin + 4 + 8 * piece) for piece in range(min(pieces, 4096))]
+    sizes = [
+        struct.unpack_from("<II", raw, begin + 4 + 8 * piece) for piece in range(min(pieces, 4096))
+    ]
     if sum(size for size, _ in sizes) > _MOST_UNPACKED:
-        raise MetrologyError(f"file must unpack to at most {_MOST_UNPACKED >> 20} MiB [{path.name}]")
+        raise MetrologyError(
+            f"file must unpack to at most {_MOST_UNPACKED >> 20} MiB [{path.name}]"
+        )
     at, plain = begin + 4 + 8 * len(sizes), [b"DIGITAL SURF" + raw[12:begin]]
     for size, packed in sizes:
         plain.append(zlib.decompressobj().decompress(raw[at : at + packed], size))
         if len(plain[-1]) != size:
             got = f"{len(plain[-1])} [{path.name}]"
-            raise MetrologyError(f"piece of compressed heights must unpack to {size} bytes, got {got}")
+            raise MetrologyError(
+                f"piece of compressed heights must unpack to {size} bytes, got {got}"
+            )
         at += packed
     return b"".join(plain)
 
@@ -191,7 +233,13 @@ def _sdf(path: Path) -> dict[str, Any]:
     if len(height) == 1:
         position = np.arange(height.size) * header.x_scale
         return {"height": height[0], "position": position, "scale": scale, "count": count}
-    return {"height": height, "dx": header.x_scale, "dy": header.y_scale, "scale": scale, "count": count}
+    return {
+        "height": height,
+        "dx": header.x_scale,
+        "dy": header.y_scale,
+        "scale": scale,
+        "count": count,
+    }
 
 
 def _x3p(path: Path) -> dict[str, Any]:
@@ -200,15 +248,26 @@ def _x3p(path: Path) -> dict[str, Any]:
     _check_size(x3pio.info(str(path)).shape, path.name)
     layer: Any = x3pio.read(str(path)).layers[0]
     header = layer.header
-    scale, count = "ISO 25178-72: heights in metres, checksums verified", abs(header.z.increment or 1.0)
+    scale, count = (
+        "ISO 25178-72: heights in metres, checksums verified",
+        abs(header.z.increment or 1.0),
+    )
     if layer.z.ndim == 1 and isinstance(layer, x3pio.ProfileLayer):
         position = layer.x if layer.x is not None else np.arange(len(layer.z)) * header.x.increment
         return {"height": layer.z, "position": position, "scale": scale, "count": count}
     steps = header.x.increment, header.y.increment
     if layer.x is not None or None in steps:  # a point cloud, or absolute axes
-        x, y, z = (np.ravel(np.asarray(one, dtype=np.float64)) for one in (layer.x, layer.y, layer.z))
+        x, y, z = (
+            np.ravel(np.asarray(one, dtype=np.float64)) for one in (layer.x, layer.y, layer.z)
+        )
         found = gridded(x, y, z, path.name, scale)
-        return {"height": found.height, "dx": found.dx, "dy": found.dy, "scale": found.scale, "count": count}
+        return {
+            "height": found.height,
+            "dx": found.dx,
+            "dy": found.dy,
+            "scale": found.scale,
+            "count": count,
+        }
     return {"height": layer.z, "dx": steps[0], "dy": steps[1], "scale": scale, "count": count}
 
 
@@ -217,16 +276,26 @@ def _named_channel(channels: list[Any], wanted: str, place: str) -> Any:
     names = [f"{one.name} [{one.unit}]" for one in channels]
     said = ", ".join(repr(str(one.name)) for one in channels)
     if wanted:
-        exact = [one for one, name in zip(channels, names, strict=True) if wanted in (name, one.name)]
-        found = exact or [one for one, name in zip(channels, names, strict=True) if wanted.lower() in name.lower()]
+        exact = [
+            one for one, name in zip(channels, names, strict=True) if wanted in (name, one.name)
+        ]
+        found = exact or [
+            one for one, name in zip(channels, names, strict=True) if wanted.lower() in name.lower()
+        ]
         if len({one.name for one in found}) != 1:
             raise MetrologyError(f"channel must name one of {said}, got {wanted!r} [{place}]")
         return found[0]
-    heights = [one for one in channels if str(one.data_kind).endswith("HEIGHT") and one.unit in LENGTH_UNITS]
+    heights = [
+        one
+        for one in channels
+        if str(one.data_kind).endswith("HEIGHT") and one.unit in LENGTH_UNITS
+    ]
     found = [one for one in heights if not _NO_HEIGHT.search(str(one.name))]
     if not found:
         rule = "channel must hold heights in a unit of length"
-        raise MetrologyError(f"{rule}, and {f'none of {said} says so' if said else 'the file has none'} [{place}]")
+        raise MetrologyError(
+            f"{rule}, and {f'none of {said} says so' if said else 'the file has none'} [{place}]"
+        )
     return found[0]
 
 
@@ -241,11 +310,15 @@ def _by_surfacetopography(file: str, form: str, wanted: str, place: str) -> dict
         rule = f"channel {channel.name!r} must say its unit of length"
         raise MetrologyError(f"{rule}, got {channel.unit!r} [{place}]")
     if channel.physical_sizes is None:
-        raise MetrologyError(f"channel {channel.name!r} must say its lateral size, got none [{place}]")
+        raise MetrologyError(
+            f"channel {channel.name!r} must say its lateral size, got none [{place}]"
+        )
     _check_size(channel.nb_grid_pts, place)
     surface = reader.topography(channel_index=channel.index)
     per_metre = LENGTH_UNITS[channel.unit]
-    raw = np.ma.filled(np.ma.masked_invalid(surface.heights()).astype(np.float64), np.nan) / per_metre
+    raw = (
+        np.ma.filled(np.ma.masked_invalid(surface.heights()).astype(np.float64), np.nan) / per_metre
+    )
     first = len(reader.channels) > 1 and not wanted
     others = f", the first of {len(reader.channels)} that is named as heights" if first else ""
     factor = 1.0 if channel.height_scale_factor is None else abs(float(channel.height_scale_factor))

@@ -35,7 +35,9 @@ class Profile:
             shapes = f"{self.position.shape} and {self.height.shape}"
             raise MetrologyError(f"profile must be two equally long rows, got {shapes}{place}")
         if len(self.position) < _LEAST_POINTS:
-            raise MetrologyError(f"profile must have at least 3 points, got {len(self.position)}{place}")
+            raise MetrologyError(
+                f"profile must have at least 3 points, got {len(self.position)}{place}"
+            )
         if not (np.isfinite(self.position).all() and (np.diff(self.position) > 0.0).all()):
             raise MetrologyError(f"positions must be finite and increase along the profile{place}")
         if not np.isfinite(self.height).any():
@@ -62,14 +64,20 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         place = f" [{self.source}]" if self.source else ""
-        if self.height.ndim != 2 or min(self.height.shape) < 2 or max(self.height.shape) < _LEAST_POINTS:
+        if (
+            self.height.ndim != 2
+            or min(self.height.shape) < 2
+            or max(self.height.shape) < _LEAST_POINTS
+        ):
             shape = " x ".join(map(str, self.height.shape))
             raise MetrologyError(f"height map must have at least 2 x 3 points, got {shape}{place}")
         for name, value in (("dx", self.dx), ("dy", self.dy)):
             if not (np.isfinite(value) and value > 0.0):
                 raise MetrologyError(f"{name} must be positive and finite, got {value:g} m{place}")
         if not np.isfinite(self.height).any():
-            raise MetrologyError(f"height map must hold at least one measured height, got none{place}")
+            raise MetrologyError(
+                f"height map must hold at least one measured height, got none{place}"
+            )
         _require_reach("heights", self.height, place)
         _require_reach("sides", np.array(self.height.shape) * (self.dy, self.dx), place)
 

@@ -12,14 +12,38 @@ from stepblocks.artefacts.scans.scan import Array, HeightMap, Profile
 from stepblocks.errors import MetrologyError
 
 # units per metre
-LENGTH_UNITS = {"pm": 1e12, "å": 1e10, "nm": 1e9, "um": 1e6, "µm": 1e6, "μm": 1e6, "mm": 1e3, "cm": 1e2, "m": 1.0}
-LENGTH_UNITS |= {"nanometer": 1e9, "micrometer": 1e6, "micron": 1e6, "microns": 1e6, "millimeter": 1e3, "meter": 1.0}
+LENGTH_UNITS = {
+    "pm": 1e12,
+    "å": 1e10,
+    "nm": 1e9,
+    "um": 1e6,
+    "µm": 1e6,
+    "μm": 1e6,
+    "mm": 1e3,
+    "cm": 1e2,
+    "m": 1.0,
+}
+LENGTH_UNITS |= {
+    "nanometer": 1e9,
+    "micrometer": 1e6,
+    "micron": 1e6,
+    "microns": 1e6,
+    "millimeter": 1e3,
+    "meter": 1.0,
+}
 LENGTH_UNITS |= {"angstrom": 1e10, "Å": 1e10, "\u212b": 1e10}
 
 _MOST_BYTES = 256 * 2**20
 _MOST_HEADER_LINES = 400
 _MOST_COLUMNS = 64
-_MISSING = {"", "nan", "bad", "-", "***", "---"}  # how instruments write a point that was not measured
+_MISSING = {
+    "",
+    "nan",
+    "bad",
+    "-",
+    "***",
+    "---",
+}  # how instruments write a point that was not measured
 _UNIT = "(" + "|".join(sorted(LENGTH_UNITS, key=len, reverse=True)) + ")"
 _UNIT_IN_NAME = re.compile(rf"(?:^|[\s_\[\(/,]){_UNIT}[\]\)]?$")
 _GIVEN = re.compile(rf"(?:([xyz])\s*=)?\s*(\d+\.?\d*|\.\d+)?\s*{_UNIT}")
@@ -30,9 +54,12 @@ _ROLES = {  # how instruments call the columns of an axis
     "y": ("y",),
     "z": ("z", "height", "raw", "profile", "total", "depth", "level", "deviation"),
 }
-_MATRIX = re.compile(r"pixel size|value units|^#?\s*(width|breite|kanal|channel|h=\d+)", re.IGNORECASE | re.MULTILINE)
+_MATRIX = re.compile(
+    r"pixel size|value units|^#?\s*(width|breite|kanal|channel|h=\d+)", re.IGNORECASE | re.MULTILINE
+)
 _MOST_BACK = 0.1  # part of the points of a profile that may lie behind one before them [1]
-_CONSTANT = 1e-3  # extent of a column as a part of the others [1], below which it says where a profile was taken
+# extent of a column as a part of the others [1], below which it says where a profile was taken
+_CONSTANT = 1e-3
 
 
 def given_units(unit: str | None) -> dict[str, tuple[float, float]]:
@@ -41,7 +68,9 @@ def given_units(unit: str | None) -> dict[str, tuple[float, float]]:
     for one in (unit or "").split(",") if unit else ():
         match = _GIVEN.fullmatch(one.strip().lower())
         if match is None or float(match[2] or 1.0) == 0.0:
-            raise MetrologyError(f"unit must be one of nm, um, mm, m, or by axis as x=mm,z=um, got {unit!r}")
+            raise MetrologyError(
+                f"unit must be one of nm, um, mm, m, or by axis as x=mm,z=um, got {unit!r}"
+            )
         size = float(match[2] or 1.0), LENGTH_UNITS[match[3]]
         found |= {match[1]: size} if match[1] else dict.fromkeys("xyz", size)
     return found
@@ -53,10 +82,14 @@ def holds_matrix(path: Path) -> bool:
         return _MATRIX.search(_decoded(file.read(4000))) is not None
 
 
-def read_text_scan(path: Path, unit: str | None = None, channel: str | None = None) -> Profile | HeightMap:
+def read_text_scan(
+    path: Path, unit: str | None = None, channel: str | None = None
+) -> Profile | HeightMap:
     """Read a profile (two columns), a grid of points (three), columns by their names or a matrix of heights from text."""
     if (length := path.stat().st_size) > _MOST_BYTES:
-        raise MetrologyError(f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]")
+        raise MetrologyError(
+            f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]"
+        )
     raw = path.read_bytes()
     text = _decoded(raw)
     if "\0" in text[:4096]:
@@ -70,7 +103,10 @@ def read_text_scan(path: Path, unit: str | None = None, channel: str | None = No
     named = {axis: names[column] if names else None for axis, column in columns.items()}
     factors = {axis: _factor(name, axis, common, given, path) for axis, name in named.items()}
     said = ", ".join(filter(None, named.values())) or f"unit {unit or 'of the head'} as given"
-    axes = {axis: values[:, column] * factors[axis][0] / factors[axis][1] for axis, column in columns.items()}
+    axes = {
+        axis: values[:, column] * factors[axis][0] / factors[axis][1]
+        for axis, column in columns.items()
+    }
     if "y" in axes:
         grid = gridded(axes["x"], axes["y"], axes["z"], path.name, f"columns {said}")
         return replace(grid, count=_last_digit(values[:, columns["z"]], factors["z"]))
@@ -78,7 +114,9 @@ def read_text_scan(path: Path, unit: str | None = None, channel: str | None = No
     x, snapped = _equal_steps(x, _last_digit(values[:, columns["x"]], factors["x"], least=1))
     notes += ["positions set to equal steps within their last digit"] if snapped else []
     said = "; ".join([f"columns {said}", *notes])
-    return Profile(x, z, source=path.name, scale=said, count=_last_digit(values[:, columns["z"]], factors["z"]))
+    return Profile(
+        x, z, source=path.name, scale=said, count=_last_digit(values[:, columns["z"]], factors["z"])
+    )
 
 
 def _last_digit(values: Array, unit: tuple[float, float], least: int = 0) -> float:
@@ -102,9 +140,13 @@ def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
     """Fields of the lines above the first table of numbers, and the table; text after it is a footer."""
     lines = text.splitlines()
     begin, mark, comma, width = _beginning(lines, path)
-    head = [[field.lstrip("# ").strip('"') for field in _fields(line, mark)] for line in lines[:begin]]
+    head = [
+        [field.lstrip("# ").strip('"') for field in _fields(line, mark)] for line in lines[:begin]
+    ]
     if width > _MOST_COLUMNS and any(len(fields) == width for fields in head):
-        raise MetrologyError(f"table must have at most {_MOST_COLUMNS} columns [{path.name}, {begin + 1}]")
+        raise MetrologyError(
+            f"table must have at most {_MOST_COLUMNS} columns [{path.name}, {begin + 1}]"
+        )
     body = "\n".join(lines[begin:])
     try:
         stream = io.StringIO(body.replace(",", ".") if comma else body)
@@ -117,14 +159,18 @@ def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
     failed = 0
     for number, line in enumerate(lines[begin:], start=begin + 1):
         fields = _fields(line, mark)
-        values = _numbers(fields + [""] * (width - len(fields)), comma) if len(fields) <= width else None
+        values = (
+            _numbers(fields + [""] * (width - len(fields)), comma) if len(fields) <= width else None
+        )
         missing = bool(fields) and values is not None and len(line.split(mark)) < width
         if fields and (failed or missing or values is None):
             failed = failed or number
             # a footer holds words: a line that begins with numbers belongs to the table
             if _numbers(fields[:1], comma) or missing:
                 shown = ",".join(_fields(lines[failed - 1], mark))[:60]
-                raise MetrologyError(f"line must hold {width} numbers, got {shown!r} [{path.name}, line {failed}]")
+                raise MetrologyError(
+                    f"line must hold {width} numbers, got {shown!r} [{path.name}, line {failed}]"
+                )
         elif fields and values:
             rows.append(values)
     return head, np.array(rows, dtype=np.float64)
@@ -144,7 +190,11 @@ def _beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool, int
     best: tuple[int, str | None, bool] = (0, None, False)
     for mark in (";", "\t", ",", None):
         for comma in (False,) if mark == "," else (False, True):
-            parsed = [1 for line in sample if len(fields := _fields(line, mark)) > 1 and _numbers(fields, comma)]
+            parsed = [
+                1
+                for line in sample
+                if len(fields := _fields(line, mark)) > 1 and _numbers(fields, comma)
+            ]
             best = max(best, (len(parsed), mark, comma), key=lambda one: one[0])
     _, mark, comma = best
     for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
@@ -152,7 +202,9 @@ def _beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool, int
             return number, mark, comma, len(fields)
     if len(lines) > _MOST_HEADER_LINES:
         raise MetrologyError(f"table must begin within {_MOST_HEADER_LINES} lines [{path.name}]")
-    raise MetrologyError(f"text must hold a table of numbers in two columns or more, got none [{path.name}]")
+    raise MetrologyError(
+        f"text must hold a table of numbers in two columns or more, got none [{path.name}]"
+    )
 
 
 def _numbers(fields: list[str], comma: bool) -> list[float] | None:
@@ -174,7 +226,12 @@ def _names(head: list[list[str]], values: Array) -> tuple[list[str], tuple[float
     words = kept and not any(_numbers([one], comma=False) for one in kept[-1])
     if words and len(kept[-1]) == width - 1 > 1 and (np.diff(values[:, 0]) == 1.0).all():
         step = next(
-            (one for one in kept if len(one) == 2 and _STEP.match(one[0]) and _numbers(one[1:], comma=False)), None
+            (
+                one
+                for one in kept
+                if len(one) == 2 and _STEP.match(one[0]) and _numbers(one[1:], comma=False)
+            ),
+            None,
         )
         values[:, 0] *= float(step[1]) if step else 1.0
         return ["x" + _STEP.sub("", step[0]) if step else "#", *kept[-1]], common
@@ -188,16 +245,24 @@ def _names(head: list[list[str]], values: Array) -> tuple[list[str], tuple[float
 
 def _columns(names: list[str], values: Array, path: Path, channel: str | None) -> dict[str, int]:
     """Return which column holds which axis: by name, else in the order x, z or x, y, z; what counts the points is none."""
-    left = [index for index in range(values.shape[1]) if not names or names[index].lower() not in _INDEX]
+    left = [
+        index for index in range(values.shape[1]) if not names or names[index].lower() not in _INDEX
+    ]
     if len(left) > 3 or channel is not None:
         lower = {i: names[i].lower() for i in left if names}
-        named = {axis: [i for i in lower if lower[i].startswith(starts)] for axis, starts in _ROLES.items()}
+        named = {
+            axis: [i for i in lower if lower[i].startswith(starts)]
+            for axis, starts in _ROLES.items()
+        }
         if channel is not None:
             alike = [i for i in lower if channel.lower() in lower[i]]
             named["z"] = [i for i in alike if lower[i] == channel.lower()] or alike
         if len(named["z"]) != 1:
             rule = "channel must be a part of the name of one column, that of the heights"
-            raise MetrologyError(f"{rule}, got {channel or 'none'} for {', '.join(names) or 'no names'} [{path.name}]")
+            raise MetrologyError(
+                f"{rule}, got {channel or 'none'} for {', '.join(names) or 'no names'} "
+                f"[{path.name}]"
+            )
         if len(named["x"]) != 1 or len(named["y"]) > 1:
             rule = "table of more than 3 columns must name one x, and one y if it is a map"
             raise MetrologyError(f"{rule}, got {', '.join(names)} [{path.name}]")
@@ -205,18 +270,26 @@ def _columns(names: list[str], values: Array, path: Path, channel: str | None) -
     if len(left) == 2:
         return {"x": left[0], "z": left[1]}
     if len(left) == 3:
-        extent = np.fmax.reduce(values[:, left]) - np.fmin.reduce(values[:, left])  # not a number where all is missing
+        extent = np.fmax.reduce(values[:, left]) - np.fmin.reduce(
+            values[:, left]
+        )  # not a number where all is missing
         flat = extent < _CONSTANT * np.sort(extent)[1]
         single = [len(np.unique(values[:, one])) > 0.5 * len(values) for one in left[:2]]
         if (flat[2] and all(single)) or (flat[1] and single[0]) or (flat[0] and single[1]):
             x, z = (one for one, still in zip(left, flat, strict=True) if not still)
             return {"x": x, "z": z}
         return dict(zip("xyz", left, strict=True))
-    raise MetrologyError(f"table must have 2 columns (x, z) or 3 (x, y, z), got {len(left)} [{path.name}]")
+    raise MetrologyError(
+        f"table must have 2 columns (x, z) or 3 (x, y, z), got {len(left)} [{path.name}]"
+    )
 
 
 def _factor(
-    name: str | None, axis: str, common: tuple[float, float] | None, given: dict[str, tuple[float, float]], path: Path
+    name: str | None,
+    axis: str,
+    common: tuple[float, float] | None,
+    given: dict[str, tuple[float, float]],
+    path: Path,
 ) -> tuple[float, float]:
     """Length of a stored 1 in a column: as its name says, as the head or the user does."""
     found = _UNIT_IN_NAME.search(name.lower()) if name else None
@@ -242,15 +315,22 @@ def _forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[str]]:
     if not np.isfinite(x).all() or lost == 0:
         return x, z, []
     if lost > _MOST_BACK * len(x):
-        rule = f"positions must increase along the profile at all but {_MOST_BACK:.0%} of its points"
-        raise MetrologyError(f"{rule}, got {lost / len(x):.0%} that lie behind one before them [{path.name}]")
+        rule = (
+            f"positions must increase along the profile at all but {_MOST_BACK:.0%} of its points"
+        )
+        raise MetrologyError(
+            f"{rule}, got {lost / len(x):.0%} that lie behind one before them [{path.name}]"
+        )
     return x[ahead], z[ahead], [f"{lost} points left out where the profile goes back"]
 
 
 def _matrix(values: Array, given: dict[str, tuple[float, float]], path: Path) -> HeightMap:
     """Heights without a head: their unit and the step along x (and y) must be given, as ``x=0.5um,z=nm``."""
     if not {"x", "z"} <= set(given):
-        rule = "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a step and a unit, as x=0.5um,z=nm"
+        rule = (
+            "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a step "
+            "and a unit, as x=0.5um,z=nm"
+        )
         raise MetrologyError(f"{rule}, got {values.shape[1]} columns [{path.name}]")
     dx, dy, one = (size / per for size, per in (given["x"], given.get("y", given["x"]), given["z"]))
     said, count = "matrix with the step and unit given", _last_digit(values.ravel(), given["z"])

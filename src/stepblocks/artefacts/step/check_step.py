@@ -22,13 +22,35 @@ from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 
 ALLOWED = 1e-9  # largest difference between a dimension and its faces [m], and [rad] for angles
-_SIZES = ("DIMENSIONAL_SIZE", "DIMENSIONAL_SIZE_WITH_PATH", "DIMENSIONAL_SIZE_WITH_DATUM_FEATURE", "ANGULAR_SIZE")
-_LINEAR = ("DIMENSIONAL_LOCATION", "DIRECTED_DIMENSIONAL_LOCATION", "DIMENSIONAL_LOCATION_WITH_PATH")
+_SIZES = (
+    "DIMENSIONAL_SIZE",
+    "DIMENSIONAL_SIZE_WITH_PATH",
+    "DIMENSIONAL_SIZE_WITH_DATUM_FEATURE",
+    "ANGULAR_SIZE",
+)
+_LINEAR = (
+    "DIMENSIONAL_LOCATION",
+    "DIRECTED_DIMENSIONAL_LOCATION",
+    "DIMENSIONAL_LOCATION_WITH_PATH",
+)
 _LOCATIONS = (*_LINEAR, "ANGULAR_LOCATION")
-_FORMS = ("FLATNESS", "STRAIGHTNESS", "ROUNDNESS", "CYLINDRICITY", "PARALLELISM", "PERPENDICULARITY", "ANGULARITY")
+_FORMS = (
+    "FLATNESS",
+    "STRAIGHTNESS",
+    "ROUNDNESS",
+    "CYLINDRICITY",
+    "PARALLELISM",
+    "PERPENDICULARITY",
+    "ANGULARITY",
+)
 _PLACES = ("POSITION", "CONCENTRICITY", "COAXIALITY", "SYMMETRY", "LINE_PROFILE", "SURFACE_PROFILE")
 _TOLERANCES = (*_FORMS, *_PLACES, "CIRCULAR_RUNOUT", "TOTAL_RUNOUT")
-_TO_DATUM = ("DATUM_SYSTEM", "DATUM_REFERENCE_COMPARTMENT", "DATUM_REFERENCE_ELEMENT", "DATUM_REFERENCE")
+_TO_DATUM = (
+    "DATUM_SYSTEM",
+    "DATUM_REFERENCE_COMPARTMENT",
+    "DATUM_REFERENCE_ELEMENT",
+    "DATUM_REFERENCE",
+)
 
 
 @dataclass(frozen=True)
@@ -43,7 +65,9 @@ class Characteristic:
     upper: float  # signed deviation [m or rad]; nan where the file states none
     unit: str  # in the file
     faces: tuple[str, ...]  # that it names
-    geometry: float | None = None  # the value by those faces [m or rad]; None where they do not determine it
+    geometry: float | None = (
+        None  # the value by those faces [m or rad]; None where they do not determine it
+    )
     datums: tuple[str, ...] = ()  # letters of those that a tolerance refers to
     angular: bool = False  # whether value and limits are angles
     problem: str = ""  # what is wrong with the dimension itself; empty where nothing is
@@ -64,7 +88,9 @@ class StepReport:
     tolerances: tuple[Characteristic, ...]
     materials: tuple[str, ...]  # names
     densities: tuple[float, ...]  # kg/m^3
-    textures: tuple[tuple[str, float], ...]  # face and largest Ra of every stated surface texture [m]
+    textures: tuple[
+        tuple[str, float], ...
+    ]  # face and largest Ra of every stated surface texture [m]
     findings: tuple[str, ...]  # one line for everything wrong; none means that the file passes
 
     @property
@@ -86,8 +112,9 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
     Returns
     -------
     StepReport
-        Every dimension and tolerance with its limits and what its faces measure, the material, and what is wrong: untyped
-        values, units that do not fit, dimensions more than 1 nm (1e-9 rad) off their faces.
+        Every dimension and tolerance with its limits and what its faces measure, the material, and
+        what is wrong: untyped values, units that do not fit, dimensions more than 1 nm (1e-9 rad)
+        off their faces.
 
     Raises
     ------
@@ -104,7 +131,9 @@ def report_in(path: Path, require_ap242: bool) -> dict[str, Any]:
     dimensions, tolerances = dimensions_of(file), tolerances_of(file)
     densities, wrong = density_findings(file)
     findings = [*untyped_measures(file), *wrong]
-    if require_ap242 and not any(schema.upper().startswith("AP242_MANAGED_MODEL") for schema in file.schema):
+    if require_ap242 and not any(
+        schema.upper().startswith("AP242_MANAGED_MODEL") for schema in file.schema
+    ):
         findings.append(f"FILE_SCHEMA: must be AP242, got {', '.join(file.schema) or 'nothing'}")
     findings += [finding for one in dimensions for finding in _dimension_findings(one)]
     for one in tolerances:
@@ -114,8 +143,15 @@ def report_in(path: Path, require_ap242: bool) -> dict[str, Any]:
             findings.append(f"{one.ref} {one.kind}: names no face")
     return {
         **{"name": file.name, "schema": file.schema, "findings": findings},
-        **{"dimensions": list(map(asdict, dimensions)), "tolerances": list(map(asdict, tolerances))},
-        **{"materials": list(_materials(file)), "densities": densities, "textures": list(_textures(file))},
+        **{
+            "dimensions": list(map(asdict, dimensions)),
+            "tolerances": list(map(asdict, tolerances)),
+        },
+        **{
+            "materials": list(_materials(file)),
+            "densities": densities,
+            "textures": list(_textures(file)),
+        },
     }
 
 
@@ -124,11 +160,15 @@ def dimensions_of(file: Exchange) -> list[Characteristic]:
     found = []
     for ref, values in file.named(*_SIZES):
         angular = file.parameters(ref, "ANGULAR_SIZE")
-        kind, name = ("angular size", _text(values[1])) if angular else (str((*values, "size")[1]), "")
+        kind, name = (
+            ("angular size", _text(values[1])) if angular else (str((*values, "size")[1]), "")
+        )
         found.append(_dimension(file, ref, kind, name, faces_of(file, values[0])))
     for ref, values in file.named(*_LOCATIONS):
         if len(values) >= 4:
-            kind = _text(values[0]) or ("angular location" if file.parameters(ref, "ANGULAR_LOCATION") else "location")
+            kind = _text(values[0]) or (
+                "angular location" if file.parameters(ref, "ANGULAR_LOCATION") else "location"
+            )
             sides = faces_of(file, values[2]), faces_of(file, values[3])
             found.append(_dimension(file, ref, kind, _text(values[1]), *sides))
     return sorted(found, key=lambda one: int(one.ref[1:]))
@@ -138,7 +178,9 @@ def _text(value: object) -> str:
     return "" if value is None or value in ("$", "*") else str(value)
 
 
-def _dimension(file: Exchange, ref: str, kind: str, name: str, *sides: list[Surface]) -> Characteristic:
+def _dimension(
+    file: Exchange, ref: str, kind: str, name: str, *sides: list[Surface]
+) -> Characteristic:
     nominal, lower, upper, problem = _limits(file, ref)
     unit, value = ("?", math.nan) if nominal is None else (nominal.unit.name, nominal.si)
     angular = nominal is not None and nominal.unit.dimension == "angle"
@@ -150,12 +192,18 @@ def _dimension(file: Exchange, ref: str, kind: str, name: str, *sides: list[Surf
         geometry = measured_size(sides[0], "angle" if angular else kind)
     else:
         first, second = sides
-        geometry = measured_angle(first, second, value) if angular else measured_distance(first, second, kind)
+        geometry = (
+            measured_angle(first, second, value)
+            if angular
+            else measured_distance(first, second, kind)
+        )
     planes = len(sides) == 2 and all(sides) and all(one.kind == "PLANE" for one in named)
     if planes and geometry is None and not (problem or angular) and len(bodies) == 1:
         problem = f"names planes {sides[0][0].ref} and {sides[1][0].ref} that are not parallel"
     faces = tuple(one.ref for one in named)
-    return Characteristic(ref, kind, name, value, lower, upper, unit, faces, geometry, (), angular, problem)
+    return Characteristic(
+        ref, kind, name, value, lower, upper, unit, faces, geometry, (), angular, problem
+    )
 
 
 def _linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
@@ -170,16 +218,23 @@ def _limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float, str
     """Nominal value, signed deviations, and what is wrong with them; limits stand as deviations or as values of their own."""
     found: dict[str, Measure] = {}
     for representation in _linked(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
-        for item in (file.parameters(representation, "SHAPE_DIMENSION_REPRESENTATION") or ("", ()))[1]:
+        for item in (file.parameters(representation, "SHAPE_DIMENSION_REPRESENTATION") or ("", ()))[
+            1
+        ]:
             if (measure := measure_of(file, item)) is not None:
                 label = str((file.parameters(item, "REPRESENTATION_ITEM") or ("",))[0]).lower()
                 side = next((side for side in ("upper", "lower") if side in label), "")
-                found[side] = measure if side else found.get(side, measure)  # the first value is the nominal
+                found[side] = (
+                    measure if side else found.get(side, measure)
+                )  # the first value is the nominal
     if (nominal := found.pop("", None)) is None:
         return None, math.nan, math.nan, "no value"
     lower, upper, problem = math.nan, math.nan, ""
     if found:
-        lower, upper = (found[side].si - nominal.si if side in found else math.nan for side in ("lower", "upper"))
+        lower, upper = (
+            found[side].si - nominal.si if side in found else math.nan
+            for side in ("lower", "upper")
+        )
     for stated in _linked(file, ref, "PLUS_MINUS_TOLERANCE", 1) if not found else ():
         if bounds := file.parameters(stated, "TOLERANCE_VALUE"):
             sides = [one for bound in bounds if (one := measure_of(file, bound)) is not None]
@@ -203,12 +258,18 @@ def tolerances_of(file: Exchange) -> list[Characteristic]:
                 continue
             zone = measure_of(file, common[2])
             unit, value = ("?", math.nan) if zone is None else (zone.unit.name, zone.si)
-            reference = file.parameters(ref, "GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE") or values[4:5]
+            reference = (
+                file.parameters(ref, "GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE") or values[4:5]
+            )
             found[ref] = Characteristic(
                 *(ref, kind.lower().replace("_", " "), _text(common[0]), value, 0.0, value, unit),
                 faces=tuple(one.ref for one in faces_of(file, common[3])),
                 datums=_datums(file, reference),
-                problem="no value" if zone is None else "" if value > 0.0 else "zone must be positive",
+                problem="no value"
+                if zone is None
+                else ""
+                if value > 0.0
+                else "zone must be positive",
             )
     return sorted(found.values(), key=lambda one: int(one.ref[1:]))
 
@@ -237,22 +298,34 @@ def _dimension_findings(one: Characteristic) -> Iterator[str]:
         yield f"{label}: {one.problem}"
     if one.deviation is not None and abs(one.deviation) > ALLOWED:
         scale, unit = shown_in(one.angular)
-        said, had = (f"{value * scale:.9g} {unit}" for value in (one.value, one.value + one.deviation))
-        faces, off = ("", "") if one.angular else (f" {', '.join(one.faces)}", f" ({one.deviation * 1e9:+.3f} nm)")
+        said, had = (
+            f"{value * scale:.9g} {unit}" for value in (one.value, one.value + one.deviation)
+        )
+        faces, off = (
+            ("", "")
+            if one.angular
+            else (f" {', '.join(one.faces)}", f" ({one.deviation * 1e9:+.3f} nm)")
+        )
         yield f"{label}: says {said}, but its faces{faces} have {had}{off}"
 
 
 def _textures(file: Exchange) -> Iterator[tuple[str, float]]:
     for _, (described, shown, *_) in file.named("PROPERTY_DEFINITION_REPRESENTATION"):
         kind, _, owner = file.parameters(described, "PROPERTY_DEFINITION") or ("", "", "")
-        for item in (file.parameters(shown, "REPRESENTATION") or ("", ()))[1] if kind == "surface texture" else ():
+        for item in (
+            (file.parameters(shown, "REPRESENTATION") or ("", ()))[1]
+            if kind == "surface texture"
+            else ()
+        ):
             if (measure := measure_of(file, item)) is not None:
                 yield from ((face.ref, measure.si) for face in faces_of(file, owner))
 
 
 def _materials(file: Exchange) -> Iterator[str]:
     for _, values in file.named("REPRESENTATION"):
-        for item in values[1] if len(values) == 3 and "material name" in str(values[0]).lower() else ():
+        for item in (
+            values[1] if len(values) == 3 and "material name" in str(values[0]).lower() else ()
+        ):
             yield from map(str, file.parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")[:1])
 
 
@@ -262,7 +335,10 @@ def step_table(report: StepReport) -> str:
     if report.materials:
         densities = ", ".join(f"{value:g} kg/m^3" for value in report.densities)
         lines.append(f"material {', '.join(report.materials)} {densities}".rstrip())
-    head = f"{'instance':>9} {'kind':18} {'value':>13} {'lower':>11} {'upper':>11} {'unit':7} {'geometry - value':>17}  name"
+    head = (
+        f"{'instance':>9} {'kind':18} {'value':>13} {'lower':>11} {'upper':>11} {'unit':7} "
+        f"{'geometry - value':>17}  name"
+    )
     lines += ["", head, "-" * len(head)]
     kinds = {one.kind for one in report.dimensions}
     for one in (*report.dimensions, *report.tolerances):
@@ -271,7 +347,13 @@ def step_table(report: StepReport) -> str:
         lower, upper = ["-" if math.isnan(end) else f"{end:+.6g}" for end in ends] or ["", ""]
         value = "-" if math.isnan(one.value) else f"{one.value * scale:.9g}"
         off = math.nan if one.deviation is None else one.deviation
-        deviation = "-" if math.isnan(off) else f"{off * scale:.3g} deg" if one.angular else f"{off * 1e9:.3f} nm"
+        deviation = (
+            "-"
+            if math.isnan(off)
+            else f"{off * scale:.3g} deg"
+            if one.angular
+            else f"{off * 1e9:.3f} nm"
+        )
         name = " ".join([one.name, *(f"|{letter}" for letter in one.datums)]).strip()
         limits = f"{lower:>11} {upper:>11} {unit:7} {deviation:>17}"
         lines.append(f"{one.ref:>9} {one.kind:18} {value:>13} {limits}  {name}".rstrip())

@@ -39,7 +39,9 @@ class Exchange:
     def __init__(self, name: str, schema: tuple[str, ...], raw: dict[str, str]) -> None:
         self.name, self.schema, self._raw = name, schema, raw
         self._parsed: dict[str, dict[str, tuple[Any, ...]]] = {}
-        self._holding: dict[str, list[str]] = {}  # instances by each reference and each entity or type in their texts
+        self._holding: dict[
+            str, list[str]
+        ] = {}  # instances by each reference and each entity or type in their texts
         for ref, body in raw.items():
             for found in dict.fromkeys(_NAME.findall(_STRING.sub("", body))):
                 self._holding.setdefault(found.upper(), []).append(ref)
@@ -94,8 +96,15 @@ def read_exchange(path: Path) -> Exchange:
         raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
     try:
         header, raw = _raw_instances(text)
-        stated = next((_parsed(one)["FILE_SCHEMA"] for one in header if re.match(r"FILE_SCHEMA\s*\(", one)), ())
-        schema = tuple(str(name) for names in stated for name in (names if isinstance(names, tuple) else (names,)))
+        stated = next(
+            (_parsed(one)["FILE_SCHEMA"] for one in header if re.match(r"FILE_SCHEMA\s*\(", one)),
+            (),
+        )
+        schema = tuple(
+            str(name)
+            for names in stated
+            for name in (names if isinstance(names, tuple) else (names,))
+        )
         return Exchange(path.name, schema, raw)
     except (ValueError, RecursionError) as error:
         raise _unsound(error, path.name) from error
@@ -106,7 +115,8 @@ def _unsound(error: Exception, name: str) -> MetrologyError:
     return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{name}]")
 
 
-# every repetition is possessive: a quote that is lost costs one pass, not one for each character after it
+# every repetition is possessive: a quote that is lost costs one pass, not one for each character
+# after it
 _STATEMENT = re.compile(r"((?:'[^']*+'|[^';])++);")
 _STRING = re.compile(r"'[^']*+'")
 _COMMENT = re.compile(r"('[^']*+')|/\*(?:[^*]++|\*(?!/))*+(?:\*/)?")
@@ -126,7 +136,11 @@ def _raw_instances(text: str) -> tuple[list[str], dict[str, str]]:
     while found := _STATEMENT.match(text, at):
         statements.append(found[1].strip())
         at = found.end()
-    if text[at:].strip() or "DATA" not in statements or statements[-2:] != ["ENDSEC", "END-ISO-10303-21"]:
+    if (
+        text[at:].strip()
+        or "DATA" not in statements
+        or statements[-2:] != ["ENDSEC", "END-ISO-10303-21"]
+    ):
         raise ValueError("no whole DATA section")
     start = statements.index("DATA")
     raw: dict[str, str] = {}
@@ -149,7 +163,9 @@ def _parsed(body: str) -> dict[str, tuple[Any, ...]]:
     def as_json(found: re.Match[str]) -> str:
         kind, token = found.lastgroup, found[found.lastgroup or 0]
         if kind == "word":
-            between = "," if several and len(closing) == 1 and body[1 : found.start()].strip() else ""
+            between = (
+                "," if several and len(closing) == 1 and body[1 : found.start()].strip() else ""
+            )
             closing.append("]}")
             return f'{between}{{"{token.upper()}":['
         if kind == "number":
@@ -161,7 +177,11 @@ def _parsed(body: str) -> dict[str, tuple[Any, ...]]:
             return "["
         if kind == "other":
             raise ValueError(f"no parameter: {body[found.start() :][:20]!r}")
-        return json.dumps(_decoded(token) if kind == "text" else token) if kind in ("text", "name") else token
+        return (
+            json.dumps(_decoded(token) if kind == "text" else token)
+            if kind in ("text", "name")
+            else token
+        )
 
     found = json.loads(_TOKEN.sub(as_json, body), object_pairs_hook=lambda pairs: Typed(*pairs[0]))
     entities = found if several else [found]
@@ -173,7 +193,9 @@ def _parsed(body: str) -> dict[str, tuple[Any, ...]]:
 def _decoded(token: str) -> str:
     wide = {"2": "utf-16-be", "4": "utf-32-be"}
     plain = token[1:-1].replace("''", "'")
-    return _EXTENDED.sub(lambda one: bytes.fromhex(one[2]).decode(wide[one[1]]), plain).replace("\\\\", "\\")
+    return _EXTENDED.sub(lambda one: bytes.fromhex(one[2]).decode(wide[one[1]]), plain).replace(
+        "\\\\", "\\"
+    )
 
 
 def _plain(value: Any) -> Any:

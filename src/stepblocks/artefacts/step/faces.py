@@ -27,10 +27,14 @@ class Surface:
     """Surface of one face, or curve of one edge, in metres."""
 
     ref: str  # the face or edge
-    kind: str  # ``PLANE``, ``CYLINDRICAL_SURFACE`` or another; of an edge the kind of its curve, ``LINE`` or ``CIRCLE``
+    # ``PLANE``, ``CYLINDRICAL_SURFACE`` or another; of an edge the kind of its curve, ``LINE`` or
+    # ``CIRCLE``
+    kind: str
     point: Array = field(default_factory=_NOWHERE.copy)  # location of its placement [m]
     axis: Array = field(default_factory=_NOWHERE.copy)  # direction of its placement
-    sizes: tuple[float, ...] = ()  # radius [m]; radius [m] and half angle [rad] of a cone; radii [m] of a torus
+    sizes: tuple[
+        float, ...
+    ] = ()  # radius [m]; radius [m] and half angle [rad] of a cone; radii [m] of a torus
     representation: str = ""  # that holds it: faces of two bodies lie in two
 
 
@@ -64,8 +68,18 @@ def _units(file: Exchange, representation: str) -> tuple[Unit, Unit]:
 def _surface(file: Exchange, item: str, representation: str) -> Surface:
     length, angle = _units(file, representation)
     under = {"EDGE_CURVE": 3, "ADVANCED_FACE": 2, "FACE_SURFACE": 2}
-    carrier = next((file.parameters(item, name)[at] for name, at in under.items() if file.parameters(item, name)), item)
-    for name in ("SURFACE_CURVE", "SEAM_CURVE"):  # a curve that is given with its traces on the two faces
+    carrier = next(
+        (
+            file.parameters(item, name)[at]
+            for name, at in under.items()
+            if file.parameters(item, name)
+        ),
+        item,
+    )
+    for name in (
+        "SURFACE_CURVE",
+        "SEAM_CURVE",
+    ):  # a curve that is given with its traces on the two faces
         carrier = (*file.parameters(carrier, name)[1:2], carrier)[0]
     kind, parameters = next(iter(file.parts(carrier).items()), ("", ()))
     if len(parameters) < 2 or not is_reference(parameters[1]):
@@ -98,7 +112,11 @@ def _placement(file: Exchange, ref: object) -> tuple[Array, Array, Array]:
     values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
     if len(values) != 4:
         return _NOWHERE, _NOWHERE, _NOWHERE
-    return _coordinates(file, values[1]), _direction(file, values[2], _UPWARDS), _direction(file, values[3], _UPWARDS)
+    return (
+        _coordinates(file, values[1]),
+        _direction(file, values[2], _UPWARDS),
+        _direction(file, values[3], _UPWARDS),
+    )
 
 
 def placed_where_drawn(file: Exchange) -> bool:
@@ -119,12 +137,32 @@ def measured_size(surfaces: list[Surface], name: str) -> float | None:
         if max(radii) - min(radii) > 1e-12:
             return None
         return 2.0 * max(radii) if "diameter" in name else max(radii) if "radius" in name else None
-    if len(surfaces) == 1 and surfaces[0].kind == "TOROIDAL_SURFACE" and len(surfaces[0].sizes) == 2:
-        # a ring's size is, as its dimension is named, that of its middle, of its wire, or of its inner or outer edge
+    if (
+        len(surfaces) == 1
+        and surfaces[0].kind == "TOROIDAL_SURFACE"
+        and len(surfaces[0].sizes) == 2
+    ):
+        # a ring's size is, as its dimension is named, that of its middle, of its wire, or of its
+        # inner or outer edge
         major, minor = surfaces[0].sizes
-        named = {"high major": major + minor, "low major": major - minor, "major": major, "minor": minor}
-        radius = next((value for words, value in named.items() if f"toroidal {words}" in name), None)
-        return None if radius is None else 2.0 * radius if "diameter" in name else radius if "radius" in name else None
+        named = {
+            "high major": major + minor,
+            "low major": major - minor,
+            "major": major,
+            "minor": minor,
+        }
+        radius = next(
+            (value for words, value in named.items() if f"toroidal {words}" in name), None
+        )
+        return (
+            None
+            if radius is None
+            else 2.0 * radius
+            if "diameter" in name
+            else radius
+            if "radius" in name
+            else None
+        )
     if len(surfaces) == 2 and all(one.kind == "PLANE" for one in surfaces):
         return measured_distance([surfaces[0]], [surfaces[1]])
     if "angle" in name and len(surfaces) == 1 and surfaces[0].kind == "CONICAL_SURFACE":
@@ -154,10 +192,15 @@ def _beyond_centre(surface: Surface, side: str) -> float:
 def _distance(a: Surface, b: Surface) -> float | None:
     if b.kind == "PLANE" or (a.kind in _CURVES and b.kind not in _CURVES):
         a, b = b, a
-    between, parallel = b.point - a.point, float(np.linalg.norm(np.cross(a.axis, b.axis))) <= _PARALLEL
+    between, parallel = (
+        b.point - a.point,
+        float(np.linalg.norm(np.cross(a.axis, b.axis))) <= _PARALLEL,
+    )
     if a.kind == "PLANE":
         along = b.kind in ("LINE", *_TURNED) and abs(float(a.axis @ b.axis)) <= _PARALLEL
-        level = along or b.kind == "SPHERICAL_SURFACE" or (b.kind in ("PLANE", "CIRCLE") and parallel)
+        level = (
+            along or b.kind == "SPHERICAL_SURFACE" or (b.kind in ("PLANE", "CIRCLE") and parallel)
+        )
         return abs(float(between @ a.axis)) if level else None
     if a.kind == b.kind == "SPHERICAL_SURFACE":
         return float(np.linalg.norm(between))
@@ -169,17 +212,23 @@ def _distance(a: Surface, b: Surface) -> float | None:
     if a.kind == "CONICAL_SURFACE" and one_axis and _as_steep(a, b):  # square to the cone
         wider = b.sizes[0] - a.sizes[0] - along_axis * math.tan(a.sizes[1])
         return abs(wider) * math.cos(a.sizes[1])
-    if a.kind not in _TURNED or not (b.kind == "SPHERICAL_SURFACE" or (b.kind in _TURNED and parallel)):
+    if a.kind not in _TURNED or not (
+        b.kind == "SPHERICAL_SURFACE" or (b.kind in _TURNED and parallel)
+    ):
         return None
     if a.kind == b.kind and apart <= _ONE_AXIS and a.representation != b.representation:
-        return abs(a.sizes[0] - b.sizes[0])  # one body in the bore of another: the gap, their axes being one
+        return abs(
+            a.sizes[0] - b.sizes[0]
+        )  # one body in the bore of another: the gap, their axes being one
     return apart
 
 
 def _as_steep(cone: Surface, other: Surface) -> bool:
     """Whether a cone and what is turned about its axis have one distance: a round edge, or a cone of the same angle."""
     same_way = 1.0 if cone.axis @ other.axis > 0.0 else -1.0
-    cones = other.kind == "CONICAL_SURFACE" and abs(cone.sizes[1] - same_way * other.sizes[1]) <= 1e-12
+    cones = (
+        other.kind == "CONICAL_SURFACE" and abs(cone.sizes[1] - same_way * other.sizes[1]) <= 1e-12
+    )
     return cones or other.kind == "CIRCLE"
 
 
@@ -188,5 +237,9 @@ def measured_angle(first: list[Surface], second: list[Surface], nominal: float) 
     kinds = {one.kind for one in (*first, *second)}
     if len(first) != 1 or len(second) != 1 or not (kinds == {"PLANE"} or kinds <= set(_TURNED)):
         return None
-    angle = float(np.arctan2(np.linalg.norm(np.cross(first[0].axis, second[0].axis)), first[0].axis @ second[0].axis))
+    angle = float(
+        np.arctan2(
+            np.linalg.norm(np.cross(first[0].axis, second[0].axis)), first[0].axis @ second[0].axis
+        )
+    )
     return min((angle, math.pi - angle), key=lambda one: abs(one - nominal))

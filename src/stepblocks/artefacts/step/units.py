@@ -8,7 +8,13 @@ from stepblocks.artefacts.step.exchange import Exchange, Typed, number
 from stepblocks.quantities import scaled
 
 _PREFIXES = {  # symbol and factor
-    **{"": ("", 1.0), "MEGA": ("M", 1e6), "KILO": ("k", 1e3), "DECI": ("d", 1e-1), "CENTI": ("c", 1e-2)},
+    **{
+        "": ("", 1.0),
+        "MEGA": ("M", 1e6),
+        "KILO": ("k", 1e3),
+        "DECI": ("d", 1e-1),
+        "CENTI": ("c", 1e-2),
+    },
     **{"MILLI": ("m", 1e-3), "MICRO": ("u", 1e-6), "NANO": ("n", 1e-9), "PICO": ("p", 1e-12)},
 }
 _BASES = {  # symbol, dimension, and SI units in one: the SI unit of mass is the kilogram
@@ -17,7 +23,10 @@ _BASES = {  # symbol, dimension, and SI units in one: the SI unit of mass is the
 }
 # entities that hold a measure, and which of their parameters is the value; its unit follows
 _MEASURES = {
-    **{f"{of}MEASURE_WITH_UNIT": 0 for of in ("", "LENGTH_", "PLANE_ANGLE_", "MASS_", "RATIO_", "UNCERTAINTY_")},
+    **{
+        f"{of}MEASURE_WITH_UNIT": 0
+        for of in ("", "LENGTH_", "PLANE_ANGLE_", "MASS_", "RATIO_", "UNCERTAINTY_")
+    },
     "MEASURE_REPRESENTATION_ITEM": 1,
 }
 _TYPES = {
@@ -82,7 +91,9 @@ def untyped_measures(file: Exchange) -> list[str]:
                 continue
             raw, unit = values[at : at + 2]
             if not isinstance(raw, Typed):
-                findings.append(f"{ref} {name}: value must be typed, such as LENGTH_MEASURE(...), got {raw!r}")
+                findings.append(
+                    f"{ref} {name}: value must be typed, such as LENGTH_MEASURE(...), got {raw!r}"
+                )
                 continue
             size, dimension = number(raw), unit_of(file, unit).dimension
             if raw.type.startswith("POSITIVE_") and size is not None and not size > 0.0:
@@ -96,12 +107,17 @@ def density_findings(file: Exchange) -> tuple[list[float], list[str]]:
     """Find densities, in kg/m^3, and those whose unit is no density."""
     densities, findings = [], []
     for ref, values in file.named("MEASURE_REPRESENTATION_ITEM"):
-        stated = values or (*file.parameters(ref, "REPRESENTATION_ITEM"), *file.parameters(ref, "MEASURE_WITH_UNIT"))
+        stated = values or (
+            *file.parameters(ref, "REPRESENTATION_ITEM"),
+            *file.parameters(ref, "MEASURE_WITH_UNIT"),
+        )
         if len(stated) != 3 or "density" not in str(stated[0]).lower():
             continue
         value, (factor, powers) = number(stated[1]), _derived(file, stated[2])
         if powers != _DENSITY:
-            said = " ".join(f"{name}^{power:g}" for name, power in sorted(powers.items())) or "nothing"
+            said = (
+                " ".join(f"{name}^{power:g}" for name, power in sorted(powers.items())) or "nothing"
+            )
             findings.append(f"{ref} density: unit must be mass^1 length^-3, got {said}")
         elif value is None or not 10.0 <= value * factor <= 25_000.0:
             got = "no number" if value is None else f"{value * factor:g}"

@@ -11,7 +11,14 @@ import numpy as np
 from stepblocks.artefacts.on_paper import demands_by_default, limits_text, zone_text
 from stepblocks.atomic import beside
 from stepblocks.cad import door, kernel
-from stepblocks.cad.pmi import Callout, PmiDimension, PmiItem, PmiKind, PmiTolerance, write_step_with_tolerances
+from stepblocks.cad.pmi import (
+    Callout,
+    PmiDimension,
+    PmiItem,
+    PmiKind,
+    PmiTolerance,
+    write_step_with_tolerances,
+)
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, find_face
 from stepblocks.parts.declared import Material
@@ -27,7 +34,11 @@ _INSTANCE = re.compile(r"(?:'(?:[^']|'')*'|[^';])+")
 _LIMIT = re.compile(r"MEASURE_WITH_UNIT\(\s*([-+0-9.Ee]+)\s*,\s*(#\d+)\s*\)")
 # where the description of a dimension stands, and which kinds have one
 _DESCRIBED = re.compile(r"(\w+)\((?:'[^']*'|#\d+),(\$|'[^']*')(?=,)")
-_NAMED = {"DIMENSIONAL_LOCATION": ("distance", "to_outer"), "ANGULAR_LOCATION": ("angle",), "ANGULAR_SIZE": ("cone",)}
+_NAMED = {
+    "DIMENSIONAL_LOCATION": ("distance", "to_outer"),
+    "ANGULAR_LOCATION": ("angle",),
+    "ANGULAR_SIZE": ("cone",),
+}
 _ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
 _HEADER = re.compile(r"FILE_NAME\('[^']*',\s*'[^']*'")
 _OCCURRENCE = re.compile(r"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\()'\d+'(.*)", re.DOTALL)
@@ -59,7 +70,9 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, doo
         seen = Callout(text.replace("±", "+-"), lines)  # Part 21 holds ASCII
         if one.kind in ("flatness", "parallelism"):
             datum = ("A", items[1].face) if one.kind == "parallelism" else None
-            tolerances.append(PmiTolerance(one.kind, one.body, items[0].face, one.upper, datum, seen))
+            tolerances.append(
+                PmiTolerance(one.kind, one.body, items[0].face, one.upper, datum, seen)
+            )
         else:
             dimension = PmiDimension(_pmi_kind(one), items, one.nominal, one.lower, one.upper, seen)
             dimensions.append((one.label, dimension))
@@ -86,7 +99,12 @@ def write_conforming(
     plain = [one for _, one in dimensions]
     with beside(path) as draft:
         write_step_with_tolerances(
-            draft, bodies, plain, tolerances, (material.designation, material.density.value), identity
+            draft,
+            bodies,
+            plain,
+            tolerances,
+            (material.designation, material.density.value),
+            identity,
         )
         names = [(one.kind, name) for name, one in dimensions]
         text = conforming(draft.read_text(encoding="utf-8"), identity, names, notes, texture)
@@ -120,12 +138,18 @@ def _callout_text(one: Characteristic, number: int) -> str:
     return f"{number}  {one.label} {sign}{limits}"
 
 
-def _callout_lines(text: str, place: int, part: Sequence[door.Face], face: door.Face) -> list[tuple[Point, Point]]:
+def _callout_lines(
+    text: str, place: int, part: Sequence[door.Face], face: door.Face
+) -> list[tuple[Point, Point]]:
     """Draw a callout in the plane before the front of a part."""
     low = np.min([one.low for one in part], axis=0)
     high = np.max([one.high for one in part], axis=0)
     size = 0.03 * float(np.max(high - low))
-    x0, y, z0 = float(high[0]) + 4.0 * size, float(low[1]) - 2.0 * size, float(low[2]) + (2.0 * place + 1.0) * size
+    x0, y, z0 = (
+        float(high[0]) + 4.0 * size,
+        float(low[1]) - 2.0 * size,
+        float(low[2]) + (2.0 * place + 1.0) * size,
+    )
     middle = x0 + 0.5 * text_width(text, size)
     lines: list[tuple[Point, Point]] = []  # of the letters, then the leader
     for outer, *holes in letters(text, size):
@@ -152,18 +176,28 @@ def conforming(
     section, _, tail = rest.rpartition("ENDSEC;")
     pairs = (one.partition("=") for one in _INSTANCE.findall(section) if one.strip())
     data = {ref.strip(): body.strip() for ref, _, body in pairs}
-    waiting = {entity: [label for kind, label in names if kind in kinds] for entity, kinds in _NAMED.items()}
+    waiting = {
+        entity: [label for kind, label in names if kind in kinds]
+        for entity, kinds in _NAMED.items()
+    }
     angular = {ref for ref, body in data.items() if "PLANE_ANGLE_UNIT" in body}
-    # the kernel counts on over all files that a process writes, and ends a line by how long its number is
+    # the kernel counts on over all files that a process writes, and ends a line by how long its
+    # number is
     numbers = itertools.count(1)
     for ref, body in data.items():
         mended = _mended(body, waiting, angular)
-        data[ref] = _OCCURRENCE.sub(lambda one: f"{one[1]}'{next(numbers)}'{_SPACE.sub('', one[2])}", mended)
+        data[ref] = _OCCURRENCE.sub(
+            lambda one: f"{one[1]}'{next(numbers)}'{_SPACE.sub('', one[2])}", mended
+        )
     missing = [label for labels in waiting.values() for label in labels]
     if missing:
-        raise MachiningError(f"every named dimension must be written, missing {', '.join(missing)} [{identity}]")
+        raise MachiningError(
+            f"every named dimension must be written, missing {', '.join(missing)} [{identity}]"
+        )
     # the kernel writes mass^3 length^2
-    for element, (unit, power) in zip(_holding(data, "DERIVED_UNIT_ELEMENT("), itertools.cycle(_DENSITY), strict=False):
+    for element, (unit, power) in zip(
+        _holding(data, "DERIVED_UNIT_ELEMENT("), itertools.cycle(_DENSITY), strict=False
+    ):
         base = _REFERENCE.findall(data[element])[0]
         data |= {element: f"DERIVED_UNIT_ELEMENT({base},{power})", base: unit}
     # requirements without a face are properties of the product, which every reader shows
@@ -178,8 +212,16 @@ def conforming(
         millimetre = next(iter(_holding(data, "SI_UNIT(.MILLI.,.METRE.)")), "")
         roughness = np.format_float_positional(texture * 1e3, 12, fractional=False, trim=".")
         measure = f"MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({roughness}),{millimetre})"
-        _add_property(data, ("surface texture", "Ra, largest", "surface texture"), measure, flat, rule)
-    return head + "DATA;\n" + "".join(f"{ref} = {body};\n" for ref, body in data.items()) + "ENDSEC;" + tail
+        _add_property(
+            data, ("surface texture", "Ra, largest", "surface texture"), measure, flat, rule
+        )
+    return (
+        head
+        + "DATA;\n"
+        + "".join(f"{ref} = {body};\n" for ref, body in data.items())
+        + "ENDSEC;"
+        + tail
+    )
 
 
 def _holding(data: dict[str, str], text: str) -> list[str]:
@@ -189,7 +231,9 @@ def _holding(data: dict[str, str], text: str) -> list[str]:
 
 
 def _mended(body: str, waiting: dict[str, list[str]], angular: set[str]) -> str:
-    if "DRAUGHTING_PRE_DEFINED_COLOUR" in body:  # callouts in the kernel's white cannot be seen on paper
+    if (
+        "DRAUGHTING_PRE_DEFINED_COLOUR" in body
+    ):  # callouts in the kernel's white cannot be seen on paper
         return body.replace("('white')", "('black')")
     if not any(word in body for word in ("MEASURE_WITH_UNIT", "AL_LOCATION(", "ANGULAR_")):
         return body  # thousands are shape, which nothing here touches
@@ -204,7 +248,9 @@ def _mended(body: str, waiting: dict[str, list[str]], angular: set[str]) -> str:
     return _ZERO.sub("LENGTH_MEASURE(0.)", flat) if "POSITIVE_LENGTH_MEASURE(" in flat else body
 
 
-def _add_property(data: dict[str, str], names: tuple[str, str, str], of: str, owners: Sequence[str], rule: str) -> None:
+def _add_property(
+    data: dict[str, str], names: tuple[str, str, str], of: str, owners: Sequence[str], rule: str
+) -> None:
     """Write a property under its kind, name and the name of its value, of a product or of the faces that are toleranced."""
     kind, name, shown_as = names
     context = _holding(data, "GEOMETRIC_REPRESENTATION_CONTEXT(3)")

@@ -18,7 +18,10 @@ from stepblocks.errors import PipelineError
 
 _LEAST_SLIDE, _MOST_SLIDE = 50e-3, 80e-3  # [s] before the edge
 _NAMES = ("time_s", "fx_n", "fy_n")
-TRACE_FILES = {"csv": "traces/{trial:04d}.csv", "hdf5": "traces.h5"}  # where the traces of a session lie, by format
+TRACE_FILES = {
+    "csv": "traces/{trial:04d}.csv",
+    "hdf5": "traces.h5",
+}  # where the traces of a session lie, by format
 _OVERSAMPLING = 16  # a sensor is filtered on a finer clock than the converter's
 
 Write = Callable[[int, Trace], None]  # appends the trace of a trial
@@ -35,7 +38,8 @@ class Truth:
     amplitude: float  # of the ring at release [N]
     frequency: float  # of the ring [Hz]
     decay_time: float  # of the ring [s]
-    sympathetic: float = 0.25  # amplitude of the normal force that rings along, per amplitude of the tangential one [1]
+    # amplitude of the normal force that rings along, per amplitude of the tangential one [1]
+    sympathetic: float = 0.25
     gap: float = 0.0  # twice the friction that turns with the tip [N]; 0 for a ring without
     release_decay: float = 0.4e-3  # time in which the rest of the peak dies [s]
 
@@ -46,7 +50,8 @@ class RecordedTrial:
 
     trace: Trace
     peak_force: float  # largest tangential force before the slip [N]
-    amplitude: float  # first swing below sliding, carried back to the release by the damping of the tool [N]
+    # first swing below sliding, carried back to the release by the damping of the tool [N]
+    amplitude: float
     release: float  # instant of the peak [s]
 
 
@@ -79,23 +84,31 @@ class Rig:
         channels = []
         for values in (tangential, normal):
             if self.oversampling > 1:
-                values = lfilter([1.0 - keep], [1.0, -keep], values, zi=np.array([keep * values[0]]))[0]
+                values = lfilter(
+                    [1.0 - keep], [1.0, -keep], values, zi=np.array([keep * values[0]])
+                )[0]
                 values = values[:: self.oversampling]
             phase = random.uniform(0.0, 2.0 * math.pi)
             hum = self.hum * np.sin(2.0 * np.pi * self.mains * time + phase)
             noisy = values + hum + self.drift * time + self.noise * random.standard_normal(count)
-            channels.append(np.round(noisy / self.quantum) * self.quantum if self.quantum > 0.0 else noisy)
+            channels.append(
+                np.round(noisy / self.quantum) * self.quantum if self.quantum > 0.0 else noisy
+            )
         return Trace(time, *channels)
 
 
-def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.0) -> tuple[Trace, float, float]:
+def record(
+    truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.0
+) -> tuple[Trace, float, float]:
     """Record a trial; with the instants of its onset and release [s]."""
     onset = float(random.uniform(_LEAST_SLIDE, _MOST_SLIDE))
     release = onset + (truth.peak_force - truth.sliding_force) / truth.slope
     # the clock does not know of the events: their phase against it is any
     count = math.ceil((release + rig.tail * truth.decay_time) * rig.sample_rate) * rig.oversampling
     if count > 100_000_000:
-        raise PipelineError(f"a record must have at most 100 million samples, the plan asks for {count:.3g}")
+        raise PipelineError(
+            f"a record must have at most 100 million samples, the plan asks for {count:.3g}"
+        )
     time = np.arange(count) / (rig.sample_rate * rig.oversampling)
     force = truth.sliding_force + truth.slope * np.maximum(time - onset, 0.0)
     force = force + _start_up(rig, time, (truth.frequency, truth.decay_time), onset, random)
@@ -108,10 +121,14 @@ def record(truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.
         tool = truth.frequency, truth.decay_time
         ring = rubbing_force(since, truth.sliding_force, truth.gap, tool, start, truth.slope)
     else:
-        ring = truth.sliding_force + truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(phase)
+        ring = truth.sliding_force + truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(
+            phase
+        )
     force[after] = ring + rest * np.exp(-since / truth.release_decay)
     normal, size = np.full(count, truth.load), truth.sympathetic * truth.amplitude
-    normal[after] = truth.load + size * np.exp(-since / truth.decay_time) * np.cos(phase + 0.25 * np.pi)
+    normal[after] = truth.load + size * np.exp(-since / truth.decay_time) * np.cos(
+        phase + 0.25 * np.pi
+    )
     return rig.disturb(gain * force, normal, random), onset, release
 
 
@@ -133,7 +150,8 @@ def drag_trial(
     hardening: float = 0.0,
 ) -> RecordedTrial | None:
     """Record a drag in time over a step; None where the tip does not slip over."""
-    # `pull` is a steady force along the drag beside the tip's [N]; `hardening` the cubic stiffness of the spring [N/m^3].
+    # `pull` is a steady force along the drag beside the tip's [N]; `hardening` the cubic stiffness
+    # of the spring [N/m^3].
     from stepblocks.drag.ring import ring_of
     from stepblocks.drag.simulate import DragSettings, probe_for, simulate
     from stepblocks.drag.track import track_over
@@ -165,7 +183,9 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
     """Begin the traces of a session in an empty folder."""
     if kind == "csv":
         (folder / TRACE_FILES[kind]).parent.mkdir()
-        yield lambda trial, trace: _write_text(folder / TRACE_FILES["csv"].format(trial=trial), trace)
+        yield lambda trial, trace: _write_text(
+            folder / TRACE_FILES["csv"].format(trial=trial), trace
+        )
         return
     import h5py
 
@@ -176,9 +196,18 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
 
 def _write_text(path: Path, trace: Trace) -> None:
     table = np.column_stack([trace.time, trace.tangential, trace.normal])
-    np.savetxt(path, table, fmt=("%.6f", "%.6g", "%.6g"), delimiter=",", header=",".join(_NAMES), comments="")
+    np.savetxt(
+        path,
+        table,
+        fmt=("%.6f", "%.6g", "%.6g"),
+        delimiter=",",
+        header=",".join(_NAMES),
+        comments="",
+    )
 
 
 def _write_group(group: Any, trace: Trace) -> None:
     for name, values in zip(_NAMES, (trace.time, trace.tangential, trace.normal), strict=True):
-        group.create_dataset(name, data=values.astype(np.float32), compression="gzip", track_times=False)
+        group.create_dataset(
+            name, data=values.astype(np.float32), compression="gzip", track_times=False
+        )

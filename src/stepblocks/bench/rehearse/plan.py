@@ -22,7 +22,15 @@ from stepblocks.tables import read_table
 from stepblocks.text_file import read_document
 
 _MOST_TRIALS = 1_000_000
-NUMBERS = ("height_um", "load_n", "speed_mm_s", "run_order", "temperature_c", "humidity_pct", "peak_force_n")
+NUMBERS = (
+    "height_um",
+    "load_n",
+    "speed_mm_s",
+    "run_order",
+    "temperature_c",
+    "humidity_pct",
+    "peak_force_n",
+)
 _LABELS = ("block", "operator", "tip")
 
 _Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(ge=0.0, le=1.0)]
@@ -84,22 +92,35 @@ class PlantedEffect(Strict):
     """A change of one slot of the model: a law of the catalogue, or a named form of one covariate."""
 
     law: str = ""  # of the catalogue, such as ``running_in``; slot and form are its own then
-    parameters: dict[str, float] = Field(default_factory=dict)  # of the law, in SI; else where a search begins
-    # part of the model: ``contact_geometry`` (radius of the ball plus that of the edge [m]), ``friction`` [1],
-    # ``normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a force on the pull [N]), ``sensor``
-    # (gain of the tangential channel [1])
-    slot: Literal["contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor", None] = (
-        None
-    )
+    parameters: dict[str, float] = Field(
+        default_factory=dict
+    )  # of the law, in SI; else where a search begins
+    # part of the model: ``contact_geometry`` (radius of the ball plus that of the edge [m]),
+    # ``friction`` [1], ``normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a
+    # force on the pull [N]), ``sensor`` (gain of the tangential channel [1])
+    slot: Literal[
+        "contact_geometry",
+        "friction",
+        "normal_load",
+        "stiffness",
+        "conversion",
+        "drag",
+        "sensor",
+        None,
+    ] = None
     # as it is, or as 1 + change; a power that multiplies is the factor itself
     change: Literal["add", "multiply"] = "add"
     form: Literal["constant", "linear", "power", "exponential", "levels"] = "constant"
-    covariate: str = "none"  # a column of the table, ``peak_force_n`` of the nominal model, or ``none``
+    covariate: str = (
+        "none"  # a column of the table, ``peak_force_n`` of the nominal model, or ``none``
+    )
     size: _Finite = 1.0  # this and the next in the units of slot and covariate
     reference: _Finite = 0.0
     span: _Finite = 1.0
     exponent: _Finite = 1.0
-    levels: dict[str, _Finite] = Field(default_factory=dict)  # change at each label of a covariate, 0 at one not named
+    levels: dict[str, _Finite] = Field(
+        default_factory=dict
+    )  # change at each label of a covariate, 0 at one not named
 
     def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
         """Return the slot's value after the effect."""
@@ -123,22 +144,38 @@ class PlantedEffect(Strict):
             if self.law not in laws:
                 return f"law of effect {number} must be one of {', '.join(laws)}, got {self.law!r}"
             if self.law == "hardening_spring" and plan.source != "drag":
-                return f"law of effect {number} bends ramp and ring: source must be 'drag', got {plan.source!r}"
+                return (
+                    f"law of effect {number} bends ramp and ring: source must be 'drag', got "
+                    f"{plan.source!r}"
+                )
             names = [p.name for p in laws[self.law].parameters]
             unknown = sorted(set(self.parameters) - set(names))
             if unknown or not self.parameters:
                 got = ", ".join(unknown) or "none"
                 return f"parameters of effect {number} must be among {', '.join(names)}, got {got}"
-            return f"slot of effect {number} must be left out where a law is named" if self.slot else ""
+            return (
+                f"slot of effect {number} must be left out where a law is named"
+                if self.slot
+                else ""
+            )
         if self.slot is None:
             return f"slot of effect {number} or law must be given"
         if plan.source == "drag" and self.slot == "conversion":
-            return f"slot of effect {number} must not be conversion where the drag in time decides what rings"
+            return (
+                f"slot of effect {number} must not be conversion where the drag in time decides "
+                "what rings"
+            )
         known = {"constant": ("none",), "levels": _LABELS}.get(self.form, NUMBERS)
         if self.covariate not in known:
             if self.covariate == "none":
-                return f"covariate of effect {number} must have a covariate unless its form is constant"
-            rule = f"must be one of {', '.join(known)} where its form is {self.form}, got {self.covariate!r}"
+                return (
+                    f"covariate of effect {number} must have a covariate unless its form is "
+                    "constant"
+                )
+            rule = (
+                f"must be one of {', '.join(known)} where its form is {self.form}, got "
+                f"{self.covariate!r}"
+            )
             return f"covariate of effect {number} {rule}"
         if self.span == 0.0 or (self.form == "power" and self.reference == 0.0):
             return f"span and, of a power, reference of effect {number} must not be 0"
@@ -158,7 +195,8 @@ class SessionPlan(Strict):
     scatter: Scatter = Scatter()
     rig: RigPart = RigPart()
     effects: tuple[PlantedEffect, ...] = ()
-    load_table: str = ""  # of the apparatus, ``*.loads.csv`` beside the plan: which loads there are, and their scatter
+    # of the apparatus, ``*.loads.csv`` beside the plan: which loads there are, and their scatter
+    load_table: str = ""
 
     def blocks(self) -> list[str]:
         """Names of the blocks."""
@@ -171,12 +209,16 @@ class SessionPlan(Strict):
         full = list(itertools.product(design.heights, design.loads, design.speeds))
         count = design.trials or len(full) * design.repeats
         # every combination comes before any comes again
-        order = np.concatenate([random.permutation(len(full)) for _ in range(math.ceil(count / len(full)))])[:count]
+        order = np.concatenate(
+            [random.permutation(len(full)) for _ in range(math.ceil(count / len(full)))]
+        )[:count]
         order = random.permutation(order)
         warmth = np.cumsum(random.normal(0.0, 0.35, count)) / math.sqrt(count) * 4.0 + 22.0
         wet = np.cumsum(random.normal(0.0, 1.5, count)) / math.sqrt(count) * 4.0 + 50.0
         rows = []
-        for number, (index, temperature, humidity) in enumerate(zip(order, warmth, wet, strict=True), start=1):
+        for number, (index, temperature, humidity) in enumerate(
+            zip(order, warmth, wet, strict=True), start=1
+        ):
             height, load, speed = full[int(index)]
             rows.append(
                 {
@@ -205,7 +247,11 @@ def block_name(height: float) -> str:
 def read_plan(path: Path) -> SessionPlan:
     """Read a plan, or say all that is wrong with it."""
     plan = validated(SessionPlan, read_document(path, "plan", PipelineError), path, PipelineError)
-    faults = [fault for number, one in enumerate(plan.effects, start=1) if (fault := one.fault(plan, number))]
+    faults = [
+        fault
+        for number, one in enumerate(plan.effects, start=1)
+        if (fault := one.fault(plan, number))
+    ]
     if faults:
         raise PipelineError(told([("", fault) for fault in faults], path))
     return _loaded(plan, path.parent / plan.load_table) if plan.load_table else plan
@@ -218,11 +264,17 @@ def _loaded(plan: SessionPlan, path: Path) -> SessionPlan:
         raise PipelineError(f"load_table must have the columns axis, force_n and std_n [{path}]")
     normal = table[table["axis"] == "normal"]
     forces, stds = (np.asarray(normal[name], dtype=np.float64) for name in ("force_n", "std_n"))
-    rows = [int(np.argmin(np.abs(forces - load))) if len(forces) else -1 for load in plan.design.loads]
+    rows = [
+        int(np.argmin(np.abs(forces - load))) if len(forces) else -1 for load in plan.design.loads
+    ]
     for load, row in zip(plan.design.loads, rows, strict=True):
         if row < 0 or abs(forces[row] / load - 1.0) > 0.01:
             known = ", ".join(f"{force:.4g}" for force in forces) or "none"
-            raise PipelineError(f"loads must be of the load table within 1 % ({known} N), got {load:g} N [{path}]")
+            raise PipelineError(
+                f"loads must be of the load table within 1 % ({known} N), got {load:g} N [{path}]"
+            )
     design = plan.design.model_copy(update={"loads": [float(forces[row]) for row in rows]})
     share = max(float(stds[row] / forces[row]) for row in rows)
-    return plan.model_copy(update={"design": design, "scatter": plan.scatter.model_copy(update={"load": share})})
+    return plan.model_copy(
+        update={"design": design, "scatter": plan.scatter.model_copy(update={"load": share})}
+    )

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from stepblocks.atomic import folder_beside, settle
-from stepblocks.bench.rehearse import TRACE_FILES, RecordedTrial, Rig, Truth, drag_trial, open_writer, record
+from stepblocks.bench.rehearse import (
+    TRACE_FILES,
+    RecordedTrial,
+    Rig,
+    Truth,
+    drag_trial,
+    open_writer,
+    record,
+)
 from stepblocks.bench.rehearse.plan import NUMBERS, SessionPlan, block_name, read_plan
 from stepblocks.bench.signal import Trace
 from stepblocks.contact.counterface import Step
@@ -31,7 +39,13 @@ _SLOTS = {
     "stiffness": ("stiffness", "ring_stiffness"),
     "sensor": ("gain",),
 }
-_FIGURES = ("sliding_friction", "normal_load_n", "peak_force_n", "vibration_energy_j", "release_time_s")
+_FIGURES = (
+    "sliding_friction",
+    "normal_load_n",
+    "peak_force_n",
+    "vibration_energy_j",
+    "release_time_s",
+)
 
 
 @dataclass(frozen=True)
@@ -78,13 +92,25 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
 
 def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
     random = np.random.default_rng([plan.seed, 2])
-    heights = {h: max(h + plan.scatter.height * random.standard_normal(), 1e-7) for h in sorted(plan.design.heights)}
+    heights = {
+        h: max(h + plan.scatter.height * random.standard_normal(), 1e-7)
+        for h in sorted(plan.design.heights)
+    }
     # the rounding that a scan would show: what is added to the contact geometry as a constant
-    added = [e.size for e in plan.effects if e.slot == "contact_geometry" and (e.change, e.form) == ("add", "constant")]
-    added += [e.parameters.get("edge_radius_m", 0.0) for e in plan.effects if e.law == "edge_rounding"]
+    added = [
+        e.size
+        for e in plan.effects
+        if e.slot == "contact_geometry" and (e.change, e.form) == ("add", "constant")
+    ]
+    added += [
+        e.parameters.get("edge_radius_m", 0.0) for e in plan.effects if e.law == "edge_rounding"
+    ]
     (folder / "scans").mkdir()
     for number, (nominal, true) in enumerate(heights.items()):
-        step, chance = Step(true, max(sum(added), 0.0)), np.random.default_rng([plan.seed, 3, number])
+        step, chance = (
+            Step(true, max(sum(added), 0.0)),
+            np.random.default_rng([plan.seed, 3, number]),
+        )
         _write_scan(folder / "scans" / f"{block_name(nominal)}.csv", step, chance)
     (folder / "session.toml").write_text(_declaration(plan), encoding="utf-8")
     rows, locked = plan.rows(), 0
@@ -124,7 +150,10 @@ def _trial(
         step, point, pull = true_drag(plan, state)
         cubic = float(state.hardening[0]) * point.tool.stiffness**3
         done = drag_trial(step, point, rig, chance, gain=gain, pull=pull, hardening=cubic)
-        load, sliding = float(state.load[0]), float(state.friction[0] * state.load[0] + state.drag[0])
+        load, sliding = (
+            float(state.load[0]),
+            float(state.friction[0] * state.load[0] + state.drag[0]),
+        )
     else:
         truth = truth_of(plan, state)
         if truth is None:
@@ -142,8 +171,15 @@ def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
     """Write a profilometer line across the edge, with its own tilt and offset, as an instrument does."""
     x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
     z = 1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
-    z = z + random.uniform(-3.0, 3.0) + random.normal(0.0, 3e-4) * x + random.normal(0.0, _SCAN_NOISE, x.size)
-    np.savetxt(path, np.column_stack([x, z]), fmt="%.3f", delimiter=",", header="x_um,z_um", comments="")
+    z = (
+        z
+        + random.uniform(-3.0, 3.0)
+        + random.normal(0.0, 3e-4) * x
+        + random.normal(0.0, _SCAN_NOISE, x.size)
+    )
+    np.savetxt(
+        path, np.column_stack([x, z]), fmt="%.3f", delimiter=",", header="x_um,z_um", comments=""
+    )
 
 
 def _declaration(plan: SessionPlan) -> str:
@@ -167,7 +203,10 @@ scans = "scans/{{block}}.csv"
 
 
 def planted_state(
-    plan: SessionPlan, row: Mapping[str, str], heights: Mapping[float, float], chance: np.random.Generator
+    plan: SessionPlan,
+    row: Mapping[str, str],
+    heights: Mapping[float, float],
+    chance: np.random.Generator,
 ) -> DragState | None:
     """Slots of one trial with its effects and its scatter, or None where the probe locks."""
     scatter = plan.scatter
@@ -195,7 +234,9 @@ def planted_state(
             state = law.apply(state, covariate_of(design, state, law.covariate), given)
         else:
             names = _SLOTS.get(str(effect.slot), (str(effect.slot),))
-            changed: dict[str, Any] = {n: np.array([effect.apply(float(getattr(state, n)[0]), told)]) for n in names}
+            changed: dict[str, Any] = {
+                n: np.array([effect.apply(float(getattr(state, n)[0]), told)]) for n in names
+            }
             if effect.slot == "normal_load":
                 # a load that is not the one set is weighed by the gauge all the same
                 changed["sensed_offset"] = state.sensed_offset + changed["load"] - state.load
@@ -207,14 +248,19 @@ def planted_state(
         sensed_offset=state.sensed_offset + stray[1] * (state.set_load + state.sensed_offset),
         conversion=state.conversion * math.exp(scatter.energy * chance.standard_normal()),
     )
-    positive = np.stack([state.load, state.friction, state.stiffness, state.conversion, state.height])
+    positive = np.stack(
+        [state.load, state.friction, state.stiffness, state.conversion, state.height]
+    )
     return None if bool(state.locked()[0]) or not bool(np.all(positive > 0.0)) else state
 
 
 def rig_of(plan: SessionPlan, state: DragState) -> Rig:
     """Return the rig of a plan; a gauge that lags has a bandwidth."""
     declared, lag = plan.rig.model_dump(), float(state.lag[0])
-    bandwidth = min(declared.pop("bandwidth") or math.inf, 1.0 / (2.0 * math.pi * lag) if lag > 0.0 else math.inf)
+    bandwidth = min(
+        declared.pop("bandwidth") or math.inf,
+        1.0 / (2.0 * math.pi * lag) if lag > 0.0 else math.inf,
+    )
     return Rig(drift=declared.pop("drift_n_per_s"), bandwidth=bandwidth, **declared)
 
 
@@ -244,12 +290,19 @@ def true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint
     """Return the same trial for the drag in time, with the steady force along the drag beside the tip's [N]."""
     moved = [name for name in _NOT_IN_TIME if bool(np.any(getattr(state, name) != 0.0))]
     if moved:
-        raise PipelineError(f"an effect changes {moved[0]}, for which the drag in time has no place")
-    slots = {name: float(value[0]) for name, value in vars(state).items() if isinstance(value, np.ndarray)}
+        raise PipelineError(
+            f"an effect changes {moved[0]}, for which the drag in time has no place"
+        )
+    slots = {
+        name: float(value[0])
+        for name, value in vars(state).items()
+        if isinstance(value, np.ndarray)
+    }
     ball_radius = min(plan.model.tip_radius, slots["radius"])
     tool = Tool(
         stiffness=slots["stiffness"],
-        frequency=slots["frequency"] * math.sqrt(slots["ring_stiffness"] / plan.model.spring_constant),
+        frequency=slots["frequency"]
+        * math.sqrt(slots["ring_stiffness"] / plan.model.spring_constant),
         decay_time=slots["decay_time"] / slots["damping"],
     )
     point = OperatingPoint(ball_radius, slots["load"], slots["friction"], tool, slots["speed"])

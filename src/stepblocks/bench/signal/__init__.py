@@ -64,7 +64,9 @@ def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -
         return f"dead channel: the tangential force is {trace.tangential[0]:.4g} N throughout"
     if not np.any(trace.normal):
         return "dead channel: the normal force is 0 throughout"
-    return _saturation("tangential", trace.tangential, limit) or _saturation("normal", trace.normal, limit)
+    return _saturation("tangential", trace.tangential, limit) or _saturation(
+        "normal", trace.normal, limit
+    )
 
 
 def _clock(time: Array, sample_rate: float) -> str:
@@ -80,7 +82,10 @@ def _clock(time: Array, sample_rate: float) -> str:
     if abs(rate / sample_rate - 1.0) > _RATE_TOLERANCE:
         return f"wrong rate: {rate:.6g} Hz, declared are {sample_rate:.6g} Hz"
     if rate < _LOWEST_RATE:
-        return f"wrong rate: {rate:.6g} Hz cannot show a ring, at least {_LOWEST_RATE:.0f} Hz are needed"
+        return (
+            f"wrong rate: {rate:.6g} Hz cannot show a ring, at least {_LOWEST_RATE:.0f} Hz are "
+            "needed"
+        )
     return ""
 
 
@@ -95,9 +100,12 @@ def _saturation(name: str, values: Array, limit: float | None) -> str:
         run, start = _longest_run(signed >= top)
         if run < _FLAT_SAMPLES or start < _FLAT_SAMPLES:
             continue
-        # noise may touch the top before it stays there: a stretch twice as long tells how far the force had still to go
+        # noise may touch the top before it stays there: a stretch twice as long tells how far the
+        # force had still to go
         if top - float(np.median(signed[max(start - 2 * run, 0) : start])) > _FLAT_STEPS * step:
-            return f"saturated: {run} samples in a row at the {side} {name} force, {sign * top:.4g} N"
+            return (
+                f"saturated: {run} samples in a row at the {side} {name} force, {sign * top:.4g} N"
+            )
     return ""
 
 
@@ -118,7 +126,10 @@ def set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
     still, spread = slice(0, max(on - _EDGE, 0)), float(np.std(trace.normal[: max(on - _EDGE, 1)]))
     if on < _FEWEST_STILL + _EDGE or high - low < _LOADED * max(spread, 1e-12):
         return 0, (unknown, unknown)
-    pulled, pressed = ((float(np.mean(one[still])), _mean_std(one[still])) for one in (trace.tangential, trace.normal))
+    pulled, pressed = (
+        (float(np.mean(one[still])), _mean_std(one[still]))
+        for one in (trace.tangential, trace.normal)
+    )
     # what is pulled from rest slides once the force has come up to its usual level
     level = float(np.median(trace.tangential[on : on + (trace.time.size - on) // 4]))
     smooth = np.convolve(trace.tangential, np.full(5, 0.2), mode="same")

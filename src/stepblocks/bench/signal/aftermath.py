@@ -10,19 +10,34 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
 from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, first_swing
-from stepblocks.bench.signal.ring import GUESSED, TOLD, Ring, RubbingRing, fit_ring, fit_rubbing_ring, guess_ring
+from stepblocks.bench.signal.ring import (
+    GUESSED,
+    TOLD,
+    Ring,
+    RubbingRing,
+    fit_ring,
+    fit_rubbing_ring,
+    guess_ring,
+)
 from stepblocks.bench.signal.separable import damped_wave, propagated, wave, weighed
 from stepblocks.contact.kernels import softened
 
-_RELEASE_TIME = 0.25e-3  # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
+# [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
+_RELEASE_TIME = 0.25e-3
 _GOOD = 5.0  # misfit up to which a fit is taken at once
 _BETTER = 0.85  # a second kind of fit must leave this share of the squared residuals at most
-_TAIL_SHARE = 0.35  # last share of the record after the slip, in which only the tool's own ring is left
+_TAIL_SHARE = (
+    0.35  # last share of the record after the slip, in which only the tool's own ring is left
+)
 _SETTLED = 7.0  # misfit up to which a trough is taken for the begin of the free ring
-_MUCH_BETTER = 0.5  # a later trough must leave this share at most: some of the ring is lost with each
+_MUCH_BETTER = (
+    0.5  # a later trough must leave this share at most: some of the ring is lost with each
+)
 _MOST_COLOUR = 3.0  # the noise while sliding counts up to this many times the white noise
 _MOST_TROUGHS = 8
-_TOLD_DECAY = 0.01  # by which the median of a session's clear trials misses the decay time of its tool
+_TOLD_DECAY = (
+    0.01  # by which the median of a session's clear trials misses the decay time of its tool
+)
 _FAR = 2.5  # spreads of the tool's figures within which a fit is still of that tool
 _FIRST_SWINGS = 25e-3  # [s]
 _HEARD = 1.3
@@ -60,8 +75,12 @@ class Aftermath:
     frequency: Estimate  # [Hz]
     decay_time: Estimate  # [s]
     level: Estimate  # [N]
-    friction_decay: Estimate = _NOT_KNOWN  # loss of amplitude to friction per time, beside the exponential decay [N/s]
-    swing: Swing | None = None  # first after the slip, which tells the amplitude of a ring that is no bell's
+    friction_decay: Estimate = (
+        _NOT_KNOWN  # loss of amplitude to friction per time, beside the exponential decay [N/s]
+    )
+    swing: Swing | None = (
+        None  # first after the slip, which tells the amplitude of a ring that is no bell's
+    )
     sample: float = 0.0  # time between two samples [s]
 
     @property
@@ -74,18 +93,27 @@ class Aftermath:
         if isinstance(self.ring, Ring):
             return replace(self, start=instant, amplitude=self.ring.amplitude(instant))
         assert self.swing is not None
-        # a tip that took its time to fall has rung for half a period all the same when it has swung through
+        # a tip that took its time to fall has rung for half a period all the same when it has swung
+        # through
         instant = max(instant, self.swing.instant - self.swing.half)
         return replace(self, start=instant, amplitude=self.swing.amplitude(instant))
 
 
 def settle(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None = None, *, saw: Saw | None = None
+    time: Array,
+    force: Array,
+    marks: Landmarks,
+    approach: Approach,
+    tool: Tool | None = None,
+    *,
+    saw: Saw | None = None,
 ) -> Aftermath:
     """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs."""
     marks = replace(marks, noise=whole_noise(time, approach, marks))
     top = float(time[marks.peak])
-    if saw is not None:  # it is no bell, and what the tip draws when the ring has died is no part of that
+    if (
+        saw is not None
+    ):  # it is no bell, and what the tip draws when the ring has died is no part of that
         end = int(np.searchsorted(time, top + _FIRST_SWINGS))
         time, force = time[:end], force[:end]
     bell = as_bell(time, force, top, approach.mains, marks.noise)
@@ -109,14 +137,26 @@ def settle(
     clean = force - approach.hum(time)
     reach = top - approach.center
     drift = float(approach.fit.weights[1]) * reach
-    slid = Motion(time, clean, clean, marks.peak, approach.level + drift, 0.0, approach.slope, marks.noise, frequency)
+    slid = Motion(
+        time,
+        clean,
+        clean,
+        marks.peak,
+        approach.level + drift,
+        0.0,
+        approach.slope,
+        marks.noise,
+        frequency,
+    )
     depth, std, instant = first_swing(slid)
     # a tool that hardens swings less far below its level than above it, where it was let go
     swung = softened(max(depth, 0.0), approach.hardening)
     depth += 3.0 * approach.hardening * approach.level * swung * (swung - approach.level)
     level_std = approach.level_std if saw is None else saw.kinetic[1]
     drift_std = approach.fit.std(approach.fit.shape.size + 1) * reach
-    swing = Swing((depth, math.hypot(std, level_std, drift_std)), instant, (decay, spread), 0.5 / frequency)
+    swing = Swing(
+        (depth, math.hypot(std, level_std, drift_std)), instant, (decay, spread), 0.5 / frequency
+    )
     return _as_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
 
 
@@ -124,7 +164,9 @@ def as_bell(time: Array, force: Array, release: float, mains: float, noise: floa
     """Fit a damped ring, counted from the release."""
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
     bell = fit_ring(time[first:], force[first:], release, mains, noise)
-    return Aftermath(bell, release, bell.amplitude(release), bell.frequency, bell.decay_time, bell.level)
+    return Aftermath(
+        bell, release, bell.amplitude(release), bell.frequency, bell.decay_time, bell.level
+    )
 
 
 def whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
@@ -136,11 +178,16 @@ def whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
 def _as_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
     far = (0.0, 0.0)
-    if tool is not None and any(abs(fit.values[2 + i] - tool[i]) > _FAR * TOLD[i] * tool[i] for i in (0, 1)):
+    if tool is not None and any(
+        abs(fit.values[2 + i] - tool[i]) > _FAR * TOLD[i] * tool[i] for i in (0, 1)
+    ):
         # a fit of few swings may find another tool: then it knows no better than that
         far = (abs(frequency - tool[0]), abs(decay - tool[1]))
     known = fit.knows_gap and not any(far)
-    seen = (frequency, float(np.hypot(fit.std(2), far[0]))), (decay, float(np.hypot(fit.std(3), far[1])))
+    seen = (
+        (frequency, float(np.hypot(fit.std(2), far[0]))),
+        (decay, float(np.hypot(fit.std(3), far[1]))),
+    )
     loss = (2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else _NOT_KNOWN
     found = Aftermath(fit, -math.inf, _NOT_KNOWN, *seen, (level, fit.std(0)), loss, swing, sample)
     return found.carried_to(-math.inf)
@@ -165,7 +212,9 @@ def _best_rubbing(
     return best
 
 
-def _tool_guesses(time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: Tool | None) -> list[Tool]:
+def _tool_guesses(
+    time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: Tool | None
+) -> list[Tool]:
     """Frequency and decay time of the tool: told, from its start-up, from its late ring, from its first swings."""
     if tool is not None:
         return [tool]
@@ -175,12 +224,19 @@ def _tool_guesses(time: Array, clean: Array, marks: Landmarks, approach: Approac
     frequency, decay = guess_ring(time[late:], clean[late:])
     early = slice(marks.peak, int(np.searchsorted(time, time[marks.peak] + _FIRST_SWINGS)))
     swings = guess_ring(time[early], np.gradient(clean[early]))[0]
-    # where the tip came to rest there is nothing to hear late, and what is heard of decay then is noise
+    # where the tip came to rest there is nothing to hear late, and what is heard of decay then is
+    # noise
     heard = float(np.std(clean[late:])) > _HEARD * marks.noise
-    return [(frequency, decay), (swings, decay)] if heard else [(swings, _USUAL_DECAY), (frequency, _USUAL_DECAY)]
+    return (
+        [(frequency, decay), (swings, decay)]
+        if heard
+        else [(swings, _USUAL_DECAY), (frequency, _USUAL_DECAY)]
+    )
 
 
-def _troughs(time: Array, clean: Array, marks: Landmarks, level: float, frequency: float) -> list[int]:
+def _troughs(
+    time: Array, clean: Array, marks: Landmarks, level: float, frequency: float
+) -> list[int]:
     """Troughs after the slip."""
     rate = (time.size - 1) / (time[-1] - time[0])
     half = max(int(0.5 * rate / frequency), 2)

@@ -6,11 +6,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool
-from stepblocks.bench.signal.separable import SeparableFit, damped_wave, fit_linear, fit_separable, propagated, wave
+from stepblocks.bench.signal.separable import (
+    SeparableFit,
+    damped_wave,
+    fit_linear,
+    fit_separable,
+    propagated,
+    wave,
+)
 
 _MAINS = (50.0, 60.0)  # [Hz]
 _RAMP_SHARE = 0.85  # of the rise; the first pass stays clear of a rounded peak
-_LINE_SHARE = 0.9  # of the rise, up to which the slope of a bent ramp is told; `contact.state` foretells it so
+# of the rise, up to which the slope of a bent ramp is told; `contact.state` foretells it so
+_LINE_SHARE = 0.9
 _BENDS = 3  # times that a bent ramp is fitted
 _START_UP_GAIN = 0.02  # a start-up ring must explain this share of the variance, or it is left out
 _LINE_SIGMAS = 4.0
@@ -57,14 +65,17 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     # a start-up ring is as old as the record; a slip stands out over it
     if rise < max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max())):
         raise LandmarkError(
-            f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise {noise:.2g} N)"
+            f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise "
+            f"{noise:.2g} N)"
         )
     if not np.any(smooth[: peak + 1] - level < 0.5 * rise):
         raise LandmarkError("no sliding before the edge: the record begins under load")
     if float(smooth[peak:].min()) > level + (1.0 - _FALL_SHARE) * rise:
         raise LandmarkError("no release: the tangential force does not fall after its peak")
     if time[-1] - time[peak] < _LEAST_RING:
-        raise LandmarkError(f"truncated: the record ends {(time[-1] - time[peak]) * 1e3:.3g} ms after the slip")
+        raise LandmarkError(
+            f"truncated: the record ends {(time[-1] - time[peak]) * 1e3:.3g} ms after the slip"
+        )
     return _with_onset(time, smooth, Landmarks(math.nan, peak, level, rise, noise))
 
 
@@ -97,7 +108,9 @@ def _with_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
         raise LandmarkError("no loading: the tangential force does not climb steadily to its peak")
     onset = float(time[low] - climb[low] / slope)
     if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
-        raise LandmarkError(f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record")
+        raise LandmarkError(
+            f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record"
+        )
     return replace(marks, onset=onset)
 
 
@@ -115,7 +128,8 @@ class Clock:
 class Approach:
     """What was fitted to a trace up to its peak."""
 
-    # shape: onset (and start-up ring); weights: level, drift, slope, hum, g of a bent ramp (and start-up ring)
+    # shape: onset (and start-up ring); weights: level, drift, slope, hum, g of a bent ramp (and
+    # start-up ring)
     fit: SeparableFit
     end: int  # first sample that no longer follows the line of the ramp
     clock: Clock
@@ -123,10 +137,15 @@ class Approach:
     def __post_init__(self) -> None:
         fit, first = self.fit, self.fit.shape.size
         self.onset = float(fit.shape[0])  # begin of loading [s]
-        self.level, self.level_std = float(fit.weights[0]), fit.std(first)  # tangential force while sliding [N]
+        self.level, self.level_std = (
+            float(fit.weights[0]),
+            fit.std(first),
+        )  # tangential force while sliding [N]
         self.slope = float(fit.weights[2])  # of the ramp where it begins [N/s]
         self.mains, self.center = self.clock.mains, self.clock.center
-        self.hardening = 0.0 if self.clock.bend is None else float(fit.weights[5])  # g of ``F = u + g u^3`` [1/N^2]
+        self.hardening = (
+            0.0 if self.clock.bend is None else float(fit.weights[5])
+        )  # g of ``F = u + g u^3`` [1/N^2]
 
     def mean_slope(self, rise: float) -> Estimate:
         """Slope of the straight line through the ramp up to a share of its rise, and its standard uncertainty [N/s]."""
@@ -142,18 +161,28 @@ class Approach:
 
     def _bent(self, since: Array) -> Array:
         """Return what a bent ramp has over its line [N]."""
-        return np.zeros_like(since) if self.clock.bend is None else self.hardening * bent(since, self.clock.bend)
+        return (
+            np.zeros_like(since)
+            if self.clock.bend is None
+            else self.hardening * bent(since, self.clock.bend)
+        )
 
     @property
     def start_up(self) -> Tool | None:
         """Frequency [Hz] and decay time [s] of the ring when the handle started, where there is one."""
-        return (float(self.fit.shape[1]), float(self.fit.shape[2])) if self.fit.shape.size == 3 else None
+        return (
+            (float(self.fit.shape[1]), float(self.fit.shape[2]))
+            if self.fit.shape.size == 3
+            else None
+        )
 
     def line(self, time: Array) -> Array:
         """Line of the ramp with drift and hum [N], continued past its end."""
         columns = _columns(time, self.onset, replace(self.clock, bend=None))
         columns[:, 2] = time - self.onset
-        return np.asarray(columns @ self.fit.weights[:5] + self._bent(time - self.onset), dtype=float)
+        return np.asarray(
+            columns @ self.fit.weights[:5] + self._bent(time - self.onset), dtype=float
+        )
 
     def line_std(self, time: float) -> float:
         """Return the standard uncertainty of `ramp` at one instant [N]."""
@@ -173,11 +202,17 @@ class Approach:
         if self.start_up is None:
             return force
         frequency, decay = self.start_up
-        return np.asarray(force + damped_wave(time, frequency, decay) @ self.fit.weights[-2:], dtype=float)
+        return np.asarray(
+            force + damped_wave(time, frequency, decay) @ self.fit.weights[-2:], dtype=float
+        )
 
     def ramp(self, time: float) -> float:
         """Force on the line of the ramp without hum and drift [N]."""
-        return self.level + self.slope * (time - self.onset) + float(self._bent(np.array([time - self.onset]))[0])
+        return (
+            self.level
+            + self.slope * (time - self.onset)
+            + float(self._bent(np.array([time - self.onset]))[0])
+        )
 
 
 def mains_of(time: Array, values: Array) -> float:
@@ -213,12 +248,19 @@ def fit_approach(
     since = np.maximum(time[: found.end] - found.onset, 0.0)
     if not straight and found.fit.lacks(bent(since, (found.level, found.slope))):
         for _ in range(_BENDS):  # the slope with which it begins tells how it bends
-            found = _fit_ramp(time, force, marks, replace(clock, bend=(found.level, found.slope)), start_up)
+            found = _fit_ramp(
+                time, force, marks, replace(clock, bend=(found.level, found.slope)), start_up
+            )
     return found
 
 
-def _fit_ramp(time: Array, force: Array, marks: Landmarks, clock: Clock, start_up: Tool | None) -> Approach:
-    end = int(np.flatnonzero(force[: marks.peak + 1] - marks.level < _RAMP_SHARE * marks.rise)[-1]) + 1
+def _fit_ramp(
+    time: Array, force: Array, marks: Landmarks, clock: Clock, start_up: Tool | None
+) -> Approach:
+    end = (
+        int(np.flatnonzero(force[: marks.peak + 1] - marks.level < _RAMP_SHARE * marks.rise)[-1])
+        + 1
+    )
     fit = _fit_until(time[:end], force[:end], marks.onset, clock, start_up)
     onset = float(fit.shape[0])
     # the filter of a converter rings a sample or two ahead of a corner
@@ -232,14 +274,18 @@ def _fit_ramp(time: Array, force: Array, marks: Landmarks, clock: Clock, start_u
     return Approach(fit, end, clock)
 
 
-def _fit_until(t: Array, y: Array, onset: float, clock: Clock, start_up: Tool | None) -> SeparableFit:
+def _fit_until(
+    t: Array, y: Array, onset: float, clock: Clock, start_up: Tool | None
+) -> SeparableFit:
     reach = max(0.25 * (float(t[-1]) - onset), 5.0 * clock.step)
 
     def plain(shape: Array) -> Array:
         return _columns(t, float(shape[0]), clock)
 
     first = np.array([onset])
-    fit = fit_separable(plain, y, first, first - 4.0 * reach, first + 2.0 * reach, np.array([reach]))
+    fit = fit_separable(
+        plain, y, first, first - 4.0 * reach, first + 2.0 * reach, np.array([reach])
+    )
     if start_up is None:
         return fit
 
@@ -259,7 +305,9 @@ def _fit_until(t: Array, y: Array, onset: float, clock: Clock, start_up: Tool | 
     guess = np.array([fit.shape[0], frequency, decay_time])
     lower = np.array([guess[0] - reach, 0.8 * frequency, 0.2 * decay_time])
     upper = np.array([guess[0] + reach, 1.25 * frequency, 5.0 * decay_time])
-    return fit_separable(ringing, y, guess, lower, upper, np.array([reach, 0.02 * frequency, 0.3 * decay_time]))
+    return fit_separable(
+        ringing, y, guess, lower, upper, np.array([reach, 0.02 * frequency, 0.3 * decay_time])
+    )
 
 
 def _leaves_line(miss: Array, noise: float) -> int | None:
@@ -271,6 +319,7 @@ def _leaves_line(miss: Array, noise: float) -> int | None:
     off = np.abs(mean) > _LINE_SIGMAS * noise / np.sqrt(window)
     if not off[-1]:
         return None
-    # noise may cross the limit for a moment; only what stays off to the peak is the peak's own rounding
+    # noise may cross the limit for a moment; only what stays off to the peak is the peak's own
+    # rounding
     on = np.flatnonzero(~off)
     return max(int(on[-1]) - 3, 0) if on.size else 0

@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool, Trace, set_down
-from stepblocks.bench.signal.aftermath import Aftermath, as_bell, normal_level, settle, sympathetic_force, whole_noise
+from stepblocks.bench.signal.aftermath import (
+    Aftermath,
+    as_bell,
+    normal_level,
+    settle,
+    sympathetic_force,
+    whole_noise,
+)
 from stepblocks.bench.signal.approach import (
     Approach,
     LandmarkError,
@@ -23,16 +30,23 @@ from stepblocks.bench.signal.ring import Ring, guess_ring
 from stepblocks.bench.signal.separable import propagated, weighed
 
 LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
-VIBRATION_BAND = (250.0, 350.0)  # in which the paper finds about 86 % of the energy of the vibration [Hz]
+VIBRATION_BAND = (
+    250.0,
+    350.0,
+)  # in which the paper finds about 86 % of the energy of the vibration [Hz]
 
 _FEWEST_CLEAR = 3
 _RING_TIMES = 5.0  # decay times after which the ring counts as over
 _CORNER_REACH = 3.5  # samples about the highest one in which a corner may lie
 _FALL_SAMPLES = 6
 _CLEAR_FALL = 0.02  # of the rise: the first sample after a corner has fallen by this at least
-_TOP_SHARE = 0.06  # of the rise: a rounded peak is fitted where the force is within this of the highest
+_TOP_SHARE = (
+    0.06  # of the rise: a rounded peak is fitted where the force is within this of the highest
+)
 _TOP_REACH = 6e-3  # [s] at most this far from the highest sample
-_ROUND_SPREAD = 1.3  # a cubic is not the law of a rounded peak: pulls on drags in time are wider by this
+_ROUND_SPREAD = (
+    1.3  # a cubic is not the law of a rounded peak: pulls on drags in time are wider by this
+)
 
 
 @dataclass(frozen=True)
@@ -45,9 +59,12 @@ class Peak:
     corner: bool  # whether the ramp ran into the release in a corner; otherwise the peak is rounded
 
 
-def peak_of(time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath) -> Peak:
+def peak_of(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath
+) -> Peak:
     """Find the peak: the corner of ramp and release, both fitted, or the top of a cubic through a rounded one."""
-    # the highest sample is no measure of it: noise lifts it, and the release falls between two samples
+    # the highest sample is no measure of it: noise lifts it, and the release falls between two
+    # samples
     corner = None
     if approach.end >= marks.peak - 1:
         if isinstance(after.ring, Ring):
@@ -74,7 +91,8 @@ def _corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Pe
     if fall >= 0.0:
         return None
     line_std, curve_std = approach.line_std(instant), ring.curve_std(instant)
-    # the force at the corner moves along the ramp by slope * dt, dt = (errors of both) / (difference of slopes)
+    # the force at the corner moves along the ramp by slope * dt, dt = (errors of both) /
+    # (difference of slopes)
     share = approach.slope / -fall
     spread = float(np.hypot((1.0 - share) * line_std, share * curve_std))
     return Peak(instant, approach.ramp(instant), spread, corner=True)
@@ -82,7 +100,8 @@ def _corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Pe
 
 def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak | None:
     """Corner of the ramp and a parabola through the first samples after it."""
-    # noise decides which of the samples about a corner is the highest; the fall begins where the line is left
+    # noise decides which of the samples about a corner is the highest; the fall begins where the
+    # line is left
     below = approach.line(time) - force
     deep = max(_CLEAR_FALL * marks.rise, 5.0 * marks.noise)
     first = marks.peak - 1
@@ -108,7 +127,8 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
     gradient = np.asarray(at ** np.arange(3), dtype=float)
     noise = max(
         propagated(gradient, covariance),
-        propagated(gradient, np.asarray(np.linalg.inv(columns.T @ columns), dtype=float)) * marks.noise,
+        propagated(gradient, np.asarray(np.linalg.inv(columns.T @ columns), dtype=float))
+        * marks.noise,
     )
     instant = float(time[first]) + at * step
     # how a fall begins between two samples is not seen
@@ -124,7 +144,9 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
     first = last = marks.peak
     while first > 0 and close[first - 1] and time[marks.peak] - time[first - 1] < _TOP_REACH:
         first -= 1
-    while last < time.size - 1 and close[last + 1] and time[last + 1] - time[marks.peak] < _TOP_REACH:
+    while (
+        last < time.size - 1 and close[last + 1] and time[last + 1] - time[marks.peak] < _TOP_REACH
+    ):
         last += 1
     first, last = min(first, marks.peak - 3), max(last, marks.peak + 3)
     t = time[first : last + 1] - time[marks.peak]
@@ -134,7 +156,10 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
     heights = np.vander(grid, 4, increasing=True) @ weights
     best = int(np.argmax(heights))
     gradient = np.asarray(grid[best] ** np.arange(4), dtype=float)
-    instant, spread = float(time[marks.peak] + grid[best] * reach), _ROUND_SPREAD * propagated(gradient, covariance)
+    instant, spread = (
+        float(time[marks.peak] + grid[best] * reach),
+        _ROUND_SPREAD * propagated(gradient, covariance),
+    )
     return Peak(instant, float(heights[best]), spread, corner=False)
 
 
@@ -172,7 +197,9 @@ class Measurement(Loading):
     """Features of one whole trace with the fits behind them."""
 
     aftermath: Aftermath
-    sympathetic: Estimate  # amplitude of the normal force that rings along, and its standard uncertainty [N]
+    sympathetic: (
+        Estimate  # amplitude of the normal force that rings along, and its standard uncertainty [N]
+    )
     shares: tuple[float, float]  # of the energy of loading and of vibration in their bands [1]
     regime: str  # snap, climb-down, flight, rubbing or stick-slip
     spring_constant: float  # of the explorer, as declared [N/m]
@@ -200,11 +227,17 @@ class Measurement(Loading):
         return energy, energy * relative, relative
 
 
-_Figures = dict[tuple[str, ...], Callable[[Any], tuple[Any, ...]]]  # columns, and what stands in them
+_Figures = dict[
+    tuple[str, ...], Callable[[Any], tuple[Any, ...]]
+]  # columns, and what stands in them
 
 
 def _figures(of: _Figures, seen: Loading) -> dict[str, Any]:
-    return {name: value for names, told in of.items() for name, value in zip(names, told(seen), strict=True)}
+    return {
+        name: value
+        for names, told in of.items()
+        for name, value in zip(names, told(seen), strict=True)
+    }
 
 
 _FIGURES: _Figures = {
@@ -212,7 +245,9 @@ _FIGURES: _Figures = {
     ("normal_load_n", "normal_load_std_n"): lambda m: m.load,
     ("loading_onset_s",): lambda m: (m.approach.onset + m.start,),
     ("loading_slope_n_per_s", "loading_slope_std_n_per_s"): Loading.slope,
-    ("spring_constant_n_per_m", "spring_constant_std_n_per_m"): lambda m: tuple(one / m.speed for one in m.slope()),
+    ("spring_constant_n_per_m", "spring_constant_std_n_per_m"): lambda m: tuple(
+        one / m.speed for one in m.slope()
+    ),
     ("peak_force_n", "peak_force_std_n"): lambda m: (m.peak.force, m.peak.force_std),
     ("release_time_s",): lambda m: (m.peak.time + m.start,),
     ("release_level_n", "release_level_std_n"): lambda m: m.aftermath.level,
@@ -289,16 +324,20 @@ def measure_trace(
     )
 
 
-def censored_features(trace: Trace, spring_constant: float, speed: float, reason: str) -> dict[str, Any]:
+def censored_features(
+    trace: Trace, spring_constant: float, speed: float, reason: str
+) -> dict[str, Any]:
     """Say what a record shows whose gauge saturated or whose tip never slipped: its peak force is a lower bound."""
-    # Empty where it does not even show a ramp. What saturates after the slip, or only along the normal, leaves the peak whole.
+    # Empty where it does not even show a ramp. What saturates after the slip, or only along the
+    # normal, leaves the peak whole.
     try:
         if "normal force" in reason or "lowest" in reason:
             features = measure_trace(trace, spring_constant, speed).features
             if "normal force" not in reason:
                 return {n: v for n, v in features.items() if n.startswith(_SPARED)}
             slid = np.abs(trace.normal[trace.time < features["loading_onset_s"]])
-            # a level at which the gauge stood still is less than the force, and friction over it is no friction
+            # a level at which the gauge stood still is less than the force, and friction over it is
+            # no friction
             cut = slid.size and np.mean(slid >= np.abs(trace.normal).max()) > _CUT_SHARE
             return {n: v for n, v in features.items() if not (cut and n.startswith(_OVER_LOAD))}
         loaded, zeros = set_down(trace)
@@ -312,11 +351,15 @@ def censored_features(trace: Trace, spring_constant: float, speed: float, reason
     return Loading(float(trace.time[loaded]), approach, least, load, zeros, speed).features
 
 
-def _shares(time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak) -> tuple[float, float]:
+def _shares(
+    time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak
+) -> tuple[float, float]:
     rate = (time.size - 1) / (time[-1] - time[0])
     clean = force - approach.hum(time)
     over = after.start + _RING_TIMES * after.decay_time[0]
-    onset, release, begin, end = np.searchsorted(time, (approach.onset, peak.time, max(after.start, peak.time), over))
+    onset, release, begin, end = np.searchsorted(
+        time, (approach.onset, peak.time, max(after.start, peak.time), over)
+    )
     return (
         band_share(clean[onset:release] - approach.level, rate, LOADING_BAND),
         band_share(clean[begin:end] - after.level[0], rate, VIBRATION_BAND),
@@ -325,13 +368,16 @@ def _shares(time: Array, force: Array, approach: Approach, after: Aftermath, pea
 
 def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
     """Share of the energy of a transient that lies in a band, as in figures 4 and 5 of the paper, by Parseval's theorem."""
-    # no window: a transient ends by itself, and a window would move energy from the release into the band
+    # no window: a transient ends by itself, and a window would move energy from the release into
+    # the band
     from scipy.signal import periodogram
 
     if values.size < 2 or not np.any(values):
         return float("nan")
     size = max(1 << (4 * values.size - 1).bit_length(), 1 << int(np.ceil(np.log2(rate))))
-    frequency, density = periodogram(values, fs=rate, window="boxcar", detrend=False, nfft=size, scaling="density")
+    frequency, density = periodogram(
+        values, fs=rate, window="boxcar", detrend=False, nfft=size, scaling="density"
+    )
     inside = (frequency >= band[0]) & (frequency < band[1])
     return float(density[inside].sum() / density.sum())
 

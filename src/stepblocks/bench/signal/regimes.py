@@ -1,7 +1,8 @@
 """What the tip did, told on the waveform before an E_v is quoted: it snapped, climbed down, flew, rubbed, or stuck and slipped.
 
-A tip that sticks and slips before the edge draws a saw: it is loaded along the ramp ``k v`` up to static friction, slips, and
-sticks again as far below the sliding force as it was above. What lies before the edge then is no sliding, and no ring either.
+A tip that sticks and slips before the edge draws a saw: it is loaded along the ramp ``k v`` up to
+static friction, slips, and sticks again as far below the sliding force as it was above. What lies
+before the edge then is no sliding, and no ring either.
 """
 
 from __future__ import annotations
@@ -16,7 +17,10 @@ from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Landmarks, white_noise
 from stepblocks.bench.signal.separable import fit_linear, propagated
 
-USUAL_TOOL = (300.0, 21e-3)  # where nothing is known of the ring yet: frequency [Hz] and decay time [s]
+USUAL_TOOL = (
+    300.0,
+    21e-3,
+)  # where nothing is known of the ring yet: frequency [Hz] and decay time [s]
 
 _TEETH = 2  # a saw has at least so many
 _TOOTH_NOISE = 9.0  # a tooth stands out by this many standard deviations of the noise
@@ -27,9 +31,12 @@ _NO_LOAD = 5.0  # standard deviations of the noise about the lowest normal force
 _LIGHT = 0.25  # of the load: a tip that presses more has not flown
 _SWING_SHARE = 0.14  # of a period about the bottom of a swing, in which a quartic follows it
 _BACK_NOISE = 6.0  # a way back of the tip that is longer than this many standard deviations is one
-_STRIBECK = 5e-3  # [m/s] over which static friction falls to kinetic, where `stribeck_friction` of the loop begins too
+# [m/s] over which static friction falls to kinetic, where `stribeck_friction` of the loop begins
+# too
+_STRIBECK = 5e-3
 _SCATTER = 2.4  # reduced chi squared of four degrees of freedom, 95 %
-_FAINT = 6.0  # a swing less deep than this many standard deviations has no bottom that noise would not choose
+# a swing less deep than this many standard deviations has no bottom that noise would not choose
+_FAINT = 6.0
 
 
 @dataclass(frozen=True)
@@ -45,19 +52,25 @@ class Saw:
     def calmed(self, force: Array) -> Array:
         """Return the force as if the tip had slid up to the edge; the noise stays."""
         calm = force.copy()
-        noise = (force - np.convolve(force, np.full(5, 0.2), mode="same"))[: self.onset] / math.sqrt(0.8)
+        noise = (force - np.convolve(force, np.full(5, 0.2), mode="same"))[
+            : self.onset
+        ] / math.sqrt(0.8)
         calm[: self.onset] = self.kinetic[0] + noise
         return calm
 
 
-def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool, stiffness: float) -> Saw | None:
+def find_saw(
+    time: Array, force: Array, marks: Landmarks, tool: Tool, stiffness: float
+) -> Saw | None:
     """Look for teeth before the edge; None where the tip slides."""
     from scipy.signal import find_peaks
 
     smooth = np.convolve(force, np.full(3, 1.0 / 3.0), mode="same")[: marks.peak]
     share = (smooth - marks.level) / marks.rise
     climb = slice(int(np.flatnonzero(share < 0.4)[-1]), int(np.flatnonzero(share < 0.85)[-1]) + 1)
-    slope = float(np.polyfit(time[climb], force[climb], 1)[0]) if climb.stop - climb.start > 2 else 0.0
+    slope = (
+        float(np.polyfit(time[climb], force[climb], 1)[0]) if climb.stop - climb.start > 2 else 0.0
+    )
     least = _TOOTH_NOISE * marks.noise
     tops, bottoms = (find_peaks(sign * smooth[2:], prominence=least)[0] + 2 for sign in (1.0, -1.0))
     # a tooth is a bottom with a top after it and no bottom between
@@ -82,36 +95,48 @@ def find_saw(time: Array, force: Array, marks: Landmarks, tool: Tool, stiffness:
     # the handle moves on while it lets go, so that the top lies over static friction
     late = slope / (2.0 * math.pi * frequency)
     static = kinetic + math.sqrt(max((top - kinetic) ** 2 - late**2, 0.0))
-    # a slip of sine form, U at its fastest, feels exp(-u / V) of static over kinetic friction, on average (V / U)^2 where it
-    # is fast; the handle adds its own speed. How fast friction falls is hardly known: half of that is uncertain
+    # a slip of sine form, U at its fastest, feels exp(-u / V) of static over kinetic friction, on
+    # average (V / U)^2 where it is fast; the handle adds its own speed. How fast friction falls is
+    # hardly known: half of that is uncertain
     fastest = 2.0 * math.pi * frequency * (top - kinetic) / stiffness
-    unseen = (static - kinetic) * min((_STRIBECK / fastest) ** 2, 0.5) * math.exp(-slope / stiffness / _STRIBECK)
+    unseen = (
+        (static - kinetic)
+        * min((_STRIBECK / fastest) ** 2, 0.5)
+        * math.exp(-slope / stiffness / _STRIBECK)
+    )
     kinetic_std = math.hypot(0.5 * math.hypot(top_std, bottom_std), 0.5 * unseen)
     kinetic -= unseen
     last = int(bottoms[-1])
     onset = int(np.searchsorted(time, time[last] + max(kinetic - float(smooth[last]), 0.0) / slope))
     return Saw(
         amplitude=(top - bottom, math.hypot(top_std, bottom_std)),
-        stick_time=(float(np.median(rises[:, 1])), float(np.std(rises[:, 1])) / root + float(np.median(np.diff(time)))),
+        stick_time=(
+            float(np.median(rises[:, 1])),
+            float(np.std(rises[:, 1])) / root + float(np.median(np.diff(time))),
+        ),
         static=(static, math.hypot(top_std, kinetic_std)),
         kinetic=(kinetic, kinetic_std),
         onset=min(onset, marks.peak - 3),
     )
 
 
-def extremum(time: Array, force: Array, index: int, reach: float, noise: float) -> tuple[float, float, float]:
+def extremum(
+    time: Array, force: Array, index: int, reach: float, noise: float
+) -> tuple[float, float, float]:
     """Value, standard uncertainty [N] and instant [s] of a bottom or top, by a quartic about it."""
     near = np.abs(time - time[index]) <= max(reach, 4.0 * float(np.median(np.diff(time))))
     t = (time[near] - time[index]) / reach
     columns = np.vander(t, 5, increasing=True)
     weights, residuals = fit_linear(columns, force[near])
-    # so few samples do not tell their own noise, unless they scatter as noise does in one of twenty cases
+    # so few samples do not tell their own noise, unless they scatter as noise does in one of twenty
+    # cases
     excess = float(residuals @ residuals) / noise**2 / max(t.size - 5, 1)
     unit = np.linalg.inv(columns.T @ columns) * noise**2 * (excess if excess > _SCATTER else 1.0)
     grid = np.linspace(-0.9, 0.9, 361)
     curve = np.vander(grid, 5, increasing=True) @ weights
     turned = np.argmin(curve) if 2.0 * weights[0] < curve[0] + curve[-1] else np.argmax(curve)
-    # one that hardly stands out of the noise stays where it was looked for: noise would choose its own
+    # one that hardly stands out of the noise stays where it was looked for: noise would choose its
+    # own
     at = float(grid[turned]) if np.ptp(curve) > _FAINT * noise else 0.0
     gradient = np.asarray(at ** np.arange(5), dtype=float)
     return float(gradient @ weights), propagated(gradient, unit), float(time[index]) + at * reach
@@ -119,7 +144,8 @@ def extremum(time: Array, force: Array, index: int, reach: float, noise: float) 
 
 def first_swing(motion: Motion) -> tuple[float, float, float]:
     """Bottom of the first swing below the sliding level after a slip: depth, its standard uncertainty [N], instant [s]."""
-    # the tip runs forward all through that swing, so that friction is part of the level, whatever comes after it
+    # the tip runs forward all through that swing, so that friction is part of the level, whatever
+    # comes after it
     time, force, period = motion.time, motion.force, 1.0 / motion.frequency
     fallen = motion.fallen
     reach = (1.0 if time[fallen] - time[motion.peak] < period else 1.5) * period
@@ -132,8 +158,9 @@ def first_swing(motion: Motion) -> tuple[float, float, float]:
     depth, before = motion.level - bottom, instant - period
     if before < time[motion.peak] + 0.5 * period:
         return depth, std, instant
-    # a tip that came down slowly rang meanwhile: which dip was the first below sliding is a matter of noise, and where one
-    # just touches, the odds of that reading alone are noise themselves: they are those that another would put it below
+    # a tip that came down slowly rang meanwhile: which dip was the first below sliding is a matter
+    # of noise, and where one just touches, the odds of that reading alone are noise themselves:
+    # they are those that another would put it below
     begin, end = np.searchsorted(time, [before - 0.25 * period, before + 0.25 * period])
     earlier = int(begin + np.argmin(smooth[begin:end]))
     bottom, spread, _ = extremum(time, force, earlier, _SWING_SHARE * period, motion.noise)
@@ -165,7 +192,9 @@ class Motion:
     @cached_property
     def fallen(self) -> int:
         """First sample after the release at which the force is down at that of sliding, to the noise."""
-        below = np.flatnonzero(self.smooth[self.peak : -2] <= self.level + 2.0 * self.noise / math.sqrt(5.0))
+        below = np.flatnonzero(
+            self.smooth[self.peak : -2] <= self.level + 2.0 * self.noise / math.sqrt(5.0)
+        )
         return self.peak + int(below[0]) if below.size else self.force.size - 3
 
 
@@ -177,7 +206,9 @@ def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
         return "snap"
     time, peak, fallen = motion.time, motion.peak, motion.fallen
     after = motion.normal[peak : int(np.searchsorted(time, time[fallen] + 5.0 / motion.frequency))]
-    unloaded = after < min(float(after.min()) + _NO_LOAD * white_noise(motion.normal), _LIGHT * motion.load)
+    unloaded = after < min(
+        float(after.min()) + _NO_LOAD * white_noise(motion.normal), _LIGHT * motion.load
+    )
     if np.count_nonzero(unloaded) >= _FLIGHT_SAMPLES:
         return "flight"
     if (time[fallen] - time[peak]) * motion.frequency > 1.0:
@@ -186,7 +217,8 @@ def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
     swing = slice(fallen, int(np.searchsorted(time, time[fallen] + 1.5 / motion.frequency)))
     place = motion.slope * time[swing] - motion.smooth[swing]
     back = float(np.max(np.maximum.accumulate(place) - place)) if place.size else 0.0
-    # it stops where the force is as far from sliding as its swing, but for the ramp, and slips back past friction's other side
+    # it stops where the force is as far from sliding as its swing, but for the ramp, and slips back
+    # past friction's other side
     omega = 2.0 * math.pi * motion.frequency
     depth, std, _ = first_swing(motion)
     stopped = math.sqrt(max(depth**2 - (motion.slope / omega) ** 2, 0.0))

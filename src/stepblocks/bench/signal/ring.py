@@ -1,12 +1,15 @@
 """The ring after the slip: that of a tool damped like a bell, or of one whose tip rubs.
 
-A bell rings as ``A exp(-t / tau) cos(2 pi f t + phase)`` about a level, with what is left of the release, hum and drift. Of a
-tip that rubs ``m x'' = f - F sgn(x') - c x'`` makes, with ``f = k (v t - x)`` and ``D = 2 F``,
+A bell rings as ``A exp(-t / tau) cos(2 pi f t + phase)`` about a level, with what is left of the
+release, hum and drift. Of a tip that rubs ``m x'' = f - F sgn(x') - c x'`` makes, with ``f = k (v t
+- x)`` and ``D = 2 F``,
 
-    f'' = -w^2 (f - L) - (2 / tau) f',    L = L+ while the tip slips forward (f' < k v), L+ - D while it slips back.
+    f'' = -w^2 (f - L) - (2 / tau) f',    L = L+ while the tip slips forward (f' < k v), L+ - D
+    while it slips back.
 
-Each half cycle is a damped cosine about its level and costs the amplitude D; where the tip stops between the levels, it sticks,
-and the force climbs along the ramp ``k v`` until it slips forward again.
+Each half cycle is a damped cosine about its level and costs the amplitude D; where the tip stops
+between the levels, it sticks, and the force climbs along the ramp ``k v`` until it slips forward
+again.
 """
 
 import math
@@ -31,21 +34,29 @@ from stepblocks.bench.signal.separable import (
 )
 from stepblocks.contact.kernels import softened
 
-# relative spread of frequency and decay time about a guess from the trial itself, and about what others told
+# relative spread of frequency and decay time about a guess from the trial itself, and about what
+# others told
 GUESSED, TOLD = (0.05, 0.4), (0.02, 0.12)
 
 _GOOD = 4.0  # misfit at which no other start is tried
-_ALIKE = 1e-7  # relative difference of costs that the optimiser's own tolerance makes; then the likelier start leads
+# relative difference of costs that the optimiser's own tolerance makes; then the likelier start
+# leads
+_ALIKE = 1e-7
 _ROUNDING = 1e-12  # change of a force that is rounding [N]
 _SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])  # in which the values of a fit move
 _MOST_PHASES = 5000
-_BEYOND = 1.4  # twice the sliding force times this: a tip that stops farther below it clearly slips back
+_BEYOND = (
+    1.4  # twice the sliding force times this: a tip that stops farther below it clearly slips back
+)
 
 _BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
 _RELEASE_DECAY = (0.05e-3, 0.4e-3, 1.5e-3)  # [s] least, first guess, most
 _LITTLE = 0.02  # g A^2 with which a tool that hardens is tried
-_HARD, _CLOSER = 7.0, 0.05  # misfit, and share of the misfit of a cosine, up to which it is taken for one
+_HARD, _CLOSER = (
+    7.0,
+    0.05,
+)  # misfit, and share of the misfit of a cosine, up to which it is taken for one
 _FINE_STEP = 1e-5  # [s] of the motion of a tool that hardens
 _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 
@@ -59,8 +70,8 @@ class Ring:
     level: Estimate  # about which it rings at `origin` [N]
     origin: float  # instant that the fit counts from [s]
     mains: float  # mains frequency fitted along [Hz]
-    # shape: frequency, decay time, decay time of the release, of a tool that hardens g A^2 too; weights: level, drift,
-    # hum (2), release, ring (2)
+    # shape: frequency, decay time, decay time of the release, of a tool that hardens g A^2 too;
+    # weights: level, drift, hum (2), release, ring (2)
     fit: SeparableFit
     misfit: float  # by how many standard errors the residuals miss the noise
     about: float = 0.0  # level over amplitude, about which a tool that hardens rings [1]
@@ -91,7 +102,10 @@ class Ring:
         return carried, propagated(gradient, self.fit.covariance)
 
     def _model(self, since: Array, shape: Array) -> Array:
-        return np.asarray(_columns(since, self.origin, self.mains, shape, self.about) @ self.fit.weights, dtype=float)
+        return np.asarray(
+            _columns(since, self.origin, self.mains, shape, self.about) @ self.fit.weights,
+            dtype=float,
+        )
 
 
 def guess_ring(time: Array, values: Array) -> Tool:
@@ -106,7 +120,9 @@ def guess_ring(time: Array, values: Array) -> Tool:
     since = time - time[0]
 
     def left(decay: float) -> float:
-        rest = fit_linear(np.column_stack([np.ones_like(since), damped_wave(since, frequency, decay)]), values)[1]
+        rest = fit_linear(
+            np.column_stack([np.ones_like(since), damped_wave(since, frequency, decay)]), values
+        )[1]
         return float(rest @ rest)
 
     return frequency, min(_DECAYS, key=left)
@@ -114,9 +130,15 @@ def guess_ring(time: Array, values: Array) -> Tool:
 
 def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
     """Fit a damped ring to the samples after a slip; of a tool that hardens, after Duffing, where that is seen."""
-    ring = _fit_damped(time, force, origin, mains, noise, np.array([*guess_ring(time, force), _RELEASE_DECAY[1]]))
+    ring = _fit_damped(
+        time, force, origin, mains, noise, np.array([*guess_ring(time, force), _RELEASE_DECAY[1]])
+    )
     # does what is left over look as that of a tool whose pitch falls as it dies?
-    about, since, hard = ring.level[0] / ring.amplitude(origin)[0], time - origin, np.append(ring.fit.shape, _LITTLE)
+    about, since, hard = (
+        ring.level[0] / ring.amplitude(origin)[0],
+        time - origin,
+        np.append(ring.fit.shape, _LITTLE),
+    )
     columns = [_columns(since, origin, mains, shape, about) for shape in (ring.fit.shape, hard)]
     if not ring.fit.lacks((columns[1] - columns[0]) @ ring.fit.weights):
         return ring
@@ -128,7 +150,14 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
 
 
 def _fit_damped(
-    time: Array, force: Array, origin: float, mains: float, noise: float, start: Array, *, about: float = 0.0
+    time: Array,
+    force: Array,
+    origin: float,
+    mains: float,
+    noise: float,
+    start: Array,
+    *,
+    about: float = 0.0,
 ) -> Ring:
     frequency, count, least = start[0], start.size, 0.85 if start.size == 3 else 0.7
     fit = fit_separable(
@@ -155,13 +184,18 @@ def _columns(since: Array, origin: float, mains: float, shape: Array, about: flo
     """Level and drift from the slip on, hum on the clock of the record, rest of the release, ring."""
     frequency, decay, release, *cubic = shape.tolist()
     hum = wave(since + origin, mains)
-    ring = _hardening_wave(since, (frequency, decay, *cubic), about) if cubic else damped_wave(since, frequency, decay)
+    ring = (
+        _hardening_wave(since, (frequency, decay, *cubic), about)
+        if cubic
+        else damped_wave(since, frequency, decay)
+    )
     return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])
 
 
 def _hardening_wave(since: Array, tool: tuple[float, ...], about: float) -> Array:
     """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1, and its rate over its pulsation."""
-    # `tool` is the frequency of small swings about the level, the decay time, and g; `about` the level.
+    # `tool` is the frequency of small swings about the level, the decay time, and g; `about` the
+    # level.
     frequency, decay, cubic = tool
     rest, first = softened(about, cubic), softened(about + 1.0, cubic)
     omega = 2.0 * math.pi * frequency / math.sqrt(1.0 + 3.0 * cubic * rest**2)
@@ -173,7 +207,9 @@ def _hardening_wave(since: Array, tool: tuple[float, ...], about: float) -> Arra
     return np.column_stack([np.interp(time, clock, swing[:, 0]), rate])
 
 
-def _swing(count: int, tool: tuple[float, float, float], about: float, begin: float, rest: float) -> Array:
+def _swing(
+    count: int, tool: tuple[float, float, float], about: float, begin: float, rest: float
+) -> Array:
     """Force over its level and its rate, step by step; written for a compiler, nothing checked."""
     omega, decay, cubic = tool
     result = np.empty((count, 2))
@@ -191,13 +227,15 @@ def _swing(count: int, tool: tuple[float, float, float], about: float, begin: fl
 class RubbingRing:
     """A ring limited by friction and its uncertainties."""
 
-    # shape (7,): level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `origin` over L+ [N], slope there
-    # [N/s], drift [N/s]
+    # shape (7,): level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `origin` over L+
+    # [N], slope there [N/s], drift [N/s]
     values: Array
     covariance: Array  # shape (7, 7), of `values`
     slope: float  # of the force while the tip sticks [N/s]
     origin: float  # instant that the fit counts from [s]
-    misfit: float  # by how many standard errors the residuals miss the noise, see `separable.misfit`
+    misfit: (
+        float  # by how many standard errors the residuals miss the noise, see `separable.misfit`
+    )
     residuals: Array  # shape (n,), data minus fit [N]
     knows_gap: bool  # whether the tip ever slipped back, so that the gap shows
 
@@ -210,10 +248,13 @@ class RubbingRing:
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
 
-def rubbing_force(time: Array, level: float, gap: float, tool: Tool, start: tuple[float, float], slope: float) -> Array:
+def rubbing_force(
+    time: Array, level: float, gap: float, tool: Tool, start: tuple[float, float], slope: float
+) -> Array:
     """Force of the tool after the slip [N], piece by piece in closed form; 1e6 from where on the tip chatters without end."""
-    # `level` holds while the tip slips forward and is lower by `gap` while it slips back [N]; `start` is the force [N] and its
-    # rate [N/s] at 0; `slope` is that of the force while the tip sticks [N/s].
+    # `level` holds while the tip slips forward and is lower by `gap` while it slips back [N];
+    # `start` is the force [N] and its rate [N/s] at 0; `slope` is that of the force while the tip
+    # sticks [N/s].
     return np.asarray(_compiled(_rub)(time, (level, gap), tool, start, slope), dtype=float)
 
 
@@ -226,7 +267,11 @@ def _compiled(kernel: Callable[..., Array]) -> Callable[..., Array]:
 
 
 def _rub(
-    time: Array, levels: tuple[float, float], tool: tuple[float, float], start: tuple[float, float], slope: float
+    time: Array,
+    levels: tuple[float, float],
+    tool: tuple[float, float],
+    start: tuple[float, float],
+    slope: float,
 ) -> Array:
     """Go half cycle by half cycle; written for a compiler, nothing checked. See `rubbing_force`."""
     (level, gap), (frequency, decay), (force, rate) = levels, tool, start
@@ -234,7 +279,8 @@ def _rub(
     result = np.empty_like(time)
     count = time.size
     step = 2.0 * math.pi / omega / 20.0
-    # at the speed of the ramp the damping alone pulls as much as this deflection; it shifts where the tip sticks
+    # at the speed of the ramp the damping alone pulls as much as this deflection; it shifts where
+    # the tip sticks
     shift = 2.0 / decay * slope / (omega * omega + 1.0 / (decay * decay))
     begin, done = 0.0, 0
     forward = rate < slope
@@ -250,11 +296,15 @@ def _rub(
         if gap > 0.0 and not (forward and math.hypot(p, q) <= slope):
             low, high = 0.0, step
             while low <= horizon:
-                rise = math.exp(-high / decay) * (p * math.cos(omega * high) - q * math.sin(omega * high))
+                rise = math.exp(-high / decay) * (
+                    p * math.cos(omega * high) - q * math.sin(omega * high)
+                )
                 if sign * (rise - slope) > 0.0:
                     for _ in range(36):
                         middle = 0.5 * (low + high)
-                        rise = math.exp(-middle / decay) * (p * math.cos(omega * middle) - q * math.sin(omega * middle))
+                        rise = math.exp(-middle / decay) * (
+                            p * math.cos(omega * middle) - q * math.sin(omega * middle)
+                        )
                         if sign * (rise - slope) > 0.0:
                             high = middle
                         else:
@@ -264,7 +314,9 @@ def _rub(
                 low, high = high, high + step
         while done < count and time[done] - begin < turn:
             t = time[done] - begin
-            result[done] = rest + math.exp(-t / decay) * (a * math.cos(omega * t) + b * math.sin(omega * t))
+            result[done] = rest + math.exp(-t / decay) * (
+                a * math.cos(omega * t) + b * math.sin(omega * t)
+            )
             done += 1
         if done >= count:
             return result
@@ -281,7 +333,8 @@ def _rub(
             force, rate, begin = max(level - shift, force), slope * (1.0 - 1e-9), begin + wait
         else:
             forward = not forward
-    # not-a-number, or a tip that chatters without end: no model, and a fit must see that by its size
+    # not-a-number, or a tip that chatters without end: no model, and a fit must see that by its
+    # size
     result[done:] = 1e6
     return result
 
@@ -293,7 +346,14 @@ def _rubbing(values: Array, time: Array, slope: float) -> Array:
 
 
 def fit_rubbing_ring(
-    time: Array, force: Array, level: float, tool: Tool, slope: float, noise: float, *, spread: Tool = GUESSED
+    time: Array,
+    force: Array,
+    level: float,
+    tool: Tool,
+    slope: float,
+    noise: float,
+    *,
+    spread: Tool = GUESSED,
 ) -> RubbingRing:
     """Fit a ring limited by friction, hum taken off before, from a guess of its level and of the tool."""
     from scipy.optimize import least_squares
@@ -305,13 +365,18 @@ def fit_rubbing_ring(
     t = time - origin
     offset = float(force[:3].mean()) - level
     lower = np.array([-np.inf, 0.0, 0.7 * frequency, 2e-3, -np.inf, -np.inf, -np.inf])
-    upper = np.array([np.inf, max(4.0 * abs(offset), 0.2), 1.3 * frequency, 0.5, np.inf, np.inf, np.inf])
+    upper = np.array(
+        [np.inf, max(4.0 * abs(offset), 0.2), 1.3 * frequency, 0.5, np.inf, np.inf, np.inf]
+    )
     best = None
-    # dry friction is the sliding force itself and turns with the tip: the likely gap is twice the level
+    # dry friction is the sliding force itself and turns with the tip: the likely gap is twice the
+    # level
     for gap in (2.0 * abs(level), 0.3 * abs(offset), 0.0):
         start = np.array([level, gap + 1e-6, frequency, decay, offset, 0.0, 0.0])
         found = least_squares(
-            lambda p: np.append(_rubbing(p, t, slope) - force, (p[2:4] - (frequency, decay)) * known),
+            lambda p: np.append(
+                _rubbing(p, t, slope) - force, (p[2:4] - (frequency, decay)) * known
+            ),
             np.clip(start, lower, upper),
             bounds=(lower, upper),
             x_scale=_SCALE,
@@ -321,16 +386,26 @@ def fit_rubbing_ring(
         if best is None or found.cost < (1.0 - _ALIKE) * best.cost:
             best = found
         # a tip that never slips back in this course says nothing of the gap
-        moved = _rubbing(best.x, t, slope) - _rubbing(best.x * [1.0, 0.98, 1.0, 1.0, 1.0, 1.0, 1.0], t, slope)
-        if misfit(best.fun[:-2], 7, begin, noise) < _GOOD and bool(np.any(np.abs(moved) > _ROUNDING)):
+        moved = _rubbing(best.x, t, slope) - _rubbing(
+            best.x * [1.0, 0.98, 1.0, 1.0, 1.0, 1.0, 1.0], t, slope
+        )
+        if misfit(best.fun[:-2], 7, begin, noise) < _GOOD and bool(
+            np.any(np.abs(moved) > _ROUNDING)
+        ):
             break
     assert best is not None
     values, residuals = np.asarray(best.x, dtype=float), -np.asarray(best.fun[:-2], dtype=float)
-    jacobian = numeric_jacobian(lambda p: _rubbing(p, t, slope), values, 1e-3 * _SCALE, lower, upper)
+    jacobian = numeric_jacobian(
+        lambda p: _rubbing(p, t, slope), values, 1e-3 * _SCALE, lower, upper
+    )
     prior = np.zeros((2, 7))
     prior[0, 2], prior[1, 3] = known
-    covariance, missed = covariance_of(jacobian, residuals, prior), misfit(residuals, 7, begin, noise)
-    # a sample between two turns changes by the gap itself; a gap that moves less than one sample was not seen
+    covariance, missed = (
+        covariance_of(jacobian, residuals, prior),
+        misfit(residuals, 7, begin, noise),
+    )
+    # a sample between two turns changes by the gap itself; a gap that moves less than one sample
+    # was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)
     # and of one that stops little beyond the other side of friction other gaps tell as much
     stopped = values[4] ** 2 - (slope / (2.0 * math.pi * values[2])) ** 2

@@ -1,6 +1,7 @@
 """Least squares by variable projection (Golub and Pereyra 1973, doi:10.1137/0710036), with the covariance of all parameters.
 
-A trace is a sum of known shapes whose weights enter linearly; only two or three times and frequencies are searched.
+A trace is a sum of known shapes whose weights enter linearly; only two or three times and
+frequencies are searched.
 """
 
 import math
@@ -12,7 +13,8 @@ import numpy as np
 from stepblocks.bench.signal import Array
 
 _CLEAR = 3.0  # standard uncertainties
-_UNSEEN = 1e-7  # of the largest direction: what the data cannot tell apart, far above the rounding of the columns
+# of the largest direction: what the data cannot tell apart, far above the rounding of the columns
+_UNSEEN = 1e-7
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,8 @@ class SeparableFit:
 
     shape: Array  # shape (q,), parameters that enter nonlinearly
     weights: Array  # shape (p,), of the columns of the basis
-    covariance: Array  # shape (q + p, q + p), of `shape` and `weights`, scaled by the scatter of the residuals
+    # shape (q + p, q + p), of `shape` and `weights`, scaled by the scatter of the residuals
+    covariance: Array
     residuals: Array  # shape (n,), data minus model
     jacobian: Array  # shape (n, q + p), slopes in `shape` and columns of the basis
 
@@ -37,7 +40,12 @@ class SeparableFit:
 
 
 def fit_separable(
-    basis: Callable[[Array], Array], values: Array, start: Array, lower: Array, upper: Array, scale: Array
+    basis: Callable[[Array], Array],
+    values: Array,
+    start: Array,
+    lower: Array,
+    upper: Array,
+    scale: Array,
 ) -> SeparableFit:
     """Fit ``values = basis(shape) @ weights``; the shape moves in steps of `scale` between its bounds."""
     from scipy.optimize import least_squares
@@ -48,7 +56,13 @@ def fit_separable(
     shape = np.clip(start, lower, upper)
     if shape.size:
         found = least_squares(
-            lambda p: solve(p)[1], shape, bounds=(lower, upper), x_scale=scale, xtol=1e-9, ftol=1e-9, max_nfev=60
+            lambda p: solve(p)[1],
+            shape,
+            bounds=(lower, upper),
+            x_scale=scale,
+            xtol=1e-9,
+            ftol=1e-9,
+            max_nfev=60,
         )
         shape = np.asarray(found.x, dtype=float)
     weights, residuals = solve(shape)
@@ -111,7 +125,9 @@ def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None)
     # from the rows, not from their squares: those lose half the digits, and with them the rank
     root = np.linalg.pinv(scaled, rcond=_UNSEEN)
     inverse = root @ root.T
-    return np.asarray(inverse / np.outer(size, size) * noise**2 * correlation_inflation(residuals), dtype=float)
+    return np.asarray(
+        inverse / np.outer(size, size) * noise**2 * correlation_inflation(residuals), dtype=float
+    )
 
 
 def correlation_inflation(residuals: Array) -> float:
@@ -136,7 +152,8 @@ def propagated(gradient: Array, covariance: Array) -> float:
 
 def misfit(residuals: Array, parameters: int, begin: int, noise: float) -> float:
     """Return by how many standard errors a fit misses its noise: of the whole or of its begin, whichever is worse."""
-    # a fit of a ring that is wrong is wrong where the ring is largest; over the whole record that goes under
+    # a fit of a ring that is wrong is wrong where the ring is largest; over the whole record that
+    # goes under
     if noise <= 0.0:
         return math.inf
 

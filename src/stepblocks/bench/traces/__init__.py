@@ -54,8 +54,8 @@ def _text_column(table: Any, name: str | int) -> Any:
     return table[name].to_numpy()
 
 
-# how a file is opened, how the group of a trial is found in it, and how a column of that, of shape (n,), is read in the
-# units of the file; all raise `TraceError`
+# how a file is opened, how the group of a trial is found in it, and how a column of that, of shape
+# (n,), is read in the units of the file; all raise `TraceError`
 READERS: dict[str, tuple[Any, Any, Any]] = {
     "csv": (_open_text, lambda table, _: table, _text_column),
     "hdf5": (hdf5.open_hdf5, hdf5.hdf5_group, hdf5.hdf5_column),
@@ -88,11 +88,16 @@ def read_columns(
         kept = None if where.own_file else _opened(kind, path, stamp, json.dumps(layout))[0]
         with opened(path, layout) if where.own_file else nullcontext(kept) as file:
             group = group_of(file, where) if names else None
-            return {str(number): _samples(column(group, name), name) for number, name in enumerate(names)}
+            return {
+                str(number): _samples(column(group, name), name)
+                for number, name in enumerate(names)
+            }
     except (TraceError, MemoryError):
         raise
     except Exception as error:  # the readers of damaged files raise whatever they meet
-        raise TraceError(f"unreadable: trial {where.trial}: {str(error)[:120] or type(error).__name__}") from error
+        raise TraceError(
+            f"unreadable: trial {where.trial}: {str(error)[:120] or type(error).__name__}"
+        ) from error
 
 
 class Traces(ExitStack):
@@ -105,14 +110,18 @@ class Traces(ExitStack):
         self._channels = acquisition.channels.parts()
         self._layout = {
             **{name: getattr(acquisition, name) for name in ("delimiter", "decimal", "skip_lines")},
-            "named": not any(isinstance(channel.column, int) for channel, _ in self._channels.values()),
+            "named": not any(
+                isinstance(channel.column, int) for channel, _ in self._channels.values()
+            ),
         }
         self._container: Path | None = None
         if acquisition.per_trial:
             return
         path = inside(session.folder, acquisition.traces, "acquisition.traces")
         if not is_file(path):
-            raise BenchError(f"traces are missing, expected {acquisition.traces} [{session.folder}]")
+            raise BenchError(
+                f"traces are missing, expected {acquisition.traces} [{session.folder}]"
+            )
         self._container, nothing = path, (Place("", (), own_file=False, is_file=True), ())
         try:
             self._columns(path, *nothing)
@@ -127,7 +136,9 @@ class Traces(ExitStack):
             whole, cuts = self.drags
             if trial not in cuts:
                 raise TraceError(f"missing: trial {trial!r} is not in the table of trials")
-            return Trace(whole.time[cuts[trial]], whole.tangential[cuts[trial]], whole.normal[cuts[trial]])
+            return Trace(
+                whole.time[cuts[trial]], whole.tangential[cuts[trial]], whole.normal[cuts[trial]]
+            )
         return self._read(trial)
 
     @cached_property
@@ -147,8 +158,12 @@ class Traces(ExitStack):
         acquisition = self.session.acquisition
         path = self._container or _trial_file(self.session, trial)
         own = acquisition.per_trial or bool(acquisition.split)
-        place = Place(trial, _groups(acquisition.group, trial), own, own and acquisition.group is None)
-        found = self._in_si(self._columns(path, place, [channel.column for channel, _ in self._channels.values()]))
+        place = Place(
+            trial, _groups(acquisition.group, trial), own, own and acquisition.group is None
+        )
+        found = self._in_si(
+            self._columns(path, place, [channel.column for channel, _ in self._channels.values()])
+        )
         sizes = {part: values.size for part, values in found.items()}
         if len(set(sizes.values())) > 1:
             told = ", ".join(f"{part} {size}" for part, size in sizes.items())
@@ -168,7 +183,10 @@ class Traces(ExitStack):
             values = values - off if (off := channel.taken_off(dimension, part)) else values
             still = round(channel.tare_time(part) * rate)
             if still >= max(values.size, 1):
-                raise TraceError(f"truncated: the tare of {part} takes {still} samples, the record has {values.size}")
+                raise TraceError(
+                    f"truncated: the tare of {part} takes {still} samples, the record has "
+                    f"{values.size}"
+                )
             found[part] = values - values[:still].mean() if still else values
         return found
 

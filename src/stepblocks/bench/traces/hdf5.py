@@ -19,14 +19,21 @@ def open_hdf5(path: Path, layout: Any) -> Any:
         raise TraceError(f"{path.name} is no readable HDF5 file") from error
     # the library would hold 30 MiB of descriptions of groups, each of which is read once
     cache = file.id.get_mdc_config()
-    cache.set_initial_size, cache.initial_size, cache.min_size, cache.max_size = True, _CACHE, _CACHE, _CACHE
+    cache.set_initial_size, cache.initial_size, cache.min_size, cache.max_size = (
+        True,
+        _CACHE,
+        _CACHE,
+        _CACHE,
+    )
     file.id.set_mdc_config(cache)
     return file
 
 
 def hdf5_group(file: Any, place: Place) -> Any:
     """Find the group or the table of one trial."""
-    group = file if place.is_file else next((file[name] for name in place.groups if name in file), None)
+    group = (
+        file if place.is_file else next((file[name] for name in place.groups if name in file), None)
+    )
     if group is None:
         raise TraceError(f"missing: no group {place.groups[0]!r} among the traces")
     _require_own(group, file)

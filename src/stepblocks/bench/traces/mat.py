@@ -40,7 +40,9 @@ class Variables:
             return loadmat(_part(self.path, place, length), simplify_cells=True)[name]
         except MemoryError:
             raise
-        except Exception as error:  # SciPy lets zlib, type and key errors of a damaged variable through
+        except (
+            Exception
+        ) as error:  # SciPy lets zlib, type and key errors of a damaged variable through
             raise TraceError(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
 
 
@@ -100,7 +102,9 @@ def variables_of(path: Path) -> Variables:
             try:
                 ((name, *_),) = whosmat(_part(path, place, min(8 + length, _NAMED)))
             except Exception as error:  # as above
-                raise TraceError(f"{path.name} is damaged at byte {place}: {str(error)[:80]}") from error
+                raise TraceError(
+                    f"{path.name} is damaged at byte {place}: {str(error)[:80]}"
+                ) from error
             if place + 8 + length > size:
                 raise TraceError(f"{path.name} is damaged or truncated at byte {place}")
             places[name] = place, 8 + length

@@ -23,9 +23,11 @@ def cut_drags(trace: Trace, count: int) -> list[slice]:
 
     rate = (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])
     releases = _releases(trace.tangential, rate, count)
-    # a cut lies in the middle of what is between the ring and the next ramp, at the end of the air where there is some;
-    # all of the record is loaded where the normal force never rests near none
-    loaded = uniform_filter1d(trace.normal, max(round(_AIR * rate), 1)) > 0.2 * float(np.median(trace.normal))
+    # a cut lies in the middle of what is between the ring and the next ramp, at the end of the air
+    # where there is some; all of the record is loaded where the normal force never rests near none
+    loaded = uniform_filter1d(trace.normal, max(round(_AIR * rate), 1)) > 0.2 * float(
+        np.median(trace.normal)
+    )
     smooth = np.convolve(trace.tangential, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
     cuts = [0]
     for one, other in itertools.pairwise(releases):
@@ -51,7 +53,11 @@ def _releases(force: Array, rate: float, count: int) -> list[int]:
     order = np.argsort(-told["prominences"], kind="stable")
     heights = fall[found[order]]
     if found.size < count or (found.size > count and heights[count - 1] < _CLEAR * heights[count]):
-        clear = int(np.argmax(heights[:-1] / np.maximum(heights[1:], 1e-12))) + 1 if found.size > 1 else found.size
+        clear = (
+            int(np.argmax(heights[:-1] / np.maximum(heights[1:], 1e-12))) + 1
+            if found.size > 1
+            else found.size
+        )
         raise BenchError(
             f"`acquisition.split` must find one drag for each of the {count} trials of the table, "
             f"the record shows {clear} releases that stand out"
@@ -65,7 +71,10 @@ def draw_cuts(trace: Trace, cuts: list[slice], names: list[str], path: Path) -> 
 
     figure, axes = new_figure(2, 1, sharex=True, height=5.0)
     step = max(trace.time.size // 200_000, 1)
-    for axis, values, label in ((axes[0], trace.tangential, "tangential"), (axes[1], trace.normal, "normal")):
+    for axis, values, label in (
+        (axes[0], trace.tangential, "tangential"),
+        (axes[1], trace.normal, "normal"),
+    ):
         axis.plot(trace.time[::step], values[::step], lw=0.5, color="#1f4e79")
         axis.set_ylabel(f"{label} force [N]")
         for cut in cuts[1:]:

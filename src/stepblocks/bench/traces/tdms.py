@@ -18,7 +18,9 @@ def open_tdms(path: Path, layout: Any) -> Iterator[Any]:
     with path.open("rb") as handle:
         try:
             file = TdmsFile.open(handle)
-        except Exception as error:  # npTDMS lets struct, key and value errors of a damaged index through
+        except (
+            Exception
+        ) as error:  # npTDMS lets struct, key and value errors of a damaged index through
             raise TraceError(f"{path.name} is no readable TDMS file: {str(error)[:120]}") from error
         yield file
 
@@ -29,7 +31,9 @@ def tdms_column(group: Any, name: str | int) -> Any:
         channel = group.channels()[name] if isinstance(name, int) else group[name]
     except (KeyError, IndexError):
         have = listed(channel.name for channel in group.channels())
-        raise TraceError(f"unknown channel: no {name!r} in group {group.name!r}, it has {have}") from None
+        raise TraceError(
+            f"unknown channel: no {name!r} in group {group.name!r}, it has {have}"
+        ) from None
     check_size(len(channel), name)
     try:
         return channel[:]

@@ -18,10 +18,19 @@ _geometry = partial(Law, slot="contact_geometry")
 def _give(power: float, state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     """Let the edge press its way into the ball, or the block into what holds it."""
     held = np.cos(np.arctan(state.friction * state.edge_factor))
-    across, per_newton = np.maximum(state.load, 1e-3) * held / np.cos(state.angle()), values["depth_at_1n_m"]
-    depth, cosine = per_newton * across**power, 1.0 - np.clip(state.height / state.radius, 1e-3, 1.0)
-    # in the corner floor and edge give way to the pull, in the middle of the ramp with half of what the edge will bear
-    both = (1.0 + cosine**2) / (1.0 - cosine**2) * power * per_newton * (0.5 * across) ** (power - 1.0)
+    across, per_newton = (
+        np.maximum(state.load, 1e-3) * held / np.cos(state.angle()),
+        values["depth_at_1n_m"],
+    )
+    depth, cosine = (
+        per_newton * across**power,
+        1.0 - np.clip(state.height / state.radius, 1e-3, 1.0),
+    )
+    # in the corner floor and edge give way to the pull, in the middle of the ramp with half of what
+    # the edge will bear
+    both = (
+        (1.0 + cosine**2) / (1.0 - cosine**2) * power * per_newton * (0.5 * across) ** (power - 1.0)
+    )
     # the ball comes nearer to the edge by the depth: cos a = (R - H) / (R - depth)
     lower = state.radius * (state.height - depth) / (state.radius - depth)
     return state.changed(height=lower, give=state.give + both)
@@ -40,7 +49,9 @@ _GEOMETRY = (
         "tip_wear",
         "R(n) = R + w n",
         (Parameter("growth_m_per_trial", "m", 0.0, 0.0, 5e-6, 3e-8),),
-        lambda state, order, v: state.changed(radius=state.radius + v["growth_m_per_trial"] * order),
+        lambda state, order, v: state.changed(
+            radius=state.radius + v["growth_m_per_trial"] * order
+        ),
         covariate="run_order",
         said="the tip wears: its radius grows per trial by",
         settled="swap the tip",
@@ -55,7 +66,8 @@ _GEOMETRY = (
         settled="swap the tip, or measure it",
     ),
     _geometry(
-        "tip_flat",  # the ball rides lower by the depth of the flat, and every step stands higher by it
+        # the ball rides lower by the depth of the flat, and every step stands higher by it
+        "tip_flat",
         "a = arccos(1 - (H + d) / R), flat of half width sqrt(2 R d)",
         (Parameter("flat_depth_m", "m", 0.0, 0.0, 3e-5, 1e-6),),
         lambda state, _, v: state.changed(height=state.height + v["flat_depth_m"]),
@@ -64,7 +76,8 @@ _GEOMETRY = (
         settled="swap the tip",
     ),
     _geometry(
-        "block_tilt",  # along the drag: the same as friction tan(atan mu + t), for every force and energy
+        # along the drag: the same as friction tan(atan mu + t), for every force and energy
+        "block_tilt",
         "a -> a + t",
         (Parameter("tilt_rad", "rad", 0.0, -0.3, 0.3, 0.01),),
         lambda state, _, v: state.changed(tilt=state.tilt + v["tilt_rad"]),
@@ -75,7 +88,8 @@ _GEOMETRY = (
     *(  # of a ball on the edge after Hertz, or of whatever holds block or tip
         _geometry(
             f"elastic_indentation{mark}",
-            f"cos a = (R - H) / (R - d N^p), p = {power:.3g}, N = F_py cos(atan mu) / cos(a + atan mu) across the edge",
+            f"cos a = (R - H) / (R - d N^p), p = {power:.3g}, N = F_py cos(atan mu) / cos(a + "
+            "atan mu) across the edge",
             (Parameter("depth_at_1n_m", "m", 0.0, -5e-6, 5e-5, 1e-6),),
             partial(_give, power),
             covariate="load_n",
@@ -94,18 +108,28 @@ def _height_error(block: str) -> Law:
         return state.changed(height=state.height + values["height_error_m"] * (blocks == block))
 
     parameters = (Parameter("height_error_m", "m", 0.0, -4e-5, 4e-5, 1e-6),)
-    return _geometry(f"block_height_error~{block}", f"H -> H + h on {block}", parameters, apply, covariate="block")
+    return _geometry(
+        f"block_height_error~{block}",
+        f"H -> H + h on {block}",
+        parameters,
+        apply,
+        covariate="block",
+    )
 
 
 _friction = partial(Law, slot="friction")
-_by_speed = partial(_friction, covariate="speed_mm_s", said="friction falls with speed: excess at rest and speed")
+_by_speed = partial(
+    _friction, covariate="speed_mm_s", said="friction falls with speed: excess at rest and speed"
+)
 
 _FRICTION = (
     _friction(
         "load_dependent_friction",  # an elastic contact after Hertz has p = 1/3
         "mu (F_py / 0.6 N)^-p",
         (Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05),),
-        lambda state, _, v: state.changed(friction=state.friction * (state.load / 0.6) ** -v["exponent"]),
+        lambda state, _, v: state.changed(
+            friction=state.friction * (state.load / 0.6) ** -v["exponent"]
+        ),
         covariate="load_n",
         said="friction falls with load: exponent",
     ),
@@ -125,7 +149,8 @@ _FRICTION = (
             Parameter("stribeck_speed_m_per_s", "m/s", 5e-3, 5e-4, 1e-1, 1e-3),
         ),
         lambda state, _, v: state.changed(
-            friction=state.friction * (1.0 + v["excess"] * np.exp(-state.speed / v["stribeck_speed_m_per_s"]))
+            friction=state.friction
+            * (1.0 + v["excess"] * np.exp(-state.speed / v["stribeck_speed_m_per_s"]))
         ),
         shapes=tuple({"stribeck_speed_m_per_s": v} for v in (1.5e-3, 4e-3, 9e-3, 2.5e-2)),
     ),
@@ -134,16 +159,21 @@ _FRICTION = (
         "mu (1 + s ln(v / 6 mm/s))",
         (Parameter("slope", "1", 0.0, -2.0, 2.0, 0.03),),
         lambda state, _, v: state.changed(
-            friction=state.friction * np.maximum(1.0 + v["slope"] * np.log(state.speed / 6e-3), 0.02)
+            friction=state.friction
+            * np.maximum(1.0 + v["slope"] * np.log(state.speed / 6e-3), 0.02)
         ),
         rank=1,
     ),
     _friction(
         "running_in",
         "mu (1 + s exp(-n / n0))",
-        (Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05), Parameter("settling_trials", "1", 50.0, 3.0, 1000.0, 10.0)),
+        (
+            Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05),
+            Parameter("settling_trials", "1", 50.0, 3.0, 1000.0, 10.0),
+        ),
         lambda state, order, v: state.changed(
-            friction=state.friction * np.maximum(1.0 + v["excess"] * np.exp(-order / v["settling_trials"]), 0.02)
+            friction=state.friction
+            * np.maximum(1.0 + v["excess"] * np.exp(-order / v["settling_trials"]), 0.02)
         ),
         covariate="run_order",
         shapes=tuple({"settling_trials": n} for n in (15.0, 40.0, 100.0, 400.0)),
@@ -159,7 +189,9 @@ def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     weight = values["weight"]
     if weight == 0.0:
         return state
-    from stepblocks.contact.effects.release_motion import released  # compiled kernels, loaded where they are used
+    from stepblocks.contact.effects.release_motion import (
+        released,
+    )  # compiled kernels, loaded where they are used
 
     load = np.maximum(state.load, 1e-3)
     # k m = (k / omega)^2: the ring itself tells the mass that moves
@@ -167,7 +199,9 @@ def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     stiffness, speed = state.stiffness * state.radius / load, state.speed * momentum / load
     damping = state.damping / (2.0 * np.pi * state.frequency * state.decay_time)
     cubic = np.maximum(state.hardening, 0.0) * load**2
-    excess, share = released(state.height / state.radius, state.friction, stiffness, speed, damping, cubic)
+    excess, share = released(
+        state.height / state.radius, state.friction, stiffness, speed, damping, cubic
+    )
     return state.changed(
         climb_load=state.climb_load + load * np.expm1(weight * excess),
         conversion=state.conversion * np.exp(weight * (share - np.log(PAPER.tool.conversion))),
@@ -185,7 +219,9 @@ _CONVERSION = (
         "speed_dependent_conversion",
         "C_v (v / 6 mm/s)^q",
         (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
-        lambda state, _, v: state.changed(conversion=state.conversion * (state.speed / 6e-3) ** v["exponent"]),
+        lambda state, _, v: state.changed(
+            conversion=state.conversion * (state.speed / 6e-3) ** v["exponent"]
+        ),
         covariate="speed_mm_s",
         said="the share that rings follows the speed: exponent",
     ),
@@ -199,11 +235,14 @@ _CONVERSION = (
         covariate="temperature_c",
         said="the share that rings follows the temperature, per K by",
     ),
-    # the tip has a mass that must be moved and lifted over the rest of the step while the handle goes on; or, by energies alone,
-    # C_v less the work of lifting and rubbing
+    # the tip has a mass that must be moved and lifted over the rest of the step while the handle
+    # goes on; or, by energies alone, C_v less the work of lifting and rubbing
     _conversion(
         "real_release",
-        "C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), to the power w",
+        "C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan "
+        "mu), to "
+        "the "
+        "power w",
         (Parameter("weight", "1", 0.0, 0.0, 1.5, 0.05),),
         _motion,
         said="the tip must be moved and lifted over the step: weight of that motion",
@@ -219,8 +258,12 @@ _CONVERSION = (
 )
 
 
-_stiffness, _load, _sensor = (partial(Law, slot=slot) for slot in ("stiffness", "normal_load", "sensor"))
-_bias = partial(_load, said="the load differs from the weights by", settled="weigh the arm without weights")
+_stiffness, _load, _sensor = (
+    partial(Law, slot=slot) for slot in ("stiffness", "normal_load", "sensor")
+)
+_bias = partial(
+    _load, said="the load differs from the weights by", settled="weigh the arm without weights"
+)
 _pivot = partial(
     _load,
     said="a pivot rubs while the tip is lifted: share of the load, or force,",
@@ -246,14 +289,18 @@ def _seen_bias(state: DragState, _: Any, values: Mapping[str, float]) -> DragSta
 _TOOL = (
     _stiffness(
         "hardening_spring",  # after Duffing
-        "F = u + g u^3, u = k x: energy (u^2/2 + g u^4/4) / k, ramp k (1 + 3 g u^2), pitch with 3/4 g A^2 at amplitude A",
+        "F = u + g u^3, u = k x: energy (u^2/2 + g u^4/4) / k, ramp k (1 + 3 g u^2), pitch "
+        "with "
+        "3/4 g A^2 at amplitude A",
         (
             Parameter("cubic_per_n2", "1/N^2", 0.0, 0.0, 5.0, 0.02),
-            # a ring that rubs has died away where its pitch is fitted best: what it shows of A^2 is found with it
+            # a ring that rubs has died away where its pitch is fitted best: what it shows of A^2 is
+            # found with it
             Parameter("pitch_share", "1", 0.2, -0.5, 1.0, 0.1),
         ),
         lambda state, _, v: state.changed(
-            hardening=state.hardening + v["cubic_per_n2"], pitch_share=state.pitch_share + v["pitch_share"]
+            hardening=state.hardening + v["cubic_per_n2"],
+            pitch_share=state.pitch_share + v["pitch_share"],
         ),
         covariate="peak_force_n",
         given=False,
@@ -272,7 +319,9 @@ _TOOL = (
         "pivot_friction",
         "F_py (1 + p) while the tip climbs",
         (Parameter("pivot_share", "1", 0.0, -0.6, 2.0, 0.02),),
-        lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_share"] * state.set_load),
+        lambda state, _, v: state.changed(
+            climb_load=state.climb_load + v["pivot_share"] * state.set_load
+        ),
         rank=2,
     ),
     _pivot(
@@ -286,13 +335,17 @@ _TOOL = (
         "viscous_drag",
         "F_x + c v",
         _COEFFICIENT,
-        lambda state, _, v: state.changed(drag=state.drag + v["coefficient_n_s_per_m"] * state.speed),
+        lambda state, _, v: state.changed(
+            drag=state.drag + v["coefficient_n_s_per_m"] * state.speed
+        ),
     ),
     _drag(
         "viscous_drag~climbing",
         "F_px + c v, while the tip climbs",
         _COEFFICIENT,
-        lambda state, _, v: state.changed(climb_drag=state.climb_drag + v["coefficient_n_s_per_m"] * state.speed),
+        lambda state, _, v: state.changed(
+            climb_drag=state.climb_drag + v["coefficient_n_s_per_m"] * state.speed
+        ),
         rank=1,
     ),
 )
@@ -302,7 +355,8 @@ _NORMAL_ZERO = Parameter("normal_zero_n", "N", 0.0, -0.2, 0.2, 5e-3)
 _NORMAL_GAIN = Parameter("normal_ln_gain", "1", 0.0, -0.5, 0.5, 0.01)
 _CROSS_TALK = Parameter("cross_talk", "1", 0.0, -0.2, 0.2, 5e-3)
 _GAIN = Parameter("ln_gain", "1", 0.0, -1.5, 1.5, 0.02)
-# before the edge it shows as a gain of the normal gauge: the usual size of either cross-talk alone tells them apart
+# before the edge it shows as a gain of the normal gauge: the usual size of either cross-talk alone
+# tells them apart
 _NORMAL_CROSS_TALK = Parameter("normal_cross_talk", "1", 0.0, -0.3, 0.3, 5e-3, 0.03)
 _CLOCK = Parameter("ln_clock", "1", 0.0, -0.5, 0.5, 1e-3)
 _LAG = Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4)
@@ -340,7 +394,9 @@ _SENSOR = (
         (_ZERO,),
         said="the tangential gauge reads without force",
     ),
-    _zero("normal_zero", "F_y shown + z", (_NORMAL_ZERO,), said="the normal gauge reads without force"),
+    _zero(
+        "normal_zero", "F_y shown + z", (_NORMAL_ZERO,), said="the normal gauge reads without force"
+    ),
     _gauge(
         "normal_gain",
         "F_y shown times G",
@@ -372,7 +428,9 @@ _SENSOR = (
         settled="record a signal of known frequency",
     ),
     _gauge(
-        "instrument",  # several constants of one instrument off together: the rival of whatever looks like geometry
+        # several constants of one instrument off together: the rival of whatever looks like
+        # geometry
+        "instrument",
         "F_x shown G F_x + z + c F_y, F_y shown G' F_y + z'",
         (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
         rank=9,

@@ -25,8 +25,9 @@ def _climb(
     height: float, friction: float, stiffness: float, speed: float, damping: float, cubic: float
 ) -> tuple[float, float]:
     """Peak force over that at which the tip breaks loose; energy of the first swing below sliding over that stored, undamped."""
-    # The mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), while it is pressed
-    # on; it may fly off, stop on its way, and slip back. Time in 1/omega, positions in R, forces in N, k R / N = stiffness.
+    # The mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a +
+    # atan mu), while it is pressed on; it may fly off, stop on its way, and slip back. Time in
+    # 1/omega, positions in R, forces in N, k R / N = stiffness.
     edge = np.arccos(1.0 - height)
     friction = min(friction, np.tan(_STEEPEST - edge))
     reach, step, drive = np.sin(edge), 1.0 / _STEPS_PER_RADIAN, speed / stiffness
@@ -40,10 +41,19 @@ def _climb(
         ground = np.sqrt(1.0 - sine * sine)
         rise, pull = sine / ground, force + drag * (drive - velocity)
         # the share of the step in which the tip is on the edge still
-        on = min(max((reach - x) / (velocity * step), 0.0), 1.0) if velocity > 0.0 else 1.0 if x < reach else 0.0
+        on = (
+            min(max((reach - x) / (velocity * step), 0.0), 1.0)
+            if velocity > 0.0
+            else 1.0
+            if x < reach
+            else 0.0
+        )
         if flies and y <= ground:  # it lands and does not bounce
             closing = max(velocity * sine - up * ground, 0.0)
-            flies, velocity = False, max(velocity * ground + up * sine - friction * closing, 0.0) * ground
+            flies, velocity = (
+                False,
+                max(velocity * ground + up * sine - friction * closing, 0.0) * ground,
+            )
         lifted = 1.0 - on * stiffness * velocity * velocity / (ground * ground * ground)
         if flies or lifted + rise * pull <= 0.0:
             if not flies:
@@ -53,11 +63,16 @@ def _climb(
             y += up * step
         else:
             left = step
-            ahead, back = (rise + friction) / (1.0 - rise * friction), (rise - friction) / (1.0 + rise * friction)
+            ahead, back = (
+                (rise + friction) / (1.0 - rise * friction),
+                (rise - friction) / (1.0 + rise * friction),
+            )
             for _ in range(2):  # where it stops, it sticks or slips back for the rest of the step
                 moves = velocity != 0.0 or pull > ahead or pull < back
                 resist = back if velocity < 0.0 or (velocity == 0.0 and pull < back) else ahead
-                gained = (pull - resist * lifted) / (stiffness * (1.0 + resist * rise)) if moves else 0.0
+                gained = (
+                    (pull - resist * lifted) / (stiffness * (1.0 + resist * rise)) if moves else 0.0
+                )
                 if (velocity + gained * left) * velocity >= 0.0:
                     velocity += gained * left
                     break
@@ -73,16 +88,23 @@ def _climb(
     if lowest >= friction:
         return peak / start, 0.0
     level, low, top = _softened(friction, cubic), _softened(lowest, cubic), _softened(peak, cubic)
-    swing = 0.5 * (low**2 - level**2) + 0.25 * cubic * (low**4 - level**4) - friction * (low - level)
-    # half a period of the damper lies between the swing above sliding, which counts, and the one below
-    return peak / start, swing / (0.5 * top**2 + 0.25 * cubic * top**4) * np.exp(2.0 * np.pi * damping)
+    swing = (
+        0.5 * (low**2 - level**2) + 0.25 * cubic * (low**4 - level**4) - friction * (low - level)
+    )
+    # half a period of the damper lies between the swing above sliding, which counts, and the one
+    # below
+    return peak / start, swing / (0.5 * top**2 + 0.25 * cubic * top**4) * np.exp(
+        2.0 * np.pi * damping
+    )
 
 
 @njit(cache=True)
 def _climbs(asked: Floats) -> Floats:
     found = np.empty((asked.shape[1], 2))
     for n in range(asked.shape[1]):
-        found[n] = _climb(asked[0, n], asked[1, n], asked[2, n], asked[3, n], asked[4, n], asked[5, n])
+        found[n] = _climb(
+            asked[0, n], asked[1, n], asked[2, n], asked[3, n], asked[4, n], asked[5, n]
+        )
     return found
 
 
@@ -92,7 +114,12 @@ def _climbs_of(asked: bytes) -> Floats:
 
 
 def released(
-    height: Floats, friction: Floats, stiffness: Floats, speed: Floats, damping: Floats, cubic: Floats
+    height: Floats,
+    friction: Floats,
+    stiffness: Floats,
+    speed: Floats,
+    damping: Floats,
+    cubic: Floats,
 ) -> tuple[Floats, Floats]:
     """Logarithms of the peak's excess and of the share that rings, of H/R, mu, k R / N, v k / (omega N), damping ratio and g N^2."""
     asked = np.stack([np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping, cubic])

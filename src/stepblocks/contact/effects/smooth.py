@@ -39,7 +39,11 @@ class CovariateRange:
         numbers = np.asarray(column, dtype=np.float64)
         low, high = self.low, self.high
         if self.log:
-            numbers, low, high = np.log(np.maximum(numbers, 1e-12)), float(np.log(low)), float(np.log(high))
+            numbers, low, high = (
+                np.log(np.maximum(numbers, 1e-12)),
+                float(np.log(low)),
+                float(np.log(high)),
+            )
         return np.asarray(np.clip((numbers - low) / (high - low), 0.0, 1.0))
 
     def line(self, column: NDArray[Any]) -> Floats:
@@ -54,11 +58,16 @@ class CovariateRange:
         from scipy.interpolate import BSpline
 
         if self.labels:
-            return np.stack([np.asarray(column == label, dtype=np.float64) for label in self.labels[1:]], axis=1)
+            return np.stack(
+                [np.asarray(column == label, dtype=np.float64) for label in self.labels[1:]], axis=1
+            )
         if self.freedom < _PIECES:
             return self.line(column) ** np.arange(1, self.freedom + 1)
         # a constant belongs to the nominal model: one spline goes, the rest vanish in the middle
-        unit, knots = self.unit(column), np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, _PIECES - 1), np.ones(3)])
+        unit, knots = (
+            self.unit(column),
+            np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, _PIECES - 1), np.ones(3)]),
+        )
         design = BSpline.design_matrix(np.append(unit, 0.5), knots, 3).toarray()
         return np.asarray((design[:-1] - design[-1])[:, [0, 1, 3, 4]])
 
@@ -142,13 +151,17 @@ def _offset(where: CovariateRange) -> Law:
     names = tuple(f"added_n[{label}]" for label in where.labels)
 
     def apply(state: DragState, column: NDArray[Any], values: Mapping[str, float]) -> DragState:
-        added = np.select([np.asarray(column) == label for label in where.labels], [values[n] for n in names], 0.0)
+        added = np.select(
+            [np.asarray(column) == label for label in where.labels], [values[n] for n in names], 0.0
+        )
         return state.changed(load=state.load + added, sensed_offset=state.sensed_offset + added)
 
     parameters = tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names)
     form = f"F_py + b, by {where.name}"
     said = f"the load differs from the weights by {where.name}:"
-    return Law(f"added_load_{where.name}", form, parameters, apply, "normal_load", where.name, said=said)
+    return Law(
+        f"added_load_{where.name}", form, parameters, apply, "normal_load", where.name, said=said
+    )
 
 
 def _step(name: str, where: CovariateRange) -> Law:
@@ -158,15 +171,22 @@ def _step(name: str, where: CovariateRange) -> Law:
     width = 2e-3 * reach  # a hundredth of the spacing would leave a fit no way to move
     at = Parameter("at_trial", "1", where.low + 0.5 * reach, where.low, where.high, 0.02 * reach)
     size = (
-        Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6) if chip else Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
+        Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6)
+        if chip
+        else Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
     )
 
     def apply(state: DragState, order: NDArray[Any], values: Mapping[str, float]) -> DragState:
-        after = 0.5 * (1.0 + np.tanh((np.asarray(order, dtype=np.float64) - values["at_trial"]) / (2.0 * width)))
+        after = 0.5 * (
+            1.0
+            + np.tanh((np.asarray(order, dtype=np.float64) - values["at_trial"]) / (2.0 * width))
+        )
         g = values[size.name] * after
         return state.changed(radius=state.radius + g) if chip else move.change(state, g)
 
-    shapes = tuple({"at_trial": where.low + reach * (i + 0.5) / _STEP_SHAPES} for i in range(_STEP_SHAPES))
+    shapes = tuple(
+        {"at_trial": where.low + reach * (i + 0.5) / _STEP_SHAPES} for i in range(_STEP_SHAPES)
+    )
     form = "R + w from one trial on" if chip else f"{move.form}, g from one trial on"
     return Law(
         "tip_chip" if chip else f"step_{name}_{where.name}",
@@ -189,7 +209,8 @@ def _law(kind: str, name: str, where: CovariateRange) -> Law:
     last: list[Any] = [None, None]
 
     def apply(state: DragState, column: NDArray[Any], values: Mapping[str, float]) -> DragState:
-        # a fit asks for the same column hundreds of times; the reference kept makes its identity safe
+        # a fit asks for the same column hundreds of times; the reference kept makes its identity
+        # safe
         if last[0] is not column:
             last[:] = [column, basis(column)]
         return move.change(state, last[1] @ np.array([values[name] for name in names]))

@@ -15,7 +15,8 @@ Array = NDArray[np.float64]
 Disc = tuple[float, float, float]  # centre and radius [m]
 Line = tuple[tuple[float, float], tuple[float, float]]  # from one point to another [m]
 STEEPEST = 1e9  # slope that stands for a vertical wall
-_ANGLE_STEP = 2e-3  # chord of a circle [rad]; the slope between knots is interpolated, so the notch itself is exact
+# chord of a circle [rad]; the slope between knots is interpolated, so the notch itself is exact
+_ANGLE_STEP = 2e-3
 _MOST_KNOTS = 20_000  # of all circles together; a scan has hundreds of them
 _CATCH = 1e-6  # a change of slope that counts as a notch
 
@@ -25,7 +26,8 @@ class CentrePath:
     """Path of one point of a ball as pieces between knots, each with slopes of its own at both ends."""
 
     x: Array  # shape (n,); knots [m], ascending
-    z: Array  # shape (n,); height of that point: of the centre, unless a subclass says otherwise [m]
+    # shape (n,); height of that point: of the centre, unless a subclass says otherwise [m]
+    z: Array
     slope_start: Array  # shape (n - 1,); slope dz/dx where each piece begins [1]
     slope_end: Array  # shape (n - 1,); and where it ends
 
@@ -42,7 +44,9 @@ class CentrePath:
 
     def mirrored(self) -> CentrePath:
         """Return the path as it is met on the way back."""
-        return CentrePath(-self.x[::-1], self.z[::-1], -self.slope_end[::-1], -self.slope_start[::-1])
+        return CentrePath(
+            -self.x[::-1], self.z[::-1], -self.slope_end[::-1], -self.slope_start[::-1]
+        )
 
     def scaled(self, scale: float) -> CentrePath:
         """Return the path magnified; slopes, and with them all forces, stay."""
@@ -53,8 +57,12 @@ def corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
     """Path of the ball's centre over the range of a profile, shape (n, 2) [m]; equal x make a vertical wall."""
     flat = np.asarray(points, dtype=np.float64)
     # every corner becomes a circle, and every circle is compared with every other
-    if not (2 <= len(flat) <= 2000 and np.isfinite(flat).all() and (np.diff(flat[:, 0]) >= 0.0).all()):
-        raise ContactError(f"a profile must have 2 to 2000 finite points that do not descend in x, got {len(flat)}")
+    if not (
+        2 <= len(flat) <= 2000 and np.isfinite(flat).all() and (np.diff(flat[:, 0]) >= 0.0).all()
+    ):
+        raise ContactError(
+            f"a profile must have 2 to 2000 finite points that do not descend in x, got {len(flat)}"
+        )
     corners = [(float(x), float(z)) for x, z in flat]
     lines = [(a, b) for a, b in itertools.pairwise(corners) if b[0] > a[0]]
     return envelope_path([(x, z, 0.0) for x, z in corners[1:-1]], lines, ball_radius)
@@ -77,7 +85,10 @@ def envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> C
         knots = merged
     top = shapes.top(0.5 * (knots[1:] + knots[:-1]))
     return CentrePath(
-        knots, shapes.heights(knots).max(axis=0), shapes.slopes(top, knots[:-1]), shapes.slopes(top, knots[1:])
+        knots,
+        shapes.heights(knots).max(axis=0),
+        shapes.slopes(top, knots[:-1]),
+        shapes.slopes(top, knots[1:]),
     )
 
 
@@ -103,9 +114,13 @@ class _Shapes:
 
     def heights(self, x: Array) -> Array:
         across = self.r[:, None] ** 2 - (x - self.cx[:, None]) ** 2
-        circles = np.where(across >= 0.0, self.cz[:, None] + np.sqrt(np.maximum(across, 0.0)), -np.inf)
+        circles = np.where(
+            across >= 0.0, self.cz[:, None] + np.sqrt(np.maximum(across, 0.0)), -np.inf
+        )
         inside = (x >= self.x0[:, None] - 1e-15) & (x <= self.x1[:, None] + 1e-15)
-        straight = np.where(inside, self.z0[:, None] + self.slope[:, None] * (x - self.x0[:, None]), -np.inf)
+        straight = np.where(
+            inside, self.z0[:, None] + self.slope[:, None] * (x - self.x0[:, None]), -np.inf
+        )
         return np.concatenate([circles, straight])
 
     def top(self, x: Array) -> NDArray[np.int64]:
@@ -132,6 +147,8 @@ class _Shapes:
         across = np.sqrt(np.maximum(self.r[index] ** 2 - (x[circle] - self.cx[index]) ** 2, 0.0))
         run = -(x[circle] - self.cx[index])
         with np.errstate(divide="ignore", invalid="ignore"):
-            slope[circle] = np.clip(np.where(across > 0.0, run / across, np.sign(run) * STEEPEST), -STEEPEST, STEEPEST)
+            slope[circle] = np.clip(
+                np.where(across > 0.0, run / across, np.sign(run) * STEEPEST), -STEEPEST, STEEPEST
+            )
         slope[~circle] = self.slope[top[~circle] - discs]
         return slope

@@ -22,9 +22,12 @@ class TipPath:
     """Where the tip's lowest point runs while the tip is dragged over a profile."""
 
     position: Floats  # shape (n,); of the tip's axis along the drag [m], increasing
-    height: Floats  # shape (n,); of the tip's lowest point [m]; NaN where the tip has no surface under it
+    # shape (n,); of the tip's lowest point [m]; NaN where the tip has no surface under it
+    height: Floats
     contact: Floats  # shape (n,); position of the point that is touched [m]
-    slope: Floats  # shape (n,); of the path just ahead of the tip [1], exact: from the contact, not from differences
+    # shape (n,); of the path just ahead of the tip [1], exact: from the contact, not from
+    # differences
+    slope: Floats
     element: NDArray[np.int64]  # shape (n,); which row of `elements` is touched; -1 for none
     elements: Floats  # shape (m, 5); the surface as segments (x0, z0, x1, z1, contact offset) [m]
     ball_radius: float  # R [m]
@@ -33,24 +36,37 @@ class TipPath:
         """Return the path as it is met on the way back."""
         x0, z0, x1, z1, offset = self.elements[::-1].T
         elements = np.ascontiguousarray(np.column_stack([-x1, z1, -x0, z0, -offset]))
-        position, contact = np.ascontiguousarray(-self.position[::-1]), np.ascontiguousarray(-self.contact[::-1])
+        position, contact = (
+            np.ascontiguousarray(-self.position[::-1]),
+            np.ascontiguousarray(-self.contact[::-1]),
+        )
         element = np.where(self.element < 0, -1, len(elements) - 1 - self.element)[::-1].copy()
         slope = kernels.path_slopes(position, contact, element, self.ball_radius)
-        return TipPath(position, self.height[::-1].copy(), contact, slope, element, elements, self.ball_radius)
+        return TipPath(
+            position, self.height[::-1].copy(), contact, slope, element, elements, self.ball_radius
+        )
 
 
 def profile_path(
-    x: ArrayLike, z: ArrayLike, ball_radius: float, *, positions: Floats | None = None, edges: Edges = "strict"
+    x: ArrayLike,
+    z: ArrayLike,
+    ball_radius: float,
+    *,
+    positions: Floats | None = None,
+    edges: Edges = "strict",
 ) -> TipPath:
     """Path of a ball [m] over points in order of `x`, joined by lines; two at one place are a riser, NaN was not measured."""
-    # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase; "strict" keeps to those at which nothing
-    # beyond the ends could be touched, "flat" lets the surface go on level
+    # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase; "strict" keeps
+    # to those at which nothing beyond the ends could be touched, "flat" lets the surface go on
+    # level
     require_positive("ball radius", ball_radius, "m")
     xs, zs = _checked(x, z)
     finite, width = np.isfinite(zs), 2.0 * ball_radius
     elements = _elements(xs, zs, ball_radius)
     span = float(np.ptp(zs[finite]))  # of the heights: it says how much of the ball can touch
-    reach = ball_radius if span >= ball_radius else float(np.sqrt(span * (2.0 * ball_radius - span)))
+    reach = (
+        ball_radius if span >= ball_radius else float(np.sqrt(span * (2.0 * ball_radius - span)))
+    )
     if edges == "flat":
         (first, last), (start, end) = xs[finite][[0, -1]], zs[finite][[0, -1]]
         before = [first - 2.0 * width, start, first, start, 0.0]
@@ -72,7 +88,10 @@ def _elements(x: Floats, z: Floats, radius: float) -> Floats:
     joined = finite[:-1] & finite[1:]
     lone = finite & ~np.concatenate([[False], joined]) & ~np.concatenate([joined, [False]])
     ends = x[:-1], z[:-1], x[1:], z[1:]
-    pieces = [np.concatenate([end[joined], own[lone]]) for end, own in zip(ends, (x, z, x, z), strict=True)]
+    pieces = [
+        np.concatenate([end[joined], own[lone]])
+        for end, own in zip(ends, (x, z, x, z), strict=True)
+    ]
     order = np.argsort(pieces[0], kind="stable")
     x0, z0, x1, z1 = (piece[order] for piece in pieces)
     length = np.hypot(x1 - x0, z1 - z0)
@@ -90,7 +109,10 @@ def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
     if np.isfinite(zs).sum() < 2:
         raise ContactError("profile needs at least 2 heights that are not NaN")
     if (np.diff(xs) < 0.0).any():
-        raise ContactError(f"profile positions must not decrease, they do at point {int(np.argmin(np.diff(xs))) + 1}")
+        raise ContactError(
+            "profile positions must not decrease, they do at point "
+            f"{int(np.argmin(np.diff(xs))) + 1}"
+        )
     if xs[-1] == xs[0]:
         raise ContactError("profile must extend along x, got a single position")
     return xs, zs
@@ -99,7 +121,11 @@ def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
 def _positions(x: Floats, width: float, reach: float, edges: Edges) -> Floats:
     pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * width)), 1).astype(int)
     number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    where = np.unique(np.append(number * np.repeat(np.diff(x) / pieces, pieces) + np.repeat(x[:-1], pieces), x[-1]))
+    where = np.unique(
+        np.append(
+            number * np.repeat(np.diff(x) / pieces, pieces) + np.repeat(x[:-1], pieces), x[-1]
+        )
+    )
     if edges == "strict":
         # the first and last tip positions that the profile fully decides are always among them
         ends = [x[0] + reach, x[-1] - reach]
@@ -113,14 +139,17 @@ class Catch(NamedTuple):
 
     position: float  # of the tip's axis [m]
     contact: float  # of the edge that is touched [m]
-    angle: float  # slope of the path there [rad]; 0 where it never rises, a right angle where the tip meets a riser
+    # slope of the path there [rad]; 0 where it never rises, a right angle where the tip meets a
+    # riser
+    angle: float
 
 
 def steepest(path: TipPath) -> Catch:
     """Find the critical angle of a path, its steepest rise towards growing x, exact whatever its positions."""
     rise = np.diff(path.height) / np.diff(path.position)
     finite = rise[np.isfinite(rise)]
-    # the mean slope of an interval is never more than its greatest, a little less guards against rounding: only steeper ones count
+    # the mean slope of an interval is never more than its greatest, a little less guards against
+    # rounding: only steeper ones count
     floor = float(finite.max()) * (1.0 - 1e-9) - 1e-9 if finite.size else 0.0
     slopes = interval_slopes(path, floor)
     if np.isnan(slopes[:, 0]).all():
@@ -151,6 +180,13 @@ def interval_slopes(path: TipPath, floor: float) -> NDArray[np.float64]:
     radius = path.ball_radius
     tolerance = max(1e-13 * (2.0 * radius), 4.0 * float(np.spacing(np.abs(path.position).max())))
     found = kernels.steepest_in_each(
-        path.position, path.height, path.contact, path.element, floor, path.elements, radius, tolerance
+        path.position,
+        path.height,
+        path.contact,
+        path.element,
+        floor,
+        path.elements,
+        radius,
+        tolerance,
     )
     return np.asarray(found)

@@ -6,14 +6,17 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-# The surface is a row of elements, segments from (x0, z0) to (x1, z1) in order of x; a lone sample is one of no length
+# The surface is a row of elements, segments from (x0, z0) to (x1, z1) in order of x; a lone sample
+# is one of no length
 Array = Any
 _CHUNK = 512
 _JUMP = 1e6  # slope of 89.99994 deg
 
 
 @njit(cache=True)
-def _rest_at(u: float, x: float, x0: float, z0: float, x1: float, z1: float, radius: float) -> float:
+def _rest_at(
+    u: float, x: float, x0: float, z0: float, x1: float, z1: float, radius: float
+) -> float:
     """Height at which the ball at `x` rests on a segment's point `u`, within its reach but for rounding."""
     z = z0 + (z1 - z0) * ((u - x0) / (x1 - x0)) if x1 > x0 else max(z0, z1)
     squared = min((u - x) * (u - x), radius * radius)
@@ -21,7 +24,9 @@ def _rest_at(u: float, x: float, x0: float, z0: float, x1: float, z1: float, rad
 
 
 @njit(cache=True)
-def best_contact(x: float, first: int, last: int, elements: Array, radius: float) -> tuple[float, float, int]:
+def best_contact(
+    x: float, first: int, last: int, elements: Array, radius: float
+) -> tuple[float, float, int]:
     """Height of the tip at `x`, contact position and element (-1 for none) among elements `first` to `last`."""
     low, high = x - radius, x + radius
     best, where, which = -np.inf, math.nan, -1
@@ -47,7 +52,8 @@ def dilate_profile(positions: Array, elements: Array, radius: float) -> tuple[Ar
     under = np.searchsorted(elements[:, 2], positions - radius)
     until = np.searchsorted(elements[:, 0], positions + radius, side="right") - 1
     stack = np.empty((128, 4), np.int64)
-    # the contact moves to the right with the ball: halving the positions narrows the candidates, at a cost of N log N
+    # the contact moves to the right with the ball: halving the positions narrows the candidates, at
+    # a cost of N log N
     for start in range(0, n, _CHUNK):  # chunks keep the candidates in the cache
         stop = min(start + _CHUNK, n) - 1
         stack[0] = (start, stop, under[start], until[stop])
@@ -98,8 +104,9 @@ def _steepest_between(
     tolerance: float,
 ) -> tuple[float, float, float]:
     """Greatest slope over `best` of the path between two `ends` (x, h, x, h), where, and the contact there."""
-    # while one element is touched the path is concave and steepest at its left end: only brackets whose ends touch
-    # different elements are halved, and one of the width `tolerance` that still climbs is a jump of infinite slope
+    # while one element is touched the path is concave and steepest at its left end: only brackets
+    # whose ends touch different elements are halved, and one of the width `tolerance` that still
+    # climbs is a jump of infinite slope
     where = touch = math.nan
     stack, marks = np.empty((256, 4)), np.empty((256, 2), np.int64)
     stack[0], marks[0] = ends, touched
@@ -118,7 +125,11 @@ def _steepest_between(
         h, u, e = best_contact(middle, e0, e1, elements, radius)
         if e >= 0:
             s = _slope(middle, u, radius)
-            if s >= best:  # right brackets come first, so that among equals the leftmost stays: the break itself
+            if (
+                s >= best
+                # right brackets come first, so that among equals the leftmost stays: the break
+                # itself
+            ):
                 best, where, touch = s, middle, u
         stack[depth], marks[depth] = (x0, h0, middle, h), (e0, e)
         stack[depth + 1], marks[depth + 1] = (middle, h, x1, h1), (e, e1)
@@ -153,9 +164,15 @@ def steepest_in_each(
         if bound <= floor:
             continue
         ends = (positions[k], height[k], positions[k + 1], height[k + 1])
-        best, where, touch = _steepest_between(ends, (a, b), found[k, 0], elements, radius, tolerance)
+        best, where, touch = _steepest_between(
+            ends, (a, b), found[k, 0], elements, radius, tolerance
+        )
         if best > found[k, 0]:
             found[k, 0], found[k, 1], found[k, 2] = best, where, touch
         if right_slope[k + 1] > found[k, 0]:
-            found[k, 0], found[k, 1], found[k, 2] = right_slope[k + 1], positions[k + 1], contact[k + 1]
+            found[k, 0], found[k, 1], found[k, 2] = (
+                right_slope[k + 1],
+                positions[k + 1],
+                contact[k + 1],
+            )
     return found

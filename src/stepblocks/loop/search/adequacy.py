@@ -25,7 +25,9 @@ def _columns(trials: Trials, name: str) -> Floats | None:
     if numbers is None:
         dummies = trials.dummies(name, most=8)
         return np.stack(dummies, axis=1) if dummies else None
-    powers = min(4, len(np.unique(numbers)) - 1)  # twenty times 0.4 scatter by 5e-17, and are one number
+    powers = min(
+        4, len(np.unique(numbers)) - 1
+    )  # twenty times 0.4 scatter by 5e-17, and are one number
     if powers == 0 or not float(np.std(numbers)) < np.inf:
         return None
     x = (stats.rankdata(numbers) / len(numbers) - 0.5) * 2.0
@@ -70,7 +72,9 @@ def pure_error(residual: Floats, cells: Sequence[object], free: int) -> dict[str
     """Test the misfit of a model of so many constants against the scatter among trials of equal settings."""
     seen = np.isfinite(residual)
     values = residual[seen]
-    _, inverse = np.unique([str(c) for c, s in zip(cells, seen, strict=True) if s], return_inverse=True)
+    _, inverse = np.unique(
+        [str(c) for c, s in zip(cells, seen, strict=True) if s], return_inverse=True
+    )
     counts = np.bincount(inverse)
     dof = int(len(values) - len(counts))
     means = np.bincount(inverse, values) / counts
@@ -110,14 +114,18 @@ def identifiability(problem: Problem, base: Fit, effects: Sequence[Law]) -> dict
         else:
             directions[effect.id] = rest / left
     alike = nx.Graph(
-        (one, other) for one, other in combinations(directions, 2) if abs(directions[one] @ directions[other]) > _SAME
+        (one, other)
+        for one, other in combinations(directions, 2)
+        if abs(directions[one] @ directions[other]) > _SAME
     )
     return {
         "imitated_by_constants": absorbed,
         "cannot_be_told_apart": [sorted(group) for group in nx.connected_components(alike)],
         # the data leave these open: their error stays that of the prior
         "left_to_their_prior": [
-            p.name for p in base.parameters if np.isfinite(p.prior_std) and base.std[p.name] > 0.9 * p.prior_std
+            p.name
+            for p in base.parameters
+            if np.isfinite(p.prior_std) and base.std[p.name] > 0.9 * p.prior_std
         ],
     }
 
@@ -127,7 +135,10 @@ def propose(
 ) -> dict[str, Any] | None:
     """Rank the settings of a grid by how well they separate two fitted models, best first."""
     starts = {p.name: p.start for p in problem.model.parameters(grid)}
-    ahead = [problem.model.predict(grid, starts | rival.values, rival.active) for rival in (first, second)]
+    ahead = [
+        problem.model.predict(grid, starts | rival.values, rival.active)
+        for rival in (first, second)
+    ]
     scatter = problem.noise.scatter
     responses = problem.model.responses(grid, starts | first.values, first.active)
     typical = np.nanmedian(np.where(problem.trials.seen, problem.trials.std, np.nan), axis=0)
@@ -145,11 +156,15 @@ def propose(
     return {
         "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
         "trials": [
-            {name: grid.covariates[name][i].item() for name in shown} | {"expected_gain": float(gain[i])} for i in order
+            {name: grid.covariates[name][i].item() for name in shown}
+            | {"expected_gain": float(gain[i])}
+            for i in order
         ],
         # of the best, after which the difference is expected to reach 12 (odds of 400 to 1)
         "repeats": int(np.ceil(12.0 / float(gain[order[0]]))),
-        "channel": problem.trials.channels[_best_first(own[order[0]])[0]],  # the one that contributes most
+        "channel": problem.trials.channels[
+            _best_first(own[order[0]])[0]
+        ],  # the one that contributes most
     }
 
 

@@ -14,18 +14,30 @@ from stepblocks.loop.search.adequacy import independence, pure_error
 from stepblocks.loop.search.fit import Fit, Problem, fit, problem_of
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
 from stepblocks.loop.search.gate import Trial, choose, gate
-from stepblocks.loop.search.structure import Hint, hints, quantity_errors, walk, wandering, wandering_hint
+from stepblocks.loop.search.structure import (
+    Hint,
+    hints,
+    quantity_errors,
+    walk,
+    wandering,
+    wandering_hint,
+)
 
 _LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in for what is left
-_DRIFTS = 0.5  # correlation of a reading with the one before, from which it counts as going with the hour
+_DRIFTS = (
+    0.5  # correlation of a reading with the one before, from which it counts as going with the hour
+)
 _OVER_WALK = 8.0  # of the criterion, by which a law along the hour must beat a walk
 _LACKING = 0.005  # level of the lack of fit against replicates
-_GROUP = 0.95  # chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
+# chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
+_GROUP = 0.95
 _WORTH = 4.0  # of the criterion, below which an exchange is not made
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
 Rows = NDArray[np.intp]
-Rival = tuple[Law, Fit, float]  # an effect that may stand for another, its fit, and how far its criterion is behind
+Rival = tuple[
+    Law, Fit, float
+]  # an effect that may stand for another, its fit, and how far its criterion is behind
 Asked = Callable[[Trials], Sequence[Law]]  # candidates of a table
 
 
@@ -34,7 +46,9 @@ class Verdict(StrEnum):
 
     EFFECT = "effect"  # something is there, and its law has a name
     AMBIGUOUS = "ambiguous"  # something is there, and the data cannot tell which of several it is
-    UNEXPLAINED = "unexplained"  # something is there, at a slot and along a covariate, and no law is claimed
+    UNEXPLAINED = (
+        "unexplained"  # something is there, at a slot and along a covariate, and no law is claimed
+    )
     NONE = "none"  # nothing that noise would not do
 
 
@@ -43,7 +57,9 @@ class Rules:
     """When to claim what."""
 
     alpha: float = 0.01  # chance of a false alarm of one gate, over all candidates
-    margin: float = 8.0  # of the criterion (cost + p ln n), within which two effects count as rivals
+    margin: float = (
+        8.0  # of the criterion (cost + p ln n), within which two effects count as rivals
+    )
     most: int = 4  # effects to add
     draws: int = 500  # of the bootstrap of a gate
     seed: int = 0  # of the bootstrap
@@ -58,7 +74,9 @@ class Finding:
     verdict: Verdict  # what may be claimed of it
     gate_p: float  # chance that noise opens the gate as wide, over the whole family of candidates
     gain: float  # fall of the cost (twice the log likelihood) when it is added to the others
-    rivals: tuple[Rival, ...] = ()  # effects that do as well within the margin, the likeliest of them
+    rivals: tuple[
+        Rival, ...
+    ] = ()  # effects that do as well within the margin, the likeliest of them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +115,11 @@ def explain(
 
 
 def _searched(
-    model: ForwardModel, trials: Trials, candidates: Sequence[Law], rules: Rules, deployed: Deployed | None = None
+    model: ForwardModel,
+    trials: Trials,
+    candidates: Sequence[Law],
+    rules: Rules,
+    deployed: Deployed | None = None,
 ) -> _Grown:
     """Search, ask what nobody wrote down, and search again where trials that follow one another err together."""
     problem = problem_of(model, trials)
@@ -105,18 +127,25 @@ def _searched(
     order, names = model.order(trials), list(model.quantities)
     told = hints(grown.problem, grown.extended, names, order)
     mistaken = _mistaken(grown, names)
-    wanders = sorted({names.index(h.quantity) for h in told if h.kind in ("neighbours", "change")} | mistaken)
+    wanders = sorted(
+        {names.index(h.quantity) for h in told if h.kind in ("neighbours", "change")} | mistaken
+    )
     if not wanders:
         return replace(grown, told=told)
-    # a law that a walk does as well counts as walk: its quantity is looked at without what goes with the hour
+    # a law that a walk does as well counts as walk: its quantity is looked at without what goes
+    # with the hour
     plain = tuple(e for e in grown.extended.effects if not _timely(e, trials, order))
     base = fit(grown.problem, plain, grown.extended.values) if mistaken else grown.extended
     rows = np.argsort(order, kind="stable")
     seen = {}
     for k in wanders:
-        errors = quantity_errors(grown.problem, base if k in mistaken else grown.extended)[0][rows, k]
+        errors = quantity_errors(grown.problem, base if k in mistaken else grown.extended)[0][
+            rows, k
+        ]
         seen[k] = errors[np.isfinite(errors)]
-    again = _search(problem.sharing(wandering(problem, base, seen), base), candidates, rules, deployed)
+    again = _search(
+        problem.sharing(wandering(problem, base, seen), base), candidates, rules, deployed
+    )
     known = {names.index(h.quantity) for h in told}
     told += tuple(wandering_hint(names[k]) for k in sorted(mistaken - known))
     return replace(again, told=told)
@@ -145,18 +174,29 @@ def _mistaken(grown: _Grown, names: Sequence[str]) -> set[int]:
             (e := quantity_errors(problem, f)[0][rows, k])[np.isfinite(e)]
             for f in (current, without(problem, current, effect))
         )
-        law = len(own) * float(np.log(np.var(own) / np.var(bare))) + np.log(len(own)) * len(effect.parameters)
+        law = len(own) * float(np.log(np.var(own) / np.var(bare))) + np.log(len(own)) * len(
+            effect.parameters
+        )
         if law > -walk(bare)[0] + np.log(len(own)) - _OVER_WALK:
             found.add(k)
     return found
 
 
-def _search(problem: Problem, candidates: Sequence[Law], rules: Rules, deployed: Deployed | None = None) -> _Grown:
+def _search(
+    problem: Problem, candidates: Sequence[Law], rules: Rules, deployed: Deployed | None = None
+) -> _Grown:
     current, p_value = fit(problem), 1.0
     gates: dict[str, float] = {}
     error = deployed(current) if deployed else 0.0
     for step in range(rules.most + 1):
-        opened = gate(problem, current, _left(candidates, current), rules.draws, rules.seed + step, rules.alpha)
+        opened = gate(
+            problem,
+            current,
+            _left(candidates, current),
+            rules.draws,
+            rules.seed + step,
+            rules.alpha,
+        )
         p_value = opened.p_value
         if p_value > rules.alpha or step == rules.most:
             break
@@ -176,7 +216,13 @@ def _search(problem: Problem, candidates: Sequence[Law], rules: Rules, deployed:
         problem = problem.tightened(grown)
         current = fit(problem, grown.effects, grown.values)
         gates = {e.id: gates.get(e.id, p_value) for e in current.effects}
-    return _Grown(problem=problem, extended=current, gates=gates, last_gate_p=p_value, needed=opened.least_gain)
+    return _Grown(
+        problem=problem,
+        extended=current,
+        gates=gates,
+        last_gate_p=p_value,
+        needed=opened.least_gain,
+    )
 
 
 def _left(candidates: Sequence[Law], current: Fit) -> list[Law]:
@@ -192,7 +238,11 @@ def without(problem: Problem, current: Fit, effect: Law) -> Fit:
 def _grow(problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[Law]) -> Fit | None:
     """Add the chosen effect; where a law already stands at its place, the law is too stiff and a smooth replaces it."""
     added = chosen.effect
-    same = [e for e in current.effects if e.place == added.place and e.covariate not in ("none", "block")]
+    same = [
+        e
+        for e in current.effects
+        if e.place == added.place and e.covariate not in ("none", "block")
+    ]
     if not same:
         return chosen.fit
     others = tuple(e for e in current.effects if e not in same)
@@ -211,9 +261,15 @@ def _exchanged(problem: Problem, current: Fit, candidates: Sequence[Law]) -> Fit
         base = without(problem, current, effect)
         if problem.criterion(base) <= problem.criterion(current) + _WORTH:
             return base
-        choice = choose(problem, base, gate(problem, base, _left(candidates, base), draws=0), most=6)
+        choice = choose(
+            problem, base, gate(problem, base, _left(candidates, base), draws=0), most=6
+        )
         best = choice[0] if choice else None
-        if best and best.effect.id != effect.id and best.criterion < problem.criterion(current) - _WORTH:
+        if (
+            best
+            and best.effect.id != effect.id
+            and best.criterion < problem.criterion(current) - _WORTH
+        ):
             return best.fit
     return None
 
@@ -232,15 +288,24 @@ def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explana
     if grown.last_gate_p <= rules.alpha:
         # something is left: what explains little may only stand in for it, and gets no name
         least = _LEAST_SHARE * (nominal.cost - current.cost)
-        findings = tuple(f if f.gain >= least else replace(f, verdict=Verdict.UNEXPLAINED) for f in findings)
+        findings = tuple(
+            f if f.gain >= least else replace(f, verdict=Verdict.UNEXPLAINED) for f in findings
+        )
         if findings and verdict is not Verdict.NONE:
             leading = max(findings, key=lambda f: f.gain)
-            verdict = Verdict.AMBIGUOUS if leading.verdict is Verdict.AMBIGUOUS else Verdict.UNEXPLAINED
+            verdict = (
+                Verdict.AMBIGUOUS if leading.verdict is Verdict.AMBIGUOUS else Verdict.UNEXPLAINED
+            )
     if grown.told and verdict in (Verdict.NONE, Verdict.EFFECT):
         # something differs between trials that no column names
         verdict = Verdict.UNEXPLAINED
     return Explanation(
-        **vars(grown), nominal=nominal, findings=findings, verdict=verdict, checks=checks, adequate=adequate
+        **vars(grown),
+        nominal=nominal,
+        findings=findings,
+        verdict=verdict,
+        checks=checks,
+        adequate=adequate,
     )
 
 
@@ -254,23 +319,33 @@ def _finding(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: Rules
     seen = {_family(effect)}
     for trial in choice[1] if choice else ():
         law, family = trial.effect, _family(trial.effect)
-        if family in seen or (law.place == effect.place and not law.named) or trial.criterion > own + rules.margin:
+        if (
+            family in seen
+            or (law.place == effect.place and not law.named)
+            or trial.criterion > own + rules.margin
+        ):
             continue
         if law.slot == effect.slot and _is_case_of(problem, current, effect, law):
             continue
         seen.add(family)
         rivals.append((law, trial.fit, trial.criterion - own))
     elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
-    verdict = Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
+    verdict = (
+        Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
+    )
     p_value = grown.gates.get(effect.id, grown.last_gate_p)
-    return Finding(effect, verdict, p_value, base.cost - current.cost, likeliest(rivals, elsewhere[:1]))
+    return Finding(
+        effect, verdict, p_value, base.cost - current.cost, likeliest(rivals, elsewhere[:1])
+    )
 
 
 def likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
     """Return the likeliest of some rivals, as many as hold the truth with the effect by `_GROUP`, and those in `always`."""
     odds = np.exp([-0.5 * behind for _, _, behind in rivals])
     before = (1.0 + np.cumsum(odds) - odds) / (1.0 + odds.sum())
-    return tuple(r for r, share in zip(rivals, before, strict=True) if share < _GROUP or r in always)
+    return tuple(
+        r for r, share in zip(rivals, before, strict=True) if share < _GROUP or r in always
+    )
 
 
 def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool:
@@ -293,13 +368,20 @@ def earned(found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[obje
     lacking = bool(known) and min(known) * len(known) < _LACKING
     folds = [set(names) for holdout in holdouts for names in holdout.selected]
     findings = tuple(
-        replace(f, verdict=_agreed(f, folds)) if f.verdict is Verdict.EFFECT else f for f in found.findings
+        replace(f, verdict=_agreed(f, folds)) if f.verdict is Verdict.EFFECT else f
+        for f in found.findings
     )
     verdict = found.verdict
     if verdict is Verdict.EFFECT:
         doubts = {f.verdict for f in findings} - {Verdict.EFFECT}
-        verdict = Verdict.UNEXPLAINED if lacking else min(doubts, default=verdict, key=list(Verdict).index)
-    return replace(found, findings=findings, verdict=verdict, adequate=found.adequate and not lacking)
+        verdict = (
+            Verdict.UNEXPLAINED
+            if lacking
+            else min(doubts, default=verdict, key=list(Verdict).index)
+        )
+    return replace(
+        found, findings=findings, verdict=verdict, adequate=found.adequate and not lacking
+    )
 
 
 def withdrawn(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
@@ -316,7 +398,8 @@ def _agreed(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
     same = [any(name.split("~")[0] == family for name in names) for names in folds]
     if all(same):
         return Verdict.EFFECT
-    # a fold that is blind to it agrees with nothing; one that puts another in its place contradicts it
+    # a fold that is blind to it agrees with nothing; one that puts another in its place contradicts
+    # it
     others = [names for names, agrees in zip(folds, same, strict=True) if not agrees and names]
     return Verdict.AMBIGUOUS if others else Verdict.UNEXPLAINED
 
@@ -336,8 +419,13 @@ class Holdout:
 
     def rms(self, channel: int) -> tuple[float, float]:
         """Root mean square of both errors in one channel; not-a-number where nothing was held out."""
-        seen = [error[np.isfinite(error[:, channel]), channel] for error in (self.nominal, self.extended)]
-        nominal, extended = (float(np.sqrt(np.mean(e**2))) if e.size else float("nan") for e in seen)
+        seen = [
+            error[np.isfinite(error[:, channel]), channel]
+            for error in (self.nominal, self.extended)
+        ]
+        nominal, extended = (
+            float(np.sqrt(np.mean(e**2))) if e.size else float("nan") for e in seen
+        )
         return nominal, extended
 
 
@@ -359,7 +447,9 @@ def folds_of_blocks(trials: Trials, most: int) -> list[Rows]:
     return [np.flatnonzero(number % most == i) for i in range(min(most, int(number.max()) + 1))]
 
 
-def hold_out(model: ForwardModel, trials: Trials, rows: Rows, candidates: Asked, rules: Rules) -> Holdout:
+def hold_out(
+    model: ForwardModel, trials: Trials, rows: Rows, candidates: Asked, rules: Rules
+) -> Holdout:
     """Select and fit without one fold, and predict it; the errors of its trials alone."""
     train, test = trials.take(np.setdiff1d(np.arange(len(trials)), rows)), trials.take(rows)
     effects = _searched(model, train, candidates(train), rules).extended.effects
@@ -369,7 +459,9 @@ def hold_out(model: ForwardModel, trials: Trials, rows: Rows, candidates: Asked,
     # a block that was never seen keeps its prior height
     starts = {p.name: p.start for p in model.parameters(test)}
     ahead = Problem(model, test, problem.noise)
-    nominal, extended = (test.values - ahead.predict(f.effects, starts | f.values) for f in (base, best))
+    nominal, extended = (
+        test.values - ahead.predict(f.effects, starts | f.values) for f in (base, best)
+    )
     return Holdout(nominal, extended, (tuple(e.id for e in effects),))
 
 

@@ -14,9 +14,17 @@ from scipy.special import log_ndtr
 from stepblocks.errors import PipelineError
 from stepblocks.law import Active, Law, Parameter
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Systematic, Trials
-from stepblocks.loop.search.noise import Noise, estimate_scatter, flexible_residual, least, replicate_residual, whitener
+from stepblocks.loop.search.noise import (
+    Noise,
+    estimate_scatter,
+    flexible_residual,
+    least,
+    replicate_residual,
+    whitener,
+)
 
-# of differences, in units of a parameter's scale: an integrated motion is smooth to some 1e-4 of ln E_v and no better
+# of differences, in units of a parameter's scale: an integrated motion is smooth to some 1e-4 of ln
+# E_v and no better
 _STEP = 1e-3
 
 
@@ -27,7 +35,9 @@ class Problem:
     model: ForwardModel
     trials: Trials
     noise: Noise
-    common: tuple[Systematic, ...] = ()  # errors that trials share beside those that the model names
+    common: tuple[
+        Systematic, ...
+    ] = ()  # errors that trials share beside those that the model names
 
     def tightened(self, fitted: Fit) -> Problem:
         """Take the scatter about a fitted model where that is less than about the flexible regression."""
@@ -43,7 +53,11 @@ class Problem:
         """Return the same with errors that trials share in the noise."""
         responses = self.model.responses(self.trials, fitted.values, fitted.active)
         every = [*self.model.systematics(self.trials), *common]
-        return replace(self, noise=whitener(self.trials, every, responses, self.noise.scatter), common=tuple(common))
+        return replace(
+            self,
+            noise=whitener(self.trials, every, responses, self.noise.scatter),
+            common=tuple(common),
+        )
 
     def layout(self, effects: Sequence[Law]) -> tuple[Parameter, ...]:
         """Parameters of model and effects in one row; those of an effect are called ``effect.parameter``."""
@@ -56,7 +70,9 @@ class Problem:
 
     def criterion(self, fitted: Fit) -> float:
         """Cost plus ``p ln n``, p the parameters of its effects."""
-        return fitted.cost + float(np.log(len(self.trials))) * sum(len(e.parameters) for e in fitted.effects)
+        return fitted.cost + float(np.log(len(self.trials))) * sum(
+            len(e.parameters) for e in fitted.effects
+        )
 
 
 @dataclass(frozen=True)
@@ -69,7 +85,8 @@ class Fit:
     std: dict[str, float]  # standard errors from the curvature
     cost: float  # sum of squared whitened residuals and prior terms
     residual: Floats  # shape (n c,), whitened, without the prior terms
-    departure: Floats  # shape (q,), of the parameters with a prior from it, of censored values from their floors
+    # shape (q,), of the parameters with a prior from it, of censored values from their floors
+    departure: Floats
     jacobian: Floats  # shape (n c + q, p), whitened derivative of the prediction, prior rows below
     predicted: Floats  # shape (n, c)
     covariance: Floats  # shape (p, p)
@@ -93,22 +110,30 @@ class _Objective:
         low, high = np.array([(p.low, p.high) for p in self.parameters]).T / self.scale
         self.bounds = low, high
         blocks = np.asarray([p.block for p in self.parameters])
-        self.rows: dict[str, Any] = {b: np.flatnonzero(problem.trials.block == b) for b in set(blocks.tolist())}
+        self.rows: dict[str, Any] = {
+            b: np.flatnonzero(problem.trials.block == b) for b in set(blocks.tolist())
+        }
         self.rows[""] = slice(None)
-        # parameters that each move one specimen only share a difference, one of every specimen at a time
-        layers = zip_longest(*(np.flatnonzero(blocks == b).tolist() for b in dict.fromkeys(blocks[blocks != ""])))
+        # parameters that each move one specimen only share a difference, one of every specimen at a
+        # time
+        layers = zip_longest(
+            *(np.flatnonzero(blocks == b).tolist() for b in dict.fromkeys(blocks[blocks != ""]))
+        )
         self.groups: list[list[int]] = [[i] for i in np.flatnonzero(blocks == "").tolist()]
         self.groups += [[i for i in layer if i is not None] for layer in layers]
         self.last: tuple[Floats, Floats] | None = None
-        # a censored value exceeds its floor: minus twice the logarithm of the chance of that adds to the cost (Tobin 1958,
-        # doi:10.2307/1907382); it scatters as its channel and the quantities behind it do
+        # a censored value exceeds its floor: minus twice the logarithm of the chance of that adds
+        # to the cost (Tobin 1958, doi:10.2307/1907382); it scatters as its channel and the
+        # quantities behind it do
         trials, scatter = problem.trials, problem.noise.scatter
         floor = np.full(trials.values.shape, np.nan) if trials.floor is None else trials.floor
         self.censored = np.nonzero(np.isfinite(floor))
         self.floor, self.spread = floor[self.censored], np.zeros(0)
         if self.floor.size:
             responses = problem.model.responses(trials, {p.name: p.start for p in self.parameters})
-            measured = np.nansum(trials.std**2, axis=0) / np.maximum(np.isfinite(trials.std).sum(axis=0), 1)
+            measured = np.nansum(trials.std**2, axis=0) / np.maximum(
+                np.isfinite(trials.std).sum(axis=0), 1
+            )
             variance = measured + scatter.channels + responses**2 @ scatter.quantities
             self.spread = np.sqrt(variance[self.censored])
 
@@ -126,7 +151,9 @@ class _Objective:
         predicted = self.predicted(x)
         white = self.problem.noise.whiten(self.problem.trials.values - predicted)
         above = (predicted[self.censored] - self.floor) / self.spread
-        return np.concatenate([white, ((self.start - x) * self.prior)[self.kept], np.sqrt(-2.0 * log_ndtr(above))])
+        return np.concatenate(
+            [white, ((self.start - x) * self.prior)[self.kept], np.sqrt(-2.0 * log_ndtr(above))]
+        )
 
     def jacobian(self, x: Floats) -> Floats:
         base = self.predicted(x)
@@ -145,15 +172,23 @@ class _Objective:
         logarithm = log_ndtr(above)
         density = np.exp(-0.5 * above**2 - logarithm) / np.sqrt(2.0 * np.pi)
         slope = density / np.sqrt(np.maximum(-2.0 * logarithm, 1e-24)) / self.spread
-        return -np.vstack([self.problem.noise.whiten(stack), prior, slope[:, None] * stack[self.censored]])
+        return -np.vstack(
+            [self.problem.noise.whiten(stack), prior, slope[:, None] * stack[self.censored]]
+        )
 
 
 def fit(
-    problem: Problem, effects: Sequence[Law] = (), start: Mapping[str, float] | None = None, evaluations: int = 40
+    problem: Problem,
+    effects: Sequence[Law] = (),
+    start: Mapping[str, float] | None = None,
+    evaluations: int = 40,
 ) -> Fit:
     """Fit the model with some effects."""
     objective = _Objective(problem, effects)
-    begin = np.array([(start or {}).get(p.name, p.start) for p in objective.parameters]) / objective.scale
+    begin = (
+        np.array([(start or {}).get(p.name, p.start) for p in objective.parameters])
+        / objective.scale
+    )
     low, high = objective.bounds
     margin = 1e-6 * (np.minimum(high - low, 1.0))
     solution = least_squares(
@@ -196,13 +231,19 @@ def problem_of(model: ForwardModel, trials: Trials) -> Problem:
     if len(trials) < 12:
         raise PipelineError(f"trials must be at least 12 to be explained, got {len(trials)}")
     systematics = model.systematics(trials)
-    # replicates hold a drift between them, a flexible regression what it cannot follow: each scatter is the less of both
-    told = [r for r in (flexible_residual(trials), replicate_residual(trials, model.cells(trials))) if r]
+    # replicates hold a drift between them, a flexible regression what it cannot follow: each
+    # scatter is the less of both
+    told = [
+        r for r in (flexible_residual(trials), replicate_residual(trials, model.cells(trials))) if r
+    ]
     start = {p.name: p.start for p in model.parameters(trials)}
     for _ in range(2):
         # the responses depend on the constants, the constants a little on the weights
         responses = model.responses(trials, start)
-        scatter = least([estimate_scatter(residual, trials.std, responses, dof) for residual, dof in told], responses)
+        scatter = least(
+            [estimate_scatter(residual, trials.std, responses, dof) for residual, dof in told],
+            responses,
+        )
         problem = Problem(model, trials, whitener(trials, systematics, responses, scatter))
         start = fit(problem).values
     return problem

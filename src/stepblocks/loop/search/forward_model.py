@@ -22,8 +22,12 @@ class Trials:
     channels: tuple[str, ...]  # what was measured
     values: Floats  # shape (n, c); not-a-number where a channel failed
     std: Floats  # shape (n, c), standard uncertainty of each value from its own measurement
-    block: NDArray[Any]  # shape (n,), specimen of each trial; errors of a specimen are common to its trials
-    floor: Floats | None = None  # shape (n, c), what a censored value exceeds; not-a-number elsewhere
+    block: NDArray[
+        Any
+    ]  # shape (n,), specimen of each trial; errors of a specimen are common to its trials
+    floor: Floats | None = (
+        None  # shape (n, c), what a censored value exceeds; not-a-number elsewhere
+    )
 
     def __len__(self) -> int:
         return len(self.block)
@@ -37,17 +41,25 @@ class Trials:
         """Return the trials of a mask or an index."""
         covariates = {name: column[rows] for name, column in self.covariates.items()}
         floor = None if self.floor is None else self.floor[rows]
-        return Trials(covariates, self.channels, self.values[rows], self.std[rows], self.block[rows], floor)
+        return Trials(
+            covariates, self.channels, self.values[rows], self.std[rows], self.block[rows], floor
+        )
 
     def numeric(self, name: str) -> Floats | None:
         """Return a covariate as numbers, or None where it holds labels."""
         column = np.asarray(self.covariates[name])
-        return np.asarray(column, dtype=np.float64) if np.issubdtype(column.dtype, np.number) else None
+        return (
+            np.asarray(column, dtype=np.float64) if np.issubdtype(column.dtype, np.number) else None
+        )
 
     def dummies(self, name: str, most: int) -> list[Floats]:
         """Return a column of zeros and ones for every label but the first; none where there are more than `most`."""
         labels = np.unique(self.covariates[name])[1:]
-        return [(self.covariates[name] == label).astype(np.float64) for label in labels] if len(labels) < most else []
+        return (
+            [(self.covariates[name] == label).astype(np.float64) for label in labels]
+            if len(labels) < most
+            else []
+        )
 
 
 @dataclass(frozen=True)
@@ -63,13 +75,20 @@ class ForwardModel(Protocol):
     """What the search asks of a model."""
 
     @property
-    def quantities(self) -> Sequence[str]: ...  # names of what scatters among trials, those of `responses`
+    def quantities(
+        self,
+    ) -> Sequence[str]: ...  # names of what scatters among trials, those of `responses`
     def order(self, trials: Trials) -> Floats: ...  # of the trials in time, shape (n,)
     def cells(self, trials: Trials) -> Sequence[object]: ...  # trials of one cell are replicates
 
     def parameters(self, trials: Trials) -> Sequence[Parameter]: ...  # of the nominal model
     def systematics(self, trials: Trials) -> Sequence[Systematic]: ...
 
-    # all channels, shape (n, c), and their change per unit of each quantity that scatters among trials, shape (n, c, k)
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats: ...
-    def responses(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats: ...
+    # all channels, shape (n, c), and their change per unit of each quantity that scatters among
+    # trials, shape (n, c, k)
+    def predict(
+        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+    ) -> Floats: ...
+    def responses(
+        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+    ) -> Floats: ...

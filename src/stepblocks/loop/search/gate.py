@@ -12,7 +12,8 @@ from stepblocks.loop.search.forward_model import Floats
 
 # share of a leader's gain, and gain beside it, that a fit may find over its first order
 _HOPELESS, _SURPRISE = 0.4, 30.0
-_UNSEEN = 2e-3  # a direction of which less is left beside the nominal model is its derivative, up to rounding
+# a direction of which less is left beside the nominal model is its derivative, up to rounding
+_UNSEEN = 2e-3
 
 
 @dataclass(frozen=True)
@@ -56,12 +57,17 @@ def _changes(problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float
     for parameter in (p for p in effect.parameters if p.name in effect.amplitudes):
         step = 0.02 * parameter.scale
         moved = neutral | {parameter.name: neutral[parameter.name] + step}
-        change = problem.model.predict(problem.trials, base.values, [*base.active, (effect, moved)]) - base.predicted
+        change = (
+            problem.model.predict(problem.trials, base.values, [*base.active, (effect, moved)])
+            - base.predicted
+        )
         columns.append(change * (parameter.scale / step))
     return columns
 
 
-def _directions(problem: Problem, base: Fit, effects: Sequence[Law], known: Floats) -> list[_Direction]:
+def _directions(
+    problem: Problem, base: Fit, effects: Sequence[Law], known: Floats
+) -> list[_Direction]:
     asked = [(effect, shape) for effect in effects for shape in effect.shapes]
     changes = [_changes(problem, base, effect, shape) for effect, shape in asked]
     if not any(changes):
@@ -75,7 +81,9 @@ def _directions(problem: Problem, base: Fit, effects: Sequence[Law], known: Floa
     full = np.vstack([scaled, np.zeros((known.shape[0] - len(raw), raw.shape[1]))])
     full -= known @ (known.T @ full)
     directions = []
-    for (effect, shape), columns in zip(asked, np.split(np.arange(len(size)), last[:-1]), strict=True):
+    for (effect, shape), columns in zip(
+        asked, np.split(np.arange(len(size)), last[:-1]), strict=True
+    ):
         if not columns.size or not np.all(alive[columns]):
             continue
         own = full[:, columns[0] : columns[-1] + 1]
@@ -88,13 +96,17 @@ def _directions(problem: Problem, base: Fit, effects: Sequence[Law], known: Floa
         bounded = len(effect.amplitudes) == 1 and any(
             p.name in effect.amplitudes and p.low >= p.start for p in effect.parameters
         )
-        directions.append(_Direction(effect, shape, own @ part, part / size[columns, None], bounded))
+        directions.append(
+            _Direction(effect, shape, own @ part, part / size[columns, None], bounded)
+        )
     return directions
 
 
 def _null_basis(base: Fit) -> Floats:
     length = np.linalg.norm(base.jacobian, axis=0)
-    left, singular, _ = np.linalg.svd(base.jacobian / np.maximum(length, 1e-300), full_matrices=False)
+    left, singular, _ = np.linalg.svd(
+        base.jacobian / np.maximum(length, 1e-300), full_matrices=False
+    )
     return np.asarray(left[:, singular > 1e-8 * singular[0]])
 
 
@@ -113,11 +125,18 @@ def _evaluate(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats
 def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
     found = np.asarray(stats.f.logsf(gains / freedom[:, None], freedom[:, None], noise_dof))
     # beyond the smallest number the leading term of the tail keeps the order
-    return np.where(np.isneginf(found), -745.0 - 0.5 * noise_dof * np.log1p(gains / noise_dof), found)
+    return np.where(
+        np.isneginf(found), -745.0 - 0.5 * noise_dof * np.log1p(gains / noise_dof), found
+    )
 
 
 def gate(
-    problem: Problem, base: Fit, effects: Sequence[Law], draws: int = 400, seed: int = 0, alpha: float = 0.01
+    problem: Problem,
+    base: Fit,
+    effects: Sequence[Law],
+    draws: int = 400,
+    seed: int = 0,
+    alpha: float = 0.01,
 ) -> Gate:
     """Score every candidate and judge the best against what noise would do."""
     known = _null_basis(base)
@@ -134,7 +153,9 @@ def gate(
     freedom = np.array([d.basis.shape[1] for d in directions], dtype=float)
     own = _log_p(gains / spread, freedom, dof)[:, 0]
     best: dict[str, Score] = {}
-    for d, log_p, gain, part in zip(directions, own.tolist(), gains[:, 0].tolist(), projected, strict=True):
+    for d, log_p, gain, part in zip(
+        directions, own.tolist(), gains[:, 0].tolist(), projected, strict=True
+    ):
         if d.effect.id not in best or log_p < best[d.effect.id].log_p:
             best[d.effect.id] = Score(d.effect, d.shape, log_p, gain, d.root @ part[:, 0])
     p_value, needed = 1.0, float("inf")
@@ -149,13 +170,18 @@ def gate(
     return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)), needed)
 
 
-def smallest_shown(problem: Problem, base: Fit, effects: Sequence[Law], needed: float) -> dict[str, float]:
+def smallest_shown(
+    problem: Problem, base: Fit, effects: Sequence[Law], needed: float
+) -> dict[str, float]:
     """Return the amplitude of each effect of one amplitude that opens the gate nine times in ten."""
-    # the root of its expected gain exceeds that of the gain that opens the gate by 1.28 standard deviations
+    # the root of its expected gain exceeds that of the gain that opens the gate by 1.28 standard
+    # deviations
     asked = [e for e in effects if len(e.amplitudes) == 1]
     found: dict[str, float] = {}
     for direction in _directions(problem, base, asked, _null_basis(base)):
-        scale = next(p.scale for p in direction.effect.parameters if p.name == direction.effect.amplitudes[0])
+        scale = next(
+            p.scale for p in direction.effect.parameters if p.name == direction.effect.amplitudes[0]
+        )
         size = (np.sqrt(needed) + 1.2816) * float(np.linalg.norm(direction.root)) * scale
         found[direction.effect.id] = min(size, found.get(direction.effect.id, np.inf))
     return found
@@ -168,7 +194,8 @@ def _draw(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
     n, count, total = len(seen), seen.size, len(base.jacobian)
     by_trial = base.residual.reshape(seen.shape)
     spread = np.sqrt(np.sum(by_trial**2, axis=0) / np.maximum(seen.sum(axis=0), 1))
-    # tails are those of the residuals; one that is a sheer misfit counts no more than four deviations
+    # tails are those of the residuals; one that is a sheer misfit counts no more than four
+    # deviations
     pool = np.clip(by_trial / np.maximum(spread, 1e-12), -4.0, 4.0)
     noise = np.empty((total, draws))
     for i in range(draws):
@@ -189,7 +216,12 @@ class Trial:
 
 
 def choose(
-    problem: Problem, base: Fit, opened: Gate, most: int = 14, tie: float = 6.0, keep: Sequence[str] = ()
+    problem: Problem,
+    base: Fit,
+    opened: Gate,
+    most: int = 14,
+    tie: float = 6.0,
+    keep: Sequence[str] = (),
 ) -> tuple[Trial, list[Trial]] | None:
     """Fit the candidates that score best and choose among them; beside the choice all of them in order."""
     tried: list[Trial] = []
@@ -206,7 +238,11 @@ def choose(
     if not tried or tried[0].criterion >= problem.criterion(base):
         return None
     lead = tried[0]
-    near = [t for t in tried if t.criterion <= lead.criterion + tie and t.effect.place == lead.effect.place]
+    near = [
+        t
+        for t in tried
+        if t.criterion <= lead.criterion + tie and t.effect.place == lead.effect.place
+    ]
     if named := [t for t in near if t.effect.named]:
         close = [t for t in named if t.criterion <= named[0].criterion + 1.0]
         lead = min(close, key=lambda t: (t.effect.rank, t.criterion))
@@ -219,7 +255,9 @@ def _shortlist(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[
     # the first smooth of each further place stands for that place
     places = {s.effect.place: s for s in reversed(smooth)}
     leading = {s.effect.place for s in smooth[:most]}
-    more = [s for s in smooth if s is places[s.effect.place] and s.effect.place not in leading][: most // 2]
+    more = [s for s in smooth if s is places[s.effect.place] and s.effect.place not in leading][
+        : most // 2
+    ]
     extra = [s for s in scores if s.effect.id in keep and s not in named and s not in smooth[:most]]
     return [*named, *smooth[:most], *more, *extra]
 
@@ -227,17 +265,24 @@ def _shortlist(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[
 def _driven_out(effect: Law, fitted: Fit) -> bool:
     """Whether a law was driven to the end of its form: a settling that never settles is a drift, not a running-in."""
     own = effect.own(fitted.values)
-    shapes = [p for p in effect.parameters if p.name not in effect.amplitudes] if effect.named else []
+    shapes = (
+        [p for p in effect.parameters if p.name not in effect.amplitudes] if effect.named else []
+    )
     reach = [(p.low, p.high, 0.01 * (p.high - p.low), own[p.name]) for p in shapes]
     return any(not low + 0.1 * slack < value < high - slack for low, high, slack, value in reach)
 
 
 def _refine(problem: Problem, base: Fit, score: Score) -> Fit | None:
-    effect, steps = score.effect, dict(zip(score.effect.amplitudes, score.step.tolist(), strict=True))
+    effect, steps = (
+        score.effect,
+        dict(zip(score.effect.amplitudes, score.step.tolist(), strict=True)),
+    )
     start = dict(base.values)
     for p in effect.parameters:
         step = float(np.clip(steps.get(p.name, 0.0) * p.scale, -8.0 * p.scale, 8.0 * p.scale))
-        start[f"{effect.id}.{p.name}"] = p.start + step if p.name in steps else score.shape.get(p.name, p.start)
+        start[f"{effect.id}.{p.name}"] = (
+            p.start + step if p.name in steps else score.shape.get(p.name, p.start)
+        )
     try:
         return fit(problem, (*base.effects, effect), start, evaluations=25)
     except (np.linalg.LinAlgError, ValueError, FloatingPointError):

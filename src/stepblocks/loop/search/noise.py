@@ -17,7 +17,8 @@ _INTERACTING = 3  # numeric covariates that get products with one another
 class Scatter:
     """Variances of what scatters from trial to trial beside the measurement's own uncertainty."""
 
-    quantities: Floats  # shape (k,), of quantities of the model, each of which moves several channels at once
+    # shape (k,), of quantities of the model, each of which moves several channels at once
+    quantities: Floats
     channels: Floats  # shape (c,), of each channel on its own
     dof: int  # degrees of freedom they were estimated with
 
@@ -26,11 +27,13 @@ class Scatter:
 class Noise:
     """Whitening of residuals."""
 
-    factors: Floats  # shape (n, c, c), inverse Cholesky factor of each trial; rows of missing channels are zero
+    # shape (n, c, c), inverse Cholesky factor of each trial; rows of missing channels are zero
+    factors: Floats
     basis: Floats  # shape (n c, s), directions of the common errors after whitening
     shrink: Floats  # shape (s,), what remains along them
     scatter: Scatter  # what it was built from
-    precision: float  # logarithm of the determinant of the inverse covariance: the larger, the less scatter
+    # logarithm of the determinant of the inverse covariance: the larger, the less scatter
+    precision: float
 
     def whiten(self, residual: Floats) -> Floats:
         """Whiten residuals of shape (n, c) or (n, c, p) to (n c,) or (n c, p)."""
@@ -42,7 +45,9 @@ class Noise:
             return np.asarray(white)
         along = self.basis.T @ white
         weight = 1.0 - self.shrink
-        return np.asarray(white - self.basis @ (weight * along if white.ndim == 1 else weight[:, None] * along))
+        return np.asarray(
+            white - self.basis @ (weight * along if white.ndim == 1 else weight[:, None] * along)
+        )
 
 
 def flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
@@ -60,7 +65,11 @@ def flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
             continue
         spread = float(np.std(numbers))
         if spread > 0.0 and np.all(np.isfinite(numbers)):
-            ranked = np.log(numbers) if numbers.min() > 0.0 and numbers.max() > 3.0 * numbers.min() else numbers
+            ranked = (
+                np.log(numbers)
+                if numbers.min() > 0.0 and numbers.max() > 3.0 * numbers.min()
+                else numbers
+            )
             unit.append((ranked - ranked.mean()) / np.std(ranked))
     columns = first + unit + [u**2 for u in unit]
     columns += [a * b for i, a in enumerate(unit) for b in unit[i + 1 :]]
@@ -101,7 +110,9 @@ def flexible_residual(trials: Trials) -> tuple[Floats, int]:
 
 def replicate_residual(trials: Trials, cells: Sequence[object]) -> tuple[Floats, int] | None:
     """Return the same about the mean of each cell of replicates; None where they are too few to know a scatter by."""
-    _, inverse, counts = np.unique([str(cell) for cell in cells], return_inverse=True, return_counts=True)
+    _, inverse, counts = np.unique(
+        [str(cell) for cell in cells], return_inverse=True, return_counts=True
+    )
     dof = len(trials) - len(counts)
     if dof < _REPLICATES:
         return None
@@ -109,9 +120,12 @@ def replicate_residual(trials: Trials, cells: Sequence[object]) -> tuple[Floats,
     for j in range(len(trials.channels)):
         seen = trials.seen[:, j]
         own = np.bincount(inverse[seen], minlength=len(counts))
-        mean = np.bincount(inverse[seen], trials.values[seen, j], minlength=len(counts)) / np.maximum(own, 1)
+        mean = np.bincount(
+            inverse[seen], trials.values[seen, j], minlength=len(counts)
+        ) / np.maximum(own, 1)
         rows = seen & (own[inverse] > 1)
-        # each is stretched by what the mean of its own cell took of it, and shrunk by what an estimate will stretch all
+        # each is stretched by what the mean of its own cell took of it, and shrunk by what an
+        # estimate will stretch all
         stretch = np.sqrt(own[inverse[rows]] / (own[inverse[rows]] - 1.0) * dof / len(trials))
         residual[rows, j] = (trials.values[rows, j] - mean[inverse[rows]]) * stretch
     return residual, dof
@@ -164,32 +178,41 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
         return float(value), slope * variance
 
     start = np.log(np.concatenate([np.full(count, 0.3), np.full(c, 0.1)]))
-    # no channel is trusted beyond a thousandth of its variance: a rounding error would outweigh the rest
+    # no channel is trusted beyond a thousandth of its variance: a rounding error would outweigh the
+    # rest
     bounds = [(np.log(1e-8), np.log(1e2))] * count + [(np.log(1e-4), np.log(4.0))] * c
-    solution = minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})
+    solution = minimize(
+        objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60}
+    )
     variance = np.exp(solution.x)
     return Scatter(variance[:count] / size**2, variance[count:] * unit**2, dof)
 
 
 def least(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
     """Return of every quantity, and of every channel in all, the least scatter of several estimates."""
-    # what a channel scatters on its own and by a quantity that moves little else is hardly told apart: the least of
-    # either part would come to less than any estimate saw
+    # what a channel scatters on its own and by a quantity that moves little else is hardly told
+    # apart: the least of either part would come to less than any estimate saw
     shown = np.mean(responses**2, axis=0)
     quantities = np.min([s.quantities for s in scatters], axis=0)
     whole = np.min([s.channels + shown @ s.quantities for s in scatters], axis=0)
     return Scatter(quantities, whole - shown @ quantities, min(s.dof for s in scatters))
 
 
-def whitener(trials: Trials, systematics: Sequence[Systematic], responses: Floats, scatter: Scatter) -> Noise:
+def whitener(
+    trials: Trials, systematics: Sequence[Systematic], responses: Floats, scatter: Scatter
+) -> Noise:
     """Build the whitening for a table of trials."""
     n, c = trials.values.shape
     seen = trials.seen
     both = seen[:, :, None] & seen[:, None, :]
-    covariance = np.where(both, np.einsum("nik,k,njk->nij", responses, scatter.quantities, responses), 0.0)
+    covariance = np.where(
+        both, np.einsum("nik,k,njk->nij", responses, scatter.quantities, responses), 0.0
+    )
     covariance[:, range(c), range(c)] += np.where(seen, trials.std**2 + scatter.channels, 1.0)
     scale = np.sqrt(covariance[:, range(c), range(c)])
-    factors = np.linalg.inv(np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :])))
+    factors = np.linalg.inv(
+        np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :]))
+    )
     factors = np.where(both, factors / scale[:, None, :], 0.0)
     level = float(2.0 * np.sum(np.log(factors[:, range(c), range(c)][seen])))
     bare = Noise(factors, np.zeros((n * c, 0)), np.zeros(0), scatter, level)

@@ -16,10 +16,14 @@ from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 LEVEL = 0.002  # of all tests of a session together, after Holm
 _FEWEST = 24  # trials
 _HEAP_BIC = 12.0  # by which two heaps must beat one: odds of 400 to 1
-_APART = 2.2  # of the middles of two heaps, in their pooled spread times the root of two (Ashman's D)
+_APART = (
+    2.2  # of the middles of two heaps, in their pooled spread times the root of two (Ashman's D)
+)
 _LEAST_HEAP = 0.1  # share of the trials
 _DIRECTIONS = 24  # slow waves that make up a wandering quantity in the noise
-_RATIOS = np.concatenate([[0.0], np.geomspace(1e-5, 30.0, 40)])  # of a walk's step to the scatter, squared
+_RATIOS = np.concatenate(
+    [[0.0], np.geomspace(1e-5, 30.0, 40)]
+)  # of a walk's step to the scatter, squared
 
 
 @dataclass(frozen=True)
@@ -30,8 +34,12 @@ class Hint:
     quantity: str  # which quantity of the model differs
     p_value: float  # after Holm over all tests; of heaps the odds by the criterion
     said: str  # one sentence
-    heaps: tuple[tuple[int, ...], ...] = ()  # rows of the trials of each heap, where they fall apart
-    gain: float = 0.0  # of the criterion over scatter alone, by which a change and a walk are compared
+    heaps: tuple[
+        tuple[int, ...], ...
+    ] = ()  # rows of the trials of each heap, where they fall apart
+    gain: float = (
+        0.0  # of the criterion over scatter alone, by which a change and a walk are compared
+    )
 
 
 def quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Floats]:
@@ -95,14 +103,19 @@ def _heaps(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | None:
     one, two = (GaussianMixture(n, n_init=4, random_state=0).fit(scaled) for n in (1, 2))
     gain = float(one.bic(scaled) - two.bic(scaled))
     spread = np.sqrt(two.covariances_[:, 0, 0])
-    apart = abs(float(two.means_[0, 0] - two.means_[1, 0])) * np.sqrt(2.0 / float(np.sum(spread**2)))
+    apart = abs(float(two.means_[0, 0] - two.means_[1, 0])) * np.sqrt(
+        2.0 / float(np.sum(spread**2))
+    )
     if gain < _HEAP_BIC or apart < _APART or float(two.weights_.min()) < _LEAST_HEAP:
         return None
     low = int(np.argmin(two.means_[:, 0]))
     member = two.predict(scaled) == low
     heaps = tuple(tuple(sorted(rows[m].tolist())) for m in (member, ~member))
     step = float(values[~member].mean() - values[member].mean())
-    said = f"{name} falls into two heaps of {len(heaps[0])} and {len(heaps[1])} trials, {step:.3g} apart"
+    said = (
+        f"{name} falls into two heaps of {len(heaps[0])} and {len(heaps[1])} trials, {step:.3g} "
+        "apart"
+    )
     return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), said, heaps)
 
 
@@ -144,7 +157,9 @@ def _change(name: str, values: Floats, rows: NDArray[np.intp], order: Floats) ->
 
 def _carried(name: str, values: Floats, trials: Trials) -> list[Hint]:
     """Ask whether what was set at the trial before shows."""
-    columns = [numbers for label in trials.covariates if (numbers := _setting(trials, label)) is not None]
+    columns = [
+        numbers for label in trials.covariates if (numbers := _setting(trials, label)) is not None
+    ]
     if not columns:
         return []
     p_value = smooth_p(values[1:], np.column_stack(columns)[:-1])
@@ -162,7 +177,8 @@ def _setting(trials: Trials, label: str) -> Floats | None:
 
 def walk(values: Floats) -> tuple[float, float, float]:
     """Fit a walk beside scatter: twice the log likelihood that it gains, step and scatter (standard deviations)."""
-    # The cosine transform diagonalises a walk whose mean is taken off, so that the likelihood costs one transform.
+    # The cosine transform diagonalises a walk whose mean is taken off, so that the likelihood costs
+    # one transform.
     n = len(values)
     power = np.asarray(dct(values - values.mean(), type=2, norm="ortho"))[1:] ** 2
     shape = 1.0 / (4.0 * np.sin(0.5 * np.pi * np.arange(1, n) / n) ** 2)

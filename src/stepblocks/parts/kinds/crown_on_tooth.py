@@ -7,9 +7,22 @@ from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 from stepblocks import cad
-from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, plane, toleranced
+from stepblocks.parts.characteristics import (
+    Characteristic,
+    EdgeRule,
+    FaceRule,
+    Rule,
+    plane,
+    toleranced,
+)
 from stepblocks.parts.declared import Table, below, must, rules_validator, usual
-from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, NANOMETRE, Finding, MeasuredMesh
+from stepblocks.parts.kind import (
+    CONTACT_DEFLECTION,
+    FITTING_DEFLECTION,
+    NANOMETRE,
+    Finding,
+    MeasuredMesh,
+)
 from stepblocks.parts.kinds.margin import CrownMargin
 from stepblocks.parts.revolution import Outline, Turned, outline_points, ring, sectors, stack
 from stepblocks.parts.shapes import hull
@@ -24,32 +37,47 @@ class FinishLine(Table):
 
     # a square ledge, a quarter round, or no ledge
     kind: Literal["shoulder", "chamfer", "feather-edge"] = "shoulder"
-    width: Length = usual("1 mm", "0.05 mm")  # of the ledge, or radius of the quarter round [m]; 0 for the feather edge
+    width: Length = usual(
+        "1 mm", "0.05 mm"
+    )  # of the ledge, or radius of the quarter round [m]; 0 for the feather edge
 
     @rules_validator
     def _has_the_width_of_its_kind(self) -> Iterator[str]:
         if (self.width.nominal == 0.0) != (self.kind == "feather-edge"):
-            rule = "be 0 for a feather-edge" if self.kind == "feather-edge" else f"be above 0 for a {self.kind}"
+            rule = (
+                "be 0 for a feather-edge"
+                if self.kind == "feather-edge"
+                else f"be above 0 for a {self.kind}"
+            )
             yield f"width must {rule}, got {format_quantity(self.width.nominal, 'length')}"
 
 
 class CrownOnTooth(CrownMargin, Turned):
     """A prepared tooth and its crown, both bodies of revolution about the path of draw; usually a molar's."""
 
-    margin_radius: PositiveLength = usual("4 mm", "0.02 mm")  # outer radius of the tooth at the finish line [m]
+    margin_radius: PositiveLength = usual(
+        "4 mm", "0.02 mm"
+    )  # outer radius of the tooth at the finish line [m]
     finish_line: FinishLine = usual({})
-    taper: Angle = usual("6 deg", "0.5 deg")  # of the axial wall to the path of draw, half the total convergence [rad]
+    taper: Angle = usual(
+        "6 deg", "0.5 deg"
+    )  # of the axial wall to the path of draw, half the total convergence [rad]
     preparation_height: PositiveLength = usual("5 mm", "0.1 mm")  # over the finish line [m]
     root_length: PositiveLength = usual("8 mm")  # below the finish line [m]
-    internal_gap: Length = usual("60 um", otherwise="15 um")  # between axial wall and crown, across the wall [m]
-    shell_thickness: PositiveLength = usual("1.5 mm", "0.1 mm")  # of the crown over the preparation [m]
+    internal_gap: Length = usual(
+        "60 um", otherwise="15 um"
+    )  # between axial wall and crown, across the wall [m]
+    shell_thickness: PositiveLength = usual(
+        "1.5 mm", "0.1 mm"
+    )  # of the crown over the preparation [m]
 
     stanza: ClassVar[str] = "crown_on_tooth"
     called: ClassVar[str] = "crown on tooth"
     titled: ClassVar[str] = "Crown on tooth"
     governed_by: ClassVar[str] = "marginal_gap"
     axes: ClassVar[str] = (
-        "the crown lies on its side: x along the path of draw from tooth to crown, y around, z outwards; the finish line is at "
+        "the crown lies on its side: x along the path of draw from tooth to crown, y around, z "
+        "outwards; the finish line is at "
         "x = 0, the tooth's outer surface at z = 0"
     )
 
@@ -74,8 +102,16 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def tooth_outline(self) -> Outline:
         """Half section of the prepared tooth; the finish line lies at height 0."""
-        R, w, top = self.margin_radius.nominal, self.finish_line.width.nominal, self.preparation_height.nominal
-        outline: Outline = [(0.0, -self.root_length.nominal), (R, -self.root_length.nominal), (R, 0.0)]
+        R, w, top = (
+            self.margin_radius.nominal,
+            self.finish_line.width.nominal,
+            self.preparation_height.nominal,
+        )
+        outline: Outline = [
+            (0.0, -self.root_length.nominal),
+            (R, -self.root_length.nominal),
+            (R, 0.0),
+        ]
         start = 0.0
         if self.finish_line.kind == "chamfer":
             outline.append(((R - w * math.sqrt(0.5), w * (1.0 - math.sqrt(0.5))), (R - w, w)))
@@ -87,7 +123,11 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def crown_outline(self) -> Outline:
         """Half section of the crown, seated with its gaps."""
-        R, w, g = self.margin_radius.nominal, self.finish_line.width.nominal, self.marginal_gap.nominal
+        R, w, g = (
+            self.margin_radius.nominal,
+            self.finish_line.width.nominal,
+            self.marginal_gap.nominal,
+        )
         slope, inner = math.tan(self.taper.nominal), self.internal_gap.nominal
         across = inner / math.cos(self.taper.nominal)
         ceiling = self.preparation_height.nominal + inner
@@ -107,11 +147,15 @@ class CrownOnTooth(CrownMargin, Turned):
             outline.append((wall(foot), foot))
             corner = [(R + z, x) for x, z in self.corner]
             if kind == "chamfer":
-                # an arc of the finish line's radius, bulging towards the axis's foot as the tooth's does
+                # an arc of the finish line's radius, bulging towards the axis's foot as the tooth's
+                # does
                 half_x, half_z = 0.5 * (R - wall(foot)), 0.5 * (g - foot)
                 half = math.hypot(half_x, half_z)
                 sagitta = w - math.sqrt(w * w - half * half)
-                middle = wall(foot) + half_x + sagitta * half_z / half, foot + half_z - sagitta * half_x / half
+                middle = (
+                    wall(foot) + half_x + sagitta * half_z / half,
+                    foot + half_z - sagitta * half_x / half,
+                )
                 outline.append((middle, (R, g)))
             outline += corner
             if corner[-1][0] != outer:
@@ -125,7 +169,11 @@ class CrownOnTooth(CrownMargin, Turned):
         ceiling, roof, outer = points[0][1], points[-1][1], points[-2][0]
         fitting = points[1 : points.index((outer, roof))]
         pieces = [*stack(self.tooth_outline()), hull([*ring(outer, ceiling), *ring(outer, roof)])]
-        walls = ((a, b) for a, b in itertools.pairwise(fitting) if a[1] > b[1] and max(a[0], b[0]) <= outer)
+        walls = (
+            (a, b)
+            for a, b in itertools.pairwise(fitting)
+            if a[1] > b[1] and max(a[0], b[0]) <= outer
+        )
         cells = [[a, b, (outer, b[1]), (outer, a[1])] for a, b in walls]
         low, gap = min(z for _, z in fitting), self.marginal_gap.nominal
         lip = [r for r, z in fitting if z < gap] if low < 0.0 else []
@@ -140,21 +188,35 @@ class CrownOnTooth(CrownMargin, Turned):
         return CONTACT_DEFLECTION if at_margin and near else FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        R, h, root, height = self.margin_radius, self.horizontal_discrepancy, self.root_length, self.preparation_height
+        R, h, root, height = (
+            self.margin_radius,
+            self.horizontal_discrepancy,
+            self.root_length,
+            self.preparation_height,
+        )
         side = FaceRule("CYLINDER", radius=R.nominal)
-        yield toleranced("margin_diameter", "diameter", R, side, label="diameter at the margin").doubled
+        yield toleranced(
+            "margin_diameter", "diameter", R, side, label="diameter at the margin"
+        ).doubled
         top, base = plane(2, height.nominal), plane(2, -root.nominal)
         if self.finish_line.kind == "shoulder":
             shoulder = plane(2, 0.0)
             yield toleranced("preparation_height", "distance", height, shoulder, top)
             yield toleranced("root_length", "distance", root, base, shoulder)
         else:
-            whole = Dimension(root.nominal + height.nominal, root.upper + height.upper, root.lower + height.lower)
-            tooth = toleranced("tooth_length", "distance", whole, base, top, label="tooth, whole length")
+            whole = Dimension(
+                root.nominal + height.nominal, root.upper + height.upper, root.lower + height.lower
+            )
+            tooth = toleranced(
+                "tooth_length", "distance", whole, base, top, label="tooth, whole length"
+            )
             yield replace(tooth, states=(root, height))
         outside = replace(h, nominal=self.outer_radius)
         at, label = FaceRule("CYLINDER", radius=self.outer_radius), "diameter of the crown"
-        yield replace(toleranced("crown_diameter", "diameter", outside, at, label=label, body=1).doubled, states=(h,))
+        yield replace(
+            toleranced("crown_diameter", "diameter", outside, at, label=label, body=1).doubled,
+            states=(h,),
+        )
         ceiling = height.nominal + self.internal_gap.nominal
         shell = plane(2, ceiling), plane(2, ceiling + self.shell_thickness.nominal)
         yield toleranced("shell_thickness", "distance", self.shell_thickness, *shell, body=1)
@@ -175,7 +237,11 @@ class CrownOnTooth(CrownMargin, Turned):
         ledge = FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
         if finish == "shoulder":
             ledge = plane(2, 0.0, 0)
-        cavosurface, end, walls = EdgeRule(outside, ledge), plane(2, self.opening.nominal, 1), self._walls()
+        cavosurface, end, walls = (
+            EdgeRule(outside, ledge),
+            plane(2, self.opening.nominal, 1),
+            self._walls(),
+        )
         # between two cones that are not parallel each gap holds at one end of the crown's
         across: tuple[Rule, Rule] = walls[0], EdgeRule(walls[1], end)
         if finish != "feather-edge":
@@ -187,8 +253,12 @@ class CrownOnTooth(CrownMargin, Turned):
         if inner.nominal > 0.0:
             roof = plane(2, self.preparation_height.nominal, 0), plane(2, ceiling, 1)
             label = "internal gap, roof"
-            yield toleranced("internal_gap_roof", "distance", inner, *roof, label=label, method=_SEATED)
-        yield toleranced("taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED).doubled
+            yield toleranced(
+                "internal_gap_roof", "distance", inner, *roof, label=label, method=_SEATED
+            )
+        yield toleranced(
+            "taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED
+        ).doubled
 
     def _walls(self) -> tuple[FaceRule, FaceRule]:
         """Axial walls of tooth and crown, halfway up, where no bevel is."""
@@ -197,31 +267,59 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def _opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
         """From the cavosurface angle along the path of draw to the margin of the crown."""
-        v, g, finish, key = self.opening, self.marginal_gap.nominal, self.finish_line.kind, "vertical_discrepancy"
+        v, g, finish, key = (
+            self.opening,
+            self.marginal_gap.nominal,
+            self.finish_line.kind,
+            "vertical_discrepancy",
+        )
         if v.nominal < 0.0:
             label = "vertical discrepancy, lip over the tooth"
-            return toleranced(key, "distance", v, cavosurface, end, label=label, method=_SEATED).unsigned
+            return toleranced(
+                key, "distance", v, cavosurface, end, label=label, method=_SEATED
+            ).unsigned
         if v.nominal == g or finish == "feather-edge":
             return toleranced(key, "distance", v, cavosurface, end, method=_SEATED)
-        if finish == "shoulder" and v.nominal > g:  # the margin is where the bevel meets the outside
+        if (
+            finish == "shoulder" and v.nominal > g
+        ):  # the margin is where the bevel meets the outside
             outside = FaceRule("CYLINDER", radius=self.outer_radius, body=1)
             bevel = FaceRule("CONE", holds={2: 0.5 * (g + v.nominal)}, body=1)
-            return toleranced(key, "distance", v, plane(2, 0.0, 0), EdgeRule(bevel, outside), method=_SEATED)
+            return toleranced(
+                key, "distance", v, plane(2, 0.0, 0), EdgeRule(bevel, outside), method=_SEATED
+            )
         return toleranced(key, "note", v, method=_SEATED)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         radii, heights = mesh.radii, mesh.vertices[:, 2]
         if body == 0:
             finish = radii[abs(heights) < 1e-9].max()
-            yield Finding("radius at the finish line", self.margin_radius.nominal, float(finish), 2.0 * NANOMETRE)
-            yield Finding("preparation height", self.preparation_height.nominal, float(heights.max()), 2.0 * NANOMETRE)
+            yield Finding(
+                "radius at the finish line",
+                self.margin_radius.nominal,
+                float(finish),
+                2.0 * NANOMETRE,
+            )
+            yield Finding(
+                "preparation height",
+                self.preparation_height.nominal,
+                float(heights.max()),
+                2.0 * NANOMETRE,
+            )
             return
         # the margin is the foot of the outer surface; a bevel goes on below it, inwards
         outside = radii > radii.max() - 10.0 * NANOMETRE
         foot = heights[outside].min()
-        yield Finding("vertical discrepancy of the margin", self.opening.nominal, float(foot), NANOMETRE)
+        yield Finding(
+            "vertical discrepancy of the margin", self.opening.nominal, float(foot), NANOMETRE
+        )
         at_margin = radii[outside & (heights < foot + 1e-9)].max()
-        yield Finding("outer radius of the crown's margin", self.outer_radius, float(at_margin), 2.0 * NANOMETRE)
+        yield Finding(
+            "outer radius of the crown's margin",
+            self.outer_radius,
+            float(at_margin),
+            2.0 * NANOMETRE,
+        )
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         wide = 6.0 * max(self.marginal_gap.nominal, abs(self.horizontal_discrepancy.nominal))
@@ -229,26 +327,58 @@ class CrownOnTooth(CrownMargin, Turned):
 
     @rules_validator
     def _fits_the_tooth(self) -> Iterator[str]:
-        h, g, v = self.horizontal_discrepancy.nominal, self.marginal_gap.nominal, self.opening.nominal
-        R, finish, height = self.margin_radius.nominal, self.finish_line, self.preparation_height.nominal
+        h, g, v = (
+            self.horizontal_discrepancy.nominal,
+            self.marginal_gap.nominal,
+            self.opening.nominal,
+        )
+        R, finish, height = (
+            self.margin_radius.nominal,
+            self.finish_line,
+            self.preparation_height.nominal,
+        )
         if not 0.0 < self.taper.nominal < math.radians(45.0):
             yield f"taper must lie between 0 and 45 deg, got {format_quantity(self.taper.nominal, 'angle')}"
             return
         top = R - finish.width.nominal - height * math.tan(self.taper.nominal)
         rule = "leave the preparation a top of a tenth of margin_radius"
         yield must(top > 0.1 * R, "preparation_height", rule, 0.1 * R, top)
-        yield below("internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R)
+        yield below(
+            "internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R
+        )
         # of the crown across the path of draw at its fitting end
-        foot, gap = g + (finish.width.nominal if finish.kind == "chamfer" else 0.0), self.internal_gap.nominal
+        foot, gap = (
+            g + (finish.width.nominal if finish.kind == "chamfer" else 0.0),
+            self.internal_gap.nominal,
+        )
         if finish.kind == "feather-edge":
             foot, gap = v, g
-        inner = -finish.width.nominal - foot * math.tan(self.taper.nominal) + gap / math.cos(self.taper.nominal)
+        inner = (
+            -finish.width.nominal
+            - foot * math.tan(self.taper.nominal)
+            + gap / math.cos(self.taper.nominal)
+        )
         wall = h - inner
-        yield must(wall > 0.0, "horizontal_discrepancy", "leave the crown a wall at its margin", h - wall, h)
-        shell, rule = self.shell_thickness.nominal, "not exceed the shell (overextension beyond shell_thickness)"
+        yield must(
+            wall > 0.0,
+            "horizontal_discrepancy",
+            "leave the crown a wall at its margin",
+            h - wall,
+            h,
+        )
+        shell, rule = (
+            self.shell_thickness.nominal,
+            "not exceed the shell (overextension beyond shell_thickness)",
+        )
         yield must(h <= shell, "horizontal_discrepancy", rule, shell, h)
         bevel = abs(v - g) if v >= 0.0 and finish.kind != "feather-edge" else 0.0
-        yield must(bevel < wall, "vertical_discrepancy", "leave a wall behind the bevel of the margin", g + wall, v)
+        yield must(
+            bevel < wall,
+            "vertical_discrepancy",
+            "leave a wall behind the bevel of the margin",
+            g + wall,
+            v,
+        )
         if v < 0.0 and finish.kind == "feather-edge":
             yield f"vertical_discrepancy must not be negative for a feather-edge, got {format_quantity(v, 'length')}"
             return

@@ -40,15 +40,22 @@ class Round:
     start: Point3  # middle of the end with the lower coordinate [m]
     diameter: float  # m
     length: float  # m
-    upper: float = 0.0  # permitted deviations of the diameter [m]; the general ones where both are 0
+    upper: float = (
+        0.0  # permitted deviations of the diameter [m]; the general ones where both are 0
+    )
     lower: float = 0.0
-    inward: Point3 | None = None  # into the part, where the axis lies in a face of it and half of the cylinder outside
+    inward: Point3 | None = (
+        None  # into the part, where the axis lies in a face of it and half of the cylinder outside
+    )
     thread: str = ""  # designation of the thread that is cut in it
 
     @property
     def ends(self) -> list[tuple[float, float]]:  # lower and upper end along each axis [m]
         half, sides = 0.5 * self.diameter, zip("xyz", self.start, strict=True)
-        return [(at, at + self.length) if name == self.axis else (at - half, at + half) for name, at in sides]
+        return [
+            (at, at + self.length) if name == self.axis else (at - half, at + half)
+            for name, at in sides
+        ]
 
     @property
     def volume(self) -> float:
@@ -58,22 +65,30 @@ class Round:
 
     @property
     def middle(self) -> NDArray[np.float64]:  # centre of the whole cylinder [m]
-        end = [s + self.length * (name == self.axis) for name, s in zip("xyz", self.start, strict=True)]
+        end = [
+            s + self.length * (name == self.axis) for name, s in zip("xyz", self.start, strict=True)
+        ]
         return 0.5 * (np.array(self.start) + end)
 
 
-def between(key: str, label: str, axis: int, start: float, size: Dimension, near: Point3) -> Characteristic:
+def between(
+    key: str, label: str, axis: int, start: float, size: Dimension, near: Point3
+) -> Characteristic:
     """State a distance of two plane faces held closer than in general; both contain `near` but for its coordinate along the axis."""
     holds = {k: near[k] for k in range(3) if k != axis}
     faces = (FaceRule("PLANE", axis, at, holds=holds) for at in (start, start + size.nominal))
     return toleranced(key, "distance", size, *faces, label=label, method="micrometer")
 
 
-def bore(axis: Literal["x", "y", "z"], start: Point3, diameter: float, length: float, fit: str = "") -> Round:
+def bore(
+    axis: Literal["x", "y", "z"], start: Point3, diameter: float, length: float, fit: str = ""
+) -> Round:
     """Describe a bore; H7 is that of ISO 286-2 for 3 to 18 mm, a thread is drilled by its core (ISO 261)."""
     fits = {"H7": (12e-6 if diameter <= 6e-3 else 15e-6 if diameter <= 10e-3 else 18e-6, 0.0)}
     upper, lower = fits.get(fit, (0.0, 0.0))
-    return Round(axis, start, diameter, length, upper, lower, thread=fit if fit.startswith("M") else "")
+    return Round(
+        axis, start, diameter, length, upper, lower, thread=fit if fit.startswith("M") else ""
+    )
 
 
 class Machined(HeldPart):
@@ -97,13 +112,20 @@ class Machined(HeldPart):
         return self.title
 
     def solids(self) -> list[cad.door.Body]:
-        made = [cad.kernel.box(one.low, one.high) for one in self.boxes] + [_cylinder(one) for one in self.rods]
+        made = [cad.kernel.box(one.low, one.high) for one in self.boxes] + [
+            _cylinder(one) for one in self.rods
+        ]
         body = cad.kernel.fused(made) if len(made) > 1 else made[0]
-        return [cad.kernel.cut(body, [_cylinder(one) for one in self.bores]) if self.bores else body]
+        return [
+            cad.kernel.cut(body, [_cylinder(one) for one in self.bores]) if self.bores else body
+        ]
 
     def _masses(self) -> list[tuple[float, NDArray[np.float64]]]:
         """Signed volumes of what it is made of, with their centres; that of half a disc lies 4 r / 3 pi off its diameter."""
-        found = [(math.prod(b - a for a, b in one.ends), 0.5 * (np.array(one.low) + one.high)) for one in self.boxes]
+        found = [
+            (math.prod(b - a for a, b in one.ends), 0.5 * (np.array(one.low) + one.high))
+            for one in self.boxes
+        ]
         found += [(one.volume, one.middle) for one in self.rods]
         for one in self.bores:
             inward = np.array(one.inward or (0.0, 0.0, 0.0))
@@ -120,7 +142,9 @@ class Machined(HeldPart):
     @property
     def centre(self) -> NDArray[np.float64]:  # centre of mass [m]
         parts = self._masses()
-        return sum((volume * at for volume, at in parts), start=np.zeros(3)) / math.fsum(volume for volume, _ in parts)
+        return sum((volume * at for volume, at in parts), start=np.zeros(3)) / math.fsum(
+            volume for volume, _ in parts
+        )
 
     def hulls(self) -> list[Any]:
         return [hull(itertools.product(*one.ends)) for one in self.boxes]
@@ -132,17 +156,36 @@ class Machined(HeldPart):
 
     def characteristics(self) -> Iterator[Characteristic]:
         low, high = self.extent
-        flat = {k: {end for one in self.boxes for end in (one.low[k], one.high[k])} for k in range(3)}
-        upper = [(one, face) for one in self.between for face in one.faces[1:] if isinstance(face, FaceRule)]
+        flat = {
+            k: {end for one in self.boxes for end in (one.low[k], one.high[k])} for k in range(3)
+        }
+        upper = [
+            (one, face)
+            for one in self.between
+            for face in one.faces[1:]
+            if isinstance(face, FaceRule)
+        ]
         for k, name in enumerate(("length", "width", "height")):
             ends = plane(k, low[k]), plane(k, high[k])
-            if self.rods and not {low[k], high[k]} <= flat[k] and not any("xyz"[k] == one.axis for one in self.rods):
+            if (
+                self.rods
+                and not {low[k], high[k]} <= flat[k]
+                and not any("xyz"[k] == one.axis for one in self.rods)
+            ):
                 continue  # round from there: its diameter says it
-            if any(face.axis == k and abs(one.nominal - high[k] + low[k]) < 1e-9 for one, face in upper):
+            if any(
+                face.axis == k and abs(one.nominal - high[k] + low[k]) < 1e-9 for one, face in upper
+            ):
                 continue
-            yield toleranced(name, "distance", _general(high[k] - low[k]), *ends, label=f"{name} over all")
+            yield toleranced(
+                name, "distance", _general(high[k] - low[k]), *ends, label=f"{name} over all"
+            )
             held = [face.at for _, face in upper if face.axis == k]
-            inner = sorted(end for end in flat[k] if not any(abs(end - at) < 1e-9 for at in (low[k], high[k], *held)))
+            inner = sorted(
+                end
+                for end in flat[k]
+                if not any(abs(end - at) < 1e-9 for at in (low[k], high[k], *held))
+            )
             for index, at in enumerate(inner, start=1):
                 faces = plane(k, low[k]), plane(k, at)
                 label = f"{name}, face {index} from the {_SIDES[k]}"
@@ -152,12 +195,24 @@ class Machined(HeldPart):
             kind = "rod" if one in self.rods else "bore"
             along = "xyz".index(one.axis)
             across = [k for k in range(3) if k != along]
-            face = FaceRule("CYLINDER", radius=0.5 * one.diameter, holds={k: one.middle[k] for k in across})
-            size = Dimension(one.diameter, one.upper, one.lower) if one.upper > one.lower else _general(one.diameter)
+            face = FaceRule(
+                "CYLINDER", radius=0.5 * one.diameter, holds={k: one.middle[k] for k in across}
+            )
+            size = (
+                Dimension(one.diameter, one.upper, one.lower)
+                if one.upper > one.lower
+                else _general(one.diameter)
+            )
             through = any(math.dist(one.ends[along], box.ends[along]) < 1e-12 for box in self.boxes)
             deep = "" if kind == "rod" or through else f", {one.length * 1e3:g} mm long"
             said = (f" for {one.thread}" if one.thread else "") + deep
-            yield toleranced(f"{kind}_{index}", "diameter", size, face, label=f"{kind} {index}, along {one.axis}{said}")
+            yield toleranced(
+                f"{kind}_{index}",
+                "diameter",
+                size,
+                face,
+                label=f"{kind} {index}, along {one.axis}{said}",
+            )
             for k in across:
                 away = float(one.start[k] - low[k])
                 if away > 0.5e-3 and any(abs(box.low[k] - low[k]) < 1e-12 for box in self.boxes):
@@ -181,6 +236,9 @@ def _general(length: float) -> Dimension:
 
 
 def _cylinder(one: Round) -> cad.door.Body:
-    u, v = ([0.5 * one.diameter * (name == axis) for name in "xyz"] for axis in "xyz".replace(one.axis, ""))
+    u, v = (
+        [0.5 * one.diameter * (name == axis) for name in "xyz"]
+        for axis in "xyz".replace(one.axis, "")
+    )
     along = [one.length * (name == one.axis) for name in "xyz"]
     return cad.kernel.extruded(cad.kernel.circle(one.start, u, v), along)

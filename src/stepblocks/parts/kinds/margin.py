@@ -10,27 +10,51 @@ from stepblocks import cad
 from stepblocks.contact.counterface import Margin
 from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, strip_volume
-from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
+from stepblocks.parts.characteristics import (
+    PROFILE,
+    Characteristic,
+    EdgeRule,
+    FaceRule,
+    form_of,
+    plane,
+    toleranced,
+)
 from stepblocks.parts.conditions import Gum
-from stepblocks.parts.declared import MaterialField, WorkingFaces, below, must, rules_validator, usual
+from stepblocks.parts.declared import (
+    MaterialField,
+    WorkingFaces,
+    below,
+    must,
+    rules_validator,
+    usual,
+)
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
 from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
 from stepblocks.quantities import format_quantity
 
 ACROSS = "profilometer or microscope"
-# largest clinically acceptable absolute marginal discrepancy [m] (the paper; McLean and von Fraunhofer 1971 say 120 um)
+# largest clinically acceptable absolute marginal discrepancy [m] (the paper; McLean and von
+# Fraunhofer 1971 say 120 um)
 _CLINICAL_LIMIT = 100e-6
 
 
 class CrownMargin(Part):
     """What all forms share: x along the path of draw from root to crown, z outwards, the tooth's cavosurface angle at the origin."""
 
-    felt_by: ClassVar = {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"}
+    felt_by: ClassVar = {
+        "gap": "marginal_gap",
+        "rise": "horizontal_discrepancy",
+        "opening": "vertical_discrepancy",
+    }
 
     marginal_gap: PositiveLength = usual(otherwise="10 um")  # g
-    horizontal_discrepancy: SignedLength = usual("0 um", otherwise="10 um")  # h; positive: overextended
-    vertical_discrepancy: SignedLength | None = usual(None, otherwise="10 um")  # v; left out, it is g
+    horizontal_discrepancy: SignedLength = usual(
+        "0 um", otherwise="10 um"
+    )  # h; positive: overextended
+    vertical_discrepancy: SignedLength | None = usual(
+        None, otherwise="10 um"
+    )  # v; left out, it is g
     gum: Gum | None = None  # beside the margin; none where the file does not say
     material: MaterialField = usual("zirconia")
 
@@ -59,14 +83,22 @@ class CrownMargin(Part):
     @property
     def corner(self) -> list[tuple[float, float]]:
         """Outline of the crown's margin from inside the gap to its outer corner [m]."""
-        g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.horizontal_discrepancy.nominal
+        g, v, h = (
+            self.marginal_gap.nominal,
+            self.opening.nominal,
+            self.horizontal_discrepancy.nominal,
+        )
         if v < 0.0:
             return [(g, g), (v, g), (v, h)]
         return [(g, h)] if v == g else [(g, h - abs(v - g)), (v, h)]
 
     @rules_validator
     def _lip_clears_the_tooth(self) -> Iterator[str]:
-        v, g, h = self.opening.nominal, self.marginal_gap.nominal, self.horizontal_discrepancy.nominal
+        v, g, h = (
+            self.opening.nominal,
+            self.marginal_gap.nominal,
+            self.horizontal_discrepancy.nominal,
+        )
         if v < 0.0 and h <= g:
             gap, got = format_quantity(g, "length"), format_quantity(h, "length")
             rule = f"exceed marginal_gap ({gap}) where vertical_discrepancy is negative"
@@ -85,7 +117,9 @@ class CrownMargin(Part):
     def derived(self) -> list[list[str]]:
         accepted = self.absolute_discrepancy <= _CLINICAL_LIMIT * (1.0 + 1e-12)
         grade = "clinically acceptable" if accepted else "above the clinical limit of 100 um"
-        return [["absolute marginal discrepancy", f"{self.absolute_discrepancy * 1e6:.4g} um, {grade}"]]
+        return [
+            ["absolute marginal discrepancy", f"{self.absolute_discrepancy * 1e6:.4g} um, {grade}"]
+        ]
 
 
 class MarginBlock(CrownMargin, Block):
@@ -100,9 +134,13 @@ class MarginBlock(CrownMargin, Block):
     horizontal_discrepancy: SignedLength = usual("0 um", otherwise="2 um")
     vertical_discrepancy: SignedLength | None = usual(None, otherwise="3 um")
     material: MaterialField = usual("steel")
-    gap_depth: PositiveLength = usual("0.4 mm", otherwise="0.05 mm")  # of the gap below the tooth's surface [m]
+    gap_depth: PositiveLength = usual(
+        "0.4 mm", otherwise="0.05 mm"
+    )  # of the gap below the tooth's surface [m]
     body: Body = usual({})
-    working_faces: WorkingFaces | None = None  # demands on tooth and crown face, where the file states them
+    working_faces: WorkingFaces | None = (
+        None  # demands on tooth and crown face, where the file states them
+    )
 
     @property
     def floor(self) -> tuple[float, float]:
@@ -111,9 +149,17 @@ class MarginBlock(CrownMargin, Block):
     def top(self, x: float) -> float:
         """Uppermost of the straight lines of the section at x."""
         depth, far = self.gap_depth.nominal, self.body.length.nominal
-        outline = [(-far, 0.0), (0.0, 0.0), (0.0, -depth), (self.marginal_gap.nominal, -depth), *self.corner]
+        outline = [
+            (-far, 0.0),
+            (0.0, 0.0),
+            (0.0, -depth),
+            (self.marginal_gap.nominal, -depth),
+            *self.corner,
+        ]
         lines = itertools.pairwise([*outline, (far, self.rise)])
-        across = [(a, b) for a, b in lines if a[0] != b[0] and min(a[0], b[0]) <= x <= max(a[0], b[0])]
+        across = [
+            (a, b) for a, b in lines if a[0] != b[0] and min(a[0], b[0]) <= x <= max(a[0], b[0])
+        ]
         return max(za + (zb - za) * (x - xa) / (xb - xa) for (xa, za), (xb, zb) in across)
 
     def solids(self) -> list[cad.door.Body]:
@@ -128,14 +174,23 @@ class MarginBlock(CrownMargin, Block):
         volume = half_volume(body, half, 0.0) + half_volume(body, half, h)
         above = [*self.corner, (0.0, h)] if v >= 0.0 else [(g, g), (0.0, g)]
         volume -= strip_volume(body, h, [(0.0, -depth), (g, -depth), *above])
-        if v < 0.0:  # the lip stands over the tooth, on the tooth's side, where the left half's chamfer applies
+        if (
+            v < 0.0
+            # the lip stands over the tooth, on the tooth's side, where the left half's chamfer
+            # applies
+        ):
             c = body.edge_break.nominal
             narrowed = 2.0 * c * (h - g) + h * h - g * g if c > 0.0 else 0.0
             volume += -v * (body.width.nominal * (h - g) - narrowed)
         return (volume - self.filled,)
 
     def hulls(self) -> list[Any]:
-        body, gap, rise, opening = self.body, self.marginal_gap.nominal, self.rise, self.opening.nominal
+        body, gap, rise, opening = (
+            self.body,
+            self.marginal_gap.nominal,
+            self.rise,
+            self.opening.nominal,
+        )
         left = hull(half_points(body, -1.0, 0.0, [(0.0, 0.0)]))
         right = hull(half_points(body, 1.0, rise, [(0.0, rise)]))
         under, crown = split(right, "x", gap)
@@ -143,14 +198,21 @@ class MarginBlock(CrownMargin, Block):
         half, c = 0.5 * body.width.nominal, body.edge_break.nominal
 
         def prism(section: list[tuple[float, float]]) -> Any:
-            return hull((x, y * (half - max(0.0, z - rise + c)), z) for x, z in section for y in (-1, 1))
+            return hull(
+                (x, y * (half - max(0.0, z - rise + c)), z) for x, z in section for y in (-1, 1)
+            )
 
         if opening > gap:  # bevelled: cut the corner off along 45 degrees
             slope = math.sqrt(0.5)
             crown = crown.trim_by_plane((slope, 0.0, -slope), -1e3 * (rise - opening) * slope)
         pieces = [left, floor, crown]
         if opening < 0.0:
-            lip = [(x, y * (half - c - z), z) for x in (opening, 0.0) for z in (gap, rise) for y in (-1, 1)]
+            lip = [
+                (x, y * (half - c - z), z)
+                for x in (opening, 0.0)
+                for z in (gap, rise)
+                for y in (-1, 1)
+            ]
             pieces += [hull(lip), prism([(x, z) for x in (0.0, gap) for z in (gap, rise)])]
         elif opening < gap:
             pieces.append(prism([(gap, rise - (gap - opening)), (opening, rise), (gap, rise)]))
@@ -162,25 +224,44 @@ class MarginBlock(CrownMargin, Block):
         tooth, crown = plane(2, 0.0, x=-0.5 * half), plane(2, h.nominal, x=0.5 * half)
         low = -0.5 * depth.nominal
         wall = plane(0, 0.0, z=low)
-        yield toleranced("marginal_gap", "distance", g, wall, plane(0, g.nominal, z=low), method=ACROSS)
-        yield toleranced("horizontal_discrepancy", "distance", h, tooth, crown, method=PROFILE).unsigned
+        yield toleranced(
+            "marginal_gap", "distance", g, wall, plane(0, g.nominal, z=low), method=ACROSS
+        )
+        yield toleranced(
+            "horizontal_discrepancy", "distance", h, tooth, crown, method=PROFILE
+        ).unsigned
         yield from self._opening(wall, crown)
         yield from form_of(self.face_demands, tooth, crown, "tooth", "crown")
         floor = plane(2, -depth.nominal, x=0.5 * g.nominal)
-        yield toleranced("gap_depth", "distance", depth, floor, tooth, label="depth of the gap", method="microscope")
+        yield toleranced(
+            "gap_depth",
+            "distance",
+            depth,
+            floor,
+            tooth,
+            label="depth of the gap",
+            method="microscope",
+        )
         yield from self.body_characteristics(tooth, crown, wall)
 
     def _opening(self, wall: FaceRule, crown: FaceRule) -> Iterator[Characteristic]:
         """From the tooth's wall to the margin of the crown."""
         v, g, h, key = self.opening, self.marginal_gap.nominal, self.rise, "vertical_discrepancy"
         if v.nominal > g:
-            bevel = FaceRule("SLOPE", holds={0: 0.5 * (g + v.nominal), 2: h - 0.5 * (v.nominal - g)})
+            bevel = FaceRule(
+                "SLOPE", holds={0: 0.5 * (g + v.nominal), 2: h - 0.5 * (v.nominal - g)}
+            )
             yield toleranced(key, "distance", v, wall, EdgeRule(bevel, crown), method=ACROSS)
             angle = Dimension(math.radians(45.0), ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle")
             label = "bevel of the margin"
-            yield toleranced("bevel_angle", "angle", angle, bevel, crown, label=label, method=ACROSS)
+            yield toleranced(
+                "bevel_angle", "angle", angle, bevel, crown, label=label, method=ACROSS
+            )
         elif v.nominal < 0.0:
-            end, label = plane(0, v.nominal, z=0.5 * (g + h)), "vertical discrepancy, lip over the tooth"
+            end, label = (
+                plane(0, v.nominal, z=0.5 * (g + h)),
+                "vertical discrepancy, lip over the tooth",
+            )
             yield toleranced(key, "distance", v, wall, end, label=label, method=ACROSS).unsigned
         elif self.vertical_discrepancy is not None:
             yield toleranced(key, "note", v, method=ACROSS)
@@ -190,16 +271,26 @@ class MarginBlock(CrownMargin, Block):
         crown = mesh.level_beside(self.opening.nominal, +1)
         tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)
         yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
-        yield Finding("vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE)
+        yield Finding(
+            "vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE
+        )
 
     @rules_validator
     def _fits_the_body(self) -> Iterator[str]:
         body, g, v = self.body, self.marginal_gap.nominal, self.opening.nominal
-        h, depth, chamfer = self.horizontal_discrepancy.nominal, self.gap_depth.nominal, self.body.edge_break.nominal
+        h, depth, chamfer = (
+            self.horizontal_discrepancy.nominal,
+            self.gap_depth.nominal,
+            self.body.edge_break.nominal,
+        )
         room = 0.5 * body.length.nominal - chamfer
         yield below("marginal_gap", "be narrower than a quarter of the body", g, 0.5 * room)
-        yield below("vertical_discrepancy", "be smaller than a quarter of the body", abs(v), 0.5 * room)
-        yield below("gap_depth", "be below a quarter of the thickness", depth, 0.25 * body.thickness.nominal)
+        yield below(
+            "vertical_discrepancy", "be smaller than a quarter of the body", abs(v), 0.5 * room
+        )
+        yield below(
+            "gap_depth", "be below a quarter of the thickness", depth, 0.25 * body.thickness.nominal
+        )
         yield from self.require_engravable()
         deepest = abs(v - g) - h if v >= 0.0 else -h
         yield must(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)

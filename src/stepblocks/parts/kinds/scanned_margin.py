@@ -34,8 +34,16 @@ def _line(raw: object) -> object:
         points = np.array(raw, dtype=np.float64)
     except (TypeError, ValueError):
         points = np.empty(0)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < _LEAST_POINTS or not np.isfinite(points).all():
-        rule = f"a list of {_LEAST_POINTS} or more points [x, y, z] in order round the tooth, in the unit of the mesh"
+    if (
+        points.ndim != 2
+        or points.shape[1] != 3
+        or len(points) < _LEAST_POINTS
+        or not np.isfinite(points).all()
+    ):
+        rule = (
+            f"a list of {_LEAST_POINTS} or more points [x, y, z] in order round the tooth, in "
+            "the unit of the mesh"
+        )
         raise ValueError(f"must be {rule}, got {raw!r:.60}")
     return tuple(map(tuple, points.tolist()))
 
@@ -63,10 +71,16 @@ class ScannedMargin(CrownMargin):
     unit: Literal["um", "mm", "cm", "m"]  # of the mesh; such files do not say
     margin: Annotated[Any, BeforeValidator(_line)]
     stations: Annotated[int, Field(ge=1, le=1000)] = _USUAL_STATIONS
-    crown_towards: tuple[float, float, float] = (0.0, 0.0, 1.0)  # roughly, from the root, in the frame of the mesh
+    crown_towards: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        1.0,
+    )  # roughly, from the root, in the frame of the mesh
     shows: Literal["tooth", "crown", "both"] = "both"
     station: Station = Station()
-    gap_depth: PositiveLength = usual("0.4 mm", otherwise="0.05 mm")  # of the gap below the tooth's surface [m]
+    gap_depth: PositiveLength = usual(
+        "0.4 mm", otherwise="0.05 mm"
+    )  # of the gap below the tooth's surface [m]
     length: PositiveLength = usual("4 mm")  # of the bar, along x [m]
     width: PositiveLength = usual("2 mm")  # along y [m]
     thickness: PositiveLength = usual("3 mm")  # from the base to the tooth at the margin [m]
@@ -82,13 +96,21 @@ class ScannedMargin(CrownMargin):
             return
         path = inside(folder, one.mesh)
         if path is None or path.suffix.lower() not in (".stl", ".ply"):
-            raise ValueError(f"mesh must be an STL or PLY file in the folder of the set, got {one.mesh!r:.80}")
+            raise ValueError(
+                f"mesh must be an STL or PLY file in the folder of the set, got {one.mesh!r:.80}"
+            )
         changed = path.stat().st_mtime_ns if path.is_file() else 0
-        rows = _stations(path, changed, _UNITS[one.unit], one.margin, one.stations, one.crown_towards, one.shows)
+        rows = _stations(
+            path, changed, _UNITS[one.unit], one.margin, one.stations, one.crown_towards, one.shows
+        )
         for number, row in enumerate(rows, start=1):
             values = number, row[:3], *row[3:]
             station = dict(zip(Station.model_fields, values, strict=True))
-            yield {**stanza, "id": f"{one.id}-{number:0{len(str(one.stations))}}", "station": station}
+            yield {
+                **stanza,
+                "id": f"{one.id}-{number:0{len(str(one.stations))}}",
+                "station": station,
+            }
 
     @property
     def floor(self) -> tuple[float, float]:
@@ -96,7 +118,10 @@ class ScannedMargin(CrownMargin):
 
     def sized(self, **sizes: float) -> ProfiledMargin:
         scan, level = self.station, vars(super().sized(**sizes))
-        bent = {"tooth_curvature": scan.tooth_curvature_per_m, "crown_curvature": scan.crown_curvature_per_m}
+        bent = {
+            "tooth_curvature": scan.tooth_curvature_per_m,
+            "crown_curvature": scan.crown_curvature_per_m,
+        }
         return ProfiledMargin(**level, **bent, crown_slope=math.tan(scan.crown_slope_rad))
 
     def _section(self) -> list[tuple[float, float]]:
@@ -107,17 +132,26 @@ class ScannedMargin(CrownMargin):
 
     def solids(self) -> list[cad.door.Body]:
         half, base = 0.5 * self.length.nominal, -self.thickness.nominal
-        return [cad.kernel.prism([(half, base), *reversed(self._section()), (-half, base)], self.width.nominal)]
+        return [
+            cad.kernel.prism(
+                [(half, base), *reversed(self._section()), (-half, base)], self.width.nominal
+            )
+        ]
 
     def volumes(self) -> tuple[float, ...]:
         lines = itertools.pairwise(self._section())
-        area = math.fsum((xb - xa) * (0.5 * (za + zb) + self.thickness.nominal) for (xa, za), (xb, zb) in lines)
+        area = math.fsum(
+            (xb - xa) * (0.5 * (za + zb) + self.thickness.nominal) for (xa, za), (xb, zb) in lines
+        )
         return (area * self.width.nominal,)
 
     def hulls(self) -> list[Any]:
         base, side = -self.thickness.nominal, 0.5 * self.width.nominal
         columns = [(a, b) for a, b in itertools.pairwise(self._section()) if b[0] > a[0]]
-        return [hull((x, y, z) for x, top in ends for z in (base, top) for y in (-side, side)) for ends in columns]
+        return [
+            hull((x, y, z) for x, top in ends for z in (base, top) for y in (-side, side))
+            for ends in columns
+        ]
 
     def characteristics(self) -> Iterator[Characteristic]:
         g, low = self.marginal_gap, -0.5 * self.gap_depth.nominal
@@ -131,7 +165,10 @@ class ScannedMargin(CrownMargin):
             yield toleranced(name, "distance", one, plane(axis, -half), plane(axis, half))
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        reach, corner = 0.25 * self.length.nominal, abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
+        reach, corner = (
+            0.25 * self.length.nominal,
+            abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE,
+        )
         gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
         yield Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
         top = float(mesh.vertices[corner, 2].max())
@@ -139,19 +176,38 @@ class ScannedMargin(CrownMargin):
 
     def derived(self) -> list[list[str]]:
         scan = self.station
-        shape = f"crown {math.degrees(scan.crown_slope_rad):+.1f} deg against the tooth, scatter {scan.scatter_m * 1e6:.2g} um"
+        shape = (
+            f"crown {math.degrees(scan.crown_slope_rad):+.1f} deg against the tooth, scatter "
+            f"{scan.scatter_m * 1e6:.2g} um"
+        )
         gap = "injected; scans err by more than a gap, so there is no verdict on the scanned one"
         return [*super().derived(), [f"station {scan.number}", shape], ["marginal gap", gap]]
 
     @rules_validator
     def _can_be_made(self) -> Iterator[str]:
-        g, v, depth, thickness = self.marginal_gap.nominal, self.opening.nominal, self.floor[0], self.thickness.nominal
+        g, v, depth, thickness = (
+            self.marginal_gap.nominal,
+            self.opening.nominal,
+            self.floor[0],
+            self.thickness.nominal,
+        )
         lowest = max(depth, *(-z for _, z in self._section()))
         under = v - g - self.horizontal_discrepancy.nominal
         yield must(v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v)
-        yield below("vertical_discrepancy", "leave the crown on the bar", v, 0.5 * self.length.nominal - SIDE)
+        yield below(
+            "vertical_discrepancy",
+            "leave the crown on the bar",
+            v,
+            0.5 * self.length.nominal - SIDE,
+        )
         yield must(under < depth, "gap_depth", "reach below the margin", under, depth)
-        yield must(2.0 * lowest < thickness, "thickness", "be over twice the depth", 2.0 * lowest, thickness)
+        yield must(
+            2.0 * lowest < thickness,
+            "thickness",
+            "be over twice the depth",
+            2.0 * lowest,
+            thickness,
+        )
 
 
 @lru_cache(maxsize=8)

@@ -8,14 +8,30 @@ from pydantic import ValidationError
 
 from stepblocks import cad
 from stepblocks.contact.rod import Sleeve
-from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, broken_edges, plane, toleranced
-from stepblocks.parts.declared import Material, Sourced, Table, below, must, rules_validator, sourced
+from stepblocks.parts.characteristics import (
+    Characteristic,
+    EdgeRule,
+    FaceRule,
+    broken_edges,
+    plane,
+    toleranced,
+)
+from stepblocks.parts.declared import (
+    Material,
+    Sourced,
+    Table,
+    below,
+    must,
+    rules_validator,
+    sourced,
+)
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point, Turned, sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
 from stepblocks.quantities import format_quantity
 
-# Largest relative difference in mass of two sheaths that are to weigh the same (the paper's sheaths: equal weight)
+# Largest relative difference in mass of two sheaths that are to weigh the same (the paper's
+# sheaths: equal weight)
 MASS_MATCH = 0.01
 MASS_LIMIT = 1e-6  # mass of a mesh against the declared one, relative
 _FLOAT32_LIMIT = 10e-9  # of lengths up to 100 mm, which GLB keeps as float32 in metres
@@ -54,7 +70,9 @@ class Sheath(Turned, HeldPart):
     @classmethod
     def prepared(cls, stanzas: object) -> object:
         """Solve the sheaths that are to weigh as much as another one."""
-        if not isinstance(stanzas, list | tuple) or not all(isinstance(one, dict) for one in stanzas):
+        if not isinstance(stanzas, list | tuple) or not all(
+            isinstance(one, dict) for one in stanzas
+        ):
             return stanzas
         return [_solved(one, stanzas) if _is_open(one) else one for one in stanzas]
 
@@ -62,7 +80,13 @@ class Sheath(Turned, HeldPart):
     def sleeve(self) -> Sleeve | None:
         bore, outer, length = self.bore.nominal, self.outer_diameter.nominal, self.length.nominal
         bending = self.material.modulus.value * math.pi * (outer**4 - bore**4) / 64.0
-        return Sleeve(self.position.nominal, length, bending, self.mass / length, self.material.loss_factor.value)
+        return Sleeve(
+            self.position.nominal,
+            length,
+            bending,
+            self.mass / length,
+            self.material.loss_factor.value,
+        )
 
     @property
     def mass(self) -> float:  # nominal [kg]
@@ -75,7 +99,9 @@ class Sheath(Turned, HeldPart):
         (thin, wide), (small, large) = self.bore.limits, self.outer_diameter.limits
         (short, long), (sharp, blunt) = self.length.limits, self.edge_break.limits
         density = self.material.density.value
-        return density * _volume(wide, small, short, blunt), density * _volume(thin, large, long, max(sharp, 0.0))
+        return density * _volume(wide, small, short, blunt), density * _volume(
+            thin, large, long, max(sharp, 0.0)
+        )
 
     def outlines(self) -> list[Outline]:
         return [[*self.outline()]]
@@ -86,7 +112,14 @@ class Sheath(Turned, HeldPart):
         length, c = self.length.nominal, self.edge_break.nominal
         if c == 0.0:
             return [(bore, 0.0), (outer, 0.0), (outer, length), (bore, length)]
-        return [(bore, 0.0), (outer - c, 0.0), (outer, c), (outer, length - c), (outer - c, length), (bore, length)]
+        return [
+            (bore, 0.0),
+            (outer - c, 0.0),
+            (outer, c),
+            (outer, length - c),
+            (outer - c, length),
+            (bore, length),
+        ]
 
     def hulls(self) -> list[Any]:
         return sectors(self.outline())
@@ -97,20 +130,46 @@ class Sheath(Turned, HeldPart):
     def characteristics(self) -> Iterator[Characteristic]:
         bore, outer, broken = self.bore, self.outer_diameter, self.edge_break
         side = FaceRule("CYLINDER", radius=0.5 * outer.nominal)
-        yield toleranced("bore", "diameter", bore, FaceRule("CYLINDER", radius=0.5 * bore.nominal), method="pin gauges")
+        yield toleranced(
+            "bore",
+            "diameter",
+            bore,
+            FaceRule("CYLINDER", radius=0.5 * bore.nominal),
+            method="pin gauges",
+        )
         yield toleranced("outer_diameter", "diameter", outer, side)
-        yield toleranced("length", "distance", self.length, plane(2, 0.0), plane(2, self.length.nominal))
+        yield toleranced(
+            "length", "distance", self.length, plane(2, 0.0), plane(2, self.length.nominal)
+        )
         edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * broken.nominal}), side)
         yield broken_edges(broken, plane(2, 0.0), edge)
         where = "position, from the clamp"
-        yield toleranced("position", "note", self.position, label=where, method="caliper, assembled")
+        yield toleranced(
+            "position", "note", self.position, label=where, method="caliper, assembled"
+        )
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         heights, radii = mesh.vertices[:, 2], mesh.radii
-        yield Finding("length", self.length.nominal, float(heights.max() - heights.min()), _FLOAT32_LIMIT)
-        yield Finding("radius of the bore", 0.5 * self.bore.nominal, float(radii.min()), FITTING_DEFLECTION)
-        yield Finding("outer radius", 0.5 * self.outer_diameter.nominal, float(radii.max()), FITTING_DEFLECTION)
-        yield Finding("mass", self.mass, self.material.density.value * mesh.volume, MASS_LIMIT, "mass", relative=True)
+        yield Finding(
+            "length", self.length.nominal, float(heights.max() - heights.min()), _FLOAT32_LIMIT
+        )
+        yield Finding(
+            "radius of the bore", 0.5 * self.bore.nominal, float(radii.min()), FITTING_DEFLECTION
+        )
+        yield Finding(
+            "outer radius",
+            0.5 * self.outer_diameter.nominal,
+            float(radii.max()),
+            FITTING_DEFLECTION,
+        )
+        yield Finding(
+            "mass",
+            self.mass,
+            self.material.density.value * mesh.volume,
+            MASS_LIMIT,
+            "mass",
+            relative=True,
+        )
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         outer = self.outer_diameter.nominal
@@ -118,7 +177,10 @@ class Sheath(Turned, HeldPart):
 
     def derived(self) -> list[list[str]]:
         low, high = self.mass_limits
-        text = f"{format_mass(self.mass)} ({format_mass(low)} to {format_mass(high)} within tolerances)"
+        text = (
+            f"{format_mass(self.mass)} ({format_mass(low)} to {format_mass(high)} within "
+            "tolerances)"
+        )
         return [["mass", text], ["material", self.material.designation]]
 
     def lacks(self, conditions: Mapping[str, Any]) -> Iterator[str]:
@@ -126,12 +188,19 @@ class Sheath(Turned, HeldPart):
         yield from (f"{name} must be declared for a set with sheaths, got none" for name in missing)
         shank = 0.0 if "probe" in missing else conditions["probe"].shank_diameter.value
         if self.bore.limits[0] < shank:
-            rule = f"not be less than the shank ({format_quantity(shank, 'length')}) within its tolerance"
+            rule = (
+                f"not be less than the shank ({format_quantity(shank, 'length')}) within its "
+                "tolerance"
+            )
             yield f"bore must {rule}, got {self.bore} [sheath {self.id!r}]"
 
     @rules_validator
     def _is_possible(self) -> Iterator[str]:
-        bore, outer, broken = self.bore.nominal, self.outer_diameter.nominal, self.edge_break.nominal
+        bore, outer, broken = (
+            self.bore.nominal,
+            self.outer_diameter.nominal,
+            self.edge_break.nominal,
+        )
         apart = self.outer_diameter.limits[0] > self.bore.limits[1]
         yield must(apart, "outer_diameter", "exceed bore, within their tolerances too", bore, outer)
         if outer > bore:  # without a wall, nothing can be said of what is cut into it
@@ -158,9 +227,14 @@ def _validated(model: type[Model], table: object, name: object) -> Model:
         return model.model_validate(table)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where, said = ".".join(str(part) for part in first["loc"]), first["msg"].removeprefix("Value error, ")
+        where, said = (
+            ".".join(str(part) for part in first["loc"]),
+            first["msg"].removeprefix("Value error, "),
+        )
         text = f"{where}: {said}" if where and not said.startswith(where) else said
-        raise ValueError("\n".join(f"{line} [sheath {name!r}]" for line in text.splitlines())) from error
+        raise ValueError(
+            "\n".join(f"{line} [sheath {name!r}]" for line in text.splitlines())
+        ) from error
 
 
 def _is_open(stanza: Mapping[str, Any]) -> bool:
@@ -183,7 +257,9 @@ def _solved(stanza: Mapping[str, Any], stanzas: Sequence[Mapping[str, Any]]) -> 
     def tried(outer: str) -> Sheath:
         return _validated(Sheath, {**stanza, "outer_diameter": {"nominal": outer, **kept}}, name)
 
-    wide = tried("100 mm")  # a sheath for every shank, whose other dimensions hold at the diameter that is sought
+    wide = tried(
+        "100 mm"
+    )  # a sheath for every shank, whose other dimensions hold at the diameter that is sought
     bore, length, broken = (one.nominal for one in (wide.bore, wide.length, wide.edge_break))
     # the volume is quadratic in the diameter, less what it is at diameter 0
     rings = math.pi * broken**2
@@ -192,7 +268,9 @@ def _solved(stanza: Mapping[str, Any], stanzas: Sequence[Mapping[str, Any]]) -> 
     found = tried(f"{round(root / _STEP) * _STEP * 1e3:.9g} mm")
     if abs(found.mass / mass - 1.0) > MASS_MATCH:
         rule = f"give the mass of {wish.mass_of!r} ({format_mass(mass)}) within {MASS_MATCH:.0%}"
-        raise ValueError(f"outer_diameter must {rule}, got {format_mass(found.mass)} [sheath {name!r}]")
+        raise ValueError(
+            f"outer_diameter must {rule}, got {format_mass(found.mass)} [sheath {name!r}]"
+        )
     return {**stanza, "outer_diameter": found.outer_diameter}
 
 

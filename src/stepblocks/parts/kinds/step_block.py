@@ -9,10 +9,37 @@ import numpy as np
 from stepblocks import cad
 from stepblocks.contact.counterface import Step
 from stepblocks.parts.body import OVER, Block, Body, body_cuts, half_points, half_volume
-from stepblocks.parts.characteristics import PROFILE, Characteristic, EdgeRule, FaceRule, form_of, plane, toleranced
-from stepblocks.parts.declared import MaterialField, Table, WorkingFaces, below, must, rules_validator, usual
-from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, energy_tolerance_lacks
-from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, NANOMETRE, Finding, MeasuredMesh, exaggeration
+from stepblocks.parts.characteristics import (
+    PROFILE,
+    Characteristic,
+    EdgeRule,
+    FaceRule,
+    form_of,
+    plane,
+    toleranced,
+)
+from stepblocks.parts.declared import (
+    MaterialField,
+    Table,
+    WorkingFaces,
+    below,
+    must,
+    rules_validator,
+    usual,
+)
+from stepblocks.parts.energy_tolerance import (
+    EnergyToleranceField,
+    described,
+    energy_tolerance_lacks,
+)
+from stepblocks.parts.kind import (
+    COARSE_DEFLECTION,
+    CONTACT_DEFLECTION,
+    NANOMETRE,
+    Finding,
+    MeasuredMesh,
+    exaggeration,
+)
 from stepblocks.parts.shapes import hull, split
 from stepblocks.parts.tolerance import FeltLength, FeltPositiveLength, PositiveLength
 
@@ -20,12 +47,15 @@ from stepblocks.parts.tolerance import FeltLength, FeltPositiveLength, PositiveL
 class MetrologyFeature(Table):
     """A groove or ridge that ISO 5436-1 type A1 can evaluate; a single edge cannot be."""
 
-    # ``"groove"`` in the upper face, its floor level with the lower face; or ``"ridge"`` on the lower, level with the upper
+    # ``"groove"`` in the upper face, its floor level with the lower face; or ``"ridge"`` on the
+    # lower, level with the upper
     kind: Literal["groove", "ridge"] = "groove"
     # W between its edges along x [m]; a plane face of at least W lies on either side
     width: PositiveLength = usual("0.6 mm", "0.05 mm")
     lane: PositiveLength = usual("6 mm")  # along y, from the back side of the block [m]
-    distance: PositiveLength = usual("2 mm", "0.1 mm")  # from the working edge to its nearer edge [m]
+    distance: PositiveLength = usual(
+        "2 mm", "0.1 mm"
+    )  # from the working edge to its nearer edge [m]
 
 
 class StepBlock(Block):
@@ -37,14 +67,20 @@ class StepBlock(Block):
     felt_by: ClassVar[dict[str, str]] = {"height": "height", "edge_radius": "edge_radius"}
     governed_by: ClassVar[str] = "height"
 
-    height: FeltPositiveLength = usual(otherwise="1 um")  # H of the step [m]; as grinding and lapping hold it
-    edge_radius: FeltLength = usual("0 um", otherwise="+2 um / -0 um")  # r of the working edge [m]; 0 is sharp
+    height: FeltPositiveLength = usual(
+        otherwise="1 um"
+    )  # H of the step [m]; as grinding and lapping hold it
+    edge_radius: FeltLength = usual(
+        "0 um", otherwise="+2 um / -0 um"
+    )  # r of the working edge [m]; 0 is sharp
     body: Body = usual({})
     metrology: MetrologyFeature = usual({})
     material: MaterialField = usual("steel")
     # of the vibration energy, where tolerances of height, edge radius or tip shall follow from it
     energy_tolerance: EnergyToleranceField | None = None
-    working_faces: WorkingFaces | None = None  # demands on the faces beside the edge, where the file states them
+    working_faces: WorkingFaces | None = (
+        None  # demands on the faces beside the edge, where the file states them
+    )
 
     def sized(self, **sizes: float) -> Step:
         return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
@@ -76,20 +112,36 @@ class StepBlock(Block):
         feature, back = self.metrology, 0.5 * self.body.width.nominal
         near, y0 = feature.distance.nominal, back - feature.lane.nominal
         x0, depth, top = near, feature.lane.nominal + OVER, self.height.nominal + OVER
-        if feature.kind == "ridge":  # it ends where the edge break of its side begins, level with the upper face
-            x0, depth, top = -near - feature.width.nominal, feature.lane.nominal, self.height.nominal
+        if (
+            feature.kind == "ridge"
+        ):  # it ends where the edge break of its side begins, level with the upper face
+            x0, depth, top = (
+                -near - feature.width.nominal,
+                feature.lane.nominal,
+                self.height.nominal,
+            )
         return cad.kernel.box((x0, y0, 0.0), (x0 + feature.width.nominal, y0 + depth, top))
 
     def volumes(self) -> tuple[float, ...]:
         """Two halves, less the rounding, the groove or with the ridge, less what the workshop cuts."""
-        body, H, r, feature = self.body, self.height.nominal, self.edge_radius.nominal, self.metrology
+        body, H, r, feature = (
+            self.body,
+            self.height.nominal,
+            self.edge_radius.nominal,
+            self.metrology,
+        )
         half, c = 0.5 * body.length.nominal, body.edge_break.nominal
         volume = half_volume(body, half, 0.0) + half_volume(body, half, H)
-        # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta wide
+        # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta
+        # wide
         corners = r**3 / 3.0 if c > 0.0 else 0.0
-        volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (1.0 - 0.25 * math.pi) - corners
+        volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (
+            1.0 - 0.25 * math.pi
+        ) - corners
         lane, w = feature.lane.nominal, feature.width.nominal
-        if feature.kind == "groove":  # from the lane's boundary to the chamfered side, z from 0 to H
+        if (
+            feature.kind == "groove"
+        ):  # from the lane's boundary to the chamfered side, z from 0 to H
             volume -= w * (lane * H - (c * H - 0.5 * H * H if c > 0.0 else 0.0))
         else:  # the side's edge break runs on through the ridge, from c inside at z = 0
             volume += w * (lane * H - (c * H + 0.5 * H * H if c > 0.0 else 0.0))
@@ -103,13 +155,20 @@ class StepBlock(Block):
             step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
             turns = np.linspace(0.0, 0.5 * math.pi, max(2, math.ceil(0.5 * math.pi / step) + 1))
             sines = [(math.sin(a), math.cos(a)) for a in turns]
-            rounding = [(float(radius * (1.0 - sin)), float(height - radius * (1.0 - cos))) for sin, cos in sines]
+            rounding = [
+                (float(radius * (1.0 - sin)), float(height - radius * (1.0 - cos)))
+                for sin, cos in sines
+            ]
         right = hull(half_points(body, 1.0, height, rounding))
         near, lane = feature.distance.nominal, 0.5 * body.width.nominal - feature.lane.nominal
         if feature.kind == "ridge":
             y1 = 0.5 * body.width.nominal - body.edge_break.nominal
             xs = (-near - feature.width.nominal, -near)
-            ridge = [(x, y, z) for x in xs for y, z in ((lane, 0.0), (lane, height), (y1, 0.0), (y1 - height, height))]
+            ridge = [
+                (x, y, z)
+                for x in xs
+                for y, z in ((lane, 0.0), (lane, height), (y1, 0.0), (y1 - height, height))
+            ]
             return [left, right, hull(ridge)]
         before, rest = split(right, "x", near)
         middle, after = split(rest, "x", near + feature.width.nominal)
@@ -127,15 +186,23 @@ class StepBlock(Block):
         yield toleranced("step_height", "distance", self.height, lower, upper, method=PROFILE)
         arc = FaceRule("CYLINDER", radius=r, holds={0: 0.5 * r})
         edge = arc if r > 0.0 else EdgeRule(plane(0, 0.0, z=0.5 * H), upper)
-        yield toleranced("edge_radius", "radius", self.edge_radius, edge, method="profilometer, arc fit")
+        yield toleranced(
+            "edge_radius", "radius", self.edge_radius, edge, method="profilometer, arc fit"
+        )
         yield from form_of(self.face_demands, lower, upper, "lower face", "upper face")
         yield from self._feature_characteristics(lower, upper)
         wall = plane(0, 0.0, y=-0.25 * self.body.width.nominal) if r < H else None
         yield from self.body_characteristics(lower, upper, wall)
 
-    def _feature_characteristics(self, lower: FaceRule, upper: FaceRule) -> Iterator[Characteristic]:
+    def _feature_characteristics(
+        self, lower: FaceRule, upper: FaceRule
+    ) -> Iterator[Characteristic]:
         H, feature, back = self.height.nominal, self.metrology, 0.5 * self.body.width.nominal
-        lane, kind, how = back - 0.5 * feature.lane.nominal, feature.kind, "profilometer, ISO 5436-1 A1"
+        lane, kind, how = (
+            back - 0.5 * feature.lane.nominal,
+            feature.kind,
+            "profilometer, ISO 5436-1 A1",
+        )
         side = 1.0 if kind == "groove" else -1.0
         near, width = side * feature.distance.nominal, side * feature.width.nominal
         middle = near + 0.5 * width
@@ -149,7 +216,14 @@ class StepBlock(Block):
         yield toleranced(f"{kind}_length", "distance", feature.lane, *ends)
         if self.edge_radius.nominal < H:
             at, name = (plane(0, 0.0, y=-0.5 * back), walls[0]), f"{kind} from edge"
-            yield toleranced(f"{kind}_distance", "distance", feature.distance, *at, label=name, method="profilometer")
+            yield toleranced(
+                f"{kind}_distance",
+                "distance",
+                feature.distance,
+                *at,
+                label=name,
+                method="profilometer",
+            )
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         low, high = mesh.level_beside(0.0, -1), mesh.level_beside(self.edge_radius.nominal, +1)
@@ -165,20 +239,56 @@ class StepBlock(Block):
 
     @rules_validator
     def _is_possible(self) -> Iterator[str]:
-        height, radius, body, feature = self.height.nominal, self.edge_radius.nominal, self.body, self.metrology
-        tip_is_free = self.energy_tolerance is not None and self.energy_tolerance.ball_radius is None
+        height, radius, body, feature = (
+            self.height.nominal,
+            self.edge_radius.nominal,
+            self.body,
+            self.metrology,
+        )
+        tip_is_free = (
+            self.energy_tolerance is not None and self.energy_tolerance.ball_radius is None
+        )
         yield energy_tolerance_lacks(self.energy_tolerance, self.sizes, tip_is_free)
         yield must(radius <= height, "edge_radius", "not exceed height", height, radius)
-        chamfer, rule = body.edge_break.nominal, "be smaller than edge_break, or the chamfers of the two faces part"
+        chamfer, rule = (
+            body.edge_break.nominal,
+            "be smaller than edge_break, or the chamfers of the two faces part",
+        )
         yield must(height < chamfer or chamfer == 0.0, "height", rule, chamfer, height)
         yield below("height", "be below half the thickness", height, 0.5 * body.thickness.nominal)
-        width, distance, lane = feature.width.nominal, feature.distance.nominal, feature.lane.nominal
-        room, reach, least = 0.5 * body.length.nominal - chamfer, distance + 2.0 * width, width + radius
-        yield must(reach <= room, "metrology.width", "leave a plane face of its own width on either side", room, reach)
-        yield must(distance >= least, "metrology.distance", "be at least its width plus edge_radius", least, distance)
+        width, distance, lane = (
+            feature.width.nominal,
+            feature.distance.nominal,
+            feature.lane.nominal,
+        )
+        room, reach, least = (
+            0.5 * body.length.nominal - chamfer,
+            distance + 2.0 * width,
+            width + radius,
+        )
+        yield must(
+            reach <= room,
+            "metrology.width",
+            "leave a plane face of its own width on either side",
+            room,
+            reach,
+        )
+        yield must(
+            distance >= least,
+            "metrology.distance",
+            "be at least its width plus edge_radius",
+            least,
+            distance,
+        )
         half = 0.5 * body.width.nominal
         if body.mounting.kind == "clearance":
             bore = 0.5 * body.mounting.entry_diameter
-            yield must(half - lane > bore, "metrology.lane", "keep clear of the counterbores", half - bore, lane)
+            yield must(
+                half - lane > bore,
+                "metrology.lane",
+                "keep clear of the counterbores",
+                half - bore,
+                lane,
+            )
         yield from self.require_engravable()
         yield below("metrology.lane", "leave half the width to the drag", lane, half)

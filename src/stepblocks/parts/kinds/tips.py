@@ -12,9 +12,26 @@ from stepblocks.contact.kernels import locking_height
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, plane, toleranced
 from stepblocks.parts.declared import MaterialField, must, rules_validator, usual
-from stepblocks.parts.energy_tolerance import EnergyToleranceField, described, energy_tolerance_lacks
-from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Finding, HeldPart, MeasuredMesh
-from stepblocks.parts.revolution import Outline, Point3, Turned, revolution_volume, ring, turned_hull
+from stepblocks.parts.energy_tolerance import (
+    EnergyToleranceField,
+    described,
+    energy_tolerance_lacks,
+)
+from stepblocks.parts.kind import (
+    COARSE_DEFLECTION,
+    CONTACT_DEFLECTION,
+    Finding,
+    HeldPart,
+    MeasuredMesh,
+)
+from stepblocks.parts.revolution import (
+    Outline,
+    Point3,
+    Turned,
+    revolution_volume,
+    ring,
+    turned_hull,
+)
 from stepblocks.parts.shapes import hull
 from stepblocks.parts.tolerance import Angle, FeltPositiveLength, PositiveLength
 from stepblocks.quantities import format_quantity
@@ -30,10 +47,13 @@ class Tip(Turned, HeldPart):
     governed_by: ClassVar[str] = "ball_radius"
 
     ball_radius: FeltPositiveLength = usual(otherwise="2 um")  # R of the contact sphere [m]
-    cone_angle: Angle = usual("8 deg", "0.5 deg")  # half angle of the cone, tangent to the ball [rad]
+    cone_angle: Angle = usual(
+        "8 deg", "0.5 deg"
+    )  # half angle of the cone, tangent to the ball [rad]
     shank_radius: PositiveLength  # at the end of the cone [m]
     material: MaterialField = usual("stainless")
-    # of the vibration energy on the steps of the set, where the ball's tolerance shall follow from it
+    # of the vibration energy on the steps of the set, where the ball's tolerance shall follow from
+    # it
     energy_tolerance: EnergyToleranceField | None = None
 
     @property
@@ -51,9 +71,16 @@ class Tip(Turned, HeldPart):
     def outline(self) -> Outline:
         """Half section of ball and cone up to the axis; the contact point is the origin."""
         R, half = self.ball_radius.nominal, self.cone_angle.nominal
-        middle = 0.5 * (0.5 * math.pi - half)  # polar angle from the contact point to halfway up the ball
+        middle = 0.5 * (
+            0.5 * math.pi - half
+        )  # polar angle from the contact point to halfway up the ball
         bow = R * math.sin(middle), R * (1.0 - math.cos(middle))
-        return [(0.0, 0.0), (bow, self.cone_start), (self.shank_radius.nominal, self.cone_end), (0.0, self.cone_end)]
+        return [
+            (0.0, 0.0),
+            (bow, self.cone_start),
+            (self.shank_radius.nominal, self.cone_end),
+            (0.0, self.cone_end),
+        ]
 
     def outlines(self) -> list[Outline]:
         return [self.outline()]
@@ -68,7 +95,9 @@ class Tip(Turned, HeldPart):
         shank = FaceRule("CYLINDER", radius=self.shank_radius.nominal)
         yield toleranced("shank_diameter", "diameter", self.shank_radius, shank).doubled
         cone, label = FaceRule("CONE"), "cone angle, included"
-        yield toleranced("cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope").doubled
+        yield toleranced(
+            "cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope"
+        ).doubled
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         R = self.ball_radius.nominal
@@ -83,14 +112,25 @@ class Tip(Turned, HeldPart):
 
     def derived(self) -> list[list[str]]:
         ball, mu = self.ball_radius.nominal, PAPER.friction
-        sticks, riser = (format_quantity(height, "length", 3) for height in (float(locking_height(ball, mu)), ball))
-        held = [["locks", f"on steps from {sticks} at mu {mu:g}; from {riser} its ball meets the riser"]]
+        sticks, riser = (
+            format_quantity(height, "length", 3)
+            for height in (float(locking_height(ball, mu)), ball)
+        )
+        held = [
+            ["locks", f"on steps from {sticks} at mu {mu:g}; from {riser} its ball meets the riser"]
+        ]
         return held + described(self.energy_tolerance)
 
     @rules_validator
     def _is_possible(self) -> Iterator[str]:
-        R, shank, half = self.ball_radius.nominal, self.shank_radius.nominal, self.cone_angle.nominal
-        yield energy_tolerance_lacks(self.energy_tolerance, {"ball_radius": self.ball_radius}, False)
+        R, shank, half = (
+            self.ball_radius.nominal,
+            self.shank_radius.nominal,
+            self.cone_angle.nominal,
+        )
+        yield energy_tolerance_lacks(
+            self.energy_tolerance, {"ball_radius": self.ball_radius}, False
+        )
         if self.energy_tolerance is not None and self.energy_tolerance.ball_radius is not None:
             yield "energy_tolerance.ball_radius is for blocks; a tip states it in ball_radius itself"
         if not 0.0 < half < 0.25 * math.pi:
@@ -104,7 +144,9 @@ class StraightTip(Tip):
     stanza: ClassVar[str] = "straight_tip"
     called: ClassVar[str] = "straight probe tip"
 
-    shank_radius: PositiveLength = usual("1.175 mm", "+0 mm / -0.016 mm", source="ISO 1797 type 1 shank, 2.35 mm")
+    shank_radius: PositiveLength = usual(
+        "1.175 mm", "+0 mm / -0.016 mm", source="ISO 1797 type 1 shank, 2.35 mm"
+    )
     length: PositiveLength = usual("40 mm")  # from the contact point to the end of the shank [m]
 
     def outline(self) -> Outline:
@@ -118,7 +160,9 @@ class StraightTip(Tip):
     def characteristics(self) -> Iterator[Characteristic]:
         yield from super().characteristics()
         at = plane(2, self.length.nominal), FaceRule("SPHERE", radius=self.ball_radius.nominal)
-        yield toleranced("length", "distance", self.length, *at, label="length from the contact point")
+        yield toleranced(
+            "length", "distance", self.length, *at, label="length from the contact point"
+        )
 
     @rules_validator
     def _has_a_shank(self) -> Iterator[str]:
@@ -134,12 +178,18 @@ class HookTip(Tip):
 
     shank_radius: PositiveLength = usual("0.5 mm", "0.02 mm")
     bend_radius: PositiveLength = usual("4 mm")  # of the bend at the wire's axis [m]
-    bend_angle: Angle = usual("75 deg", "1 deg")  # through which the wire is bent [rad], in degrees up to below 180
+    bend_angle: Angle = usual(
+        "75 deg", "1 deg"
+    )  # through which the wire is bent [rad], in degrees up to below 180
     straight_length: PositiveLength = usual("20 mm")  # of the shank beyond the bend [m]
 
     def solids(self) -> list[cad.door.Body]:
         top, wire = self.cone_end, self.shank_radius.nominal
-        bend, angle, length = self.bend_radius.nominal, self.bend_angle.nominal, self.straight_length.nominal
+        bend, angle, length = (
+            self.bend_radius.nominal,
+            self.bend_angle.nominal,
+            self.straight_length.nominal,
+        )
         foot, axis = (bend, 0.0, top), (0.0, 1e-3, 0.0)
         section = cad.kernel.circle((0.0, 0.0, top), (wire, 0.0, 0.0), (0.0, wire, 0.0))
         arc = cad.kernel.revolved(section, foot, axis, math.degrees(angle))
@@ -161,34 +211,58 @@ class HookTip(Tip):
 
         def section(turn: float, along: float = 0.0) -> list[Point3]:
             c, s, wire = math.cos(turn), math.sin(turn), ring(self.shank_radius.nominal, 0.0)
-            return [(bend - (bend - x) * c + along * s, y, top + (bend - x) * s + along * c) for x, y, _ in wire]
+            return [
+                (bend - (bend - x) * c + along * s, y, top + (bend - x) * s + along * c)
+                for x, y, _ in wire
+            ]
 
         turns = np.linspace(0.0, angle, _BEND_PIECES + 1)
-        bent = [hull([*section(float(a)), *section(float(b))]) for a, b in itertools.pairwise(turns)]
+        bent = [
+            hull([*section(float(a)), *section(float(b))]) for a, b in itertools.pairwise(turns)
+        ]
         shank = hull([*section(angle), *section(angle, self.straight_length.nominal)])
         return [turned_hull(self.outline()), *bent, shank]
 
     def characteristics(self) -> Iterator[Characteristic]:
         yield from super().characteristics()
-        angle, bend, straight = self.bend_angle.nominal, self.bend_radius.nominal, self.straight_length.nominal
-        wire, cone, ring = FaceRule("CYLINDER", radius=self.shank_radius.nominal), FaceRule("CONE"), FaceRule("TORUS")
+        angle, bend, straight = (
+            self.bend_angle.nominal,
+            self.bend_radius.nominal,
+            self.straight_length.nominal,
+        )
+        wire, cone, ring = (
+            FaceRule("CYLINDER", radius=self.shank_radius.nominal),
+            FaceRule("CONE"),
+            FaceRule("TORUS"),
+        )
         yield toleranced("bend_radius", "radius", self.bend_radius, ring, method="microscope")
         yield toleranced("bend_angle", "angle", self.bend_angle, cone, wire, method="microscope")
         x = bend * (1.0 - math.cos(angle)) + straight * math.sin(angle)
         z = self.cone_end + bend * math.sin(angle) + straight * math.cos(angle)
         square = math.isclose(angle, 0.5 * math.pi)
         end = plane(0, x, z=z) if square else FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
-        yield toleranced("straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire))
+        yield toleranced(
+            "straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire)
+        )
 
     @rules_validator
     def _can_be_bent(self) -> Iterator[str]:
         if self.bend_angle.nominal <= 0.0:
             yield "bend_angle must be above 0 deg, got 0 deg"
             return
-        shank, bend, angle = self.shank_radius.nominal, self.bend_radius.nominal, self.bend_angle.nominal
+        shank, bend, angle = (
+            self.shank_radius.nominal,
+            self.bend_radius.nominal,
+            self.bend_angle.nominal,
+        )
         yield must(bend > shank, "bend_radius", "exceed shank_radius", shank, bend)
-        end = self.cone_end + bend * math.sin(angle) + self.straight_length.nominal * math.cos(angle)
+        end = (
+            self.cone_end + bend * math.sin(angle) + self.straight_length.nominal * math.cos(angle)
+        )
         lowest = end - shank * math.sin(angle)
         if lowest <= 0.0:
-            got = f"got {format_quantity(angle, 'angle')}, which brings it to {format_quantity(lowest, 'length')}"
+            got = (
+                f"got {format_quantity(angle, 'angle')}, which brings it to "
+                f"{format_quantity(lowest, 'length')}"
+            )
             yield f"bend_angle must keep the shank above the contact point, {got}"

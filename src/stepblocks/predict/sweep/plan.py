@@ -23,10 +23,20 @@ from stepblocks.text_file import read_document
 # dimensions of a counterface, and the parameters of a sweep that stand for them
 SURFACES: dict[str, dict[str, str]] = {
     "step": {"height": "height", "edge_radius": "edge_radius"},
-    "margin": {"gap": "marginal_gap", "rise": "horizontal_discrepancy", "opening": "vertical_discrepancy"},
+    "margin": {
+        "gap": "marginal_gap",
+        "rise": "horizontal_discrepancy",
+        "opening": "vertical_discrepancy",
+    },
 }
-_GIVEN_OTHERWISE = {"tip": "tips as tip_radius", "sheath": "what a sheath makes of the probe as stiffness"}
-DIRECTIONS = ("tooth-to-crown", "crown-to-tooth")  # ways of a drag over a margin; a plan holds their places
+_GIVEN_OTHERWISE = {
+    "tip": "tips as tip_radius",
+    "sheath": "what a sheath makes of the probe as stiffness",
+}
+DIRECTIONS = (
+    "tooth-to-crown",
+    "crown-to-tooth",
+)  # ways of a drag over a margin; a plan holds their places
 _SQUARE = math.inf  # stands for "as the gap": the end of the crown is square
 
 # each parameter's dimension, and its value where a sweep does not name it (None: it must)
@@ -74,7 +84,9 @@ class SweepPlan:
     ranges: dict[str, list[float]]  # by name: low and high of a random design [SI]
     spreads: dict[str, float]  # by name: standard uncertainty of a draw [SI]
     shares: dict[str, float]  # by name: standard uncertainty of a draw as a share of the value [1]
-    stimuli: list[dict[str, Any]]  # of a set that the sweep goes over, see `axes.stimuli_of`; empty without a set
+    stimuli: list[
+        dict[str, Any]
+    ]  # of a set that the sweep goes over, see `axes.stimuli_of`; empty without a set
     limits: dict[str, float]  # tangential forces beyond which a tip does not slip, by name [N]
 
     @property
@@ -96,7 +108,11 @@ class SweepPlan:
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
-_CHOICES = {"kind": ("grid", "random"), "mode": ("static", "drag"), "surface": ("step", "margin")}  # defaults first
+_CHOICES = {
+    "kind": ("grid", "random"),
+    "mode": ("static", "drag"),
+    "surface": ("step", "margin"),
+}  # defaults first
 _HEAD = (*_CHOICES, "set", "rows", "seed", "rows_per_partition")
 
 
@@ -122,7 +138,9 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
     chosen = dict(head)
     for name, known in _CHOICES.items():
         if chosen.setdefault(name, known[0]) not in known:
-            mistakes.append(("", f"{name} must be {known[0]} or {known[1]}, got {chosen[name]!r} [sweep]"))
+            mistakes.append(
+                ("", f"{name} must be {known[0]} or {known[1]}, got {chosen[name]!r} [sweep]")
+            )
             chosen[name] = known[0]
     kind, mode, surface = (str(chosen[name]) for name in _CHOICES)
     stimuli: list[dict[str, Any]] = []
@@ -132,21 +150,38 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
     limits = dict(vars(SHIPPED_LIMITS))
     if "set" in head:
         if "surface" in head:
-            raise PipelineError("surface must not be given beside set, which says what its stimuli are [sweep]")
+            raise PipelineError(
+                "surface must not be given beside set, which says what its stimuli are [sweep]"
+            )
         tolerances = draws.get("tolerances", False)
         if not isinstance(head["set"], str) or not isinstance(tolerances, bool):
-            raise PipelineError("set must be the path of a stimulus file and tolerances true or false [sweep], [draws]")
-        surface, stimuli, grid = stimuli_of(folder / head["set"], parameters.get("stimulus"), tolerances)
+            raise PipelineError(
+                "set must be the path of a stimulus file and tolerances true or false [sweep], "
+                "[draws]"
+            )
+        surface, stimuli, grid = stimuli_of(
+            folder / head["set"], parameters.get("stimulus"), tolerances
+        )
         declared, limits = setting_of(grid), dict(vars(grid.as_tool().limits))
         if tolerances:
             shares = rectangular({name: width for name, width in grid.tolerances if width > 0.0})
-            spreads = {name: shares.pop(name) for name in ("tip_radius", "friction", "frequency") if name in shares}
+            spreads = {
+                name: shares.pop(name)
+                for name in ("tip_radius", "friction", "frequency")
+                if name in shares
+            }
     elif "tolerances" in draws:
         mistakes.append(("[draws]", "tolerances are those of a set: name it with set"))
     names = PARAMETERS[surface]
-    taken = set(stimuli[0]["values"]) | {"height", "edge_radius", "vertical_discrepancy"} if stimuli else set()
+    taken = (
+        set(stimuli[0]["values"]) | {"height", "edge_radius", "vertical_discrepancy"}
+        if stimuli
+        else set()
+    )
     open_names = [name for name in names if name not in taken]
-    mistakes += unknown_names(parameters, (*(["stimulus"] if stimuli else []), *open_names), "[parameters]")
+    mistakes += unknown_names(
+        parameters, (*(["stimulus"] if stimuli else []), *open_names), "[parameters]"
+    )
     mistakes += unknown_names(draws, ("count", "tolerances", *names), "[draws]")
     values: dict[str, list[float]] = {}
     ranges: dict[str, list[float]] = {}
@@ -166,7 +201,9 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
         if kind == "random":
             points = _count("rows", head.get("rows"), "sweep")
         elif "rows" in head:
-            raise PipelineError("rows must not be given for a grid, its axes say how many there are [sweep]")
+            raise PipelineError(
+                "rows must not be given for a grid, its axes say how many there are [sweep]"
+            )
     with noted(mistakes):
         count = _count("count", draws.get("count", 1), "draws")
     for name in (name for name in names if name in draws):
@@ -175,27 +212,57 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
     if any(value < 0.0 for value in spreads.values()):
         mistakes.append(("[draws]", "standard uncertainties must not be negative"))
     given = {*values, *ranges, *parameters}
-    for name in (name for name in spreads if name == "direction" or (not stimuli and name not in given)):
+    for name in (
+        name for name in spreads if name == "direction" or (not stimuli and name not in given)
+    ):
         mistakes.append(("[draws]", f"{name} cannot be drawn about a value that is not given"))
     shares = {name: share for name, share in shares.items() if name not in spreads}
     seed = head.get("seed", 0)
     if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
         mistakes.append(("[sweep]", f"seed must be a whole number of 0 or more, got {seed!r}"))
     if points * count > _MOST_ROWS:
-        mistakes.append(("", f"sweep has {points * count} rows and must not have more than {_MOST_ROWS}"))
+        mistakes.append(
+            ("", f"sweep has {points * count} rows and must not have more than {_MOST_ROWS}")
+        )
     with noted(mistakes):
-        size = _count("rows_per_partition", head.get("rows_per_partition", 1000), "sweep", _MOST_ROWS_OF_PARTITION)
-    return SweepPlan(kind, mode, surface, points, count, seed, size, values, ranges, spreads, shares, stimuli, limits)
+        size = _count(
+            "rows_per_partition",
+            head.get("rows_per_partition", 1000),
+            "sweep",
+            _MOST_ROWS_OF_PARTITION,
+        )
+    return SweepPlan(
+        kind,
+        mode,
+        surface,
+        points,
+        count,
+        seed,
+        size,
+        values,
+        ranges,
+        spreads,
+        shares,
+        stimuli,
+        limits,
+    )
 
 
 def _read(
-    name: str, given: Any, dimension: str, kind: str, values: dict[str, list[float]], ranges: dict[str, list[float]]
+    name: str,
+    given: Any,
+    dimension: str,
+    kind: str,
+    values: dict[str, list[float]],
+    ranges: dict[str, list[float]],
 ) -> None:
     """Read a constant, a list, or a range into `values` or `ranges`."""
     if not isinstance(given, dict):
         listed = given if isinstance(given, list) else [given]
         if not 0 < len(listed) <= _MOST_VALUES:
-            raise PipelineError(f"{name} must list 1 to {_MOST_VALUES} values, got {len(listed)} [parameters]")
+            raise PipelineError(
+                f"{name} must list 1 to {_MOST_VALUES} values, got {len(listed)} [parameters]"
+            )
         values[name] = [_quantity(name, item, dimension, "parameters") for item in listed]
     else:
         if unknown := unknown_names(given, ("from", "to", "count")):
@@ -203,7 +270,9 @@ def _read(
         if not {"from", "to"} <= set(given):
             raise PipelineError(f"{name} must have from and to [parameters]")
         if dimension == "direction":
-            raise PipelineError(f"direction must be {' or '.join(DIRECTIONS)}, or a list of both [parameters]")
+            raise PipelineError(
+                f"direction must be {' or '.join(DIRECTIONS)}, or a list of both [parameters]"
+            )
         low, high = (_quantity(name, given[end], dimension, "parameters") for end in ("from", "to"))
         if not low < high:
             raise PipelineError(f"{name} must rise from its from to its to [parameters]")
@@ -217,7 +286,9 @@ def _read(
 def _quantity(name: str, given: Any, dimension: str, place: str) -> float:
     if dimension == "direction":
         if given not in DIRECTIONS:
-            raise PipelineError(f"direction must be {' or '.join(DIRECTIONS)}, got {given!r} [{place}]")
+            raise PipelineError(
+                f"direction must be {' or '.join(DIRECTIONS)}, got {given!r} [{place}]"
+            )
         return float(DIRECTIONS.index(given))
     try:
         return parse_quantity(given, dimension)
@@ -227,7 +298,9 @@ def _quantity(name: str, given: Any, dimension: str, place: str) -> float:
 
 def _count(name: str, given: Any, place: str, most: int = _MOST_ROWS) -> int:
     if not isinstance(given, int) or isinstance(given, bool) or not 1 <= given <= most:
-        raise PipelineError(f"{name} must be a whole number from 1 to {most}, got {given!r} [{place}]")
+        raise PipelineError(
+            f"{name} must be a whole number from 1 to {most}, got {given!r} [{place}]"
+        )
     return given
 
 
@@ -238,13 +311,19 @@ def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dict[str, Any]], PredictionGrid]:
+def stimuli_of(
+    path: Path, wanted: Any, tolerances: bool
+) -> tuple[str, list[dict[str, Any]], PredictionGrid]:
     """Read the stimuli that a sweep goes over."""
     declared = load_declared(path)
     known = {part.id: part for part in declared.stimuli}
     if wanted is None:
         wanted = [part.id for part in declared.stimuli if part.crossed]
-    elif not isinstance(wanted, list) or not wanted or not all(isinstance(name, str) for name in wanted):
+    elif (
+        not isinstance(wanted, list)
+        or not wanted
+        or not all(isinstance(name, str) for name in wanted)
+    ):
         raise PipelineError(f"stimulus must be a list of identities, got {wanted!r} [parameters]")
     if missing := [name for name in wanted if name not in known]:
         raise PipelineError(f"stimulus must be declared in {path}, got {missing[0]!r} [parameters]")
@@ -252,19 +331,33 @@ def stimuli_of(path: Path, wanted: Any, tolerances: bool) -> tuple[str, list[dic
     kinds = {_surface(part) for part in chosen}
     if len(kinds) != 1:
         got = ", ".join(sorted(kinds)) or "none"
-        raise PipelineError(f"stimulus must be of one kind: step blocks, or crown margins; got {got} in {path}")
+        raise PipelineError(
+            f"stimulus must be of one kind: step blocks, or crown margins; got {got} in {path}"
+        )
     (surface,) = kinds
     if surface in _GIVEN_OTHERWISE:
-        raise PipelineError(f"a sweep goes over blocks or crowns; give {_GIVEN_OTHERWISE[surface]} [parameters]")
+        raise PipelineError(
+            f"a sweep goes over blocks or crowns; give {_GIVEN_OTHERWISE[surface]} [parameters]"
+        )
     if surface not in SURFACES:
         raise PipelineError(f"a sweep goes over blocks or crowns, got a {surface} in {path}")
-    return surface, [_axis_point(part, SURFACES[surface], tolerances) for part in chosen], declared.prediction
+    return (
+        surface,
+        [_axis_point(part, SURFACES[surface], tolerances) for part in chosen],
+        declared.prediction,
+    )
 
 
 def setting_of(grid: PredictionGrid) -> dict[str, list[float]]:
     """Return the values of the conditions that a set declares."""
-    of_tool = {name: [getattr(grid.tool, name)] for name in ("stiffness", "conversion", "frequency")}
-    listed = {"tip_radius": grid.tip_radii, "normal_load": grid.normal_loads, "friction": grid.frictions}
+    of_tool = {
+        name: [getattr(grid.tool, name)] for name in ("stiffness", "conversion", "frequency")
+    }
+    listed = {
+        "tip_radius": grid.tip_radii,
+        "normal_load": grid.normal_loads,
+        "friction": grid.frictions,
+    }
     return {name: list(values) for name, values in listed.items()} | of_tool
 
 
@@ -272,11 +365,15 @@ def _surface(part: Part) -> str:
     """Find the surface whose dimensions a part has."""
     if not part.crossed:
         return "tip" if part.ball is not None else "sheath"
-    return next((name for name, columns in SURFACES.items() if set(part.sizes) <= set(columns)), part.called)
+    return next(
+        (name for name, columns in SURFACES.items() if set(part.sizes) <= set(columns)), part.called
+    )
 
 
 def _axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> dict[str, Any]:
     named = {columns[name]: part.sizes[name] for name in columns if name in part.sizes}
     values = {name: middle_of(one) if tolerances else one.nominal for name, one in named.items()}
-    spreads = rectangular({name: half_width(one) for name, one in named.items()}) if tolerances else {}
+    spreads = (
+        rectangular({name: half_width(one) for name, one in named.items()}) if tolerances else {}
+    )
     return {"id": part.id, "values": values, "spreads": spreads}

@@ -1,7 +1,8 @@
 """Run a sweep: a plan in, partitioned Parquet out, on this machine or on a cluster that exists."""
 
-# A partition is a pure function of the plan and its number, written beside its place and renamed: workers may die, runs may
-# be interrupted, and what is finished stays. The rows do not depend on how they are partitioned.
+# A partition is a pure function of the plan and its number, written beside its place and renamed:
+# workers may die, runs may be interrupted, and what is finished stays. The rows do not depend on
+# how they are partitioned.
 
 from __future__ import annotations
 
@@ -38,7 +39,14 @@ _UNITS = {
     "direction": "",
 }
 _STATIC = ("status", "critical_angle_rad", "peak_force_n", "vibration_energy_j")
-_DRAG = ("status", "peak_force_n", "vibration_energy_j", "share", "ring_s", "ledger_error")  # after ``drag_``
+_DRAG = (
+    "status",
+    "peak_force_n",
+    "vibration_energy_j",
+    "share",
+    "ring_s",
+    "ledger_error",
+)  # after ``drag_``
 
 
 def sweep(
@@ -56,7 +64,8 @@ def sweep(
     plan : SweepPlan, str or Path
         What to compute, or its TOML file.
     output : str or Path
-        Where the partitions go, ``part-00000000.parquet`` and on. A folder of another plan is refused.
+        Where the partitions go, ``part-00000000.parquet`` and on. A folder of another plan is
+        refused.
     jobs : int
         Local processes; 1 computes in this one, without Dask.
     scheduler : str, optional
@@ -72,8 +81,8 @@ def sweep(
     Raises
     ------
     PipelineError
-        If the plan cannot be read, the folder belongs to another one, an extra is not installed, or the scheduler does
-        not answer.
+        If the plan cannot be read, the folder belongs to another one, an extra is not installed, or
+        the scheduler does not answer.
     """
     plan = plan if isinstance(plan, SweepPlan) else load_sweep(Path(plan))
     folder = Path(output)
@@ -82,7 +91,9 @@ def sweep(
     with alone_in(folder):
         _claim(plan, folder)
         missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
-        for k in missing:  # what is damaged is ours, whatever it holds now: the plan beside it says so
+        for (
+            k
+        ) in missing:  # what is damaged is ours, whatever it holds now: the plan beside it says so
             _path(folder, k).unlink(missing_ok=True)
         if scheduler is None and jobs <= 1:
             for k in missing:
@@ -132,7 +143,9 @@ def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
     return len(rows)
 
 
-def _submit(client: Any, plan: SweepPlan, folder: Path, missing: list[int], report: Callable[[int], None]) -> None:
+def _submit(
+    client: Any, plan: SweepPlan, folder: Path, missing: list[int], report: Callable[[int], None]
+) -> None:
     """Keep a few partitions per worker in flight, so that neither scheduler nor workers hold more than that."""
     from distributed import as_completed
 
@@ -141,7 +154,9 @@ def _submit(client: Any, plan: SweepPlan, folder: Path, missing: list[int], repo
 
     def submit(number: int) -> Any:
         key = f"stepblocks-{plan.digest[:16]}-{number}"
-        return client.submit(write_partition, plan, number, folder.absolute(), key=key, pure=False, retries=5)
+        return client.submit(
+            write_partition, plan, number, folder.absolute(), key=key, pure=False, retries=5
+        )
 
     flying = as_completed([submit(k) for k in islice(waiting, ahead)], loop=client.loop)
     for future in flying:
@@ -163,25 +178,35 @@ def _client(jobs: int, scheduler: str | None) -> Client:
             raise PipelineError(f"scheduler {scheduler!r} does not answer: {error}") from error
     # a worker that dies is no fault of its partition: let it be tried again elsewhere
     dask.config.set({"distributed.scheduler.allowed-failures": 20})
-    cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None)
+    cluster = LocalCluster(
+        n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None
+    )
     return Client(cluster, set_as_default=False)
 
 
 def _claim(plan: SweepPlan, folder: Path) -> None:
     """Write the resolved plan into the folder, or make sure that the one that lies there is the same."""
     path = folder / _PLAN_FILE
-    text = json.dumps({"digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}, indent=1, sort_keys=True)
+    text = json.dumps(
+        {"digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}, indent=1, sort_keys=True
+    )
     if path.exists():
         try:
             known = json.loads(path.read_text(encoding="utf-8")).get("digest")
         except (OSError, ValueError, AttributeError) as error:
-            raise PipelineError(f"{_PLAN_FILE} cannot be read; choose another folder [{folder}]") from error
+            raise PipelineError(
+                f"{_PLAN_FILE} cannot be read; choose another folder [{folder}]"
+            ) from error
         if known != plan.digest:
             whose = "another sweep, or of another version of stepblocks"
-            raise PipelineError(f"folder holds the result of {whose}; choose another folder [{folder}]")
+            raise PipelineError(
+                f"folder holds the result of {whose}; choose another folder [{folder}]"
+            )
         return
     if any(folder.glob("part-*.parquet")):
-        raise PipelineError(f"folder holds partitions without {_PLAN_FILE}; choose another folder [{folder}]")
+        raise PipelineError(
+            f"folder holds partitions without {_PLAN_FILE}; choose another folder [{folder}]"
+        )
     replace_text(path, text + "\n")
 
 
@@ -194,7 +219,9 @@ def _require_extra(dask: bool) -> None:
 
     for name in ("pyarrow", *(("distributed",) if dask else ())):
         if find_spec(name) is None:
-            raise PipelineError(f"a sweep needs {name}: install the extra with pip install 'stepblocks[sweep]'")
+            raise PipelineError(
+                f"a sweep needs {name}: install the extra with pip install 'stepblocks[sweep]'"
+            )
 
 
 def design_row(plan: SweepPlan, row: int) -> dict[str, float]:
@@ -245,12 +272,16 @@ def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
     try:
         face = _face(plan.surface, inputs)
         tool = Tool(inputs["stiffness"], inputs["conversion"], limits=Limits(**plan.limits))
-        point = OperatingPoint(inputs["tip_radius"], inputs["normal_load"], inputs["friction"], tool)
+        point = OperatingPoint(
+            inputs["tip_radius"], inputs["normal_load"], inputs["friction"], tool
+        )
         backward = bool(inputs.get("direction", 0.0))
         release = face.release(point, backward)
         found = str(release.status), release.angle, release.pull_force, release.vibration_energy
         result |= zip(_STATIC, found, strict=True)
-        if plan.mode == "drag" and (release.status.beyond or release.status in (Status.TOO_HIGH, Status.NO_CATCH)):
+        if plan.mode == "drag" and (
+            release.status.beyond or release.status in (Status.TOO_HIGH, Status.NO_CATCH)
+        ):
             result["drag_status"] = str(release.status)
         elif plan.mode == "drag":
             result |= _dragged(face, point, backward, inputs)
@@ -265,9 +296,13 @@ def _face(surface: str, inputs: dict[str, float]) -> Counterface:
     return Step(**sizes) if surface == "step" else Margin(**{"opening": sizes["gap"]} | sizes)
 
 
-def _dragged(face: Counterface, point: OperatingPoint, backward: bool, inputs: dict[str, float]) -> dict[str, Any]:
+def _dragged(
+    face: Counterface, point: OperatingPoint, backward: bool, inputs: dict[str, float]
+) -> dict[str, Any]:
     point = replace(point, tool=replace(point.tool, frequency=inputs["frequency"]))
-    trace, ring = dragged(face, point, backward, inputs["speed"], damping_ratio=inputs["damping_ratio"])
+    trace, ring = dragged(
+        face, point, backward, inputs["speed"], damping_ratio=inputs["damping_ratio"]
+    )
     felt = (trace.peak_force, ring.energy, ring.share, ring.duration) if ring else (math.nan,) * 4
     found = str(trace.status), *felt, trace.ledger_error
     return {f"drag_{name}": one for name, one in zip(_DRAG, found, strict=True)}

@@ -25,8 +25,14 @@ def _write_set(folder: Path, scenes: Sequence[Scene], beside: str) -> None:
 
 def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None:
     """Write a program that takes a device, or drags by a virtual hand."""
-    far = {file: 0.5 if one.events[0].status is Status.NO_CATCH else 10.0 for file, one in scenes.items()}
-    blocks = [{"file": file, "pull": far[file] * one.point.normal_load, "scene": one} for file, one in scenes.items()]
+    far = {
+        file: 0.5 if one.events[0].status is Status.NO_CATCH else 10.0
+        for file, one in scenes.items()
+    }
+    blocks = [
+        {"file": file, "pull": far[file] * one.point.normal_load, "scene": one}
+        for file, one in scenes.items()
+    ]
     for file in ("CMakeLists.txt", "ReleaseRing.h", "StepBlock.h", "blocks.cpp"):
         fill(folder / file, name=name, blocks=blocks)
 
@@ -38,19 +44,32 @@ CHAI3D = SceneFormat(
     write=_write,
     write_set=_write_set,
     run=(
-        "Build `blocks.cpp` against your CHAI3D (its second line says how); `echo 1 | build/blocks --blocks .` lets a virtual hand "
-        "drag the proxy over the edge and prints the peak beside the formula, `--device 0` takes a device. In a program of your own "
-        'load `block.obj` into a `cMultiMesh`, `#include "StepBlock.h"` and call `stepblock::prepare(object, tool)` once: it sets the '
-        "contact and attaches the ring. `-blocks` beside the blocks of a set is the same program: keys switch the blocks."
+        "Build `blocks.cpp` against your CHAI3D (its second line says how); `echo 1 | "
+        "build/blocks --blocks .` lets a virtual hand "
+        "drag the proxy over the edge and prints the peak beside the formula, `--device 0` "
+        "takes "
+        "a device. In a program of your own "
+        'load `block.obj` into a `cMultiMesh`, `#include "StepBlock.h"` and call '
+        "`stepblock::prepare(object, tool)` once: it sets the "
+        "contact and attaches the ring. `-blocks` beside the blocks of a set is the same "
+        "program: "
+        "keys switch the blocks."
     ),
     settings=(
-        "millimetres, and a proxy epsilon of 1e-6: in metres with its default the proxy is wrong by up to 75 %",
-        "one workspace unit must be one millimetre: set the tool's workspace scale factor accordingly",
+        "millimetres, and a proxy epsilon of 1e-6: in metres with its default the proxy is "
+        "wrong "
+        "by up to 75 %",
+        "one workspace unit must be one millimetre: set the tool's workspace scale factor "
+        "accordingly",
         "every face is wound outwards and every index positive: other faces load and give no force",
-        "its own vibration effect is a steady sine; `ReleaseRing.h` is a decaying one, fired when the proxy leaves the notch",
+        "its own vibration effect is a steady sine; `ReleaseRing.h` is a decaying one, "
+        "fired "
+        "when "
+        "the proxy leaves the notch",
     ),
     verified=(
-        "OBJ and STL are read back and measured by the test suite; `blocks.cpp` was compiled against CHAI3D 3.3 and run without device "
+        "OBJ and STL are read back and measured by the test suite; `blocks.cpp` was compiled "
+        "against CHAI3D 3.3 and run without device "
         "or display for the table of docs/simulators.md; not run on a device."
     ),
 )

@@ -14,12 +14,21 @@ from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 Array = NDArray[np.float64]
 _ROWS = 2000
-_PATH = {"x_m": "x", "z_m": "z", "slope_start": "first", "slope_end": "last", "holds_up": "up", "holds_down": "down"}
+_PATH = {
+    "x_m": "x",
+    "z_m": "z",
+    "slope_start": "first",
+    "slope_end": "last",
+    "holds_up": "up",
+    "holds_down": "down",
+}
 
 
 def _write(folder: Path, scene: Scene) -> None:
     load = scene.point.normal_load
-    renderer = Renderer(scene.path.scaled(1.0 / scene.scale), scene.point, scale=scene.scale, event=False)
+    renderer = Renderer(
+        scene.path.scaled(1.0 / scene.scale), scene.point, scale=scene.scale, event=False
+    )
     for event in scene.events:
         force = event.critical_force if event.status is Status.RELEASES else 3.0 * load
         travel = 1.3 * force / scene.stiffness + scene.ball_radius
@@ -31,7 +40,11 @@ def _write(folder: Path, scene: Scene) -> None:
     knots = renderer.knots
     _table(folder / "path.csv", {column: knots[name] for column, name in _PATH.items()})
     # amplitude of the ring over the force at release: sqrt(C_v), or what a session has taught
-    ratios = [event.amplitude / event.critical_force for event in scene.events if event.status is Status.RELEASES]
+    ratios = [
+        event.amplitude / event.critical_force
+        for event in scene.events
+        if event.status is Status.RELEASES
+    ]
     ring = next(iter(ratios), math.sqrt(scene.point.tool.conversion))
     for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):
         fill(folder / name, scene=scene, ring=ring, knots=knots, kernel=_kernel())
@@ -59,15 +72,25 @@ FORCELAW = SceneFormat(
         "`ForceLaw().tick(position, time_step)`."
     ),
     settings=(
-        "`force_law.py` needs Python's standard library alone; `force_law.h` is the same in C99 with `math.h` alone and no allocation: "
+        "`force_law.py` needs Python's standard library alone; "
+        "`force_law.h` "
+        "is "
+        "the "
+        "same "
+        "in "
+        "C99 "
+        "with `math.h` alone and no allocation: "
         "for OpenHaptics' servo callback or Haply's loop",
-        "`cc -O2 force_law_demo.c -lm -o force_law_demo && ./force_law_demo` is the same demonstration in C",
+        "`cc -O2 force_law_demo.c -lm -o force_law_demo && ./force_law_demo` is the same "
+        "demonstration in C",
         "`path.csv` is the path of the ball's centre: the only geometry that the force depends on",
-        "`force-up.csv` and `force-down.csv`: pulling force over the hand's position along the drag (descending x for the "
+        "`force-up.csv` and `force-down.csv`: pulling force over the hand's position along the "
+        "drag (descending x for the "
         "second) at the stated load, without the ring",
     ),
     verified=(
-        "run by the test suite in an isolated interpreter and compiled by a C compiler without warnings, both peaks beside "
+        "run by the test suite in an isolated interpreter and compiled by a C compiler without "
+        "warnings, both peaks beside "
         "the formula."
     ),
 )

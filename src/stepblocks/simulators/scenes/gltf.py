@@ -39,7 +39,9 @@ def _engine(scene: Scene, axes: str, unit: float, matrix: Any) -> dict[str, Any]
         "triggers": [
             {
                 "drag": event.drag,
-                "position": _turned(unit * matrix, event.trigger_position, event.trigger_height, scene.scale),
+                "position": _turned(
+                    unit * matrix, event.trigger_position, event.trigger_height, scene.scale
+                ),
                 "direction": _turned(matrix, float(event.direction), 0.0, 1.0),
             }
             for event in scene.events
@@ -56,12 +58,16 @@ GLTF = SceneFormat(
     title="glTF (Unity, Unreal, web)",
     unit="metres",
     write=_write,
-    run="Import `block.glb` for the picture and the convex pieces as colliders; read contact, spring and events from `scene.json`.",
+    run="Import `block.glb` for the picture and the convex pieces as colliders; read contact, "
+    "spring and events from `scene.json`.",
     settings=(
-        "glTF is right-handed with y up and metres: x stays, the part's z becomes y, its y becomes -z",
-        "`scene.json` gives the matrix from the part's axes for glTF, Unity (left-handed, x mirrored) and Unreal (centimetres, z up), "
+        "glTF is right-handed with y up and metres: x stays, the part's z becomes y, its y "
+        "becomes -z",
+        "`scene.json` gives the matrix from the part's axes for glTF, Unity (left-handed, x "
+        "mirrored) and Unreal (centimetres, z up), "
         "with the trigger positions already turned",
-        "engine physics runs at 50 to 1000 Hz with gaps of millimetres: drive the haptics from `forcelaw`, the engine for the picture",
+        "engine physics runs at 50 to 1000 Hz with gaps of millimetres: drive the haptics from "
+        "`forcelaw`, the engine for the picture",
     ),
     verified="read by pygltflib and trimesh in the test suite; not run here in Unity or Unreal.",
 )

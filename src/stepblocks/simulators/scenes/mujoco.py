@@ -12,14 +12,26 @@ from stepblocks.contact.energy import Status
 from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
-_REACH = 10.0  # pieces that come closer to the drag line than this many radii of the ball collide, the others are seen
+# pieces that come closer to the drag line than this many radii of the ball collide, the others are
+# seen
+_REACH = 10.0
 _BASE = 100e-6  # thickness under a height field, unscaled [m]
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    told: dict[str, Any] = {"name": scene.stimulus.id, "blocks": [_block(scene)], "near": _near, "reach": None}
+    told: dict[str, Any] = {
+        "name": scene.stimulus.id,
+        "blocks": [_block(scene)],
+        "near": _near,
+        "reach": None,
+    }
     fill(folder / "scene.xml", field=None, **told)
-    fill(folder / "scene-heightfield.xml", "scene.xml", **told, field=_height_field(folder / "heightfield.bin", scene))
+    fill(
+        folder / "scene-heightfield.xml",
+        "scene.xml",
+        **told,
+        field=_height_field(folder / "heightfield.bin", scene),
+    )
     fill(folder / "drag.py")
 
 
@@ -31,19 +43,32 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     """Write one scene with all blocks of a set side by side; each has its tip."""
     folder.mkdir(parents=True, exist_ok=True)
     wide = 1.2 * max(float(np.ptp(one.whole.vertices[:, 1])) for one in scenes)
-    blocks = [_block(one, -number * wide, f"{one.stimulus.id}-") for number, one in enumerate(scenes)]
-    forces = [one.events[0].critical_force for one in scenes if one.events[0].status is Status.RELEASES]
-    # what the sliders of the viewer span: the spring past every release, the load up to twice its own
-    reach = 1.3 * max(forces, default=scenes[0].point.normal_load) / scenes[0].stiffness + 2.0 * scenes[0].ball_radius
+    blocks = [
+        _block(one, -number * wide, f"{one.stimulus.id}-") for number, one in enumerate(scenes)
+    ]
+    forces = [
+        one.events[0].critical_force for one in scenes if one.events[0].status is Status.RELEASES
+    ]
+    # what the sliders of the viewer span: the spring past every release, the load up to twice its
+    # own
+    reach = (
+        1.3 * max(forces, default=scenes[0].point.normal_load) / scenes[0].stiffness
+        + 2.0 * scenes[0].ball_radius
+    )
     clip = scenes[0].ball_radius / (len(scenes) * wide)  # nearer to a camera nothing is drawn
     told: dict[str, Any] = {"reach": reach, "clip": clip}
-    fill(folder / "scene.xml", name=folder.parent.name, blocks=blocks, near=_near, field=None, **told)
+    fill(
+        folder / "scene.xml", name=folder.parent.name, blocks=blocks, near=_near, field=None, **told
+    )
     fill(folder / "README.md", "mujoco-blocks.md", name=folder.parent.name, scenes=scenes)
 
 
 def _near(piece: Mesh, scene: Scene) -> bool:
     """Whether a piece's bounding box comes close to the line that the ball is dragged along."""
-    reach, (low, high) = _REACH * scene.ball_radius, (piece.vertices.min(axis=0), piece.vertices.max(axis=0))
+    reach, (low, high) = (
+        _REACH * scene.ball_radius,
+        (piece.vertices.min(axis=0), piece.vertices.max(axis=0)),
+    )
     return bool(low[1] < reach and high[1] > -reach and high[2] > -reach and low[2] < reach)
 
 
@@ -55,7 +80,11 @@ def _height_field(path: Path, scene: Scene) -> dict[str, Any]:
     path.write_bytes(struct.pack("<2i", *values.shape) + values.tobytes())
     half_x, half_y = 0.5 * float(np.ptp(field.x)), 0.5 * float(np.ptp(field.y))
     size = np.array([half_x, half_y, rise or 1e-9, _BASE]) * scene.scale
-    return {"file": path.name, "size": size, "centre": np.array([field.x.mean(), field.y.mean(), low]) * scene.scale}
+    return {
+        "file": path.name,
+        "size": size,
+        "centre": np.array([field.x.mean(), field.y.mean(), low]) * scene.scale,
+    }
 
 
 MUJOCO = SceneFormat(
@@ -65,19 +94,31 @@ MUJOCO = SceneFormat(
     write=_write,
     write_set=_write_set,
     run=(
-        "`pip install mujoco`, then `python -m mujoco.viewer --mjcf=scene.xml` to look at it (the camera `tip` rides with the tip) and "
+        "`pip install mujoco`, then `python -m mujoco.viewer --mjcf=scene.xml` to "
+        "look at "
+        "it "
+        "(the "
+        "camera `tip` rides with the tip) and "
         "`python drag.py` (towards +x) or `python drag.py --down`, from any directory; "
-        "`--heightfield` drags over `scene-heightfield.xml` instead of the convex pieces of `scene.xml`. "
+        "`--heightfield` drags over `scene-heightfield.xml` instead of the convex pieces of "
+        "`scene.xml`. "
         "`-blocks` beside the blocks of a set is one scene with all of them."
     ),
     settings=(
         "convex pieces: one concave mesh would become its convex hull and the step a ramp",
-        "elliptic cone, Newton solver, impratio 1000, solimp with a width of 1 um times S, solref of two time steps: "
+        "elliptic cone, Newton solver, impratio 1000, solimp with a width of 1 um times S, "
+        "solref "
+        "of two time steps: "
         "with the defaults the tip falls through",
         "ccd_tolerance 1 nm times S: its default of 1 um is a tenth of a step",
         "the tip's mass and inertia are explicit; mass and spring ring at the event's frequency",
-        "the joint's damping spends the tip's own ring; to hear the event of the formula, play the `ring-up` WAV at the release",
-        "`heightfield.bin` is MuJoCo's own binary in float32; its PNG path has 8 bits, which are coarser than a step",
+        "the joint's damping spends the tip's own ring; to hear the event of the formula, play "
+        "the `ring-up` WAV at the release",
+        "`heightfield.bin` is MuJoCo's own binary in float32; its PNG path has 8 bits, "
+        "which "
+        "are "
+        "coarser than a step",
     ),
-    verified="run in MuJoCo by the test suite and by the table of docs/simulators.md, pieces and height field.",
+    verified="run in MuJoCo by the test suite and by the table of docs/simulators.md, pieces and "
+    "height field.",
 )

@@ -7,7 +7,8 @@ from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 _CM = 1e2
-_OBJ_UNITS = 1e3  # `write_obj` writes millimetres: divided by this and multiplied by 100, its numbers are centimetres
+# `write_obj` writes millimetres: divided by this and multiplied by 100, its numbers are centimetres
+_OBJ_UNITS = 1e3
 
 
 def _write(folder: Path, scene: Scene) -> None:
@@ -15,7 +16,9 @@ def _write(folder: Path, scene: Scene) -> None:
         mesh = Mesh(piece.name, piece.vertices * (_CM / _OBJ_UNITS), piece.triangles)
         write_obj(folder / f"{piece.name}.obj", mesh)
     z = scene.path.z / scene.scale
-    smallest = abs(float(z[-1] - z[0])) or abs(float(z.min() - z[0])) or scene.point.ball_radius  # to be felt [m]
+    smallest = (
+        abs(float(z[-1] - z[0])) or abs(float(z.min() - z[0])) or scene.point.ball_radius
+    )  # to be felt [m]
     fill(folder / "scene.scn", scene=scene, alarm=0.1 * scene.scale * _CM * smallest)
 
 
@@ -24,13 +27,18 @@ SOFA = SceneFormat(
     title="SOFA",
     unit="centimetres",
     write=_write,
-    run="`runSofa scene.scn`; bind the position of `@device/hand` to your driver (its Geomagic plugin reports centimetres).",
+    run="`runSofa scene.scn`; bind the position of `@device/hand` to your driver (its Geomagic "
+    "plugin reports centimetres).",
     settings=(
         "centimetres, as SOFA's Geomagic driver reports",
-        "alarm distance a tenth of the step, contact distance a hundredth: the usual 0.15 and 0.05 are larger than the step",
-        "forces come out in kg cm/s^2: divide by 100 for newton; a stiffness in N/m is the same number in kg/s^2",
+        "alarm distance a tenth of the step, contact distance a hundredth: the usual 0.15 and "
+        "0.05 are larger than the step",
+        "forces come out in kg cm/s^2: divide by 100 for newton; a stiffness in N/m is the "
+        "same "
+        "number in kg/s^2",
         "one collision model per convex piece; friction through FrictionContactConstraint",
         "the scene's probe is a ball on a particle",
     ),
-    verified="parsed by lxml, and its meshes read and measured by trimesh, in the test suite; not run here in SOFA.",
+    verified="parsed by lxml, and its meshes read and measured by trimesh, in the test suite; not run "
+    "here in SOFA.",
 )

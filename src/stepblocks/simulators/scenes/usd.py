@@ -7,9 +7,20 @@ from stepblocks.simulators.scene import Scene, SceneFormat, fill
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    events = json.dumps(scene.parameters()["events"], allow_nan=False).replace("\\", "\\\\").replace("'", "\\'")
+    events = (
+        json.dumps(scene.parameters()["events"], allow_nan=False)
+        .replace("\\", "\\\\")
+        .replace("'", "\\'")
+    )
     start, height = scene.path.x[0] * 0.1, float(scene.path.z[0])
-    fill(folder / "scene.usda", scene=scene, events=events, gap=1e-6 * scene.scale, start=start, height=height)
+    fill(
+        folder / "scene.usda",
+        scene=scene,
+        events=events,
+        gap=1e-6 * scene.scale,
+        start=start,
+        height=height,
+    )
 
 
 USD = SceneFormat(
@@ -17,13 +28,19 @@ USD = SceneFormat(
     title="USD (UsdPhysics; Isaac Sim, Newton)",
     unit="metres",
     write=_write,
-    run="Open `scene.usda` in any USD program, for example `usdview scene.usda`, or add it as a reference in Isaac Sim.",
+    run="Open `scene.usda` in any USD program, for example `usdview scene.usda`, or add it as a "
+    "reference in Isaac Sim.",
     settings=(
         "metersPerUnit 1, kilogramsPerUnit 1, upAxis Z",
         "convex pieces with approximation convexHull, which is exact for them",
-        "contact offset 1 um times S, rest offset 0, in PhysX's and in Newton's names: Newton's default gap is 0.1 m",
-        "solvers in metres may merge what is closer than their tolerance; magnify with `--scale` if they do",
+        "contact offset 1 um times S, rest offset 0, in PhysX's and in Newton's names: "
+        "Newton's "
+        "default gap is 0.1 m",
+        "solvers in metres may merge what is closer than their tolerance; magnify with "
+        "`--scale` "
+        "if they do",
         "the vibration events are JSON in the customData of /World",
     ),
-    verified="opened with usd-core, units, hulls and offsets read back, in the test suite; not run here in a physics engine.",
+    verified="opened with usd-core, units, hulls and offsets read back, in the test suite; not run "
+    "here in a physics engine.",
 )

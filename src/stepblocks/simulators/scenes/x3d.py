@@ -6,12 +6,22 @@ X3D = SceneFormat(
     name="x3d",
     title="X3D (H3D)",
     unit="metres",
-    write=lambda to, scene: fill(to / "scene.x3d", scene=scene, extent=float(abs(scene.whole.vertices).max())),
+    write=lambda to, scene: fill(
+        to / "scene.x3d", scene=scene, extent=float(abs(scene.whole.vertices).max())
+    ),
     run="`H3DLoad scene.x3d`; other X3D viewers show the block and ignore the haptic surface.",
     settings=(
-        "FrictionalSurface with absolute stiffness k/S and the static and dynamic friction of the condition",
+        "FrictionalSurface with absolute stiffness k/S and the static and dynamic "
+        "friction of "
+        "the "
+        "condition",
         "coordinates are decimal text with 12 digits, counter-clockwise seen from outside",
-        "the proxy radius is the haptics device's in H3D (`DeviceInfo`, `proxyRadius`): set it to the ball's",
+        "the proxy radius is the haptics device's in H3D (`DeviceInfo`, "
+        "`proxyRadius`): "
+        "set "
+        "it to "
+        "the ball's",
     ),
-    verified="parsed by lxml and measured as a mesh by trimesh in the test suite; not run here in H3D.",
+    verified="parsed by lxml and measured as a mesh by trimesh in the test suite; not run here in "
+    "H3D.",
 )

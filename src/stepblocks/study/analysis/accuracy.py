@@ -1,8 +1,8 @@
 """How far estimates are off: on the average (bias), in size (absolute error), and from one another (spread)."""
 
-# The paper asks whether heights are estimated "less accurately": that is the absolute error. The signed error that its
-# F-test takes is the bias, which noise leaves where it is; the spread says whether it is noise that makes an absolute
-# error.
+# The paper asks whether heights are estimated "less accurately": that is the absolute error. The
+# signed error that its F-test takes is the bias, which noise leaves where it is; the spread says
+# whether it is noise that makes an absolute error.
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,15 @@ import numpy as np
 from stepblocks.errors import StudyError
 from stepblocks.quantities import column_label
 from stepblocks.study import require
-from stepblocks.study.analysis.anova import Check, FTest, Interval, Term, effect_of, f_test, residual_checks
+from stepblocks.study.analysis.anova import (
+    Check,
+    FTest,
+    Interval,
+    Term,
+    effect_of,
+    f_test,
+    residual_checks,
+)
 from stepblocks.study.analysis.mixed import MixedFit, mixed_model
 
 ANSWER = "absolute error"  # the measure that answers the paper's question
@@ -24,11 +32,13 @@ MEASURES = ("bias", ANSWER, "spread")
 class Equivalence:
     """How much two conditions can differ, by two one-sided tests."""
 
-    # Schuirmann, D. J. (1987), J. Pharmacokinetics and Biopharmaceutics 15, 657-680, doi:10.1007/BF01068419.
+    # Schuirmann, D. J. (1987), J. Pharmacokinetics and Biopharmaceutics 15, 657-680,
+    # doi:10.1007/BF01068419.
 
     first: str
     second: str
-    bound: float  # they differ by less than this at the 5 % level: the farther end of the 90 % interval
+    # they differ by less than this at the 5 % level: the farther end of the 90 % interval
+    bound: float
     margin: float  # that was asked about; not-a-number where none was
     statistic: float  # Student's t of the worse side against the margin
     df: float
@@ -40,12 +50,16 @@ class Measure:
     """One measure of accuracy: the paper's analysis of it and the mixed model beside; lengths in metres, spread in ln(metres)."""
 
     name: str  # one of `MEASURES`
-    frame: Any  # participant, condition, value, and stimulus but for the spread, which is one value over all blocks
+    # participant, condition, value, and stimulus but for the spread, which is one value over all
+    # blocks
+    frame: Any
     f_test: FTest
     mixed: MixedFit
     checks: tuple[Check, ...]  # of the residuals of the mixed model
     equivalence: tuple[Equivalence, ...]  # of every two conditions
-    groups: tuple[Term, ...] = ()  # of participants, such as dentists and students: ``group`` and ``condition:group``
+    groups: tuple[
+        Term, ...
+    ] = ()  # of participants, such as dentists and students: ``group`` and ``condition:group``
     group_intervals: tuple[Interval, ...] = ()  # differences between groups
 
     @property
@@ -61,8 +75,9 @@ class Measure:
 
 def measured(frame: Any, name: str) -> tuple[Any, str]:
     """Return a table with a column ``value`` for a measure, and the column of its blocks, if it has one."""
-    # The spread is the logarithm of a participant's standard deviation in a condition, pooled over the blocks, within which
-    # the judgements are repeated: what a block's own bias adds is not in it.
+    # The spread is the logarithm of a participant's standard deviation in a condition, pooled over
+    # the blocks, within which the judgements are repeated: what a block's own bias adds is not in
+    # it.
     if name != "spread":
         value = frame["error"].abs() if name == ANSWER else frame["error"]
         return frame.assign(value=value), "stimulus" if frame["stimulus"].nunique() > 1 else ""
@@ -73,7 +88,8 @@ def measured(frame: Any, name: str) -> tuple[Any, str]:
     variance = cells["square"].sum() / left.where(left > 0)
     if not (variance > 0.0).all():
         raise StudyError(
-            "spread needs judgements of a block that are repeated and differ, by every participant in every condition"
+            "spread needs judgements of a block that are repeated and differ, by every "
+            "participant in every condition"
         )
     group = {"group": cells["group"].first()} if "group" in frame else {}
     return (0.5 * np.log(variance)).rename("value").to_frame().assign(**group).reset_index(), ""
@@ -86,7 +102,11 @@ def analyse_measure(frame: Any, name: str, margin: float = math.nan) -> Measure:
     mixed = mixed_model(data, "value", "condition", "participant", block)
     checks = residual_checks(mixed.residuals, data["condition"].tolist(), mixed.participant_effects)
     asked = math.nan if name == "spread" else margin
-    alike = tuple(equivalence(one, mixed.condition.df_error, asked) for one in mixed.intervals if mixed.condition)
+    alike = tuple(
+        equivalence(one, mixed.condition.df_error, asked)
+        for one in mixed.intervals
+        if mixed.condition
+    )
     groups = group_terms(data) if "group" in data else ((), ())
     return Measure(name, data, tested, mixed, tuple(checks), alike, *groups)
 
@@ -98,19 +118,28 @@ def equivalence(one: Interval, df: float, margin: float = math.nan) -> Equivalen
     require(not margin <= 0.0, f"a margin of equivalence must be positive, got {margin:g}")
     bound = abs(one.difference) + float(t.ppf(0.95, df)) * one.error
     statistic = (margin - abs(one.difference)) / one.error
-    return Equivalence(one.first, one.second, bound, margin, statistic, df, float(t.sf(statistic, df)))
+    return Equivalence(
+        one.first, one.second, bound, margin, statistic, df, float(t.sf(statistic, df))
+    )
 
 
 def group_terms(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
     """Compare groups of participants by a split-plot analysis of the participants' means."""
-    # Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2. Groups may differ in size.
+    # Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2. Groups may
+    # differ in size.
     keys = ["participant", "condition"]
-    cells = data.groupby([*keys, "stimulus"])["value"].mean() if "stimulus" in data else data.set_index(keys)["value"]
+    cells = (
+        data.groupby([*keys, "stimulus"])["value"].mean()
+        if "stimulus" in data
+        else data.set_index(keys)["value"]
+    )
     table = cells.groupby(keys).mean().unstack()
     group = data.groupby("participant")["group"].first().reindex(table.index)
     sizes = group.value_counts().sort_index()
     if len(sizes) < 2 or sizes.min() < 2 or table.isna().to_numpy().any():
-        raise StudyError(f"groups must be at least two of at least two participants each, got {dict(sizes)}")
+        raise StudyError(
+            f"groups must be at least two of at least two participants each, got {dict(sizes)}"
+        )
     level = table.mean(axis=1)
     between = f_test(level.to_frame("value").assign(group=group), "value", "group")
     if table.shape[1] == 1:
@@ -118,6 +147,8 @@ def group_terms(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
     own = table.sub(level, axis=0)
     left = float(((own - own.groupby(group).transform("mean")) ** 2).to_numpy().sum())
     spare = float(((own - own.mean()) ** 2).to_numpy().sum()) - left
-    rows, columns = ((count - 1.0) * (table.shape[1] - 1) for count in (len(sizes), len(table) - len(sizes) + 1))
+    rows, columns = (
+        (count - 1.0) * (table.shape[1] - 1) for count in (len(sizes), len(table) - len(sizes) + 1)
+    )
     within = effect_of("condition:group", rows, columns, spare, spare / rows / (left / columns))
     return (*between.terms, within), between.intervals

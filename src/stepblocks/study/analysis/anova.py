@@ -14,8 +14,10 @@ from stepblocks.study import require
 
 _DOUBT = 0.05
 _ADVICE = {
-    "residuals are normal": "the tests of means bear it with many judgements; read the quantile plot, or analyse logarithms",
-    "conditions have one residual spread": "intervals are too wide for some conditions and too narrow for others",
+    "residuals are normal": "the tests of means bear it with many judgements; read the quantile plot, or analyse "
+    "logarithms",
+    "conditions have one residual spread": "intervals are too wide for some conditions and too narrow for "
+    "others",
     "participants are a normal sample": "look for one participant who differs from all others",
 }
 
@@ -27,7 +29,8 @@ class Term:
     name: str  # factor, or factors joined by a colon
     df: float  # degrees of freedom
     df_error: float  # those of its denominator
-    # type II, in the square of the unit of the response; not-a-number where the test is not one of sums
+    # type II, in the square of the unit of the response; not-a-number where the test is not one of
+    # sums
     sum_of_squares: float
     f: float
     p: float  # probability of this F or more under no effect
@@ -72,7 +75,13 @@ class Check:
 
 
 def f_test(
-    frame: Any, response: str, first: str, second: str = "", *, interaction: bool = True, intervals: bool = True
+    frame: Any,
+    response: str,
+    first: str,
+    second: str = "",
+    *,
+    interaction: bool = True,
+    intervals: bool = True,
 ) -> FTest:
     """Test one or two factors and compare the levels of the first."""
     import statsmodels.formula.api as smf
@@ -82,14 +91,25 @@ def f_test(
     data, scale, _ = unit_free(frame, response, **names)
     for letter, name in names.items():
         if data[letter].nunique() < 2:
-            raise StudyError(f"{name} must have at least two levels to be tested, got {data[letter].nunique()}")
+            raise StudyError(
+                f"{name} must have at least two levels to be tested, got {data[letter].nunique()}"
+            )
     if len(data.groupby(list(names))) != math.prod(data[letter].nunique() for letter in names):
-        raise StudyError(f"every combination of {first} and {second} must have a judgement; at least one has none")
-    formula = "y ~ " + (" * " if interaction else " + ").join(f"C({letter}, Sum)" for letter in names)
+        raise StudyError(
+            f"every combination of {first} and {second} must have a judgement; at "
+            "least "
+            "one "
+            "has "
+            "none"
+        )
+    formula = "y ~ " + (" * " if interaction else " + ").join(
+        f"C({letter}, Sum)" for letter in names
+    )
     fit = smf.ols(formula, data).fit()
     require(
         fit.df_resid >= 1 and fit.ssr > 1e-20,
-        f"the error must be estimable: more than one judgement per cell, not all alike, got {len(data)} rows",
+        "the error must be estimable: more than one judgement per cell, not all alike, got "
+        f"{len(data)} rows",
     )
     with warnings.catch_warnings(action="ignore", category=FutureWarning):
         table = anova_lm(fit, typ=2)
@@ -100,7 +120,10 @@ def f_test(
         terms.append(effect_of(name, df, fit.df_resid, squares * scale**2, f))
     family = []
     if intervals:
-        levels, parameters = sorted(data["a"].unique()), (fit.params.to_numpy(), fit.cov_params().to_numpy())
+        levels, parameters = (
+            sorted(data["a"].unique()),
+            (fit.params.to_numpy(), fit.cov_params().to_numpy()),
+        )
         spread, rows = math.sqrt(fit.mse_resid), mean_rows(fit, data, levels)
         family = tukey_family(levels, rows, parameters, fit.df_resid, spread=spread, scale=scale)
     return FTest(tuple(terms), float(fit.df_resid), tuple(family))
@@ -110,7 +133,9 @@ def unit_free(frame: Any, response: str, **names: str) -> tuple[Any, float, floa
     """Rename columns, and take scale and shift, also returned, off the response: a large offset costs the digits of squares."""
     import pandas as pd
 
-    data = pd.DataFrame({letter: frame[name].astype(str).to_numpy() for letter, name in names.items() if name})
+    data = pd.DataFrame(
+        {letter: frame[name].astype(str).to_numpy() for letter, name in names.items() if name}
+    )
     values = frame[response].to_numpy(dtype=np.float64)
     require(np.isfinite(values).all(), f"{response} must be finite in every row")
     scale, shift = float(values.std(ddof=1)), float(values.mean())
@@ -126,7 +151,9 @@ def effect_of(name: str, df: float, df_error: float, squares: float, f: float) -
     low, high = (float(value) for value in confint_noncentrality(f, (df, df_error), alpha=0.05))
     total = df + df_error + 1.0
     p, share = float(stats.f.sf(f, df, df_error)), df * f / (df * f + df_error)
-    return Term(name, df, float(df_error), squares, f, p, share, low / (low + total), high / (high + total))
+    return Term(
+        name, df, float(df_error), squares, f, p, share, low / (low + total), high / (high + total)
+    )
 
 
 def tukey_family(
@@ -139,9 +166,9 @@ def tukey_family(
     scale: float,
 ) -> list[Interval]:
     """Compare every two levels so that all 95 % intervals hold together."""
-    # `rows` give the mean of each level from the parameters (values, covariance); `spread` is the residual standard deviation, `scale`
-    # the unit of all these in that of the response. Source, with unequal numbers: Kramer, C. Y. (1956), Biometrics 12,
-    # 307-310.
+    # `rows` give the mean of each level from the parameters (values, covariance); `spread` is the
+    # residual standard deviation, `scale` the unit of all these in that of the response. Source,
+    # with unequal numbers: Kramer, C. Y. (1956), Biometrics 12, 307-310.
     from scipy.stats import studentized_range
 
     beta, covariance = parameters
@@ -149,7 +176,10 @@ def tukey_family(
     found = []
     for one, two in itertools.combinations(range(len(levels)), 2):
         contrast = rows[one] - rows[two]
-        difference, error = float(contrast @ beta), math.sqrt(0.5 * float(contrast @ covariance @ contrast))
+        difference, error = (
+            float(contrast @ beta),
+            math.sqrt(0.5 * float(contrast @ covariance @ contrast)),
+        )
         p = float(studentized_range.sf(abs(difference) / error, len(levels), df_error))
         reach = quantile * error
         ends = (difference * scale, (difference - reach) * scale, (difference + reach) * scale)
@@ -171,7 +201,11 @@ def residual_checks(residuals: Any, groups: Sequence[str], participant_effects: 
     from scipy import stats
 
     values, names = np.asarray(residuals, dtype=np.float64), np.asarray(groups)
-    sample = values if values.size <= 5000 else np.sort(values)[np.linspace(0, values.size - 1, 5000).astype(int)]
+    sample = (
+        values
+        if values.size <= 5000
+        else np.sort(values)[np.linspace(0, values.size - 1, 5000).astype(int)]
+    )
     parts = [values[names == name] for name in dict.fromkeys(names.tolist())]
     enough = len(parts) > 1 and min(len(part) for part in parts) > 2
     levene = stats.levene(*parts, center="median") if enough else (math.nan, math.nan)
@@ -179,7 +213,11 @@ def residual_checks(residuals: Any, groups: Sequence[str], participant_effects: 
     for assumption, test, (statistic, p) in (
         ("residuals are normal", "Shapiro-Wilk", _shapiro(sample)),
         ("conditions have one residual spread", "Levene (median)", levene),
-        ("participants are a normal sample", "Shapiro-Wilk", _shapiro(np.asarray(participant_effects))),
+        (
+            "participants are a normal sample",
+            "Shapiro-Wilk",
+            _shapiro(np.asarray(participant_effects)),
+        ),
     ):
         verdict = "not tested" if math.isnan(p) else "in doubt" if p < _DOUBT else "no objection"
         advice = _ADVICE[assumption] if verdict == "in doubt" else ""

@@ -1,6 +1,7 @@
 """Ratings by an ordinal model: categories in order, with no claim that they are equally far apart."""
 
-# The fit is that of statsmodels, with its derivatives in closed form and a sandwich over participants.
+# The fit is that of statsmodels, with its derivatives in closed form and a sandwich over
+# participants.
 
 import math
 import warnings
@@ -31,8 +32,8 @@ class OrdinalFit:
     """A proportional-odds model."""
 
     effects: tuple[OddsRatio, ...]  # one per condition but the first
-    # statistic, df, df_error and p of an F-test with the participants as the units that are independent, so that they may
-    # differ in how they take to the conditions
+    # statistic, df, df_error and p of an F-test with the participants as the units that are
+    # independent, so that they may differ in how they take to the conditions
     participants: dict[str, float]
 
 
@@ -45,20 +46,38 @@ def ordinal_model(frame: Any, rating: str, condition: str, participant: str) -> 
     frame = frame.reset_index(drop=True)
     ordered = pd.Series(pd.Categorical(frame[rating], ordered=True)).cat.remove_unused_categories()
     if len(ordered.cat.categories) < 2:
-        raise StudyError(f"{rating} must have at least two different values, got {len(ordered.cat.categories)}")
-    exog = pd.get_dummies(frame[[condition]], prefix="", prefix_sep="", drop_first=True).astype(float)
+        raise StudyError(
+            f"{rating} must have at least two different values, got {len(ordered.cat.categories)}"
+        )
+    exog = pd.get_dummies(frame[[condition]], prefix="", prefix_sep="", drop_first=True).astype(
+        float
+    )
     require(exog.shape[1], f"{condition} must have at least two levels")
     who, names = frame[participant].astype(str), list(exog.columns)
-    levels = pd.get_dummies(who, prefix="participant", prefix_sep=" ", drop_first=True).astype(float)
+    levels = pd.get_dummies(who, prefix="participant", prefix_sep=" ", drop_first=True).astype(
+        float
+    )
     fit = fit_proportional_odds(ordered, exog.join(levels))
-    if not np.isfinite(fit.bse[names]).all() or (np.abs(fit.params[names]) * exog.std() > 15.0).any():
-        raise StudyError(f"{rating} must overlap between the levels of {condition}: no finite odds fit")
+    if (
+        not np.isfinite(fit.bse[names]).all()
+        or (np.abs(fit.params[names]) * exog.std() > 15.0).any()
+    ):
+        raise StudyError(
+            f"{rating} must overlap between the levels of {condition}: no finite odds fit"
+        )
     people, number = who.nunique(), len(names)
-    require(people > number, f"more participants than compared conditions must have rated, got {people} for {number}")
+    require(
+        people > number,
+        f"more participants than compared conditions must have rated, got {people} for {number}",
+    )
     covariance = cluster_covariance(fit, np.unique(who, return_inverse=True)[1])[:number, :number]
     values, errors = fit.params[names].to_numpy(), np.sqrt(np.diag(covariance)).tolist()
     # Hotelling: as many independent values as participants estimate the covariance
-    statistic = float(values @ np.linalg.solve(covariance, values)) * (people - number) / (number * (people - 1))
+    statistic = (
+        float(values @ np.linalg.solve(covariance, values))
+        * (people - number)
+        / (number * (people - 1))
+    )
     tail, left = float(f.sf(statistic, number, people - number)), float(people - number)
     wald = {"statistic": statistic, "df": float(number), "df_error": left, "p": tail}
     reach = float(t.ppf(0.975, people - 1))
@@ -83,7 +102,9 @@ def _model() -> Any:
             above, below = self.pdf(high) / share, self.pdf(low) / share
             steps = np.asarray(params)[-(self.k_levels - 1) :]
             columns = []
-            for index in range(len(steps)):  # cut j is the first step and the exponentials of all later ones up to j
+            for index in range(
+                len(steps)
+            ):  # cut j is the first step and the exponentials of all later ones up to j
                 moved = above * (self.endog >= index) - below * (self.endog - 1 >= index)
                 columns.append(moved * (1.0 if index == 0 else np.exp(steps[index])))
             return np.column_stack([-(above - below)[:, np.newaxis] * self.exog, *columns])
@@ -102,9 +123,13 @@ def fit_proportional_odds(ordered: Any, exog: Any) -> Any:
     """Fit cumulative logits by maximum likelihood."""
     with warnings.catch_warnings(action="ignore"):  # what went wrong is read from the result
         try:
-            return _model()(ordered, exog, distr="logit").fit(method="bfgs", disp=0, gtol=1e-9, maxiter=2000)
+            return _model()(ordered, exog, distr="logit").fit(
+                method="bfgs", disp=0, gtol=1e-9, maxiter=2000
+            )
         except (np.linalg.LinAlgError, ValueError) as error:
-            raise StudyError(f"the ordinal model cannot be fitted to these {len(ordered)} ratings: {error}") from error
+            raise StudyError(
+                f"the ordinal model cannot be fitted to these {len(ordered)} ratings: {error}"
+            ) from error
 
 
 def cluster_covariance(fit: Any, clusters: Any) -> Any:

@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 # Columns of results.csv; the unit of estimate, low and high stands in each row
 FIGURES = ("estimate", "low_95", "high_95", "statistic", "df", "df_error", "p")
 COLUMNS = ("measure", "analysis", "quantity", "unit", *FIGURES)
-_IN_UM = ("height", "estimate", "error", "standard")  # columns of the judgements that are lengths [m]
+_IN_UM = (
+    "height",
+    "estimate",
+    "error",
+    "standard",
+)  # columns of the judgements that are lengths [m]
 
 Row = dict[str, Any]
 Ends = tuple[float, ...]  # estimate, low, high
@@ -45,7 +50,9 @@ class PowerLaw:
     exponent: float  # mean over participants [1]
     low: float  # ends of its 95 % interval by Student's t [1]
     high: float
-    by_participant: tuple[tuple[str, float, float], ...]  # participant, exponent, correlation of the logarithms
+    by_participant: tuple[
+        tuple[str, float, float], ...
+    ]  # participant, exponent, correlation of the logarithms
 
 
 @dataclass(frozen=True)
@@ -70,7 +77,9 @@ class StudyResult:
         import pandas as pd
 
         accuracy = [row | {"measure": one.name} for one in self.measures for row in _measure(one)]
-        return pd.DataFrame([*accuracy, *_ratings(self), *_curves(self), *_magnitudes(self)], columns=COLUMNS)
+        return pd.DataFrame(
+            [*accuracy, *_ratings(self), *_curves(self), *_magnitudes(self)], columns=COLUMNS
+        )
 
     def results_csv(self) -> str:
         """Write the table."""
@@ -85,7 +94,9 @@ class StudyResult:
 
     def _repr_html_(self) -> str:
         said = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
-        return said + str(self.table().to_html(index=False, na_rep="", float_format="{:.4g}".format))
+        return said + str(
+            self.table().to_html(index=False, na_rep="", float_format="{:.4g}".format)
+        )
 
 
 def _row(analysis: str, quantity: str, unit: str = "1", **figures: float) -> Row:
@@ -99,16 +110,27 @@ def _span(analysis: str, quantity: str, ends: Ends, unit: str = "1", **more: flo
 
 
 def _term(analysis: str, term: Term) -> Row:
-    ends, name = (term.eta_squared, term.eta_low, term.eta_high), f"{term.name}, partial eta squared"
-    return _span(analysis, name, ends, statistic=term.f, df=term.df, df_error=term.df_error, p=term.p)
+    ends, name = (
+        (term.eta_squared, term.eta_low, term.eta_high),
+        f"{term.name}, partial eta squared",
+    )
+    return _span(
+        analysis, name, ends, statistic=term.f, df=term.df, df_error=term.df_error, p=term.p
+    )
 
 
-def _intervals(analysis: str, intervals: tuple[Interval, ...], df_error: float, logarithmic: bool) -> Iterator[Row]:
+def _intervals(
+    analysis: str, intervals: tuple[Interval, ...], df_error: float, logarithmic: bool
+) -> Iterator[Row]:
     for one in intervals:
         name, ends = f"{one.first} minus {one.second}", (one.difference, one.low, one.high)
         ratio = (f"{one.first} over {one.second}", tuple(map(math.exp, ends)), "1")
-        yield _span(analysis, *(ratio if logarithmic else (name, ends, "um")), df_error=df_error, p=one.p)
-        yield _row(analysis, f"{name}, over the residual standard deviation", estimate=one.effect_size)
+        yield _span(
+            analysis, *(ratio if logarithmic else (name, ends, "um")), df_error=df_error, p=one.p
+        )
+        yield _row(
+            analysis, f"{name}, over the residual standard deviation", estimate=one.effect_size
+        )
 
 
 def _measure(measure: Measure) -> Iterator[Row]:
@@ -129,9 +151,14 @@ def _measure(measure: Measure) -> Iterator[Row]:
         ("participants by condition", mixed.sd_condition),
         ("judgements", mixed.sd_residual),
     ):
-        yield _row("mixed model", f"standard deviation between {name}", unit, estimate=spread * factor)
+        yield _row(
+            "mixed model", f"standard deviation between {name}", unit, estimate=spread * factor
+        )
     for one in measure.equivalence:
-        name, bound = f"{one.first} and {one.second}", math.exp(one.bound) if log else one.bound * 1e6
+        name, bound = (
+            f"{one.first} and {one.second}",
+            math.exp(one.bound) if log else one.bound * 1e6,
+        )
         said = f"{name} differ by less than{' a factor of' if log else ''}"
         yield _row("equivalence", said, unit, high_95=bound, df_error=one.df)
         if math.isfinite(one.margin):
@@ -143,7 +170,10 @@ def _measure(measure: Measure) -> Iterator[Row]:
     df_error = measure.groups[0].df_error if measure.groups else math.nan
     yield from _intervals("groups", measure.group_intervals, df_error, log)
     for check in measure.checks:
-        name = f"{check.assumption} ({check.test}): {'; '.join(filter(None, (check.verdict, check.advice)))}"
+        name = (
+            f"{check.assumption} ({check.test}): "
+            f"{'; '.join(filter(None, (check.verdict, check.advice)))}"
+        )
         yield _row("check", name, statistic=check.statistic, p=check.p)
 
 
@@ -153,7 +183,11 @@ def _ratings(result: StudyResult) -> Iterator[Row]:
         return
     yield _row(analysis, "all predictors, F over participants") | fit.participants
     for effect in fit.effects:
-        yield _span(analysis, f"odds of a higher rating, {effect.name}", (effect.ratio, effect.low, effect.high))
+        yield _span(
+            analysis,
+            f"odds of a higher rating, {effect.name}",
+            (effect.ratio, effect.low, effect.high),
+        )
 
 
 def _curves(result: StudyResult) -> Iterator[Row]:
@@ -174,7 +208,15 @@ def _magnitudes(result: StudyResult) -> Iterator[Row]:
     law = result.power_law
     if law is None:
         return
-    yield _span("power law", "exponent of the height, mean of participants", (law.exponent, law.low, law.high))
+    yield _span(
+        "power law",
+        "exponent of the height, mean of participants",
+        (law.exponent, law.low, law.high),
+    )
     for person, exponent, correlation in law.by_participant:
         yield _row("power law", f"participant {person}, exponent", estimate=exponent)
-        yield _row("power law", f"participant {person}, correlation of the logarithms", estimate=correlation)
+        yield _row(
+            "power law",
+            f"participant {person}, correlation of the logarithms",
+            estimate=correlation,
+        )
