@@ -25,7 +25,9 @@ def shared():
 
 @pytest.fixture(scope="session")
 def shipped_output(tmp_path_factory):
-    """Output folder with every shipped stimulus built; processes that share the tests share it, the first one builds."""
+    """Output folder with every shipped stimulus built; processes that share the tests share it, the
+    first one builds.
+    """
     from stepblocks.build.run import build_sets
     from stepblocks.select import stimulus_files
 

@@ -1,4 +1,6 @@
-"""The house: who may import whom, how large a room may grow, and that nothing stands twice or unreached."""
+"""The house: who may import whom, how large a room may grow, and that nothing stands twice or
+unreached.
+"""
 
 import ast
 import itertools
@@ -142,7 +144,9 @@ Definition = ast.FunctionDef | ast.ClassDef
 
 
 def words_of(node):
-    """Names, attributes and words of short texts in a definition or statement; of a class without its ordinary methods."""
+    """Names, attributes and words of short texts in a definition or statement; of a class without
+    its ordinary methods.
+    """
     parts = [node]
     if isinstance(node, ast.ClassDef):
         called = [m for m in node.body if isinstance(m, ast.FunctionDef) and is_called_by_itself(m)]
@@ -168,7 +172,9 @@ def is_called_by_itself(method):
 
 
 def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
-    """A function that is named only by what is itself not reached is dead; words are matched, so what is named is not proven to run."""
+    """A function that is named only by what is itself not reached is dead; words are matched, so
+    what is named is not proven to run.
+    """
     says = defaultdict(set)
     for tree in TREES.values():
         for node in ast.walk(tree):
@@ -212,7 +218,9 @@ def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
 
 
 def logical_lines(path):
-    """Lines of code without comments, docstrings and imports, white space folded, with their numbers."""
+    """Lines of code without comments, docstrings and imports, white space folded, with their
+    numbers.
+    """
     text, tree = path.read_text().splitlines(), TREES.get(path) or ast.parse(path.read_text())
     out = set()
     for node in ast.walk(tree):

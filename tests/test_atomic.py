@@ -65,7 +65,7 @@ def test_a_killed_writer_leaves_the_old_file_and_the_next_one_sweeps_its_draft(t
     assert names(tmp_path) == [target.name]
 
 
-def test_what_the_living_prepare_is_not_swept_and_whatever_bears_the_name_of_a_draft_is_not_followed(
+def test_live_drafts_are_kept_and_other_files_named_like_drafts_are_not_followed(
     tmp_path,
 ):
     theirs = tmp_path / "theirs"

@@ -21,7 +21,8 @@ from stepblocks.errors import StimulusError
 
 def good(path, factor):
     print("libraries print")
-    return {"x": np.arange(6.0).reshape(2, 3) * factor, "flag": np.array([True]), "none": np.zeros((0, 3)), "name": path.name}
+    found = {"x": np.arange(6.0).reshape(2, 3) * factor, "flag": np.array([True])}
+    return found | {"none": np.zeros((0, 3)), "name": path.name}
 
 def loops(path):
     while True:

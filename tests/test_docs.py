@@ -1,4 +1,6 @@
-"""What the pages promise is there: the files that they name, the commands and options that they show, the pages they link."""
+"""What the pages promise is there: the files that they name, the commands and options that they
+show, the pages they link.
+"""
 
 import argparse
 import importlib
@@ -79,7 +81,9 @@ OPTIONS = all_options()
 
 
 def shown_commands(line):
-    """Each command of a line with the words after it: its name as far as there is one, and its options."""
+    """Each command of a line with the words after it: its name as far as there is one, and its
+    options.
+    """
     for said in re.split(r"(?<![\w./-])(?:python -m )?stepblocks(?= [a-z-])", line)[1:]:
         words = re.split(r"[\s,;|]+", said.strip())
         command = ()

@@ -1,4 +1,5 @@
-"""Promise to five users: from an empty folder, with the commands of docs/first-hour.md and nothing else, each gets what they came for.
+"""Promise to five users: from an empty folder, with the commands of docs/first-hour.md and nothing
+else, each gets what they came for.
 
 The pages are opened in a real browser: links lead somewhere, nothing overflows, no error, no
 request leaves.
@@ -62,7 +63,7 @@ def browser(tmp_path_factory):
 
 
 def look_at(browser, page):
-    """Open a page on a narrow and on a wide screen and hold it to what every page of ours promises."""
+    """Open a page on a narrow and a wide screen and check what every page promises."""
     for width in (390, 1400):
         size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)

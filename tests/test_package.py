@@ -1,4 +1,6 @@
-"""What is handed on works outside the checkout: wheel and sdist hold every file, and begin from an empty folder."""
+"""What is handed on works outside the checkout: wheel and sdist hold every file, and begin from an
+empty folder.
+"""
 
 import os
 import re
@@ -17,7 +19,9 @@ HOUSE = ROOT / "src" / "stepblocks"
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """Sdist of a copy of the sources, made by the build backend that pyproject names, and the wheel that is made from it."""
+    """Sdist of a copy of the sources, made by the build backend that pyproject names, and the wheel
+    that is made from it.
+    """
     folder = tmp_path_factory.mktemp("package")
     source = folder / "source"
     shutil.copytree(

@@ -1,4 +1,6 @@
-"""Units at the border: what is read is the nearest float, what does not fit is refused with what would."""
+"""Units at the border: what is read is the nearest float, what does not fit is refused with what
+would.
+"""
 
 import pytest
 from hypothesis import given, strategies as st

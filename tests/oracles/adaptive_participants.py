@@ -1,4 +1,6 @@
-"""Participants of an adaptive study who compare heights with a normal noise in their logarithm, and never lapse."""
+"""Participants of an adaptive study who compare heights with a normal noise in their logarithm, and
+never lapse.
+"""
 
 import math
 

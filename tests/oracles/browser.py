@@ -9,7 +9,9 @@ import pytest
 
 @contextmanager
 def browser(*arguments, offline=False):
-    """A headless Chromium with further arguments that keeps what its console says, or None where there is none."""
+    """A headless Chromium with further arguments that keeps what its console says, or None where
+    there is none.
+    """
     chromium, driver = (
         shutil.which("chromium") or shutil.which("google-chrome"),
         shutil.which("chromedriver"),
@@ -36,7 +38,9 @@ def browser(*arguments, offline=False):
 
 @contextmanager
 def browser_without_network(*arguments):
-    """The same without a network; the test is skipped where there is none, or fails where one is required."""
+    """The same without a network; the test is skipped where there is none, or fails where one is
+    required.
+    """
     with browser(*arguments, offline=True) as window:
         if window is None and os.environ.get("STEPBLOCKS_REQUIRE_BROWSER"):
             pytest.fail("a browser is required here and there is none")

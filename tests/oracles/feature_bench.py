@@ -1,4 +1,6 @@
-"""A bench that yields features instead of traces: designs, scatter, height errors, any effect planted."""
+"""A bench that yields features instead of traces: designs, scatter, height errors, any effect
+planted.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,8 @@ class BenchScatter:
 
 
 def design_columns(trials: int, seed: int) -> dict[str, NDArray[Any]]:
-    """Lay out a session like the shared ones: eight blocks, four loads, four speeds, random order, drifting climate.
+    """Lay out a session like the shared ones: eight blocks, four loads, four speeds, random order,
+    drifting climate.
 
     Parameters
     ----------

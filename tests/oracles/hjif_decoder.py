@@ -1,4 +1,6 @@
-"""MPEG haptics (ISO/IEC 23090-31) played as the standard's decoder plays it: the first channel of an interchange file."""
+"""MPEG haptics (ISO/IEC 23090-31) played as the standard's decoder plays it: the first channel of
+an interchange file.
+"""
 
 import math
 
@@ -6,7 +8,9 @@ import numpy as np
 
 
 def decode_hjif(document, rate):
-    """Force of the first channel [N], sampled at a rate [Hz]; amplitude and frequency go straight from keyframe to keyframe."""
+    """Force of the first channel [N], sampled at a rate [Hz]; amplitude and frequency go straight
+    from keyframe to keyframe.
+    """
     channel = document["perceptions"][0]["channels"][0]
     scale = float(document["timescale"])
     effects = [effect for band in channel["bands"] for effect in band["effects"]]

@@ -1,4 +1,5 @@
-"""The rules of MPEG haptics that concern a VectorialWave, in our own reading: what a document of ours is held against.
+"""The rules of MPEG haptics that concern a VectorialWave, in our own reading: what a document of
+ours is held against.
 
 They are those that MPEG's public reference software enforces when it loads a file; its JSON schema
 is not published with it.
@@ -26,8 +27,8 @@ _DATE = rf"^[+-]?\d{{4}}(-[01]\d(-[0-3]\d(T[0-2]\d:[0-5]\d:?([0-5]\d(\.\d+)?)?{_
 # the year of publication, from 2023, and the amendment
 _VERSION = r"^(20(2[3-9]|[3-9]\d)|2[1-9]\d\d)(-[1-9])?$"
 _MODALITY = (
-    r"^(Other|Pressure|Acceleration|Velocity|Position|Temperature|Vibrotactile|Water|Wind|Force|Vibrotactile Texture|"
-    r"Stiffness|Friction|Electrotactile)$"
+    r"^(Other|Pressure|Acceleration|Velocity|Position|Temperature|Vibrotactile|Water|Wind|Force|"
+    r"Vibrotactile Texture|Stiffness|Friction|Electrotactile)$"
 )
 
 
@@ -147,7 +148,9 @@ class _Document(_Object):
 
 
 def check_hjif(document: Any, place: str) -> None:
-    """Hold a document against the rules of the standard that concern a VectorialWave, in our own reading."""
+    """Hold a document against the rules of the standard that concern a VectorialWave, in our own
+    reading.
+    """
     try:
         _Document.model_validate(document)
     except ValidationError as error:

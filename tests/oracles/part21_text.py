@@ -1,4 +1,6 @@
-"""Part 21 texts written by hand, after ISO 10303-21: what a reader must get from them is known without any CAD kernel."""
+"""Part 21 texts written by hand, after ISO 10303-21: what a reader must get from them is known
+without any CAD kernel.
+"""
 
 from stepblocks.artefacts.step.exchange import read_exchange
 
@@ -35,26 +37,30 @@ def exchange_of(data, folder, schema=SCHEMA):
 
 
 def placement(number, point, axis=(0.0, 0.0, 1.0)):
-    """An axis placement at #number, with its point, axis and second axis in the three numbers before."""
+    """An axis placement at #number, with its point, axis and second axis in the three numbers
+    before.
+    """
     across = (0.0, 1.0, 0.0) if abs(axis[0]) > 0.9 else (1.0, 0.0, 0.0)
 
     def listed(values):
         return ",".join(f"{value:.15E}" for value in values)
 
     return (
-        f"#{number - 3}=CARTESIAN_POINT('',({listed(point)}));#{number - 2}=DIRECTION('',({listed(axis)}));"
+        f"#{number - 3}=CARTESIAN_POINT('',({listed(point)}));"
+        f"#{number - 2}=DIRECTION('',({listed(axis)}));"
         f"#{number - 1}=DIRECTION('',({listed(across)}));"
         f"#{number}=AXIS2_PLACEMENT_3D('',#{number - 3},#{number - 2},#{number - 1});"
     )
 
 
 def face(number, surface, point, axis=(0.0, 0.0, 1.0), *sizes):
-    """Face #number on a surface, and the shape aspect #(number + 1) that means it; uses six numbers before."""
+    """Face #number on a surface, and the shape aspect #(number + 1) that means it; uses six numbers
+    before.
+    """
     tail = "".join(f",{size:.15E}" for size in sizes)
     return (
-        placement(number - 2, point, axis)
-        + f"#{number - 1}={surface}('',#{number - 2}{tail});#{number}=ADVANCED_FACE('',(),#{number - 1},.T.);"
-        + aspect(number)
+        placement(number - 2, point, axis) + f"#{number - 1}={surface}('',#{number - 2}{tail});"
+        f"#{number}=ADVANCED_FACE('',(),#{number - 1},.T.);" + aspect(number)
     )
 
 
@@ -62,8 +68,8 @@ def circle(number, point, axis, radius):
     """Edge #number on a circle, and the shape aspect #(number + 1) that means it."""
     return (
         placement(number - 2, point, axis)
-        + f"#{number - 1}=CIRCLE('',#{number - 2},{radius:.15E});#{number}=EDGE_CURVE('',$,$,#{number - 1},.T.);"
-        + aspect(number)
+        + f"#{number - 1}=CIRCLE('',#{number - 2},{radius:.15E});"
+        f"#{number}=EDGE_CURVE('',$,$,#{number - 1},.T.);" + aspect(number)
     )
 
 
@@ -71,8 +77,10 @@ def line(number, point, along):
     """Edge #number on a line, and the shape aspect #(number + 1) that means it."""
     (x, y, z), (u, v, w) = point, along
     return (
-        f"#{number - 4}=CARTESIAN_POINT('',({x:.15E},{y:.15E},{z:.15E}));#{number - 3}=DIRECTION('',({u:.15E},{v:.15E},{w:.15E}));"
-        f"#{number - 2}=VECTOR('',#{number - 3},1.);#{number - 1}=LINE('',#{number - 4},#{number - 2});"
+        f"#{number - 4}=CARTESIAN_POINT('',({x:.15E},{y:.15E},{z:.15E}));"
+        f"#{number - 3}=DIRECTION('',({u:.15E},{v:.15E},{w:.15E}));"
+        f"#{number - 2}=VECTOR('',#{number - 3},1.);"
+        f"#{number - 1}=LINE('',#{number - 4},#{number - 2});"
         f"#{number}=EDGE_CURVE('',$,$,#{number - 1},.T.);" + aspect(number)
     )
 

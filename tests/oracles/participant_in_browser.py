@@ -1,4 +1,6 @@
-"""A participant as a program: reads the page of a run in headless Chromium, drags over the edge, answers; and is killed on the way."""
+"""A participant as a program: reads the page of a run in headless Chromium, drags over the edge,
+answers; and is killed on the way.
+"""
 
 import signal
 import subprocess
@@ -78,7 +80,9 @@ def answer(window, estimate, rating=None):
 
 
 def whole_run(window, folder, participant, kills, *options, pixels=560):
-    """Run all trials of a participant, the program killed in the middle of the trials `kills`; return the trials as shown."""
+    """Run all trials of a participant, the program killed in the middle of the trials `kills`;
+    return the trials as shown.
+    """
     shown, waiting = [], list(kills)
     while True:
         with running(folder, participant, *options) as (process, url):

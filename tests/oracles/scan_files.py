@@ -1,4 +1,6 @@
-"""Scans in the formats of instruments, written here byte by byte: the same small map of counts in each."""
+"""Scans in the formats of instruments, written here byte by byte: the same small map of counts in
+each.
+"""
 
 import struct
 import zipfile
@@ -153,7 +155,8 @@ def write_nid(path, dim2_range=None):
         "Version=2\r\nPoints=4\r\nLines=3\r\nFrame=Scan "
         "forward\r\nDim0Name=X*\r\nDim0Unit=m\r\nDim0Range=4e-06\r\n"
         "Dim0Min=0\r\nDim1Name=Y*\r\nDim1Unit=m\r\nDim1Range=6e-06\r\nDim1Min=0\r\nDim2Name=Topography\r\nDim2Unit=m\r\n"
-        f"Dim2Range={span!r}\r\nDim2Min={-span / 2!r}\r\nSaveMode=Binary\r\nSaveBits=16\r\nSaveSign=Signed\r\n"
+        f"Dim2Range={span!r}\r\nDim2Min={-span / 2!r}\r\nSaveMode=Binary\r\nSaveBits=16\r\n"
+        "SaveSign=Signed\r\n"
         "SaveOrder=Intel\r\n"
     )
     text = (

@@ -1,4 +1,6 @@
-"""A tooth with its crown as a surface of revolution, scanned badly: noise, holes, flipped triangles, and debris beside it."""
+"""A tooth with its crown as a surface of revolution, scanned badly: noise, holes, flipped
+triangles, and debris beside it.
+"""
 
 from pathlib import Path
 
@@ -34,7 +36,7 @@ marginal_gap = "80 um"
 
 
 def outline(height):
-    """Distance of the surface from the axis [m]: level with it at the margin on the tooth's side."""
+    """Distance of the surface from the axis [m]; at the margin it meets the tooth."""
     tooth, crown = 0.5 * HOLLOW * height**2, np.tan(FLARE) * height + 0.5 * BULGE * height**2
     return RADIUS + np.where(height < 0.0, tooth, crown)
 

@@ -1,4 +1,5 @@
-"""Published schemas, where they are installed: their licences let nobody but their publishers hand them on with a program.
+"""Published schemas, where they are installed: their licences let nobody but their publishers hand
+them on with a program.
 
 `STEPBLOCKS_SCHEMAS` names a folder (beside the repository: ``schemas``) with QIF 3.0 in ``qif3``
 (QIFApplications, QIFLibrary, Check, samples; qifstandards.org) and the DCC with D-SI in ``dcc``

@@ -1,4 +1,6 @@
-"""When a tip snaps over an edge at all: the stability of a spring against a force that falls with position."""
+"""When a tip snaps over an edge at all: the stability of a spring against a force that falls with
+position.
+"""
 
 import math
 

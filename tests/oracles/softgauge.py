@@ -15,7 +15,9 @@ Array = NDArray[np.float64]
 def edge_gauge(
     position: Array, height: float, radius: float = 0.0, tilt: float = 0.0, riser: float = 0.0
 ) -> Array:
-    """Step up at `riser` whose edge is a quarter of a circle, tangent to the upper face; without noise."""
+    """Step up at `riser` whose edge is a quarter of a circle, tangent to the upper face; without
+    noise.
+    """
     back = np.clip(
         radius - (position - riser), 0.0, radius
     )  # from the arc's centre back towards the riser
@@ -24,7 +26,8 @@ def edge_gauge(
 
 
 def flank_gauge(position: Array, height: float, angle: float, radius: float) -> Array:
-    """Step up whose flank slopes by `angle` [rad], its corner an arc tangent to flank and upper face; without noise.
+    """Step up whose flank slopes by `angle` [rad], its corner an arc tangent to flank and upper
+    face; without noise.
 
     The flank's line and the upper face meet at position 0.
     """
@@ -38,7 +41,9 @@ def flank_gauge(position: Array, height: float, angle: float, radius: float) -> 
 
 
 def stylus_trace(position: Array, height: Array, radius: float, cone: float) -> Array:
-    """What a stylus, a ball of `radius` on a cone of this full angle [rad], draws of a fine profile: dilation by its shape."""
+    """What a stylus, a ball of `radius` on a cone of this full angle [rad], draws of a fine
+    profile: dilation by its shape.
+    """
     from scipy.ndimage import grey_dilation
 
     spacing = float(position[1] - position[0])
@@ -84,7 +89,9 @@ def margin_gauge(
 def ball_gauge(
     x: Array, y: Array, radius: float, centre: tuple[float, float] = (0.0, 0.0)
 ) -> Array:
-    """Map of a ball seen along z, shape (ny, nx): heights over its equator, 0 beyond it; without noise."""
+    """Map of a ball seen along z, shape (ny, nx): heights over its equator, 0 beyond it; without
+    noise.
+    """
     across = (x[np.newaxis, :] - centre[0]) ** 2 + (y[:, np.newaxis] - centre[1]) ** 2
     return np.sqrt(np.maximum(radius * radius - across, 0.0))
 
@@ -92,7 +99,9 @@ def ball_gauge(
 def sheets_gauge(
     side: int, count: int, height: float, own: float, random: np.random.Generator
 ) -> Array:
-    """Map of `count` elliptic sheets that do not touch, each of its own height by a normal law, edges over two points."""
+    """Map of `count` elliptic sheets that do not touch, each of its own height by a normal law,
+    edges over two points.
+    """
     from scipy.ndimage import binary_dilation, gaussian_filter
 
     y, x = np.mgrid[:side, :side]
@@ -119,7 +128,9 @@ def correlated_noise(
     length: float,
     random: np.random.Generator,
 ) -> Array:
-    """White noise of the instrument and roughness of the face, whose correlation falls as exp(-(lag / length)^2)."""
+    """White noise of the instrument and roughness of the face, whose correlation falls as exp(-(lag
+    / length)^2).
+    """
     noise = random.normal(0.0, white, count)
     if rough > 0.0:
         kernel = _kernel(spacing, length)
@@ -137,7 +148,9 @@ def correlated_map(
     length: float,
     random: np.random.Generator,
 ) -> Array:
-    """Over a map, the roughness as strongly correlated in every direction; `spacing` holds for both axes."""
+    """Over a map, the roughness as strongly correlated in every direction; `spacing` holds for both
+    axes.
+    """
     noise = random.normal(0.0, white, shape)
     if rough > 0.0:
         from scipy.signal import fftconvolve
@@ -164,7 +177,9 @@ def with_faults(
     spike_height: float = 0.0,
     missing: int = 0,
 ) -> Array:
-    """Throw some points off by up to `spike_height` to either side, and lose others, at random places."""
+    """Throw some points off by up to `spike_height` to either side, and lose others, at random
+    places.
+    """
     faulty = heights.copy()
     places = random.choice(len(heights), spikes + missing, replace=False)
     faulty[places[:spikes]] += random.uniform(-spike_height, spike_height, spikes)

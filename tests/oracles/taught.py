@@ -1,4 +1,6 @@
-"""What a session might have taught, put together by hand: constants, effects, and as much doubt as a test wants."""
+"""What a session might have taught, put together by hand: constants, effects, and as much doubt as
+a test wants.
+"""
 
 import math
 
@@ -30,7 +32,9 @@ _RANGES = (
 def taught_model(
     effects=None, std=0.0, scatter=0.0, blocks=("step-020", "step-050")
 ) -> LearnedModel:
-    """Constants as above, blocks of their nominal height; `effects` maps a law's name to values of its parameters."""
+    """Constants as above, blocks of their nominal height; `effects` maps a law's name to values of
+    its parameters.
+    """
     laws = tuple(law for law in named_laws(blocks) if law.id in (effects or {}))
     heights = {f"height_error[{block}]": 0.0 for block in blocks}
     nominal = CONSTANTS | heights

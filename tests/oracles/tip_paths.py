@@ -1,4 +1,5 @@
-"""Closed-form paths of a ball over simple surfaces: oracles for the dilation, in the ball's own terms.
+"""Closed-form paths of a ball over simple surfaces: oracles for the dilation, in the ball's own
+terms.
 
 Every function returns the height of the ball's lowest point [m] over positions [m]. The surfaces
 are sharp-edged; a rounded edge of radius r is the sharp one for a ball of R + r, seen from the
@@ -21,7 +22,8 @@ def _corner(x, at, height, radius):
 
 
 def step_path(position, height, ball_radius, edge_radius=0.0):
-    """Path over a step up at x = 0: lower face at 0, upper face at `height` from x = `edge_radius` on.
+    """Path over a step up at x = 0: lower face at 0, upper face at `height` from x = `edge_radius`
+    on.
 
     Examples
     --------
@@ -42,7 +44,9 @@ def ridge_path(position, height, width, ball_radius):
 
 
 def groove_path(position, width, ball_radius, rise=0.0, depth=math.inf):
-    """Path over a groove from x = 0 to `width` [m], its far shoulder higher by `rise`, its floor at `-depth`."""
+    """Path over a groove from x = 0 to `width` [m], its far shoulder higher by `rise`, its floor at
+    `-depth`.
+    """
     x = np.asarray(position, dtype=np.float64)
     floor = np.full_like(x, -depth)
     near = np.where(x <= 0.0, 0.0, _corner(x, 0.0, 0.0, ball_radius))
@@ -73,7 +77,8 @@ def groove_angles(width, ball_radius, rise=0.0, depth=math.inf):
 
 
 def rounded_step_profile(height, edge_radius, run, points=4001):
-    """Profile (x, z) [m] of a step with a rounded edge, for tests and scans; the arc is cut off where r > H.
+    """Profile (x, z) [m] of a step with a rounded edge, for tests and scans; the arc is cut off
+    where r > H.
 
     The chord between two of its points lies at most ``r (pi / 2 / points)^2 / 8`` inside the arc.
     """

@@ -1,4 +1,4 @@
-"""A forward model with nothing of the bench in it: two channels that are linear in two covariates."""
+"""A forward model unrelated to the bench: two channels, linear in two covariates."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class Toy:
 
 
 def toy_effects() -> list[Law]:
-    """A named square law over z, straight lines over z and w, and one that the constant a imitates."""
+    """A named square law over z, straight lines over z and w, and one that mimics constant a."""
 
     def effect(name: str, covariate: str, shape, named: bool) -> Law:  # type: ignore[no-untyped-def]
         def apply(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:

@@ -1,4 +1,6 @@
-"""Containers of traces as other programs write them: the HDF5 file of a session turned into TDMS or MATLAB's format."""
+"""Containers of traces as other programs write them: the HDF5 file of a session turned into TDMS or
+MATLAB's format.
+"""
 
 from pathlib import Path
 
@@ -8,7 +10,9 @@ from scipy.io import savemat
 
 
 def turned(session: Path, kind: str) -> Path:
-    """Turn the traces of a session of one HDF5 file into another format, in place, and its declaration with it."""
+    """Turn the traces of a session of one HDF5 file into another format, in place, and its
+    declaration with it.
+    """
     if kind == "hdf5":
         return session
     with h5py.File(session / "traces.h5") as file:

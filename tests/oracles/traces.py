@@ -1,4 +1,6 @@
-"""Closed-form courses of a drag over an edge: sliding, a straight ramp, a release in an instant, a damped ring."""
+"""Closed-form courses of a drag over an edge: sliding, a straight ramp, a release in an instant, a
+damped ring.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A bench of its own: the motion of a tip over a step, integrated by rigid contact, and what its gauges read.
+"""A bench of its own: the motion of a tip over a step, integrated by rigid contact, and what its
+gauges read.
 
 Nothing here comes from the program, so that what the program finds in its drags it finds against
 another bench. The tip is a point mass on the path of its ball's centre (floor, arc of radius R + r
@@ -84,7 +85,9 @@ def _drag(
     drive: tuple[float, ...],
     steps: int,
 ) -> tuple[Floats, Floats, Floats]:
-    """Integrate one drag; forces per fine step (spring, and vertical of the contact), and the figures of `_COUNTS`."""
+    """Integrate one drag; forces per fine step (spring, and vertical of the contact), and the
+    figures of `_COUNTS`.
+    """
     k, k3, m, c = tool
     rho, height, mu, ratio, vs, ageing, edge, bounce = contact
     load, v, lead, dt, touch = drive
@@ -221,7 +224,9 @@ def _drag(
 def _free_ring(
     tool: tuple[float, float, float, float], about: float, swing: float, dt: float, steps: int
 ) -> Floats:
-    """Force of the free tool over its level, let go at `swing` beside its rest [m], by velocity Verlet."""
+    """Force of the free tool over its level, let go at `swing` beside its rest [m], by velocity
+    Verlet.
+    """
     k, k3, m, c = tool
     q, w, out = swing, 0.0, np.empty(steps)
     rest = k * about + k3 * about**3
@@ -250,7 +255,9 @@ def _stored(bench: Bench, stretch: float) -> float:
 def drag(
     bench: Bench, height: float, load: float, speed: float, random: np.random.Generator
 ) -> tuple[Floats, Floats, Floats, dict[str, Any]] | None:
-    """One trial: time, both gauges as they read, and what is true of it; None where the tip locks or is held."""
+    """One trial: time, both gauges as they read, and what is true of it; None where the tip locks
+    or is held.
+    """
     rho = bench.tip_radius + bench.edge_radius
     if height >= rho:
         return None
@@ -294,7 +301,9 @@ def drag(
 
 
 def _regime(bench: Bench, truth: Mapping[str, Any]) -> str:
-    """What the motion was: the tip stuck and slipped before the edge, flew, climbed down without a snap, or rubbed."""
+    """What the motion was: the tip stuck and slipped before the edge, flew, climbed down without a
+    snap, or rubbed.
+    """
     if truth["sticks_before"] >= 2.0 + (bench.unloaded > 0.0):
         return "stick-slip"
     if truth["flight_s"] > 3.0 / RATE:  # shorter ones no record of this rate can show
@@ -311,7 +320,7 @@ def _ring_freely(
     fy: Floats,
     truth: Mapping[str, Any],
 ) -> dict[str, float]:
-    """Put a free ring of the share `conversion` of the stored energy in the place of the release."""
+    """Replace the release by a free ring with the share `conversion` of the stored energy."""
     dt, level = 1.0 / (RATE * _FINE), truth["level_n"]
     at = round(truth["release_s"] / dt) + 1
     energy, about = bench.conversion * truth["stored_j"], _stretch(bench, level)
@@ -334,7 +343,9 @@ def _ring_freely(
 def _read(
     bench: Bench, fx: Floats, fy: Floats, random: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
-    """What the gauges say, sample by sample; the normal one integrates over a sample, as blows are short."""
+    """What the gauges say, sample by sample; the normal one integrates over a sample, as blows are
+    short.
+    """
     tangential, normal = fx[::_FINE], fy.reshape(-1, _FINE).mean(axis=1)
     before = round(bench.unloaded * RATE)
     if before:

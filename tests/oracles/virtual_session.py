@@ -1,4 +1,6 @@
-"""Whole sessions of the virtual bench on disk, as laboratories keep them: design, scatter, and what nobody writes down."""
+"""Whole sessions of the virtual bench on disk, as laboratories keep them: design, scatter, and what
+nobody writes down.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from oracles.virtual_bench import Bench, Floats, drag
 
 @dataclass(frozen=True)
 class Plan:
-    """A session: bench, design, scatter, and what is peculiar. Numbers of trials count the run order from 1."""
+    """A session: bench, design, scatter, and what is peculiar. Numbers of trials count the run
+    order from 1.
+    """
 
     bench: Bench = field(default_factory=Bench)
     trials: int = 96
@@ -63,7 +67,9 @@ def scan(height: float, radius: float, random: np.random.Generator) -> tuple[Flo
 
 
 def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
-    """Write a session as laboratories keep it, and return what is true of each of its trials (also ``truth.json``)."""
+    """Write a session as laboratories keep it, and return what is true of each of its trials (also
+    ``truth.json``).
+    """
     random = np.random.default_rng([seed, 1])
     folder.mkdir(parents=True)
     # a certificate misses the true spring by what it says of itself
