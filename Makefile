@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: run run-all example test lint docs notebooks package everywhere fuzz licences graphics clean
+.PHONY: run run-all example test lint docs notebooks package everywhere fuzz mutations licences graphics clean
 
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
@@ -61,6 +61,10 @@ everywhere: $(VENV)/ready-dev graphics
 fuzz: $(VENV)/ready-dev graphics
 	$(BIN)/python benchmarks/fuzz.py
 	$(BIN)/python benchmarks/faults.py
+
+# Small mistakes put into a copy of the core, one at a time: do the tests notice? The record in out/ lets a run be broken off.
+mutations: $(VENV)/ready-dev graphics
+	$(BIN)/python benchmarks/mutations.py --jobs 2
 
 licences: $(VENV)/ready-dev
 	$(BIN)/python benchmarks/licences.py
