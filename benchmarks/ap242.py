@@ -12,7 +12,7 @@ from stepblocks.artefacts.check import check_part_step
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import build_solids
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 
 
 def main() -> int:
@@ -23,7 +23,7 @@ def main() -> int:
         f"{'worst nm':>10}  findings"
     )
     with tempfile.TemporaryDirectory() as folder:
-        for source in stimulus_files(Path("stimuli")):
+        for source in find_stimulus_files(Path("stimuli")):
             for stimulus in load_set(source).stimuli:
                 bodies = build_solids(stimulus)
                 path = Path(folder) / f"{stimulus.id}.step"

@@ -33,7 +33,7 @@ from stepblocks.bench.measure import measure
 from stepblocks.bench.session import open_session
 from stepblocks.loop.calibration import read_calibration
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
-from stepblocks.loop.session_table import scan_blocks, trials_of
+from stepblocks.loop.session_table import build_session_table, scan_blocks
 
 _FREE = Bench(conversion=0.2)
 Truth = tuple[
@@ -191,7 +191,7 @@ def run_one(name: str, trials: int, seed: int) -> dict[str, Any]:
         scans, _ = scan_blocks(folder, "scans/{block}.csv", blocks)
         spring, known = open_session(folder).probe.spring_constant, read_calibration(folder)
     began = time.process_time()
-    table = trials_of(features, spring, plan.bench.tip_radius, scans, known)
+    table = build_session_table(features, spring, plan.bench.tip_radius, scans, known)
     found = explain(table.model, table.trials, table.model.candidates(table.trials), Rules())
     shown = found.extended
     return {

@@ -141,10 +141,10 @@ def extra_costs(stimuli: Path) -> None:
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
     from stepblocks.build.make import checked_files
-    from stepblocks.build.picture import draw
+    from stepblocks.build.picture import draw_part
     from stepblocks.declare import load_set
     from stepblocks.parts.kinds.step_block import StepBlock
-    from stepblocks.parts.shapes import build_solids, convex_pieces, mesh_solid
+    from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
 
     spent: dict[str, float] = {}
 
@@ -164,14 +164,16 @@ def extra_costs(stimuli: Path) -> None:
             mesh = timed("tessellation", partial(mesh_solid, block, *bodies[0]))
             for ending, write in MESH_FORMATS.items():
                 timed(ending, partial(write, folder / f"{block.id}{ending}", mesh))
-            pieces = timed("convex pieces", partial(convex_pieces, block))
+            pieces = timed("convex pieces", partial(build_convex_pieces, block))
             timed("convex pieces", partial(write_pieces, folder / f"{block.id}.convex.obj", pieces))
             timed(
                 "height field",
                 partial(write_height_field, folder / f"{block.id}.heightfield", block),
             )
             arrays = [(mesh.vertices, mesh.triangles)]
-            timed("picture", partial(draw, folder / f"{block.id}.png", arrays, *block.close_up()))
+            timed(
+                "picture", partial(draw_part, folder / f"{block.id}.png", arrays, *block.close_up())
+            )
             for path in checked_files(block, folder):
                 timed(f"read back {path.suffix}", partial(check_artefact, block, path))
             triangles.append(len(mesh.triangles))

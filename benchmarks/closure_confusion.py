@@ -35,8 +35,8 @@ from stepblocks.contact.effects.smooth import SLOT_MOVES
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS
 from stepblocks.law import Law, Parameter
-from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
-from stepblocks.loop.search.adequacy import identifiability
+from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
+from stepblocks.loop.search.adequacy import compare_directions
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
 from stepblocks.loop.search.fit import fit
 from stepblocks.loop.search.forward_model import Trials
@@ -148,7 +148,7 @@ def planted(name: str, columns: dict[str, Any], target: float) -> Planted:
     if name in FOREIGN:
         return sized(foreign_effect(name, columns), "size", 0.01, {}, columns, target)
     empty = bench_trials(columns, 0)
-    effect = {e.id: e for e in candidates(empty, covariate_ranges(empty), True)}[name]
+    effect = {e.id: e for e in list_candidates(empty, list_covariate_ranges(empty), True)}[name]
     amplitude, first, rest = NAMED[name]
     if "settling_trials" in rest:
         rest = {"settling_trials": rest["settling_trials"] * len(columns["block"])}
@@ -168,7 +168,9 @@ def run_one(task: Task) -> dict[str, Any]:
         scanned=block_scans(columns, seed) if scans else None,
     )
     began = time.perf_counter()
-    found = explain(model, table, candidates(table, covariate_ranges(table)), Rules(draws=300))
+    found = explain(
+        model, table, list_candidates(table, list_covariate_ranges(table)), Rules(draws=300)
+    )
     seconds = time.perf_counter() - began
     outcome = (
         group_named(found) if names == ("block_tilt",) else judge(found, [e for e, _ in truth])
@@ -236,8 +238,12 @@ def removed(found: Explanation, seed: int, truth: tuple[Planted, ...]) -> float 
 def group_named(found: Explanation) -> str:
     """Right where nothing is claimed and the group that no trial can tell apart is named."""
     table = found.problem.trials
-    effects = [e for e in candidates(table, covariate_ranges(table), True) if e.id == "block_tilt"]
-    by = identifiability(found.problem, found.nominal, effects)["imitated_by_constants"].get(
+    effects = [
+        e
+        for e in list_candidates(table, list_covariate_ranges(table), True)
+        if e.id == "block_tilt"
+    ]
+    by = compare_directions(found.problem, found.nominal, effects)["imitated_by_constants"].get(
         "block_tilt", ()
     )
     return "group named" if not found.findings and "friction" in by else "wrong"

@@ -20,8 +20,8 @@ import numpy as np
 
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate
-from stepblocks.drag.track import step_track
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate_drag
+from stepblocks.drag.track import build_step_track
 
 R = 125e-6
 PROBE = replace(PAPER_DRAG, damping_ratio=0.02)  # as in the figures of docs/drag.md
@@ -108,11 +108,11 @@ def our_drag(
     settings = DragSettings(
         load, mu, speed=speed, lead=LEAD, ring_time=RING, sample_rate=5e3, resolution=resolution
     )
-    track = step_track(height, R)
-    simulate(track, CONTACTS[contact], settings)
+    track = build_step_track(height, R)
+    simulate_drag(track, CONTACTS[contact], settings)
     begin = time.process_time()
     for _ in range(repeats):
-        trace = simulate(track, CONTACTS[contact], settings)
+        trace = simulate_drag(track, CONTACTS[contact], settings)
     return (
         (time.process_time() - begin) / repeats,
         trace.peak_force,

@@ -16,10 +16,10 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.drag.ring import RING_BAND, band_share, phase_spectrum, ring_of
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, DragTrace, Probe, simulate
-from stepblocks.drag.track import step_track
-from stepblocks.figure_file import new_figure, save_figure
+from stepblocks.drag.ring import RING_BAND, compute_band_share, compute_phase_spectrum, measure_ring
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, DragTrace, Probe, simulate_drag
+from stepblocks.drag.track import build_step_track
+from stepblocks.figure_file import make_figure, save_figure
 
 R = 125e-6
 LIGHT = replace(PAPER_DRAG, damping_ratio=0.01)
@@ -44,15 +44,17 @@ CASES = [
 def row(
     name: str, probe: Probe, height: float, load: float, mu: float, **friction: float
 ) -> DragTrace:
-    trace = simulate(step_track(height, R), probe, DragSettings(load, mu, speed=5e-3, **friction))
+    trace = simulate_drag(
+        build_step_track(height, R), probe, DragSettings(load, mu, speed=5e-3, **friction)
+    )
     formula = release_at(step_angle(height, R), load, friction.get("static_friction", mu))
     if trace.status is not Status.RELEASES:
         print(
             f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.status} | | | | | | | | |"
         )
         return trace
-    ring = ring_of(trace)
-    normal = band_share(*phase_spectrum(trace, "vibration", "fy_n"), RING_BAND)
+    ring = measure_ring(trace)
+    normal = compute_band_share(*compute_phase_spectrum(trace, "vibration", "fy_n"), RING_BAND)
     print(
         f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.peak_force:.3f} | "
         f"{formula.pull_force:.3f} "
@@ -119,8 +121,10 @@ def where_it_goes() -> None:
     )
     print("|---|---|---|---|---|---|")
     for height in (10e-6, 25e-6, 50e-6, 75e-6):
-        trace = simulate(step_track(height, R), PAPER_DRAG, DragSettings(1.0, 0.15, speed=5e-3))
-        ring = ring_of(trace)
+        trace = simulate_drag(
+            build_step_track(height, R), PAPER_DRAG, DragSettings(1.0, 0.15, speed=5e-3)
+        )
+        ring = measure_ring(trace)
         time, y = trace.column("time_s"), trace.column("y_m")
         climbed = height - float(np.interp(trace.release_time, time, y))
         rest = trace.stored_energy - climbed - ring.energy
@@ -135,11 +139,11 @@ def shares() -> np.ndarray:
     share = np.full([len(axis) for axis in GRID], np.nan)
     for place in np.ndindex(*share.shape):
         height, load, friction, speed = (axis[k] for axis, k in zip(GRID, place, strict=True))
-        trace = simulate(
-            step_track(height, R), PAPER_DRAG, DragSettings(load, friction, speed=speed)
+        trace = simulate_drag(
+            build_step_track(height, R), PAPER_DRAG, DragSettings(load, friction, speed=speed)
         )
         if trace.status is Status.RELEASES:
-            share[place] = ring_of(trace, spectra=False).share
+            share[place] = measure_ring(trace, spectra=False).share
     return share
 
 
@@ -168,7 +172,7 @@ def share_map() -> np.ndarray:
 def draw_ring_share(share: np.ndarray, path: Path) -> None:
     """Draw the share against height, one panel per friction, beside the constant."""
     heights, loads, frictions, speeds = GRID
-    figure, axes = new_figure(1, len(frictions), width=3.2 * len(frictions) + 1.0, height=3.8)
+    figure, axes = make_figure(1, len(frictions), width=3.2 * len(frictions) + 1.0, height=3.8)
     for j, axis in enumerate(axes):
         for (i, load), (k, speed) in product(enumerate(loads), enumerate(speeds)):
             look = {"marker": ".", "lw": 0.9, "color": f"C{i}", "ls": ("-", "--", ":")[k]}

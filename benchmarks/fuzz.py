@@ -116,7 +116,7 @@ def _texts(work: Path) -> Iterator[Kind]:
 
     from oracles.taught import taught_model
     from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
-    from stepblocks.artefacts.model_file import model_document, read_model
+    from stepblocks.artefacts.model_file import build_model_document, read_model
     from stepblocks.artefacts.qif import write_qif
     from stepblocks.artefacts.qif_read import read_qif_results
     from stepblocks.bench.rehearse.plan import read_plan
@@ -165,7 +165,7 @@ def _texts(work: Path) -> Iterator[Kind]:
             read_plan,
         ),
     )
-    model = json.dumps(model_document(taught_model(std=0.1))).encode()
+    model = json.dumps(build_model_document(taught_model(std=0.1))).encode()
     yield "models", ([("model.json", model)], read_model)
     value = AsBuiltValue(50e-6, 1e-7, "conforms")
     write_as_built(
@@ -336,7 +336,7 @@ def _traces(work: Path) -> Iterator[Kind]:
 
 def _parts(work: Path) -> Iterator[Kind]:
     from stepblocks.artefacts.check import check_artefact
-    from stepblocks.artefacts.step.check_step import check_step, step_table
+    from stepblocks.artefacts.step.check_step import check_step, format_step_table
     from stepblocks.build.run import build_sets
     from stepblocks.declare import load_declared
 
@@ -352,7 +352,7 @@ def _parts(work: Path) -> Iterator[Kind]:
         "step",
         (
             [("sheath-hard.step", (folder / "sheath-hard.step").read_bytes())],
-            lambda path: step_table(check_step(path)),
+            lambda path: format_step_table(check_step(path)),
         ),
     )
     for ending in ("stl", "obj", "ply", "3mf", "glb", "convex.obj", "png"):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.contact.event import ring_energy, vibration_events
+from stepblocks.contact.event import compute_ring_energy, vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.simulators.renderer import Renderer
@@ -64,7 +64,7 @@ def drag(renderer: Renderer, event: object) -> tuple[np.ndarray, float]:
         if renderer.events == 1 and index < len(there) + 1500:
             ring.append(force[0] + renderer.pull)
         position[2] += (force[2] - POINT.normal_load) / renderer.wall
-    return times, ring_energy(np.array(ring), RATE, event.tool)
+    return times, compute_ring_energy(np.array(ring), RATE, event.tool)
 
 
 def row(

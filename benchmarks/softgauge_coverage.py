@@ -33,10 +33,10 @@ from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured
 from stepblocks.inspect.edge import fit_edge
-from stepblocks.inspect.form import fit_face, flatness, zone_of
+from stepblocks.inspect.form import compute_flatness, estimate_zone, fit_face
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import masked_step
-from stepblocks.inspect.measure import How, measure_edge, measure_margin, measure_tip
+from stepblocks.inspect.map_levels import measure_masked_step
+from stepblocks.inspect.measure import EvaluationOptions, measure_edge, measure_margin, measure_tip
 from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.type_a1 import evaluate_a1
 
@@ -160,7 +160,7 @@ def grating() -> Draw:
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
         z = np.where(holes, -500 * NM, 0.0) + 2e-3 * x * UM - 1e-3 * y * UM
         z = z + random.normal(0.0, 2 * NM, z.shape) + random.normal(0.0, 5 * NM, (160, 1))
-        got = masked_step(HeightMap(z, 0.2 * UM, 0.2 * UM))
+        got = measure_masked_step(HeightMap(z, 0.2 * UM, 0.2 * UM))
         yield "depth, masked step", 500 * NM, value("depth", got.depth)
 
     return draw
@@ -172,12 +172,12 @@ def form(
     x, y = np.meshgrid(np.linspace(-1.0, 1.0, 60), np.linspace(-1.0, 1.0, 40))
     shape = bow * x**2 + saddle * y**2 + twist * x * y + cubic * x**3
     # minimum zone of the form itself; heights in units that its linear programme resolves
-    zone = flatness(np.stack([x.ravel(), y.ravel(), shape.ravel() * 1e6], axis=1)) * 1e-6
+    zone = compute_flatness(np.stack([x.ravel(), y.ravel(), shape.ravel() * 1e6], axis=1)) * 1e-6
     x, y = np.arange(60) * 10 * UM, np.arange(40) * 10 * UM
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
         z = shape + correlated_map(shape.shape, 10 * UM, 10 * NM, rough, 20 * UM, random)
-        got = zone_of(flatness, fit_face(x, y, z, np.ones(z.shape, dtype=bool)))
+        got = estimate_zone(compute_flatness, fit_face(x, y, z, np.ones(z.shape, dtype=bool)))
         yield "flatness of the form", zone, value("flatness", got)
 
     return draw
@@ -191,7 +191,7 @@ def stylus(angle: float, radius: float) -> Draw:
     )
     x, how = (
         np.arange(-300, 300) * 0.5 * UM,
-        How(stylus_radius=2 * UM, stylus_cone=math.radians(60.0)),
+        EvaluationOptions(stylus_radius=2 * UM, stylus_cone=math.radians(60.0)),
     )
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
@@ -296,7 +296,7 @@ def sheets(count: int, own: float) -> Draw:
         z = true + np.where(true < 0.01 * NM, lying, 0.0) + random.normal(0.0, 0.3 * NM, (200, 1))
         z = z + random.uniform(-NM, NM) * np.linspace(0.0, 1.0, 200)
         z = z + correlated_map(z.shape, 2 * NM, 0.05 * NM, 0.1 * NM, 8 * NM, random)
-        got = masked_step(HeightMap(z, 2 * NM, 2 * NM))
+        got = measure_masked_step(HeightMap(z, 2 * NM, 2 * NM))
         yield "height, masked step", -float(true[got.floor].mean()), value("height", got.depth)
 
     return draw

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from statsmodels.stats.proportion import proportion_confint
 
-from stepblocks.study.analysis.ordinal import ordinal_model
+from stepblocks.study.analysis.ordinal import fit_ordinal_model
 
 
 def ratings(
@@ -44,7 +44,7 @@ def main() -> None:
     for name, response in (("in level", 0.0), ("in level and response", 0.6)):
         hits = 0
         for run in range(runs):
-            fit = ordinal_model(
+            fit = fit_ordinal_model(
                 ratings(response, np.random.default_rng([run, 1])),
                 "rating",
                 "condition",

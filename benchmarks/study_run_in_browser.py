@@ -17,7 +17,7 @@ import numpy as np
 
 from oracles.browser import browser
 from oracles.participant_in_browser import LOOKS, whole_run
-from stepblocks.study.prose import headline
+from stepblocks.study.prose import write_headline
 from stepblocks.study.run import analyse_study, design_study
 
 SET = Path(__file__).resolve().parents[1] / "stimuli" / "paper-ten.toml"
@@ -49,7 +49,7 @@ def main() -> None:
                 flush=True,
             )
         result = analyse_study(folder, [folder / "runs"], folder / "report")
-        print(headline(result))
+        print(write_headline(result))
         print(f"report.html: {(folder / 'report' / 'report.html').stat().st_size} bytes")
 
 

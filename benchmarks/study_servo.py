@@ -22,10 +22,10 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.contact.event import ring_energy
+from stepblocks.contact.event import compute_ring_energy
 from stepblocks.study.conduct import Run, RunServer, open_run
 from stepblocks.study.run import design_study
-from stepblocks.study.servo import hurry
+from stepblocks.study.servo import raise_priority
 
 # waits as the servo does: asleep until 60 us before a tick is due, then by the clock; prints how
 # late each came [s]
@@ -122,7 +122,7 @@ def by_hand(server: RunServer, seconds: float) -> None:
     """Post from a thread of the server's priority, without a page."""
 
     def move() -> None:
-        hurry(10)
+        raise_priority(10)
         for x in places(seconds):
             server.experiment.hand.post(x, True)
             time.sleep(1.0 / 60.0)
@@ -151,7 +151,7 @@ def checked(run: Run) -> tuple[np.ndarray, float, float]:
     ring = (record["force_x_n"] + record["pull_n"])[first : first + 120]
     tool = run.blocks.point.tool
     expected = tool.conversion * 0.5 * record["pull_n"][first - 1] ** 2 / tool.stiffness
-    return record["late_s"], worst, ring_energy(ring, 1000.0, tool) / expected
+    return record["late_s"], worst, compute_ring_energy(ring, 1000.0, tool) / expected
 
 
 def row(name: str, rows: list[tuple[np.ndarray, float, float, float]]) -> None:
@@ -177,7 +177,7 @@ def compiled(folder: Path) -> str:
 
 def served(server: RunServer) -> None:
     """Serve as `RunServer.until_done` does, without its end."""
-    hurry(10)
+    raise_priority(10)
     server.serve_forever(poll_interval=0.1)
 
 

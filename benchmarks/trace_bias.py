@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from stepblocks.bench.rehearse import Rig, Truth, drag_trial, record
+from stepblocks.bench.rehearse import Rig, Truth, record_drag, record_trial
 from stepblocks.bench.signal.features import measure_trace
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
@@ -93,7 +93,7 @@ def study(
     pulls: dict[str, list[float]] = {name: [] for name in FEATURES}
     for _ in range(count):
         truth = draw(random, rubbing)
-        trace, onset, release = record(truth, rig, random)
+        trace, onset, release = record_trial(truth, rig, random)
         # a session tells frequency and decay of its tool from a few clear trials
         features = measure_trace(
             trace, K, truth.slope / K, (truth.frequency, truth.decay_time)
@@ -134,7 +134,7 @@ def dragged(count: int, seed: int = 7) -> dict[str, tuple[float, float, float, f
         point = OperatingPoint(
             125e-6, load, 0.16, Tool(stiffness=K, frequency=270.0, decay_time=28.4e-3), speed
         )
-        trial = drag_trial(Step(height), point, Rig(), random)
+        trial = record_drag(Step(height), point, Rig(), random)
         if trial is None or trial.amplitude < 0.05:
             continue  # locked, or climbed down without a ring
         features = measure_trace(trial.trace, K, speed, (270.0, 28.4e-3)).features

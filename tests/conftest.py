@@ -29,12 +29,12 @@ def shipped_output(tmp_path_factory):
     first one builds.
     """
     from stepblocks.build.run import build_sets
-    from stepblocks.select import stimulus_files
+    from stepblocks.select import find_stimulus_files
 
     several = "PYTEST_XDIST_WORKER" in os.environ
     base = tmp_path_factory.getbasetemp().parent if several else tmp_path_factory.getbasetemp()
     with (base / "shipped.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        report = build_sets(stimulus_files([ROOT / "stimuli"]), base / "shipped")
+        report = build_sets(find_stimulus_files([ROOT / "stimuli"]), base / "shipped")
     assert report.failures == []
     return base / "shipped"

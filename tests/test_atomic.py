@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.atomic import alone_in, beside, replace_text
+from stepblocks.atomic import lock_folder, replace_text, write_atomically
 from stepblocks.cli import main
 
 
@@ -21,7 +21,7 @@ def test_a_failure_leaves_the_old_file_and_no_draft(tmp_path):
     target.write_text("old")
 
     def write():
-        with beside(target) as draft:
+        with write_atomically(target) as draft:
             draft.write_text("half")
             raise RuntimeError("disk")
 
@@ -33,7 +33,7 @@ def test_a_failure_leaves_the_old_file_and_no_draft(tmp_path):
 
 def test_two_writers_of_one_file_never_share_a_draft(tmp_path):
     target = tmp_path / "table.csv"
-    with beside(target) as first, beside(target) as second:
+    with write_atomically(target) as first, write_atomically(target) as second:
         assert first != second
         first.write_text("one")
         second.write_text("two")
@@ -74,11 +74,11 @@ def test_live_drafts_are_kept_and_other_files_named_like_drafts_are_not_followed
     output = tmp_path / "out"
     output.mkdir()
     (output / ".partial-link").symlink_to(theirs)
-    with beside(output / "x.csv") as ours:
+    with write_atomically(output / "x.csv") as ours:
         ours.write_text("half")
         killed_while_writing(output / "y.csv")
         held = names(output)
-        with alone_in(output):
+        with lock_folder(output):
             assert set(names(output)) < set(held)
             assert ours.read_text() == "half"
     assert names(output) == [".partial-link", "x.csv"]
@@ -120,7 +120,7 @@ def test_one_run_holds_an_output_folder_and_a_second_is_told_so(command, tmp_pat
     }
     output = tmp_path / "out"
     name = "loop" if command == "several" else command
-    with alone_in(output):
+    with lock_folder(output):
         assert main([name, *files[command], "-o", str(output)]) == 2
     said = capsys.readouterr().err
     assert "another run is writing into this folder" in said

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from stepblocks.errors import QuantityError
-from stepblocks.quantities import format_quantity, parse_quantity, scaled
+from stepblocks.quantities import format_quantity, multiply_by_unit, parse_quantity
 
 
 @pytest.mark.parametrize(
@@ -77,4 +77,4 @@ def test_lengths_are_written_in_the_unit_people_use(value, text):
     [(0.0, 0.0), (2.0**-1060, 25 * 2.0**-1060), (1e-6, 25e-6), (1e-3, 25e-3)],
 )
 def test_a_unit_of_any_size_that_a_file_may_state_is_scaled_by(factor, expected):
-    assert scaled(25.0, factor) == expected
+    assert multiply_by_unit(25.0, factor) == expected

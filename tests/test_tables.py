@@ -10,7 +10,7 @@ import pytest
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
 from stepblocks.predict.table import predict_table
-from stepblocks.tables import csv_text, harmless, read_table, write_table
+from stepblocks.tables import escape_formula, format_csv, read_table, write_table
 
 
 @pytest.mark.parametrize(
@@ -18,10 +18,10 @@ from stepblocks.tables import csv_text, harmless, read_table, write_table
 )
 def test_a_text_that_a_spreadsheet_would_run_gets_an_apostrophe(cell, tmp_path):
     """The rule of OWASP's page on CSV injection."""
-    assert harmless(cell) == "'" + cell.replace("\r", "\n")
+    assert escape_formula(cell) == "'" + cell.replace("\r", "\n")
     frame = pd.DataFrame({"note": [cell], "height_um": [-2.5]})
     for text in (
-        csv_text(frame),
+        format_csv(frame),
         (write_table(frame, tmp_path / "t.csv"), (tmp_path / "t.csv").read_text())[1],
     ):
         note, height = list(csv.reader(io.StringIO(text)))[1]
@@ -31,7 +31,7 @@ def test_a_text_that_a_spreadsheet_would_run_gets_an_apostrophe(cell, tmp_path):
 
 @pytest.mark.parametrize("cell", ["-2.5", "+3", "-inf", "", "step-050", "a=b", 3, -1.5, None])
 def test_numbers_and_plain_texts_stay(cell):
-    assert harmless(cell) == cell
+    assert escape_formula(cell) == cell
 
 
 TABLE = "height_um,load_n,friction,{}\n25,1,0.15,3\n"

@@ -4,15 +4,15 @@ Everything a command does, a notebook can. The names below are the public face, 
 which data walks through them:
 
 - asked for: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `ScannedMargin`, `StraightTip`, `HookTip`,
-  `Sheath`, `Dimension`; `registered` for a kind of one's own;
-- shaped: `build_solids`, `mesh_solid`, `convex_pieces`, `height_field`;
+  `Sheath`, `Dimension`; `register_kind` for a kind of one's own;
+- shaped: `build_solids`, `mesh_solid`, `build_convex_pieces`, `height_field`;
 - made and checked: `build_sets`, `BuildReport`, `check_output`, `check_artefact`, `check_step`, `Verdict`, `order_parts`;
 - met by a slider: `Counterface`, `Step`, `Margin`, `Groove`, `Profile`, under an `OperatingPoint` with its `Tool`; the paper's
   is `PAPER`;
-- predicted: `step_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`,
+- predicted: `compute_step_angle`, `compute_margin_angles`, `release_at`, `Release`, `Status`, `interval_of`, `energy_change`,
   `predict_set`, `predict_table`, `predict_trials`, `sweep`, `drag_over`, `vibration_events`;
-- felt: `export`, `feel`, `compare`, `Renderer`;
-- measured: `read_scan`, `list_channels`, `inspect_scan`, `inspect_standard`, `inspect_many`, `How`, `write_inspection`, `write_many`,
+- felt: `export`, `simulate_sensation`, `compare`, `Renderer`;
+- measured: `read_scan`, `list_channels`, `inspect_scan`, `inspect_standard`, `inspect_many`, `EvaluationOptions`, `write_inspection`, `write_many`,
   `read_as_built`, `measure`, `simulate_session`;
 - explained: `loop_session`, `loop_sessions`, `read_model`; held against what others published: `hold_against_evidence`;
 - judged by people: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`, `share_study`, `study_power`,

@@ -30,7 +30,7 @@ from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
 from .evidence.compare import hold_against_evidence as hold_against_evidence
 from .inspect.many import inspect_many as inspect_many, write_many as write_many
-from .inspect.measure import How as How
+from .inspect.measure import EvaluationOptions as EvaluationOptions
 from .inspect.report import write_inspection as write_inspection
 from .inspect.run import inspect_scan as inspect_scan, inspect_standard as inspect_standard
 from .loop.run import loop_session as loop_session
@@ -41,10 +41,10 @@ from .parts.kinds.scanned_margin import ScannedMargin as ScannedMargin
 from .parts.kinds.sheath import Sheath as Sheath
 from .parts.kinds.step_block import StepBlock as StepBlock
 from .parts.kinds.tips import HookTip as HookTip, StraightTip as StraightTip
-from .parts.set import StimulusSet as StimulusSet, registered as registered
+from .parts.set import StimulusSet as StimulusSet, register_kind as register_kind
 from .parts.shapes import (
+    build_convex_pieces as build_convex_pieces,
     build_solids as build_solids,
-    convex_pieces as convex_pieces,
     mesh_solid as mesh_solid,
 )
 from .parts.tolerance import Dimension as Dimension

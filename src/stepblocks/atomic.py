@@ -21,7 +21,7 @@ _kept: ContextVar[Callable[[Path], bool]] = ContextVar("kept", default=lambda _:
 
 
 @contextmanager
-def keeping(theirs: Callable[[Path], bool]) -> Iterator[None]:
+def protect_files(theirs: Callable[[Path], bool]) -> Iterator[None]:
     """Replace no file, within the block, that belongs to somebody else."""
     before = _kept.set(theirs)
     try:
@@ -31,9 +31,9 @@ def keeping(theirs: Callable[[Path], bool]) -> Iterator[None]:
 
 
 @contextmanager
-def beside(path: Path) -> Iterator[Path]:
+def write_atomically(path: Path) -> Iterator[Path]:
     """Give a draft to write to; it takes its place when the block ends well and is removed when it does not."""
-    with _draft(path.parent) as folder:
+    with _make_locked_folder(path.parent) as folder:
         draft = folder / path.name
         yield draft
         # what a killed run wrote, and had no time to note as ours, is the same again
@@ -41,23 +41,23 @@ def beside(path: Path) -> Iterator[Path]:
             raise PipelineError(
                 f"the file is not ours, or was changed since; --force replaces it [{path}]"
             )
-        _to_disk(draft)
+        _sync_file(draft)
         draft.replace(path)
-        _to_disk(path.parent)
+        _sync_file(path.parent)
 
 
 @contextmanager
-def folder_beside(path: Path) -> Iterator[Path]:
+def make_draft_folder(path: Path) -> Iterator[Path]:
     """Give an empty folder beside a place to prepare files in; it is gone when the block ends, whatever is in it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with _draft(path.parent) as draft:
+    with _make_locked_folder(path.parent) as draft:
         yield draft
 
 
 @contextmanager
-def _draft(folder: Path) -> Iterator[Path]:
+def _make_locked_folder(folder: Path) -> Iterator[Path]:
     """Give a new folder that is locked as long as its process lives, so that the next run knows what was left."""
-    _sweep_once(folder)
+    _remove_stale_drafts_once(folder)
     while True:
         draft = folder / f".partial-{secrets.token_hex(8)}"
         draft.mkdir()
@@ -75,7 +75,7 @@ def _draft(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Hold an output folder for one run: a second one is told so; the lock ends with its process, whose drafts are swept."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -94,14 +94,14 @@ def alone_in(folder: Path) -> Iterator[None]:
                     "another"
                 )
                 raise PipelineError(f"{rule} [{folder}]") from None
-        _sweep(folder)
+        _remove_stale_drafts(folder)
         yield
     finally:
-        _sweep(folder)
+        _remove_stale_drafts(folder)
         os.close(number)
 
 
-def inside(folder: Path, name: str) -> Path | None:
+def resolve_inside(folder: Path, name: str) -> Path | None:
     """Follow a name that was read from a file, or None: empty, absolute, with ``..``, or a link on the way or at its end."""
     parts = Path(name).parts
     if not parts or Path(name).anchor or ".." in parts or "\0" in name:
@@ -114,7 +114,7 @@ def inside(folder: Path, name: str) -> Path | None:
     return path
 
 
-def _sweep(folder: Path) -> None:
+def _remove_stale_drafts(folder: Path) -> None:
     """Remove the drafts in a folder that killed runs left: those that nobody holds any more."""
     for left in folder.glob(".partial-*"):
         with suppress(OSError):  # it is held, or another run sweeps at the same time
@@ -126,12 +126,12 @@ def _sweep(folder: Path) -> None:
                 os.close(number)
 
 
-_sweep_once = lru_cache(
-    _sweep
+_remove_stale_drafts_once = lru_cache(
+    _remove_stale_drafts
 )  # a process looks through a folder when it first writes there, not at every file
 
 
-def _to_disk(path: Path) -> None:
+def _sync_file(path: Path) -> None:
     number = os.open(path, os.O_RDONLY)
     try:
         os.fsync(number)
@@ -139,10 +139,10 @@ def _to_disk(path: Path) -> None:
         os.close(number)
 
 
-def settle(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Bring what was prepared in a folder to the disk, before it is moved into its place."""
     for path in (folder, *folder.rglob("*")):
-        _to_disk(path)
+        _sync_file(path)
 
 
 def replace_text(path: Path, text: str) -> None:
@@ -154,5 +154,5 @@ def replace_text(path: Path, text: str) -> None:
 
 def replace_bytes(path: Path, content: bytes) -> None:
     """Write bytes beside their place and rename them there."""
-    with beside(path) as draft:
+    with write_atomically(path) as draft:
         draft.write_bytes(content)

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.text_file import plain_size
+from stepblocks.text_file import measure_plain_file
 
 Answer = tuple[
     dict[str, Any], str, bool
@@ -47,7 +47,7 @@ def read_confined(
     # it, with the file's name.
     request = {"function": function, "arguments": [os.path.abspath(path), *arguments]}  # noqa: PTH100  a link stays one
     try:
-        seconds = _SECONDS + _PER_BYTE * plain_size(path)
+        seconds = _SECONDS + _PER_BYTE * measure_plain_file(path)
         found, refused, ours = _reader(os.getpid()).call(request, seconds)
     except OSError as error:
         raise raises(f"file cannot be read: {error.strerror or error} [{path.name}]") from error
@@ -78,14 +78,12 @@ class _Reader:
             try:
                 process.stdin.write(json.dumps({**request, "seconds": seconds}).encode() + b"\n")
                 process.stdin.flush()
-                size = int.from_bytes(_received(process.stdout, 8), "little")
-                answer = json.loads(_received(process.stdout, size, _LARGEST_ANSWER))
+                size = int.from_bytes(_receive(process.stdout, 8), "little")
+                answer = json.loads(_receive(process.stdout, size, _LARGEST_ANSWER))
                 found = answer["values"]
                 for name, kind, shape in answer["arrays"]:
                     size = np.dtype(kind).itemsize * int(np.prod(shape))
-                    found[name] = np.frombuffer(_received(process.stdout, size), kind).reshape(
-                        shape
-                    )
+                    found[name] = np.frombuffer(_receive(process.stdout, size), kind).reshape(shape)
             except (EOFError, BrokenPipeError):
                 code = self.close(5.0)
                 too_long = code == -signal.SIGXCPU or watch.finished.is_set()
@@ -125,7 +123,7 @@ class _Reader:
         return None
 
 
-def _received(stream: BufferedReader, count: int, most: int = MEMORY) -> bytearray:
+def _receive(stream: BufferedReader, count: int, most: int = MEMORY) -> bytearray:
     """Read so many bytes of an answer."""
     whole = bytearray(count if count <= most else 0)
     if stream.readinto(whole) < count:
@@ -136,7 +134,7 @@ def _received(stream: BufferedReader, count: int, most: int = MEMORY) -> bytearr
 _reader = cache(lambda pid: _Reader())  # one for each process: a fork must not share its parent's
 
 
-def _answer(request: dict[str, Any]) -> Answer:
+def _answer_request(request: dict[str, Any]) -> Answer:
     module, _, name = request["function"].partition(":")
     path, *arguments = request["arguments"]
     try:
@@ -156,7 +154,7 @@ def _answer(request: dict[str, Any]) -> Answer:
     return found, "", False
 
 
-def _serve() -> None:
+def _serve_requests() -> None:
     """Answer calls until nobody asks any more."""
     import resource
 
@@ -171,7 +169,7 @@ def _serve() -> None:
         spent = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
         hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
         resource.setrlimit(resource.RLIMIT_CPU, (int(spent + request["seconds"]) + 1, hard))
-        found, refused, ours = _answer(request)
+        found, refused, ours = _answer_request(request)
         arrays = {
             name: np.ascontiguousarray(one)
             for name, one in found.items()
@@ -188,4 +186,4 @@ def _serve() -> None:
 
 
 if __name__ == "__main__":
-    _serve()
+    _serve_requests()

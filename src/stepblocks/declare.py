@@ -8,10 +8,22 @@ from typing import Any
 from pydantic import ValidationError
 
 from stepblocks.errors import PipelineError, StepblocksError, StimulusError
-from stepblocks.mistakes import Mistake, brief, mistakes_in, told, validated
+from stepblocks.mistakes import (
+    Mistake,
+    format_mistakes,
+    list_mistakes,
+    shorten_value,
+    validate_data,
+)
 from stepblocks.parts.apparatus import Kit
-from stepblocks.parts.series import MAX_SERIES, expand, merged
-from stepblocks.parts.set import StimulusSet, file_model, kinds, set_of, with_energy_tolerances
+from stepblocks.parts.series import MAX_SERIES, expand_series, merge_tables
+from stepblocks.parts.set import (
+    StimulusSet,
+    list_kinds,
+    make_file_model,
+    resolve_energy_tolerances,
+    validate_set,
+)
 from stepblocks.text_file import read_document
 
 SCHEMA = 1  # version of the stimulus file format
@@ -38,7 +50,7 @@ def load_set(path: str | Path) -> StimulusSet:
         impossible.
     """
     path = Path(path)
-    raw, known = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES), kinds()
+    raw, known = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES), list_kinds()
     if "apparatus" in raw:
         raise StimulusError(
             f"apparatus is no stimulus: stepblocks workshop makes it, not build [{path}]"
@@ -46,23 +58,23 @@ def load_set(path: str | Path) -> StimulusSet:
     name = raw.pop("set", path.stem)
     mistakes: list[Mistake] = []
     if (schema := raw.pop("schema", SCHEMA)) != SCHEMA:
-        mistakes.append(("", f"schema must be {SCHEMA}, got {brief(schema)}"))
+        mistakes.append(("", f"schema must be {SCHEMA}, got {shorten_value(schema)}"))
     if name != path.stem:
         mistakes.append(
             (
                 "",
                 f"set must be the name of its file, {path.stem!r}, or be left out, got "
-                f"{brief(name)}",
+                f"{shorten_value(name)}",
             )
         )
     defaults = raw.pop("defaults", {})
     if not isinstance(defaults, dict) or not set(defaults) <= set(known):
         mistakes.append(
-            ("", f"defaults must be tables named {', '.join(known)}, got {brief(defaults)}")
+            ("", f"defaults must be tables named {', '.join(known)}, got {shorten_value(defaults)}")
         )
         defaults = {}
     for kind in [kind for kind in known if kind in raw]:
-        stanzas = _stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, path.parent)
+        stanzas = _expand_stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, path.parent)
         raw[kind] = list(islice(stanzas, MAX_SERIES + 1))
     total = sum(len(raw.get(kind, ())) for kind in known)
     if total > MAX_SERIES:
@@ -75,16 +87,16 @@ def load_set(path: str | Path) -> StimulusSet:
         kind, number, *rest = location
         stanzas = declared.get(kind, ())  # none where the name of the kind was mended
         identity = stanzas[number].get("id", number + 1) if number < len(stanzas) else number + 1
-        return f"{kind} {brief(identity)}", tuple(rest)
+        return f"{kind} {shorten_value(identity)}", tuple(rest)
 
     try:
-        found = set_of(declared)
+        found = validate_set(declared)
     except ValidationError as error:
         # where stanzas could not be read, a set without any is no mistake of its own
         if total or not mistakes:
-            mistakes += mistakes_in(error, file_model(), declared, locate, set_of)
+            mistakes += list_mistakes(error, make_file_model(), declared, locate, validate_set)
     if mistakes:
-        raise StimulusError(told(mistakes, path))
+        raise StimulusError(format_mistakes(mistakes, path))
     return found
 
 
@@ -97,33 +109,33 @@ def load_kit(path: Path) -> Kit | None:
         raise StimulusError(
             f"schema must be {SCHEMA} and set the name of the file, {path.stem!r} [{path}]"
         )
-    return validated(Kit, raw, path, StimulusError)
+    return validate_data(Kit, raw, path, StimulusError)
 
 
 def load_declared(path: str | Path) -> StimulusSet:
     """Read a stimulus file and work out the tolerances that follow from an energy."""
     stimuli = load_set(path)
     try:
-        return with_energy_tolerances(stimuli)
+        return resolve_energy_tolerances(stimuli)
     except StepblocksError as error:
         raise PipelineError(f"{error}".replace(f"[{stimuli.name},", f"[{path},")) from error
 
 
-def _stanzas(
+def _expand_stanzas(
     kind: str, raw: object, defaults: object, mistakes: list[Mistake], folder: Path
 ) -> Iterator[Mapping[str, Any]]:
     """Expand the stanzas of a kind; those that cannot be are among the mistakes."""
     if not isinstance(raw, list) or not all(isinstance(stanza, dict) for stanza in raw):
-        mistakes.append(("", f"{kind} must be written as [[{kind}]], got {brief(raw)}"))
+        mistakes.append(("", f"{kind} must be written as [[{kind}]], got {shorten_value(raw)}"))
         return
     if not isinstance(defaults, dict):
-        mistakes.append(("", f"defaults.{kind} must be a table, got {brief(defaults)}"))
+        mistakes.append(("", f"defaults.{kind} must be a table, got {shorten_value(defaults)}"))
         return
     for number, stanza in enumerate(raw, start=1):
-        place = f"{kind} {brief(stanza.get('id', f'number {number}'))}"
+        place = f"{kind} {shorten_value(stanza.get('id', f'number {number}'))}"
         try:
-            for one in expand(merged(defaults, stanza)):
-                yield from kinds()[kind].followed(one, folder)
+            for one in expand_series(merge_tables(defaults, stanza)):
+                yield from list_kinds()[kind].expand_stanza(one, folder)
         except (ValueError, StepblocksError) as error:
             mistakes.append((place, str(error)))
         except RecursionError:

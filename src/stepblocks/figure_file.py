@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from stepblocks.atomic import beside
-from stepblocks.quantities import readable
+from stepblocks.atomic import write_atomically
+from stepblocks.quantities import format_units
 
 
-def new_figure(
+def make_figure(
     rows: int = 1,
     columns: int = 1,
     *,
@@ -36,9 +36,9 @@ def save_figure(figure: Any, path: Path) -> None:
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
-        text.set_text(readable(text.get_text()))
+        text.set_text(format_units(text.get_text()))
     kind = path.suffix.lstrip(".")
     path.parent.mkdir(parents=True, exist_ok=True)
     metadata = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
-    with mpl.rc_context({"svg.hashsalt": "stepblocks"}), beside(path) as draft:
+    with mpl.rc_context({"svg.hashsalt": "stepblocks"}), write_atomically(path) as draft:
         figure.savefig(draft, format=kind, metadata=metadata)

@@ -46,7 +46,7 @@ class Law:
     named: bool = True  # False for a smooth, which claims no law
     rank: int = 0  # order of preference among laws that predict the same
     said: str = ""  # what it is in the words of a sentence that ends in its figures
-    settled: str = ""  # what to do on the bench to tell it from its rivals
+    how_to_decide: str = ""  # what to do on the bench to tell it from its rivals
     # False where the covariate only says over what it shows, and its formula holds without a value
     given: bool = True
 
@@ -60,7 +60,7 @@ class Law:
         """Slot and covariate: what an attribution is judged by."""
         return self.slot, self.covariate
 
-    def own(self, values: Mapping[str, float]) -> dict[str, float]:
+    def pick_own_values(self, values: Mapping[str, float]) -> dict[str, float]:
         """Pick the values of its parameters out of those of a fit, where they are called ``law.parameter``."""
         return {p.name: values[f"{self.id}.{p.name}"] for p in self.parameters}
 

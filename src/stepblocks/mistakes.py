@@ -16,18 +16,18 @@ Mistake = tuple[str, str]  # where in the file, empty for the file itself; name,
 Located = Callable[[tuple[Any, ...]], tuple[str, tuple[Any, ...]]]
 
 
-def validated(
+def validate_data(
     model: type[Model], data: object, place: object, raised: type[StepblocksError]
 ) -> Model:
     """Validate what a file holds, or tell all that is wrong with it."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise raised(told(mistakes_in(error, model, data), place)) from error
+        raise raised(format_mistakes(list_mistakes(error, model, data), place)) from error
 
 
 @contextmanager
-def noted(mistakes: list[Mistake], place: str = "") -> Iterator[None]:
+def collect_mistakes(mistakes: list[Mistake], place: str = "") -> Iterator[None]:
     """Note what the block refuses, and go on after it."""
     try:
         yield
@@ -35,12 +35,14 @@ def noted(mistakes: list[Mistake], place: str = "") -> Iterator[None]:
         mistakes.append((place, str(error)))
 
 
-def unknown_names(table: Iterable[str], known: Sequence[str], place: str = "") -> list[Mistake]:
+def find_unknown_names(
+    table: Iterable[str], known: Sequence[str], place: str = ""
+) -> list[Mistake]:
     """List names that nobody knows, with what was probably meant."""
     found = [name for name in table if name not in known]
     hints = [
         f"did you mean {meant}?"
-        if (meant := similar(name, known))
+        if (meant := find_similar(name, known))
         else f"known are {', '.join(known)}"
         for name in found
     ]
@@ -49,7 +51,7 @@ def unknown_names(table: Iterable[str], known: Sequence[str], place: str = "") -
     ]
 
 
-def told(mistakes: Sequence[Mistake], file: object) -> str:
+def format_mistakes(mistakes: Sequence[Mistake], file: object) -> str:
     """Write mistakes by their places, one a line, those that are alike once."""
     by_text: dict[str, list[str]] = {}
     order = list(dict.fromkeys(place for place, _ in mistakes))
@@ -66,7 +68,7 @@ def told(mistakes: Sequence[Mistake], file: object) -> str:
     return "\n".join([f"{len(lines)} mistakes [{file}]", *shown])
 
 
-def mistakes_in(
+def list_mistakes(
     error: ValidationError,
     model: type[BaseModel],
     data: object,
@@ -86,7 +88,7 @@ def mistakes_in(
         unknown = [one for one in new.values() if one["type"] == "extra_forbidden"]
         if not (again and unknown):
             break
-        data = _mended(data, model, unknown)
+        data = _correct_names(data, model, unknown)
         try:
             (validate or model.model_validate)(data)
             found = {key: one for key, one in found.items() if one["type"] == "extra_forbidden"}
@@ -103,20 +105,22 @@ def mistakes_in(
     mistakes = []
     for one in sorted(found.values(), key=lambda one: one["type"] != "extra_forbidden"):
         place, rest = locate(one["loc"])
-        meant = _meant(model, one["loc"]) if one["type"] == "extra_forbidden" else None
+        meant = _find_meant_name(model, one["loc"]) if one["type"] == "extra_forbidden" else None
         hint = f"; did you mean {'.'.join(map(str, (*rest[:-1], meant)))}?" if meant else ""
-        mistakes += [(place, f"{text}{hint}") for text in _rules(one, ".".join(map(str, rest)))]
+        mistakes += [
+            (place, f"{text}{hint}") for text in _format_finding(one, ".".join(map(str, rest)))
+        ]
     order = ["", *dict.fromkeys(place for place, _ in mistakes)]
     return sorted(mistakes, key=lambda one: order.index(one[0]))
 
 
-def _rules(finding: Mapping[str, Any], name: str) -> list[str]:
+def _format_finding(finding: Mapping[str, Any], name: str) -> list[str]:
     """Say name, rule and value of one of pydantic's findings, which may tell several rules."""
     kind, value = finding["type"], finding.get("input")
     if kind == "missing":
         return [f"{name} is missing"]
     if kind == "extra_forbidden":
-        return [f"{name} is not a known field, got {brief(value)}"]
+        return [f"{name} is not a known field, got {shorten_value(value)}"]
     if kind in ("value_error", "quantity"):
         text = str(finding["ctx"]["error"]) if "ctx" in finding else finding["msg"]
         last = name.rsplit(".", 1)[-1]
@@ -126,30 +130,32 @@ def _rules(finding: Mapping[str, Any], name: str) -> list[str]:
             for line in text.splitlines()
         ]
     if kind == "string_pattern_mismatch":
-        return [f"{name} must be lower-case words and digits joined by hyphens, got {brief(value)}"]
+        return [
+            f"{name} must be lower-case words and digits joined by hyphens, got {shorten_value(value)}"
+        ]
     text = finding["msg"]
-    return [f"{name}: {text[:1].lower()}{text[1:]}, got {brief(value)}"]
+    return [f"{name}: {text[:1].lower()}{text[1:]}, got {shorten_value(value)}"]
 
 
-def brief(value: object) -> str:
+def shorten_value(value: object) -> str:
     """Write a value in at most sixty letters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def similar(word: str, known: Iterable[str]) -> str | None:
+def find_similar(word: str, known: Iterable[str]) -> str | None:
     """Find the name that was probably meant."""
     return next(iter(difflib.get_close_matches(word, list(known), 1, 0.7)), None)
 
 
-def _meant(model: type[BaseModel], place: Sequence[Any]) -> str | None:
+def _find_meant_name(model: type[BaseModel], place: Sequence[Any]) -> str | None:
     """Find what was meant by a name: one like it in the same table, or the same in a table below."""
     tables = [model]
     for step in place[:-1]:
         fields = [
             field for table in tables if (field := table.model_fields.get(str(step))) is not None
         ]
-        tables = [below for field in fields for below in _models(field.annotation)] or tables
+        tables = [below for field in fields for below in _list_models(field.annotation)] or tables
     word = str(place[-1])
     known = {
         field.alias or name: field for table in tables for name, field in table.model_fields.items()
@@ -157,20 +163,22 @@ def _meant(model: type[BaseModel], place: Sequence[Any]) -> str | None:
     deeper = [
         f"{name}.{word}"
         for name, field in known.items()
-        for below in _models(field.annotation)
+        for below in _list_models(field.annotation)
         if word in below.model_fields
     ]
-    return similar(word, known) or next(iter(deeper), None)
+    return find_similar(word, known) or next(iter(deeper), None)
 
 
-def _models(annotation: object) -> Iterator[type[BaseModel]]:
+def _list_models(annotation: object) -> Iterator[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for part in get_args(annotation):
-        yield from _models(part)
+        yield from _list_models(part)
 
 
-def _mended(data: object, model: type[BaseModel], unknown: Sequence[Mapping[str, Any]]) -> object:
+def _correct_names(
+    data: object, model: type[BaseModel], unknown: Sequence[Mapping[str, Any]]
+) -> object:
     """Take a misspelt name for what was meant, where that is missing, and leave the others out."""
     data = deepcopy(data)
     for one in unknown:
@@ -182,7 +190,7 @@ def _mended(data: object, model: type[BaseModel], unknown: Sequence[Mapping[str,
             ):
                 table = table[step]
         if isinstance(table, dict) and name in table:
-            value, meant = table.pop(name), _meant(model, one["loc"])
+            value, meant = table.pop(name), _find_meant_name(model, one["loc"])
             if meant is not None and "." not in meant:
                 table[meant] = value
     return data

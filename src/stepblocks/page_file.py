@@ -13,10 +13,10 @@ _HEAD = """<!doctype html>
 
 
 def render_page(room: str, template: str, **values: object) -> str:
-    """Fill a template of a room; ``head`` opens the page and the style that all share, ``readable`` writes units as people do."""
+    """Fill a template of a room; ``head`` opens the page and the style that all share, ``format_units`` writes units as people do."""
     import jinja2
 
-    from stepblocks.quantities import column_label, readable
+    from stepblocks.quantities import format_column_label, format_units
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(f"stepblocks.{room}"),
@@ -26,16 +26,20 @@ def render_page(room: str, template: str, **values: object) -> str:
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"readable": readable, "label": column_label, "figure": _figure}
+    environment.filters |= {
+        "readable": format_units,
+        "label": format_column_label,
+        "figure": _format_cell,
+    }
     style = files("stepblocks").joinpath("page.css").read_text(encoding="utf-8")
     environment.globals |= {"head": lambda title: _HEAD % (html.escape(title), style)}
     return environment.get_template(template).render(**values)
 
 
-def _figure(value: object) -> str:
+def _format_cell(value: object) -> str:
     """Three digits; a dash for what does not exist."""
-    from stepblocks.quantities import figure
+    from stepblocks.quantities import format_number
 
     if isinstance(value, bool) or value is None:
         return "-" if value is None else str(value).lower()
-    return str(value) if isinstance(value, str | int) else figure(float(str(value)))
+    return str(value) if isinstance(value, str | int) else format_number(float(str(value)))

@@ -128,16 +128,16 @@ def _magnitude(text: str, unit: str, wanted: str) -> float:
         raise QuantityError(f"{wanted}, got {shown!r}") from error
     if not offset_free:
         raise QuantityError(f"{wanted}, got {shown!r}")
-    return float(scaled(number, factor))
+    return float(multiply_by_unit(number, factor))
 
 
-def scaled(number: Any, factor: float) -> Any:
+def multiply_by_unit(number: Any, factor: float) -> Any:
     """Multiply by the size of a unit: 25 / 1e6 is the double nearest to 25e-6, and 25 * 1e-6 is not."""
     inverse = round(1.0 / factor) if 1e-300 < factor < 1.0 else 0  # a foreign file may state any
     return number / inverse if inverse and abs(factor * inverse - 1.0) < 1e-12 else number * factor
 
 
-def quantity_parser(dimension: str) -> Callable[[object], float]:
+def make_quantity_parser(dimension: str) -> Callable[[object], float]:
     """Return a function of one argument that reads quantities of one dimension, for use as a validator."""
     return partial(parse_quantity, dimension=dimension)
 
@@ -177,7 +177,7 @@ def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
     >>> format_quantity(3.86e-6, "energy", 3)
     '3.86 uJ'
     """
-    factor, symbol = _scale(abs(value), dimension)
+    factor, symbol = _choose_unit(abs(value), dimension)
     return f"{value / factor:.{digits}g} {symbol}".strip()
 
 
@@ -207,7 +207,7 @@ _ENDINGS |= {
 _ENDINGS |= {"khz": "kHz", "deg": "°", "pct": "%", "c": "°C", "pa": "Pa", "db": "dB"}
 
 
-def column_label(name: str) -> str:
+def format_column_label(name: str) -> str:
     """Say a column's name as people do, its unit at the end.
 
     >>> column_label("vibration_energy_95_low_uj"), column_label("ln_peak_force"), column_label("status")
@@ -219,7 +219,7 @@ def column_label(name: str) -> str:
     return name.replace("_", " ")
 
 
-def figure(value: float) -> str:
+def format_number(value: float) -> str:
     """Write a number as people read it: three digits, no exponent between a ten-thousandth and a million.
 
     >>> figure(29612.3), figure(0.00012345), figure(-0.0), figure(1234567.0), figure(1.5e-9), figure(float("nan"))
@@ -236,17 +236,17 @@ def figure(value: float) -> str:
     return f"{mantissa}e{int(power)}" if power else "0"
 
 
-def column_of_figures(values: Sequence[object]) -> list[str]:
+def format_column(values: Sequence[object]) -> list[str]:
     """Write the cells of a column, its fractions to three digits, text with the signs of its units."""
     texts = ["-" if value is None else str(value) for value in values]
     try:
         numbers = [math.nan if text in ("", "-") else float(text) for text in texts]
     except ValueError:
-        return list(map(readable, texts))
+        return list(map(format_units, texts))
     if all(number.is_integer() or math.isnan(number) for number in numbers):
         each = zip(texts, numbers, strict=True)
         return [text.removesuffix(".0") if number == number else "-" for text, number in each]
-    return [figure(number) for number in numbers]
+    return [format_number(number) for number in numbers]
 
 
 _SIGNS = {"um": "µm", "uJ": "µJ", "uW": "µW", "us": "µs", "uN": "µN", "deg": "°"}
@@ -260,7 +260,7 @@ _WRITTEN = re.compile(
 )
 
 
-def readable(text: object) -> str:
+def format_units(text: object) -> str:
     """Write the units in a text as people do: on pages, in pictures, in a terminal; files for machines keep theirs.
 
     >>> readable("25 um ±1 um at 6 deg"), readable("+2 um/0 um"), readable("E_v 3.86 uJ"), readable("height [um]")
@@ -291,14 +291,14 @@ def format_span(low: float, high: float, dimension: str) -> str:
     >>> format_span(18.5e-6, 2.08e-3, "energy")
     '18.5 µJ to 2.08 mJ'
     """
-    factor, symbol = _scale(max(abs(low), abs(high)), dimension)
+    factor, symbol = _choose_unit(max(abs(low), abs(high)), dimension)
     if 0.0 < low < 0.1 * factor:
         return f"{format_span(low, low, dimension)} to {format_span(high, high, dimension)}"
-    ends = dict.fromkeys((figure(low / factor), figure(high / factor)))
+    ends = dict.fromkeys((format_number(low / factor), format_number(high / factor)))
     return f"{' to '.join(ends)} {_SIGNS.get(symbol, symbol)}".strip()
 
 
-def _scale(value: float, dimension: str) -> tuple[float, str]:
+def _choose_unit(value: float, dimension: str) -> tuple[float, str]:
     """Find the unit in which people write a value, and its size in SI."""
     scales = _SCALES.get(dimension, ((1.0, DIMENSIONS[dimension]),))
     fitting = [scale for scale in scales if value >= scale[0] * 0.9999995]

@@ -8,7 +8,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.text_file import is_file
 
 
-def stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> list[Path]:
+def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> list[Path]:
     """Find the stimulus files that a user means: one, several, those of folders; of the folder ``stimuli`` where none is named."""
     files: list[Path] = []
     several = [meant] if isinstance(meant, str | Path) else meant
@@ -18,7 +18,7 @@ def stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> li
             what = "a folder with stimulus files (*.toml)"
             found = [path for path in sorted(argument.glob("*.toml")) if not _is_kit(path)]
         if not found or not is_file(found[0]):
-            other = "name files or folders as FILE" if not several else _near(argument)
+            other = "name files or folders as FILE" if not several else _describe_nearby(argument)
             raise PipelineError(f"expected {what}; {other} [{argument}]")
         files += found
     stems = [path.stem for path in files]
@@ -27,7 +27,7 @@ def stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> li
     return files
 
 
-def _near(path: Path) -> str:
+def _describe_nearby(path: Path) -> str:
     """Say what there is in place of a file that is not, and how one begins."""
     from difflib import get_close_matches
 
@@ -48,7 +48,7 @@ def _is_kit(path: Path) -> bool:
         return b"\n[[apparatus]]" in file.read(1_000_000)
 
 
-def matches(only: str, set_name: str, identity: str) -> bool:
+def matches_pattern(only: str, set_name: str, identity: str) -> bool:
     """Tell whether a pattern, as ``paper-ten/*`` or ``step-02?``, means a stimulus."""
     return fnmatch.fnmatchcase(identity, only) or fnmatch.fnmatchcase(
         f"{set_name}/{identity}", only

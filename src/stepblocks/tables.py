@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
-from stepblocks.mistakes import Mistake, told
-from stepblocks.quantities import parse_quantity, scaled
-from stepblocks.text_file import plain_size
+from stepblocks.mistakes import Mistake, format_mistakes
+from stepblocks.quantities import multiply_by_unit, parse_quantity
+from stepblocks.text_file import measure_plain_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +37,7 @@ def read_table(path: Path) -> pd.DataFrame:
     import pandas as pd
 
     try:
-        if plain_size(path) > _LARGEST_FILE:
+        if measure_plain_file(path) > _LARGEST_FILE:
             raise PipelineError(f"table must be smaller than {_LARGEST_FILE} bytes [{path}]")
         with path.open(encoding="utf-8-sig") as file:
             names = [name.strip() for name in file.readline().split(",")]
@@ -54,7 +54,7 @@ def read_table(path: Path) -> pd.DataFrame:
     return frame
 
 
-def misspelt(frame: pd.DataFrame, known: Collection[str]) -> dict[str, str]:
+def find_misspelt_columns(frame: pd.DataFrame, known: Collection[str]) -> dict[str, str]:
     """Find columns that are nearly one of the known, and which."""
     near = {
         str(name): difflib.get_close_matches(str(name), known, 1, 0.8)
@@ -64,7 +64,7 @@ def misspelt(frame: pd.DataFrame, known: Collection[str]) -> dict[str, str]:
     return {name: likely[0] for name, likely in near.items() if likely}
 
 
-def si_columns(
+def read_si_columns(
     frame: pd.DataFrame,
     wanted: Mapping[str, tuple[Sequence[str], str, float | None]],
     place: object,
@@ -84,7 +84,7 @@ def si_columns(
     }
     known = sorted(column for columns in units.values() for column in columns)
     guessed = set(known) if any(default is not None for *_, default in wanted.values()) else set()
-    near = misspelt(frame, guessed)
+    near = find_misspelt_columns(frame, guessed)
     mistakes += [
         ("", f"column {column!r} is not known, is it {likely!r}?")
         for column, likely in near.items()
@@ -97,7 +97,7 @@ def si_columns(
                 ("", f"table must have one of the columns {' and '.join(here)}, not both")
             )
         elif here:
-            found[key] = _in_si(frame[here[0]], units[key][here[0]], dimension, mistakes)
+            found[key] = _convert_column(frame[here[0]], units[key][here[0]], dimension, mistakes)
         elif default is not None:
             found[key] = np.full(len(frame), default)
         elif not meant & set(units[key]):
@@ -109,11 +109,11 @@ def si_columns(
                 )
             )
     if mistakes:
-        raise PipelineError(told(mistakes, place))
+        raise PipelineError(format_mistakes(mistakes, place))
     return found
 
 
-def _in_si(
+def _convert_column(
     cells: pd.Series, unit: str, dimension: str, mistakes: list[Mistake]
 ) -> NDArray[np.float64]:
     """Read a column; cells that are no finite number are among the mistakes."""
@@ -123,10 +123,12 @@ def _in_si(
     for row in np.flatnonzero(~np.isfinite(numbers)):
         given = repr(cells.iloc[row]) if isinstance(cells.iloc[row], str) else str(cells.iloc[row])
         mistakes.append((f"row {row + 1}", f"{cells.name} must be a finite number, got {given}"))
-    return np.asarray(scaled(numbers, parse_quantity(f"1 {unit}", dimension) if unit else 1.0))
+    return np.asarray(
+        multiply_by_unit(numbers, parse_quantity(f"1 {unit}", dimension) if unit else 1.0)
+    )
 
 
-def harmless(cell: object) -> object:
+def escape_formula(cell: object) -> object:
     """Return a text that a spreadsheet would run as a formula with an apostrophe before it, which keeps it text."""
     # It is one that begins with ``=``, ``+``, ``-``, ``@``, a tab or a return (OWASP, CSV
     # injection) and is no number.
@@ -139,7 +141,7 @@ def harmless(cell: object) -> object:
     return cell
 
 
-def csv_text(
+def format_csv(
     table: Any, columns: Sequence[str] | None = None, float_format: str | None = None
 ) -> str:
     """Write a table, or rows as mappings, as the text of a CSV."""
@@ -149,9 +151,9 @@ def csv_text(
     texts = {
         str(name): frame[name] for name in frame.columns if frame[name].dtype.kind not in "biufcM"
     }
-    frame = frame.assign(**{name: column.map(harmless) for name, column in texts.items()}).rename(
-        columns=harmless
-    )
+    frame = frame.assign(
+        **{name: column.map(escape_formula) for name, column in texts.items()}
+    ).rename(columns=escape_formula)
     return str(frame.to_csv(index=False, lineterminator="\n", float_format=float_format))
 
 
@@ -159,6 +161,6 @@ def write_table(frame: pd.DataFrame, path: Path, float_format: str | None = None
     """Write a CSV beside its place and rename it; by default 17 digits, so that reading it back gives the same doubles."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace_text(path, csv_text(frame, None, float_format))
+        replace_text(path, format_csv(frame, None, float_format))
     except OSError as error:
         raise PipelineError(f"table cannot be written: {error.strerror} [{path}]") from error

@@ -16,12 +16,12 @@ def is_file(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113  Path.is_file raises what a name is too long for
 
 
-def as_text(name: str) -> str:
+def format_file_name(name: str) -> str:
     """Return a file's name, which need be no text, as one: bytes that are none stand as their escapes."""
     return name.encode(errors="backslashreplace").decode()
 
 
-def plain_size(path: Path) -> int:
+def measure_plain_file(path: Path) -> int:
     """Return the size of a plain file [bytes]; a pipe or a device would block or never end, so it is an OSError as a folder is."""
     found = path.stat()
     if stat.S_ISDIR(found.st_mode):
@@ -37,7 +37,7 @@ def read_document(
     """Read TOML or JSON."""
     parse = {"TOML": tomllib.loads, "JSON": json.loads}[form]
     try:
-        if (size := plain_size(path)) > most:
+        if (size := measure_plain_file(path)) > most:
             raise raises(f"{what} must be at most {most} bytes, got {size} [{path}]")
         return parse(path.read_text(encoding="utf-8"))
     except OSError as error:

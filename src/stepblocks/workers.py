@@ -17,7 +17,7 @@ def die_with_parent() -> None:
     # a fork server stands between and lives as long as we do; who started us without one has no
     # sentinel
     if (asked := multiprocessing.parent_process()) is not None and asked.sentinel is not None:
-        threading.Thread(target=_end_with, args=(asked.sentinel,), daemon=True).start()
+        threading.Thread(target=_end_with_parent, args=(asked.sentinel,), daemon=True).start()
     parent = os.getppid()
     with suppress(OSError, AttributeError):  # another system than Linux
         ctypes.CDLL(None).prctl(_PARENT_DIED, int(signal.SIGKILL), 0, 0, 0)
@@ -25,7 +25,7 @@ def die_with_parent() -> None:
         os._exit(1)
 
 
-def _end_with(sentinel: int) -> None:
+def _end_with_parent(sentinel: int) -> None:
     from multiprocessing.connection import wait
 
     wait([sentinel])
@@ -34,15 +34,15 @@ def _end_with(sentinel: int) -> None:
 
 def kill_workers() -> None:
     """Kill every process that this one has started, and theirs, at once; the trackers of shared memory end by themselves."""
-    for number in _children(os.getpid()):
+    for number in _list_children(os.getpid()):
         with suppress(OSError):
             if b"resource_tracker" not in Path(f"/proc/{number}/cmdline").read_bytes():
                 os.kill(number, signal.SIGKILL)
 
 
-def _children(of: int) -> list[int]:
+def _list_children(of: int) -> list[int]:
     found: list[int] = []
     for tasks in Path(f"/proc/{of}/task").glob("*/children"):
         with suppress(OSError):
             found += map(int, tasks.read_text().split())
-    return [deeper for child in found for deeper in (*_children(child), child)]
+    return [deeper for child in found for deeper in (*_list_children(child), child)]

@@ -13,10 +13,10 @@ from stepblocks.artefacts.meshes.write import MESH_FORMATS
 from stepblocks.build.make import checked_files
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import Mesh
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
-SETS = {path.stem: load_set(path) for path in stimulus_files(ROOT / "stimuli")}
+SETS = {path.stem: load_set(path) for path in find_stimulus_files(ROOT / "stimuli")}
 ARTEFACTS = [
     pytest.param(name, stimulus, path.name, id=f"{name}/{path.name}")
     for name, stimuli in SETS.items()
@@ -188,7 +188,7 @@ def test_no_integer_height_fields_exist(shipped_output):
 
 def test_a_sphere_fitted_to_exact_points_has_their_radius():
     # Origin: points constructed on a sphere of 125 um about (3, -2, 125) um.
-    from stepblocks.artefacts.meshes.measures import sphere_radius
+    from stepblocks.artefacts.meshes.measures import fit_sphere_radius
 
     angles = np.linspace(0.1, 1.4, 20)[:, None], np.linspace(0.0, 6.0, 25)[None, :]
     ball = np.stack(
@@ -199,6 +199,6 @@ def test_a_sphere_fitted_to_exact_points_has_their_radius():
         ),
         axis=-1,
     )
-    radius, form = sphere_radius(ball.reshape(-1, 3) * 125e-6 + np.array([3e-6, -2e-6, 125e-6]))
+    radius, form = fit_sphere_radius(ball.reshape(-1, 3) * 125e-6 + np.array([3e-6, -2e-6, 125e-6]))
     assert radius == pytest.approx(125e-6, rel=1e-10)
     assert form < 1e-14

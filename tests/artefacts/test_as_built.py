@@ -6,7 +6,7 @@ import pytest
 from stepblocks.artefacts.as_built import (
     AsBuilt,
     AsBuiltValue,
-    measured_edges,
+    list_measured_edges,
     read_as_built,
     read_records,
     write_as_built,
@@ -74,7 +74,9 @@ def test_folders_and_files_may_be_mixed_and_records_are_found_by_their_stimulus(
 
 
 def test_a_record_without_a_height_says_nothing_of_an_edge():
-    edges = measured_edges({"tip-125": record("tip-125", ball_radius=RADIUS), "step-050": record()})
+    edges = list_measured_edges(
+        {"tip-125": record("tip-125", ball_radius=RADIUS), "step-050": record()}
+    )
     assert edges == {"step-050": {"height_m": 50.2e-6, "height_std_m": 20e-9}}
 
 

@@ -11,14 +11,19 @@ import numpy as np
 import pytest
 
 from stepblocks import confined
-from stepblocks.artefacts.heightfield import SPACING, height_field, relief, write_height_field
-from stepblocks.artefacts.meshes.measures import MeshMeasures, sphere_radius
+from stepblocks.artefacts.heightfield import (
+    SPACING,
+    height_field,
+    sample_relief,
+    write_height_field,
+)
+from stepblocks.artefacts.meshes.measures import MeshMeasures, fit_sphere_radius
 from stepblocks.artefacts.meshes.read import read_mesh, read_pieces
 from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError, MetrologyError
-from stepblocks.parts.shapes import Mesh, enclosed_volume, require_manifold
+from stepblocks.parts.shapes import Mesh, compute_enclosed_volume, require_manifold
 from stepblocks.parts.tolerance import Dimension
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -66,7 +71,7 @@ def test_the_volume_does_not_depend_on_where_the_mesh_lies_and_changes_sign_with
     assert MeshMeasures(vertices + 0.37, faces).volume == pytest.approx(6e-9, rel=1e-10)
     assert MeshMeasures(vertices, faces[:, ::-1]).volume == pytest.approx(-6e-9, rel=1e-12)
     assert MeshMeasures(vertices, faces).volume == pytest.approx(
-        enclosed_volume(vertices, faces), rel=1e-12
+        compute_enclosed_volume(vertices, faces), rel=1e-12
     )
 
 
@@ -143,7 +148,7 @@ def test_a_ball_is_fitted_up_to_where_the_cone_begins():
 
 
 def test_too_few_points_make_no_sphere():
-    assert all(map(math.isnan, sphere_radius(np.zeros((4, 3)))))
+    assert all(map(math.isnan, fit_sphere_radius(np.zeros((4, 3)))))
 
 
 @pytest.mark.parametrize("form", MESH_FORMATS)
@@ -346,7 +351,7 @@ def test_no_shift_helps_where_corners_lie_closer_than_the_samples():
 
 
 def test_the_relief_of_a_crown_is_round_about_its_axis():
-    field = relief(CROWN, 125e-6)
+    field = sample_relief(CROWN, 125e-6)
     middle = field.heights[len(field.y) // 2]
     assert np.allclose(middle, CROWN.counterface().heights(field.x), atol=1e-15)
     radius = CROWN.margin_radius.nominal
@@ -357,7 +362,7 @@ def test_the_relief_of_a_crown_is_round_about_its_axis():
 
 
 def test_the_relief_of_a_block_is_the_same_along_its_edge_and_reaches_as_far_as_the_ball():
-    field = relief(BLOCK, 300e-6)
+    field = sample_relief(BLOCK, 300e-6)
     assert np.ptp(field.heights, axis=0).max() == 0.0
     assert field.x[-1] >= 4.0 * 300e-6
     assert field.y.tolist() == [-600e-6, 0.0, 600e-6]
@@ -365,7 +370,7 @@ def test_the_relief_of_a_block_is_the_same_along_its_edge_and_reaches_as_far_as_
 
 def test_both_walls_of_a_gap_lie_on_samples():
     for margin in load_set(ROOT / "stimuli" / "crown-margins.toml").margin_block:
-        field = relief(margin, 125e-6)
+        field = sample_relief(margin, 125e-6)
         for corner in margin.counterface().breakpoints:
             if corner in (0.0, max(margin.counterface().breakpoints)):
                 assert corner in field.x

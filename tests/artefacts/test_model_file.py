@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from oracles.taught import taught_model
-from stepblocks.artefacts.model_file import model_document, read_model
+from stepblocks.artefacts.model_file import build_model_document, read_model
 from stepblocks.errors import PipelineError
 
 _EFFECTS = {
@@ -17,7 +17,9 @@ _EFFECTS = {
 
 @pytest.fixture
 def document():
-    return json.loads(json.dumps(model_document(taught_model(_EFFECTS, std=0.01, scatter=0.05))))
+    return json.loads(
+        json.dumps(build_model_document(taught_model(_EFFECTS, std=0.01, scatter=0.05)))
+    )
 
 
 def _written(tmp_path, document):
@@ -28,7 +30,7 @@ def _written(tmp_path, document):
 
 def test_what_is_written_is_read_and_written_again_the_same(tmp_path, document):
     back = read_model(_written(tmp_path, document))
-    assert json.loads(json.dumps(model_document(back))) == document
+    assert json.loads(json.dumps(build_model_document(back))) == document
 
 
 def test_a_read_model_has_laws_that_act(tmp_path, document):

@@ -10,17 +10,17 @@ import pytest
 
 from stepblocks.artefacts.on_paper import (
     COLUMNS,
-    decimals_for,
-    limits_text,
-    millimetres,
-    sheet_table,
+    choose_decimals,
+    format_limits,
+    format_millimetres,
+    make_sheet_table,
 )
-from stepblocks.artefacts.step.write import _callout_lines, _callout_text, conforming
+from stepblocks.artefacts.step.write import _draw_callout, _format_callout, make_conforming
 from stepblocks.cad.kernel import Face
 from stepblocks.declare import load_declared
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 
@@ -28,14 +28,14 @@ STIMULI = Path(__file__).parents[2] / "stimuli"
 @pytest.mark.parametrize("nanometres", [0, 1, 10, 125, 1000, 10_000, 32_000, 2_350_000, 39_999_999])
 def test_a_length_is_printed_with_all_its_decimals_and_read_back_the_same(nanometres):
     length = nanometres * 1e-9
-    text = millimetres(length, decimals_for(length))
+    text = format_millimetres(length, choose_decimals(length))
     assert round(float(text) * 1e6) == nanometres
     assert 1 <= len(text.partition(".")[2]) <= 6
 
 
 def test_nothing_is_printed_as_minus_nothing():
-    assert millimetres(-1e-12, 3) == "0.000"
-    assert limits_text(-0.0, -0.0, 0.0) == "0.0 ±0.0"
+    assert format_millimetres(-1e-12, 3) == "0.000"
+    assert format_limits(-0.0, -0.0, 0.0) == "0.0 ±0.0"
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_nothing_is_printed_as_minus_nothing():
     ],
 )
 def test_deviations_carry_their_signs_the_upper_first(nominal, lower, upper, text):
-    assert limits_text(nominal, lower, upper) == text
+    assert format_limits(nominal, lower, upper) == text
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def tip():
 
 
 def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
-    table = sheet_table(tip, {"ball_radius": (125.4e-6, 0.1e-6, "conforms")})
+    table = make_sheet_table(tip, {"ball_radius": (125.4e-6, 0.1e-6, "conforms")})
     assert tuple(table.columns) == COLUMNS
     assert table.number.tolist() == [str(count) for count in range(1, len(table) + 1)]
     ball = table[table.characteristic.str.contains("ball")].iloc[0]
@@ -85,7 +85,7 @@ def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
 
 def test_a_zone_has_no_nominal_and_no_lower_limit():
     block = load_declared(STIMULI / "paper-ten.toml").step_block[0]
-    table = sheet_table(block)
+    table = make_sheet_table(block)
     zones = table[table.kind.isin(["flatness", "parallelism"])]
     assert len(zones) == 3
     assert set(zones.nominal_mm_or_deg) == set(zones.lower_limit_mm_or_deg) == {""}
@@ -99,18 +99,18 @@ FACES = [
 
 
 def test_a_callout_lies_in_one_plane_before_the_part_and_leads_to_its_face():
-    (*text, leader) = _callout_lines("1  step", 0, FACES, FACES[1])
+    (*text, leader) = _draw_callout("1  step", 0, FACES, FACES[1])
     points = np.array(text).reshape(-1, 3)
     assert np.ptp(points[:, 1]) == 0.0
     assert points[0, 1] < -0.01  # in front of everything
     assert points[:, 0].min() > 0.01  # to the right of everything
     assert leader[1] == pytest.approx((0.005, 0.0, 0.0025))
-    above = np.array(_callout_lines("1  step", 1, FACES, FACES[1])[:-1]).reshape(-1, 3)
+    above = np.array(_draw_callout("1  step", 1, FACES, FACES[1])[:-1]).reshape(-1, 3)
     assert above[:, 2].min() > points[:, 2].max()
 
 
 def test_outlines_of_letters_are_closed():
-    lines = _callout_lines("8", 0, FACES, FACES[0])[:-1]
+    lines = _draw_callout("8", 0, FACES, FACES[0])[:-1]
     ends = [point for line in lines for point in line]
     assert all(ends.count(point) % 2 == 0 for point in ends)
     assert (
@@ -130,7 +130,7 @@ def test_outlines_of_letters_are_closed():
     ],
 )
 def test_a_callout_says_number_name_sign_and_limits(one, text):
-    assert _callout_text(one, 7) == text
+    assert _format_callout(one, 7) == text
 
 
 @pytest.mark.parametrize("roughness", [0.1e-6, 2e-3, 1e-9, 1.25e-9])
@@ -160,7 +160,7 @@ TAIL = "ENDSEC;\nEND-ISO-10303-21;\n"
 
 
 def mended(data, **more):
-    return conforming(f"{HEAD}{data}{TAIL}", "part", **more)
+    return make_conforming(f"{HEAD}{data}{TAIL}", "part", **more)
 
 
 def test_limits_get_the_type_of_their_unit_and_zero_no_sign():
@@ -198,7 +198,7 @@ def test_notes_and_texture_need_something_to_belong_to():
 
 
 def test_every_kind_of_part_has_texts_that_part_21_may_hold():
-    for path in stimulus_files(STIMULI):
+    for path in find_stimulus_files(STIMULI):
         for stimulus in load_declared(path).stimuli:
             for number, one in enumerate(stimulus.characteristics(), start=1):
-                assert _callout_text(one, number).replace("±", "+-").isascii()
+                assert _format_callout(one, number).replace("±", "+-").isascii()

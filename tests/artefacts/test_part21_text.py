@@ -9,12 +9,17 @@ from oracles.part21_text import MILLIMETRE, SHAPE, exchange_of, face, text_of
 from stepblocks.artefacts.step import exchange
 from stepblocks.artefacts.step.check_step import (
     check_step,
-    dimensions_of,
-    step_table,
-    tolerances_of,
+    format_step_table,
+    list_dimensions,
+    list_tolerances,
 )
-from stepblocks.artefacts.step.exchange import Typed, is_reference, number
-from stepblocks.artefacts.step.units import density_findings, measure_of, unit_of, untyped_measures
+from stepblocks.artefacts.step.exchange import Typed, is_reference, read_number
+from stepblocks.artefacts.step.units import (
+    find_untyped_measures,
+    read_densities,
+    read_measure,
+    read_unit,
+)
 from stepblocks.errors import MetrologyError
 
 
@@ -44,7 +49,13 @@ def test_an_instance_is_found_by_any_of_its_entities_and_by_its_users(tmp_path):
 
 
 def test_only_numbers_are_numbers_and_only_references_references():
-    assert [number(value) for value in (1, 2.5, True, "3", None)] == [1.0, 2.5, None, None, None]
+    assert [read_number(value) for value in (1, 2.5, True, "3", None)] == [
+        1.0,
+        2.5,
+        None,
+        None,
+        None,
+    ]
     assert is_reference("#1")
     assert not is_reference("1")
     assert not is_reference(1)
@@ -104,7 +115,7 @@ UNITS = f"""{MILLIMETRE}
 
 def test_units_are_those_of_the_si_and_the_inch(tmp_path):
     file = exchange_of(UNITS, tmp_path)
-    found = {ref: unit_of(file, ref) for ref in ("#1", "#2", "#3", "#4", "#6", "#8", "#10")}
+    found = {ref: read_unit(file, ref) for ref in ("#1", "#2", "#3", "#4", "#6", "#8", "#10")}
     assert {ref: (one.name, one.dimension) for ref, one in found.items()} == {
         "#1": ("mm", "length"),
         "#2": ("rad", "angle"),
@@ -124,7 +135,7 @@ def test_units_are_those_of_the_si_and_the_inch(tmp_path):
         "#10": 1e-6,
     }
     assert {ref: one.factor for ref, one in found.items()} == pytest.approx(factors, rel=1e-14)
-    assert unit_of(file, "#99").dimension == "unknown"
+    assert read_unit(file, "#99").dimension == "unknown"
 
 
 @pytest.mark.parametrize(
@@ -140,8 +151,10 @@ def test_a_measure_is_the_nearest_double_of_its_si_value(unit, value, metres, tm
     file = exchange_of(
         f"{UNITS}#20=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE({value}),{unit});", tmp_path
     )
-    assert measure_of(file, "#20").si == pytest.approx(metres, rel=2e-16 if unit != "#6" else 1e-14)
-    assert measure_of(file, "#1") is None
+    assert read_measure(file, "#20").si == pytest.approx(
+        metres, rel=2e-16 if unit != "#6" else 1e-14
+    )
+    assert read_measure(file, "#1") is None
 
 
 @pytest.mark.parametrize(
@@ -157,7 +170,7 @@ def test_a_measure_is_the_nearest_double_of_its_si_value(unit, value, metres, tm
     ],
 )
 def test_measures_must_be_typed_and_fit_their_unit(measure, finding, tmp_path):
-    (found,) = untyped_measures(exchange_of(f"{UNITS}#20={measure};", tmp_path))
+    (found,) = find_untyped_measures(exchange_of(f"{UNITS}#20={measure};", tmp_path))
     assert found.startswith("#20 ")
     assert finding in found
 
@@ -179,7 +192,7 @@ def test_a_density_has_its_unit_and_the_size_of_a_solid(elements, value, wanted,
     item = (
         f"#24=MEASURE_REPRESENTATION_ITEM('mass density',POSITIVE_RATIO_MEASURE({value:.9E}),#23);"
     )
-    densities, findings = density_findings(
+    densities, findings = read_densities(
         exchange_of(f"{UNITS}{parts}#23=DERIVED_UNIT((#21,#22));{item}", tmp_path)
     )
     if isinstance(wanted, str):
@@ -245,7 +258,7 @@ PLUS_MINUS = "#310=PLUS_MINUS_TOLERANCE(#311,#300);#311=TOLERANCE_VALUE(#312,#31
     ids=["plus minus", "swapped", "as values", "missing", "a fit", "none"],
 )
 def test_limits_keep_their_signs_in_every_way_to_write_them(limits, wanted, problem, tmp_path):
-    (one,) = dimensions_of(exchange_of(dimensioned(limits), tmp_path))
+    (one,) = list_dimensions(exchange_of(dimensioned(limits), tmp_path))
     assert (one.lower, one.upper) == pytest.approx(wanted, abs=1e-15, nan_ok=True)
     assert problem in one.problem
     assert bool(one.problem) == bool(problem)
@@ -258,7 +271,7 @@ def test_a_damaged_point_under_a_dimension_is_one_line(tmp_path):
     with pytest.raises(
         MetrologyError, match=r"sound Part 21 text, got: no parameter: .* \[hand.step\]$"
     ):
-        dimensions_of(exchange_of(data, tmp_path))
+        list_dimensions(exchange_of(data, tmp_path))
 
 
 def test_a_flatness_without_a_width_and_a_parallelism_with_its_datum(tmp_path):
@@ -270,7 +283,7 @@ def test_a_flatness_without_a_width_and_a_parallelism_with_its_datum(tmp_path):
         + "#311=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(0.0005),#1);#312=DATUM_SYSTEM('','',$,.F.,(#313));"
         + "#313=DATUM_REFERENCE_COMPARTMENT('','',$,.F.,#314,$);#314=DATUM('','',$,.F.,'A');"
     )
-    flat, parallel = tolerances_of(exchange_of(data, tmp_path))
+    flat, parallel = list_tolerances(exchange_of(data, tmp_path))
     assert (flat.kind, flat.name, flat.problem) == ("flatness", "flat", "zone must be positive")
     assert (parallel.kind, parallel.value, parallel.datums) == (
         "parallelism",
@@ -287,7 +300,7 @@ def test_anybodys_file_is_told_as_a_table_with_what_is_wrong(tmp_path):
     )
     report = check_step(str(path))
     assert not report.passes
-    table = step_table(report)
+    table = format_step_table(report)
     assert table.splitlines()[0] == "any.step: CONFIG_CONTROL_DESIGN"
     assert "linear distance" in table
     assert (

@@ -9,15 +9,17 @@ from lxml import etree
 from oracles import schemas
 from stepblocks.artefacts.certificate import write_certificate
 from stepblocks.artefacts.qif import write_qif
-from stepblocks.artefacts.qif_read import matched_by, read_qif_results
+from stepblocks.artefacts.qif_read import match_results, read_qif_results
 from stepblocks.declare import load_declared
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.parts.conditions import OrderSpec
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
-PARTS = {one.id: one for path in stimulus_files(STIMULI) for one in load_declared(path).stimuli}
+PARTS = {
+    one.id: one for path in find_stimulus_files(STIMULI) for one in load_declared(path).stimuli
+}
 KINDS = (
     "step-050",
     "gap-050-bevelled",
@@ -159,7 +161,7 @@ def test_samples_of_other_programs_are_read():
         pytest.approx(19e-3),
     )
     assert bore.limits == pytest.approx((-0.13e-3, 0.13e-3))
-    assert matched_by(results, {"10": "bore"}).keys() == {"bore"}
+    assert match_results(results, {"10": "bore"}).keys() == {"bore"}
 
 
 def certificate_of(folder):

@@ -25,7 +25,7 @@ from oracles.scan_files import (
     write_sdf,
     write_x3p,
 )
-from stepblocks.artefacts.scans.height_scale import check_height_scale, stated_height_scale
+from stepblocks.artefacts.scans.height_scale import check_height_scale, read_height_scale
 from stepblocks.artefacts.scans.read import FORMATS, read_scan, scan_in
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
@@ -79,7 +79,7 @@ def test_the_unit_of_floating_formats_is_read_a_second_time_from_the_file_itself
     write_opdx(tmp_path / "a.opdx")
     write_gwy(tmp_path / "b.gwy")
     for name, one in (("a.opdx", 2e-10), ("b.gwy", 1.0)):
-        scale = stated_height_scale(tmp_path / name, FORMATS[(tmp_path / name).suffix], "")
+        scale = read_height_scale(tmp_path / name, FORMATS[(tmp_path / name).suffix], "")
         assert (scale.count, scale.integral) == (pytest.approx(one), False)
         assert "checked" in check_height_scale(COUNTS * COUNT, scale, name, one)
         with pytest.raises(MetrologyError, match="per count"):
@@ -104,7 +104,7 @@ def test_the_scale_of_packed_formats_is_read_a_second_time_from_index_and_stored
         assert 0.0 < one < COUNT
     else:
         WRITERS[name](path)
-    scale = stated_height_scale(path, FORMATS[(path).suffix], "")
+    scale = read_height_scale(path, FORMATS[(path).suffix], "")
     assert (scale.count, scale.integral) == (pytest.approx(one), name == "counts.x3p")
     scan = read_scan(path)
     np.testing.assert_allclose(scan.height, COUNTS * COUNT, rtol=2e-6)
@@ -157,14 +157,14 @@ def test_an_index_that_states_no_sound_scale_is_refused(name, member, change, wo
     (write_x3p if name.endswith("x3p") else write_plux)(path)
     repacked(path, member, change)
     with pytest.raises(MetrologyError, match=words):
-        stated_height_scale(path, FORMATS[(path).suffix], "")
+        read_height_scale(path, FORMATS[(path).suffix], "")
 
 
 @pytest.mark.parametrize("name", ["a.sdf", "b.sdf", "c.sur", "g.nid"])
 def test_a_reader_that_is_wrong_by_a_factor_of_eight_is_caught_by_the_header(name, tmp_path):
     path = tmp_path / name
     WRITERS[name](path)
-    scale = stated_height_scale(path, FORMATS[(path).suffix], "")
+    scale = read_height_scale(path, FORMATS[(path).suffix], "")
     assert scale.count == pytest.approx(COUNT, rel=1e-6)
     check_height_scale(COUNTS * COUNT, scale, name, COUNT)
     with pytest.raises(MetrologyError, match="per count"):
@@ -275,7 +275,7 @@ def test_fuzz_any_header_states_a_scale_or_is_refused_in_one_line(name, seed, tm
         raw[random.integers(0, len(raw))] = random.integers(0, 256)
     path.write_bytes(bytes(raw[: random.integers(1, len(raw))]))
     try:
-        scale = stated_height_scale(path, FORMATS[(path).suffix], "")
+        scale = read_height_scale(path, FORMATS[(path).suffix], "")
     except MetrologyError as error:
         assert "\n" not in str(error)  # noqa: PT017
     else:
@@ -314,7 +314,7 @@ def test_the_dektak_file_reads_with_its_own_unit_and_equal_steps():
 def test_the_nanosurf_file_reads_with_the_scale_of_its_header():
     scan = read_scan(real("nsfopen/squares_holes.nid"))
     assert "channel 'Scan forward (Topography)'" in scan.scale
-    scale = stated_height_scale(
+    scale = read_height_scale(
         real("nsfopen/squares_holes.nid"), FORMATS[(real("nsfopen/squares_holes.nid")).suffix], ""
     )
     assert scale.count == pytest.approx(2.032e-05 / 2**16)  # Dim2Range, SaveBits of the file

@@ -10,8 +10,20 @@ import pytest
 
 from oracles.hjif_decoder import decode_hjif
 from oracles.hjif_rules import check_hjif
-from stepblocks.artefacts.rings import WAV_RATES, largest_force, write_ahap, write_hjif, write_wav
-from stepblocks.contact.event import Waveform, as_record, ring, ring_energy, vibration_events
+from stepblocks.artefacts.rings import (
+    WAV_RATES,
+    find_largest_force,
+    write_ahap,
+    write_hjif,
+    write_wav,
+)
+from stepblocks.contact.event import (
+    Waveform,
+    build_event_record,
+    compute_ring_energy,
+    compute_ring_force,
+    vibration_events,
+)
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
@@ -55,14 +67,14 @@ def test_energy_is_what_a_damped_oscillator_spends():
     )
     spent = np.trapezoid(damping * solved.y[1] ** 2, times)
     assert spent == pytest.approx(event.energy, rel=1e-5)
-    assert ring_energy(event.tool.stiffness * solved.y[0], 1e5, event.tool) == pytest.approx(
-        event.energy, rel=0.01
-    )
+    assert compute_ring_energy(
+        event.tool.stiffness * solved.y[0], 1e5, event.tool
+    ) == pytest.approx(event.energy, rel=0.01)
 
 
 def test_most_of_the_ring_lies_where_the_paper_found_it():
     # About 86 % of the vibration phase in 250-350 Hz.
-    power = np.abs(np.fft.rfft(ring(RINGING[4], 48e3), 2**18)) ** 2
+    power = np.abs(np.fft.rfft(compute_ring_force(RINGING[4], 48e3), 2**18)) ** 2
     frequency = np.fft.rfftfreq(2**18, 1 / 48e3)
     share = power[(frequency >= 250) & (frequency <= 350)].sum() / power.sum()
     assert share == pytest.approx(0.86, abs=0.02)
@@ -74,13 +86,13 @@ def test_most_of_the_ring_lies_where_the_paper_found_it():
 def test_wav_read_by_another_library_holds_the_energy(tmp_path, event, rate):
     soundfile = pytest.importorskip("soundfile")
     path = tmp_path / "ring.wav"
-    full_scale = 1.5 * largest_force(event)  # as in a set that holds a louder one
+    full_scale = 1.5 * find_largest_force(event)  # as in a set that holds a louder one
     write_wav(path, event, rate, full_scale)
     samples, read_rate = soundfile.read(path, dtype="float64")
     info = soundfile.info(path)
     assert (read_rate, info.channels, info.subtype) == (rate, 1, "FLOAT")
     assert np.abs(samples).max() <= 1.0
-    assert ring_energy(samples * full_scale, rate, event.tool) == pytest.approx(
+    assert compute_ring_energy(samples * full_scale, rate, event.tool) == pytest.approx(
         event.energy, rel=0.01
     )
 
@@ -90,7 +102,7 @@ def test_hjif_decoded_by_the_rules_of_the_standard_holds_the_energy(tmp_path, ev
     path = tmp_path / "ring.hjif"
     write_hjif(path, event)
     force = decode_hjif(json.loads(path.read_text()), 48e3)
-    assert ring_energy(force, 48e3, event.tool) == pytest.approx(event.energy, rel=0.01)
+    assert compute_ring_energy(force, 48e3, event.tool) == pytest.approx(event.energy, rel=0.01)
 
 
 def test_a_simulated_waveform_replaces_the_exponential(tmp_path):
@@ -98,7 +110,7 @@ def test_a_simulated_waveform_replaces_the_exponential(tmp_path):
 
     samples = 3.0 * np.sin(np.linspace(0.0, 20.0, 500))
     simulated = replace(RINGING[0], waveform=Waveform(samples, 10_000, 0.0, 1.0, 1.0, 1.0))
-    full_scale = largest_force(simulated)
+    full_scale = find_largest_force(simulated)
     write_wav(tmp_path / "drag.wav", simulated, 10_000, full_scale)
     _, read = wavfile.read(tmp_path / "drag.wav")
     assert read * full_scale == pytest.approx(samples, abs=1e-6)
@@ -297,7 +309,7 @@ def test_the_previews_intensity_decays_with_the_ring(tmp_path):
 
 def test_a_locked_probe_has_no_ring_to_write(tmp_path):
     locked = vibration_events(TEN[9].counterface(), OperatingPoint(125e-6, 1.0, 0.3))[0]
-    assert as_record(locked)["energy_j"] is None
+    assert build_event_record(locked)["energy_j"] is None
     for write in (
         lambda path: write_wav(path, locked, 10_000, 3.0),
         lambda path: write_hjif(path, locked),
@@ -316,7 +328,7 @@ def test_the_preview_says_that_it_loses(tmp_path):
 
 
 def test_positions_scale_and_energy_does_not():
-    one, twenty = as_record(RINGING[4]), as_record(RINGING[4], 20.0)
+    one, twenty = build_event_record(RINGING[4]), build_event_record(RINGING[4], 20.0)
     assert twenty["trigger_position_m"] == pytest.approx(20 * one["trigger_position_m"])
     # the ball meets the edge sqrt(2RH - H^2) = 100 um before it
     assert one["trigger_position_m"] == pytest.approx(-100e-6, abs=1e-12)

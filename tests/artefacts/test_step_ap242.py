@@ -15,9 +15,9 @@ import pytest
 from oracles.written_steps import STIMULI, written
 from stepblocks.artefacts.check import check_artefact, check_part_step
 from stepblocks.artefacts.meshes.write import write_stl
-from stepblocks.artefacts.step.check_step import check_step, step_table
+from stepblocks.artefacts.step.check_step import check_step, format_step_table
 from stepblocks.artefacts.step.exchange import read_exchange
-from stepblocks.artefacts.step.faces import faces_of
+from stepblocks.artefacts.step.faces import find_faces
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.declare import load_set
 from stepblocks.parts.characteristics import EdgeRule, find_face
@@ -36,7 +36,7 @@ def test_every_stimulus_names_only_faces_that_its_solid_has():
         if key in seen:  # heights of one block differ in nothing here
             continue
         seen.add(key)
-        faces = [kernel.face_kinds(body) for _, body in build_solids(stimulus)]
+        faces = [kernel.describe_faces(body) for _, body in build_solids(stimulus)]
         for one in stimulus.characteristics():
             found = set()
             for rule in one.faces:
@@ -148,7 +148,7 @@ def test_the_gaps_of_a_crown_are_measured_between_the_faces_of_two_bodies(tmp_pa
                 {
                     face.representation
                     for side in file.parameters(one.ref, "DIMENSIONAL_LOCATION")[2:4]
-                    for face in faces_of(file, side)
+                    for face in find_faces(file, side)
                 }
             )
             == 2
@@ -355,6 +355,6 @@ def test_nist_ctc_01_reports_the_values_that_stand_in_the_file():
     assert all(
         abs(one.deviation) < 1e-9 for one in report.dimensions if one.deviation == one.deviation
     )
-    table = step_table(report)
+    table = format_step_table(report)
     assert "60" in table
     assert "+0.2" in table

@@ -8,7 +8,7 @@ from oracles.written_steps import STIMULI
 from stepblocks.artefacts.check import check_part_step
 from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.artefacts.step.exchange import read_exchange
-from stepblocks.artefacts.step.write import conforming
+from stepblocks.artefacts.step.write import make_conforming
 from stepblocks.errors import MachiningError, MetrologyError
 from stepblocks.parts.characteristics import FaceRule, find_face
 from stepblocks.parts.shapes import build_solids
@@ -126,7 +126,7 @@ def test_a_missing_tolerance_is_caught(block, tmp_path):
 
 
 def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
-    # the reason for `conforming`: without it the checker must object, or it proves nothing
+    # the reason for `make_conforming`: without it the checker must object, or it proves nothing
     from stepblocks.artefacts.step import write as step_ap242
     from stepblocks.cad.pmi import PmiDimension, PmiItem, write_step_with_tolerances
 
@@ -135,7 +135,7 @@ def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
     raw = tmp_path / "raw.step"
     from stepblocks.cad import kernel
 
-    sphere = [face.kind for face in kernel.face_kinds(bodies[0][1])].index("SPHERE")
+    sphere = [face.kind for face in kernel.describe_faces(bodies[0][1])].index("SPHERE")
     write_step_with_tolerances(
         raw,
         bodies,
@@ -147,18 +147,18 @@ def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
     assert sum("value must be typed" in line for line in findings) == 2
     assert sum("density: unit" in line for line in findings) == 1
     mended = tmp_path / "mended.step"
-    mended.write_text(step_ap242.conforming(raw.read_text(), "tip-125"))
+    mended.write_text(step_ap242.make_conforming(raw.read_text(), "tip-125"))
     assert check_step(mended, require_ap242=True).passes
 
 
 def test_a_face_that_is_not_there_and_a_text_without_a_header_are_refused():
     from stepblocks.cad import kernel
 
-    faces = kernel.face_kinds(build_solids(STIMULI["tip-125"])[0][1])
+    faces = kernel.describe_faces(build_solids(STIMULI["tip-125"])[0][1])
     with pytest.raises(MachiningError, match="a face must exist"):
         find_face(faces, FaceRule("PLANE", 2, -1.0), "tip-125")
     with pytest.raises(MachiningError, match="FILE_NAME"):
-        conforming("DATA;\nENDSEC;", "x")
+        make_conforming("DATA;\nENDSEC;", "x")
 
 
 @pytest.mark.parametrize(

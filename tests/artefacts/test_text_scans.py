@@ -5,7 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from stepblocks.artefacts.scans.read import read_scan
-from stepblocks.artefacts.scans.scan import Profile, rows_of
+from stepblocks.artefacts.scans.scan import Profile, list_profiles
 from stepblocks.errors import MetrologyError
 
 
@@ -62,7 +62,7 @@ def test_a_grid_of_points_becomes_a_map_and_missing_points_stay_missing(tmp_path
     assert scan.height.shape == (3, 4)
     assert np.isnan(scan.height[1, 2])
     assert scan.height[2, 3] == pytest.approx(23e-6)
-    assert len(rows_of(scan)) == 3
+    assert len(list_profiles(scan)) == 3
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.bench.rehearse import TRACE_FILES, Rig, Truth, open_writer, record
+from stepblocks.bench.rehearse import TRACE_FILES, Rig, Truth, open_writer, record_trial
 
 K = 9810.0
 HEIGHTS = (20, 40, 60)
@@ -53,7 +53,7 @@ def write_session(folder: Path, count: int = 6, kind: str = "csv", rig: Rig | No
     random = np.random.default_rng(1)
     with open_writer(folder, kind) as write:
         for number, (h, n, v) in enumerate(conditions(count), start=1):
-            trace, _, _ = record(truth_of(h, n, v), rig or Rig(), random)
+            trace, _, _ = record_trial(truth_of(h, n, v), rig or Rig(), random)
             write(number, trace)
             lines.append(f"{number},step-{h:03d},{h},{n},{v},A")
     (folder / "trials.csv").write_text("\n".join(lines) + "\n")

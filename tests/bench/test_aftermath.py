@@ -8,13 +8,13 @@ import pytest
 from oracles.traces import Course, hum
 from stepblocks.bench.signal.aftermath import (
     Swing,
-    as_bell,
-    normal_level,
-    settle,
-    sympathetic_force,
+    fit_aftermath,
+    fit_bell,
+    measure_normal_level,
+    measure_sympathetic_force,
 )
 from stepblocks.bench.signal.approach import find_landmarks, fit_approach
-from stepblocks.bench.signal.ring import RubbingRing, rubbing_force
+from stepblocks.bench.signal.ring import RubbingRing, compute_rubbing_force
 
 COURSE = Course()
 TIME = COURSE.clock()
@@ -31,7 +31,7 @@ def rubbed(time):
     force, after = RUBBING.force(time), time >= RUBBING.release
     since = time[after] - RUBBING.release
     begin = (RUBBING.level + RUBBING.amplitude, -RUBBING.amplitude / RUBBING.decay_time)
-    ring = rubbing_force(since, RUBBING.level, GAP, (270.0, 28e-3), begin, RUBBING.slope)
+    ring = compute_rubbing_force(since, RUBBING.level, GAP, (270.0, 28e-3), begin, RUBBING.slope)
     rest = RUBBING.peak - RUBBING.level - RUBBING.amplitude
     force[after] = ring + rest * np.exp(-since / 0.1e-3)
     return force
@@ -40,7 +40,7 @@ def rubbed(time):
 def settled(time, force, tool=None):
     marks = find_landmarks(time, force)
     approach = fit_approach(time, force, marks, tool)
-    return settle(time, force, marks, approach, tool), marks, approach
+    return fit_aftermath(time, force, marks, approach, tool), marks, approach
 
 
 def test_a_bell_is_taken_for_a_bell_with_its_figures():
@@ -57,11 +57,11 @@ def test_a_bell_is_taken_for_a_bell_with_its_figures():
 def test_counted_from_the_release_the_amplitude_is_that_of_the_release():
     force = COURSE.force(TIME) + noise(TIME.size)
     _, marks, approach = settled(TIME, force)
-    again = as_bell(TIME, force, COURSE.release, approach.mains, marks.noise)
+    again = fit_bell(TIME, force, COURSE.release, approach.mains, marks.noise)
     amplitude, std = again.amplitude
     assert again.start == COURSE.release
     assert amplitude == pytest.approx(COURSE.amplitude, abs=4.0 * std)
-    later = again.carried_to(COURSE.release + 5e-3)
+    later = again.carry_to(COURSE.release + 5e-3)
     # origin: exp(-5 ms / tau)
     assert later.amplitude[0] / amplitude == pytest.approx(
         np.exp(-5e-3 / again.decay_time[0]), rel=1e-9
@@ -114,7 +114,7 @@ def test_the_load_is_the_normal_force_while_sliding_whatever_hums_or_drifts():
     drift = 0.1 * (TIME - 0.5 * COURSE.onset)
     normal = COURSE.load + humming + drift + noise(TIME.size)
     normal[COURSE.onset < TIME] += 5.0  # the climb is no sliding
-    load, std = normal_level(TIME, normal, approach)
+    load, std = measure_normal_level(TIME, normal, approach)
     assert load == pytest.approx(COURSE.load, abs=4.0 * std + 1e-4)
     # origin: s / sqrt(n), more for the hum that is fitted along
     assert 2e-3 / np.sqrt(600) < std < 2.0 * 2e-3 / np.sqrt(600)
@@ -126,7 +126,7 @@ def test_the_sympathetic_ring_is_found_at_any_phase(phase):
     after, _, approach = settled(TIME, force)
     turned = Course(amplitude=0.13, phase=phase)
     normal = COURSE.load + turned.ring(TIME) + noise(TIME.size, seed=1)
-    size, std = sympathetic_force(TIME, normal, approach, after.carried_to(COURSE.release))
+    size, std = measure_sympathetic_force(TIME, normal, approach, after.carry_to(COURSE.release))
     assert size == pytest.approx(0.13, abs=4.0 * std)
     assert std < 3e-3
 
@@ -134,5 +134,7 @@ def test_the_sympathetic_ring_is_found_at_any_phase(phase):
 def test_a_normal_force_at_rest_has_no_sympathetic_ring():
     force = COURSE.force(TIME) + noise(TIME.size)
     after, _, approach = settled(TIME, force)
-    size, std = sympathetic_force(TIME, COURSE.load + noise(TIME.size, seed=1), approach, after)
+    size, std = measure_sympathetic_force(
+        TIME, COURSE.load + noise(TIME.size, seed=1), approach, after
+    )
     assert size < 4.0 * std

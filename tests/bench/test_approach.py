@@ -6,10 +6,10 @@ import pytest
 from oracles.traces import Course, hum
 from stepblocks.bench.signal.approach import (
     LandmarkError,
+    estimate_white_noise,
     find_landmarks,
+    find_mains,
     fit_approach,
-    mains_of,
-    white_noise,
 )
 
 COURSE = Course()
@@ -27,8 +27,8 @@ def approached(force, start_up=None, time=TIME):
 def test_white_noise_is_measured_through_ramp_ring_and_spikes():
     force = COURSE.force(TIME) + noise(4e-3)
     force[[100, 500]] += 0.5
-    assert white_noise(force) == pytest.approx(4e-3, rel=0.1)
-    assert white_noise(np.linspace(0.0, 3.0, 400) ** 2) < 1e-9
+    assert estimate_white_noise(force) == pytest.approx(4e-3, rel=0.1)
+    assert estimate_white_noise(np.linspace(0.0, 3.0, 400) ** 2) < 1e-9
 
 
 def test_landmarks_lie_within_a_few_samples_of_the_truth():
@@ -85,7 +85,7 @@ def test_without_noise_the_corner_and_the_slope_come_back():
 def test_the_mains_is_told_from_the_record_and_its_hum_taken_apart(mains):
     disturbance = hum(TIME, 20e-3, mains)
     force = COURSE.force(TIME) + disturbance + noise(1e-3)
-    assert mains_of(TIME[:600], force[:600]) == mains
+    assert find_mains(TIME[:600], force[:600]) == mains
     found = approached(force)
     assert found.mains == mains
     np.testing.assert_allclose(found.hum(TIME), disturbance, atol=1e-3)

@@ -12,7 +12,7 @@ from stepblocks.bench.figures import draw_trials
 from stepblocks.bench.measure import measure
 from stepblocks.bench.session import open_session
 from stepblocks.bench.traces import Traces
-from stepblocks.bench.trials import conditions_of, with_conditions
+from stepblocks.bench.trials import insert_conditions, read_conditions
 from stepblocks.cli import main
 from stepblocks.errors import BenchError
 
@@ -31,13 +31,13 @@ def rewrite(session, table, columns, decimal=".", delimiter=",", more=""):
 
 def features_of(session):
     declared = open_session(session)
-    return with_conditions(measure(session, jobs=1), conditions_of(declared))
+    return insert_conditions(measure(session, jobs=1), read_conditions(declared))
 
 
 def test_a_table_in_the_usual_words_stays_as_it_is(session):
-    assert conditions_of(open_session(session)) == {}
+    assert read_conditions(open_session(session)) == {}
     plain = measure(session, jobs=1)
-    pd.testing.assert_frame_equal(with_conditions(plain, {}), plain)
+    pd.testing.assert_frame_equal(insert_conditions(plain, {}), plain)
 
 
 def test_other_names_units_decimal_commas_and_stamps_come_to_the_same_conditions(session):
@@ -76,7 +76,7 @@ def test_heights_come_from_the_stimulus_set_where_the_table_has_none(session):
     with pytest.raises(
         BenchError, match="must have a column 'height_um' or another length that begins with height"
     ):
-        conditions_of(open_session(session))
+        read_conditions(open_session(session))
     shutil.copy(STIMULI, session)
     path = session / "session.toml"
     path.write_text(path.read_text() + '[stimuli]\nset = "paper-ten"\nfile = "paper-ten.toml"\n')

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from stepblocks.bench.rehearse import Rig, Truth, record
+from stepblocks.bench.rehearse import Rig, Truth, record_trial
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.approach import LandmarkError
-from stepblocks.bench.signal.features import FEATURE_COLUMNS, band_share, measure_trace
-from stepblocks.bench.signal.ring import rubbing_force
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, compute_band_share, measure_trace
+from stepblocks.bench.signal.ring import compute_rubbing_force
 
 K = 9810.0
 PLAIN = Truth(
@@ -47,7 +47,7 @@ def pulls(rig: Rig, count: int, seed: int, truth: Truth = PLAIN) -> dict[str, np
     random = np.random.default_rng(seed)
     found = {name: [] for name in EXPECTED}
     for _ in range(count):
-        features = measure_trace(record(truth, rig, random)[0], K, truth.slope / K).features
+        features = measure_trace(record_trial(truth, rig, random)[0], K, truth.slope / K).features
         for name, (value, std) in EXPECTED.items():
             found[name].append((features[name] - value) / features[std])
     return {name: np.array(values) for name, values in found.items()}
@@ -65,7 +65,7 @@ def test_no_disturbance_biases_a_feature_and_uncertainties_are_honest(name):
 
 def test_a_drift_moves_the_zero_and_nothing_else():
     random = np.random.default_rng(5)
-    trace, onset, _ = record(PLAIN, Rig(drift=50e-3), random)
+    trace, onset, _ = record_trial(PLAIN, Rig(drift=50e-3), random)
     features = measure_trace(trace, K, PLAIN.slope / K).features
     zero = 50e-3 * onset / 2.0
     assert features["peak_force_n"] == pytest.approx(
@@ -81,7 +81,7 @@ def test_a_drift_moves_the_zero_and_nothing_else():
 
 def test_without_disturbance_the_truth_comes_back():
     rig = Rig(hum=0.0, quantum=0.0, noise=1e-7)
-    trace, onset, release = record(PLAIN, rig, np.random.default_rng(2))
+    trace, onset, release = record_trial(PLAIN, rig, np.random.default_rng(2))
     features = measure_trace(trace, K, PLAIN.slope / K).features
     assert set(features) == set(FEATURE_COLUMNS)
     assert features["loading_onset_s"] == pytest.approx(onset, abs=1e-7)
@@ -92,7 +92,9 @@ def test_without_disturbance_the_truth_comes_back():
 
 
 def test_energy_goes_with_the_square_of_the_forces_and_one_over_the_stiffness():
-    trace, _, _ = record(PLAIN, Rig(hum=0.0, quantum=0.0, noise=1e-6), np.random.default_rng(2))
+    trace, _, _ = record_trial(
+        PLAIN, Rig(hum=0.0, quantum=0.0, noise=1e-6), np.random.default_rng(2)
+    )
     double = Trace(trace.time, 2.0 * trace.tangential, 2.0 * trace.normal)
     one, two = measure_trace(trace, K).features, measure_trace(double, 2.0 * K).features
     assert two["vibration_energy_j"] == pytest.approx(2.0 * one["vibration_energy_j"], rel=1e-6)
@@ -114,7 +116,7 @@ def test_a_rubbing_ring_gives_its_friction_and_its_amplitude():
     )
     random = np.random.default_rng(8)
     for _ in range(3):
-        found = measure_trace(record(truth, Rig(), random)[0], K, truth.slope / K)
+        found = measure_trace(record_trial(truth, Rig(), random)[0], K, truth.slope / K)
         assert not found.aftermath.damped
         features = found.features
         # origin: each half cycle costs the amplitude twice the friction, four times it per period
@@ -147,7 +149,7 @@ def test_the_pieces_of_a_rubbing_ring_solve_its_equation_of_motion(slope):
         atol=1e-9,
         max_step=2e-5,
     )
-    ours = rubbing_force(time, level, gap, (frequency, decay), (-1.0, 0.0), slope)
+    ours = compute_rubbing_force(time, level, gap, (frequency, decay), (-1.0, 0.0), slope)
     assert np.abs(exact.y[0] - ours).max() < 4e-3
 
 
@@ -157,7 +159,7 @@ def test_a_tip_that_comes_to_rest_never_chatters(amplitude, slope):
     # whether it sticks
     time = np.linspace(0.0, 0.15, 1501)
     for gap in np.linspace(0.05, 0.15, 41):
-        force = rubbing_force(
+        force = compute_rubbing_force(
             time, 0.048, gap, (270.0, 0.0284), (0.048 + amplitude, -amplitude / 0.0284), slope
         )
         assert np.abs(force).max() < 1.0 + amplitude
@@ -167,7 +169,10 @@ def test_a_tip_that_comes_to_rest_never_chatters(amplitude, slope):
 def test_band_shares_follow_parseval():
     rate, time = 10e3, np.arange(4000) / 10e3
     ring = np.exp(-time / 0.02) * np.cos(2 * np.pi * 300.0 * time)
-    parts = [band_share(ring, rate, band) for band in ((0.0, 250.0), (250.0, 350.0), (350.0, 1e9))]
+    parts = [
+        compute_band_share(ring, rate, band)
+        for band in ((0.0, 250.0), (250.0, 350.0), (350.0, 1e9))
+    ]
     assert sum(parts) == pytest.approx(1.0, abs=1e-9)
     # origin: a damped cosine is a Lorentz line of half width 1/tau; share within +-d is (2/pi)
     # atan(2 pi d tau)
@@ -183,7 +188,7 @@ def test_band_shares_follow_parseval():
     ],
 )
 def test_a_record_without_the_course_of_a_trial_says_what_it_lacks(change, reason):
-    trace, _, _ = record(PLAIN, Rig(hum=0.0), np.random.default_rng(4))
+    trace, _, _ = record_trial(PLAIN, Rig(hum=0.0), np.random.default_rng(4))
     changed = Trace(trace.time, change(trace.tangential, trace.time), trace.normal)
     if reason:
         with pytest.raises(LandmarkError, match=reason):

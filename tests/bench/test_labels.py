@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.bench.labels import LabelCheck, together
+from stepblocks.bench.labels import LabelCheck, find_shared_faults
 from stepblocks.bench.trials import Trial
 
 HEIGHTS = {"low": 20e-6, "middle": 40e-6, "high": 70e-6}
@@ -131,7 +131,9 @@ def test_a_group_that_fails_together_is_data_and_a_trial_that_fails_alone_is_not
         (n, {"operator": "B" if n % 4 == 0 and n <= 24 else "A", "load_n": "0.3"})
         for n in range(1, 61)
     ]
-    assert together(rows, faults) == dict.fromkeys([4, 8, 12, 16, 20], "trials of operator B")
+    assert find_shared_faults(rows, faults) == dict.fromkeys(
+        [4, 8, 12, 16, 20], "trials of operator B"
+    )
 
 
 def test_what_fails_where_two_labels_meet_is_data_too():
@@ -139,7 +141,7 @@ def test_what_fails_where_two_labels_meet_is_data_too():
         (n, {"operator": "AB"[n % 2], "load_n": ("0.3", "0.8")[n // 2 % 2]}) for n in range(1, 61)
     ]
     like = [n for n, cells in rows if cells == {"operator": "B", "load_n": "0.3"}]
-    assert set(together(rows, dict.fromkeys(like, "mislabelled: x")).values()) == {
+    assert set(find_shared_faults(rows, dict.fromkeys(like, "mislabelled: x")).values()) == {
         "trials of load_n 0.3, operator B"
     }
 
@@ -147,9 +149,11 @@ def test_what_fails_where_two_labels_meet_is_data_too():
 def test_trials_that_fail_one_after_the_other_are_data():
     rows = [(n, {"run_order": str(n)}) for n in range(1, 41)]
     faults = dict.fromkeys(range(20, 27), "mislabelled: x")
-    assert set(together(rows, faults)) == set(range(20, 27))
+    assert set(find_shared_faults(rows, faults)) == set(range(20, 27))
     assert (
-        together(rows, {5: "duplicate: x", 6: "duplicate: x", 7: "duplicate: x", 8: "duplicate: x"})
+        find_shared_faults(
+            rows, {5: "duplicate: x", 6: "duplicate: x", 7: "duplicate: x", 8: "duplicate: x"}
+        )
         == {}
     )
 

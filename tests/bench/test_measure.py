@@ -9,8 +9,8 @@ import pytest
 
 from stepblocks.bench.measure import measure, write_features
 from stepblocks.bench.session import open_session
-from stepblocks.bench.signal.features import FEATURE_COLUMNS, tool_of
-from stepblocks.bench.trials import conditions_of, with_conditions
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, average_tool
+from stepblocks.bench.trials import insert_conditions, read_conditions
 from stepblocks.errors import PipelineError
 
 SCRIPT = """
@@ -94,7 +94,7 @@ def test_a_block_column_that_a_spreadsheet_would_run_is_still_the_block(session)
     trials, said = session / "trials.csv", session / "session.toml"
     trials.write_text(trials.read_text().replace("block", "=block", 1))
     said.write_text(said.read_text() + '\n[trials]\ncolumns = { block = "=block" }\n')
-    table = with_conditions(measure(session, jobs=1), conditions_of(open_session(session)))
+    table = insert_conditions(measure(session, jobs=1), read_conditions(open_session(session)))
     assert set(table.block) == {"step-020", "step-040"}
     assert "'=block" not in table
 
@@ -130,5 +130,5 @@ def test_the_tool_is_the_median_of_trials_that_show_it_clearly():
 
     clear = [row(300.0, 14e-3), row(301.0, 15e-3), row(290.0, 16e-3)]
     doubtful = [row(120.0, 1e-3, doubt=0.1)] * 9
-    assert tool_of([*clear, *doubtful]) == (300.0, 15e-3)
-    assert tool_of([*clear[:2], *doubtful]) is None
+    assert average_tool([*clear, *doubtful]) == (300.0, 15e-3)
+    assert average_tool([*clear[:2], *doubtful]) is None

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.aftermath import settle
+from stepblocks.bench.signal.aftermath import fit_aftermath
 from stepblocks.bench.signal.approach import find_landmarks, fit_approach
-from stepblocks.bench.signal.features import peak_of
+from stepblocks.bench.signal.features import find_peak
 
 
 def peak(time, force):
     marks = find_landmarks(time, force)
     approach = fit_approach(time, force, marks, None)
-    return peak_of(time, force, marks, approach, settle(time, force, marks, approach))
+    return find_peak(time, force, marks, approach, fit_aftermath(time, force, marks, approach))
 
 
 def noise(count, std=3e-3, seed=2):

@@ -6,7 +6,7 @@ import pytest
 from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.features import measure_trace
-from stepblocks.bench.signal.regimes import Motion, first_swing
+from stepblocks.bench.signal.regimes import Motion, find_first_swing
 
 K, TOOL = 9810.0, (300.0, 1.0 / (0.025 * 2.0 * np.pi * 300.0))
 
@@ -87,7 +87,7 @@ def test_a_dip_that_just_touches_the_level_of_sliding_leaves_open_which_swing_wa
         force[time > dips[1] + 0.5 * period] = 0.03
         force += noise * random.standard_normal(time.size)
         motion = Motion(time, force, force, 0, 0.0, 1.0, 10.0, noise, 300.0)
-        depth, std, _ = first_swing(motion)
+        depth, std, _ = find_first_swing(motion)
         pulls.append((depth - (deep if touch > 0.0 else -touch * spread)) / std)
     # origin: both dips drawn with normal errors, 1.25 and 1.12; the odds of one reading alone would
     # make 1.41 of the first

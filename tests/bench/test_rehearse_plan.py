@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stepblocks.bench.rehearse.plan import PlantedEffect, block_name, read_plan
+from stepblocks.bench.rehearse.plan import PlantedEffect, name_block, read_plan
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
 
@@ -81,7 +81,7 @@ def test_the_order_is_free_of_trends_in_the_conditions(tmp_path):
     [(5e-6, "step-005"), (30e-6, "step-030"), (12.5e-6, "step-012.5"), (0.5e-6, "step-000.5")],
 )
 def test_a_block_is_named_by_its_height(height, name):
-    assert block_name(height) == name
+    assert name_block(height) == name
 
 
 # Origin: the forms as docs/bench.md and the field's comments write them.

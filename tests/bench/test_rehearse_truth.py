@@ -5,8 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.bench.rehearse.plan import SessionPlan, block_name
-from stepblocks.bench.rehearse.run import planted_state, rig_of, true_drag, truth_of
+from stepblocks.bench.rehearse.plan import SessionPlan, name_block
+from stepblocks.bench.rehearse.run import (
+    compute_planted_state,
+    compute_truth,
+    record_true_drag,
+    rig_of_state,
+)
 from stepblocks.errors import PipelineError
 
 HEIGHT, LOAD, SPEED = 40e-6, 0.7, 4e-3
@@ -18,7 +23,7 @@ MODEL = {
     "spring_constant": "7.7 N/mm",
 }
 ROW = {
-    "block": block_name(HEIGHT),
+    "block": name_block(HEIGHT),
     "height_um": "40",
     "load_n": str(LOAD),
     "speed_mm_s": "4",
@@ -40,7 +45,7 @@ def plan(*effects, **changes):
 
 
 def state(declared, height=HEIGHT, seed=1):
-    return planted_state(declared, ROW, {HEIGHT: height}, np.random.default_rng(seed))
+    return compute_planted_state(declared, ROW, {HEIGHT: height}, np.random.default_rng(seed))
 
 
 def force(height=HEIGHT, load=LOAD, mu=0.21, radius=140e-6):
@@ -51,7 +56,7 @@ def force(height=HEIGHT, load=LOAD, mu=0.21, radius=140e-6):
 
 def test_without_effects_and_scatter_a_trial_is_what_the_paper_says():
     declared = plan()
-    truth = truth_of(declared, state(declared))
+    truth = compute_truth(declared, state(declared))
     assert truth.peak_force == pytest.approx(force(), rel=1e-9)
     assert truth.sliding_force == pytest.approx(0.21 * LOAD, rel=1e-9)
     assert truth.load == pytest.approx(LOAD, rel=1e-12)
@@ -63,7 +68,7 @@ def test_without_effects_and_scatter_a_trial_is_what_the_paper_says():
 
 def test_a_blocks_own_height_counts_and_not_its_nominal_one():
     declared = plan()
-    truth = truth_of(declared, state(declared, height=41.5e-6))
+    truth = compute_truth(declared, state(declared, height=41.5e-6))
     assert truth.peak_force == pytest.approx(force(height=41.5e-6), rel=1e-9)
 
 
@@ -95,12 +100,12 @@ def test_a_blocks_own_height_counts_and_not_its_nominal_one():
 )
 def test_an_effect_changes_its_slot_and_the_peak_follows_the_equations(effect, expected):
     declared = plan(effect)
-    assert truth_of(declared, state(declared)).peak_force == pytest.approx(expected, rel=1e-9)
+    assert compute_truth(declared, state(declared)).peak_force == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_conversion_moves_the_ring_and_not_the_peak():
     declared = plan({"slot": "conversion", "change": "multiply", "size": 3.0})
-    truth = truth_of(declared, state(declared))
+    truth = compute_truth(declared, state(declared))
     assert truth.peak_force == pytest.approx(force(), rel=1e-9)
     assert truth.amplitude == pytest.approx(math.sqrt(4.0 * 0.31) * force(), rel=1e-9)
 
@@ -109,7 +114,7 @@ def test_the_gauges_gain_is_no_part_of_the_truth():
     declared = plan({"slot": "sensor", "change": "multiply", "size": 0.5})
     found = state(declared)
     assert found.gain[0] == pytest.approx(1.5)
-    assert truth_of(declared, found).peak_force == pytest.approx(force(), rel=1e-9)
+    assert compute_truth(declared, found).peak_force == pytest.approx(force(), rel=1e-9)
 
 
 def test_scatter_is_that_of_the_plan():
@@ -134,12 +139,14 @@ def test_a_trial_beyond_the_locking_height_gives_no_record():
 
 def test_a_tip_that_rubs_turns_with_twice_its_friction():
     declared = plan(model=MODEL | {"ring": "rubbing"})
-    assert truth_of(declared, state(declared)).gap == pytest.approx(2.0 * 0.21 * LOAD, rel=1e-12)
+    assert compute_truth(declared, state(declared)).gap == pytest.approx(
+        2.0 * 0.21 * LOAD, rel=1e-12
+    )
 
 
 def test_a_step_that_hardly_catches_gives_no_record():
     declared = plan()
-    assert truth_of(declared, state(declared, height=1e-10)) is None
+    assert compute_truth(declared, state(declared, height=1e-10)) is None
 
 
 def test_the_rig_has_the_corner_of_the_slower_of_gauge_and_declaration():
@@ -147,15 +154,15 @@ def test_the_rig_has_the_corner_of_the_slower_of_gauge_and_declaration():
     slow = plan(lag)
     found = state(slow)
     # origin: a first-order gauge of time constant T has its corner at 1 / (2 pi T)
-    assert rig_of(slow, found).bandwidth == pytest.approx(1.0 / (2.0 * math.pi * 1e-4))
+    assert rig_of_state(slow, found).bandwidth == pytest.approx(1.0 / (2.0 * math.pi * 1e-4))
     ideal = plan(rig={"drift_n_per_s": 0.2, "noise": "1 mN"})
-    rig = rig_of(ideal, state(ideal))
+    rig = rig_of_state(ideal, state(ideal))
     assert (rig.bandwidth, rig.drift, rig.noise) == (math.inf, 0.2, 1e-3)
 
 
 def test_the_drag_in_time_gets_the_same_trial():
     declared = plan({"slot": "contact_geometry", "size": 15e-6}, {"slot": "drag", "size": 0.02})
-    step, point, pull = true_drag(declared, state(declared))
+    step, point, pull = record_true_drag(declared, state(declared))
     assert (step.height, step.edge_radius) == pytest.approx((HEIGHT, 15e-6), rel=1e-9)
     assert (point.ball_radius, point.normal_load, point.friction) == pytest.approx(
         (140e-6, LOAD, 0.21)
@@ -168,4 +175,4 @@ def test_an_effect_without_a_place_in_the_drag_in_time_is_refused():
     declared = plan({"law": "block_tilt", "parameters": {"tilt_rad": 0.01}})
     tilted = state(declared)
     with pytest.raises(PipelineError, match="an effect changes tilt"):
-        true_drag(declared, tilted)
+        record_true_drag(declared, tilted)

@@ -10,9 +10,9 @@ from stepblocks.bench.session import (
     Channel,
     check_pattern,
     fill_pattern,
-    inside,
+    find_unit_in_name,
     open_session,
-    unit_of_name,
+    resolve_inside,
 )
 from stepblocks.bench.signal import TraceError
 from stepblocks.errors import BenchError
@@ -84,7 +84,7 @@ def test_the_scale_of_a_channel_is_unit_times_factor(tmp_path):
     ],
 )
 def test_the_end_of_a_name_says_its_unit(name, dimension, unit):
-    assert unit_of_name(name, dimension) == unit
+    assert find_unit_in_name(name, dimension) == unit
 
 
 def test_a_gram_force_is_its_weight():
@@ -168,8 +168,8 @@ def test_a_pattern_holds_no_other_braces(pattern):
 @pytest.mark.parametrize("path", ["../x", "a/../../x", "/x", "C:/x", "a\\..\\x", "a\0b"])
 def test_no_path_leads_out_of_the_session(path):
     with pytest.raises(BenchError, match="inside the session"):
-        inside(Path("/s"), path, "x")
+        resolve_inside(Path("/s"), path, "x")
 
 
 def test_slashes_of_either_kind_are_read():
-    assert inside(Path("/s"), "a\\b/c.csv", "x") == Path("/s/a/b/c.csv")
+    assert resolve_inside(Path("/s"), "a\\b/c.csv", "x") == Path("/s/a/b/c.csv")

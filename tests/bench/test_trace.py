@@ -6,7 +6,7 @@ import pytest
 from oracles.traces import Course, hum
 from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.signal import Trace, screen_trace
-from stepblocks.bench.signal.features import censored_features
+from stepblocks.bench.signal.features import measure_censored
 
 RATE = 10e3
 COURSE = Course()
@@ -145,7 +145,7 @@ def test_a_normal_gauge_that_stands_at_its_range_while_the_tip_slides_measured_n
     trace = Trace(*done[:3])
     reason = screen_trace(trace, RATE, limit=1.0)
     assert reason.startswith("saturated: the normal force")
-    features = censored_features(trace, 9810.0, 5e-3, reason)
+    features = measure_censored(trace, 9810.0, 5e-3, reason)
     for name, true in (("normal_load_n", load), ("sliding_friction", 0.15)):
         assert (name in features) == known
         assert not known or features[name] == pytest.approx(true, rel=0.01)

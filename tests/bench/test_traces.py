@@ -12,7 +12,7 @@ from stepblocks.bench.rehearse import TRACE_FILES, open_writer
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Trace, TraceError
 from stepblocks.bench.traces import READERS, Traces
-from stepblocks.bench.traces.mat import variables_of
+from stepblocks.bench.traces.mat import index_variables
 from stepblocks.errors import BenchError
 
 TIME = Course().clock()
@@ -184,16 +184,16 @@ def test_a_version_5_file_that_is_cut_off_is_said_to_be_and_where(tmp_path):
     mat_struct(tmp_path)
     path = tmp_path / "all.mat"
     whole = path.read_bytes()
-    assert set(variables_of(path).places) == {"trial_2", "notes"}
+    assert set(index_variables(path).places) == {"trial_2", "notes"}
     path.write_bytes(whole[:-10])
     with pytest.raises(TraceError, match=r"all\.mat is damaged or truncated at byte"):
-        variables_of(path)
+        index_variables(path)
 
 
 def test_bytes_that_turned_within_a_variable_cost_that_trial(tmp_path):
     traces, channels, extra = mat_struct(tmp_path)
     path = tmp_path / "all.mat"
-    place, length = variables_of(path).places["trial_2"]
+    place, length = index_variables(path).places["trial_2"]
     data = bytearray(path.read_bytes())
     data[place + length // 2 : place + length // 2 + 40] = bytes(40)
     path.write_bytes(bytes(data))
@@ -232,7 +232,7 @@ def test_text_among_numbers_and_tables_are_no_samples(tmp_path):
 def test_nothing_outside_the_session_is_read_through_an_hdf5_file(tmp_path, way):
     from types import SimpleNamespace
 
-    from stepblocks.bench.traces.hdf5 import hdf5_column, hdf5_group, open_hdf5
+    from stepblocks.bench.traces.hdf5 import find_hdf5_group, open_hdf5, read_hdf5_column
 
     with h5py.File(tmp_path / "secret.h5", "w") as secret:
         secret["group/fx"] = np.arange(8.0)
@@ -257,4 +257,4 @@ def test_nothing_outside_the_session_is_read_through_an_hdf5_file(tmp_path, way)
         open_hdf5(path, None) as file,
         pytest.raises(TraceError, match="lies in another file, which is not read"),
     ):
-        hdf5_column(hdf5_group(file, place), "fx")
+        read_hdf5_column(find_hdf5_group(file, place), "fx")

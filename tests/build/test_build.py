@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.atomic import alone_in
+from stepblocks.atomic import lock_folder
 from stepblocks.build import run as building
 from stepblocks.build.manifest import hash_file
 from stepblocks.build.run import build_sets
@@ -194,7 +194,7 @@ def test_a_build_that_is_asked_to_end_or_killed_takes_its_workers_along_and_leav
     else:
         pytest.fail("processes of the build live on")
     if number == signal.SIGKILL:  # nobody was left to clear up: the next run does
-        with alone_in(output):
+        with lock_folder(output):
             pass
     assert not list(output.glob(".partial*"))
 
@@ -206,7 +206,7 @@ def test_a_stimulus_that_fails_half_way_leaves_nothing_half_written(source, tmp_
     def fail(stimulus):
         raise HapticsError("no pieces today")
 
-    monkeypatch.setattr(shapes, "convex_pieces", fail)
+    monkeypatch.setattr(shapes, "build_convex_pieces", fail)
     with pytest.raises(HapticsError):
         build_sets([source], tmp_path / "out", jobs=1)
     assert [path.name for path in (tmp_path / "out").rglob("*")] == []

@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.atomic import alone_in, folder_beside, inside
+from stepblocks.atomic import lock_folder, make_draft_folder, resolve_inside
 from stepblocks.build import manifest as manifests, run as building
 from stepblocks.build.manifest import (
     MANIFEST,
     RECORD,
-    digest,
+    are_intact,
+    find_unchanged,
+    hash_bytes,
     hash_file,
-    intact,
+    list_outputs,
     load_json,
     load_record,
-    unchanged,
     write_sealed,
-    written,
 )
 from stepblocks.build.run import BuildReport, build_sets, check_output
 from stepblocks.cli import main
@@ -51,23 +51,23 @@ def copy(made, tmp_path):
 
 @pytest.mark.parametrize("name", OUTWARD)
 def test_a_name_that_leads_out_of_its_folder_is_not_ours(name, tmp_path):
-    assert inside(tmp_path, name) is None
+    assert resolve_inside(tmp_path, name) is None
 
 
 def test_plain_names_are_ours_and_links_on_the_way_are_not(tmp_path):
     folder, outside = tmp_path / "out", tmp_path / "outside"
     (folder / "set").mkdir(parents=True)
     outside.mkdir()
-    assert inside(folder, "set/id/a.stl") == folder / "set" / "id" / "a.stl"
-    assert inside(folder, "a.stl") == folder / "a.stl"
+    assert resolve_inside(folder, "set/id/a.stl") == folder / "set" / "id" / "a.stl"
+    assert resolve_inside(folder, "a.stl") == folder / "a.stl"
     (folder / "link").symlink_to(outside)
     (folder / "set" / "file").symlink_to(folder / "set")
-    assert inside(folder, "link/a.stl") is None
-    assert inside(folder, "set/file") is None
+    assert resolve_inside(folder, "link/a.stl") is None
+    assert resolve_inside(folder, "set/file") is None
     (tmp_path / "here").symlink_to(
         folder
     )  # the folder itself may be one: that is the user's own choice
-    assert inside(tmp_path / "here", "set/a.stl") == tmp_path / "here" / "set" / "a.stl"
+    assert resolve_inside(tmp_path / "here", "set/a.stl") == tmp_path / "here" / "set" / "a.stl"
 
 
 @pytest.mark.parametrize("name", [name for name in OUTWARD if "\0" not in name])
@@ -75,30 +75,30 @@ def test_what_lies_outside_is_neither_read_nor_believed(name, tmp_path):
     (tmp_path / "x").write_text("secret")
     folder = tmp_path / "folder"
     (folder / "a").mkdir(parents=True)
-    assert unchanged(folder, name, hash_file(folder / name)) is None
-    assert not intact(folder, {name: hash_file(folder / name)})
+    assert find_unchanged(folder, name, hash_file(folder / name)) is None
+    assert not are_intact(folder, {name: hash_file(folder / name)})
 
 
 def test_a_list_of_files_is_intact_when_all_are_there_as_written(tmp_path):
     (tmp_path / "a.txt").write_text("a")
-    assert intact(tmp_path, {"a.txt": digest(b"a")})
-    assert not intact(tmp_path, {"a.txt": digest(b"b")})
-    assert not intact(tmp_path, {"a.txt": digest(b"a"), "b.txt": digest(b"b")})
-    assert not intact(tmp_path, {})  # nothing listed is nothing known
+    assert are_intact(tmp_path, {"a.txt": hash_bytes(b"a")})
+    assert not are_intact(tmp_path, {"a.txt": hash_bytes(b"b")})
+    assert not are_intact(tmp_path, {"a.txt": hash_bytes(b"a"), "b.txt": hash_bytes(b"b")})
+    assert not are_intact(tmp_path, {})  # nothing listed is nothing known
 
 
 @pytest.mark.parametrize("content", ["", "{", "[1]", '{"outputs": [1]}', '{"outputs": "x"}'])
 def test_a_record_that_is_none_lists_no_files(content, tmp_path):
     (tmp_path / RECORD).write_text(content)
-    assert written(load_json(tmp_path / RECORD)) == {}
+    assert list_outputs(load_json(tmp_path / RECORD)) == {}
     assert load_json(tmp_path / "none.json") == {}
 
 
 def test_the_fingerprint_hangs_on_code_and_libraries(monkeypatch):
-    before = manifests.code_fingerprint()
-    assert manifests.code_fingerprint() == before
+    before = manifests.compute_code_fingerprint()
+    assert manifests.compute_code_fingerprint() == before
     monkeypatch.setattr(manifests, "version", lambda name: "0.0")
-    assert manifests.code_fingerprint() != before
+    assert manifests.compute_code_fingerprint() != before
 
 
 @pytest.mark.parametrize("place", ["absolute", "parent"])
@@ -113,7 +113,7 @@ def test_a_manifest_that_names_a_file_outside_does_not_delete_it(place, copy, tm
     write_sealed(copy / "manifest.json", content)
     build_sets(SHEATHS, copy, jobs=1)
     assert victim.read_text() == "mine"
-    assert name not in written(load_json(copy / "manifest.json"))
+    assert name not in list_outputs(load_json(copy / "manifest.json"))
 
 
 @pytest.mark.parametrize("place", ["absolute", "parent"])
@@ -153,11 +153,11 @@ def test_the_manifest_says_with_what_it_was_made(copy):
 def test_a_second_run_into_the_same_folder_is_told_so_and_writes_nothing(tmp_path, capsys):
     output = tmp_path / "out"
     output.mkdir()
-    with alone_in(output):
+    with lock_folder(output):
         assert main(["build", str(SHEATHS), "-o", str(output)]) == 2
     assert "another run is writing into this folder" in capsys.readouterr().err
     assert list(output.iterdir()) == []
-    with alone_in(output):  # the lock is gone with its holder
+    with lock_folder(output):  # the lock is gone with its holder
         pass
 
 
@@ -235,7 +235,10 @@ def test_the_output_folder_itself_may_be_a_link(made, tmp_path):
 
 def test_two_runs_in_two_containers_never_share_a_draft(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "getpid", lambda: 1)  # as the first process of either container
-    with folder_beside(tmp_path / "set-id") as first, folder_beside(tmp_path / "set-id") as second:
+    with (
+        make_draft_folder(tmp_path / "set-id") as first,
+        make_draft_folder(tmp_path / "set-id") as second,
+    ):
         assert first != second
         (first / "a").write_text("a")
         assert list(second.iterdir()) == []
@@ -268,10 +271,10 @@ def test_a_set_is_predicted_once_a_build(copy, monkeypatch):
     from stepblocks.predict import predictions
 
     calls = []
-    counted = predictions.predictions_of
+    counted = predictions.predict_by_formula
     monkeypatch.setattr(
         predictions,
-        "predictions_of",
+        "predict_by_formula",
         lambda stimuli: (calls.append(stimuli.name), counted(stimuli))[1],
     )
     (copy / "index.html").unlink()

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from stepblocks.build import picture
-from stepblocks.build.page import Section, _figure, _summary, write_page
-from stepblocks.build.picture import draw, exaggerated, write_view
+from stepblocks.build.page import Section, _draw_figure, _summarise, write_page
+from stepblocks.build.picture import draw_part, exaggerate_heights, write_view
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_declared
 
@@ -30,29 +30,29 @@ BOX = (BOX_CORNERS, BOX_FACES)
 
 def test_only_what_rises_over_the_lower_face_is_exaggerated():
     points = np.array([[1.0, 2.0, -3.0], [1.0, 2.0, 0.0], [1.0, 2.0, 10e-6]])
-    shown = exaggerated(points, 100.0)
+    shown = exaggerate_heights(points, 100.0)
     assert shown[:, 2].tolist() == pytest.approx([-3.0, 0.0, 1e-3])
     assert shown[:, :2].tolist() == points[:, :2].tolist()
     assert points[2, 2] == 10e-6  # the part itself is left as it is
 
 
 def test_a_close_up_is_the_closed_intersection_with_its_box():
-    cut = picture._boxed(BOX, 0.25e-3, (1e-3, 0.0, 0.0))
+    cut = picture._cut_box(BOX, 0.25e-3, (1e-3, 0.0, 0.0))
     assert cut.volume == pytest.approx(0.25 * 0.5 * 0.5)  # mm^3: half of the window lies in the box
     assert cut.is_manifold
-    assert picture._boxed(BOX, 0.25e-3, (5e-3, 0.0, 0.0)).n_cells == 0
+    assert picture._cut_box(BOX, 0.25e-3, (5e-3, 0.0, 0.0)).n_cells == 0
 
 
 def test_several_bodies_are_opened_and_one_is_not():
-    (whole,) = picture._opened([BOX])
+    (whole,) = picture._cut_open([BOX])
     assert whole.volume == pytest.approx(8.0)
-    assert [body.volume for body in picture._opened([BOX, BOX])] == pytest.approx([4.0, 4.0])
+    assert [body.volume for body in picture._cut_open([BOX, BOX])] == pytest.approx([4.0, 4.0])
 
 
 def test_a_picture_shows_the_part_on_either_side(tmp_path):
     from PIL import Image
 
-    draw(tmp_path / "a.png", [BOX], 1.0, 0.25e-3, (1e-3, 0.0, 0.0))
+    draw_part(tmp_path / "a.png", [BOX], 1.0, 0.25e-3, (1e-3, 0.0, 0.0))
     with Image.open(tmp_path / "a.png") as image:
         pixels = np.asarray(image.convert("L"), dtype=float)
     assert pixels.shape == (400, 960)
@@ -81,7 +81,7 @@ def blocks(request):
 
 
 def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
-    figure = json.loads(_figure(blocks))
+    figure = json.loads(_draw_figure(blocks))
     grid = blocks.prediction
     radius, load, stiffness = grid.tip_radii[0], max(grid.normal_loads), grid.tool.stiffness
     by_name = {trace["name"]: trace for trace in figure["data"] if trace["name"]}
@@ -103,7 +103,7 @@ def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
 
 
 def test_no_curve_or_mark_goes_on_where_the_tip_locks(blocks):
-    figure = json.loads(_figure(blocks))
+    figure = json.loads(_draw_figure(blocks))
     radius = blocks.prediction.tip_radii[0]
     locking = [radius * (1.0 - math.sin(math.atan(mu))) * 1e6 for mu in blocks.prediction.frictions]
     energies = [trace for trace in figure["data"] if trace["yaxis"] == "y2"]
@@ -122,7 +122,7 @@ def test_no_curve_or_mark_goes_on_where_the_tip_locks(blocks):
 
 
 def test_a_set_without_blocks_has_no_curves(request):
-    assert _figure(load_declared(request.config.rootpath / "stimuli" / "sheaths.toml")) is None
+    assert _draw_figure(load_declared(request.config.rootpath / "stimuli" / "sheaths.toml")) is None
 
 
 def release(status, force=0.0, energy=0.0):
@@ -133,12 +133,12 @@ def release(status, force=0.0, energy=0.0):
 def test_the_summary_says_what_is_felt_and_what_is_not():
     felt = [release(Status.RELEASES, 0.5, 1e-6), release(Status.RELEASES, 2.0, 30e-6)]
     locked, flat = release(Status.LOCKED), release(Status.NO_CATCH)
-    assert list(_summary(felt)) == ["up: 0.5 to 2 N, 1 to 30 µJ"]
-    assert list(_summary([*felt, locked, locked])) == [
+    assert list(_summarise(felt)) == ["up: 0.5 to 2 N, 1 to 30 µJ"]
+    assert list(_summarise([*felt, locked, locked])) == [
         "up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4"
     ]
-    assert list(_summary([locked, flat])) == ["up: locked in 1 of 2; no catch in 1 of 2"]
-    assert list(_summary([])) == []
+    assert list(_summarise([locked, flat])) == ["up: locked in 1 of 2; no catch in 1 of 2"]
+    assert list(_summarise([])) == []
 
 
 def test_the_page_opens_with_the_steps_of_the_paper_and_else_keeps_the_order_of_the_user(

@@ -19,44 +19,44 @@ from stepblocks.errors import MetrologyError, SolidError
 def box(x, y, z, at=(0.0, 0.0, 0.0)):
     a, b, c = at
     corners = [(a, b, c), (a + x, b, c), (a + x, b + y, c), (a, b + y, c)]
-    return kernel.extruded(corners, (0.0, 0.0, z))
+    return kernel.extrude(corners, (0.0, 0.0, z))
 
 
 def ball(radius):
-    return kernel.turned([(0.0, -radius), ((radius, 0.0), (0.0, radius))], (0.0, 0.0, 0.0))
+    return kernel.turn([(0.0, -radius), ((radius, 0.0), (0.0, radius))], (0.0, 0.0, 0.0))
 
 
 def test_an_extruded_outline_with_a_hole_is_a_box_with_a_shaft():
     outline = [(0.0, 0.0, 0.0), (7e-3, 0.0, 0.0), (7e-3, 5e-3, 0.0), (0.0, 5e-3, 0.0)]
     hole = [(1e-3, 1e-3, 0.0), (3e-3, 1e-3, 0.0), (3e-3, 2e-3, 0.0), (1e-3, 2e-3, 0.0)]
-    body = kernel.extruded(outline, (0.0, 0.0, 11e-3), [hole])
-    assert kernel.volume(body) == pytest.approx((35e-6 - 2e-6) * 11e-3, rel=1e-12)
+    body = kernel.extrude(outline, (0.0, 0.0, 11e-3), [hole])
+    assert kernel.compute_volume(body) == pytest.approx((35e-6 - 2e-6) * 11e-3, rel=1e-12)
 
 
 def test_an_arc_goes_through_its_middle_point():
     half = [(3e-3, 0.0, 0.0), ((0.0, 3e-3, 0.0), (-3e-3, 0.0, 0.0))]
-    body = kernel.extruded(half, (0.0, 0.0, 2e-3))
-    assert kernel.volume(body) == pytest.approx(0.5 * math.pi * 9e-6 * 2e-3, rel=1e-12)
-    (round_face,) = [face for face in kernel.face_kinds(body) if face.kind == "CYLINDER"]
+    body = kernel.extrude(half, (0.0, 0.0, 2e-3))
+    assert kernel.compute_volume(body) == pytest.approx(0.5 * math.pi * 9e-6 * 2e-3, rel=1e-12)
+    (round_face,) = [face for face in kernel.describe_faces(body) if face.kind == "CYLINDER"]
     assert round_face.radius == pytest.approx(3e-3, rel=1e-12)
 
 
 def test_a_part_of_a_turn_is_that_part_of_pappus():
     square = [(5e-3, 0.0, 0.0), (6e-3, 0.0, 0.0), (6e-3, 0.0, 1e-3), (5e-3, 0.0, 1e-3)]
-    body = kernel.revolved(square, (0.0, 0.0, 0.0), (0.0, 0.0, 1e-3), 90.0)
-    assert kernel.volume(body) == pytest.approx(0.25 * math.tau * 5.5e-3 * 1e-6, rel=1e-12)
+    body = kernel.revolve(square, (0.0, 0.0, 0.0), (0.0, 0.0, 1e-3), 90.0)
+    assert kernel.compute_volume(body) == pytest.approx(0.25 * math.tau * 5.5e-3 * 1e-6, rel=1e-12)
 
 
 def test_cuts_and_unions_count_what_overlaps_once():
     one, other = box(4e-3, 4e-3, 4e-3), box(4e-3, 4e-3, 4e-3, (2e-3, 0.0, 0.0))
-    assert kernel.volume(kernel.cut(one, [other])) == pytest.approx(32e-9, rel=1e-12)
-    assert kernel.volume(kernel.fused([one, other])) == pytest.approx(96e-9, rel=1e-12)
+    assert kernel.compute_volume(kernel.cut(one, [other])) == pytest.approx(32e-9, rel=1e-12)
+    assert kernel.compute_volume(kernel.fuse([one, other])) == pytest.approx(96e-9, rel=1e-12)
 
 
 def test_what_does_not_give_one_solid_is_refused():
     one, apart = box(1e-3, 1e-3, 1e-3), box(1e-3, 1e-3, 1e-3, (5e-3, 0.0, 0.0))
     with pytest.raises(SolidError, match="a union must give one valid solid, got 2"):
-        kernel.fused([one, apart])
+        kernel.fuse([one, apart])
     with pytest.raises(SolidError, match="a cut must give one valid solid, got 0"):
         kernel.cut(one, [box(3e-3, 3e-3, 3e-3, (-1e-3, -1e-3, -1e-3))])
 
@@ -79,7 +79,7 @@ def test_only_the_face_that_asks_for_it_is_fine():
         (2e-3, 4e-3),
         ((2e-3 * math.sqrt(0.5), 4e-3 + 2e-3 * math.sqrt(0.5)), (0.0, 6e-3)),
     ]
-    body = kernel.turned(outline, (0.0, 0.0, 0.0))
+    body = kernel.turn(outline, (0.0, 0.0, 0.0))
     coarse = kernel.tessellate(body, lambda face: 20e-6)
     fine = kernel.tessellate(body, lambda face: 1e-6 if face.kind == "SPHERE" else 20e-6)
     owner = [face.kind for face in fine.faces]
@@ -104,18 +104,18 @@ def test_neighbouring_faces_share_their_points_and_no_triangle_is_flat():
 
 
 def test_faces_are_described_in_metres():
-    faces = kernel.face_kinds(ball(125e-6))
+    faces = kernel.describe_faces(ball(125e-6))
     assert [face.kind for face in faces] == ["SPHERE"]
     assert faces[0].radius == pytest.approx(125e-6, rel=1e-12)
     assert faces[0].low == pytest.approx((-125e-6,) * 3, abs=2e-9)
-    assert math.isnan(kernel.face_kinds(box(1e-3, 1e-3, 1e-3))[0].radius)
+    assert math.isnan(kernel.describe_faces(box(1e-3, 1e-3, 1e-3))[0].radius)
 
 
 def test_a_step_file_comes_back_with_its_volume(tmp_path):
     path = tmp_path / "box.step"
     write_step_with_tolerances(path, [("box", box(3e-3, 2e-3, 1e-3))], [], [], ("brass", 8470.0))
     (body,) = kernel.read_step(path)
-    assert kernel.volume(body) == pytest.approx(6e-9, rel=1e-12)
+    assert kernel.compute_volume(body) == pytest.approx(6e-9, rel=1e-12)
     assert "AP242" in path.read_text().split("DATA;")[0]
 
 
@@ -129,7 +129,7 @@ def test_what_is_no_step_file_is_refused(tmp_path, content):
 
 def test_tolerances_stand_in_the_file_with_both_signs(tmp_path):
     path, body = tmp_path / "box.step", box(3e-3, 2e-3, 1e-3)
-    faces = kernel.face_kinds(body)
+    faces = kernel.describe_faces(body)
     low, high = (
         next(
             i
@@ -160,7 +160,7 @@ def test_tolerances_stand_in_the_file_with_both_signs(tmp_path):
 
 def test_two_faces_that_do_not_meet_carry_no_edge(tmp_path):
     body = box(3e-3, 2e-3, 1e-3)
-    faces = kernel.face_kinds(body)
+    faces = kernel.describe_faces(body)
     low, high = (
         next(
             i
@@ -182,6 +182,6 @@ def test_two_bodies_stay_products_of_one_assembly(tmp_path):
     write_step_with_tolerances(path, pair, [], [], ("zirconia", 6050.0), "seated")
     text = path.read_text()
     assert all(f"PRODUCT('{name}'" in text for name in ("tooth", "crown", "seated"))
-    assert sum(kernel.volume(body) for body in kernel.read_step(path)) == pytest.approx(
+    assert sum(kernel.compute_volume(body) for body in kernel.read_step(path)) == pytest.approx(
         2e-9, rel=1e-12
     )

@@ -11,7 +11,7 @@ import pytest
 from oracles.adaptive_participants import answer_all
 from stepblocks.cli import main
 from stepblocks.errors import StudyError
-from stepblocks.study.adaptive import answer, open_adaptive
+from stepblocks.study.adaptive import open_adaptive, record_answer
 
 TEN = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
 
@@ -43,7 +43,7 @@ def test_answers_given_one_by_one_or_at_the_keyboard_make_the_same_record(
     folder, capsys, tmp_path, monkeypatch
 ):
     for trial, letter in enumerate("ynyyn", start=1):
-        answer(folder, 1, trial, letter == "y")
+        record_answer(folder, 1, trial, letter == "y")
     record = (folder / "answers" / "participant-1.csv").read_bytes()
     options = ["--standard", "step-050", "--participants", 2, "--trials", 30, "--seed", 5]
     run(capsys, "start", TEN, *options, "-o", tmp_path / "t")
@@ -116,9 +116,9 @@ def test_answers_go_on_into_results_and_report(folder, capsys):
 
 def test_damage_is_named_with_its_line(folder, capsys):
     for trial in (1, 2):
-        answer(folder, 1, trial, True)
+        record_answer(folder, 1, trial, True)
     with pytest.raises(StudyError, match="trial must be 3"):
-        answer(folder, 1, 2, False)
+        record_answer(folder, 1, 2, False)
     assert (
         "participant must be one of 1 to 2, got 3"
         in run(capsys, "run", folder, "--participant", 3)[2]

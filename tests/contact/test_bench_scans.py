@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.path.profile import catches, profile_path, steepest
+from stepblocks.contact.path.profile import build_profile_path, find_catches, find_steepest_catch
 
 R = 125e-6
 
@@ -17,9 +17,9 @@ def radius_seen_by_the_ball(path):
     faces = low | high
     columns = np.column_stack([x, low, high]).astype(float)[faces]
     tilt, lower, upper = np.linalg.lstsq(columns, z[faces], rcond=None)[0]
-    rolled = profile_path(x, z - tilt * x - lower, R)
-    assert len(catches(rolled, smallest=math.radians(5))) == 1
-    return (upper - lower) / (1.0 - math.cos(steepest(rolled).angle)) - R
+    rolled = build_profile_path(x, z - tilt * x - lower, R)
+    assert len(find_catches(rolled, smallest=math.radians(5))) == 1
+    return (upper - lower) / (1.0 - math.cos(find_steepest_catch(rolled).angle)) - R
 
 
 # Origin: the README of the bench sessions: the edges of `blunt` are rounded by 14 um, `quiet` is

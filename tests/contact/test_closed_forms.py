@@ -45,7 +45,7 @@ def test_the_tangent_of_a_step_is_that_of_a_ball_drawn_on_face_and_edge(height, 
     across = math.sqrt((ball + edge) ** 2 - up**2)
     angle = step_angle(height, ball, edge)
     assert angle == pytest.approx(math.atan2(across, up), rel=1e-12)
-    assert kernels.height_at_angle(angle, ball + edge) == pytest.approx(height, rel=1e-12)
+    assert kernels.compute_height_at_angle(angle, ball + edge) == pytest.approx(height, rel=1e-12)
     slopes = Step(height, edge).angle_slopes(ball)
     by_height, by_radius = slopes["height"], slopes["ball_radius"]
     assert by_height == pytest.approx(
@@ -89,7 +89,7 @@ def test_force_energy_and_power_are_those_of_statics_and_of_a_spring_let_go(angl
 def test_a_tip_locks_where_the_reaction_of_the_edge_grows_beyond_all_bounds(ball, mu):
     # Origin: N (cos a - mu sin a) balances the load, so tan a = 1 / mu at locking.
     angle = math.atan2(1.0, mu)
-    assert kernels.locking_height(ball, mu) == pytest.approx(
+    assert kernels.compute_locking_height(ball, mu) == pytest.approx(
         ball * (1.0 - math.cos(angle)), rel=1e-12
     )
     below, above = angle - 1e-9, angle + 1e-9

@@ -8,10 +8,14 @@ import pytest
 
 from oracles.tip_paths import step_path
 from stepblocks.contact.counterface import Groove, Margin, Profile, ProfiledMargin, Step
-from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
+from stepblocks.contact.critical_angle import (
+    compute_bevelled_margin_angles,
+    margin_angles,
+    step_angle,
+)
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.path.profile import profile_path, steepest
+from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 from stepblocks.errors import ContactError
 
 R = 117e-6
@@ -28,19 +32,24 @@ MARGINS = [
 # Expected values: the exact dilation of the section, which knows no closed form.
 @pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
 def test_the_closed_form_is_the_steepest_slope_of_the_path_over_the_section(face):
-    path = profile_path(*face.section(6.0 * R), R, edges="flat")
+    path = build_profile_path(*face.section(6.0 * R), R, edges="flat")
     # a rounding of 12 um by 400 chords turns by a quarter of a degree at each
     tolerance = 3e-3 if getattr(face, "edge_radius", 0.0) else 1e-8
-    expected = [steepest(one).angle for one in (path, path.mirrored())]
+    expected = [find_steepest_catch(one).angle for one in (path, path.mirrored())]
     assert face.angles(R) == pytest.approx(expected, abs=tolerance)
 
 
 @pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
 def test_the_notches_of_the_centre_path_have_the_critical_angles(face):
     path = face.centre_path(R)
-    assert (path.notch(+1.0)[2], path.notch(-1.0)[2]) == pytest.approx(face.angles(R), abs=2e-6)
+    assert (path.find_notch(+1.0)[2], path.find_notch(-1.0)[2]) == pytest.approx(
+        face.angles(R), abs=2e-6
+    )
     back = path.mirrored()
-    assert (back.notch(+1.0)[2], back.notch(-1.0)[2]) == (path.notch(-1.0)[2], path.notch(+1.0)[2])
+    assert (back.find_notch(+1.0)[2], back.find_notch(-1.0)[2]) == (
+        path.find_notch(-1.0)[2],
+        path.find_notch(+1.0)[2],
+    )
     again = back.mirrored()
     assert all(
         (getattr(again, name) == getattr(path, name)).all()
@@ -61,8 +70,10 @@ def test_the_centre_of_the_ball_runs_a_radius_above_its_lowest_point(face):
 
 def test_magnifying_a_path_keeps_its_slopes_and_the_angle_of_its_notch():
     path, large = STEPS[0].centre_path(R), STEPS[0].centre_path(R).scaled(23.0)
-    assert large.notch(+1.0)[2] == path.notch(+1.0)[2]
-    assert large.notch(+1.0)[:2] == pytest.approx([23.0 * value for value in path.notch(+1.0)[:2]])
+    assert large.find_notch(+1.0)[2] == path.find_notch(+1.0)[2]
+    assert large.find_notch(+1.0)[:2] == pytest.approx(
+        [23.0 * value for value in path.find_notch(+1.0)[:2]]
+    )
 
 
 @pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
@@ -93,7 +104,7 @@ def test_arrays_of_dimensions_give_what_each_gives_alone():
     )
     forward, backward = MARGINS[0].angles(ball, gap=gap, opening=gap + wider, rise=rise)
     for k in range(gap.size):
-        alone = bevelled_margin_angles(gap[k], gap[k] + wider[k], rise[k], ball[k])
+        alone = compute_bevelled_margin_angles(gap[k], gap[k] + wider[k], rise[k], ball[k])
         assert (forward[k], backward[k]) == alone
     assert step_angle([10e-6, 500e-6], R).tolist() == [step_angle(10e-6, R), 0.5 * math.pi]
     assert margin_angles([[1e-6], [2e-6]], [0.0, 3e-6, 4e-6], R)[0].shape == (2, 3)
@@ -133,13 +144,13 @@ def test_crown_and_tooth_change_places_when_the_drag_turns_round():
 def test_the_opening_of_a_square_end_follows_its_gap_and_a_stated_one_does_not():
     moved = np.array([-1e-6, 2e-6])
     square, stated = (
-        MARGINS[0].moved({"gap": moved}),
-        MARGINS[0].moved({"gap": moved, "opening": 0.0}),
+        MARGINS[0].deviate_dimensions({"gap": moved}),
+        MARGINS[0].deviate_dimensions({"gap": moved, "opening": 0.0}),
     )
     assert (square["opening"] - square["gap"]).tolist() == pytest.approx([0.0, 0.0], abs=1e-20)
     assert np.ravel(stated["opening"]).tolist() == [62e-6]
-    assert Margin(1e-6, 1e-6, 0.0).moved({"gap": -3e-6})["gap"] == 0.0
-    assert Step(1e-6).moved({"height": -3e-6}) == {"height": 0.0, "edge_radius": 0.0}
+    assert Margin(1e-6, 1e-6, 0.0).deviate_dimensions({"gap": -3e-6})["gap"] == 0.0
+    assert Step(1e-6).deviate_dimensions({"height": -3e-6}) == {"height": 0.0, "edge_radius": 0.0}
 
 
 def test_the_slopes_of_a_steps_angle_are_its_derivatives():

@@ -5,7 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.domain import plain, require_finite, require_not_negative, require_positive
+from stepblocks.contact.domain import (
+    require_finite,
+    require_not_negative,
+    require_positive,
+    unwrap_scalar,
+)
 from stepblocks.errors import ContactError
 
 
@@ -54,6 +59,6 @@ def test_zero_is_not_positive_but_not_negative_either():
 
 
 def test_a_number_comes_out_as_a_number_and_an_array_as_itself():
-    assert type(plain(np.array(2.0))) is float
+    assert type(unwrap_scalar(np.array(2.0))) is float
     many = np.array([1.0, 2.0])
-    assert plain(many) is many
+    assert unwrap_scalar(many) is many

@@ -9,14 +9,19 @@ from scipy.optimize import brentq
 
 from oracles.virtual_bench import Bench, drag
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.effects.named import SLOTS, named_laws
-from stepblocks.contact.effects.release_motion import released
-from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
+from stepblocks.contact.effects.named import SLOTS, list_named_laws
+from stepblocks.contact.effects.release_motion import compute_release
+from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
 from stepblocks.contact.energy import release_at
-from stepblocks.contact.forward import BenchDesign, constants, height_name, nominal_state
-from stepblocks.contact.state import CHANNELS, DragState, observe
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate
-from stepblocks.drag.track import step_track
+from stepblocks.contact.forward import (
+    BenchDesign,
+    build_nominal_state,
+    format_height_name,
+    list_constants,
+)
+from stepblocks.contact.state import CHANNELS, DragState, compute_channels
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate_drag
+from stepblocks.drag.track import build_step_track
 from stepblocks.errors import ContactError
 from stepblocks.law import Law
 
@@ -48,7 +53,7 @@ def _design() -> BenchDesign:
 
 
 def _state() -> DragState:
-    return nominal_state(_design(), _VALUES)
+    return build_nominal_state(_design(), _VALUES)
 
 
 def _covariate(law: Law, state: DragState) -> object:
@@ -66,13 +71,15 @@ def _covariate(law: Law, state: DragState) -> object:
 
 
 def _all_laws() -> tuple[Law, ...]:
-    return (*named_laws(["step-050"]), *smooth_laws(_RANGES))
+    return (*list_named_laws(["step-050"]), *list_smooth_laws(_RANGES))
 
 
 def _changed(law: Law, **values: float) -> np.ndarray:
     state = _state()
     neutral = {p.name: p.start for p in law.parameters} | dict(law.shapes[0])
-    return observe(law.apply(state, _covariate(law, state), neutral | values)) - observe(state)
+    return compute_channels(
+        law.apply(state, _covariate(law, state), neutral | values)
+    ) - compute_channels(state)
 
 
 @pytest.mark.parametrize("law", _all_laws(), ids=lambda law: law.id)
@@ -116,7 +123,7 @@ def test_identifiers_are_unique() -> None:
 
 
 def test_the_nominal_channels_are_equations_one_and_two() -> None:
-    shown = observe(_state())
+    shown = compute_channels(_state())
     design = _design()
     for i in range(len(design.block)):
         angle = step_angle(float(design.height[i]), 120e-6)
@@ -129,22 +136,22 @@ def test_the_nominal_channels_are_equations_one_and_two() -> None:
 
 
 def _law(name: str) -> Law:
-    return next(law for law in named_laws() if law.id == name)
+    return next(law for law in list_named_laws() if law.id == name)
 
 
 def test_tilt_is_friction_tan_of_atan_mu_plus_tilt() -> None:
-    tilted = observe(_law("block_tilt").apply(_state(), None, {"tilt_rad": 0.03}))
-    other = nominal_state(_design(), _VALUES | {"friction": math.tan(math.atan(0.17) + 0.03)})
-    assert np.allclose(tilted, observe(other), atol=1e-12)
+    tilted = compute_channels(_law("block_tilt").apply(_state(), None, {"tilt_rad": 0.03}))
+    other = build_nominal_state(_design(), _VALUES | {"friction": math.tan(math.atan(0.17) + 0.03)})
+    assert np.allclose(tilted, compute_channels(other), atol=1e-12)
 
 
 def test_edge_and_tip_add_to_one_radius() -> None:
     edge = _law("edge_rounding").apply(_state(), None, {"edge_radius_m": 14e-6})
     tip = _law("tip_radius_error").apply(_state(), None, {"radius_error_m": 14e-6})
-    assert np.array_equal(observe(edge), observe(tip))
+    assert np.array_equal(compute_channels(edge), compute_channels(tip))
     angle = step_angle(50e-6, 120e-6, 14e-6)
     one = release_at(angle, float(edge.set_load[1]), 0.17)
-    assert observe(edge)[1, _FORCE] == pytest.approx(math.log(one.pull_force), abs=1e-12)
+    assert compute_channels(edge)[1, _FORCE] == pytest.approx(math.log(one.pull_force), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -184,7 +191,7 @@ def test_a_contact_that_gives_way_takes_what_the_edge_bears_and_not_the_weight(
 
 def test_floor_and_edge_give_way_in_series_with_the_spring() -> None:
     state, depth = _state(), 0.6e-6
-    shown = observe(
+    shown = compute_channels(
         _law("elastic_indentation~linear").apply(state, state.set_load, {"depth_at_1n_m": depth})
     )
     for n, (height, radius) in enumerate(
@@ -217,7 +224,7 @@ def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(
     )
     for height in (10e-6, 40e-6):
         settings = DragSettings(load, friction, speed=speed, ring_time=5e-3, resolution=8.0)
-        trace = simulate(step_track(height, 125e-6), probe, settings)
+        trace = simulate_drag(build_step_track(height, 125e-6), probe, settings)
         time, force = trace.column("time_s"), trace.column("fx_n")
         share = (force - friction * load) / (force.max() - friction * load)
         climb = (np.arange(force.size) < np.argmax(force)) & (share > 0.2) & (share < 0.85)
@@ -225,8 +232,10 @@ def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(
         design = BenchDesign(
             *(np.array([one]) for one in ("b", height, load, speed, 125e-6)), probe.stiffness
         )
-        state = nominal_state(design, _VALUES | {"friction": friction, "stiffness_ratio": 1.0})
-        soft = observe(
+        state = build_nominal_state(
+            design, _VALUES | {"friction": friction, "stiffness_ratio": 1.0}
+        )
+        soft = compute_channels(
             _law(law).apply(state, None, {"depth_at_1n_m": (1.0 / stiffness) ** (1.0 / power)})
         )[0, _SPRING]
         # origin: the integrated drag, which knows nothing of the formula
@@ -234,12 +243,12 @@ def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(
 
 
 def test_gain_squared_conversion_and_stiffness_act_on_energy_as_one_product() -> None:
-    gain = observe(_law("sensor_gain").apply(_state(), None, {"ln_gain": 0.1}))[:, _ENERGY]
-    conversion = observe(
-        nominal_state(_design(), _VALUES | {"ln_conversion": math.log(0.23) + 0.2})
+    gain = compute_channels(_law("sensor_gain").apply(_state(), None, {"ln_gain": 0.1}))[:, _ENERGY]
+    conversion = compute_channels(
+        build_nominal_state(_design(), _VALUES | {"ln_conversion": math.log(0.23) + 0.2})
     )[:, _ENERGY]
-    stiffness = observe(
-        nominal_state(_design(), _VALUES | {"stiffness_ratio": 1.05 * math.exp(-0.2)})
+    stiffness = compute_channels(
+        build_nominal_state(_design(), _VALUES | {"stiffness_ratio": 1.05 * math.exp(-0.2)})
     )[:, _ENERGY]
     assert gain == pytest.approx(conversion, abs=1e-12)
     assert gain == pytest.approx(stiffness, abs=1e-12)
@@ -271,21 +280,23 @@ def test_hardening_stores_the_integral_of_its_own_force() -> None:
     ]
     size = np.array([float(r[(np.abs(r.imag) < 1e-9) & (r.real > 0)].real[0]) for r in swing])
     shown = (level * size + 0.2 * size**3) ** 2 / 2.0 / 9500.0
-    assert np.exp(observe(state)[:, _ENERGY]) == pytest.approx(shown, rel=1e-6)
+    assert np.exp(compute_channels(state)[:, _ENERGY]) == pytest.approx(shown, rel=1e-6)
 
 
 def test_zeros_and_cross_talk_enter_no_energy_and_move_the_readings_by_themselves() -> None:
-    nominal = observe(_state())
+    nominal = compute_channels(_state())
     shown = np.exp(nominal[:, _FORCE])
-    zero = observe(_law("tangential_zero").apply(_state(), None, {"zero_n": 0.02}))
-    cross = observe(_law("cross_talk").apply(_state(), None, {"cross_talk": 0.03}))
+    zero = compute_channels(_law("tangential_zero").apply(_state(), None, {"zero_n": 0.02}))
+    cross = compute_channels(_law("cross_talk").apply(_state(), None, {"cross_talk": 0.03}))
     for moved, added in ((zero, 0.02), (cross, 0.03 * _state().set_load)):
         assert moved[:, _ENERGY] == pytest.approx(nominal[:, _ENERGY], abs=1e-12)
         assert np.exp(moved[:, _FORCE]) - shown == pytest.approx(added)
         assert moved[:, _FRICTION] - nominal[:, _FRICTION] == pytest.approx(
             added / _state().set_load
         )
-    gain = observe(_law("normal_gain").apply(_state(), None, {"normal_ln_gain": math.log(0.96)}))
+    gain = compute_channels(
+        _law("normal_gain").apply(_state(), None, {"normal_ln_gain": math.log(0.96)})
+    )
     assert gain[:, _LOAD] == pytest.approx(np.full(24, 0.96))
     assert gain[:, _FRICTION] == pytest.approx(np.full(24, 0.17 / 0.96))
     assert gain[:, :2] == pytest.approx(nominal[:, :2])
@@ -294,12 +305,14 @@ def test_zeros_and_cross_talk_enter_no_energy_and_move_the_readings_by_themselve
 def test_the_normal_gauge_shows_of_the_pull_what_its_cross_talk_says_and_a_fast_clock_slows_all_that_is_timed() -> (
     None
 ):
-    nominal = observe(_state())
-    cross = observe(_law("normal_cross_talk").apply(_state(), None, {"normal_cross_talk": 0.05}))
+    nominal = compute_channels(_state())
+    cross = compute_channels(
+        _law("normal_cross_talk").apply(_state(), None, {"normal_cross_talk": 0.05})
+    )
     # origin: before the edge the pull is mu times the load
     assert cross[:, _LOAD] == pytest.approx(nominal[:, _LOAD] + 0.05 * 0.17)
     assert cross[:, :2] == pytest.approx(nominal[:, :2])
-    late = observe(_law("clock").apply(_state(), None, {"ln_clock": math.log(1.01)}))
+    late = compute_channels(_law("clock").apply(_state(), None, {"ln_clock": math.log(1.01)}))
     # the slope of the ramp is per second, the ring has its cycles per second, the decay its seconds
     assert late[:, _SPRING] == pytest.approx(nominal[:, _SPRING] / 1.01)
     assert late[:, _DECAY] - nominal[:, _DECAY] == pytest.approx(np.full(24, math.log(1.01)))
@@ -307,8 +320,8 @@ def test_the_normal_gauge_shows_of_the_pull_what_its_cross_talk_says_and_a_fast_
 
 
 def test_friction_on_the_edge_moves_the_peak_and_not_the_sliding_force() -> None:
-    edge = observe(_law("edge_friction").apply(_state(), None, {"edge_over_face": 0.8}))
-    other = observe(nominal_state(_design(), _VALUES | {"friction": 0.8 * 0.17}))
+    edge = compute_channels(_law("edge_friction").apply(_state(), None, {"edge_over_face": 0.8}))
+    other = compute_channels(build_nominal_state(_design(), _VALUES | {"friction": 0.8 * 0.17}))
     assert edge[:, [_ENERGY, _FORCE]] == pytest.approx(other[:, [_ENERGY, _FORCE]])
     assert edge[:, _FRICTION] == pytest.approx(np.full(24, 0.17))
 
@@ -328,7 +341,7 @@ def test_a_hardening_ramp_is_as_steep_as_the_line_through_it() -> None:
             )
         ]
         u = np.linspace(*ends, 20001)
-        assert observe(state)[i, _SPRING] == pytest.approx(
+        assert compute_channels(state)[i, _SPRING] == pytest.approx(
             1.05 * np.polyfit(u, u + 0.2 * u**3, 1)[0], rel=1e-5
         )
 
@@ -344,7 +357,9 @@ def test_running_in_is_forgotten_in_the_end() -> None:
 def test_a_slow_gauge_loses_what_the_ramp_makes_in_its_time_constant() -> None:
     law = _law("sensor_bandwidth")
     state = law.apply(_state(), None, {"time_constant_s": 1e-5})
-    lost = np.exp(observe(_state())[:, _FORCE]) - np.exp(observe(state)[:, _FORCE])
+    lost = np.exp(compute_channels(_state())[:, _FORCE]) - np.exp(
+        compute_channels(state)[:, _FORCE]
+    )
     # a ramp long against the time constant lags by slope times constant
     assert lost == pytest.approx(1.05 * 9500.0 * state.speed * 1e-5, rel=1e-3)
 
@@ -352,7 +367,9 @@ def test_a_slow_gauge_loses_what_the_ramp_makes_in_its_time_constant() -> None:
 def test_a_fast_release_rings_with_more_than_a_slow_one_and_peaks_higher() -> None:
     speeds = np.array([0.01, 0.05, 0.3])
     same = np.ones(3)
-    excess, share = released(0.3 * same, 0.16 * same, 2.0 * same, speeds, 0.025 * same, 0.0 * same)
+    excess, share = compute_release(
+        0.3 * same, 0.16 * same, 2.0 * same, speeds, 0.025 * same, 0.0 * same
+    )
     assert np.all(np.diff(excess) > 0.0)
     assert np.all(np.diff(share) > 0.0)
 
@@ -372,7 +389,9 @@ def test_a_stiff_release_of_a_slow_handle_keeps_energy() -> None:
     kinetic = float(np.trapezoid(pull - resist, x))
     potential = (pull[-1] - friction) ** 2 / (2.0 * stiffness)
     expected = 2.0 * stiffness * (kinetic + potential) / force**2
-    _, share = released(*(np.array([v]) for v in (height, friction, stiffness, 0.006, 0.0, 0.0)))
+    _, share = compute_release(
+        *(np.array([v]) for v in (height, friction, stiffness, 0.006, 0.0, 0.0))
+    )
     assert math.exp(float(share[0])) == pytest.approx(expected, rel=0.05)
 
 
@@ -416,7 +435,7 @@ def test_a_release_rings_as_that_of_the_bench_which_integrates_it(
         speed * momentum / load,
     )
     cubic = bent * (load / bench.stiffness) ** 2
-    excess, share = released(*(np.array([v]) for v in (*asked, bench.damping_ratio, cubic)))
+    excess, share = compute_release(*(np.array([v]) for v in (*asked, bench.damping_ratio, cubic)))
     angle = math.acos(1.0 - height / radius) + math.atan(bench.friction)
     # the damper pulls along while the tip is held
     start = load * math.tan(angle) - 2.0 * bench.damping_ratio * momentum * speed
@@ -439,10 +458,10 @@ def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range() -> None:
 
 
 def test_scanned_heights_become_tight_priors() -> None:
-    found = {c.name: c for c in constants(_design(), scanned={"step-050": (50.6e-6, 15e-9)})}
-    assert found[height_name("step-050")].start == pytest.approx(0.6e-6)
-    assert found[height_name("step-050")].prior_std == pytest.approx(100e-9)
-    assert found[height_name("step-020")].prior_std == pytest.approx(1e-6)
+    found = {c.name: c for c in list_constants(_design(), scanned={"step-050": (50.6e-6, 15e-9)})}
+    assert found[format_height_name("step-050")].start == pytest.approx(0.6e-6)
+    assert found[format_height_name("step-050")].prior_std == pytest.approx(100e-9)
+    assert found[format_height_name("step-020")].prior_std == pytest.approx(1e-6)
 
 
 def test_a_design_without_positive_loads_is_refused() -> None:

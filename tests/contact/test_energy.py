@@ -6,7 +6,7 @@ import pytest
 
 from stepblocks.contact.critical_angle import margin_angles, step_angle
 from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.kernels import locking_height
+from stepblocks.contact.kernels import compute_locking_height
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
@@ -71,7 +71,7 @@ def test_a_locked_probe_has_a_status_and_no_energy(mu, height):
 
 @pytest.mark.parametrize("mu", [0.05, 0.15, 0.3, 0.6])
 def test_locking_begins_at_the_locking_height(mu):
-    limit = locking_height(R, mu)
+    limit = compute_locking_height(R, mu)
     assert release_at(step_angle(limit * (1 - 1e-9), R), 1.0, mu).status is Status.RELEASES
     assert release_at(step_angle(limit * (1 + 1e-9), R), 1.0, mu).status is Status.LOCKED
 

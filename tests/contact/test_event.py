@@ -10,11 +10,11 @@ import pytest
 from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import (
-    Learned,
+    LearnedPrediction,
     Waveform,
-    as_record,
-    ring,
-    ring_energy,
+    build_event_record,
+    compute_ring_energy,
+    compute_ring_force,
     vibration_events,
 )
 from stepblocks.contact.operating_point import OperatingPoint, Tool
@@ -92,7 +92,7 @@ def test_a_locked_probe_has_no_ring_and_its_record_is_json_all_the_same():
     locked = vibration_events(Step(112e-6), POINT)[0]
     assert locked.status is Status.LOCKED
     assert math.isnan(locked.energy)
-    record = json.loads(json.dumps(as_record(locked), allow_nan=False))
+    record = json.loads(json.dumps(build_event_record(locked), allow_nan=False))
     assert [
         record[name]
         for name in ("critical_force_n", "energy_j", "amplitude_n", "amplitude_m_per_s2")
@@ -103,7 +103,9 @@ def test_a_locked_probe_has_no_ring_and_its_record_is_json_all_the_same():
 @pytest.mark.parametrize("rate", [4e3, 10e3, 48e3, 96e3])
 def test_the_ring_carries_the_energy_of_the_event_at_any_rate(rate):
     event = vibration_events(Step(40e-6), POINT)[0]
-    assert ring_energy(ring(event, rate), rate, TOOL) == pytest.approx(event.energy, rel=0.01)
+    assert compute_ring_energy(compute_ring_force(event, rate), rate, TOOL) == pytest.approx(
+        event.energy, rel=0.01
+    )
 
 
 def test_the_energy_rule_is_the_integral_of_a_decaying_sine():
@@ -113,13 +115,13 @@ def test_the_energy_rule_is_the_integral_of_a_decaying_sine():
     force = amplitude * np.exp(-time / TOOL.decay_time) * np.sin(math.tau * TOOL.frequency * time)
     square = amplitude**2 * TOOL.decay_time / 4.0 * phase**2 / (1.0 + phase**2)
     assert np.sum(force**2) * 1e-6 == pytest.approx(square, rel=1e-6)
-    assert ring_energy(force, 1e6, TOOL) == pytest.approx(
+    assert compute_ring_energy(force, 1e6, TOOL) == pytest.approx(
         amplitude**2 / (2.0 * TOOL.stiffness), rel=1e-6
     )
 
 
 def test_the_ring_starts_at_rest_and_swings_first_along_the_drag():
-    samples = ring(vibration_events(Step(40e-6), POINT)[0], 48e3)
+    samples = compute_ring_force(vibration_events(Step(40e-6), POINT)[0], 48e3)
     half = round(48e3 / 270 / 2)
     assert samples[0] == 0.0
     assert (samples[1:half] > 0.0).all()
@@ -132,9 +134,9 @@ def test_a_simulated_waveform_stands_for_the_exponential():
         vibration_events(Step(40e-6), POINT)[0],
         waveform=Waveform(force, 96e3, 1e-4, 3.0, 2e-5, 0.8),
     )
-    assert ring(event, 96e3) == pytest.approx(force)
-    assert ring(event, 48e3) == pytest.approx(force[::2])
-    record = as_record(event)
+    assert compute_ring_force(event, 96e3) == pytest.approx(force)
+    assert compute_ring_force(event, 48e3) == pytest.approx(force[::2])
+    record = build_event_record(event)
     assert (
         record["simulated_peak_force_n"],
         record["simulated_energy_j"],
@@ -148,8 +150,10 @@ def test_a_simulated_waveform_stands_for_the_exponential():
 
 
 def test_what_was_learnt_stands_beside_with_its_interval():
-    told = Learned("ok", (1.0, 0.9, 1.1), (2e-6, 1e-6, math.inf))
-    record = as_record(replace(vibration_events(Step(40e-6), POINT)[0], learned=told))["learned"]
+    told = LearnedPrediction("ok", (1.0, 0.9, 1.1), (2e-6, 1e-6, math.inf))
+    record = build_event_record(replace(vibration_events(Step(40e-6), POINT)[0], learned=told))[
+        "learned"
+    ]
     assert record == {
         "status": "ok",
         "peak_force_n": 1.0,
@@ -162,7 +166,9 @@ def test_what_was_learnt_stands_beside_with_its_interval():
 
 
 def test_a_scene_moves_the_trigger_and_nothing_that_is_felt():
-    one, five = (as_record(vibration_events(Step(40e-6), POINT)[0], scale) for scale in (1.0, 5.0))
+    one, five = (
+        build_event_record(vibration_events(Step(40e-6), POINT)[0], scale) for scale in (1.0, 5.0)
+    )
     moved = {name for name in one if one[name] != five[name]}
     assert moved == {"trigger_position_m", "trigger_height_m", "scale"}
     assert five["trigger_position_m"] == pytest.approx(5.0 * one["trigger_position_m"])

@@ -5,20 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.effects.named import named_laws
+from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.forward import (
     BenchDesign,
-    constants,
-    design_of,
-    extended_state,
-    height_name,
-    nominal_state,
-    responses,
-    tip_radius_um,
+    build_extended_state,
+    build_nominal_state,
+    compute_responses,
+    convert_to_design,
+    format_height_name,
+    list_constants,
+    parse_tip_radius_um,
 )
-from stepblocks.contact.kernels import angle_on_step, height_at_angle
+from stepblocks.contact.kernels import compute_angle_on_step, compute_height_at_angle
 from stepblocks.contact.operating_point import PAPER, Tool
-from stepblocks.contact.state import CHANNELS, observe
+from stepblocks.contact.state import CHANNELS, compute_channels
 from stepblocks.errors import ContactError
 from stepblocks.law import Law, Parameter
 
@@ -42,11 +42,11 @@ _BLOCK = np.array(["step-020", "step-050", "step-070", "step-050"])
 
 @pytest.fixture
 def design():
-    return design_of(_BLOCK, _COLUMNS, 9500.0)
+    return convert_to_design(_BLOCK, _COLUMNS, 9500.0)
 
 
 def _law(name):
-    return next(law for law in named_laws() if law.id == name)
+    return next(law for law in list_named_laws() if law.id == name)
 
 
 def test_columns_come_in_their_units_and_go_in_si(design):
@@ -62,7 +62,7 @@ def test_columns_come_in_their_units_and_go_in_si(design):
     [("tip-90", 90.0), ("tip-62.5um", 62.5), (" tip-125 ", 125.0), ("blue", 120.0), ("nan", 120.0)],
 )
 def test_a_tip_has_the_radius_in_its_name_or_that_of_the_probe(name, radius):
-    assert tip_radius_um(name, 120.0) == radius
+    assert parse_tip_radius_um(name, 120.0) == radius
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf")])
@@ -78,12 +78,13 @@ def test_a_design_that_is_not_positive_and_finite_is_refused_by_name(name, bad):
 
 def test_a_design_without_trials_is_refused():
     with pytest.raises(ContactError, match="at least one trial"):
-        design_of(np.array([]), dict.fromkeys(_COLUMNS, np.array([])), 9500.0)
+        convert_to_design(np.array([]), dict.fromkeys(_COLUMNS, np.array([])), 9500.0)
 
 
 def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
     found = {
-        p.name: p for p in constants(design, Tool(conversion=0.3, frequency=280.0, decay_time=0.03))
+        p.name: p
+        for p in list_constants(design, Tool(conversion=0.3, frequency=280.0, decay_time=0.03))
     }
     begun = [
         math.exp(found[f"ln_{name}"].start)
@@ -93,20 +94,22 @@ def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
     assert found["friction"].start == PAPER.friction
     for p in found.values():
         assert p.low < p.start < p.high
-    lowest = found[height_name("step-020")]
+    lowest = found[format_height_name("step-020")]
     # origin: a height error of 12 standard deviations, but no more than four fifths of the step
-    assert (lowest.low, found[height_name("step-070")].high) == pytest.approx((-12e-6, 12e-6))
-    thin = design_of(
+    assert (lowest.low, found[format_height_name("step-070")].high) == pytest.approx(
+        (-12e-6, 12e-6)
+    )
+    thin = convert_to_design(
         np.array(["a"]),
         {k: v[:1] for k, v in (_COLUMNS | {"height_um": np.array([5.0])}).items()},
         9500.0,
     )
-    assert constants(thin)[-1].low == pytest.approx(-4e-6)
+    assert list_constants(thin)[-1].low == pytest.approx(-4e-6)
     assert lowest.block == "step-020"
 
 
 def test_a_height_error_moves_the_trials_of_its_block_alone(design):
-    moved = nominal_state(design, _VALUES | {height_name("step-050"): 2e-6}).height
+    moved = build_nominal_state(design, _VALUES | {format_height_name("step-050"): 2e-6}).height
     assert moved - design.height == pytest.approx([0.0, 2e-6, 0.0, 2e-6])
 
 
@@ -128,26 +131,26 @@ def test_what_follows_the_peak_acts_when_all_else_has_acted(design):
         )
 
     laws = [noting("late", "peak_force_n"), noting("plain", "none")]
-    state = extended_state(design, _VALUES, [(law, {"share": 0.1}) for law in laws])
+    state = build_extended_state(design, _VALUES, [(law, {"share": 0.1}) for law in laws])
     assert [name for name, _ in seen] == ["plain", "late"]
-    nominal = nominal_state(design, _VALUES)
+    nominal = build_nominal_state(design, _VALUES)
     assert seen[1][1] == pytest.approx(nominal.changed(load=nominal.load * 1.1).peak_force())
     assert state.load == pytest.approx(nominal.load * 1.21)
 
 
 def test_an_effect_follows_its_column_or_the_block(design):
-    worn = extended_state(design, _VALUES, [(_law("tip_wear"), {"growth_m_per_trial": 1e-7})])
+    worn = build_extended_state(design, _VALUES, [(_law("tip_wear"), {"growth_m_per_trial": 1e-7})])
     assert worn.radius == pytest.approx(120e-6 + 1e-7 * np.arange(1.0, 5.0))
-    (error,) = named_laws(["step-050"])[-1:]
-    assert extended_state(
+    (error,) = list_named_laws(["step-050"])[-1:]
+    assert build_extended_state(
         design, _VALUES, [(error, {"height_error_m": 3e-6})]
     ).height == pytest.approx(design.height + 3e-6 * (_BLOCK == "step-050"))
 
 
 def test_scatter_shows_in_the_channels_as_the_equations_say(design):
-    state = nominal_state(design, _VALUES)
-    found = responses(state)
-    total = angle_on_step(design.height, design.tip_radius) + math.atan(0.17)
+    state = build_nominal_state(design, _VALUES)
+    found = compute_responses(state)
+    total = compute_angle_on_step(design.height, design.tip_radius) + math.atan(0.17)
     by_friction = (
         0.17 / (np.sin(total) * np.cos(total)) / (1.0 + 0.17**2)
     )  # d ln tan(a + atan mu) / d ln mu
@@ -165,27 +168,27 @@ def test_scatter_shows_in_the_channels_as_the_equations_say(design):
 
 
 def test_a_locked_tip_is_told_and_still_has_finite_channels(design):
-    state = nominal_state(design, _VALUES | {"friction": 0.6})
+    state = build_nominal_state(design, _VALUES | {"friction": 0.6})
     # origin: a + atan mu >= 90 deg at H = 70 um, R = 120 um, mu = 0.6 (65.4 + 31.0 deg) and at no
     # lower step
     assert state.locked().tolist() == [False, False, True, False]
-    assert np.all(np.isfinite(observe(state)))
-    assert observe(state).shape == (4, len(CHANNELS))
+    assert np.all(np.isfinite(compute_channels(state)))
+    assert compute_channels(state).shape == (4, len(CHANNELS))
 
 
 def test_a_step_as_high_as_the_ball_never_lets_go(design):
-    state = nominal_state(design, _VALUES)
+    state = build_nominal_state(design, _VALUES)
     assert state.changed(height=state.radius.copy()).locked().all()
 
 
 def test_lost_energy_fades_out_and_never_turns_negative(design):
-    state = nominal_state(design, _VALUES)
-    whole = np.exp(observe(state)[:, _ENERGY])
-    little = np.exp(observe(state.changed(lost_energy=0.5 * whole))[:, _ENERGY])
+    state = build_nominal_state(design, _VALUES)
+    whole = np.exp(compute_channels(state)[:, _ENERGY])
+    little = np.exp(compute_channels(state.changed(lost_energy=0.5 * whole))[:, _ENERGY])
     assert little == pytest.approx(0.5 * whole)
     losses = np.linspace(0.0, 5.0, 60)
     left = np.stack(
-        [observe(state.changed(lost_energy=loss * whole))[:, _ENERGY] for loss in losses]
+        [compute_channels(state.changed(lost_energy=loss * whole))[:, _ENERGY] for loss in losses]
     )
     assert np.all(np.isfinite(left))
     assert np.all(np.diff(left, axis=0) < 0.0)
@@ -193,36 +196,40 @@ def test_lost_energy_fades_out_and_never_turns_negative(design):
 
 def test_a_gauge_of_first_order_shows_the_ring_smaller(design):
     lag = 4e-4
-    slow = observe(nominal_state(design, _VALUES).changed(lag=np.full(4, lag)))
-    short = observe(nominal_state(design, _VALUES))[:, _ENERGY] - slow[:, _ENERGY]
+    slow = compute_channels(build_nominal_state(design, _VALUES).changed(lag=np.full(4, lag)))
+    short = compute_channels(build_nominal_state(design, _VALUES))[:, _ENERGY] - slow[:, _ENERGY]
     # origin: the gain of a low pass of first order, squared
     assert np.exp(short) == pytest.approx(np.full(4, 1.0 + (2.0 * math.pi * 290.0 * lag) ** 2))
 
 
 def test_ring_spring_and_damping_show_in_frequency_and_decay(design):
-    state = nominal_state(design, _VALUES)
-    moved = observe(
+    state = build_nominal_state(design, _VALUES)
+    moved = compute_channels(
         state.changed(ring_stiffness=1.21 * state.ring_stiffness, damping=2.0 * state.damping)
     )
     assert np.exp(moved[:, _RING]) == pytest.approx(np.full(4, 290.0 * 1.1))
     assert np.exp(moved[:, _DECAY]) == pytest.approx(np.full(4, 0.021 / 2.0))
     # an amplitude of force counts with the nominal spring, whatever spring it rings with
-    assert np.exp(moved[:, _ENERGY] - observe(state)[:, _ENERGY]) == pytest.approx(np.full(4, 1.21))
+    assert np.exp(moved[:, _ENERGY] - compute_channels(state)[:, _ENERGY]) == pytest.approx(
+        np.full(4, 1.21)
+    )
 
 
 def test_the_gauge_of_the_load_sees_an_offset_as_friction_and_as_load(design):
-    state = nominal_state(design, _VALUES)
-    moved = observe(state.changed(sensed_offset=0.1 * state.set_load))
+    state = build_nominal_state(design, _VALUES)
+    moved = compute_channels(state.changed(sensed_offset=0.1 * state.set_load))
     assert moved[:, _LOAD] == pytest.approx(np.full(4, 1.1))
     assert moved[:, _FRICTION] == pytest.approx(np.full(4, 0.17 / 1.1))
 
 
 def test_the_spring_shown_is_that_of_the_ramp(design):
-    assert observe(nominal_state(design, _VALUES))[:, _SPRING] == pytest.approx(np.full(4, 1.05))
+    assert compute_channels(build_nominal_state(design, _VALUES))[:, _SPRING] == pytest.approx(
+        np.full(4, 1.05)
+    )
 
 
 def test_changing_a_slot_leaves_the_state_it_came_from_alone(design):
-    state = nominal_state(design, _VALUES)
+    state = build_nominal_state(design, _VALUES)
     before = state.height.copy()
     state.changed(height=state.height + 1e-6)
     assert np.array_equal(state.height, before)
@@ -230,6 +237,6 @@ def test_changing_a_slot_leaves_the_state_it_came_from_alone(design):
 
 @pytest.mark.parametrize("height", [1e-9, 10e-6, 60e-6, 119e-6])
 def test_height_and_critical_angle_are_inverse(height):
-    assert height_at_angle(angle_on_step(height, 120e-6), 120e-6) == pytest.approx(
+    assert compute_height_at_angle(compute_angle_on_step(height, 120e-6), 120e-6) == pytest.approx(
         height, rel=1e-12
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.counterface import Groove
-from stepblocks.contact.path.profile import profile_path, steepest
+from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 
 
 @pytest.mark.parametrize(("width", "ball"), [(36e-6, 41e-6), (61e-6, 200e-6), (20e-6, 15e-6)])
@@ -28,9 +28,9 @@ def test_a_ball_that_sinks_leaves_along_the_flank():
 )
 def test_the_closed_form_agrees_with_the_dilation_of_its_section(width, flank, ball):
     face = Groove(width, flank)
-    path = profile_path(*face.section(5e-4), ball, edges="flat")
+    path = build_profile_path(*face.section(5e-4), ball, edges="flat")
     for one, angle in zip((path, path.mirrored()), face.angles(ball), strict=True):
-        assert steepest(one).angle == pytest.approx(angle, rel=1e-9)
+        assert find_steepest_catch(one).angle == pytest.approx(angle, rel=1e-9)
 
 
 def test_angles_broadcast_over_balls_and_dimensions():

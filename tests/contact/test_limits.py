@@ -13,14 +13,14 @@ from stepblocks.cli import main
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, SHIPPED_LIMITS, Limits, Tool
-from stepblocks.contact.rod import rod_for
+from stepblocks.contact.rod import fit_rod
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
-from stepblocks.predict.predictions import figures_of, left_out, predict_all
+from stepblocks.predict.predictions import describe_left_out, predict_all, tabulate_prediction
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR = load_set(STIMULI / "paper-four.toml")
-SHANK = rod_for(9.81e3, 300.0, 14.2e-3, 4e-3, 200e9, 7900.0)
+SHANK = fit_rod(9.81e3, 300.0, 14.2e-3, 4e-3, 200e9, 7900.0)
 
 
 def test_every_limit_says_where_it_comes_from():
@@ -93,7 +93,7 @@ def test_a_limit_of_nothing_is_refused():
 
 def test_beyond_a_limit_a_row_shows_the_limit_and_no_energy():
     made = predict_all(FOUR)
-    beyond = [figures_of(p) for p in made if p.release.status.beyond]
+    beyond = [tabulate_prediction(p) for p in made if p.release.status.is_beyond_limit]
     assert len(beyond) == 4
     for row in beyond:
         assert row["limit_n"] == 9.87
@@ -105,7 +105,7 @@ def test_beyond_a_limit_a_row_shows_the_limit_and_no_energy():
         }
         assert all(math.isnan(value) for value in energies.values())
         assert row["felt_by"] == ""
-    (said,) = left_out(made)
+    (said,) = describe_left_out(made)
     assert (
         said == "beyond-hand (9.87 N), no energy, left out of every mean: 4 rows of apparatus-100"
     )
@@ -171,7 +171,7 @@ def test_the_ring_of_a_file_has_its_frequency_and_tolerance_in_predictions_and_d
             "tolerances = {", 'tolerances = { frequency = "20 Hz",'
         )
     )
-    row = figures_of(next(iter(predict_all(load_set(path), dragged=False))))
+    row = tabulate_prediction(next(iter(predict_all(load_set(path), dragged=False))))
     assert (row["frequency_hz"], row["frequency_low_hz"], row["frequency_high_hz"]) == (
         250.0,
         230.0,

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from stepblocks.contact.effects.release_motion import released
-from stepblocks.contact.effects.smooth import SLOT_MOVES, CovariateRange, smooth_laws
-from stepblocks.contact.forward import design_of, nominal_state
-from stepblocks.contact.state import observe
+from stepblocks.contact.effects.release_motion import compute_release
+from stepblocks.contact.effects.smooth import SLOT_MOVES, CovariateRange, list_smooth_laws
+from stepblocks.contact.forward import build_nominal_state, convert_to_design
+from stepblocks.contact.state import compute_channels
 
 _PLAIN = CovariateRange("temperature_c", 18.0, 26.0)
 _WIDE = CovariateRange("load_n", 0.1, 1.6, True)
@@ -24,8 +24,8 @@ def state():
         "tip_radius_um": [125.0] * 5,
     }
     values = {"friction": 0.15, "ln_conversion": -1.6, "stiffness_ratio": 1.0}
-    design = design_of(np.array(["b"] * 5), columns, 9810.0)
-    return nominal_state(design, values | {"ln_ring_frequency": 5.7, "ln_decay_time": -4.0})
+    design = convert_to_design(np.array(["b"] * 5), columns, 9810.0)
+    return build_nominal_state(design, values | {"ln_ring_frequency": 5.7, "ln_decay_time": -4.0})
 
 
 def test_a_range_is_laid_out_from_0_to_1_and_flat_beyond_it():
@@ -74,7 +74,7 @@ def test_few_settings_take_powers_and_labels_take_one_column_each():
 
 
 def test_every_slot_is_offered_over_every_covariate_as_a_line_where_that_differs_from_a_smooth():
-    laws = smooth_laws((_PLAIN, _TWO, _LABELS))
+    laws = list_smooth_laws((_PLAIN, _TWO, _LABELS))
     smooths = [law for law in laws if law.id.startswith("smooth_")]
     trends = [law for law in laws if law.id.startswith("trend_")]
     assert len(smooths) == 3 * len(SLOT_MOVES)
@@ -87,7 +87,9 @@ def test_every_slot_is_offered_over_every_covariate_as_a_line_where_that_differs
 
 
 def test_a_trend_of_friction_is_a_factor_over_the_range(state):
-    law = next(law for law in smooth_laws((_PLAIN,)) if law.id == "trend_friction_temperature_c")
+    law = next(
+        law for law in list_smooth_laws((_PLAIN,)) if law.id == "trend_friction_temperature_c"
+    )
     moved = law.apply(state, np.array([18.0, 20.0, 22.0, 24.0, 26.0]), {"slope": 0.2})
     assert np.log(moved.friction / state.friction) == pytest.approx(
         [-0.2, -0.1, 0.0, 0.1, 0.2], abs=1e-12
@@ -95,14 +97,19 @@ def test_a_trend_of_friction_is_a_factor_over_the_range(state):
 
 
 def test_a_law_asked_with_another_column_forgets_the_first(state):
-    law = next(law for law in smooth_laws((_PLAIN,)) if law.id == "trend_conversion_temperature_c")
+    law = next(
+        law for law in list_smooth_laws((_PLAIN,)) if law.id == "trend_conversion_temperature_c"
+    )
     hot, cold = (law.apply(state, np.full(5, t), {"slope": 0.3}).conversion for t in (26.0, 18.0))
     assert np.log(hot / cold) == pytest.approx(np.full(5, 0.6))
 
 
 def test_ways_into_one_slot_differ_in_what_the_bench_shows(state):
     def shown(name):
-        return observe(SLOT_MOVES[name].change(state, np.full(5, 0.1)))[0] - observe(state)[0]
+        return (
+            compute_channels(SLOT_MOVES[name].change(state, np.full(5, 0.1)))[0]
+            - compute_channels(state)[0]
+        )
 
     # unseen by the gauge, the load ratio stays; a load while climbing leaves the sliding friction
     # alone
@@ -118,7 +125,7 @@ def test_ways_into_one_slot_differ_in_what_the_bench_shows(state):
 
 def test_a_step_as_high_as_the_ball_counts_as_the_highest_that_a_fit_may_stray_to():
     same = np.ones(2)
-    far = released(
+    far = compute_release(
         np.array([0.97, 1.4]), 0.16 * same, 2.0 * same, 0.05 * same, 0.025 * same, 0.0 * same
     )
     assert far[0][0] == far[0][1]
@@ -132,7 +139,7 @@ def test_a_release_is_continuous_in_its_friction(height, stiffness):
     # a step of the integration is no step of the answer: a fit takes differences over such changes
     friction = 0.15 + 1e-6 * np.arange(200)
     same = np.ones(200)
-    for figure in released(
+    for figure in compute_release(
         height * same, friction, stiffness * same, 0.05 * same, 0.025 * same, 0.0 * same
     ):
         assert np.ptp(np.diff(figure)) < 5e-4

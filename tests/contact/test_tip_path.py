@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from oracles import tip_paths
-from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
+from stepblocks.contact.critical_angle import (
+    compute_bevelled_margin_angles,
+    margin_angles,
+    step_angle,
+)
 from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.path.profile import catches, profile_path, steepest
+from stepblocks.contact.path.profile import build_profile_path, find_catches, find_steepest_catch
 from stepblocks.errors import ContactError
 
 R = 137e-6
@@ -34,18 +38,18 @@ def brute(x, z, positions, radius):
 # Origin of every expected value here: equation (2) and the closed forms of `oracles.tip_paths`.
 @pytest.mark.parametrize("height", [0.9e-6, 25e-6, 61e-6, 100e-6, 136e-6])
 def test_a_sharp_step_has_the_path_and_the_angle_of_equation_two(height):
-    path = profile_path(*sharp_step(height), R)
+    path = build_profile_path(*sharp_step(height), R)
     assert path.height == pytest.approx(
         tip_paths.step_path(path.position, height, R), rel=1e-11, abs=1e-12 * height
     )
-    assert steepest(path).angle == pytest.approx(step_angle(height, R), rel=1e-9)
-    assert steepest(path).contact == 0.0
-    assert steepest(path.mirrored()).angle == 0.0
+    assert find_steepest_catch(path).angle == pytest.approx(step_angle(height, R), rel=1e-9)
+    assert find_steepest_catch(path).contact == 0.0
+    assert find_steepest_catch(path.mirrored()).angle == 0.0
 
 
 @pytest.mark.parametrize("height", [1.001 * R, 2.4 * R])
 def test_a_step_as_high_as_the_ball_is_met_at_a_right_angle(height):
-    catch = steepest(profile_path(*sharp_step(height), R))
+    catch = find_steepest_catch(build_profile_path(*sharp_step(height), R))
     assert catch.angle == 0.5 * math.pi
     assert release_at(catch.angle, 1.0, 0.15).status is Status.TOO_HIGH
 
@@ -55,11 +59,11 @@ def test_a_step_as_high_as_the_ball_is_met_at_a_right_angle(height):
 )
 def test_a_rounded_step_follows_its_closed_form_also_where_the_face_cuts_the_arc(height, radius):
     x, z = tip_paths.rounded_step_profile(height, radius, RUN)
-    path = profile_path(x, z, R)
+    path = build_profile_path(x, z, R)
     expected = tip_paths.step_path(path.position, height, R, radius)
     assert np.abs(path.height - expected).max() < 1e-6 * height
     # the polyline's chords turn by pi/2/4000 per point
-    assert steepest(path).angle == pytest.approx(step_angle(height, R, radius), abs=4e-4)
+    assert find_steepest_catch(path).angle == pytest.approx(step_angle(height, R, radius), abs=4e-4)
 
 
 @pytest.mark.parametrize(
@@ -73,12 +77,12 @@ def test_a_rounded_step_follows_its_closed_form_also_where_the_face_cuts_the_arc
     ],
 )
 def test_a_groove_with_or_without_discrepancy_and_floor_equals_its_closed_form(width, rise, depth):
-    path = profile_path(*groove(width, rise, depth), R, edges="flat")
+    path = build_profile_path(*groove(width, rise, depth), R, edges="flat")
     expected = tip_paths.groove_path(path.position, width, R, rise, depth)
     assert np.abs(path.height - expected).max() < 1e-11 * R
     forward, backward = tip_paths.groove_angles(width, R, rise, depth)
-    assert steepest(path).angle == pytest.approx(forward, rel=1e-8)
-    assert steepest(path.mirrored()).angle == pytest.approx(backward, rel=1e-8)
+    assert find_steepest_catch(path).angle == pytest.approx(forward, rel=1e-8)
+    assert find_steepest_catch(path.mirrored()).angle == pytest.approx(backward, rel=1e-8)
 
 
 def test_a_groove_without_a_near_floor_is_the_papers_junction():
@@ -88,11 +92,11 @@ def test_a_groove_without_a_near_floor_is_the_papers_junction():
 def test_a_ridge_is_felt_alike_both_ways():
     height, width = 21e-6, 0.5e-3
     x, z = np.array([-RUN, 0, 0, width, width, 2 * RUN]), np.array([0, 0, height, height, 0, 0])
-    path = profile_path(x, z, R)
+    path = build_profile_path(x, z, R)
     assert path.height == pytest.approx(
         tip_paths.ridge_path(path.position, height, width, R), abs=1e-11 * height
     )
-    up, down = steepest(path), steepest(path.mirrored())
+    up, down = find_steepest_catch(path), find_steepest_catch(path.mirrored())
     assert up.angle == pytest.approx(down.angle, rel=1e-9)
     assert up.angle == pytest.approx(step_angle(height, R), rel=1e-9)
     assert (up.contact, down.contact) == (0.0, -width)
@@ -101,7 +105,7 @@ def test_a_ridge_is_felt_alike_both_ways():
 def test_the_angle_does_not_depend_on_where_the_path_is_asked_for():
     x, z = sharp_step(33e-6)
     for positions in (np.linspace(-1e-3, 1e-3, 7), np.linspace(-1e-3, 1e-3, 4001)):
-        angle = steepest(profile_path(x, z, R, positions=positions)).angle
+        angle = find_steepest_catch(build_profile_path(x, z, R, positions=positions)).angle
         assert angle == pytest.approx(step_angle(33e-6, R), rel=1e-9)
 
 
@@ -109,7 +113,7 @@ def test_a_polyline_is_never_below_its_samples_and_equals_a_dense_resampling():
     rng = np.random.default_rng(8)
     x = np.linspace(0, 1.7e-3, 80)
     z = rng.normal(size=x.size) * 6e-6
-    path = profile_path(x, z, R, positions=np.linspace(0.4e-3, 1.3e-3, 91), edges="flat")
+    path = build_profile_path(x, z, R, positions=np.linspace(0.4e-3, 1.3e-3, 91), edges="flat")
     dense = np.linspace(0, 1.7e-3, 79 * 1000 + 1)
     expected = brute(dense, np.interp(dense, x, z), path.position, R)
     assert (path.height >= expected - 1e-15).all()
@@ -119,7 +123,7 @@ def test_a_polyline_is_never_below_its_samples_and_equals_a_dense_resampling():
 def test_the_slope_of_a_path_is_its_derivative():
     x = np.linspace(-1e-3, 1e-3, 40_001)
     where = np.linspace(-0.9e-3, 0.9e-3, 1201)
-    path = profile_path(x, 20e-6 * np.sin(x / 90e-6), 60e-6, positions=where)
+    path = build_profile_path(x, 20e-6 * np.sin(x / 90e-6), 60e-6, positions=where)
     smooth = np.abs(np.diff(path.slope)) < 0.02
     mean = 0.5 * (path.slope[1:] + path.slope[:-1])
     rise = np.diff(path.height) / np.diff(path.position)
@@ -130,9 +134,11 @@ def test_mirroring_the_surface_exchanges_the_directions():
     rng = np.random.default_rng(9)
     x = np.linspace(0, 2e-3, 700)
     z = np.cumsum(rng.normal(size=x.size)) * 2e-7
-    there, back = profile_path(x, z, R), profile_path(-x[::-1], z[::-1], R)
-    assert steepest(there.mirrored()).angle == pytest.approx(steepest(back).angle, rel=1e-9)
-    assert len(catches(there)) == len(catches(back.mirrored()))
+    there, back = build_profile_path(x, z, R), build_profile_path(-x[::-1], z[::-1], R)
+    assert find_steepest_catch(there.mirrored()).angle == pytest.approx(
+        find_steepest_catch(back).angle, rel=1e-9
+    )
+    assert len(find_catches(there)) == len(find_catches(back.mirrored()))
 
 
 def test_every_step_of_a_staircase_is_a_catch_with_its_own_angle():
@@ -142,46 +148,50 @@ def test_every_step_of_a_staircase_is_a_catch_with_its_own_angle():
         x += [k * 1e-3, k * 1e-3]
         z += [level, level + h]
         level += h
-    path = profile_path([*x, 4e-3], [*z, level], R)
-    found = catches(path)
+    path = build_profile_path([*x, 4e-3], [*z, level], R)
+    found = find_catches(path)
     assert [c.angle for c in found] == pytest.approx([step_angle(h, R) for h in heights], rel=1e-8)
     assert [c.contact for c in found] == pytest.approx([0.0, 1e-3, 2e-3])
-    assert catches(path.mirrored()) == []
+    assert find_catches(path.mirrored()) == []
 
 
 def test_missing_samples_are_bridged_by_the_tip():
     x = np.linspace(-RUN, RUN, 2601)
     z = np.where(x < 0, 0.0, 25e-6)
     z[1290:1296] = np.nan
-    path = profile_path(x, z, R)
+    path = build_profile_path(x, z, R)
     assert np.isfinite(path.height).all()
     wide = z.copy()
     wide[400:1000] = np.nan
-    assert np.isnan(profile_path(x, wide, R).height).any()
+    assert np.isnan(build_profile_path(x, wide, R).height).any()
 
 
 def test_scaling_surface_and_tip_alike_scales_the_path():
     x, z = sharp_step(25e-6)
-    small, large = profile_path(x, z, R), profile_path(37 * x, 37 * z, 37 * R)
+    small, large = build_profile_path(x, z, R), build_profile_path(37 * x, 37 * z, 37 * R)
     assert large.height == pytest.approx(37 * small.height, rel=1e-9, abs=1e-15)
-    assert steepest(large).angle == pytest.approx(steepest(small).angle, rel=1e-9)
+    assert find_steepest_catch(large).angle == pytest.approx(
+        find_steepest_catch(small).angle, rel=1e-9
+    )
 
 
 def test_a_surface_far_from_the_origin_keeps_its_angle():
     x, z = sharp_step(25e-6)
-    assert steepest(profile_path(x + 0.04, z + 0.02, R)).angle == pytest.approx(
+    assert find_steepest_catch(build_profile_path(x + 0.04, z + 0.02, R)).angle == pytest.approx(
         step_angle(25e-6, R), rel=1e-7
     )
 
 
 def test_a_flat_surface_has_no_catch():
-    path = profile_path(np.linspace(0, 1e-3, 50), np.full(50, 3e-6), R)
-    assert steepest(path).angle == 0.0
-    assert release_at(steepest(path).angle, 1.0, 0.2).status is Status.NO_CATCH
+    path = build_profile_path(np.linspace(0, 1e-3, 50), np.full(50, 3e-6), R)
+    assert find_steepest_catch(path).angle == 0.0
+    assert release_at(find_steepest_catch(path).angle, 1.0, 0.2).status is Status.NO_CATCH
 
 
 def test_force_and_energy_over_a_profile_are_those_of_equation_one():
-    release = release_at(steepest(profile_path(*sharp_step(25e-6), 125e-6)).angle, 1.0, 0.15)
+    release = release_at(
+        find_steepest_catch(build_profile_path(*sharp_step(25e-6), 125e-6)).angle, 1.0, 0.15
+    )
     # Origin: project facts, H 25 um, mu 0.15, 1 N.
     assert release.pull_force == pytest.approx(1.014, rel=1e-3)
     assert release.vibration_energy == pytest.approx(10.5e-6, rel=4e-3)
@@ -203,13 +213,13 @@ def test_force_and_energy_over_a_profile_are_those_of_equation_one():
 )
 def test_a_malformed_profile_is_one_clear_error(x, z, kwargs, message):
     with pytest.raises(ContactError, match=message):
-        profile_path(np.array(x, float), np.array(z, float), R, **kwargs)
+        build_profile_path(np.array(x, float), np.array(z, float), R, **kwargs)
 
 
 @pytest.mark.parametrize("ball_radius", [-1e-6, math.nan])
 def test_a_malformed_tip_is_one_clear_error(ball_radius):
     with pytest.raises(ContactError, match="ball radius must be positive"):
-        profile_path(*sharp_step(25e-6), ball_radius)
+        build_profile_path(*sharp_step(25e-6), ball_radius)
 
 
 def _section(gap, opening, rise, radius):
@@ -236,9 +246,9 @@ def test_margins_square_or_bevelled_are_their_closed_forms_wherever_the_ball_tou
     for _ in range(300):
         radius, gap = rng.uniform(40e-6, 200e-6), rng.uniform(5e-6, 250e-6)
         opening, rise = gap + max(rng.uniform(-80e-6, 150e-6), 0.0), rng.uniform(-150e-6, 150e-6)
-        path = profile_path(*_section(gap, opening, rise, radius), radius, edges="flat")
-        expected = [steepest(one).angle for one in (path, path.mirrored())]
-        found = bevelled_margin_angles(gap, opening, rise, radius)
+        path = build_profile_path(*_section(gap, opening, rise, radius), radius, edges="flat")
+        expected = [find_steepest_catch(one).angle for one in (path, path.mirrored())]
+        found = compute_bevelled_margin_angles(gap, opening, rise, radius)
         assert found == pytest.approx(expected, abs=1e-6)
         kinds.add(
             (

@@ -13,11 +13,11 @@ from stepblocks.contact.rod import (
     Hold,
     Rod,
     Sleeve,
-    clamp_force,
-    finger_share,
-    modes_of,
-    ring_of,
-    sensed,
+    compute_clamp_force,
+    compute_finger_share,
+    compute_modes,
+    compute_rod_ring,
+    compute_sensed_energy,
 )
 
 UNIFORM = Rod(0.71, 0.053, 0.113, 0.0, 0.03)
@@ -56,14 +56,14 @@ def test_a_blow_on_the_tip_of_a_uniform_cantilever_reaches_its_clamp_as_the_seri
             * np.exp(-0.5 * w * UNIFORM.loss_factor * time)
             * np.sin(w * time)
         )
-    modes = modes_of(UNIFORM, highest=1.01 * unit * roots[3] ** 2 / math.tau)
+    modes = compute_modes(UNIFORM, highest=1.01 * unit * roots[3] ** 2 / math.tau)
     assert [one.frequency for one in modes] == pytest.approx(
         [unit * x * x / math.tau for x in roots], rel=1e-4
     )
     assert [one.reaction for one in modes] == pytest.approx(
         [1.5660, -0.8679, 0.5089, -0.3638], abs=2e-4
     )
-    found = clamp_force(modes, time, blow=True)
+    found = compute_clamp_force(modes, time, blow=True)
     assert np.abs(found - expected).max() < 2e-3 * np.abs(expected).max()
 
 
@@ -104,7 +104,7 @@ def test_the_modes_are_those_of_another_library_s_elements(sleeves, hold):
     values, shapes = eigh(k[np.ix_(free, free)], m[np.ix_(free, free)])
     moved = np.zeros(len(k))
     moved[basis.nodal_dofs[0]] = 1.0
-    modes = modes_of(TIPPED, (*sleeves, hold)[0], highest=12e3)[:4]
+    modes = compute_modes(TIPPED, (*sleeves, hold)[0], highest=12e3)[:4]
     for one, value, shape in zip(modes, values, shapes.T, strict=False):
         assert one.frequency == pytest.approx(math.sqrt(value) / math.tau, rel=1e-5)
         full = np.zeros(len(k))
@@ -114,15 +114,17 @@ def test_the_modes_are_those_of_another_library_s_elements(sleeves, hold):
 
 @pytest.mark.parametrize("worn", [None, SLEEVE, HOLD])
 def test_all_modes_together_hold_the_pull_that_is_let_go(worn):
-    modes = modes_of(TIPPED, worn, EVERY)
+    modes = compute_modes(TIPPED, worn, EVERY)
     assert sum(one.reaction for one in modes) == pytest.approx(1.0, rel=1e-6)
-    assert modes[0].frequency == pytest.approx(ring_of(TIPPED, worn).frequency, rel=1e-6)
-    assert modes[0].loss_factor == pytest.approx(ring_of(TIPPED, worn).loss_factor, rel=1e-6)
+    assert modes[0].frequency == pytest.approx(compute_rod_ring(TIPPED, worn).frequency, rel=1e-6)
+    assert modes[0].loss_factor == pytest.approx(
+        compute_rod_ring(TIPPED, worn).loss_factor, rel=1e-6
+    )
 
 
 def test_what_a_sensor_sees_of_one_mode_is_its_closed_form():
     # integral of (a exp(-s t) cos w t)^2
-    (one,) = modes_of(TIPPED, highest=1000.0)
+    (one,) = compute_modes(TIPPED, highest=1000.0)
     w, t = math.tau * one.frequency, 16e-3
     s = 0.5 * w * one.loss_factor
 
@@ -132,29 +134,31 @@ def test_what_a_sensor_sees_of_one_mode_is_its_closed_form():
             4 * (s * s + w * w)
         )
 
-    assert sensed([one], t) == pytest.approx(one.reaction**2 * (part(t) - part(0.0)), rel=1e-4)
+    assert compute_sensed_energy([one], t) == pytest.approx(
+        one.reaction**2 * (part(t) - part(0.0)), rel=1e-4
+    )
 
 
 def test_a_heavy_handle_leaves_the_finger_what_its_own_inertia_lets_through():
     # Origin: one mode on a mass so heavy that it does not move the mode: v = R / (i w m), P = b
     # |v|^2 / 2
     rod, heavy = Rod(2.5, 0.099, 0.0916, 0.57e-3, 0.07), Hand(50.0, 575.0, 1.3, 0.21, 176.0, 11.3)
-    modes = modes_of(rod)
+    modes = compute_modes(rod)
     w, eta = math.tau * modes[0].frequency, modes[0].loss_factor
     total = heavy.handle_mass + rod.line_mass * rod.length + rod.end_mass
     blown = 0.5 * heavy.grasp_damping * (modes[0].reaction / (w * total)) ** 2
     spent = blown * -math.expm1(-w * eta * 16e-3) / (w * eta)
-    stiffness = ring_of(rod).stiffness
-    assert finger_share(rod, stiffness, modes, heavy) == pytest.approx(
+    stiffness = compute_rod_ring(rod).stiffness
+    assert compute_finger_share(rod, stiffness, modes, heavy) == pytest.approx(
         spent * 2.0 * stiffness, rel=0.02
     )
-    assert finger_share(rod, stiffness, modes, STYLUS_HAND) > 1000.0 * finger_share(
+    assert compute_finger_share(rod, stiffness, modes, STYLUS_HAND) > 1000.0 * compute_finger_share(
         rod, stiffness, modes, heavy
     )
 
 
 def test_the_finger_takes_no_more_than_is_stored_and_nothing_without_a_damper():
-    modes, stiffness = modes_of(TIPPED), ring_of(TIPPED).stiffness
-    assert 0.0 < finger_share(TIPPED, stiffness, modes) < 1.0
+    modes, stiffness = compute_modes(TIPPED), compute_rod_ring(TIPPED).stiffness
+    assert 0.0 < compute_finger_share(TIPPED, stiffness, modes) < 1.0
     dry = Hand(20e-3, 575.0, 1e-12, 0.21, 176.0, 11.3)
-    assert finger_share(TIPPED, stiffness, modes, dry) < 1e-9
+    assert compute_finger_share(TIPPED, stiffness, modes, dry) < 1e-9

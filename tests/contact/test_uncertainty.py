@@ -10,11 +10,11 @@ from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.contact.uncertainty import (
-    inputs_of,
+    compute_deviated_releases,
+    compute_sensitivities,
+    convert_half_widths,
     interval_of,
-    moved_releases,
-    rectangular,
-    sensitivities,
+    list_inputs,
 )
 from stepblocks.errors import ContactError
 
@@ -33,11 +33,11 @@ SMALL = dict(zip(NAMES, (0.1e-6, 0.3e-6, 0.7e-6, 0.002, 0.004, 40.0, 0.001), str
 
 @pytest.mark.parametrize("name", NAMES)
 def test_each_sensitivity_is_the_derivative(name):
-    value = inputs_of(STEP, POINT)[name]
+    value = list_inputs(STEP, POINT)[name]
     step = 1e-5 * (value or 1e-6)
-    up, down = moved_releases(STEP, POINT, {name: np.array([step, -step])})[1]
+    up, down = compute_deviated_releases(STEP, POINT, {name: np.array([step, -step])})[1]
     numeric = (math.log(up) - math.log(down)) / (2 * step)
-    assert sensitivities(STEP, POINT, {name: 1.0})[name] == pytest.approx(
+    assert compute_sensitivities(STEP, POINT, {name: 1.0})[name] == pytest.approx(
         numeric, rel=1e-6, abs=1e-9 / value
     )
 
@@ -45,7 +45,7 @@ def test_each_sensitivity_is_the_derivative(name):
 def test_the_energy_changes_by_five_to_twenty_percent_per_micrometre():
     # Origin: project facts, d ln E / dH is 0.05 to 0.20 per um for mu 0.15, R 125 um.
     for height in (15e-6, 25e-6, 50e-6, 75e-6, 85e-6):
-        slope = sensitivities(Step(height), PAPER, {"height": 1e-6})["height"] * 1e-6
+        slope = compute_sensitivities(Step(height), PAPER, {"height": 1e-6})["height"] * 1e-6
         assert 0.045 < slope < 0.21
 
 
@@ -63,7 +63,9 @@ def test_a_95_percent_interval_holds_95_percent_of_the_truths():
     interval = interval_of(STEP, POINT, SMALL, draws=20_000, seed=0)
     for _ in range(400):
         truth = float(
-            moved_releases(STEP, POINT, {n: SMALL[n] * rng.standard_normal() for n in NAMES})[1]
+            compute_deviated_releases(
+                STEP, POINT, {n: SMALL[n] * rng.standard_normal() for n in NAMES}
+            )[1]
         )
         inside += interval.energy_low < truth < interval.energy_high
     assert 0.92 < inside / 400 < 0.98
@@ -140,7 +142,7 @@ def test_an_uncertainty_larger_than_any_block_leaves_the_energy_unknown_and_says
 
 
 def test_a_rectangular_tolerance_has_its_width_over_root_three_as_uncertainty():
-    assert rectangular({"height": 1e-6})["height"] == pytest.approx(1e-6 / math.sqrt(3))
+    assert convert_half_widths({"height": 1e-6})["height"] == pytest.approx(1e-6 / math.sqrt(3))
 
 
 def test_a_profile_of_a_step_has_the_interval_of_the_step():
@@ -166,7 +168,7 @@ def test_a_profile_of_a_step_has_the_interval_of_the_step():
         ),
         (lambda: interval_of(replace(MARGIN, gap=-1e-6), UNDER, {}, backward=True), "gap must be"),
         (lambda: interval_of(STEP, POINT, SMALL, draws=3), "draws"),
-        (lambda: sensitivities(STEP, replace(POINT, friction=5.0), SMALL), "locked"),
+        (lambda: compute_sensitivities(STEP, replace(POINT, friction=5.0), SMALL), "locked"),
     ],
 )
 def test_what_cannot_be_answered_is_one_clear_error(call, message):

@@ -13,11 +13,11 @@ from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_set
-from stepblocks.drag.run import drag_over, subject_of
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate
-from stepblocks.drag.track import track_over
+from stepblocks.drag.run import drag_over, resolve_subject
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate_drag
+from stepblocks.drag.track import build_track
 from stepblocks.errors import PipelineError
-from stepblocks.predict.predictions import predictions_of
+from stepblocks.predict.predictions import predict_by_formula
 
 
 def test_the_drag_command_leaves_traces_figures_and_a_summary(tmp_path, capsys):
@@ -84,19 +84,23 @@ def test_a_declared_block_is_dragged_over_under_the_conditions_of_its_set(tmp_pa
 def test_a_crown_margin_is_dragged_over_in_either_direction(name):
     angles = {
         p.drag: p.release
-        for p in predictions_of(load_set(STIMULI / "crown-margins.toml"))
+        for p in predict_by_formula(load_set(STIMULI / "crown-margins.toml"))
         if (p.stimulus, p.point.ball_radius, p.point.normal_load, p.point.friction)
         == (name, 60e-6, 1.0, 0.15)
     }
     for way, backward in (("tooth-to-crown", False), ("crown-to-tooth", True)):
-        subject = subject_of(f"{STIMULI}/crown-margins.toml/{name}", {"load": 1.0}, backward, None)
+        subject = resolve_subject(
+            f"{STIMULI}/crown-margins.toml/{name}", {"load": 1.0}, backward, None
+        )
         release = angles[way]
         assert way in subject.name
         assert subject.face.angles(subject.point.ball_radius)[backward] == pytest.approx(
             release.angle, rel=1e-12
         )
-        track = track_over(subject.face, subject.point.ball_radius, backward)
-        trace = simulate(track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=2e-3, ring_time=1e-3))
+        track = build_track(subject.face, subject.point.ball_radius, backward)
+        trace = simulate_drag(
+            track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=2e-3, ring_time=1e-3)
+        )
         assert trace.status == release.status
         if release.status is Status.RELEASES:
             # steel gives 0.7 um under 1 N, and the blow of the edge adds v sqrt(k m) = 10 mN
@@ -152,8 +156,10 @@ def test_points_at_any_distance_are_the_same_profile(tmp_path):
     extra = [(x, 0.0 if x < 0 else 30.0) for x in np.random.default_rng(1).uniform(-800, 800, 90)]
     for name, points in (("few", corners), ("many", sorted(corners + extra, key=lambda p: p[0]))):
         pd.DataFrame(points, columns=["x_um", "z_um"]).to_csv(tmp_path / f"{name}.csv", index=False)
-        subject = subject_of(str(tmp_path / f"{name}.csv"), {}, False, None)
-        trace = simulate(track_over(subject.face, 125e-6), PAPER_DRAG, DragSettings(0.5, 0.15))
+        subject = resolve_subject(str(tmp_path / f"{name}.csv"), {}, False, None)
+        trace = simulate_drag(
+            build_track(subject.face, 125e-6), PAPER_DRAG, DragSettings(0.5, 0.15)
+        )
         summaries.append((subject.face.angles(125e-6)[0], trace.peak_force))
     assert summaries[0] == pytest.approx(summaries[1], rel=1e-6)
 
@@ -216,9 +222,9 @@ def test_a_notebook_drags_over_a_counterface_as_the_command_over_the_height(tmp_
 
 
 def test_the_paper_stands_where_nothing_is_said_and_what_is_said_takes_its_place():
-    plain = subject_of("25 um", {})
+    plain = resolve_subject("25 um", {})
     assert (plain.face, plain.point) == (Step(25e-6), PAPER)
-    said = subject_of(
+    said = resolve_subject(
         "25 um",
         {"tip_radius": 60e-6, "load": 0.4, "friction": 0.1, "stiffness": 5e3, "frequency": 250.0},
     )
@@ -229,7 +235,7 @@ def test_the_paper_stands_where_nothing_is_said_and_what_is_said_takes_its_place
     )
     assert (said.point.tool.stiffness, said.point.tool.frequency) == (5e3, 250.0)
     assert said.point.tool.decay_time == PAPER.tool.decay_time
-    assert subject_of("25 um", {"edge_radius": 3e-6}).face == Step(25e-6, 3e-6)
+    assert resolve_subject("25 um", {"edge_radius": 3e-6}).face == Step(25e-6, 3e-6)
 
 
 def test_the_ring_of_a_drag_decays_as_the_tool_unless_a_damping_is_given():
@@ -241,10 +247,10 @@ def test_the_ring_of_a_drag_decays_as_the_tool_unless_a_damping_is_given():
 
 
 def test_a_stimulus_keeps_its_own_dimensions_and_is_named_with_its_direction():
-    margin = subject_of(f"{STIMULI}/crown-margins.toml/gap-100", {}, backward=True)
+    margin = resolve_subject(f"{STIMULI}/crown-margins.toml/gap-100", {}, backward=True)
     assert isinstance(margin.face, Margin)
     assert margin.name == "gap-100, crown-to-tooth"
-    tip = subject_of(f"{STIMULI}/probe-tips.toml/tip-125", {"step_height": 40e-6})
+    tip = resolve_subject(f"{STIMULI}/probe-tips.toml/tip-125", {"step_height": 40e-6})
     assert (tip.point.ball_radius, tip.face) == (125e-6, Step(40e-6))
     assert tip.name == "tip-125 over a step of 40 um"
 
@@ -254,16 +260,16 @@ def test_an_identity_in_two_sets_must_be_told_apart(tmp_path):
     for name in ("one", "two"):
         (tmp_path / f"{name}.toml").write_text(text.replace('set = "paper-ten"', f'set = "{name}"'))
     with pytest.raises(PipelineError, match="is several: one/step-050, two/step-050"):
-        subject_of("step-050", {}, where=tmp_path)
-    assert subject_of("two/step-050", {}, where=tmp_path).face == Step(50e-6)
+        resolve_subject("step-050", {}, where=tmp_path)
+    assert resolve_subject("two/step-050", {}, where=tmp_path).face == Step(50e-6)
 
 
 def test_a_profile_in_millimetres_is_the_profile_in_micrometres(tmp_path):
     (tmp_path / "um.csv").write_text("x_um,z_um\n-900,0\n0,0\n0,30\n900,30\n")
     (tmp_path / "mm.csv").write_text("x_mm,z_mm\n-0.9,0\n0,0\n0,0.03\n0.9,0.03\n")
-    um, mm = (subject_of(tmp_path / f"{unit}.csv", {}).face for unit in ("um", "mm"))
+    um, mm = (resolve_subject(tmp_path / f"{unit}.csv", {}).face for unit in ("um", "mm"))
     assert isinstance(um, Profile)
     assert um.z == pytest.approx(mm.z)
     assert um.angles(125e-6)[0] == pytest.approx(Step(30e-6).angles(125e-6)[0], rel=1e-9)
     with pytest.raises(PipelineError, match="a profile has its own"):
-        subject_of(tmp_path / "um.csv", {"edge_radius": 1e-6})
+        resolve_subject(tmp_path / "um.csv", {"edge_radius": 1e-6})

@@ -8,7 +8,13 @@ import pytest
 
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.drag.kernels import COLUMNS
-from stepblocks.drag.ring import LOADING_BAND, RING_BAND, band_share, phase_spectrum, ring_of
+from stepblocks.drag.ring import (
+    LOADING_BAND,
+    RING_BAND,
+    compute_band_share,
+    compute_phase_spectrum,
+    measure_ring,
+)
 from stepblocks.drag.run import Drag
 from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, DragTrace
 from stepblocks.errors import ContactError
@@ -34,7 +40,7 @@ def trace_of(frequency=300.0, decay=12e-3, amplitude=0.4, length=60e-3, status=S
     ("frequency", "decay", "amplitude"), [(300.0, 12e-3, 0.4), (260.0, 7e-3, 0.2)]
 )
 def test_a_decaying_sine_is_found_again(frequency, decay, amplitude):
-    ring = ring_of(trace_of(frequency, decay, amplitude))
+    ring = measure_ring(trace_of(frequency, decay, amplitude))
     first = amplitude * math.exp(
         -0.25 / frequency / decay
     )  # the swing's lowest point, a quarter period on
@@ -52,20 +58,22 @@ def test_a_long_ring_lies_in_its_band_as_its_line_says_and_a_short_one_does_not(
     # 50 Hz.
     for decay in (4e-3, 14.2e-3):
         expected = 2.0 / math.pi * math.atan(math.tau * 50.0 * decay)
-        assert ring_of(trace_of(decay=decay)).ring_band_share == pytest.approx(expected, abs=0.04)
+        assert measure_ring(trace_of(decay=decay)).ring_band_share == pytest.approx(
+            expected, abs=0.04
+        )
 
 
 def test_a_slow_ramp_loads_below_a_hundred_hertz():
     # Origin: figure 4, more than 64 % of the loading phase lies in 0-100 Hz
     trace = trace_of()
-    assert band_share(*phase_spectrum(trace, "loading"), LOADING_BAND) > 0.64
-    assert band_share(*phase_spectrum(trace, "loading"), RING_BAND) < 0.05
+    assert compute_band_share(*compute_phase_spectrum(trace, "loading"), LOADING_BAND) > 0.64
+    assert compute_band_share(*compute_phase_spectrum(trace, "loading"), RING_BAND) < 0.05
 
 
 def test_the_energy_of_a_spectrum_is_that_of_its_samples():
     # Origin: Parseval.
     trace = trace_of()
-    frequency, energy = phase_spectrum(trace, "loading")
+    frequency, energy = compute_phase_spectrum(trace, "loading")
     force = trace.column("fx_n")[trace.column("time_s") < trace.release_time]
     expected = float(np.sum((force - force.mean()) ** 2)) / RATE
     assert float(np.sum(energy) * (frequency[1] - frequency[0])) == pytest.approx(
@@ -74,10 +82,10 @@ def test_the_energy_of_a_spectrum_is_that_of_its_samples():
 
 
 def test_figures_that_cost_a_spectrum_are_left_out_where_nobody_asks():
-    ring = ring_of(trace_of(), spectra=False)
+    ring = measure_ring(trace_of(), spectra=False)
     assert math.isnan(ring.frequency)
     assert math.isnan(ring.ring_band_share)
-    assert ring.duration == ring_of(trace_of()).duration
+    assert ring.duration == measure_ring(trace_of()).duration
 
 
 def test_a_trace_is_a_table_with_its_units():
@@ -90,9 +98,15 @@ def test_a_trace_is_a_table_with_its_units():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: ring_of(trace_of(status=Status.LOCKED)), "a trace that is locked has no ring"),
-        (lambda: ring_of(trace_of(length=9e-3)), "a ring needs 0.016 s"),
-        (lambda: phase_spectrum(trace_of(), "middle"), "phase must be loading or vibration"),
+        (
+            lambda: measure_ring(trace_of(status=Status.LOCKED)),
+            "a trace that is locked has no ring",
+        ),
+        (lambda: measure_ring(trace_of(length=9e-3)), "a ring needs 0.016 s"),
+        (
+            lambda: compute_phase_spectrum(trace_of(), "middle"),
+            "phase must be loading or vibration",
+        ),
     ],
 )
 def test_what_has_no_ring_is_one_clear_error(call, message):

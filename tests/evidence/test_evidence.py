@@ -11,9 +11,9 @@ from stepblocks.cli import main
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.evidence.compare import Row, Verdict, hold_against_evidence, shipped
-from stepblocks.evidence.contradiction import BAND, HEIGHTS, explanations, missed
-from stepblocks.evidence.questions import QUESTIONS, Answers, dragged
+from stepblocks.evidence.compare import Row, Verdict, hold_against_evidence, load_published
+from stepblocks.evidence.contradiction import BAND, HEIGHTS, compute_misfit, fit_explanations
+from stepblocks.evidence.questions import QUESTIONS, Answers, drag_in_time
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def row(found, topic, figure):
 
 
 def test_every_publication_says_who_and_what():
-    for one in shipped():
+    for one in load_published():
         assert len(one.citation) > 20
         assert one.says.endswith(".")
         assert one.values
@@ -61,7 +61,7 @@ def test_nothing_is_said_of_what_the_model_takes_as_given(found):
 
 
 def test_a_row_agrees_only_where_every_answer_lies_in_the_published_range():
-    publication = shipped()[0]
+    publication = load_published()[0]
     value = publication.values[0]
 
     def verdict(**answers):
@@ -84,14 +84,16 @@ def test_the_rod_keeps_the_figures_it_was_set_for_and_no_others(found):
 
 def test_what_misses_a_band_is_a_factor():
     low, high = BAND
-    assert missed([low, high, 15e-6, 12e-6]) == 1.0
-    assert missed([2.0 * high] * 4) == pytest.approx(2.0)
-    assert missed([low / 3.0, high, high, high]) == pytest.approx(math.exp(math.log(3.0) / 2.0))
-    assert missed([0.0, high]) == math.inf
+    assert compute_misfit([low, high, 15e-6, 12e-6]) == 1.0
+    assert compute_misfit([2.0 * high] * 4) == pytest.approx(2.0)
+    assert compute_misfit([low / 3.0, high, high, high]) == pytest.approx(
+        math.exp(math.log(3.0) / 2.0)
+    )
+    assert compute_misfit([0.0, high]) == math.inf
 
 
 def test_the_contradiction_is_told_before_and_after():
-    before, *rivals = explanations()
+    before, *rivals = fit_explanations()
     assert before.spread == pytest.approx(
         353.0, rel=0.01
     )  # equation (1) at one load, mu 0.15: 10.5 to 3696 uJ
@@ -110,7 +112,7 @@ def test_the_contradiction_is_told_before_and_after():
 
 
 def test_a_weight_that_pulls_gives_every_block_the_same_energy():
-    (one,) = (e for e in explanations() if e.name.startswith("pulled"))
+    (one,) = (e for e in fit_explanations() if e.name.startswith("pulled"))
     (_, point, pull), *_ = one.points
     energy = PAPER.tool.conversion * pull**2 / (2.0 * PAPER.tool.stiffness)
     assert one.energies == pytest.approx([energy] * 4)
@@ -121,7 +123,7 @@ def test_a_small_step_rings_less_in_time_than_the_formula_keeps():
     # what rings is what is released above the sliding friction, which equation (1) keeps as H goes
     # to 0
     point = replace(PAPER, normal_load=0.5)
-    status, ring = dragged(Step(10e-6), point)
+    status, ring = drag_in_time(Step(10e-6), point)
     assert status is Status.RELEASES
     assert ring.energy < 0.2 * Step(10e-6).release(point).vibration_energy
 
@@ -139,7 +141,7 @@ def test_the_command_leaves_a_page_with_every_row_and_honest_verdicts(tmp_path, 
         one["figure"].replace(" uJ", " µJ").replace(" um", " µm") in page
         for one in told["evidence"]
     )
-    assert all(one.citation.split(",")[0] in page for one in shipped())
+    assert all(one.citation.split(",")[0] in page for one in load_published())
     assert "http" not in page.split("<h1>")[1]
     assert (tmp_path / "evidence.svg").stat().st_size > 1000
     assert main(["evidence", "-o", str(tmp_path)]) == 0

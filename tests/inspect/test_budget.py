@@ -10,8 +10,8 @@ from stepblocks.inspect.budget import (
     Component,
     Instrument,
     Measured,
-    measured_from_profiles,
-    with_budget,
+    add_instrument_components,
+    average_profiles,
 )
 from stepblocks.inspect.noise import Estimate
 
@@ -36,7 +36,9 @@ def parts(measured):
     ],
 )
 def test_a_calibration_counts_with_the_power_in_which_the_value_goes_with_its_axis(axes, named):
-    budget = parts(with_budget("x", -50e-6, [], Instrument(1e-3, 2e-9, 2e-3), axes=axes))
+    budget = parts(
+        add_instrument_components("x", -50e-6, [], Instrument(1e-3, 2e-9, 2e-3), axes=axes)
+    )
     assert budget.pop("resolution") == pytest.approx(
         2e-9 / math.sqrt(12.0)
     )  # a rectangle one count wide
@@ -44,7 +46,7 @@ def test_a_calibration_counts_with_the_power_in_which_the_value_goes_with_its_ax
 
 
 def test_components_stand_in_the_order_own_calibration_others_resolution():
-    measured = with_budget(
+    measured = add_instrument_components(
         "x", 1e-6, [Component("noise", 1e-9)], Instrument(1e-3), [Component("form", 2e-9)]
     )
     assert [part.name for part in measured.components] == [
@@ -56,7 +58,7 @@ def test_components_stand_in_the_order_own_calibration_others_resolution():
 
 
 def test_a_calibration_that_nobody_states_is_named_and_adds_nothing():
-    measured = with_budget("x", 1e-6, [Component("noise", 3e-9)], Instrument())
+    measured = add_instrument_components("x", 1e-6, [Component("noise", 3e-9)], Instrument())
     assert measured.unstated == ("calibration",)
     assert measured.std == pytest.approx(3e-9)
 
@@ -72,9 +74,7 @@ def test_the_interval_is_normal_where_nothing_was_estimated_from_few_values():
 
 def test_profiles_that_differ_by_no_more_than_their_noise_show_no_repeatability():
     random = np.random.default_rng(1)
-    measured = measured_from_profiles(
-        "x", quiet(random.normal(1e-5, 10e-9, 12), 1e-6), Instrument(0.0)
-    )
+    measured = average_profiles("x", quiet(random.normal(1e-5, 10e-9, 12), 1e-6), Instrument(0.0))
     assert parts(measured)["repeatability"] == 0.0
     assert measured.std < 10e-9  # the scatter itself, not the larger noise that was claimed
 
@@ -86,7 +86,7 @@ def test_the_mean_of_independent_profiles_is_as_uncertain_as_their_scatter_over_
     variances = []
     for seed in range(400):
         values = np.random.default_rng(seed).normal(1e-5, 50e-9, count)
-        variances.append(measured_from_profiles("x", quiet(values), Instrument(0.0)).std ** 2)
+        variances.append(average_profiles("x", quiet(values), Instrument(0.0)).std ** 2)
     assert np.sqrt(np.mean(variances)) == pytest.approx(50e-9 / math.sqrt(count), rel=0.06)
 
 
@@ -94,7 +94,7 @@ def test_profiles_that_wander_together_are_fewer_than_they_look():
     slow = 1e-5 + 50e-9 * np.cos(np.pi * (np.arange(60) + 0.5) / 60)  # one half wave over the map
     mixed = np.random.default_rng(2).permutation(slow)
     together, apart = (
-        measured_from_profiles("x", quiet(values), Instrument(0.0)).std for values in (slow, mixed)
+        average_profiles("x", quiet(values), Instrument(0.0)).std for values in (slow, mixed)
     )
     assert together > 1.5 * apart
 
@@ -102,4 +102,4 @@ def test_profiles_that_wander_together_are_fewer_than_they_look():
 @pytest.mark.parametrize("values", [[], [math.nan], [1e-5, math.inf]])
 def test_a_mean_over_nothing_is_refused_by_name(values):
     with pytest.raises(MetrologyError, match="step height must come from at least one profile"):
-        measured_from_profiles("step height", quiet(values), Instrument())
+        average_profiles("step height", quiet(values), Instrument())

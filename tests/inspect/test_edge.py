@@ -52,7 +52,7 @@ def test_the_radius_is_that_of_the_posterior_summed_over_a_dense_grid(
     height, radius, seed, monkeypatch
 ):
     windows = []
-    found = edge_arc.arc_radius
+    found = edge_arc.fit_arc
     monkeypatch.setattr(
         "stepblocks.inspect.edge.arc_radius", lambda window: windows.append(window) or found(window)
     )

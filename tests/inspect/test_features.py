@@ -13,8 +13,8 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import fit_grating, masked_step
-from stepblocks.inspect.measure import How
+from stepblocks.inspect.map_levels import fit_grating, measure_masked_step
+from stepblocks.inspect.measure import EvaluationOptions
 
 EXACT = Instrument(0.0, 0.0, 0.0)
 UM, NM = 1e-6, 1e-9
@@ -46,7 +46,9 @@ def test_four_ridges_have_four_heights_a_mean_and_a_pitch():
     for key in ("groove_depth", *(f"groove_depth_{index}" for index in (1, 2, 3, 4))):
         assert abs(found[key].value - 37.4 * UM) < found[key].expanded(0.99)
     assert found["feature_pitch"].value == pytest.approx(1e-3, rel=1e-3)
-    chosen = measure_groove(Profile(x, z + noise(x, 1, 100 * NM)), EXACT, How(edges=(2,))).values
+    chosen = measure_groove(
+        Profile(x, z + noise(x, 1, 100 * NM)), EXACT, EvaluationOptions(edges=(2,))
+    ).values
     assert "groove_depth_1" not in chosen
 
 
@@ -172,7 +174,7 @@ def test_sheets_under_debris_are_as_high_as_they_are_and_grains_are_no_reference
     assert any("differ by" in note for note in found.notes)
     grains = np.where((random.random(true.shape) < 0.25) & (true < 0.01 * NM), 2.0 * NM, 0.0)
     with pytest.raises(MetrologyError, match="of what lies beside the features must be level, got"):
-        masked_step(HeightMap(z + grains, 2 * NM, 2 * NM), inside=true > 1.7 * NM)
+        measure_masked_step(HeightMap(z + grains, 2 * NM, 2 * NM), inside=true > 1.7 * NM)
 
 
 def test_a_sloped_flank_is_no_arc_and_its_corner_is_measured_by_itself():
@@ -205,7 +207,11 @@ def test_what_a_user_crops_or_levels_is_never_evaluated_whole_instead():
     z = np.where(((x - 6) % 40 < 18) & ((y + 3) % 40 < 18), -500 * NM, 0.0)
     scan = HeightMap(z + np.random.default_rng(4).normal(0.0, 2 * NM, z.shape), 0.2 * UM, 0.2 * UM)
     assert "masked step over 12 features" in measure_groove(scan, EXACT).convention
-    for asked in (How(begin=0.0, end=4 * UM), How(degree=3), How(edges=(1,))):
+    for asked in (
+        EvaluationOptions(begin=0.0, end=4 * UM),
+        EvaluationOptions(degree=3),
+        EvaluationOptions(edges=(1,)),
+    ):
         with suppress(MetrologyError):
             assert "profile by profile" in measure_groove(scan, EXACT, asked).convention
 
@@ -223,14 +229,14 @@ def test_a_depth_is_not_told_from_a_corner_of_the_features_nor_from_edges_that_n
     with pytest.raises(
         MetrologyError, match="at least 5% of the features must lie 33 um from their edges"
     ):
-        masked_step(HeightMap(dome, UM, UM), exclusion=33 * UM, inside=inside)
+        measure_masked_step(HeightMap(dome, UM, UM), exclusion=33 * UM, inside=inside)
     box = np.where((x > 30 * UM) & (x < 90 * UM) & (y > 30 * UM) & (y < 90 * UM), 20 * UM, 0.0)
     shadow = (np.abs(x - 30 * UM) < 9 * UM) | (np.abs(x - 90 * UM) < 9 * UM)
     shadow |= (np.abs(y - 30 * UM) < 9 * UM) | (np.abs(y - 90 * UM) < 9 * UM)
     with pytest.raises(
         MetrologyError, match=r"heights must be measured .* um beside an edge, got none"
     ):
-        masked_step(
+        measure_masked_step(
             HeightMap(np.where(shadow, np.nan, box), UM, UM), exclusion=2 * UM, inside=box > 0.0
         )
 

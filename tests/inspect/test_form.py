@@ -15,7 +15,7 @@ from oracles.softgauge import (
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.form import fit_face, flatness, parallelism, zone_of
+from stepblocks.inspect.form import compute_flatness, compute_parallelism, estimate_zone, fit_face
 from stepblocks.inspect.margin_gap import fit_margin
 from stepblocks.inspect.measure import measure_margin
 from stepblocks.inspect.tip import fit_cap
@@ -31,13 +31,13 @@ def face(shape, slope=(0.0, 0.0)):
 def test_a_cylindrical_bow_has_its_sagitta_as_flatness_at_any_tilt():
     bow = lambda x, y: 2e-6 * (2.0 * x / 15e-3 - 1.0) ** 2  # noqa: E731
     for slope in [(0.0, 0.0), (0.02, -0.01)]:
-        assert flatness(face(bow, slope)) == pytest.approx(
+        assert compute_flatness(face(bow, slope)) == pytest.approx(
             2e-6 / np.hypot(1.0, np.hypot(*slope)), rel=1e-6
         )
 
 
 def test_a_saddle_over_a_square_has_half_its_range_as_zone():
-    zone = flatness(face(lambda x, y: 1e-6 * (x / 15e-3) * (y / 10e-3)))
+    zone = compute_flatness(face(lambda x, y: 1e-6 * (x / 15e-3) * (y / 10e-3)))
     # z = xy over the unit square: the zone between the planes through opposite edges has half the
     # range
     assert zone == pytest.approx(0.5e-6, rel=1e-6)
@@ -48,18 +48,18 @@ def test_a_saddle_over_a_square_has_half_its_range_as_zone():
 def test_minimum_zone_never_exceeds_least_squares_and_holds_every_point(seed):
     random = np.random.default_rng(seed)
     cloud = face(lambda x, y: random.normal(0.0, 1e-7, x.shape), random.uniform(-0.01, 0.01, 2))
-    zone = flatness(cloud)
+    zone = compute_flatness(cloud)
     design = np.column_stack([cloud[:, :2], np.ones(len(cloud))])
     residual = cloud[:, 2] - design @ np.linalg.lstsq(design, cloud[:, 2], rcond=None)[0]
     assert zone <= np.ptp(residual) * (1 + 1e-9)
     # as its own datum it holds every point of itself
-    assert parallelism(cloud, cloud) == pytest.approx(zone, rel=2e-4)
+    assert compute_parallelism(cloud, cloud) == pytest.approx(zone, rel=2e-4)
 
 
 def test_parallelism_of_a_wedge_is_its_rise_over_the_face():
     datum = face(lambda x, y: 0.0 * x, (0.003, 0.001))
     wedge = face(lambda x, y: 10e-6 + 1e-6 * x / 15e-3, (0.003, 0.001))
-    assert parallelism(wedge, datum) == pytest.approx(1e-6, rel=1e-4)
+    assert compute_parallelism(wedge, datum) == pytest.approx(1e-6, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_parallelism_of_a_wedge_is_its_rise_over_the_face():
 )
 def test_what_is_no_face_is_refused(points):
     with pytest.raises(MetrologyError, match="points must"):
-        flatness(points)
+        compute_flatness(points)
 
 
 def test_form_is_the_lobe_that_was_put_in_and_spikes_are_left_out():
@@ -171,14 +171,14 @@ def test_flatness_of_the_form_does_not_grow_with_noise_where_the_zone_of_all_poi
         + 1e-3 * x[np.newaxis, :]
     )
     whole = np.ones(bow.shape, dtype=bool)
-    exact = zone_of(flatness, fit_face(x, y, bow, whole))
+    exact = estimate_zone(compute_flatness, fit_face(x, y, bow, whole))
     assert exact.value == pytest.approx(
         200e-9, rel=1e-5
     )  # a parabola over the whole face: its sagitta
     zones = []
     for seed in range(40):
         noise = correlated_map(bow.shape, 10e-6, 10e-9, 30e-9, 20e-6, np.random.default_rng(seed))
-        zones.append(zone_of(flatness, fit_face(x, y, bow + noise, whole)))
+        zones.append(estimate_zone(compute_flatness, fit_face(x, y, bow + noise, whole)))
     errors, stds = (
         np.array([one.value for one in zones]) - 200e-9,
         np.array([one.std for one in zones]),
@@ -188,7 +188,7 @@ def test_flatness_of_the_form_does_not_grow_with_noise_where_the_zone_of_all_poi
     assert (
         np.mean(np.abs(errors) < halves) >= 0.85
     )  # three standard deviations of a binomial of 40 below 95 %
-    assert flatness(fit_face(x, y, bow + noise, whole).points) > 260e-9
+    assert compute_flatness(fit_face(x, y, bow + noise, whole).points) > 260e-9
 
 
 def test_parallelism_of_the_form_is_the_wedge_between_the_faces():
@@ -201,7 +201,9 @@ def test_parallelism_of_the_form_is_the_wedge_between_the_faces():
     tilt = 2e-3 * x[np.newaxis, :]
     whole = np.ones(rise.shape, dtype=bool)
     faces = [fit_face(x, y, shape + tilt, whole) for shape in (noise[0], rise + noise[1])]
-    assert zone_of(parallelism, faces[1], faces[0]).value == pytest.approx(300e-9, abs=10e-9)
+    assert estimate_zone(compute_parallelism, faces[1], faces[0]).value == pytest.approx(
+        300e-9, abs=10e-9
+    )
 
 
 def test_a_profile_without_a_gap_is_refused():

@@ -13,13 +13,13 @@ from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, groove_
 from stepblocks.artefacts.as_built import (
     AsBuilt,
     AsBuiltValue,
-    measured_edges,
+    list_measured_edges,
     read_as_built,
     read_records,
     write_as_built,
 )
 from stepblocks.cli import main
-from stepblocks.contact.counterface import Profile as SurfaceProfile, scanned_angle
+from stepblocks.contact.counterface import Profile as SurfaceProfile, find_scanned_angle
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import MetrologyError
 
@@ -355,14 +355,16 @@ def test_the_scanned_surface_says_what_height_and_radius_cannot_of_a_chamfered_e
     # the chamfer
     x = np.arange(-400, 400) * 1e-6
     z = np.where(x < 0.0, 0.0, np.minimum(30e-6 + x, 50e-6))
-    assert np.degrees(scanned_angle(x, z, 125e-6)) == pytest.approx(45.0, abs=1e-6)
-    assert np.degrees(scanned_angle(-x[::-1], z[::-1], 125e-6)) == pytest.approx(45.0, abs=1e-6)
+    assert np.degrees(find_scanned_angle(x, z, 125e-6)) == pytest.approx(45.0, abs=1e-6)
+    assert np.degrees(find_scanned_angle(-x[::-1], z[::-1], 125e-6)) == pytest.approx(
+        45.0, abs=1e-6
+    )
     # a ball of 80 um meets the riser's corner first, at acos(1 - 30/80) = 51.3 deg, and that is
     # steeper than the chamfer
-    assert np.degrees(scanned_angle(x, z, 80e-6)) == pytest.approx(
+    assert np.degrees(find_scanned_angle(x, z, 80e-6)) == pytest.approx(
         np.degrees(np.arccos(1 - 30 / 80)), abs=0.5
     )
-    assert scanned_angle(x, np.full_like(x, np.nan), 125e-6) is None
+    assert find_scanned_angle(x, np.full_like(x, np.nan), 125e-6) is None
 
 
 def test_a_record_whose_surface_was_changed_or_lost_is_refused(tmp_path, capsys):
@@ -405,7 +407,7 @@ def test_an_inspected_block_speaks_in_the_closed_loop_with_its_own_height_and_ed
         tmp_path / "step-050.as-built.toml",
         AsBuilt("step-050", "scan.x3p", "0" * 64, "type A1", values),
     )
-    edges = measured_edges(read_records([tmp_path]))
+    edges = list_measured_edges(read_records([tmp_path]))
     assert edges["step-050"] == pytest.approx(
         {
             "height_m": 50.4e-6,

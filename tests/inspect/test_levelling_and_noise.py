@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge
-from stepblocks.inspect.levelling import despiked, fit_two_planes
+from stepblocks.inspect.levelling import fit_two_planes, remove_spikes
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
-    autocovariance,
-    covariance_root,
-    estimated,
-    estimator_covariance,
-    outlier_mask,
-    robust_scale,
+    compute_estimator_covariance,
+    estimate_autocovariance,
+    estimate_linear,
+    estimate_robust_scale,
+    factor_covariance,
+    find_outliers,
 )
 
 X = np.arange(-400, 400) * 1e-6
@@ -24,9 +24,9 @@ def test_a_running_median_takes_spikes_away_and_leaves_edges_where_they_are():
     heights = np.where(np.arange(60) < 30, 0.0, 5.0)
     spiked = heights.copy()
     spiked[[7, 44]] = 100.0, -100.0
-    np.testing.assert_array_equal(despiked(spiked), heights)
+    np.testing.assert_array_equal(remove_spikes(spiked), heights)
     spiked[20] = np.nan
-    calm = despiked(spiked)
+    calm = remove_spikes(spiked)
     assert np.isnan(calm[20])
     np.testing.assert_array_equal(np.delete(calm, 20), np.delete(heights, 20))
 
@@ -59,20 +59,20 @@ def test_two_planes_leave_spikes_out_and_count_them():
 
 def test_the_robust_scale_of_a_normal_law_is_its_standard_deviation_and_spikes_do_not_move_it():
     sample = np.random.default_rng(4).normal(5e-6, 30e-9, 200_000)
-    assert robust_scale(sample) == pytest.approx(30e-9, rel=0.01)
+    assert estimate_robust_scale(sample) == pytest.approx(30e-9, rel=0.01)
     sample[:1000] = 1.0
-    assert robust_scale(sample) == pytest.approx(30e-9, rel=0.02)
-    assert outlier_mask(sample, np.isfinite(sample))[:1000].all()
+    assert estimate_robust_scale(sample) == pytest.approx(30e-9, rel=0.02)
+    assert find_outliers(sample, np.isfinite(sample))[:1000].all()
     assert (
-        outlier_mask(sample, np.isfinite(sample))[1000:].mean() < 1e-5
+        find_outliers(sample, np.isfinite(sample))[1000:].mean() < 1e-5
     )  # beyond five standard deviations: 6e-7
 
 
 def test_the_rounding_of_a_processor_is_no_scatter_and_holds_no_spikes():
     residuals = np.random.default_rng(5).normal(0.0, 1e-3 * LEAST_SCATTER, 100)
     residuals[3] = 1e-9
-    assert not outlier_mask(residuals, np.isfinite(residuals)).any()
-    np.testing.assert_array_equal(autocovariance([residuals * 1e-6]), [0.0])
+    assert not find_outliers(residuals, np.isfinite(residuals)).any()
+    np.testing.assert_array_equal(estimate_autocovariance([residuals * 1e-6]), [0.0])
 
 
 def test_the_autocovariance_of_roughness_is_the_one_that_was_put_in():
@@ -81,7 +81,7 @@ def test_the_autocovariance_of_roughness_is_the_one_that_was_put_in():
         correlated_noise(20_000, 1e-6, 10e-9, 40e-9, 5e-6, np.random.default_rng(seed))
         for seed in range(4)
     ]
-    gamma = autocovariance(pieces)
+    gamma = estimate_autocovariance(pieces)
     assert gamma[0] == pytest.approx(10e-9**2 + 40e-9**2, rel=0.05)
     for lag in (2, 5):
         assert gamma[lag] == pytest.approx(40e-9**2 * math.exp(-((lag / 5.0) ** 2)), rel=0.15)
@@ -94,18 +94,20 @@ def test_the_autocovariance_of_roughness_is_the_one_that_was_put_in():
 def test_estimates_from_white_noise_have_the_covariance_of_the_weights():
     weights = np.random.default_rng(6).normal(size=(3, 50))
     np.testing.assert_allclose(
-        estimator_covariance(weights, np.array([4.0])), 4.0 * weights @ weights.T
+        compute_estimator_covariance(weights, np.array([4.0])), 4.0 * weights @ weights.T
     )
     # one lag: the sum over pairs, written out
     gamma = np.array([4.0, 1.5])
     toeplitz = 4.0 * np.eye(50) + 1.5 * (np.eye(50, k=1) + np.eye(50, k=-1))
-    np.testing.assert_allclose(estimator_covariance(weights, gamma), weights @ toeplitz @ weights.T)
+    np.testing.assert_allclose(
+        compute_estimator_covariance(weights, gamma), weights @ toeplitz @ weights.T
+    )
 
 
 def test_the_root_of_a_singular_covariance_gives_it_back():
     columns = np.random.default_rng(7).normal(size=(5, 2))
     covariance = columns @ columns.T  # rank 2 of 5
-    root = covariance_root(covariance)
+    root = factor_covariance(covariance)
     np.testing.assert_allclose(root.T @ root, covariance, atol=1e-12)
 
 
@@ -115,7 +117,7 @@ def test_the_mean_of_white_noise_is_known_to_its_scatter_over_the_root_of_n():
         noise = np.random.default_rng(seed).normal(0.0, 20e-9, count)
         ones = np.ones(count)
         found.append(
-            estimated(0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis])
+            estimate_linear(0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis])
         )
     assert np.sqrt(np.mean([one.std**2 for one in found])) == pytest.approx(
         20e-9 / math.sqrt(count), rel=0.05
@@ -132,12 +134,14 @@ def test_the_mean_of_a_moving_average_is_known_less_well_by_its_closed_form():
         noise = e[1:] + 0.8 * e[:-1]
         ones = np.ones(count)
         found.append(
-            estimated(0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis]).std
+            estimate_linear(
+                0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis]
+            ).std
         )
     assert np.sqrt(np.mean(np.square(found))) == pytest.approx(1.8e-8 / math.sqrt(count), rel=0.05)
 
 
 def test_no_residuals_leave_no_uncertainty():
     ones = np.ones(100)
-    quiet = estimated(0.0, ones / 100, 0.0 * ones, ones > 0.0, ones[np.newaxis])
+    quiet = estimate_linear(0.0, ones / 100, 0.0 * ones, ones > 0.0, ones[np.newaxis])
     assert (quiet.std, quiet.dof) == (0.0, math.inf)

@@ -11,10 +11,10 @@ from stepblocks.cli import main
 from stepblocks.errors import PipelineError
 from stepblocks.inspect.budget import Instrument, Outcome
 from stepblocks.inspect.many import (
-    capability,
-    chart_limits,
+    compute_capability,
+    compute_chart_limits,
+    estimate_variance_components,
     inspect_many,
-    variance_components,
     write_many,
 )
 
@@ -39,7 +39,7 @@ def test_the_components_of_variance_are_those_that_aiag_publishes():
         for i in range(9)
         for j in range(10)
     ]
-    found = {one["source"]: one for one in variance_components(pd.DataFrame(rows))}
+    found = {one["source"]: one for one in estimate_variance_components(pd.DataFrame(rows))}
     # table III-B 8 (ANOVA, interaction pooled): EV 0.199933, AV 0.226838, PV 1.042327
     assert found["repeatability"]["std"] == pytest.approx(0.199933, abs=1e-6)
     assert found["appraiser"]["std"] == pytest.approx(0.226838, abs=1e-6)
@@ -54,11 +54,13 @@ def test_conditions_that_change_together_cannot_be_told_apart_and_one_reading_sh
     with pytest.raises(
         PipelineError, match=r"conditions must not change together, .* got block and day"
     ):
-        variance_components(both)
-    assert variance_components(pd.DataFrame({"value": [1.0, 2.0], "block": ["a", "b"]})) == []
+        estimate_variance_components(both)
+    assert (
+        estimate_variance_components(pd.DataFrame({"value": [1.0, 2.0], "block": ["a", "b"]})) == []
+    )
     # one scan a day of one block: days and repeats are one, the standard deviation of both together
     days = pd.DataFrame({"value": [1.0, 2.0, 4.0], "block": ["a"] * 3, "day": ["x", "y", "z"]})
-    (only,) = variance_components(days)
+    (only,) = estimate_variance_components(days)
     assert (only["source"], only["dof"]) == ("repeatability", 2.0)
     assert only["std"] == pytest.approx(np.std([1.0, 2.0, 4.0], ddof=1))
 
@@ -66,12 +68,12 @@ def test_conditions_that_change_together_cannot_be_told_apart_and_one_reading_sh
 def test_capability_and_its_intervals_are_those_of_the_handbooks():
     # NIST/SEMATECH e-Handbook 6.1.6: limits 8 and 20, mean 16, standard deviation 2: Cp 1.0, Cpk
     # 0.6667
-    nist = capability(16.0 + 2.0 * np.array([-1.0, 1.0]) / np.sqrt(2.0), 8.0, 20.0)
+    nist = compute_capability(16.0 + 2.0 * np.array([-1.0, 1.0]) / np.sqrt(2.0), 8.0, 20.0)
     assert (nist["cp"], nist["cpk"]) == pytest.approx((1.0, 0.6667), abs=1e-4)
     # Montgomery, Introduction to Statistical Quality Control, example 8.4: 38 to 62, n 20, s 1.75:
     # 2.29 in 1.57 to 3.01
     pattern = np.repeat([-1.0, 1.0], 10)
-    book = capability(50.0 + 1.75 * pattern / pattern.std(ddof=1), 38.0, 62.0)
+    book = compute_capability(50.0 + 1.75 * pattern / pattern.std(ddof=1), 38.0, 62.0)
     assert (book["cp"], book["cp_low"], book["cp_high"]) == pytest.approx(
         (2.29, 1.57, 3.01), abs=0.01
     )
@@ -79,10 +81,10 @@ def test_capability_and_its_intervals_are_those_of_the_handbooks():
     assert book["cpk_high"] - book["cpk"] == pytest.approx(
         1.96 * np.sqrt(1 / 180 + 2.2857**2 / 38), rel=1e-4
     )
-    one_sided = capability(np.array([1.0, 2.0, 3.0]), -np.inf, 6.0)
+    one_sided = compute_capability(np.array([1.0, 2.0, 3.0]), -np.inf, 6.0)
     assert np.isnan(one_sided["cp"])
     assert one_sided["cpk"] == pytest.approx(4.0 / 3.0)
-    copies = capability(np.full(3, 2.0), 1.0, 3.0)  # one scan under three names
+    copies = compute_capability(np.full(3, 2.0), 1.0, 3.0)  # one scan under three names
     assert np.isnan([copies["cp"], copies["cpk_low"]]).all()
 
 
@@ -90,7 +92,7 @@ def test_the_limits_of_a_chart_of_individuals_are_those_of_the_handbook():
     # NIST/SEMATECH e-Handbook 6.3.2.2, flow rates of ten batches: centre 50.81, limits 45.8159 and
     # 55.8041 (d2 as 1.128)
     rates = np.array([49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1])
-    centre, half = chart_limits(rates)
+    centre, half = compute_chart_limits(rates)
     assert centre == pytest.approx(50.81)
     assert (centre - half, centre + half) == pytest.approx((45.8159, 55.8041), abs=0.003)
 

@@ -14,9 +14,9 @@ from oracles.softgauge import (
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.edge_arc import Window, arc_radius, edge_profile
+from stepblocks.inspect.edge_arc import Window, compute_edge_profile, fit_arc
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import masked_step
+from stepblocks.inspect.map_levels import measure_masked_step
 from stepblocks.inspect.measure import measure_edge, measure_margin, measure_tip
 
 X = np.arange(-200, 200) * 1e-6
@@ -114,7 +114,7 @@ def test_a_sharp_edge_is_said_to_be_sharper_than_the_sampling_and_a_round_one_is
 
 
 def test_the_arc_is_a_circle_tangent_to_the_upper_face():
-    z = edge_profile(X, 3e-6, 30e-6, 12e-6)
+    z = compute_edge_profile(X, 3e-6, 30e-6, 12e-6)
     assert (z[X < 3e-6] == 0.0).all()
     assert (z[X > 15e-6] == 30e-6).all()
     on = (X > 3e-6) & (X < 15e-6)
@@ -129,7 +129,7 @@ def test_the_radius_of_an_arc_is_found_where_only_its_window_is_given(radius):
     random = np.random.default_rng(3)
     levelled = edge_gauge(x, 30e-6, radius, riser=0.3e-6) + random.normal(0.0, 20e-9, len(x))
     gamma, none = np.array([20e-9**2]), np.zeros((1, len(x)))
-    arc = arc_radius(Window(x, levelled, 30e-6, 1e-6, gamma, none))
+    arc = fit_arc(Window(x, levelled, 30e-6, 1e-6, gamma, none))
     assert arc.radius == pytest.approx(radius, abs=4.0 * arc.radius_std)
     assert arc.riser == pytest.approx(0.3e-6, abs=0.3e-6)
     assert arc.radius_limit > arc.radius
@@ -203,7 +203,7 @@ def test_hills_have_two_heights_but_no_edges_and_are_no_step():
     x, y = np.meshgrid(np.arange(200) * 0.1e-6, np.arange(200) * 0.1e-6)
     hills = 20e-9 * np.sin(2.0 * np.pi * x / 10e-6) * np.sin(2.0 * np.pi * y / 10e-6)
     with pytest.raises(MetrologyError, match="heights must change by 50% of a depth at its edges"):
-        masked_step(HeightMap(hills, 0.1e-6, 0.1e-6), 1e-6, hills < 0.0)
+        measure_masked_step(HeightMap(hills, 0.1e-6, 0.1e-6), 1e-6, hills < 0.0)
 
 
 def test_an_island_of_few_points_in_a_map_of_missing_ones_has_no_faces():
@@ -211,15 +211,15 @@ def test_an_island_of_few_points_in_a_map_of_missing_ones_has_no_faces():
     cap = 300e-6 - np.hypot(np.hypot(x - 60e-6, 3.0 * (y - 60e-6)), 240e-6)
     z = np.where(np.hypot(x - 60e-6, 3.0 * (y - 60e-6)) < 50e-6, cap, np.nan)
     with pytest.raises(MetrologyError):
-        masked_step(HeightMap(z, 1e-6, 1e-6))
+        measure_masked_step(HeightMap(z, 1e-6, 1e-6))
 
 
 def test_a_masked_step_takes_missing_points_anywhere_and_needs_room_beside_the_edges():
-    whole, part = masked_step(grating()), masked_step(grating(missing=True))
+    whole, part = measure_masked_step(grating()), measure_masked_step(grating(missing=True))
     assert part.depth.value == pytest.approx(whole.depth.value, abs=2.0 * whole.depth.std)
     with pytest.raises(MetrologyError, match="at least 3 rows with floor and reference beyond"):
-        masked_step(grating(), exclusion=3e-6)
-    wide, narrow = (masked_step(grating(), exclusion) for exclusion in (0.3e-6, 1.0e-6))
+        measure_masked_step(grating(), exclusion=3e-6)
+    wide, narrow = (measure_masked_step(grating(), exclusion) for exclusion in (0.3e-6, 1.0e-6))
     assert wide.depth.value == pytest.approx(narrow.depth.value, abs=4.0 * narrow.depth.std)
     assert wide.rows > narrow.rows
 

@@ -17,14 +17,14 @@ from stepblocks.inspect.budget import (
     Instrument,
     Measured,
     Outcome,
+    combine_verdicts,
     decide,
     judge,
-    verdict_of,
 )
 from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import EVALUATIONS, inspect_scan, inspect_standard
 from stepblocks.parts.set import StimulusSet
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 KNOWN = Instrument(1e-3)
@@ -69,7 +69,7 @@ def test_a_scan_is_judged_in_one_call_wherever_the_stimulus_is_declared(result, 
 def test_every_characteristic_that_a_scan_shows_belongs_to_some_shipped_part():
     from stepblocks.declare import load_declared
 
-    sets: list[StimulusSet] = [load_declared(path) for path in stimulus_files(STIMULI)]
+    sets: list[StimulusSet] = [load_declared(path) for path in find_stimulus_files(STIMULI)]
     keys = {
         one.key for stimuli in sets for part in stimuli.stimuli for one in part.characteristics()
     }
@@ -223,9 +223,9 @@ def test_what_is_written_agrees_with_the_result_and_is_named_in_order(result, tm
 
 def test_one_failure_fails_and_one_unproven_leaves_the_whole_unproven():
     good, open_, bad = (decide(value, 0.1e-6, 9e-6, 11e-6) for value in (10e-6, 10.95e-6, 12e-6))
-    assert verdict_of([good, good]) is Outcome.CONFORMS
-    assert verdict_of([good, open_]) is Outcome.NOT_PROVEN
-    assert verdict_of([open_, bad, good]) is Outcome.DOES_NOT_CONFORM
+    assert combine_verdicts([good, good]) is Outcome.CONFORMS
+    assert combine_verdicts([good, open_]) is Outcome.NOT_PROVEN
+    assert combine_verdicts([open_, bad, good]) is Outcome.DOES_NOT_CONFORM
 
 
 def test_what_cannot_be_negative_has_no_lower_limit_at_zero_and_a_fall_has_one():

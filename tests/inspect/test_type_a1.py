@@ -11,10 +11,10 @@ from oracles.softgauge import correlated_noise, groove_gauge, with_faults
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.budget import Component, Instrument, Measured, measured_from_profiles
+from stepblocks.inspect.budget import Component, Instrument, Measured, average_profiles
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.levelling import find_edges
-from stepblocks.inspect.map_levels import masked_step
+from stepblocks.inspect.map_levels import measure_masked_step
 from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.type_a1 import evaluate_a1
 
@@ -179,10 +179,10 @@ def test_a_map_of_holes_gives_their_depth_and_levelling_does_not_see_them():
     z += random.normal(0.0, 2e-9, z.shape) + random.normal(
         0.0, 5e-9, (160, 1)
     )  # noise, and jumps between the lines
-    result = masked_step(HeightMap(z, 0.2e-6, 0.2e-6))
+    result = measure_masked_step(HeightMap(z, 0.2e-6, 0.2e-6))
     assert result.depth.value == pytest.approx(500e-9, abs=4.0 * result.depth.std)
     assert result.depth.value == pytest.approx(500e-9, abs=0.5e-9)
-    assert masked_step(HeightMap(-z, 0.2e-6, 0.2e-6)).depth.value == pytest.approx(
+    assert measure_masked_step(HeightMap(-z, 0.2e-6, 0.2e-6)).depth.value == pytest.approx(
         -result.depth.value, abs=1e-12
     )
 
@@ -224,11 +224,9 @@ def test_a_budget_adds_in_squares_and_counts_degrees_of_freedom_by_welch_and_sat
 
 
 def test_what_is_not_stated_is_named_and_not_silently_zero():
-    one = measured_from_profiles("height", quiet([10e-6]), Instrument())
+    one = average_profiles("height", quiet([10e-6]), Instrument())
     assert set(one.unstated) == {"repeatability", "calibration"}
-    several = measured_from_profiles(
-        "height", quiet([10e-6, 10.1e-6, 9.9e-6]), Instrument(1e-3, 1e-9)
-    )
+    several = average_profiles("height", quiet([10e-6, 10.1e-6, 9.9e-6]), Instrument(1e-3, 1e-9))
     assert several.unstated == ()
     by_name = {part.name: part.std for part in several.components}
     assert by_name["calibration"] == pytest.approx(10e-9)
@@ -238,8 +236,8 @@ def test_what_is_not_stated_is_named_and_not_silently_zero():
 
 def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
     known = Instrument(1e-3, 0.0, 2e-3)
-    width = measured_from_profiles("width", quiet([50e-6]), known, axes=(0.0, 1.0))
-    radius = measured_from_profiles("radius", quiet([50e-6]), known, axes=(1.0, 2.0))
+    width = average_profiles("width", quiet([50e-6]), known, axes=(0.0, 1.0))
+    radius = average_profiles("radius", quiet([50e-6]), known, axes=(1.0, 2.0))
     parts = {one.name: one.std for one in width.components}
     assert parts["lateral calibration"] == pytest.approx(100e-9)
     assert "calibration" not in parts
@@ -248,7 +246,7 @@ def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
     )
     assert (
         "lateral calibration"
-        in measured_from_profiles("w", quiet([5e-5]), Instrument(1e-3), axes=(0, 1)).unstated
+        in average_profiles("w", quiet([5e-5]), Instrument(1e-3), axes=(0, 1)).unstated
     )
 
 
@@ -264,7 +262,7 @@ def test_budgets_over_profiles_cover_at_their_rate_however_few_profiles_and_howe
     hits = 0
     for _ in range(600):
         values = 10e-6 + random.normal(0.0, wander, count) + random.normal(0.0, 20e-9, count)
-        budget = measured_from_profiles("height", quiet(values), Instrument(0.0, 0.0))
+        budget = average_profiles("height", quiet(values), Instrument(0.0, 0.0))
         if count <= 5:
             assert budget.std == pytest.approx(np.std(values, ddof=1) / np.sqrt(count))
         assert budget.dof == pytest.approx({2: 1, 3: 2, 6: 4, 12: 4, 60: 6}[count])
@@ -286,7 +284,7 @@ def test_a_budget_over_profiles_whose_neighbours_err_together_is_not_taken_for_t
         values[0] = steps[0]
         for row in range(1, count):
             values[row] = 0.4 * values[row - 1] + np.sqrt(1.0 - 0.4**2) * steps[row]
-        budget = measured_from_profiles("height", quiet(values), Instrument(0.0, 0.0))
+        budget = average_profiles("height", quiet(values), Instrument(0.0, 0.0))
         hits += abs(budget.value) < budget.expanded(0.95)
         plain += abs(values.mean()) < 2.0 * np.std(values, ddof=1) / np.sqrt(count)
     assert least < hits / 600 < 0.97

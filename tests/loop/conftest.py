@@ -4,14 +4,16 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
-from stepblocks.loop.bench_model import candidates, covariate_ranges
+from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.run import analyse_features, write_loop
 from stepblocks.loop.search.explain import Rules
 
 
 def _running_in(columns):
     table = bench_trials(columns, 0)
-    return next(e for e in candidates(table, covariate_ranges(table)) if e.id == "running_in")
+    return next(
+        e for e in list_candidates(table, list_covariate_ranges(table)) if e.id == "running_in"
+    )
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ from oracles.feature_bench import bench_trials, design_columns, noise_free
 from stepblocks.contact.forward import PEAK_FORCE
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS
-from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
+from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
 
 _TOOL = Tool(frequency=300.0, decay_time=0.02)
 _MODEL = SessionModel(_TOOL)
@@ -19,7 +19,7 @@ def trials():
 
 
 def test_ranges_are_those_of_what_varies(trials):
-    found = {place.name: place for place in covariate_ranges(trials)}
+    found = {place.name: place for place in list_covariate_ranges(trials)}
     assert "tip_radius_um" not in found
     assert found["operator"].labels == ("A", "B")
     load = trials.covariates["load_n"]
@@ -38,14 +38,14 @@ def test_what_never_changed_can_explain_nothing(trials):
         "speed_mm_s": np.full(len(trials), 5.0),
     }
     same = type(trials)(constant, trials.channels, trials.values, trials.std, trials.block)
-    names = {place.name for place in covariate_ranges(same)}
+    names = {place.name for place in list_covariate_ranges(same)}
     assert not names & {"operator", "speed_mm_s"}
-    asked = candidates(same, covariate_ranges(same))
+    asked = list_candidates(same, list_covariate_ranges(same))
     assert not {law.covariate for law in asked} & {"operator", "speed_mm_s"}
 
 
 def test_laws_are_asked_for_by_what_they_follow(trials):
-    asked = candidates(trials, covariate_ranges(trials))
+    asked = list_candidates(trials, list_covariate_ranges(trials))
     followed = {law.covariate for law in asked if law.named}
     assert followed == {
         *(
@@ -65,7 +65,7 @@ def test_laws_are_asked_for_by_what_they_follow(trials):
 
 def test_edge_and_tip_imitate_each_other_so_a_scan_decides_which_is_asked_for(trials):
     def named(**keywords):
-        return {law.id for law in candidates(trials, (), **keywords)}
+        return {law.id for law in list_candidates(trials, (), **keywords)}
 
     assert {"edge_rounding"} == named() & {"edge_rounding", "tip_radius_error", "block_tilt"}
     assert {"tip_radius_error"} == named(scanned_radius=0.5e-6) & {

@@ -9,12 +9,12 @@ import pytest
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
 from stepblocks.errors import PipelineError
-from stepblocks.loop.bench_model import candidates, covariate_ranges
-from stepblocks.loop.calibration import read_calibration, unloaded_zeros
-from stepblocks.loop.search.adequacy import identifiability
+from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
+from stepblocks.loop.calibration import estimate_unloaded_zeros, read_calibration
+from stepblocks.loop.search.adequacy import compare_directions
 from stepblocks.loop.search.explain import Rules, Verdict, explain
-from stepblocks.loop.search.fit import fit, problem_of
-from stepblocks.loop.session_table import trials_of
+from stepblocks.loop.search.fit import build_problem, fit
+from stepblocks.loop.session_table import build_session_table
 
 
 def _session(tmp_path, text: str):
@@ -47,9 +47,9 @@ def test_a_certificate_of_the_spring_holds_its_ratio_and_says_what_a_gain_of_the
     features, scans = _planted("sensor_gain", ln_gain=0.05)
     stds = {}
     for name, told in (("free", {}), ("certified", {"spring_constant": (9810.0, 20.0)})):
-        table = trials_of(features, 9810.0, 125e-6, scans, told)
+        table = build_session_table(features, 9810.0, 125e-6, scans, told)
         law = {e.id: e for e in table.model.candidates(table.trials)}["sensor_gain"]
-        fitted = fit(problem_of(table.model, table.trials), [law])
+        fitted = fit(build_problem(table.model, table.trials), [law])
         stds[name] = fitted.std["sensor_gain.ln_gain"]
         assert fitted.values["sensor_gain.ln_gain"] == pytest.approx(0.05, abs=4.0 * stds[name])
     # the ramp shows the gain times the spring: a spring known to 0.2 % tells the gain to that,
@@ -81,7 +81,7 @@ def test_the_loads_of_an_apparatus_are_known_as_well_as_its_table_says(tmp_path,
     # the largest of the normal axis; of the pull the handle asks nothing
     assert read_calibration(session) == {"load_bias_n": (0.0, 0.003)}
     features, scans = shifted
-    table = trials_of(features, 9810.0, 125e-6, scans, read_calibration(session))
+    table = build_session_table(features, 9810.0, 125e-6, scans, read_calibration(session))
     model, trials = table.model, table.trials
     assert {p.name: p.prior_std for p in model.parameters(trials)}["load_error"] == 0.003
     held = {
@@ -128,8 +128,8 @@ def test_unloaded_samples_give_the_zeros_where_there_are_enough():
             "normal_zero_n": [0.01] + [np.nan] * 4,
         }
     )
-    assert unloaded_zeros(zeros) == {"zero_n": (0.012, pytest.approx(1e-4))}
-    assert unloaded_zeros(pd.DataFrame({"trial": ["1"]})) == {}
+    assert estimate_unloaded_zeros(zeros) == {"zero_n": (0.012, pytest.approx(1e-4))}
+    assert estimate_unloaded_zeros(pd.DataFrame({"trial": ["1"]})) == {}
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +140,9 @@ def shifted():
 def _planted(effect, **values):
     columns = design_columns(96, 12)
     empty = bench_trials(columns, 0)
-    law = next(law for law in candidates(empty, covariate_ranges(empty)) if law.id == effect)
+    law = next(
+        law for law in list_candidates(empty, list_covariate_ranges(empty)) if law.id == effect
+    )
     scans = {
         b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 12).items()
     }
@@ -149,7 +151,7 @@ def _planted(effect, **values):
 
 def _explained(shifted, known):
     features, scans = shifted
-    table = trials_of(features, 9810.0, 125e-6, scans, known)
+    table = build_session_table(features, 9810.0, 125e-6, scans, known)
     return explain(
         table.model, table.trials, table.model.candidates(table.trials), Rules(draws=150)
     )
@@ -193,8 +195,8 @@ def test_a_clock_is_what_the_constants_imitate_and_a_certificate_corrects_them()
     features, scans = _planted("clock", ln_clock=0.02)
     found = _explained((features, scans), None)
     assert found.verdict is Verdict.NONE
-    (law,) = (law for law in candidates(found.problem.trials, ()) if law.id == "clock")
-    imitated = identifiability(found.problem, found.nominal, [law])["imitated_by_constants"]
+    (law,) = (law for law in list_candidates(found.problem.trials, ()) if law.id == "clock")
+    imitated = compare_directions(found.problem, found.nominal, [law])["imitated_by_constants"]
     assert "ln_ring_frequency" in imitated["clock"]
     told = _explained((features, scans), {"ln_clock": (0.02, 1e-4)})
     for name, change in (("ln_ring_frequency", 0.02), ("ln_decay_time", -0.02)):

@@ -7,18 +7,18 @@ from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
-from stepblocks.loop.finding import read_as
+from stepblocks.loop.finding import format_value
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.search.explain import Rules, Verdict
 
 
 def test_figures_are_read_in_the_units_of_the_bench():
     shown = [
-        read_as(13.8e-6, "m"),
-        read_as(-0.018, "N"),
-        read_as(0.0042, "s"),
-        read_as(0.8, "1"),
-        read_as(0.2, "1/N^2"),
+        format_value(13.8e-6, "m"),
+        format_value(-0.018, "N"),
+        format_value(0.0042, "s"),
+        format_value(0.8, "1"),
+        format_value(0.2, "1/N^2"),
     ]
     assert shown == ["13.8 µm", "-18 mN", "4.2 ms", "0.8", "0.2 1/N^2"]
 

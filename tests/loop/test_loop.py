@@ -15,15 +15,15 @@ from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.artefacts.model_file import read_model
 from stepblocks.bench.measure import measure
-from stepblocks.contact.forward import tip_radius_um
+from stepblocks.contact.forward import parse_tip_radius_um
 from stepblocks.contact.operating_point import Tool
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
-from stepblocks.loop.bench_model import SessionModel, candidates, covariate_ranges
+from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
 from stepblocks.loop.run import write_loop
-from stepblocks.loop.search.adequacy import identifiability
+from stepblocks.loop.search.adequacy import compare_directions
 from stepblocks.loop.search.explain import Rules, Verdict, explain
-from stepblocks.loop.session_table import trials_of
+from stepblocks.loop.session_table import build_session_table
 from stepblocks.predict.table import predict_trials
 
 _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
@@ -33,7 +33,7 @@ _TOOL = Tool(frequency=300.0, decay_time=0.02)
 
 def _named(columns, name):  # type: ignore[no-untyped-def]
     table = bench_trials(columns, 0)
-    return next(e for e in candidates(table, covariate_ranges(table)) if e.id == name)
+    return next(e for e in list_candidates(table, list_covariate_ranges(table)) if e.id == name)
 
 
 def test_a_bench_without_an_effect_is_left_alone() -> None:
@@ -43,7 +43,9 @@ def test_a_bench_without_an_effect_is_left_alone() -> None:
         model = SessionModel(_TOOL)
         trials = bench_trials(columns, 40 + seed)
         verdicts.append(
-            explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES).verdict
+            explain(
+                model, trials, list_candidates(trials, list_covariate_ranges(trials)), _RULES
+            ).verdict
         )
     assert verdicts == [Verdict.NONE] * 4
 
@@ -55,7 +57,7 @@ def test_a_rounded_edge_is_found_with_and_without_scans_of_the_heights(scanned: 
         columns, 5, ((_named(columns, "edge_rounding"), {"edge_radius_m": 14e-6}),)
     )
     model = SessionModel(_TOOL, scanned=block_scans(columns, 5) if scanned else None)
-    found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
+    found = explain(model, trials, list_candidates(trials, list_covariate_ranges(trials)), _RULES)
     assert found.verdict is Verdict.EFFECT
     assert [f.effect.id for f in found.findings] == ["edge_rounding"]
     radius, std = (
@@ -94,19 +96,19 @@ def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
     columns = design_columns(120, 8)
     tilt = next(
         e
-        for e in candidates(bench_trials(columns, 0), (), with_imitated=True)
+        for e in list_candidates(bench_trials(columns, 0), (), with_imitated=True)
         if e.id == "block_tilt"
     )
     trials = bench_trials(columns, 8, ((tilt, {"tilt_rad": 0.08}),))
     model = SessionModel(_TOOL, scanned=block_scans(columns, 8))
-    found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
+    found = explain(model, trials, list_candidates(trials, list_covariate_ranges(trials)), _RULES)
     assert found.verdict is Verdict.NONE
     # origin: tan(atan mu + t) takes the place of mu in every force and energy
     expected = math.tan(math.atan(0.16) + 0.08)
     assert found.nominal.values["friction"] == pytest.approx(
         expected, abs=4.0 * found.nominal.std["friction"] + 2e-3
     )
-    named = identifiability(found.problem, found.nominal, [tilt])
+    named = compare_directions(found.problem, found.nominal, [tilt])
     assert "friction" in named["imitated_by_constants"]["block_tilt"]
 
 
@@ -203,14 +205,14 @@ def test_a_damaged_model_is_an_error_in_one_line(worn, tmp_path: Path) -> None: 
 def test_features_without_needed_columns_or_trials_are_refused() -> None:
     features = features_of(bench_trials(design_columns(45, 1), 1))
     with pytest.raises(PipelineError, match="load_n"):
-        trials_of(features.drop(columns="load_n"), 9810.0, 125e-6)
+        build_session_table(features.drop(columns="load_n"), 9810.0, 125e-6)
     with pytest.raises(PipelineError, match="at least 12"):
-        trials_of(features.head(5), 9810.0, 125e-6)
+        build_session_table(features.head(5), 9810.0, 125e-6)
 
 
 def test_the_name_of_a_tip_gives_its_radius() -> None:
-    assert tip_radius_um("tip-90", 125.0) == 90.0
-    assert tip_radius_um("blue", 125.0) == 125.0
+    assert parse_tip_radius_um("tip-90", 125.0) == 90.0
+    assert parse_tip_radius_um("blue", 125.0) == 125.0
 
 
 @pytest.mark.skipif(not (_SHARED / "bench").is_dir(), reason="the shared sessions are not at hand")
@@ -252,30 +254,35 @@ def _spoiled(kind: str) -> pd.DataFrame:
 @pytest.mark.parametrize("kind", ["one speed", "no ring", "a text column", "infinite climate"])
 def test_a_poor_session_ends_in_a_verdict_and_claims_no_law(kind: str) -> None:
     features = _spoiled(kind)
-    trials = trials_of(features, 9810.0, 125e-6).trials
+    trials = build_session_table(features, 9810.0, 125e-6).trials
     found = explain(
-        SessionModel(_TOOL), trials, candidates(trials, covariate_ranges(trials)), Rules(draws=100)
+        SessionModel(_TOOL),
+        trials,
+        list_candidates(trials, list_covariate_ranges(trials)),
+        Rules(draws=100),
     )
     assert found.verdict is Verdict.NONE
 
 
 def test_a_trial_that_is_a_copy_counts_once() -> None:
     features = features_of(bench_trials(design_columns(45, 1), 1))
-    twice = trials_of(pd.concat([features, features], ignore_index=True), 9810.0, 125e-6)
-    once = trials_of(features, 9810.0, 125e-6)
+    twice = build_session_table(pd.concat([features, features], ignore_index=True), 9810.0, 125e-6)
+    once = build_session_table(features, 9810.0, 125e-6)
     assert len(twice.trials) == len(once.trials)
     assert sum("the same forces as trial" in reason for _, reason in twice.excluded) == len(
         once.trials
     )
     with pytest.raises(PipelineError, match="at least 12"):
-        trials_of(pd.concat([features.head(1)] * 20, ignore_index=True), 9810.0, 125e-6)
+        build_session_table(pd.concat([features.head(1)] * 20, ignore_index=True), 9810.0, 125e-6)
 
 
 def test_features_that_hold_nothing_are_refused_trial_by_trial() -> None:
     features = features_of(bench_trials(design_columns(45, 1), 1))
     with pytest.raises(PipelineError, match="at least 12 good trials"):
-        trials_of(features.assign(peak_force_n=np.nan, vibration_energy_j=np.nan), 9810.0, 125e-6)
-    table = trials_of(
+        build_session_table(
+            features.assign(peak_force_n=np.nan, vibration_energy_j=np.nan), 9810.0, 125e-6
+        )
+    table = build_session_table(
         features.assign(height_um=[200.0, *features["height_um"][1:]]), 9810.0, 125e-6
     )
     assert table.excluded[0][0] == "1"
@@ -287,7 +294,7 @@ def test_a_steady_drift_of_friction_is_not_called_running_in() -> None:
     drift = _named(columns, "trend_friction_run_order")
     trials = bench_trials(columns, 8, ((drift, {"slope": 0.15}),))
     model = SessionModel(_TOOL, scanned=block_scans(columns, 8))
-    found = explain(model, trials, candidates(trials, covariate_ranges(trials)), _RULES)
+    found = explain(model, trials, list_candidates(trials, list_covariate_ranges(trials)), _RULES)
     assert [f.effect.place for f in found.findings] == [("friction", "run_order")]
     assert found.verdict is Verdict.UNEXPLAINED
 
@@ -300,7 +307,7 @@ def test_thirty_trials_at_one_load_without_scans_under_a_gauge_that_saturates_en
     bench = Bench(conversion=0.2, limit=1.0, edge_radius=edge)
     write_session(tmp_path / "session", Plan(bench=bench, trials=30, loads=(0.5,), scans=False), 1)
     features = measure(tmp_path / "session", jobs=1)
-    table = trials_of(features, bench.stiffness, bench.tip_radius)
+    table = build_session_table(features, bench.stiffness, bench.tip_radius)
     censored = np.isfinite(table.trials.floor[:, 1])
     assert censored.sum() == (features["status"] == "censored").sum() > 5
     found = explain(table.model, table.trials, table.model.candidates(table.trials), _RULES)
@@ -329,7 +336,7 @@ def test_the_shipped_figures_of_two_sessions_end_as_the_docs_defend(session, nam
     folder = Path(__file__).parents[1] / "data"
     features = pd.read_csv(folder / f"{session}.features.csv", dtype={"trial": str})
     scans = json.loads((folder / f"{session}.scans.json").read_text())
-    table = trials_of(features, 9810.0, 125e-6, scans)
+    table = build_session_table(features, 9810.0, 125e-6, scans)
     found = explain(table.model, table.trials, table.model.candidates(table.trials), Rules())
     assert found.verdict is Verdict.EFFECT
     assert [f.effect.id.split("~")[0] for f in found.findings] == named

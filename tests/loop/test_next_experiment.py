@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.declare import load_set
-from stepblocks.loop.result import block_stimulus, next_experiment
+from stepblocks.loop.result import propose_experiment, write_block_stimulus
 from stepblocks.loop.search.explain import Finding, Verdict
 from stepblocks.loop.search.fit import fit
 
@@ -17,11 +17,11 @@ def found(worn):
 
 
 def test_where_nothing_is_open_nothing_is_asked_for(found):
-    assert next_experiment(replace(found, verdict=Verdict.NONE, findings=())) is None
+    assert propose_experiment(replace(found, verdict=Verdict.NONE, findings=())) is None
 
 
 def test_a_claim_without_a_rival_is_tried_against_nothing(found):
-    asked = next_experiment(found)
+    asked = propose_experiment(found)
     assert asked["separates"] == ["running_in", "nothing"]
     # the friction of an early drag is what running-in changes most, so the first trials tell most
     earliest = float(np.min(found.problem.trials.covariates["run_order"]))
@@ -34,19 +34,19 @@ def test_a_claim_without_a_rival_is_tried_against_nothing(found):
 
 def test_rivals_are_asked_apart_from_each_other(found):
     (finding,) = found.findings
-    from stepblocks.loop.bench_model import candidates, covariate_ranges
+    from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 
     trials = found.problem.trials
     law = next(
         e
-        for e in candidates(trials, covariate_ranges(trials))
+        for e in list_candidates(trials, list_covariate_ranges(trials))
         if e.id == "trend_friction_run_order"
     )
     fitted = fit(found.problem, (law,), found.nominal.values)
     doubted = Finding(
         finding.effect, Verdict.AMBIGUOUS, finding.gate_p, finding.gain, ((law, fitted, 1.0),)
     )
-    asked = next_experiment(replace(found, findings=(doubted,), verdict=Verdict.AMBIGUOUS))
+    asked = propose_experiment(replace(found, findings=(doubted,), verdict=Verdict.AMBIGUOUS))
     assert asked["separates"] == ["running_in", "trend_friction_run_order"]
     assert {"height_um", "load_n", "speed_mm_s", "run_order"} < set(asked["trials"][0])
 
@@ -60,15 +60,15 @@ def test_a_model_cannot_be_told_from_itself(found):
         finding.gain,
         ((finding.effect, found.extended, 0.0),),
     )
-    asked = next_experiment(replace(found, findings=(same,), verdict=Verdict.AMBIGUOUS))
+    asked = propose_experiment(replace(found, findings=(same,), verdict=Verdict.AMBIGUOUS))
     assert asked["trials"] == []
     assert "no setting within reach" in asked["note"]
-    assert block_stimulus(asked) is None
+    assert write_block_stimulus(asked) is None
 
 
 def test_a_height_that_is_there_needs_no_new_block(found):
     heights = set(found.problem.trials.covariates["height_um"].tolist())
-    asked = next_experiment(found)
+    asked = propose_experiment(found)
     assert ("block" in asked) == (asked["trials"][0]["height_um"] not in heights)
 
 
@@ -80,7 +80,7 @@ def test_the_block_that_is_asked_for_is_a_stimulus(tmp_path, height):
         "block": {"name": "step-new", "height": height, "tip": "125 um", "friction": "0.170"},
     }
     path = tmp_path / "next-block.toml"
-    path.write_text(block_stimulus(asked))
+    path.write_text(write_block_stimulus(asked))
     stimuli = load_set(path)
     (block,) = stimuli.stimuli
     assert (block.id, block.height.nominal) == (
@@ -93,4 +93,4 @@ def test_the_block_that_is_asked_for_is_a_stimulus(tmp_path, height):
 
 @pytest.mark.parametrize("experiment", [None, {}, {"separates": [], "trials": []}])
 def test_no_block_is_written_where_none_is_asked_for(experiment):
-    assert block_stimulus(experiment) is None
+    assert write_block_stimulus(experiment) is None

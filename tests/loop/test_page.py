@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from stepblocks.loop.page import _averaged, _change, _followed, _positions, page_of
-from stepblocks.page_file import _figure
+from stepblocks.loop.page import (
+    _average_by_setting,
+    _compute_change,
+    _find_abscissa,
+    _place_values,
+    render_loop_page,
+)
+from stepblocks.page_file import _format_cell
 
 
 @pytest.fixture(scope="module")
@@ -13,7 +19,7 @@ def result(worn):
 
 
 def test_the_page_holds_every_claim_and_its_grounds(result):
-    page = page_of(result)
+    page = render_loop_page(result)
     for text in (
         "Verdict: <b>effect</b>",
         "Friction runs in",
@@ -33,7 +39,7 @@ def test_the_page_holds_every_claim_and_its_grounds(result):
 def test_a_title_from_a_session_cannot_break_the_page(result):
     from dataclasses import replace
 
-    page = page_of(replace(result, title="<script>alert(1)</script>"))
+    page = render_loop_page(replace(result, title="<script>alert(1)</script>"))
     assert "<script>" not in page
     assert "&lt;script&gt;" in page
 
@@ -50,15 +56,15 @@ def test_a_title_from_a_session_cannot_break_the_page(result):
     ],
 )
 def test_figures_have_three_digits_and_what_does_not_exist_is_a_dash(value, shown):
-    assert _figure(value) == shown
+    assert _format_cell(value) == shown
 
 
 def test_the_curve_is_the_change_that_the_law_makes(result):
     found = result.found
     effect = found.findings[0].effect
-    j, change, std = _change(found, effect)
+    j, change, std = _compute_change(found, effect)
     assert found.problem.trials.channels[j] in ("ln_energy", "ln_peak_force")
-    along, name = _followed(result, effect)
+    along, name = _find_abscissa(result, effect)
     assert name == "run_order"
     # friction that has run in raises no force any more: the change falls along the run, and doubt
     # with it
@@ -69,27 +75,27 @@ def test_the_curve_is_the_change_that_the_law_makes(result):
 
 
 def test_an_effect_that_follows_nothing_is_drawn_over_the_height(result):
-    from stepblocks.contact.effects.named import named_laws
+    from stepblocks.contact.effects.named import list_named_laws
 
-    laws = {law.id: law for law in named_laws()}
-    assert _followed(result, laws["edge_rounding"])[1] == "height_um"
-    assert _followed(result, laws["hardening_spring"])[1] == "peak_force_n"
+    laws = {law.id: law for law in list_named_laws()}
+    assert _find_abscissa(result, laws["edge_rounding"])[1] == "height_um"
+    assert _find_abscissa(result, laws["hardening_spring"])[1] == "peak_force_n"
 
 
 def test_few_settings_are_averaged_one_by_one_and_many_in_groups_of_equal_size():
     along = np.repeat([1.0, 2.0, 5.0], 4)
-    x, mean, spread = _averaged(along, along**2, np.ones(12))
+    x, mean, spread = _average_by_setting(along, along**2, np.ones(12))
     assert x.tolist() == [1.0, 2.0, 5.0]
     assert mean.tolist() == [1.0, 4.0, 25.0]
     assert spread.tolist() == [1.0, 1.0, 1.0]
     many = np.random.default_rng(1).permutation(100.0 * np.arange(200))
-    x, mean, _ = _averaged(many, many, np.ones(200))
+    x, mean, _ = _average_by_setting(many, many, np.ones(200))
     assert len(x) == 24
     assert np.all(np.diff(x) > 0.0)
     assert mean == pytest.approx(x)
 
 
 def test_labels_are_drawn_in_a_row_and_numbers_where_they_are():
-    x, ticks = _positions(np.array(["B", "A", "B"]))
+    x, ticks = _place_values(np.array(["B", "A", "B"]))
     assert (x.tolist(), ticks) == ([1.0, 0.0, 1.0], ["A", "B"])
-    assert _positions(np.array([3, 1])) == (pytest.approx(np.array([3.0, 1.0])), [])
+    assert _place_values(np.array([3, 1])) == (pytest.approx(np.array([3.0, 1.0])), [])

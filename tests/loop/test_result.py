@@ -8,7 +8,7 @@ import pytest
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
 from stepblocks.artefacts.model_file import WIDE
-from stepblocks.loop.result import learned_model, result_document
+from stepblocks.loop.result import build_document, build_learned_model
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.search.explain import Finding, Rules, Verdict
 
@@ -22,7 +22,7 @@ def _again(result, scans=None, **changes):
     from dataclasses import replace
 
     found = replace(result.found, **changes)
-    return result_document(
+    return build_document(
         result.table, found, (result.within, result.between), scans or {}, Rules(draws=200)
     )
 
@@ -115,9 +115,11 @@ def test_the_mean_edge_weighs_each_scan_by_its_certainty(result):
 
 def test_forces_and_scans_speak_of_the_same_edge():
     columns = design_columns(60, 5)
-    from stepblocks.loop.bench_model import candidates
+    from stepblocks.loop.bench_model import list_candidates
 
-    rounding = next(e for e in candidates(bench_trials(columns, 0), ()) if e.id == "edge_rounding")
+    rounding = next(
+        e for e in list_candidates(bench_trials(columns, 0), ()) if e.id == "edge_rounding"
+    )
     features = features_of(bench_trials(columns, 5, ((rounding, {"edge_radius_m": 14e-6}),)))
     scans = {b: {"height_m": h, "height_std_m": s} for b, (h, s) in block_scans(columns, 5).items()}
     shown = analyse_features(
@@ -128,7 +130,7 @@ def test_forces_and_scans_speak_of_the_same_edge():
 
 
 def test_what_is_learnt_is_what_was_fitted(result):
-    learned = learned_model(result.table, result.found, ())
+    learned = build_learned_model(result.table, result.found, ())
     assert dict(learned.extended.values) == result.found.extended.values
     assert [law.id for law in learned.extended.laws] == ["running_in"]
     assert learned.quantity_std.shape == (3,)

@@ -9,7 +9,7 @@ import pytest
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.state import CHANNELS
 from stepblocks.errors import PipelineError
-from stepblocks.loop.session_table import scan_blocks, trials_of
+from stepblocks.loop.session_table import build_session_table, scan_blocks
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def features():
 
 
 def _table(features, **keywords):
-    return trials_of(features, 9810.0, 125e-6, **keywords)
+    return build_session_table(features, 9810.0, 125e-6, **keywords)
 
 
 def test_every_figure_becomes_its_channel(features):

@@ -5,15 +5,15 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
-from stepblocks.artefacts.model_file import model_document, read_model
+from stepblocks.artefacts.model_file import build_model_document, read_model
 from stepblocks.errors import PipelineError
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.search.explain import Rules
-from stepblocks.loop.several import hierarchy, loop_sessions, shared_parameter
+from stepblocks.loop.several import fit_hierarchy, loop_sessions, pool_parameter
 
 
 def test_sessions_that_agree_are_averaged_by_their_errors():
-    pooled = shared_parameter(
+    pooled = pool_parameter(
         "friction", "1", {"a": (0.150, 0.002), "b": (0.152, 0.001), "c": (0.1515, 0.001)}
     )
     weights = np.array([1 / 0.002**2, 1 / 0.001**2, 1 / 0.001**2])
@@ -23,7 +23,7 @@ def test_sessions_that_agree_are_averaged_by_their_errors():
 
 
 def test_days_that_differ_are_drawn_to_the_mean_by_no_more_than_their_error():
-    pooled = shared_parameter(
+    pooled = pool_parameter(
         "friction", "1", {"a": (0.10, 0.001), "b": (0.15, 0.001), "c": (0.20, 0.001)}
     )
     # origin: equal errors: the variance among sessions is that of the values less that of one
@@ -37,7 +37,7 @@ def test_the_next_session_lies_in_its_interval_as_often_as_stated():
     inside = 0
     for _ in range(400):
         truth = random.normal(0.15, 0.01, 5)
-        pooled = shared_parameter(
+        pooled = pool_parameter(
             "friction",
             "1",
             {str(i): (v + random.normal(0, 3e-3), 3e-3) for i, v in enumerate(truth[:4])},
@@ -49,12 +49,12 @@ def test_the_next_session_lies_in_its_interval_as_often_as_stated():
 
 def test_the_height_of_a_block_is_one_number_and_what_one_session_alone_has_predicts_nothing():
     assert (
-        shared_parameter("height_error[step-010]", "m", {"a": (0.0, 1e-7), "b": (1e-6, 1e-7)})[
+        pool_parameter("height_error[step-010]", "m", {"a": (0.0, 1e-7), "b": (1e-6, 1e-7)})[
             "among_sessions_std"
         ]
         == 0.0
     )
-    alone = shared_parameter("tip_wear.growth_m_per_trial", "m", {"a": (1e-7, 1e-9)})
+    alone = pool_parameter("tip_wear.growth_m_per_trial", "m", {"a": (1e-7, 1e-9)})
     assert alone["next"] == {"low": None, "high": None}
 
 
@@ -72,11 +72,11 @@ def test_a_model_of_several_sessions_is_read_back_and_holds_their_mean(tmp_path)
         results[f"day-{day}"] = analyse_features(
             features_of(trials), 9810.0, 125e-6, scans, rules=Rules(draws=60, fits=2)
         )
-    shared, model = hierarchy(results)
+    shared, model = fit_hierarchy(results)
     assert shared["friction"]["mean"] == pytest.approx(0.16, abs=2e-3)
     assert shared["friction"]["among_sessions_std"] == pytest.approx(0.02, abs=4e-3)
     assert shared["stiffness_ratio"]["among_sessions_std"] < 2e-3
-    (tmp_path / "model.json").write_text(json.dumps(model_document(model)))
+    (tmp_path / "model.json").write_text(json.dumps(build_model_document(model)))
     assert (
         read_model(tmp_path / "model.json").extended.values["friction"]
         == shared["friction"]["mean"]

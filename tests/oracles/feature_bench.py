@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.forward import height_name
+from stepblocks.contact.forward import format_height_name
 from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.state import CHANNELS, observe
+from stepblocks.contact.state import CHANNELS, compute_channels
 from stepblocks.law import Active
 from stepblocks.loop.bench_model import SessionModel
 from stepblocks.loop.search.forward_model import Trials
@@ -69,7 +69,7 @@ def design_columns(trials: int, seed: int) -> dict[str, NDArray[Any]]:
     Returns
     -------
     dict
-        Columns as in trials.csv, with ``block`` and ``tip_radius_um``.
+        Columns as in trials.csv, with ``block`` and ``parse_tip_radius_um``.
     """
     generator = np.random.default_rng(seed)
     cells = [
@@ -162,7 +162,7 @@ def bench_trials(
         sensed_offset=state.sensed_offset + (stray - 1.0) * state.set_load,
         conversion=state.conversion * np.exp(generator.normal(0.0, scatter.energy, n)),
     )
-    exact = observe(state)
+    exact = compute_channels(state)
     amplitude = np.sqrt(2.0 * 9810.0 * np.exp(exact[:, 0]))
     force = np.exp(exact[:, 1])
     load = columns["load_n"]
@@ -212,5 +212,5 @@ def _bench(
         "ln_ring_frequency": float(np.log(300.0)),
         "ln_decay_time": float(np.log(0.02)),
     } | dict(truth or {})
-    values |= {height_name(b): e for b, e in block_errors(columns, seed, height_std).items()}
+    values |= {format_height_name(b): e for b, e in block_errors(columns, seed, height_std).items()}
     return empty, SessionModel(Tool(frequency=300.0, decay_time=0.02)), values

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from stepblocks.artefacts.model_file import LearnedFit, LearnedModel
-from stepblocks.contact.effects.named import named_laws
+from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.contact.operating_point import Tool
 
@@ -35,7 +35,7 @@ def taught_model(
     """Constants as above, blocks of their nominal height; `effects` maps a law's name to values of
     its parameters.
     """
-    laws = tuple(law for law in named_laws(blocks) if law.id in (effects or {}))
+    laws = tuple(law for law in list_named_laws(blocks) if law.id in (effects or {}))
     heights = {f"height_error[{block}]": 0.0 for block in blocks}
     nominal = CONSTANTS | heights
     extended = nominal | {

@@ -5,11 +5,11 @@ from pathlib import Path
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import build_solids
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 
 ROOT = Path(__file__).parents[2]
 STIMULI = {
-    one.id: one for path in stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli
+    one.id: one for path in find_stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli
 }
 
 

@@ -8,10 +8,17 @@ import pytest
 
 from stepblocks.cad import kernel
 from stepblocks.declare import load_set
-from stepblocks.parts.body import Body, Mounting, body_cuts, half_points, half_volume, strip_volume
+from stepblocks.parts.body import (
+    Body,
+    Mounting,
+    compute_half_volume,
+    compute_strip_volume,
+    list_half_corners,
+    make_body_cuts,
+)
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.lettering import letters, text_width
-from stepblocks.parts.shapes import hull
+from stepblocks.parts.lettering import compute_text_width, outline_text
+from stepblocks.parts.shapes import make_hull
 
 BLOCK = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml").stimuli[4]
 BODY = BLOCK.body
@@ -47,11 +54,11 @@ def test_holes_are_those_of_the_standards(kind, thread, hole_mm, entry_mm):
 def test_a_half_is_a_box_with_broken_edges(chamfer):
     body = BODY.model_copy(update={"edge_break": replace(BODY.edge_break, nominal=chamfer)})
     half = 0.5 * body.length.nominal
-    pieces = hull(half_points(body, 1.0, 0.0, [(0.0, 0.0)]))
+    pieces = make_hull(list_half_corners(body, 1.0, 0.0, [(0.0, 0.0)]))
     # the hull of its corners, by a library that knows no closed form
-    assert pieces.volume() * 1e-9 == pytest.approx(half_volume(body, half, 0.0), rel=1e-9)
+    assert pieces.volume() * 1e-9 == pytest.approx(compute_half_volume(body, half, 0.0), rel=1e-9)
     if chamfer == 0.0:
-        assert half_volume(body, half, 0.0) == pytest.approx(
+        assert compute_half_volume(body, half, 0.0) == pytest.approx(
             half * body.width.nominal * body.thickness.nominal, rel=1e-14
         )
 
@@ -71,8 +78,8 @@ def test_holes_and_letters_take_away_what_the_kernel_cuts(kind):
             (-0.5 * length, 0.5 * width),
         )
     ]
-    whole = kernel.extruded(corners, (0.0, 0.0, thickness))
-    left = kernel.volume(kernel.cut(whole, body_cuts(body, "ab-1", 0.0)))
+    whole = kernel.extrude(corners, (0.0, 0.0, thickness))
+    left = kernel.compute_volume(kernel.cut(whole, make_body_cuts(body, "ab-1", 0.0)))
     level = replace(BLOCK.height, nominal=0.0)
     block = BLOCK.model_copy(update={"body": body, "id": "ab-1", "height": level})
     assert left == pytest.approx(length * width * thickness - block.filled, rel=1e-12)
@@ -81,14 +88,18 @@ def test_holes_and_letters_take_away_what_the_kernel_cuts(kind):
 def test_a_strip_of_full_width_is_a_prism():
     body = BODY.model_copy(update={"edge_break": replace(BODY.edge_break, nominal=0.0)})
     triangle = [(0.0, 0.0), (2e-3, 0.0), (0.0, 1e-3)]
-    assert strip_volume(body, 1e-3, triangle) == pytest.approx(1e-6 * body.width.nominal, rel=1e-12)
+    assert compute_strip_volume(body, 1e-3, triangle) == pytest.approx(
+        1e-6 * body.width.nominal, rel=1e-12
+    )
 
 
 def test_a_strip_under_the_chamfers_is_narrower_by_them():
     c, width = BODY.edge_break.nominal, BODY.width.nominal
     square = [(0.0, -c), (1e-3, -c), (1e-3, 0.0), (0.0, 0.0)]
     # between z = -c and 0 the width falls linearly from W to W - 2c
-    assert strip_volume(BODY, 0.0, square) == pytest.approx(1e-3 * c * (width - c), rel=1e-12)
+    assert compute_strip_volume(BODY, 0.0, square) == pytest.approx(
+        1e-3 * c * (width - c), rel=1e-12
+    )
 
 
 def test_the_section_has_no_corner_twice():
@@ -97,7 +108,7 @@ def test_the_section_has_no_corner_twice():
         solid = BLOCK.model_copy(update={"body": body}).extruded([(0.0, BLOCK.rise), (0.0, 0.0)])
         # front, back and one for each corner: two of the edge, then four of the body or eight where
         # it is chamfered
-        assert len(kernel.face_kinds(solid)) == 2 + 2 + (4 if chamfer == 0.0 else 8)
+        assert len(kernel.describe_faces(solid)) == 2 + 2 + (4 if chamfer == 0.0 else 8)
 
 
 @pytest.mark.parametrize(
@@ -146,17 +157,19 @@ def test_an_identity_that_does_not_fit_the_front_says_how_high_letters_may_be():
 
 
 def test_letters_scale_with_their_height_and_lie_about_the_origin():
-    small, large = letters("STEP-010", 1e-3), letters("STEP-010", 2e-3)
+    small, large = outline_text("STEP-010", 1e-3), outline_text("STEP-010", 2e-3)
     assert len(small) == len(large) == 8
     for (one, *_), (other, *_) in zip(small, large, strict=True):
         assert np.allclose(2.0 * one, other, rtol=1e-12)
     points = np.concatenate([outer for outer, *_ in small])
     assert points[:, 1].min() == pytest.approx(-0.5e-3, abs=0.03e-3)
     assert points[:, 1].max() == pytest.approx(0.5e-3, abs=0.03e-3)
-    assert abs(points[:, 0].min() + points[:, 0].max()) < 0.1 * text_width("STEP-010", 1e-3)
+    assert abs(points[:, 0].min() + points[:, 0].max()) < 0.1 * compute_text_width("STEP-010", 1e-3)
 
 
 def test_a_line_is_as_long_as_its_letters():
-    assert text_width("AB", 1e-3) == pytest.approx(text_width("A", 1e-3) + text_width("B", 1e-3))
-    assert text_width("A B", 1e-3) > text_width("AB", 1e-3)
-    assert letters(" ", 1e-3) == []
+    assert compute_text_width("AB", 1e-3) == pytest.approx(
+        compute_text_width("A", 1e-3) + compute_text_width("B", 1e-3)
+    )
+    assert compute_text_width("A B", 1e-3) > compute_text_width("AB", 1e-3)
+    assert outline_text(" ", 1e-3) == []

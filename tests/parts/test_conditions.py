@@ -9,7 +9,7 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_declared, load_set
 from stepblocks.errors import StimulusError
 from stepblocks.parts.conditions import PredictionGrid, ToolSpec
-from stepblocks.parts.set import StimulusSet, with_energy_tolerances
+from stepblocks.parts.set import StimulusSet, resolve_energy_tolerances
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 SHEATHS, TEN = load_set(STIMULI / "sheaths.toml"), load_set(STIMULI / "paper-ten.toml")
@@ -107,7 +107,7 @@ def test_a_path_may_be_text():
         == TEN
     )
     assert isinstance(TEN, StimulusSet)
-    assert with_energy_tolerances(TEN) is TEN
+    assert resolve_energy_tolerances(TEN) is TEN
 
 
 def without(text, *lines):

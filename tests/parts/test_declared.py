@@ -11,8 +11,8 @@ from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
 from stepblocks.declare import load_declared, load_set
 from stepblocks.errors import MachiningError
-from stepblocks.parts.set import with_energy_tolerances
-from stepblocks.predict.predictions import predictions_of
+from stepblocks.parts.set import resolve_energy_tolerances
+from stepblocks.predict.predictions import predict_by_formula
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 HEIGHT = (
@@ -162,7 +162,9 @@ def test_nothing_is_made_before_the_tolerance_is_known(tmp_path):
     assert str(declared.step_block[0].height) == "25 um, tolerance by energy"
     with pytest.raises(MachiningError, match="must have its tolerance worked out"):
         list(declared.step_block[0].characteristics())
-    assert list(predictions_of(declared)) == list(predictions_of(with_energy_tolerances(declared)))
+    assert list(predict_by_formula(declared)) == list(
+        predict_by_formula(resolve_energy_tolerances(declared))
+    )
 
 
 def test_the_specification_and_the_workshop_see_the_tolerances_found(tmp_path):
@@ -181,4 +183,4 @@ def test_the_specification_and_the_workshop_see_the_tolerances_found(tmp_path):
 
 def test_a_set_without_such_a_request_stays_the_same_object():
     stimuli = load_set(STIMULI / "paper-ten.toml")
-    assert with_energy_tolerances(stimuli) is stimuli
+    assert resolve_energy_tolerances(stimuli) is stimuli

@@ -11,21 +11,21 @@ from stepblocks.parts.declared import (
     Sourced,
     Table,
     Zone,
-    face_demands,
-    material_named,
-    sourced,
+    complete_face_demands,
+    find_material,
+    read_sourced,
 )
 from stepblocks.parts.tolerance import (
     Angle,
     Dimension,
-    FeltLength,
     Length,
+    LengthByEnergy,
     PositiveLength,
     SignedLength,
-    general_deviation,
+    find_general_deviation,
 )
 
-DENSITY, TIME = (Annotated[Sourced, sourced(quantity)] for quantity in ("density", "time"))
+DENSITY, TIME = (Annotated[Sourced, read_sourced(quantity)] for quantity in ("density", "time"))
 
 
 def read(kind, raw):
@@ -49,12 +49,12 @@ def read(kind, raw):
     ],
 )
 def test_general_tolerances_are_those_of_the_standard(nominal_mm, deviation_mm):
-    assert general_deviation(nominal_mm * 1e-3) == pytest.approx(deviation_mm * 1e-3)
+    assert find_general_deviation(nominal_mm * 1e-3) == pytest.approx(deviation_mm * 1e-3)
 
 
 def test_the_standard_says_nothing_of_what_is_smaller_or_larger():
-    assert general_deviation(0.49e-3) is None
-    assert general_deviation(0.401) is None
+    assert find_general_deviation(0.49e-3) is None
+    assert find_general_deviation(0.401) is None
     with pytest.raises(ValidationError, match=r"ISO 2768-m\) do not cover 25 um"):
         read(PositiveLength, "25 um")
 
@@ -132,7 +132,7 @@ def test_an_angle_has_the_general_tolerance_of_a_short_side():
 
 
 def test_a_tolerance_by_energy_waits_until_it_is_worked_out():
-    one = read(FeltLength, {"nominal": "0 um", "tolerance": "by energy"})
+    one = read(LengthByEnergy, {"nominal": "0 um", "tolerance": "by energy"})
     assert one.unresolved
     assert str(one) == "0 um, tolerance by energy"
     assert not Dimension(0.0, 1e-6, 0.0, by_energy=True).unresolved
@@ -192,7 +192,7 @@ def test_a_table_leaves_out_what_is_not_given():
 def test_every_material_says_where_its_density_comes_from():
     # a steel floats on mercury (13 534 kg/m^3) and sinks in water; so does everything here
     for name, one in MATERIALS.items():
-        assert material_named(name) is material_named(one) is one
+        assert find_material(name) is find_material(one) is one
         assert 1000.0 < one.density.value < 13534.0
         assert one.density.source
         assert one.record()["density_kg_m3"] == one.density.value
@@ -200,13 +200,13 @@ def test_every_material_says_where_its_density_comes_from():
         ValueError,
         match="must be one of steel, stainless, aluminium, brass, pmma, zirconia, got 'mithril'",
     ):
-        material_named("mithril")
+        find_material("mithril")
 
 
 def test_stated_demands_replace_only_themselves():
     from stepblocks.parts.declared import WorkingFaces
 
     stated = WorkingFaces.model_validate({"flatness": "0.3 um"})
-    demands = face_demands(stated, 2e-6)
+    demands = complete_face_demands(stated, 2e-6)
     assert [zone.upper for zone in demands.values()] == pytest.approx([0.3e-6, 1e-6, 0.1e-6])
     assert [name for name, zone in demands.items() if zone.usual] == ["parallelism", "roughness"]

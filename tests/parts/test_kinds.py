@@ -16,14 +16,14 @@ from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
 from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import EdgeRule, find_face
-from stepblocks.parts.kind import NANOMETRE, exaggeration
+from stepblocks.parts.kind import NANOMETRE, choose_exaggeration
 from stepblocks.parts.set import SHIPPED
-from stepblocks.parts.shapes import build_solids, convex_pieces, mesh_solid
-from stepblocks.select import stimulus_files
+from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
+from stepblocks.select import find_stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
 SCANS = scanned_set(Path(tempfile.mkdtemp()), stations=2, more='vertical_discrepancy = "100 um"')
-SETS = [load_set(path) for path in (*stimulus_files(ROOT / "stimuli"), SCANS)]
+SETS = [load_set(path) for path in (*find_stimulus_files(ROOT / "stimuli"), SCANS)]
 PARTS = [
     pytest.param(part, id=f"{stimuli.name}/{part.id}")
     for stimuli in SETS
@@ -49,7 +49,7 @@ def test_every_shipped_kind_is_declared_somewhere():
     assert {type(one.values[0]) for one in PARTS} == set(SHIPPED)
     assert (
         len({kind.stanza for kind in SHIPPED})
-        == len({kind.called for kind in SHIPPED})
+        == len({kind.kind_name for kind in SHIPPED})
         == len(SHIPPED)
     )
 
@@ -59,7 +59,7 @@ def test_its_record_is_plain_and_names_every_field_that_is_given(part):
     told = json.loads(json.dumps(part.record(), allow_nan=False))
     given = {name for name in type(part).model_fields if getattr(part, name) is not None}
     assert set(told) == given | {"kind"}
-    assert told["kind"] == part.called
+    assert told["kind"] == part.kind_name
     assert {name.split(".")[0] for name, _ in part.dimensions()} <= given
 
 
@@ -133,7 +133,7 @@ def test_its_mesh_is_closed_of_its_volume_and_measures_what_was_declared(part):
 
 @pytest.mark.parametrize("part", SOME)
 def test_its_convex_pieces_fill_it(part):
-    pieces = [MeshMeasures(piece.vertices, piece.triangles) for piece in convex_pieces(part)]
+    pieces = [MeshMeasures(piece.vertices, piece.triangles) for piece in build_convex_pieces(part)]
     assert max(piece.concavity() for piece in pieces) <= NANOMETRE
     assert all(piece.volume > 0.0 for piece in pieces)
     # a polygon of 96 sides holds sin(t) / t of its circle, t = 2 pi / 96
@@ -145,7 +145,7 @@ def test_its_convex_pieces_fill_it(part):
 
 @pytest.mark.parametrize("part", SOME)
 def test_every_characteristic_finds_its_faces(part):
-    faces = [kernel.face_kinds(body) for body in part.solids()]
+    faces = [kernel.describe_faces(body) for body in part.solids()]
     listed = list(part.characteristics())
     assert len({one.key for one in listed}) == len(listed)
     for one in listed:
@@ -159,7 +159,7 @@ def test_every_characteristic_finds_its_faces(part):
 
 @pytest.mark.parametrize("part", PARTS)
 def test_its_faces_are_asked_for_what_its_band_allows(part):
-    demands, governing = part.face_demands, getattr(part, part.governed_by)
+    demands, governing = part.face_demands, getattr(part, part.governing_field)
     band = governing.upper - governing.lower
     flatness, parallelism, roughness = (
         demands[name] for name in ("flatness", "parallelism", "roughness")
@@ -181,7 +181,7 @@ def test_its_picture_shows_what_is_felt(part):
 
 def test_a_step_is_drawn_about_a_millimetre_and_a_half_high_by_a_round_factor():
     # 1.5 mm over the height, rounded to one digit, and never smaller than it is
-    assert [exaggeration(height) for height in (10e-6, 25e-6, 100e-6, 1e-3, 5e-3)] == [
+    assert [choose_exaggeration(height) for height in (10e-6, 25e-6, 100e-6, 1e-3, 5e-3)] == [
         200.0,
         60.0,
         20.0,
@@ -193,7 +193,7 @@ def test_a_step_is_drawn_about_a_millimetre_and_a_half_high_by_a_round_factor():
 @pytest.mark.parametrize("kind", ["step_block", "margin_block"])
 def test_a_finer_tolerance_asks_for_finer_faces(kind):
     part = next(one.values[0] for one in BLOCKS if one.values[0].stanza == kind)
-    field = part.governed_by
+    field = part.governing_field
     from dataclasses import replace
 
     fine = part.model_copy(

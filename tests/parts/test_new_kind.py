@@ -15,13 +15,13 @@ from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Profile
 from stepblocks.declare import load_set
 from stepblocks.errors import StimulusError
-from stepblocks.parts.characteristics import FaceRule, plane, toleranced
+from stepblocks.parts.characteristics import FaceRule, describe_plane, make_characteristic
 from stepblocks.parts.declared import MaterialField
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, Finding
-from stepblocks.parts.revolution import Turned, stack
-from stepblocks.parts.set import kinds, registered
+from stepblocks.parts.revolution import Turned, make_frusta
+from stepblocks.parts.set import list_kinds, register_kind
 from stepblocks.parts.tolerance import PositiveLength
-from stepblocks.predict.predictions import predictions_of
+from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.simulators.export import export
 from stepblocks.workshop.run import order_parts
 
@@ -30,10 +30,10 @@ class CollaredPin(Turned):
     """A pin with a collar whose flanks rise at 45 degrees, from z = 0."""
 
     stanza: ClassVar[str] = "collared_pin"
-    called: ClassVar[str] = "collared pin"
-    titled: ClassVar[str] = "Collared pin"
+    kind_name: ClassVar[str] = "collared pin"
+    drawing_title: ClassVar[str] = "Collared pin"
     felt_by: ClassVar[dict[str, str]] = {"height": "collar_height"}
-    governed_by: ClassVar[str] = "collar_height"
+    governing_field: ClassVar[str] = "collar_height"
 
     collar_height: PositiveLength
     diameter: PositiveLength
@@ -44,7 +44,7 @@ class CollaredPin(Turned):
     def turn_radius(self):
         return 0.5 * self.diameter.nominal
 
-    def sized(self, **sizes):
+    def make_counterface(self, **sizes):
         high = max(sizes["height"], 1e-9)
         x = np.array([-1e-3, 0.0, high, 2.0 * high, 3.0 * high, 1e-3])
         return Profile(x, np.array([0.0, 0.0, high, high, 0.0, 0.0]))
@@ -65,17 +65,21 @@ class CollaredPin(Turned):
         ]
 
     def hulls(self):
-        return stack(*self.outlines())
+        return make_frusta(*self.outlines())
 
     def chordal_error(self, face):
         return CONTACT_DEFLECTION if face.kind == "CONE" else FITTING_DEFLECTION
 
     def characteristics(self):
         R, H, end = self.turn_radius, self.collar_height.nominal, 0.5 * self.length.nominal
-        yield toleranced("diameter", "diameter", self.diameter, FaceRule("CYLINDER", radius=R))
-        yield toleranced("length", "distance", self.length, plane(2, -end), plane(2, end))
+        yield make_characteristic(
+            "diameter", "diameter", self.diameter, FaceRule("CYLINDER", radius=R)
+        )
+        yield make_characteristic(
+            "length", "distance", self.length, describe_plane(2, -end), describe_plane(2, end)
+        )
         crest, size = FaceRule("CYLINDER", radius=R + H), replace(self.collar_height, nominal=R + H)
-        yield toleranced("collar_diameter", "diameter", size, crest).doubled
+        yield make_characteristic("collar_diameter", "diameter", size, crest).doubled
 
     def measured(self, body, mesh):
         yield Finding(
@@ -109,7 +113,7 @@ def pins(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kind")
     path = folder / "pins.toml"
     path.write_text(TEXT)
-    with registered(CollaredPin):
+    with register_kind(CollaredPin):
         report = build_sets([path], folder / "out", jobs=1)
         yield path, folder, report
 
@@ -147,7 +151,7 @@ def test_its_solid_has_the_volume_of_frusta(pins):
     frustum = math.pi * H * (R * R + R * (R + H) + (R + H) ** 2) / 3.0
     whole = math.pi * (R * R * (length - 3.0 * H) + (R + H) ** 2 * H) + 2.0 * frustum
     assert pin.volumes()[0] == pytest.approx(whole, rel=1e-12)
-    assert kernel.volume(pin.solids()[0]) == pytest.approx(whole, rel=1e-12)
+    assert kernel.compute_volume(pin.solids()[0]) == pytest.approx(whole, rel=1e-12)
 
 
 def test_its_step_file_carries_its_characteristics(pins):
@@ -165,7 +169,7 @@ def test_its_step_file_carries_its_characteristics(pins):
 def test_it_is_felt_as_steep_as_its_flanks(pins):
     # a ball on a straight flank that is longer than R tan(22.5 deg) climbs at the flank's own 45
     # degrees, both ways alike
-    rows = list(predictions_of(load_set(pins[0])))
+    rows = list(predict_by_formula(load_set(pins[0])))
     assert [row.drag for row in rows] == ["forward", "backward"]
     for row in rows:
         assert row.release.angle == pytest.approx(math.radians(45.0), rel=1e-9)
@@ -203,9 +207,9 @@ def test_it_is_unknown_once_its_registration_ends(tmp_path):
         (CollaredPin,),
         {"stanza": "other_pin", "__module__": __name__, "__annotations__": {}},
     )
-    with registered(other):
+    with register_kind(other):
         assert type(load_set(path).stimuli[0]) is other
-    assert "other_pin" not in kinds()
+    assert "other_pin" not in list_kinds()
     with pytest.raises(StimulusError, match="other_pin is not a known field"):
         load_set(path)
 
@@ -213,5 +217,5 @@ def test_it_is_unknown_once_its_registration_ends(tmp_path):
 def test_a_name_that_is_taken_cannot_be_registered():
     for name in ("step_block", "prediction", "schema", "two words"):
         taken = type("Taken", (CollaredPin,), {"stanza": name, "__annotations__": {}})
-        with pytest.raises(StimulusError, match="stanza must be a new name"), registered(taken):
+        with pytest.raises(StimulusError, match="stanza must be a new name"), register_kind(taken):
             pass

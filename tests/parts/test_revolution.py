@@ -8,14 +8,14 @@ import pytest
 
 from stepblocks.cad import kernel
 from stepblocks.parts.revolution import (
-    outline_points,
-    revolution_volume,
-    ring,
-    sectors,
-    stack,
-    turned_hull,
+    compute_revolution_volume,
+    list_outline_points,
+    list_ring_points,
+    make_frusta,
+    make_sectors,
+    make_turned_hull,
 )
-from stepblocks.parts.shapes import hull, split
+from stepblocks.parts.shapes import make_hull, split_solid
 
 S = math.sqrt(0.5)
 
@@ -39,24 +39,26 @@ def volume(piece):
     ],
 )
 def test_the_contour_integral_gives_the_volume_of_the_textbook_and_of_the_kernel(outline, expected):
-    assert revolution_volume(outline) == pytest.approx(expected, rel=1e-12)
+    assert compute_revolution_volume(outline) == pytest.approx(expected, rel=1e-12)
     points = [2.0 * np.array(item) for item in outline]
     larger = [tuple(map(tuple, item)) if item.ndim == 2 else tuple(item) for item in points]
-    assert revolution_volume(larger) == pytest.approx(8.0 * expected, rel=1e-12)
+    assert compute_revolution_volume(larger) == pytest.approx(8.0 * expected, rel=1e-12)
     if outline[0][0] == 0.0:
-        assert kernel.volume(kernel.turned(outline, (0.3, -0.2, 0.1))) == pytest.approx(
+        assert kernel.compute_volume(kernel.turn(outline, (0.3, -0.2, 0.1))) == pytest.approx(
             expected, rel=1e-9
         )
 
 
 def test_an_outline_may_run_either_way_round():
     outline = [(1.0, 0.0), (3.0, 0.0), (2.0, 5.0)]
-    assert revolution_volume(outline[::-1]) == pytest.approx(revolution_volume(outline), rel=1e-14)
+    assert compute_revolution_volume(outline[::-1]) == pytest.approx(
+        compute_revolution_volume(outline), rel=1e-14
+    )
 
 
 @pytest.mark.parametrize("chord", [1e-6, 1e-4, 3e-2])
 def test_chords_stay_within_their_error_and_on_the_arc(chord):
-    points = outline_points([(1.0, 0.0), ((S, S), (0.0, 1.0))], chord)
+    points = list_outline_points([(1.0, 0.0), ((S, S), (0.0, 1.0))], chord)
     assert points[-1] == (0.0, 1.0)
     assert np.allclose(np.hypot(*np.transpose(points)), 1.0, atol=1e-14)
     middles = [(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])) for a, b in itertools.pairwise(points)]
@@ -66,7 +68,7 @@ def test_chords_stay_within_their_error_and_on_the_arc(chord):
 
 def test_an_arc_bulges_to_the_side_of_its_middle():
     left, right = (
-        outline_points([(0.0, 0.0), ((side, 1.0), (0.0, 2.0))], 1e-3) for side in (-1.0, 1.0)
+        list_outline_points([(0.0, 0.0), ((side, 1.0), (0.0, 2.0))], 1e-3) for side in (-1.0, 1.0)
     )
     assert min(x for x, _ in left) == pytest.approx(-1.0, abs=1e-3)
     assert max(x for x, _ in right) == pytest.approx(1.0, abs=1e-3)
@@ -75,39 +77,39 @@ def test_an_arc_bulges_to_the_side_of_its_middle():
 def test_frusta_of_a_stack_fill_the_polygon_of_the_solid():
     outline = [(0.0, 0.0), (3e-3, 0.0), (3e-3, 2e-3), (2e-3, 5e-3), (0.0, 5e-3)]
     t = math.tau / 96.0
-    pieces = stack(outline)
+    pieces = make_frusta(outline)
     assert len(pieces) == 2
     assert sum(map(volume, pieces)) == pytest.approx(
-        revolution_volume(outline) * math.sin(t) / t, rel=1e-12
+        compute_revolution_volume(outline) * math.sin(t) / t, rel=1e-12
     )
 
 
 def test_sectors_of_a_ring_fill_it_without_a_gap():
     cell = [(2e-3, 0.0), (3e-3, 0.0), (3e-3, 1e-3), (2e-3, 1e-3)]
-    pieces = sectors(cell)
+    pieces = make_sectors(cell)
     t = math.tau / len(pieces)
     assert len(pieces) == 96
     assert sum(map(volume, pieces)) == pytest.approx(math.pi * 5e-9 * math.sin(t) / t, rel=1e-12)
 
 
 def test_a_point_on_the_axis_is_one_point():
-    assert ring(0.0, 1.0) == [(0.0, 0.0, 1.0)]
-    assert len(ring(1.0, 0.0)) == 96
+    assert list_ring_points(0.0, 1.0) == [(0.0, 0.0, 1.0)]
+    assert len(list_ring_points(1.0, 0.0)) == 96
 
 
 def test_a_ball_and_its_hull_differ_by_chords_alone():
     # head of a tip: the polygon of 96 sides and chords of 0.1 um on a ball of 200 um
     outline = [(0.0, 0.0), ((200e-6, 200e-6), (0.0, 400e-6))]
     t = math.tau / 96.0
-    assert volume(turned_hull(outline)) == pytest.approx(
-        revolution_volume(outline) * math.sin(t) / t, rel=2e-3
+    assert volume(make_turned_hull(outline)) == pytest.approx(
+        compute_revolution_volume(outline) * math.sin(t) / t, rel=2e-3
     )
 
 
 @pytest.mark.parametrize(("axis", "share"), [("x", 0.25), ("y", 0.5), ("z", 0.7)])
 def test_a_split_gives_both_sides_the_lower_first(axis, share):
-    box = hull(itertools.product((0.0, 1e-3), repeat=3))
-    below, above = split(box, axis, share * 1e-3)
+    box = make_hull(itertools.product((0.0, 1e-3), repeat=3))
+    below, above = split_solid(box, axis, share * 1e-3)
     assert (volume(below), volume(above)) == pytest.approx(
         (share * 1e-9, (1.0 - share) * 1e-9), rel=1e-12
     )

@@ -14,7 +14,7 @@ from stepblocks.contact.counterface import Margin
 from stepblocks.contact.critical_angle import margin_angles
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import build_solids, mesh_solid
-from stepblocks.predict.predictions import predictions_of
+from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.simulators.export import export
 
 BALL, GAP = 125e-6, 80e-6
@@ -55,7 +55,7 @@ def test_the_gap_in_the_prediction_is_the_one_injected_however_bad_the_scan(tmp_
     # Origin: sin a = g / 2R between the corners of the gap; a straight cylinder has level sides.
     straight = load_set(scanned_set(tmp_path / "clean", scan(cylinder, noise=0.0)))
     expected = margin_angles(GAP, 0.0, BALL)[0]
-    assert [row.release.angle for row in predictions_of(straight)] == pytest.approx(
+    assert [row.release.angle for row in predict_by_formula(straight)] == pytest.approx(
         [expected] * 6, rel=1e-4
     )
     more = 'vertical_discrepancy = "110 um"\nhorizontal_discrepancy = "30 um"'

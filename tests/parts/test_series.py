@@ -3,7 +3,7 @@
 import pytest
 
 from stepblocks.errors import QuantityError
-from stepblocks.parts.series import MAX_SERIES, expand, merged
+from stepblocks.parts.series import MAX_SERIES, expand_series, merge_tables
 
 
 def heights(**series):
@@ -11,7 +11,7 @@ def heights(**series):
 
 
 def nominals(stanza, field="height"):
-    return [one[field]["nominal"] for one in expand(stanza)]
+    return [one[field]["nominal"] for one in expand_series(stanza)]
 
 
 def test_a_range_includes_both_ends_in_the_unit_of_its_first():
@@ -38,11 +38,16 @@ def test_two_series_give_every_combination_the_first_slowest():
         "id": "s-{height_um}-{edge_radius_um:02}",
         "edge_radius": {"values": ["2 um", "5 um"], "tolerance": "1 um"},
     }
-    assert [one["id"] for one in expand(stanza)] == ["s-10-02", "s-10-05", "s-20-02", "s-20-05"]
+    assert [one["id"] for one in expand_series(stanza)] == [
+        "s-10-02",
+        "s-10-05",
+        "s-20-02",
+        "s-20-05",
+    ]
 
 
 def test_tolerance_and_source_are_kept_by_each_and_nothing_is_shared():
-    first, second = expand(heights(values=["10 um", "20 um"], source="figure 6"))
+    first, second = expand_series(heights(values=["10 um", "20 um"], source="figure 6"))
     assert first["height"] == {"nominal": "10 um", "tolerance": "1 um", "source": "figure 6"}
     first["height"]["nominal"] = "changed"
     assert second["height"]["nominal"] == "20 um"
@@ -50,7 +55,7 @@ def test_tolerance_and_source_are_kept_by_each_and_nothing_is_shared():
 
 def test_a_series_may_stand_in_a_table_within():
     stanza = {"id": "one", "body": {"length": {"values": ["20 mm", "30 mm"]}}}
-    assert [one["body"]["length"]["nominal"] for one in expand(stanza)] == ["20 mm", "30 mm"]
+    assert [one["body"]["length"]["nominal"] for one in expand_series(stanza)] == ["20 mm", "30 mm"]
 
 
 @pytest.mark.parametrize(
@@ -67,13 +72,13 @@ def test_a_series_may_stand_in_a_table_within():
 def test_a_placeholder_writes_the_nominal_in_its_unit_without_points_or_signs(
     template, nominal, name
 ):
-    (one,) = expand({"id": template, "height": {"values": [nominal]}})
+    (one,) = expand_series({"id": template, "height": {"values": [nominal]}})
     assert one["id"] == name
 
 
 def test_an_angle_may_ascend_too():
     stanza = {"id": "t-{taper_deg}", "taper": {"from": "2 deg", "to": "6 deg", "step": "2 deg"}}
-    assert [one["id"] for one in expand(stanza)] == ["t-2", "t-4", "t-6"]
+    assert [one["id"] for one in expand_series(stanza)] == ["t-2", "t-4", "t-6"]
 
 
 @pytest.mark.parametrize(
@@ -102,20 +107,20 @@ def test_an_angle_may_ascend_too():
 )
 def test_a_series_that_cannot_be_is_named_with_its_field(series, said):
     with pytest.raises((ValueError, QuantityError), match=said) as caught:
-        list(expand(heights(**series)))
+        list(expand_series(heights(**series)))
     assert "height" in str(caught.value)
 
 
 def test_combinations_are_counted_before_they_are_made():
     many = {"from": "1 um", "to": "1000 um", "step": "1 um"}
     with pytest.raises(ValueError, match=f"at most {MAX_SERIES} members, got 1000000"):
-        list(expand({"id": "x", "height": dict(many), "edge_radius": dict(many)}))
+        list(expand_series({"id": "x", "height": dict(many), "edge_radius": dict(many)}))
 
 
 def test_a_stanza_changes_what_it_names_and_keeps_the_rest_of_its_defaults():
     defaults = {"body": {"length": "20 mm", "mounting": {"kind": "tapped"}}, "material": "steel"}
     stanza = {"body": {"width": "5 mm", "mounting": {"kind": "clearance"}}}
-    whole = merged(defaults, stanza)
+    whole = merge_tables(defaults, stanza)
     assert whole == {
         "body": {"length": "20 mm", "mounting": {"kind": "clearance"}, "width": "5 mm"},
         "material": "steel",
@@ -126,5 +131,7 @@ def test_a_stanza_changes_what_it_names_and_keeps_the_rest_of_its_defaults():
 def test_a_dimension_replaces_that_of_the_defaults_whole():
     # half of a default's tolerance under another nominal would be a dimension that nobody asked for
     defaults = {"height": {"nominal": "10 um", "tolerance": "1 um"}}
-    assert merged(defaults, {"height": {"nominal": "20 um"}})["height"] == {"nominal": "20 um"}
-    assert merged(defaults, {"height": "20 um"})["height"] == "20 um"
+    assert merge_tables(defaults, {"height": {"nominal": "20 um"}})["height"] == {
+        "nominal": "20 um"
+    }
+    assert merge_tables(defaults, {"height": "20 um"})["height"] == "20 um"

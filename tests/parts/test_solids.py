@@ -8,12 +8,12 @@ import pytest
 from stepblocks.cad import kernel
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import build_solids
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = [
     pytest.param(stimulus, id=f"{path.stem}/{stimulus.id}")
-    for path in stimulus_files(ROOT / "stimuli")
+    for path in find_stimulus_files(ROOT / "stimuli")
     for stimulus in load_set(path).stimuli
 ]
 
@@ -21,7 +21,7 @@ SHIPPED = [
 @pytest.mark.parametrize("stimulus", SHIPPED)
 def test_every_shipped_solid_has_the_volume_of_its_closed_form(stimulus):
     for (_, body), volume in zip(build_solids(stimulus), stimulus.volumes(), strict=True):
-        assert kernel.volume(body) == pytest.approx(volume, rel=1e-12)
+        assert kernel.compute_volume(body) == pytest.approx(volume, rel=1e-12)
 
 
 HEAD = """
@@ -76,7 +76,7 @@ metrology = {{ kind = "{feature}", width = "0.7 mm", lane = "2.1 mm", distance =
 """,
     )
     ((_, body),) = build_solids(stimulus)
-    assert kernel.volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
+    assert kernel.compute_volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ gap_depth = {{ nominal = "0.31 mm", tolerance = "0.05 mm" }}
 """,
     )
     ((_, body),) = build_solids(stimulus)
-    assert kernel.volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
+    assert kernel.compute_volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
     assert stimulus.absolute_discrepancy == pytest.approx(
         (vertical**2 + horizontal**2) ** 0.5 * 1e-6
     )
@@ -128,7 +128,7 @@ shell_thickness = "1.3 mm"
     )
     bodies = build_solids(stimulus)
     for (_, body), volume in zip(bodies, stimulus.volumes(), strict=True):
-        assert kernel.volume(body) == pytest.approx(volume, rel=1e-12)
+        assert kernel.compute_volume(body) == pytest.approx(volume, rel=1e-12)
     (_, tooth), (_, crown) = bodies
     assert 1e-3 * tooth.distance(crown) > 0.7 * 47e-6
 
@@ -149,16 +149,16 @@ straight_length = "9 mm"
 """,
     )
     ((_, body),) = build_solids(stimulus)
-    assert kernel.volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
-    (ball,) = [face for face in kernel.face_kinds(body) if face.kind == "SPHERE"]
+    assert kernel.compute_volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
+    (ball,) = [face for face in kernel.describe_faces(body) if face.kind == "SPHERE"]
     assert ball.radius == pytest.approx(83e-6, rel=1e-12)
     assert ball.low[2] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_letters_keep_their_counters():
     # An O of any sane typeface has one outline with one hole, an 8 has two.
-    from stepblocks.parts.lettering import letters
+    from stepblocks.parts.lettering import outline_text
 
-    assert [len(holes) for _, *holes in letters("O", 1e-3)] == [1]
-    assert [len(holes) for _, *holes in letters("8", 1e-3)] == [2]
-    assert [len(holes) for _, *holes in letters("-", 1e-3)] == [0]
+    assert [len(holes) for _, *holes in outline_text("O", 1e-3)] == [1]
+    assert [len(holes) for _, *holes in outline_text("8", 1e-3)] == [2]
+    assert [len(holes) for _, *holes in outline_text("-", 1e-3)] == [0]

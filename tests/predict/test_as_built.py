@@ -12,12 +12,12 @@ from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_declared
 from stepblocks.predict.as_built import (
-    moved_energies,
-    surface_columns,
-    surface_releases,
-    with_as_built,
+    describe_energy_changes,
+    format_surface_columns,
+    prepare_surface_releases,
+    replace_nominals,
 )
-from stepblocks.predict.predictions import predictions_of
+from stepblocks.predict.predictions import predict_by_formula
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 X = np.arange(-400, 401) * 1e-6
@@ -41,7 +41,7 @@ def chamfered():
 
 
 def test_only_the_block_with_a_record_changes_and_says_where_its_size_is_from(stimuli):
-    built = with_as_built(stimuli, {"step-050": record(51e-6, 3e-6), "elsewhere": record()})
+    built = replace_nominals(stimuli, {"step-050": record(51e-6, 3e-6), "elsewhere": record()})
     assert "step-050" in {part.id for part in built.stimuli}
     for before, after in zip(stimuli.stimuli, built.stimuli, strict=True):
         if before.id != "step-050":
@@ -56,12 +56,12 @@ def test_only_the_block_with_a_record_changes_and_says_where_its_size_is_from(st
 
 
 def test_a_radius_that_noise_made_negative_counts_as_sharp(stimuli):
-    built = with_as_built(stimuli, {"step-050": record(radius=-0.2e-6)})
+    built = replace_nominals(stimuli, {"step-050": record(radius=-0.2e-6)})
     assert next(part for part in built.stimuli if part.id == "step-050").edge_radius.nominal == 0.0
 
 
 def test_the_sentence_gives_the_range_of_changes_over_the_conditions_of_the_set(stimuli):
-    (said,) = moved_energies(stimuli, {"step-050": record(52e-6)})
+    (said,) = describe_energy_changes(stimuli, {"step-050": record(52e-6)})
     grid, changes = stimuli.prediction, []
     for ball in grid.tip_radii:
         for (
@@ -83,8 +83,8 @@ def test_the_sentence_gives_the_range_of_changes_over_the_conditions_of_the_set(
 
 
 def test_a_scanned_surface_is_predicted_by_the_path_of_the_tip_over_it(stimuli):
-    surfaces = surface_releases(stimuli, {"step-050": record(surface=chamfered())})
-    for prediction in predictions_of(stimuli):
+    surfaces = prepare_surface_releases(stimuli, {"step-050": record(surface=chamfered())})
+    for prediction in predict_by_formula(stimuli):
         release = surfaces(prediction)
         if prediction.stimulus != "step-050":
             assert release is None
@@ -96,18 +96,20 @@ def test_a_scanned_surface_is_predicted_by_the_path_of_the_tip_over_it(stimuli):
                 math.pi / 4 + math.atan(prediction.point.friction)
             )
             assert release.pull_force == pytest.approx(pull)
-    (said,) = moved_energies(stimuli, {"step-050": record(surface=chamfered())})
+    (said,) = describe_energy_changes(stimuli, {"step-050": record(surface=chamfered())})
     assert "; by the scanned surface itself E_v " in said
 
 
 def test_the_columns_of_a_surface_are_empty_where_nothing_is_known(stimuli):
-    surfaces = surface_releases(stimuli, {"step-050": record(surface=chamfered())})
-    release = next(found for one in predictions_of(stimuli) if (found := surfaces(one)) is not None)
-    known, none = surface_columns(release), surface_columns(None)
+    surfaces = prepare_surface_releases(stimuli, {"step-050": record(surface=chamfered())})
+    release = next(
+        found for one in predict_by_formula(stimuli) if (found := surfaces(one)) is not None
+    )
+    known, none = format_surface_columns(release), format_surface_columns(None)
     assert known.keys() == none.keys()
     assert set(none.values()) == {""}
     assert known["surface_status"] == "releases"
-    locked = surface_columns(
+    locked = format_surface_columns(
         replace(release, status=Status.LOCKED, pull_force=math.nan, vibration_energy=math.nan)
     )
     assert (locked["surface_pull_force_n"], locked["surface_vibration_energy_uj"]) == ("", "")

@@ -7,7 +7,7 @@ import pytest
 
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
-from stepblocks.predict.sweep.plan import PARAMETERS, load_sweep, stimuli_of
+from stepblocks.predict.sweep.plan import PARAMETERS, load_sweep, read_sweep_stimuli
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
@@ -15,13 +15,13 @@ STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 def test_a_block_stands_at_the_middle_of_its_tolerances_or_at_its_nominal():
     # Origin: paper-ten declares 50 +-1 um and an edge of +2 / -0 um; rectangular, half width over
     # the root of three.
-    surface, (block,), _ = stimuli_of(STIMULI / "paper-ten.toml", ["step-050"], True)
+    surface, (block,), _ = read_sweep_stimuli(STIMULI / "paper-ten.toml", ["step-050"], True)
     assert surface == "step"
     assert block["values"] == pytest.approx({"height": 50e-6, "edge_radius": 1e-6})
     assert block["spreads"] == pytest.approx(
         {"height": 1e-6 / math.sqrt(3), "edge_radius": 1e-6 / math.sqrt(3)}
     )
-    _, (nominal,), _ = stimuli_of(STIMULI / "paper-ten.toml", ["step-050"], False)
+    _, (nominal,), _ = read_sweep_stimuli(STIMULI / "paper-ten.toml", ["step-050"], False)
     assert nominal == {
         "id": "step-050",
         "values": {"height": 50e-6, "edge_radius": 0.0},
@@ -30,7 +30,7 @@ def test_a_block_stands_at_the_middle_of_its_tolerances_or_at_its_nominal():
 
 
 def test_crowns_go_by_the_names_of_their_discrepancies():
-    surface, crowns, grid = stimuli_of(STIMULI / "crown-margins.toml", None, False)
+    surface, crowns, grid = read_sweep_stimuli(STIMULI / "crown-margins.toml", None, False)
     assert surface == "margin"
     assert len(crowns) == len(load_set(STIMULI / "crown-margins.toml").stimuli)
     names = {name for crown in crowns for name in crown["values"]}
@@ -66,4 +66,4 @@ def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_force
 )
 def test_what_cannot_be_swept_over_is_one_clear_error(name, wanted, message):
     with pytest.raises(PipelineError, match=message):
-        stimuli_of(STIMULI / f"{name}.toml", wanted, False)
+        read_sweep_stimuli(STIMULI / f"{name}.toml", wanted, False)

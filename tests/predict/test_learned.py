@@ -9,8 +9,13 @@ import pytest
 from oracles.taught import taught_model
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
-from stepblocks.predict.predictions import predictions_of
-from stepblocks.predict.table import learned_columns, learned_drag, predict_trials, taught_set
+from stepblocks.predict.predictions import predict_by_formula
+from stepblocks.predict.table import (
+    apply_model,
+    format_learned_columns,
+    make_learned_drag,
+    predict_trials,
+)
 
 _STIMULI = Path(__file__).parents[2] / "stimuli"
 _CONDITION = OperatingPoint(ball_radius=110e-6, normal_load=0.8, friction=0.4, speed=8e-3)
@@ -19,7 +24,7 @@ _ROUNDED = {"edge_rounding": {"edge_radius_m": 14e-6}}
 
 def test_a_step_is_asked_about_like_a_trial_of_it():
     learned = taught_model(_ROUNDED, std=0.002, scatter=0.03)
-    found = learned_drag(learned, "step-050", 50e-6, _CONDITION)
+    found = make_learned_drag(learned, "step-050", 50e-6, _CONDITION)
     row = {
         "trial": "1",
         "block": "step-050",
@@ -39,7 +44,7 @@ def test_a_step_is_asked_about_like_a_trial_of_it():
 
 
 def test_friction_and_tool_are_those_that_were_learnt_not_those_that_were_assumed():
-    found = learned_drag(taught_model(_ROUNDED), "step-050", 50e-6, _CONDITION)
+    found = make_learned_drag(taught_model(_ROUNDED), "step-050", 50e-6, _CONDITION)
     assert found.friction == pytest.approx(0.17)
     learnt = (
         found.tool.stiffness,
@@ -54,20 +59,20 @@ def test_friction_and_tool_are_those_that_were_learnt_not_those_that_were_assume
 
 def test_what_an_effect_follows_is_taken_in_the_middle_of_the_data():
     learned = taught_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}})
-    found = learned_drag(learned, "step-050", 50e-6, _CONDITION)
+    found = make_learned_drag(learned, "step-050", 50e-6, _CONDITION)
     assert found.friction == pytest.approx(0.17 * (1.0 + 0.5 * math.exp(-60.5 / 30.0)))
     assert found.edge_radius == 0.0
 
 
 def test_a_step_beyond_the_data_is_flagged():
     assert (
-        learned_drag(taught_model(), "step-090", 90e-6, _CONDITION).status
+        make_learned_drag(taught_model(), "step-090", 90e-6, _CONDITION).status
         == "outside-range(height_um)"
     )
 
 
 def test_a_set_is_predicted_with_the_constants_of_the_session():
-    taught = taught_set(load_set(_STIMULI / "paper-four.toml"), taught_model())
+    taught = apply_model(load_set(_STIMULI / "paper-four.toml"), taught_model())
     assert taught.prediction.frictions == (0.17,)
     assert taught.prediction.tool.stiffness == pytest.approx(1.05 * 9500.0)
     assert taught.prediction.tool.conversion == pytest.approx(0.23)
@@ -77,8 +82,8 @@ def test_a_set_is_predicted_with_the_constants_of_the_session():
 def test_columns_say_the_same_as_a_plain_step_of_the_same_critical_angle(name):
     learned = taught_model()
     seen = set()
-    for prediction in predictions_of(taught_set(load_set(_STIMULI / f"{name}.toml"), learned)):
-        columns = learned_columns(prediction, learned)
+    for prediction in predict_by_formula(apply_model(load_set(_STIMULI / f"{name}.toml"), learned)):
+        columns = format_learned_columns(prediction, learned)
         seen.add(prediction.release.status.value)
         if prediction.release.status.value != "releases":
             assert set(columns.values()) == {""}

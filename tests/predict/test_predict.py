@@ -9,11 +9,11 @@ import pytest
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.path.profile import profile_path, steepest
-from stepblocks.contact.uncertainty import interval_of, rectangular
+from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
+from stepblocks.contact.uncertainty import convert_half_widths, interval_of
 from stepblocks.declare import load_set
 from stepblocks.parts.kinds.margin import MarginBlock
-from stepblocks.predict.predictions import predictions_of
+from stepblocks.predict.predictions import predict_by_formula
 
 SET = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "crown-margins.toml")
 
@@ -26,12 +26,12 @@ def test_every_margin_block_catches_as_the_dilation_of_its_profile_says(stimulus
     z = stimulus.counterface().heights(x)
     found = {
         (p.drag, p.point.ball_radius): p.release.angle
-        for p in predictions_of(SET)
+        for p in predict_by_formula(SET)
         if p.stimulus == stimulus.id
     }
     for (drag, radius), angle in found.items():
-        path = profile_path(x, z, radius, edges="flat")
-        sampled = steepest(path if drag == "tooth-to-crown" else path.mirrored()).angle
+        path = build_profile_path(x, z, radius, edges="flat")
+        sampled = find_steepest_catch(path if drag == "tooth-to-crown" else path.mirrored()).angle
         # a riser between two samples is 0.2 um wide instead of upright: the angle moves by less
         # than 0.2 deg
         assert math.degrees(sampled) == pytest.approx(math.degrees(angle), abs=0.2)
@@ -42,7 +42,7 @@ def test_drawn_and_analytic_intervals_of_the_shipped_blocks_agree_but_near_locki
     # is left out.
     ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
     seen = 0
-    for p in predictions_of(ten):
+    for p in predict_by_formula(ten):
         assert p.interval.energy_low <= p.interval.energy_high
         if (
             p.release.status is not Status.RELEASES
@@ -57,7 +57,9 @@ def test_drawn_and_analytic_intervals_of_the_shipped_blocks_agree_but_near_locki
         assert p.interval.energy_low < p.release.vibration_energy < p.interval.energy_high
         assert p.interval.held_probability == 0.0
     assert seen == 8 * 4 * 2
-    near = [p for p in predictions_of(ten) if p.stimulus == "step-100" and p.point.friction == 0.2]
+    near = [
+        p for p in predict_by_formula(ten) if p.stimulus == "step-100" and p.point.friction == 0.2
+    ]
     assert all(
         p.interval.held_probability > 0.0 and math.isinf(p.interval.energy_high) for p in near
     )
@@ -70,11 +72,11 @@ def test_the_interval_of_a_prediction_is_that_of_its_stated_tolerances():
     ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
     (p,) = [
         p
-        for p in predictions_of(ten)
+        for p in predict_by_formula(ten)
         if (p.stimulus, p.point.normal_load, p.point.friction) == ("step-050", 0.5, 0.15)
     ]
     lengths = {"height": 1e-6, "edge_radius": 1e-6, "ball_radius": 2e-6}
-    spread = rectangular(
+    spread = convert_half_widths(
         lengths | {"friction": 0.01, "normal_load": 0.005, "stiffness": 0.02 * 9810.0}
     )
     assert p.interval == interval_of(
@@ -83,7 +85,7 @@ def test_the_interval_of_a_prediction_is_that_of_its_stated_tolerances():
 
 
 def test_every_margin_has_an_interval_in_both_directions():
-    for p in predictions_of(SET):
+    for p in predict_by_formula(SET):
         if p.release.status is Status.RELEASES:
             assert p.interval.energy_low < p.interval.energy_high
             assert p.interval.force_low < p.interval.force_high
@@ -92,7 +94,7 @@ def test_every_margin_has_an_interval_in_both_directions():
 def test_over_and_underextension_are_mirror_images():
     angles = {
         (p.stimulus, p.drag): p.release.angle
-        for p in predictions_of(SET)
+        for p in predict_by_formula(SET)
         if p.point.ball_radius == 125e-6
     }
     over, under = "gap-050-over-020", "gap-050-under-020"
@@ -107,7 +109,7 @@ def test_the_limits_of_a_prediction_are_the_equations_at_the_limits_of_height_an
     ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
     (found,) = [
         p
-        for p in predictions_of(ten)
+        for p in predict_by_formula(ten)
         if (p.stimulus, p.point.normal_load, p.point.friction) == ("step-050", 0.5, 0.15)
     ]
     for release, height, radius in zip(found.limits, (49e-6, 51e-6), (127e-6, 125e-6), strict=True):
@@ -118,12 +120,12 @@ def test_the_limits_of_a_prediction_are_the_equations_at_the_limits_of_height_an
 
 
 def test_a_block_that_may_lock_within_its_tolerance_says_so():
-    from stepblocks.predict.predictions import as_row
+    from stepblocks.predict.predictions import format_row
 
     ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
     rows = [
-        as_row(p)
-        for p in predictions_of(ten)
+        format_row(p)
+        for p in predict_by_formula(ten)
         if p.stimulus == "step-100" and p.point.friction == 0.2
     ]
     # locking height at mu 0.2 is 100.49 um: 100 um would take 76 to 278 N, more than a hand pulls,

@@ -8,9 +8,9 @@ import pytest
 
 from stepblocks.cli import main
 from stepblocks.declare import load_set
-from stepblocks.drag.ring import ring_of
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate
-from stepblocks.drag.track import step_track
+from stepblocks.drag.ring import measure_ring
+from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate_drag
+from stepblocks.drag.track import build_step_track
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
@@ -43,7 +43,9 @@ def test_the_simulated_share_stands_beside_the_constant(tmp_path):
     assert simulated.drag_conversion.std() > 0.05
     for _, row in simulated.iterrows():
         settings = DragSettings(row.normal_load_n, row.friction, speed=3e-3)
-        share = ring_of(simulate(step_track(50e-6, 125e-6), PAPER_DRAG, settings)).share
+        share = measure_ring(
+            simulate_drag(build_step_track(50e-6, 125e-6), PAPER_DRAG, settings)
+        ).share
         assert row.drag_conversion == pytest.approx(share, rel=1e-5)
         assert row.drag_vibration_energy_uj == pytest.approx(
             share * row.drag_pull_force_n**2 / (2 * 9810) * 1e6, rel=1e-4

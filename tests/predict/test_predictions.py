@@ -13,7 +13,13 @@ from stepblocks.contact.counterface import Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_set
 from stepblocks.errors import StepblocksError
-from stepblocks.predict.predictions import as_row, predict_all, predict_set, predictions_csv, shown
+from stepblocks.predict.predictions import (
+    choose_columns,
+    format_predictions_csv,
+    format_row,
+    predict_all,
+    predict_set,
+)
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR, MARGINS, TIPS, SHEATHS = (
@@ -28,8 +34,8 @@ def four():
 
 
 def test_file_rows_and_table_of_a_set_hold_the_same_figures(four):
-    rows = list(csv.DictReader(io.StringIO(predictions_csv(four))))
-    assert rows == [as_row(one) for one in four]
+    rows = list(csv.DictReader(io.StringIO(format_predictions_csv(four))))
+    assert rows == [format_row(one) for one in four]
     frame = predict_set(FOUR)
     assert list(frame.columns) == list(rows[0])
     assert len(rows) == len(frame) == len(four)
@@ -103,14 +109,14 @@ def test_under_a_sheath_the_probe_has_the_spring_and_the_ring_of_that_sheath():
 
 
 def test_further_columns_stand_behind(four):
-    text = predictions_csv(four, lambda prediction: {"again": prediction.stimulus})
+    text = format_predictions_csv(four, lambda prediction: {"again": prediction.stimulus})
     rows = list(csv.DictReader(io.StringIO(text)))
     assert list(rows[0])[-1] == "again"
     assert all(row["again"] == row["stimulus"] for row in rows)
 
 
 def test_a_terminal_is_shown_the_drawn_interval_of_the_energy_alone(four):
-    columns = shown(list(as_row(four[0])))
+    columns = choose_columns(list(format_row(four[0])))
     assert {
         "vibration_energy_95_low_uj",
         "vibration_energy_95_high_uj",

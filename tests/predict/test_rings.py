@@ -10,13 +10,13 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_set
-from stepblocks.drag.ring import ring_of
-from stepblocks.drag.simulate import DragSettings, probe_for, simulate
-from stepblocks.drag.track import track_over
+from stepblocks.drag.ring import measure_ring
+from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
+from stepblocks.drag.track import build_track
 from stepblocks.errors import PipelineError
 from stepblocks.predict import predictions
-from stepblocks.predict.perception import felt_energies
-from stepblocks.predict.predictions import DIFFERS, figures_of, predict_all, predict_one
+from stepblocks.predict.perception import choose_energies
+from stepblocks.predict.predictions import DIFFERS, predict_all, predict_one, tabulate_prediction
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 SHEATHS, FOUR = load_set(STIMULI / "sheaths.toml"), load_set(STIMULI / "paper-four.toml")
@@ -27,7 +27,7 @@ def test_the_drag_stands_beside_the_formula_and_changes_none_of_its_columns():
     added = {"drag_", "felt_"}
     for a, b in zip(ALONE, BESIDE, strict=True):
         assert a.in_time is None
-        formula, both = figures_of(a), figures_of(b)
+        formula, both = tabulate_prediction(a), tabulate_prediction(b)
         same = {name for name in formula if name[:5] not in added}
         assert {name: str(formula[name]) for name in same} == {
             name: str(both[name]) for name in same
@@ -39,10 +39,10 @@ def test_under_a_sheath_the_drag_rings_as_the_probe_in_it():
     # Origin: the drag in time of the probe that wears the sheath, set up here by hand.
     one = next(p for p in BESIDE if p.in_time is not None and p.in_time.share > 0.05)
     part = next(part for part in SHEATHS.stimuli if part.id == one.stimulus)
-    probe = probe_for(SHEATHS.ring_of(part).as_tool(), one.point.ball_radius)
+    probe = build_probe(SHEATHS.ring_of(part).as_tool(), one.point.ball_radius)
     settings = DragSettings(one.point.normal_load, one.point.friction, speed=5e-3)
-    trace = simulate(track_over(one.face, one.point.ball_radius), probe, settings)
-    assert one.in_time.share == pytest.approx(ring_of(trace, spectra=False).share, rel=1e-12)
+    trace = simulate_drag(build_track(one.face, one.point.ball_radius), probe, settings)
+    assert one.in_time.share == pytest.approx(measure_ring(trace, spectra=False).share, rel=1e-12)
     assert one.in_time.peak_force == trace.peak_force
 
 
@@ -52,7 +52,7 @@ def test_a_small_step_keeps_an_energy_by_the_formula_that_the_drag_does_not_rele
     point = replace(PAPER, normal_load=0.5)
     found = predict_one(Step(10e-6), point)
     assert found.release.vibration_energy == pytest.approx(0.965e-6, rel=2e-3)
-    assert predictions.dragged(Step(10e-6), point, False, 5e-3, damping_ratio=0.02)[
+    assert predictions.drag_in_time(Step(10e-6), point, False, 5e-3, damping_ratio=0.02)[
         1
     ].energy == pytest.approx(0.095e-6, rel=0.01)
     assert found.differs
@@ -65,7 +65,7 @@ def test_at_25_um_and_a_quarter_newton_the_formula_gives_an_energy_and_the_drag_
     assert found.release.vibration_energy == pytest.approx(0.66e-6, rel=0.01)
     assert found.in_time.energy == 0.0
     assert found.differs
-    assert felt_energies([found, predict_one(Step(25e-6), PAPER)])[1] == "drag"
+    assert choose_energies([found, predict_one(Step(25e-6), PAPER)])[1] == "drag"
 
 
 def test_as_the_step_vanishes_the_formula_keeps_fifty_thresholds_of_which_the_drag_leaves_a_tenth():
@@ -82,7 +82,7 @@ def test_as_the_step_vanishes_the_formula_keeps_fifty_thresholds_of_which_the_dr
 
 def test_where_both_agree_the_formula_is_felt_and_the_flag_is_the_factor():
     made = [p for p in predict_all(FOUR) if p.release.status is Status.RELEASES]
-    assert {figures_of(p)["felt_by"] for p in made} == {"formula", "drag"}
+    assert {tabulate_prediction(p)["felt_by"] for p in made} == {"formula", "drag"}
     for p in made:
         apart = max(p.over_formula, 1.0 / p.over_formula) if p.over_formula > 0.0 else math.inf
         assert p.differs == (apart > DIFFERS)

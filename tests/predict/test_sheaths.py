@@ -8,8 +8,8 @@ import pytest
 
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
-from stepblocks.predict.predictions import predictions_of
-from stepblocks.predict.sheaths import conditions_of, decay_test_rows
+from stepblocks.predict.predictions import predict_by_formula
+from stepblocks.predict.sheaths import predict_conditions, tabulate_decay_test
 
 SHIPPED = Path(__file__).resolve().parents[2] / "stimuli" / "sheaths.toml"
 SET = load_set(SHIPPED)
@@ -31,7 +31,7 @@ def test_a_build_leaves_rings_test_and_probe_and_the_page_links_them(shipped_out
 
 
 def test_equal_masses_differ_by_their_stiffness_alone():
-    bare, hard, soft, held_hard, held_soft = (one.ring for one in conditions_of(SET))
+    bare, hard, soft, held_hard, held_soft = (one.ring for one in predict_conditions(SET))
     assert hard.stiffness > soft.stiffness > bare.stiffness * (1.0 - 1e-12)
     assert soft.frequency < bare.frequency < hard.frequency
     # a soft sheath holds next to no strain energy on the shank, and much of it where the probe is
@@ -42,11 +42,12 @@ def test_equal_masses_differ_by_their_stiffness_alone():
 
 def test_the_same_force_stores_less_in_a_stiffer_probe():
     felt = {
-        (p.stimulus, p.point.normal_load, p.face.far_side): p.release for p in predictions_of(SET)
+        (p.stimulus, p.point.normal_load, p.face.far_side): p.release
+        for p in predict_by_formula(SET)
     }
-    rings = {one.sheath: one.ring for one in conditions_of(SET) if one.use == "on the shank"}
+    rings = {one.sheath: one.ring for one in predict_conditions(SET) if one.use == "on the shank"}
     for (sheath, _, _), release in felt.items():
-        if release.status.beyond:
+        if release.status.is_beyond_limit:
             continue
         assert release.vibration_energy == pytest.approx(
             0.2 * release.pull_force**2 / (2.0 * rings[sheath].stiffness), rel=1e-12
@@ -54,7 +55,7 @@ def test_the_same_force_stores_less_in_a_stiffer_probe():
 
 
 def test_the_damping_test_counts_the_releases_that_tell_a_sheath_from_none():
-    rows = decay_test_rows(SET)
+    rows = tabulate_decay_test(SET)
     for row in rows[1:]:
         releases = int(row["releases_to_tell_from_bare"])
         difference = abs(float(row["log_decrement"]) - float(rows[0]["log_decrement"]))
@@ -77,18 +78,18 @@ def test_a_shank_too_thick_for_its_ring_and_a_sheath_too_long_for_its_shank_are_
         ).replace('position = { nominal = "10 mm"', 'position = { nominal = "60 mm"')
     )
     with pytest.raises(ContactError, match="must lie on the free length of the shank"):
-        conditions_of(load_set(path))
+        predict_conditions(load_set(path))
     path.write_text(text.replace('value = "300 Hz"', 'value = "350 Hz"'))
     with pytest.raises(ContactError, match="must not exceed that of the bare shank"):
-        conditions_of(load_set(path))
+        predict_conditions(load_set(path))
 
 
 def test_a_drag_with_a_sheath_rings_as_the_probe_in_that_sheath():
-    from stepblocks.drag.run import subject_of
+    from stepblocks.drag.run import resolve_subject
 
     hard = next(part for part in SET.stimuli if part.id == "sheath-hard")
     ring = SET.probe.ring(hard.sleeve)
-    subject = subject_of("sheath-hard", {"friction": 0.25}, False, SHIPPED)
+    subject = resolve_subject("sheath-hard", {"friction": 0.25}, False, SHIPPED)
     tool = subject.point.tool
     assert tool.stiffness == ring.stiffness
     assert tool.frequency == ring.frequency

@@ -13,10 +13,10 @@ from stepblocks.contact.energy import release_at
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
-from stepblocks.predict.figures import margin_map
-from stepblocks.predict.predictions import predictions_of
+from stepblocks.predict.figures import compute_margin_map
+from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.predict.sweep.plan import load_sweep
-from stepblocks.predict.sweep.run import design_row, sweep
+from stepblocks.predict.sweep.run import draw_inputs, sweep
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 pq = pytest.importorskip("pyarrow.parquet")
@@ -82,7 +82,7 @@ friction = [0.1, 0.15, 0.3]
 normal_load = ["0.5 N", "1 N"]
 """
     plan = plan_of(tmp_path, text)
-    rows = [design_row(plan, k) for k in range(plan.rows)]
+    rows = [draw_inputs(plan, k) for k in range(plan.rows)]
     assert len({(r["height"], r["friction"], r["normal_load"]) for r in rows}) == plan.rows == 60
     sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
@@ -95,7 +95,7 @@ def test_draws_of_one_point_scatter_by_their_uncertainty(tmp_path):
         '[parameters]\nheight = "30 um"\nfriction = 0.2\n[draws]\ncount = 4000\nheight = "0.5 um"\n'
     )
     plan = plan_of(tmp_path, text)
-    heights = np.array([design_row(plan, k)["height"] for k in range(plan.rows)])
+    heights = np.array([draw_inputs(plan, k)["height"] for k in range(plan.rows)])
     assert heights.mean() == pytest.approx(30e-6, abs=4 * 0.5e-6 / 4000**0.5)
     assert heights.std() == pytest.approx(0.5e-6, rel=0.05)
 
@@ -229,7 +229,7 @@ def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
         np.array([30e-6, 70e-6]),
         np.array([15e-6, 0.0, -15e-6]),
     )  # its discrepancy: tooth over crown
-    to_tooth, to_crown = margin_map(*axes, OperatingPoint(90e-6, 0.7, 0.12))
+    to_tooth, to_crown = compute_margin_map(*axes, OperatingPoint(90e-6, 0.7, 0.12))
     for _, row in frame.iterrows():
         forces = to_tooth if row.direction == "crown-to-tooth" else to_crown
         i, j = (
@@ -287,7 +287,7 @@ def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
     frame = table(tmp_path / "out")
     predicted = {
         (p.stimulus, p.point.ball_radius, p.point.normal_load, p.point.friction): p.release
-        for p in predictions_of(load_set(STIMULI / "crown-margins.toml"))
+        for p in predict_by_formula(load_set(STIMULI / "crown-margins.toml"))
         if p.drag == "crown-to-tooth"
     }
     assert len(set(frame.stimulus)) == 12

@@ -10,9 +10,9 @@ import pytest
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
-from stepblocks.parts.shapes import enclosed_volume
-from stepblocks.simulators.assemble import met, plain_step, scene_of
-from stepblocks.simulators.devices import device_named, load_devices
+from stepblocks.parts.shapes import compute_enclosed_volume
+from stepblocks.simulators.assemble import assemble_scene, build_plain_step, resolve_contact
+from stepblocks.simulators.devices import find_device, load_devices
 from stepblocks.simulators.scene import SceneFormat, write_json, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,11 +24,11 @@ SHEATH = load_set(ROOT / "stimuli" / "sheaths.toml").stimuli[0]
 
 @pytest.fixture(scope="module")
 def plain():
-    return scene_of(BLOCK, PAPER)
+    return assemble_scene(BLOCK, PAPER)
 
 
 def test_magnifying_a_scene_magnifies_every_length_and_no_force(plain):
-    scene = scene_of(BLOCK, PAPER, scale=12.0)
+    scene = assemble_scene(BLOCK, PAPER, scale=12.0)
     assert scene.whole.vertices == pytest.approx(12.0 * plain.whole.vertices, rel=1e-12)
     assert scene.path.z == pytest.approx(12.0 * plain.path.z, rel=1e-12)
     assert scene.ball_radius == pytest.approx(12.0 * plain.ball_radius)
@@ -41,27 +41,27 @@ def test_magnifying_a_scene_magnifies_every_length_and_no_force(plain):
 
 
 def test_the_pieces_fill_the_block_but_for_holes_and_engraving(plain):
-    pieces = sum(enclosed_volume(piece.vertices, piece.triangles) for piece in plain.pieces)
-    whole = enclosed_volume(plain.whole.vertices, plain.whole.triangles)
+    pieces = sum(compute_enclosed_volume(piece.vertices, piece.triangles) for piece in plain.pieces)
+    whole = compute_enclosed_volume(plain.whole.vertices, plain.whole.triangles)
     assert pieces - whole == pytest.approx(BLOCK.filled, rel=1e-3)
 
 
 def test_a_device_sets_the_scale_unless_one_is_given():
-    touch = device_named("touch", load_devices())
-    assert scene_of(BLOCK, PAPER, device=touch).scale > 1.0
-    given = scene_of(BLOCK, PAPER, device=touch, scale=3.0)
+    touch = find_device("touch", load_devices())
+    assert assemble_scene(BLOCK, PAPER, device=touch).scale > 1.0
+    given = assemble_scene(BLOCK, PAPER, device=touch, scale=3.0)
     assert (given.scale, given.plan.scale) == (3.0, 3.0)
 
 
 @pytest.mark.parametrize("scale", [0.0, -2.0, math.nan, math.inf])
 def test_an_impossible_scale_is_refused(scale):
     with pytest.raises(HapticsError, match="scale must be positive and finite"):
-        scene_of(BLOCK, PAPER, scale=scale)
+        assemble_scene(BLOCK, PAPER, scale=scale)
 
 
 def test_a_crown_lies_on_its_side_with_its_surface_at_zero():
     crown = MARGINS["crown-shoulder"]
-    scene = scene_of(crown, PAPER)
+    scene = assemble_scene(crown, PAPER)
     turn, radius = scene.frame.turn, crown.turn_radius
     assert np.linalg.det(turn) == pytest.approx(1.0)  # a rotation mirrors nothing
     assert turn @ [0.0, 0.0, 1.0] == pytest.approx([1.0, 0.0, 0.0])  # the path of draw is the drag
@@ -72,41 +72,41 @@ def test_a_crown_lies_on_its_side_with_its_surface_at_zero():
     )
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
     volumes = sum(crown.volumes())
-    assert enclosed_volume(scene.whole.vertices, scene.whole.triangles) == pytest.approx(
+    assert compute_enclosed_volume(scene.whole.vertices, scene.whole.triangles) == pytest.approx(
         volumes, rel=1e-4
     )
 
 
 def test_a_tip_drags_its_own_ball_over_a_plain_step():
     tip = TIPS["hook-125"]
-    scene = scene_of(tip, PAPER, step_height=60e-6, scale=2.0)
+    scene = assemble_scene(tip, PAPER, step_height=60e-6, scale=2.0)
     assert (scene.stimulus.id, scene.surface.id) == ("hook-125", "hook-125-step")
     assert scene.path.z[-1] - scene.path.z[0] == pytest.approx(2.0 * 60e-6)
     assert scene.ball_radius == pytest.approx(2.0 * PAPER.ball_radius)
 
 
 def test_what_is_worn_is_felt_on_a_plain_step_too():
-    scene = scene_of(SHEATH, PAPER, step_height=25e-6)
+    scene = assemble_scene(SHEATH, PAPER, step_height=25e-6)
     assert scene.stimulus is scene.surface
     assert scene.surface.counterface().height == pytest.approx(25e-6)
 
 
 def test_a_block_is_its_own_surface_and_a_tip_asks_for_a_step():
-    assert met(BLOCK, PAPER)[0] is BLOCK
+    assert resolve_contact(BLOCK, PAPER)[0] is BLOCK
     with pytest.raises(HapticsError, match="height of the step under the probe must be given"):
-        met(TIPS["tip-125"], PAPER)
+        resolve_contact(TIPS["tip-125"], PAPER)
 
 
 @pytest.mark.parametrize("height", [1e-6, 250e-6])
 def test_a_plain_step_is_sharp_and_as_high_as_asked(height):
-    step = plain_step(height)
+    step = build_plain_step(height)
     assert (step.height.nominal, step.edge_radius.nominal) == pytest.approx((height, 0.0))
 
 
 @pytest.mark.parametrize("height", [-1e-6, 5e-3])
 def test_an_impossible_step_is_refused_in_one_line(height):
     with pytest.raises(HapticsError, match="the step under a tip is impossible") as caught:
-        plain_step(height, "mine")
+        build_plain_step(height, "mine")
     assert str(caught.value).endswith("[mine]")
     assert "\n" not in str(caught.value)
 
@@ -126,7 +126,7 @@ def test_a_new_format_is_one_object_and_gets_all_that_every_folder_has(plain, tm
     )
     write_scene(tmp_path, plain, form)
     names = {path.name for path in tmp_path.iterdir()}
-    full = f"full-scale-{plain.loudest():.4g}n"
+    full = f"full-scale-{plain.largest_ring_force():.4g}n"
     waves = [f"-{rate}khz-{full}{kind}.wav" for rate in (10, 48) for kind in ("", "-int16")]
     rings = {f"ring-up{end}" for end in (*waves, ".hjif", ".ahap", ".json")}
     assert (
@@ -140,7 +140,7 @@ def test_a_new_format_is_one_object_and_gets_all_that_every_folder_has(plain, tm
 
 
 def test_a_locked_scene_has_no_ring_and_says_so(tmp_path):
-    locked = scene_of(BLOCK, OperatingPoint(125e-6, 1.0, 2.0))
+    locked = assemble_scene(BLOCK, OperatingPoint(125e-6, 1.0, 2.0))
     form = SceneFormat(
         name="n", title="N", unit="m", write=lambda *_: None, run="-", settings=(), verified="-"
     )

@@ -16,9 +16,9 @@ RATE, TOOL = 10e3, {"frequency": 300.0, "decay": 15e-3}
 
 
 def ideal():
-    from stepblocks.simulators.compare import _event_of
+    from stepblocks.simulators.compare import _predict_event
 
-    return _event_of(STEP, {})
+    return _predict_event(STEP, {})
 
 
 def recorded(path, energy=1.0, frequency=1.0, decay=1.0, force=1.0, noise=0.0):

@@ -13,7 +13,7 @@ import pytest
 from stepblocks.contact import kernels
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.declare import load_set
-from stepblocks.simulators.assemble import scene_of
+from stepblocks.simulators.assemble import assemble_scene
 from stepblocks.simulators.feel import feel
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.simulators.scene import write_scene
@@ -31,8 +31,8 @@ HELD, SLIPS = 1.0 - 1e-6, 1.0 + 1e-6
 
 def released(height, point=POINT):
     """Force of equation (1) at the angle of equation (2), from the kernels."""
-    return kernels.pull_force(
-        point.normal_load, kernels.angle_on_step(height, point.ball_radius), point.friction
+    return kernels.compute_pull_force(
+        point.normal_load, kernels.compute_angle_on_step(height, point.ball_radius), point.friction
     )
 
 
@@ -40,7 +40,7 @@ def released(height, point=POINT):
 def exported(request, tmp_path_factory):
     """Folder of the force law of one block, and its scene."""
     folder = tmp_path_factory.mktemp("force law")
-    scene = scene_of(TEN[request.param], POINT, scale=SCALE)
+    scene = assemble_scene(TEN[request.param], POINT, scale=SCALE)
     write_scene(folder, scene, SCENE_FORMATS["forcelaw"])
     return folder, scene
 
@@ -187,11 +187,13 @@ def test_the_page_states_the_force_of_the_formula_and_where_it_ends(in_node):
     ]
     told = in_node(f"{json.dumps(grid)}.map(([i, load, mu]) => release(BLOCKS[i], load, mu))")
     for (index, load, friction), force in zip(grid, told, strict=True):
-        angle = kernels.angle_on_step(TEN[index].height.nominal, 125e-6)
+        angle = kernels.compute_angle_on_step(TEN[index].height.nominal, 125e-6)
         if angle + math.atan(friction) >= 0.5 * math.pi:
             assert force is None  # Infinity is no JSON
         else:
-            assert force == pytest.approx(kernels.pull_force(load, angle, friction), rel=1e-9)
+            assert force == pytest.approx(
+                kernels.compute_pull_force(load, angle, friction), rel=1e-9
+            )
 
 
 def test_the_pages_probe_slips_at_the_force_of_the_formula(in_node):
@@ -204,7 +206,7 @@ def test_the_pages_probe_slips_at_the_force_of_the_formula(in_node):
 
 def test_the_pages_probe_stays_where_the_formula_locks(in_node):
     # R (1 - sin(atan mu)) = 79 um at mu 0.4
-    assert 80e-6 > kernels.locking_height(125e-6, 0.4) > 70e-6
+    assert 80e-6 > kernels.compute_locking_height(125e-6, 0.4) > 70e-6
     assert [drag["events"] for drag in in_node("[6, 7].map(i => dragAcross(i, 1.0, 0.4))")] == [
         1,
         0,

@@ -9,11 +9,11 @@ import pytest
 
 from stepblocks.artefacts.model_file import read_model
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import ring_energy, vibration_events
+from stepblocks.contact.event import compute_ring_energy, vibration_events
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
-from stepblocks.simulators.assemble import teach, with_drag_ring
+from stepblocks.simulators.assemble import apply_learned_model, simulate_ring_of
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCKS = {s.id: s for s in load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli}
@@ -26,7 +26,7 @@ def learned(taught):
 
 
 def test_what_a_session_taught_stands_for_friction_spring_and_ring(learned):
-    surface, point, (up, _) = teach(learned, BLOCKS["step-050"], PAPER)
+    surface, point, (up, _) = apply_learned_model(learned, BLOCKS["step-050"], PAPER)
     assert (point.friction, point.tool.stiffness) == pytest.approx((0.2, 1.02 * 9.81e3))
     assert (point.tool.frequency, point.tool.decay_time, point.tool.conversion) == pytest.approx(
         (280.4, 0.02, 0.25)
@@ -42,7 +42,7 @@ def test_what_a_session_taught_stands_for_friction_spring_and_ring(learned):
 
 
 def test_a_friction_that_was_asked_for_stands_against_what_was_learnt(learned):
-    _, point, (up, _) = teach(
+    _, point, (up, _) = apply_learned_model(
         learned, BLOCKS["step-050"], replace(PAPER, friction=0.05), keep_friction=True
     )
     assert point.friction == 0.05
@@ -51,17 +51,17 @@ def test_a_friction_that_was_asked_for_stands_against_what_was_learnt(learned):
 
 
 def test_the_edge_is_never_rounded_beyond_the_step(learned):
-    surface, _, _ = teach(learned, BLOCKS["step-010"], PAPER)
+    surface, _, _ = apply_learned_model(learned, BLOCKS["step-010"], PAPER)
     assert surface.edge_radius.nominal == pytest.approx(10e-6)
 
 
 def test_the_declared_part_stays_as_it_was(learned):
-    teach(learned, BLOCKS["step-050"], PAPER)
+    apply_learned_model(learned, BLOCKS["step-050"], PAPER)
     assert BLOCKS["step-050"].edge_radius.nominal == 0.0
 
 
 def test_both_drags_over_a_groove_are_taught(learned):
-    _, _, events = teach(learned, MARGINS["gap-100"], PAPER)
+    _, _, events = apply_learned_model(learned, MARGINS["gap-100"], PAPER)
     assert [event.learned.status for event in events] == ["ok", "ok"]
     assert events[0].energy == pytest.approx(events[1].energy, rel=1e-6)
     for event in events:
@@ -70,20 +70,22 @@ def test_both_drags_over_a_groove_are_taught(learned):
 
 
 def test_a_drag_that_catches_nothing_is_taught_nothing(learned):
-    _, _, (_, down) = teach(learned, BLOCKS["step-050"], PAPER)
+    _, _, (_, down) = apply_learned_model(learned, BLOCKS["step-050"], PAPER)
     assert (down.status, down.learned) == (Status.NO_CATCH, None)
 
 
 def rung(block, point=PAPER, direction=0):
     face = block.counterface()
     event = vibration_events(face, point, block.id)[direction]
-    return event, with_drag_ring(event, face.centre_path(point.ball_radius), point)
+    return event, simulate_ring_of(event, face.centre_path(point.ball_radius), point)
 
 
 def test_the_simulated_ring_carries_the_energy_of_the_formula():
     event, simulated = rung(BLOCKS["step-050"])
     wave = simulated.waveform
-    assert ring_energy(wave.force, wave.rate, event.tool) == pytest.approx(event.energy, rel=1e-9)
+    assert compute_ring_energy(wave.force, wave.rate, event.tool) == pytest.approx(
+        event.energy, rel=1e-9
+    )
     assert simulated.energy == event.energy
     # the drag slips at the force of equation (1): contact is stiff, the handle slow
     assert wave.simulated_peak == pytest.approx(event.critical_force, rel=0.02)
@@ -118,4 +120,4 @@ def test_an_event_that_the_drag_does_not_confirm_is_refused():
     event = vibration_events(BLOCKS["step-050"].counterface(), PAPER, "step-050")[0]
     flat = replace(BLOCKS["step-050"].counterface(), height=1e-9).centre_path(125e-6)
     with pytest.raises(HapticsError, match=r"must release to give a ring, got .* \[step-050 \+x\]"):
-        with_drag_ring(event, flat, PAPER)
+        simulate_ring_of(event, flat, PAPER)

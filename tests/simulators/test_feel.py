@@ -65,9 +65,9 @@ def test_the_thinned_path_keeps_every_notch_and_the_angle_of_the_formula(name, t
     parts, radius = {part.id: part for part in stimuli.stimuli}, stimuli.prediction.tip_radii[0]
     for block in blocks_of(tmp_path / "x.html"):
         path = parts[block["name"]].counterface().centre_path(radius)
-        assert block["angle"] == path.notch(+1.0)[2]
+        assert block["angle"] == path.find_notch(+1.0)[2]
         for direction, side in ((1.0, "up"), (-1.0, "down")):
-            x, _, angle = path.notch(direction)
+            x, _, angle = path.find_notch(direction)
             if angle > 0.0:
                 notch = next(n for n in block["notches"] if n[side])
                 assert notch["x"] == x

@@ -9,7 +9,7 @@ from stepblocks.contact.event import vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
-from stepblocks.simulators.devices import Faithfulness, device_named, load_devices, plan_rendering
+from stepblocks.simulators.devices import Faithfulness, find_device, load_devices, plan_rendering
 
 ROOT = Path(__file__).resolve().parents[2]
 TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
@@ -29,7 +29,7 @@ FACTS = {
 
 def plan(device, block, point=POINT, scale=None):
     return plan_rendering(
-        device_named(device, DEVICES),
+        find_device(device, DEVICES),
         vibration_events(block.counterface(), point, block.id)[0],
         point,
         scale,
@@ -38,7 +38,7 @@ def plan(device, block, point=POINT, scale=None):
 
 @pytest.mark.parametrize("name", FACTS)
 def test_shipped_figures_are_those_of_the_project_and_carry_their_origin(name):
-    device = device_named(name, DEVICES)
+    device = find_device(name, DEVICES)
     resolution, force, stiffness = FACTS[name]
     assert device.position_resolution.value == pytest.approx(resolution)
     assert device.peak_force.value == pytest.approx(force)
@@ -115,7 +115,7 @@ def test_the_scale_is_the_smallest_round_one_that_keeps_force_and_spring(name, i
         return error <= 0.01 + 1e-9 and (limit is None or 9.81e3 / scale <= limit * (1 + 1e-9))
 
     ladder = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
-    travel = device_named(name, DEVICES).travel
+    travel = find_device(name, DEVICES).travel
     fits = [
         s
         for s in ladder
@@ -188,7 +188,7 @@ def test_users_add_devices_of_their_own(tmp_path):
     path.write_text(OWN)
     devices = load_devices(path)
     assert len(devices) == len(DEVICES) + 1
-    assert device_named("own", devices).position_resolution.value == 2e-6
+    assert find_device("own", devices).position_resolution.value == 2e-6
 
 
 @pytest.mark.parametrize(
@@ -214,4 +214,4 @@ def test_a_malformed_device_file_is_one_line(tmp_path, old, new, message):
 
 def test_an_unknown_device_names_the_known_ones():
     with pytest.raises(HapticsError, match="touch, touch-x"):
-        device_named("joystick", DEVICES)
+        find_device("joystick", DEVICES)

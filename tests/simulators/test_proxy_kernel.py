@@ -149,7 +149,7 @@ def test_falling_into_a_notch_is_no_release():
     """A hand from the air lands in the groove and is pulled out of it within the tick: nothing was held, nothing rings."""
     face = Margin(90e-6, 90e-6, 0.0)
     renderer = Renderer(face.centre_path(R), POINT)
-    x, z, _ = renderer.path.notch(+1.0)
+    x, z, _ = renderer.path.find_notch(+1.0)
     renderer.reset(np.array([x, 0.0, z + 1e-6]))
     renderer.tick(np.array([x + 1e-3, 0.0, z - 1e-4]), np.zeros(3))
     assert renderer.events == 0

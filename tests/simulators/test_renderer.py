@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.critical_angle import margin_angles, step_angle
-from stepblocks.contact.event import ring_energy, vibration_events
+from stepblocks.contact.event import compute_ring_energy, vibration_events
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.path.centre import corner_path
+from stepblocks.contact.path.centre import build_corner_path
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
 from stepblocks.simulators.renderer import Renderer
@@ -40,9 +40,9 @@ def drag_over(block, point=POINT, scale=1.0, resolution=0.0, direction=1.0, even
 
 @pytest.mark.parametrize("block", TEN, ids=lambda block: block.id)
 def test_notch_of_the_path_is_the_critical_angle_of_the_paper(block):
-    _, _, angle = block.counterface().centre_path(R).notch(+1.0)
+    _, _, angle = block.counterface().centre_path(R).find_notch(+1.0)
     assert angle == pytest.approx(step_angle(block.height.nominal, R), rel=1e-9)
-    assert block.counterface().centre_path(R).notch(-1.0)[2] == 0.0
+    assert block.counterface().centre_path(R).find_notch(-1.0)[2] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -52,8 +52,8 @@ def test_notches_of_a_margin_are_its_closed_form_in_both_directions(margin):
     opening, rise = margin.opening.nominal, margin.horizontal_discrepancy.nominal
     forward, backward = margin_angles(opening, rise, R)
     path = margin.counterface().centre_path(R)
-    assert path.notch(+1.0)[2] == pytest.approx(forward, rel=1e-6)
-    assert path.notch(-1.0)[2] == pytest.approx(backward, rel=1e-6)
+    assert path.find_notch(+1.0)[2] == pytest.approx(forward, rel=1e-6)
+    assert path.find_notch(-1.0)[2] == pytest.approx(backward, rel=1e-6)
 
 
 def test_a_rounded_edge_has_the_angle_of_the_larger_circle():
@@ -66,7 +66,7 @@ def test_a_rounded_edge_has_the_angle_of_the_larger_circle():
         }
     )
     assert isinstance(rounded.edge_radius, length)
-    assert rounded.counterface().centre_path(R).notch(+1.0)[2] == pytest.approx(
+    assert rounded.counterface().centre_path(R).find_notch(+1.0)[2] == pytest.approx(
         math.acos(1.0 - 50e-6 / (R + 30e-6)), rel=1e-9
     )
 
@@ -152,7 +152,7 @@ def test_the_event_carries_the_vibration_energy_of_the_formula_at_any_scale():
             wanted[:count], abs=6e-3 * event.amplitude
         )
     assert event.energy == pytest.approx(expected, rel=1e-9)
-    assert ring_energy(wanted, 1e4, event.tool) == pytest.approx(expected, rel=0.01)
+    assert compute_ring_energy(wanted, 1e4, event.tool) == pytest.approx(expected, rel=0.01)
 
 
 def test_without_the_event_the_spring_is_the_same_and_nothing_rings():
@@ -223,8 +223,8 @@ def test_friction_along_the_edge_is_coulombs():
 def test_a_measured_profile_is_rendered_like_the_nominal_one():
     x = np.linspace(-2e-4, 2e-4, 401)
     points = [(float(a), 0.0 if a < 0 else 50e-6) for a in x]
-    path = corner_path([(-2e-3, 0.0), *points, (2e-3, 50e-6)], R)
-    assert path.notch(+1.0)[2] == pytest.approx(step_angle(50e-6, R), abs=2e-3)
+    path = build_corner_path([(-2e-3, 0.0), *points, (2e-3, 50e-6)], R)
+    assert path.find_notch(+1.0)[2] == pytest.approx(step_angle(50e-6, R), abs=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -232,7 +232,7 @@ def test_a_measured_profile_is_rendered_like_the_nominal_one():
 )
 def test_a_malformed_profile_is_refused(points):
     with pytest.raises(ContactError, match="a profile must have"):
-        corner_path(points, R)
+        build_corner_path(points, R)
 
 
 def test_the_renderer_uses_the_constants_of_the_paper():

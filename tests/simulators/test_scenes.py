@@ -12,8 +12,8 @@ import pytest
 
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
-from stepblocks.simulators.assemble import scene_of
-from stepblocks.simulators.devices import device_named, load_devices
+from stepblocks.simulators.assemble import assemble_scene
+from stepblocks.simulators.devices import find_device, load_devices
 from stepblocks.simulators.scene import write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
@@ -41,8 +41,8 @@ def write(name, folder, scene):
 @pytest.fixture(scope="module")
 def scenes():
     """The ten blocks and a gap at their size, one block for a Touch."""
-    made = {block.id: scene_of(block, POINT) for block in (*TEN, GAP)}
-    made["touch"] = scene_of(TEN[4], POINT, device=device_named("touch", load_devices()))
+    made = {block.id: assemble_scene(block, POINT) for block in (*TEN, GAP)}
+    made["touch"] = assemble_scene(TEN[4], POINT, device=find_device("touch", load_devices()))
     return made
 
 
@@ -75,7 +75,7 @@ def test_mujoco_follows_the_formula_on_all_ten_blocks(scenes, tmp_path, block):
 @pytest.mark.parametrize("block", TEN[8:], ids=lambda block: block.id)
 def test_a_probe_that_the_formula_locks_stays_locked_in_mujoco(tmp_path, block):
     pytest.importorskip("mujoco")
-    scene = scene_of(block, OperatingPoint(R, LOAD, 0.3))
+    scene = assemble_scene(block, OperatingPoint(R, LOAD, 0.3))
     result = json.loads(run(write("mujoco", tmp_path / "scene", scene) / "drag.py", "--json"))
     assert result["status"] == "locked"
     assert not result["crossed"]
@@ -120,7 +120,7 @@ def test_mujoco_feels_a_crown_as_the_section_through_its_axis(tmp_path, name, ar
     """Gap of 50 um between equal shoulders: sin a = g / 2R; crown overextended by 40 um: cos a = 1 - h / R."""
     pytest.importorskip("mujoco")
     crown = next(s for s in MARGINS if s.id == name)
-    folder = write("mujoco", tmp_path / "scene", scene_of(crown, POINT))
+    folder = write("mujoco", tmp_path / "scene", assemble_scene(crown, POINT))
     angle = math.asin(50e-6 / (2 * R)) if name == "crown-shoulder" else math.acos(1 - 40e-6 / R)
     result = json.loads(run(folder / "drag.py", "--json", *arguments))
     assert result["peak_force_n"] == pytest.approx(LOAD * math.tan(angle + math.atan(MU)), rel=0.01)
@@ -132,7 +132,7 @@ def test_a_declared_tip_drags_its_own_ball_in_mujoco(tmp_path, name):
     mujoco = pytest.importorskip("mujoco")
     tip = next(s for s in TIPS if s.id == name)
     ball = tip.ball_radius.nominal
-    scene = scene_of(tip, OperatingPoint(ball, LOAD, MU), step_height=50e-6)
+    scene = assemble_scene(tip, OperatingPoint(ball, LOAD, MU), step_height=50e-6)
     folder = write("mujoco", tmp_path / "scene", scene)
     result = json.loads(run(folder / "drag.py", "--json"))
     expected = LOAD * math.tan(math.acos(1 - 50e-6 / ball) + math.atan(MU))

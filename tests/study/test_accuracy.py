@@ -11,12 +11,12 @@ from stepblocks.errors import StudyError
 from stepblocks.study.analysis.accuracy import (
     MEASURES,
     analyse_measure,
-    equivalence,
-    group_terms,
-    measured,
+    assess_equivalence,
+    compare_groups,
+    compute_measure,
 )
 from stepblocks.study.analysis.anova import Interval
-from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power, p_value
+from stepblocks.study.simulate import Observer, SimulatedStudy, compute_p_value, estimate_power
 
 DATA = Path(__file__).parent / "data"
 R = json.loads(
@@ -103,22 +103,22 @@ def test_groups_of_unequal_size_are_compared_as_afex_does(found):
 
 def test_two_conditions_are_equivalent_within_the_farther_end_of_the_90_percent_interval():
     one = Interval("a", "b", -1.0, -3.0, 1.0, 0.4, -0.2, 0.5)
-    bound = equivalence(one, 18.0).bound
+    bound = assess_equivalence(one, 18.0).bound
     assert bound == pytest.approx(
         1.0 + 1.734064 * 0.5, rel=1e-6
     )  # Student's t(18) at 0.95, any table
-    assert equivalence(one, 18.0, bound).p == pytest.approx(0.05, rel=1e-9)
+    assert assess_equivalence(one, 18.0, bound).p == pytest.approx(0.05, rel=1e-9)
     with pytest.raises(StudyError, match="margin of equivalence must be positive, got 0"):
-        equivalence(one, 18.0, 0.0)
+        assess_equivalence(one, 18.0, 0.0)
 
 
 def test_the_spread_leaves_out_what_a_block_s_own_bias_adds(judgements):
     moved = judgements.assign(error=judgements["error"] + judgements["height"] * 1e-6)
-    before, after = measured(judgements, "spread")[0], measured(moved, "spread")[0]
+    before, after = compute_measure(judgements, "spread")[0], compute_measure(moved, "spread")[0]
     assert after["value"].to_numpy() == pytest.approx(before["value"].to_numpy(), abs=1e-9)
     once = judgements.drop_duplicates(["participant", "condition", "stimulus"])
     with pytest.raises(StudyError, match="spread needs judgements of a block that are repeated"):
-        measured(once, "spread")
+        compute_measure(once, "spread")
 
 
 def test_a_group_of_one_is_refused(judgements):
@@ -126,7 +126,7 @@ def test_a_group_of_one_is_refused(judgements):
         group=np.where(judgements["participant"] == "1", "a", "b"), value=0.0
     )
     with pytest.raises(StudyError, match="at least two participants each"):
-        group_terms(lonely)
+        compare_groups(lonely)
 
 
 HEIGHTS = (50e-6, 70e-6, 90e-6)
@@ -153,7 +153,10 @@ def plan(share=1.0, noise=1.0, measure="bias"):
 def test_noise_bias_and_neither_are_told_apart(change, seen):
     """Power 95 % where there is an effect, 5 % where there is none; benchmarks/study_accuracy.py has 2,000 of each."""
     plans = [plan(**change, measure=name) for name in MEASURES]
-    hits = [np.mean([p_value(one, "f-test", seed) < 0.05 for seed in range(40)]) for one in plans]
+    hits = [
+        np.mean([compute_p_value(one, "f-test", seed) < 0.05 for seed in range(40)])
+        for one in plans
+    ]
     for share, there in zip(hits, seen, strict=True):
         assert share >= 0.9 if there else share <= 0.2
 

@@ -8,7 +8,12 @@ import pytest
 
 from oracles.adaptive_participants import answer_all
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.study.adaptive import answer, open_adaptive, results, start_adaptive
+from stepblocks.study.adaptive import (
+    estimate_participants,
+    open_adaptive,
+    record_answer,
+    start_adaptive,
+)
 from stepblocks.study.run import analyse_study
 from stepblocks.study.sheet import read_answers, read_design
 
@@ -28,7 +33,7 @@ def folder(tmp_path):
 def test_a_pair_is_asked_for_until_it_is_answered(folder):
     pair = next_pair(folder, 1)
     assert next_pair(folder, 1) == pair
-    session = answer(folder, 1, pair.trial, second_is_higher=True)
+    session = record_answer(folder, 1, pair.trial, second_is_higher=True)
     assert [given for given, _ in session.answers] == [pair]
     assert next_pair(folder, 1).trial == 2
     assert next_pair(folder, 2).trial == 1
@@ -39,10 +44,10 @@ def test_a_session_ends_and_says_so(folder):
         assert str(open_adaptive(folder).session(2)) == (
             f"participant 2, trial {pair.trial}: first {pair.first}, then {pair.second}"
         )
-        session = answer(folder, 2, pair.trial, pair.trial % 2 == 0)
+        session = record_answer(folder, 2, pair.trial, pair.trial % 2 == 0)
     assert str(session) == "participant 2: done after 12 trials"
     with pytest.raises(StudyError, match="is done after 12 trials"):
-        answer(folder, 2, 13, True)
+        record_answer(folder, 2, 13, True)
 
 
 def test_what_was_set_up_is_what_is_opened(folder):
@@ -60,7 +65,7 @@ def test_what_was_set_up_is_what_is_opened(folder):
 
 def test_results_are_written_for_the_analysis_of_constant_stimuli(folder):
     assert answer_all(folder, 0.3, seed=1) == 24
-    table = results(folder)
+    table = estimate_participants(folder)
     assert table["participant"].tolist() == [1, 2]
     assert (table["weber_low_95_ratio"] < table["weber_high_95_ratio"]).all()
     design, answers = (
@@ -83,8 +88,8 @@ def test_answers_that_tell_no_threshold_leave_their_figures_open(tmp_path):
     start_adaptive(
         TEN, tmp_path, standard="step-050", seed=5, participants=1, method="staircase", trials=4
     )
-    answer(tmp_path, 1, 1, True)
-    (row,) = results(tmp_path).to_dict("records")
+    record_answer(tmp_path, 1, 1, True)
+    (row,) = estimate_participants(tmp_path).to_dict("records")
     assert math.isnan(row["equal_um"])
     assert row["state"].startswith("goes on; a threshold needs two reversals")
     assert (
@@ -95,12 +100,12 @@ def test_answers_that_tell_no_threshold_leave_their_figures_open(tmp_path):
 
 def test_without_an_answer_there_is_no_result(folder):
     with pytest.raises(PipelineError, match="at least one participant must have answered"):
-        results(folder)
+        estimate_participants(folder)
 
 
 def test_a_record_that_was_changed_does_not_pass(folder):
-    answer(folder, 1, 1, True)
-    answer(folder, 1, 2, False)
+    record_answer(folder, 1, 1, True)
+    record_answer(folder, 1, 2, False)
     record = Path(folder, "answers", "participant-1.csv")
     lines = record.read_text().splitlines(keepends=True)
     record.write_text("".join([lines[0], lines[2]]))

@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.anova import effect_of, f_test, residual_checks
+from stepblocks.study.analysis.anova import check_residuals, make_term, run_f_test
 
 
 def crossed(seed, effect=0.0, each=4):
@@ -20,10 +20,10 @@ def test_with_two_groups_f_is_the_square_of_student_s_t():
     frame = crossed(1, 0.7)
     one, two = (frame.loc[frame["a"] == name, "y"] for name in "01")
     t = stats.ttest_ind(one, two)
-    term = f_test(frame, "y", "a").terms[0]
+    term = run_f_test(frame, "y", "a").terms[0]
     assert term.f == pytest.approx(t.statistic**2, rel=1e-9)
     assert term.p == pytest.approx(t.pvalue, rel=1e-9)
-    (difference,) = f_test(frame, "y", "a").intervals
+    (difference,) = run_f_test(frame, "y", "a").intervals
     limits = t.confidence_interval(0.95)
     assert (difference.low, difference.high) == pytest.approx((limits.low, limits.high), rel=1e-6)
 
@@ -38,7 +38,7 @@ def test_sums_of_squares_of_a_balanced_table_are_those_of_its_means():
         8 * ((columns - grand) ** 2).sum(),
         4 * (both.to_numpy() ** 2).sum(),
     ]
-    found = f_test(frame, "y", "a", "b")
+    found = run_f_test(frame, "y", "a", "b")
     assert [term.name for term in found.terms] == ["a", "b", "a:b"]
     assert [term.sum_of_squares for term in found.terms] == pytest.approx(expected, rel=1e-9)
     assert [term.df for term in found.terms] == [1, 2, 2]
@@ -49,12 +49,12 @@ def test_a_change_of_unit_or_of_zero_moves_no_statistic():
     frame = crossed(3, 0.5)
     moved = frame.assign(y=frame["y"] * 1e-6 + 7e-4)
     for one, other in zip(
-        f_test(frame, "y", "a", "b").terms, f_test(moved, "y", "a", "b").terms, strict=True
+        run_f_test(frame, "y", "a", "b").terms, run_f_test(moved, "y", "a", "b").terms, strict=True
     ):
         assert (one.f, one.p, one.eta_squared) == pytest.approx(
             (other.f, other.p, other.eta_squared), rel=1e-7
         )
-    (one,), (other,) = f_test(frame, "y", "a").intervals, f_test(moved, "y", "a").intervals
+    (one,), (other,) = run_f_test(frame, "y", "a").intervals, run_f_test(moved, "y", "a").intervals
     assert (one.low * 1e-6, one.high * 1e-6, one.effect_size) == pytest.approx(
         (other.low, other.high, other.effect_size)
     )
@@ -63,12 +63,12 @@ def test_a_change_of_unit_or_of_zero_moves_no_statistic():
 def test_the_interval_of_eta_squared_is_that_of_the_noncentrality():
     # Steiger (2004): at the ends of the interval the observed F lies at the 2.5 % points of the
     # noncentral F, as far as statsmodels solves for them
-    term = effect_of("probe", 2.0, 45.0, 1.0, 6.5)
+    term = make_term("probe", 2.0, 45.0, 1.0, 6.5)
     low, high = (48.0 * eta / (1.0 - eta) for eta in (term.eta_low, term.eta_high))
     assert stats.ncf.sf(6.5, 2, 45, low) == pytest.approx(0.025, abs=2e-5)
     assert stats.ncf.cdf(6.5, 2, 45, high) == pytest.approx(0.025, abs=2e-5)
     assert term.eta_low < term.eta_squared < term.eta_high
-    assert effect_of("none", 2.0, 45.0, 1.0, 0.1).eta_low == 0.0
+    assert make_term("none", 2.0, 45.0, 1.0, 0.1).eta_low == 0.0
 
 
 @pytest.mark.parametrize(
@@ -87,14 +87,14 @@ def test_the_interval_of_eta_squared_is_that_of_the_noncentrality():
 )
 def test_what_carries_no_f_test_is_refused(damage, factors, message):
     with pytest.raises(StudyError, match=message):
-        f_test(damage(crossed(4)), "y", *factors)
+        run_f_test(damage(crossed(4)), "y", *factors)
 
 
 def test_checks_are_scipy_s_tests_in_any_unit():
     generator = np.random.default_rng(5)
     values, groups = generator.standard_normal(60), np.repeat(["x", "y", "z"], 20)
     people = generator.standard_normal(8)
-    normal, spread, sample = residual_checks(values * 1e-6, groups, people)
+    normal, spread, sample = check_residuals(values * 1e-6, groups, people)
     assert normal.p == pytest.approx(stats.shapiro(values).pvalue, rel=1e-6)
     assert spread.p == pytest.approx(
         stats.levene(*values.reshape(3, 20), center="median").pvalue, rel=1e-6
@@ -104,7 +104,7 @@ def test_checks_are_scipy_s_tests_in_any_unit():
 
 def test_a_doubt_comes_with_advice_and_few_data_with_none():
     wide = np.concatenate([np.linspace(-1.0, 1.0, 40), np.linspace(-9.0, 9.0, 40)])
-    _, spread, _ = residual_checks(wide, ["a"] * 40 + ["b"] * 40, [])
+    _, spread, _ = check_residuals(wide, ["a"] * 40 + ["b"] * 40, [])
     assert (spread.verdict, "too wide for some conditions" in spread.advice) == ("in doubt", True)
-    _, few, _ = residual_checks([1.0, 2.0, 4.0, 1.5], ["a", "a", "b", "b"], [])
+    _, few, _ = check_residuals([1.0, 2.0, 4.0, 1.5], ["a", "a", "b", "b"], [])
     assert (few.verdict, few.advice, np.isnan(few.p)) == ("not tested", "", True)

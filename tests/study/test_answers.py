@@ -7,18 +7,18 @@ import pytest
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item, constant_stimuli, crossover
+from stepblocks.study.design import Item, design_constant_stimuli, design_crossover
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.sheet import (
+    blind_rows,
+    format_key,
     join_answers,
-    key_csv,
     read_answers,
     read_design,
-    sheet_rows,
     simulate_answers,
 )
 from stepblocks.study.simulate import Observer
-from stepblocks.tables import csv_text
+from stepblocks.tables import format_csv
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 ENERGIES = {"step-025": 10e-6, "step-050": 35e-6, "step-075": 141e-6}
@@ -32,7 +32,7 @@ def lined(rows):
 
 @pytest.fixture
 def study():
-    design = crossover("estimates", 4, BLOCKS, 2, 1, ("bare", "soft")).trials
+    design = design_crossover("estimates", 4, BLOCKS, 2, 1, ("bare", "soft")).trials
     return design, lined(simulate_answers(design, ENERGIES, {"soft": 0.5}, Observer(), seed=2))
 
 
@@ -145,7 +145,7 @@ def test_a_rating_off_its_scale_is_refused(value):
 def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):
     design, _ = study
     path = tmp_path / "answers.csv"
-    damaged = damage(csv_text(sheet_rows(design)))
+    damaged = damage(format_csv(blind_rows(design)))
     path.write_bytes(damaged if isinstance(damaged, bytes) else damaged.encode())
     with pytest.raises(StudyError, match=message) as caught:
         read_answers(path, "estimates")
@@ -154,22 +154,22 @@ def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):
 
 
 def test_files_come_back_as_they_were_written(tmp_path):
-    design = constant_stimuli(2, BLOCKS, 2, 3, "step-050")
+    design = design_constant_stimuli(2, BLOCKS, 2, 3, "step-050")
     path = tmp_path / "design.csv"
-    path.write_text(csv_text(design.trials))
+    path.write_text(format_csv(design.trials))
     rows = read_design(path)
     assert [{name: row[name] for name in row if name != "line"} for row in rows] == design.trials
     sheet = tmp_path / "sheet.csv"
-    sheet.write_text(csv_text(sheet_rows(rows)))
+    sheet.write_text(format_csv(blind_rows(rows)))
     assert len(read_answers(sheet, "constant")) == len(rows)
 
 
 def test_run_sheets_are_blind_and_the_key_opens_them():
-    design = constant_stimuli(3, BLOCKS, 2, 3, "step-050")
+    design = design_constant_stimuli(3, BLOCKS, 2, 3, "step-050")
     rows = design.trials
     sheet, key = (
-        csv_text(sheet_rows(rows)),
-        list(csv.DictReader(io.StringIO(key_csv(design.blocks)))),
+        format_csv(blind_rows(rows)),
+        list(csv.DictReader(io.StringIO(format_key(design.blocks)))),
     )
     for item in BLOCKS:
         assert item.identity not in sheet

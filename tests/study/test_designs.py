@@ -12,11 +12,11 @@ from stepblocks.study.design import (
     MAX_CONDITIONS,
     Item,
     allocate_orders,
-    balance_of,
-    by_codes,
-    constant_stimuli,
-    crossover,
-    williams_square,
+    assign_codes,
+    design_constant_stimuli,
+    design_crossover,
+    make_williams_square,
+    measure_balance,
 )
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.session import QuestPlus, Staircase
@@ -28,9 +28,9 @@ PROBES = ("bare", "hard", "soft")
 
 @pytest.mark.parametrize("conditions", range(1, MAX_CONDITIONS + 1))
 def test_in_williams_orders_every_condition_follows_every_other_equally_often(conditions):
-    balance = balance_of(williams_square(conditions))
+    balance = measure_balance(make_williams_square(conditions))
     assert balance.exact
-    assert len(williams_square(conditions)) == (
+    assert len(make_williams_square(conditions)) == (
         2 * conditions if conditions % 2 and conditions > 1 else conditions
     )
 
@@ -41,7 +41,7 @@ def test_williams_square_of_four_is_the_published_one_up_to_labels():
     published = [[0, 1, 3, 2], [1, 2, 0, 3], [2, 3, 1, 0], [3, 0, 2, 1]]
     relabel = np.array([0, 3, 2, 1])
     assert sorted(relabel[row].tolist() for row in np.array(published)) == sorted(
-        williams_square(4).tolist()
+        make_williams_square(4).tolist()
     )
 
 
@@ -49,14 +49,14 @@ def test_williams_square_of_four_is_the_published_one_up_to_labels():
 def test_any_number_of_participants_is_balanced_to_the_stated_bounds(conditions):
     generator = np.random.default_rng(conditions)
     for participants in range(1, 61):
-        balance = balance_of(allocate_orders(participants, conditions, generator))
+        balance = measure_balance(allocate_orders(participants, conditions, generator))
         assert balance.position_spread <= 1
         assert balance.follower_spread <= (2 if conditions % 2 else 1)
-        assert balance.exact == (participants % len(williams_square(conditions)) == 0)
+        assert balance.exact == (participants % len(make_williams_square(conditions)) == 0)
 
 
 def test_experiment_one_is_the_paper_s():
-    design = crossover("estimates", 10, FOUR, 3, 5, PROBES)
+    design = design_crossover("estimates", 10, FOUR, 3, 5, PROBES)
     cells = Counter(
         (t["participant"], t["condition"], t["repetition"], t["stimulus"]) for t in design.trials
     )
@@ -75,7 +75,7 @@ def test_experiment_one_is_the_paper_s():
 
 
 def test_blocks_within_a_set_are_in_every_order_equally_often():
-    trials = crossover("estimates", 200, FOUR[:3], 4, 2, PROBES).trials
+    trials = design_crossover("estimates", 200, FOUR[:3], 4, 2, PROBES).trials
     orders = Counter(
         tuple(t["stimulus"] for t in trials[i : i + 3]) for i in range(0, len(trials), 3)
     )
@@ -94,7 +94,7 @@ def test_experiment_two_alternates_which_condition_comes_first():
 
 
 def test_constant_stimuli_put_the_standard_first_and_second_equally_often():
-    design = constant_stimuli(3, TEN, 4, 1, "step-050")
+    design = design_constant_stimuli(3, TEN, 4, 1, "step-050")
     cells = Counter((t["participant"], t["stimulus"], t["condition"]) for t in design.trials)
     assert set(cells.values()) == {4}
     assert len(cells) == 3 * 9 * 2
@@ -108,7 +108,7 @@ def test_the_same_seed_gives_the_same_design_and_another_seed_another():
 
 
 def test_a_slip_of_the_pen_is_never_another_block():
-    codes = by_codes([FOUR[0]] * MAX_CODES, np.random.default_rng(1))
+    codes = assign_codes([FOUR[0]] * MAX_CODES, np.random.default_rng(1))
     assert len(codes) == MAX_CODES
     known = set(codes)
     letters = sorted({letter for code in known for letter in code})
@@ -119,23 +119,37 @@ def test_a_slip_of_the_pen_is_never_another_block():
 
 
 def test_codes_say_nothing_about_the_height():
-    ranks = [list(np.argsort(list(by_codes(TEN, np.random.default_rng(s))))) for s in range(200)]
+    ranks = [
+        list(np.argsort(list(assign_codes(TEN, np.random.default_rng(s))))) for s in range(200)
+    ]
     assert np.all(np.abs(np.mean(ranks, axis=0) - 4.5) < 4 * 2.87 / np.sqrt(200))
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: crossover("estimates", 0, FOUR, 3, 1, PROBES), "participants must be at least 1"),
-        (lambda: crossover("estimates", 2, FOUR, 3, 1, ("a", "a")), "'a' twice"),
-        (lambda: crossover("estimates", 2, FOUR, 3, 1, ()), "conditions must be at least one"),
-        (lambda: crossover("estimates", 2, [], 3, 1, PROBES), "blocks must be at least one"),
-        (lambda: crossover("estimates", 2, FOUR, 0, 1, PROBES), "repetitions must be at least 1"),
-        (lambda: crossover("estimates", 2, FOUR, 1, -1, PROBES), "seed must not be negative"),
-        (lambda: crossover("estimates", 900, FOUR, 100, 1, PROBES), "at most 200000 trials"),
-        (lambda: constant_stimuli(2, TEN, 1, 1, "step-099"), "standard must be one of"),
+        (
+            lambda: design_crossover("estimates", 0, FOUR, 3, 1, PROBES),
+            "participants must be at least 1",
+        ),
+        (lambda: design_crossover("estimates", 2, FOUR, 3, 1, ("a", "a")), "'a' twice"),
+        (
+            lambda: design_crossover("estimates", 2, FOUR, 3, 1, ()),
+            "conditions must be at least one",
+        ),
+        (lambda: design_crossover("estimates", 2, [], 3, 1, PROBES), "blocks must be at least one"),
+        (
+            lambda: design_crossover("estimates", 2, FOUR, 0, 1, PROBES),
+            "repetitions must be at least 1",
+        ),
+        (
+            lambda: design_crossover("estimates", 2, FOUR, 1, -1, PROBES),
+            "seed must not be negative",
+        ),
+        (lambda: design_crossover("estimates", 900, FOUR, 100, 1, PROBES), "at most 200000 trials"),
+        (lambda: design_constant_stimuli(2, TEN, 1, 1, "step-099"), "standard must be one of"),
         (lambda: Item("a", "A", float("nan")), "height must be positive"),
-        (lambda: williams_square(27), "between 1 and 26"),
+        (lambda: make_williams_square(27), "between 1 and 26"),
         (lambda: Staircase([2.0, 1.0]), "ascend"),
     ],
 )

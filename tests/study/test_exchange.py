@@ -10,9 +10,9 @@ import pytest
 
 from stepblocks.cli import main
 from stepblocks.errors import StudyError
-from stepblocks.study.adaptive import answer, open_adaptive, start_adaptive, undo
+from stepblocks.study.adaptive import open_adaptive, record_answer, start_adaptive, undo_answer
 from stepblocks.study.exchange import share_study
-from stepblocks.study.prose import apa_p, headline, journal_table, methods
+from stepblocks.study.prose import format_apa_p, make_journal_table, write_headline, write_methods
 from stepblocks.study.run import analyse_study, design_study, simulate_study, study_power
 
 HEIGHTS = (20e-6, 40e-6, 60e-6, 80e-6)
@@ -129,28 +129,28 @@ def test_conditions_for_psychopy_are_blinded_python_names_in_the_order_of_the_de
 
 
 def test_the_report_opens_with_what_was_found_and_ends_as_a_journal_wants_it(result):
-    said = headline(result)
+    said = write_headline(result)
     assert re.match(r"Compared with (bare|hard), estimates with soft scatter 2\.", said)
     assert "no difference was found between bare and hard, which differ by less than" in said
     assert "µm" in said
     assert " um" not in said
-    assert [row["measure"] for row in journal_table(result)] == [
+    assert [row["measure"] for row in make_journal_table(result)] == [
         "bias, µm",
         "absolute error, µm",
         "ln spread, µm",
     ]
-    assert "F(2, 10) = " in journal_table(result)[1]["F"]
+    assert "F(2, 10) = " in make_journal_table(result)[1]["F"]
     assert (
         "6 participants gave 216 judgements of 4 blocks in 3 conditions (bare, hard, soft)"
-        in methods(result)
+        in write_methods(result)
     )
-    assert [apa_p(p) for p in (0.0004, 0.0312, 0.5)] == ["< .001", "= .031", "= .500"]
+    assert [format_apa_p(p) for p in (0.0004, 0.0312, 0.5)] == ["< .001", "= .031", "= .500"]
 
 
 def test_the_opening_sentence_says_once_what_is_compared(tmp_path):
     design_study(HEIGHTS, tmp_path, seed=1, participants=6, probes=("a", "b", "c"))
     simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2, noise={"b": 4.0, "c": 4.0})
-    said = headline(analyse_study(tmp_path, [tmp_path / "answers.csv"]))
+    said = write_headline(analyse_study(tmp_path, [tmp_path / "answers.csv"]))
     assert re.match(
         "Compared with a, estimates with [bc] scatter .*; those with [bc] scatter ", said
     )
@@ -233,12 +233,12 @@ def test_an_answer_can_be_taken_back_and_the_same_pair_is_asked_again(tmp_path, 
         trials=5,
     )
     pair = next_pair(tmp_path, 1)
-    answer(tmp_path, 1, 1, True)
+    record_answer(tmp_path, 1, 1, True)
     second = next_pair(tmp_path, 1)
-    answer(tmp_path, 1, 2, False)
+    record_answer(tmp_path, 1, 2, False)
     assert main(["study", "adaptive", "undo", str(tmp_path), "--participant", "1"]) == 0
     assert next_pair(tmp_path, 1) == second
-    undo(tmp_path, 1)
+    undo_answer(tmp_path, 1)
     assert next_pair(tmp_path, 1) == pair
     with pytest.raises(StudyError, match="must have answered before an answer can be undone"):
-        undo(tmp_path, 1)
+        undo_answer(tmp_path, 1)

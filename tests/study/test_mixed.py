@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.mixed import mixed_model
+from stepblocks.study.analysis.mixed import fit_mixed_model
 
 
 def judged(seed=1, people=8, response=0.6):
@@ -29,7 +29,7 @@ def judged(seed=1, people=8, response=0.6):
 
 
 def fitted(frame):
-    return mixed_model(frame, "y", "probe", "person", "block")
+    return fit_mixed_model(frame, "y", "probe", "person", "block")
 
 
 def test_a_change_of_unit_and_of_zero_moves_the_figures_and_no_statistic():
@@ -93,7 +93,7 @@ def test_an_optimum_is_known_to_all_its_digits_whatever_the_last_bits_and_the_or
 
 
 def test_intervals_can_be_left_out():
-    assert mixed_model(judged(), "y", "probe", "person", intervals=False).intervals == ()
+    assert fit_mixed_model(judged(), "y", "probe", "person", intervals=False).intervals == ()
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,9 @@ from stepblocks.errors import StudyError
 from stepblocks.study.simulate import (
     Observer,
     estimate_heights,
-    feel,
-    feels_higher,
     read_off_height,
+    simulate_comparison,
+    simulate_sensation,
 )
 
 HEIGHTS = np.array([20e-6, 40e-6, 80e-6])
@@ -43,25 +43,25 @@ def test_who_has_no_noise_reads_the_true_height_and_a_share_of_it_through_a_damp
 @pytest.mark.parametrize("weber", [0.1, 0.5])
 def test_a_difference_of_one_weber_fraction_is_told_right_three_times_in_four(weber):
     generator, observer, runs = np.random.default_rng(3), Observer(weber=weber), 8000
-    right = sum(feels_higher(1.0 + weber, 1.0, observer, generator) for _ in range(runs))
+    right = sum(simulate_comparison(1.0 + weber, 1.0, observer, generator) for _ in range(runs))
     assert right / runs == pytest.approx(0.75, abs=4.0 * math.sqrt(0.75 * 0.25 / runs))
 
 
 def test_equal_blocks_are_told_apart_by_chance_and_lapses_are_a_coin():
     generator, runs = np.random.default_rng(4), 4000
     assert sum(
-        feels_higher(1.0, 1.0, Observer(), generator) for _ in range(runs)
+        simulate_comparison(1.0, 1.0, Observer(), generator) for _ in range(runs)
     ) / runs == pytest.approx(0.5, abs=0.032)
     lapsing = Observer(weber=0.0, lapse=0.4)
     # without noise the higher block is always told, but in the 40 % where a coin decides
     assert sum(
-        feels_higher(2.0, 1.0, lapsing, generator) for _ in range(runs)
+        simulate_comparison(2.0, 1.0, lapsing, generator) for _ in range(runs)
     ) / runs == pytest.approx(0.8, abs=0.026)
 
 
 def test_two_felt_energies_differ_by_the_noise_of_one_comparison():
     observer = Observer(weber=0.3)
-    felt = np.log(feel(np.ones(40_000), observer, np.random.default_rng(5)))
+    felt = np.log(simulate_sensation(np.ones(40_000), observer, np.random.default_rng(5)))
     # sigma of a comparison is ln(1.3) / z(0.75); each of the two sensations has its share of the
     # variance
     assert felt.std() * math.sqrt(2.0) == pytest.approx(

@@ -6,9 +6,9 @@ import pytest
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.ordinal import (
-    cluster_covariance,
+    compute_cluster_covariance,
+    fit_ordinal_model,
     fit_proportional_odds,
-    ordinal_model,
 )
 
 
@@ -62,7 +62,7 @@ def test_with_two_categories_it_is_the_logit_of_statsmodels_with_its_clustered_e
         cov_kwds={"groups": groups, "use_correction": False},
     )
     assert fit.params.to_numpy()[:2] == pytest.approx(logit.params.to_numpy()[1:], rel=1e-6)
-    ours = cluster_covariance(fit, groups)[:2, :2] * 8.0 / 9.0
+    ours = compute_cluster_covariance(fit, groups)[:2, :2] * 8.0 / 9.0
     assert ours == pytest.approx(logit.cov_params().to_numpy()[1:, 1:], rel=1e-5)
 
 
@@ -71,7 +71,7 @@ def test_the_test_over_participants_keeps_its_level_where_they_respond_different
 
     runs = 60
     found = [
-        ordinal_model(ratings(seed, 6, 9, 1.5), "rating", "condition", "participant")
+        fit_ordinal_model(ratings(seed, 6, 9, 1.5), "rating", "condition", "participant")
         for seed in range(runs)
     ]
     most = binom.ppf(0.9995, runs, 0.05)
@@ -79,7 +79,7 @@ def test_the_test_over_participants_keeps_its_level_where_they_respond_different
 
 
 def test_intervals_are_those_of_student_over_participants_and_the_test_is_the_same_statement():
-    fit = ordinal_model(ratings(4, 7, 6, 0.4), "rating", "condition", "participant")
+    fit = fit_ordinal_model(ratings(4, 7, 6, 0.4), "rating", "condition", "participant")
     (effect,) = fit.effects
     assert fit.participants["statistic"] == pytest.approx(
         (effect.log_odds / effect.error) ** 2, rel=1e-9
@@ -96,7 +96,7 @@ def test_too_few_participants_are_refused():
     with pytest.raises(
         StudyError, match="more participants than compared conditions must have rated"
     ):
-        ordinal_model(
+        fit_ordinal_model(
             ratings(5, 2, 12, 0.0).assign(condition=lambda f: [f"c{i % 3}" for i in range(len(f))]),
             "rating",
             "condition",

@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stepblocks.study.analysis.anova import f_test
-from stepblocks.study.analysis.mixed import mixed_model
+from stepblocks.study.analysis.anova import run_f_test
+from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.ordinal import fit_proportional_odds
 from stepblocks.study.analysis.psychometric import fit_psychometric
-from stepblocks.study.experiments import power_law
+from stepblocks.study.experiments import fit_power_law
 
 
 def nist(name):
@@ -31,7 +31,7 @@ def nist(name):
 )
 def test_f_test_gives_the_certified_values_of_nist(name):
     frame, certified = nist(name)
-    term = f_test(frame, "y", "group", intervals=False).terms[0]
+    term = run_f_test(frame, "y", "group", intervals=False).terms[0]
     df, squares, _, f = (float(text) for text in certified[-4:])
     assert term.df == df
     assert term.sum_of_squares == pytest.approx(squares, rel=1e-6)
@@ -54,7 +54,7 @@ def test_tukey_s_intervals_are_those_of_r_s_documentation():
             "tension": (["L"] * 9 + ["M"] * 9 + ["H"] * 9) * 2,
         }
     )
-    found = f_test(frame, "breaks", "tension", "wool", interaction=False)
+    found = run_f_test(frame, "breaks", "tension", "wool", interaction=False)
     printed = {
         ("H", "L"): (-14.722222, -24.07564, -5.3688015, 0.0011218),
         ("H", "M"): (-4.722222, -14.07564, 4.6311985, 0.4474210),
@@ -84,7 +84,7 @@ def test_tukey_s_intervals_are_scipy_s_where_there_is_one_factor():
     frame = pd.DataFrame(
         [(str(i), v) for i, group in enumerate(groups) for v in group], columns=["group", "y"]
     )
-    for one in f_test(frame, "y", "group").intervals:
+    for one in run_f_test(frame, "y", "group").intervals:
         i, j = int(one.first), int(one.second)
         assert one.difference == pytest.approx(other.statistic[i, j], rel=1e-9)
         assert (one.low, one.high) == pytest.approx((limits.low[i, j], limits.high[i, j]), rel=1e-6)
@@ -106,7 +106,7 @@ def test_mixed_model_gives_lme4_s_estimates_of_the_dyestuff():
     frame = pd.DataFrame(
         {"yield": values.ravel(), "batch": np.repeat(list("ABCDEF"), 5), "all": "all"}
     )
-    fit = mixed_model(frame, "yield", "all", "batch")
+    fit = fit_mixed_model(frame, "yield", "all", "batch")
     within = values.var(axis=1, ddof=1).mean()
     between = values.mean(axis=1).var(ddof=1) * 5
     assert within == pytest.approx(2451.25)
@@ -144,7 +144,7 @@ def test_mixed_model_gives_the_repeated_measures_f_of_statsmodels(response, seed
             "block": block.astype(str),
         }
     )
-    fit = mixed_model(frame, "y", "probe", "person", "block")
+    fit = fit_mixed_model(frame, "y", "probe", "person", "block")
     term = fit.condition
     assert bool(fit.remarks) == remarked
     table = (
@@ -227,5 +227,5 @@ def test_power_law_is_exact_on_exact_data():
         [(p, x, m * x**0.5) for p, m in (("1", 2.0), ("2", 7.0)) for x in (1e-5, 3e-5, 9e-5)],
         columns=["p", "x", "y"],
     )
-    law = power_law(frame, "y", "x", "p")
+    law = fit_power_law(frame, "y", "x", "p")
     assert (law.exponent, law.low, law.high) == pytest.approx((0.5, 0.5, 0.5), abs=1e-9)

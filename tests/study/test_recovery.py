@@ -7,17 +7,17 @@ import pytest
 
 from oracles.noncentral_f import closed_form_power
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.anova import residual_checks
-from stepblocks.study.analysis.ordinal import ordinal_model
+from stepblocks.study.analysis.anova import check_residuals
+from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, fit_psychometric
-from stepblocks.study.design import Item, constant_stimuli
+from stepblocks.study.design import Item, design_constant_stimuli
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.sheet import join_answers, simulate_answers
 from stepblocks.study.simulate import (
     Observer,
     SimulatedStudy,
+    compute_p_value,
     estimate_power,
-    p_value,
     read_off_height,
 )
 
@@ -54,7 +54,7 @@ def test_a_known_weber_fraction_is_recovered_without_bias():
 
 
 def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
-    design = constant_stimuli(8, BLOCKS, 6, 1, "step-050").trials
+    design = design_constant_stimuli(8, BLOCKS, 6, 1, "step-050").trials
     energies = {item.identity: item.height for item in BLOCKS}
     table = join_answers(
         design, lined(simulate_answers(design, energies, {}, Observer(weber=0.15), seed=5))
@@ -141,7 +141,7 @@ def test_no_effect_is_found_in_five_of_a_hundred_studies(analysis, runs, partici
         measure="bias",
     )
     low, high = binomial_band(runs)
-    p = np.array([p_value(plan, analysis, seed) for seed in range(runs)])
+    p = np.array([compute_p_value(plan, analysis, seed) for seed in range(runs)])
     assert low <= np.mean(p < 0.05) <= high
 
 
@@ -166,7 +166,7 @@ def test_power_of_the_f_test_is_that_of_the_noncentral_f():
     )
     exact = closed_form_power({"a": 0.0, "b": 8e-6}, 4 * 2 * 2, noise, 32 - 4)
     assert 0.5 < exact < 0.95
-    found = np.mean([p_value(plan, "f-test", seed) < 0.05 for seed in range(150)])
+    found = np.mean([compute_p_value(plan, "f-test", seed) < 0.05 for seed in range(150)])
     low, high = binomial_band(150, exact)
     assert low <= found <= high
 
@@ -182,7 +182,7 @@ def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
     )
     exact = closed_form_power({"a": 0.0, "b": 8e-6}, 8, math.hypot(6e-6, 6e-6 / 2), 7)
     assert 0.4 < exact < 0.9
-    found = np.mean([p_value(plan, "mixed", seed) < 0.05 for seed in range(80)])
+    found = np.mean([compute_p_value(plan, "mixed", seed) < 0.05 for seed in range(80)])
     low, high = binomial_band(80, exact)
     assert low <= found <= high
 
@@ -231,7 +231,7 @@ def test_realism_gain_is_recovered_by_the_ordinal_model():
     energies = {item.identity: item.height for item in BLOCKS}
     observer = Observer(realism_gain=1.0)
     table = join_answers(design, lined(simulate_answers(design, energies, {}, observer, seed=8)))
-    effect = ordinal_model(table.frame, "rating", "condition", "participant").effects[0]
+    effect = fit_ordinal_model(table.frame, "rating", "condition", "participant").effects[0]
     assert effect.name == "vibration-on"
     assert effect.low < math.e < effect.high
     assert effect.ratio > 1.5
@@ -242,7 +242,7 @@ def test_checks_doubt_what_is_wrong_and_let_pass_what_is_not():
     groups = ["a"] * 200 + ["b"] * 200
     good = {
         check.assumption: check.verdict
-        for check in residual_checks(
+        for check in check_residuals(
             generator.standard_normal(400) * 1e-6, groups, generator.standard_normal(10)
         )
     }
@@ -250,10 +250,10 @@ def test_checks_doubt_what_is_wrong_and_let_pass_what_is_not():
     wide = generator.standard_normal(400) * np.repeat([1.0, 2.0], 200)
     bad = {
         check.assumption: check.verdict
-        for check in residual_checks(wide**3, groups, [0.0] * 9 + [9.0])
+        for check in check_residuals(wide**3, groups, [0.0] * 9 + [9.0])
     }
     assert set(bad.values()) == {"in doubt"}
-    assert [check.verdict for check in residual_checks([0.0, 0.0], ["a", "b"], [])] == [
+    assert [check.verdict for check in check_residuals([0.0, 0.0], ["a", "b"], [])] == [
         "not tested"
     ] * 3
 

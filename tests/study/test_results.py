@@ -6,7 +6,7 @@ import io
 import pytest
 
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item, constant_stimuli, crossover
+from stepblocks.study.design import Item, design_constant_stimuli, design_crossover
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_study
 from stepblocks.study.sheet import join_answers, simulate_answers
@@ -26,7 +26,7 @@ def result_of(design):
 
 @pytest.fixture(scope="module")
 def estimates():
-    return result_of(crossover("estimates", 4, BLOCKS, 2, 1, ("bare", "soft <b>")))
+    return result_of(design_crossover("estimates", 4, BLOCKS, 2, 1, ("bare", "soft <b>")))
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_judgements_keep_every_column_and_say_the_unit_of_lengths(virtual):
 
 
 def test_who_cannot_be_fitted_is_named_with_the_reason():
-    rows = constant_stimuli(2, BLOCKS, 2, 1, "step-050").trials
+    rows = design_constant_stimuli(2, BLOCKS, 2, 1, "step-050").trials
     sure = Observer(weber=0.0)
     answers = [row | {"line": "line"} for row in simulate_answers(rows, ENERGIES, {}, sure, seed=2)]
     result = join_answers(rows, answers).analyse()

@@ -10,7 +10,7 @@ import pytest
 from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError, StudyError
 from stepblocks.predict.predictions import predict_one
-from stepblocks.study.design import blocks_of
+from stepblocks.study.design import choose_blocks
 from stepblocks.study.run import (
     analyse_study,
     design_study,
@@ -59,8 +59,8 @@ def test_an_unknown_experiment_is_refused_with_those_that_there_are(tmp_path):
 def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwise():
     stimuli = load_declared(Path(FOUR))
     place = {"ball_radius": 150e-6, "normal_load": 1.0, "friction": 0.1}
-    load, point = 1.0, blocks_of(FOUR, place).point
-    (found,) = blocks_of(FOUR, place, "*-025").energies().values()
+    load, point = 1.0, choose_blocks(FOUR, place).point
+    (found,) = choose_blocks(FOUR, place, "*-025").energies().values()
     # a = arccos(1 - H/(R + r)), F = N tan(a + atan mu), E = C F^2 / 2k with the k and C_v of the
     # paper
     force = load * math.tan(math.acos(1.0 - 25e-6 / 150e-6) + math.atan(0.1))
@@ -69,12 +69,14 @@ def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwi
     # speaks for all
     asked = [predict_one(block.counterface(), point) for block in stimuli.step_block]
     assert [one.differs for one in asked] == [False, True, True, True]
-    assert list(blocks_of(FOUR, place).energies().values()) == [one.in_time.energy for one in asked]
+    assert list(choose_blocks(FOUR, place).energies().values()) == [
+        one.in_time.energy for one in asked
+    ]
 
 
 def test_what_is_left_out_is_the_first_of_the_file_under_which_every_block_rings():
     stimuli = load_declared(Path(FOUR))
-    point, grid = blocks_of(FOUR, {"friction": 0.05}).point, stimuli.prediction
+    point, grid = choose_blocks(FOUR, {"friction": 0.05}).point, stimuli.prediction
     assert (point.ball_radius, point.friction) == (grid.tip_radii[0], 0.05)
     # under 0.25 N the drag walks over the step of 25 um: not the first load, the second
     assert point.normal_load == grid.normal_loads[1]
@@ -86,12 +88,12 @@ def test_what_is_left_out_is_the_first_of_the_file_under_which_every_block_rings
     )
     assert point.tool.stiffness == grid.tool.stiffness
     with pytest.raises(ContactError, match="ball_radius must be positive"):
-        blocks_of(FOUR, {"ball_radius": 0.0})
+        choose_blocks(FOUR, {"ball_radius": 0.0})
 
 
 def test_a_block_that_holds_the_probe_cannot_be_felt():
     with pytest.raises(PipelineError, match=r"apparatus-100 is locked at friction 0\.3"):
-        blocks_of(FOUR, {"ball_radius": 125e-6, "friction": 0.3}, "*-100").energies()
+        choose_blocks(FOUR, {"ball_radius": 125e-6, "friction": 0.3}, "*-100").energies()
 
 
 def test_a_study_is_analysed_in_memory_or_into_a_folder(folder, tmp_path):

@@ -2,23 +2,23 @@
 
 import pytest
 
-from stepblocks.study.design import Item, constant_stimuli, crossover
+from stepblocks.study.design import Item, design_constant_stimuli, design_crossover
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.page import render_sheets_pdf, sheet_pages
-from stepblocks.study.sheet import sheet_rows
+from stepblocks.study.page import draw_sheet_pages, render_sheets_pdf
+from stepblocks.study.sheet import blind_rows
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 DESIGNS = {
-    "estimates": lambda: crossover("estimates", 2, BLOCKS, 5, 1, ("bare", "hard", "soft")),
+    "estimates": lambda: design_crossover("estimates", 2, BLOCKS, 5, 1, ("bare", "hard", "soft")),
     "virtual": lambda: EXPERIMENTS["virtual"].design(2, BLOCKS, 2, 1),
-    "constant": lambda: constant_stimuli(2, BLOCKS, 20, 1, "step-050"),
+    "constant": lambda: design_constant_stimuli(2, BLOCKS, 20, 1, "step-050"),
 }
 
 
 def sheets(experiment):
     rows = DESIGNS[experiment]().trials
     return {
-        who: sheet_rows([row for row in rows if row["participant"] == who]) for who in ("1", "2")
+        who: blind_rows([row for row in rows if row["participant"] == who]) for who in ("1", "2")
     }
 
 
@@ -28,7 +28,7 @@ def test_every_trial_stands_once_on_the_pages_of_its_participant_and_nothing_unb
 ):
     given = sheets(experiment)
     printed = {"1": [], "2": []}
-    for page in sheet_pages("A study", given):
+    for page in draw_sheet_pages("A study", given):
         texts = [text.get_text() for text in page.axes[0].texts]
         printed[texts[0][-1]] += texts
     for who, rows in given.items():
@@ -56,7 +56,7 @@ def test_no_text_leaves_its_cell_or_the_page():
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     for experiment in DESIGNS:
-        page = next(iter(sheet_pages(EXPERIMENTS[experiment].sheet_title, sheets(experiment))))
+        page = next(iter(draw_sheet_pages(EXPERIMENTS[experiment].sheet_title, sheets(experiment))))
         renderer = FigureCanvasAgg(page).get_renderer()
         axes = page.axes[0]
         boxes = [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.counterface import Step
-from stepblocks.contact.event import ring_energy, vibration_events
+from stepblocks.contact.event import compute_ring_energy, vibration_events
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study.hands import Mouse, Replay
@@ -71,7 +71,7 @@ def test_the_logged_ring_carries_the_energy_of_equation_one(hand):
     first = int(np.flatnonzero(record["events"] > 0)[0])
     ring = (record["force_x_n"] + record["pull_n"])[first:]
     expected = TOOL.conversion * 0.5 * record["pull_n"][first - 1] ** 2 / TOOL.stiffness
-    assert ring_energy(ring, RATE, TOOL) == pytest.approx(expected, rel=0.01)
+    assert compute_ring_energy(ring, RATE, TOOL) == pytest.approx(expected, rel=0.01)
     assert expected == pytest.approx(EVENT.energy, rel=0.02)
 
 

@@ -6,16 +6,16 @@ import io
 import pytest
 
 from stepblocks.errors import PipelineError
-from stepblocks.study.design import DESIGN_COLUMNS, Item, constant_stimuli, crossover
+from stepblocks.study.design import DESIGN_COLUMNS, Item, design_constant_stimuli, design_crossover
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.sheet import answer_columns, key_csv, sheet_rows, write_new
+from stepblocks.study.sheet import blind_rows, format_key, list_answer_columns, write_new_files
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (10, 25, 50)]
 BY_CODE = {"VTK": BLOCKS[2], "ABE": BLOCKS[0]}
 
 
 def test_every_trial_is_a_row_that_tells_all():
-    design = crossover("estimates", 2, BLOCKS, 2, 1, ("bare", "soft"))
+    design = design_crossover("estimates", 2, BLOCKS, 2, 1, ("bare", "soft"))
     assert len(design.trials) == 2 * 2 * 3 * 2
     for row in design.trials:
         assert tuple(row) == DESIGN_COLUMNS
@@ -26,9 +26,9 @@ def test_every_trial_is_a_row_that_tells_all():
 
 
 def test_in_a_pair_the_standard_is_named_and_the_sheet_keeps_its_place():
-    rows = constant_stimuli(1, BLOCKS, 1, 1, "step-025").trials
+    rows = design_constant_stimuli(1, BLOCKS, 1, 1, "step-025").trials
     assert {row["standard"] for row in rows} == {"step-025"}
-    for row, shown in zip(rows, sheet_rows(rows), strict=True):
+    for row, shown in zip(rows, blind_rows(rows), strict=True):
         places = {"standard-first": "first_code", "standard-second": "second_code"}
         assert shown[places[row["condition"]]] == row["standard_code"]
         assert {shown["first_code"], shown["second_code"]} == {row["code"], row["standard_code"]}
@@ -36,14 +36,14 @@ def test_in_a_pair_the_standard_is_named_and_the_sheet_keeps_its_place():
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_what_is_to_be_written_down_stands_at_the_end_of_a_sheet(experiment):
-    columns = answer_columns(experiment)
+    columns = list_answer_columns(experiment)
     assert columns[:2] == ("participant", "trial")
     assert columns[-len(EXPERIMENTS[experiment].answers) :] == EXPERIMENTS[experiment].answers
     assert not {"stimulus", "engraved", "height_um"} & set(columns)
 
 
 def test_the_key_is_in_the_order_of_its_codes():
-    assert list(csv.reader(io.StringIO(key_csv(BY_CODE)))) == [
+    assert list(csv.reader(io.StringIO(format_key(BY_CODE)))) == [
         ["code", "engraved", "stimulus", "height_um"],
         ["ABE", "STEP-010", "step-010", "10"],
         ["VTK", "STEP-050", "step-050", "50"],
@@ -51,17 +51,17 @@ def test_the_key_is_in_the_order_of_its_codes():
 
 
 def test_the_key_of_a_comparison_names_the_standard_too():
-    key = key_csv(constant_stimuli(1, BLOCKS, 1, 1, "step-025").blocks)
+    key = format_key(design_constant_stimuli(1, BLOCKS, 1, 1, "step-025").blocks)
     assert {row["stimulus"] for row in csv.DictReader(io.StringIO(key))} == {
         b.identity for b in BLOCKS
     }
 
 
 def test_a_file_that_somebody_changed_stays_and_nothing_beside_it_is_written(tmp_path):
-    write_new(tmp_path / "new", {"one.csv": "1\n", "two.pdf": b"\x00\xff"})
+    write_new_files(tmp_path / "new", {"one.csv": "1\n", "two.pdf": b"\x00\xff"})
     assert (tmp_path / "new" / "two.pdf").read_bytes() == b"\x00\xff"
-    write_new(tmp_path / "new", {"one.csv": "1\n"})  # the same content is no conflict
+    write_new_files(tmp_path / "new", {"one.csv": "1\n"})  # the same content is no conflict
     with pytest.raises(PipelineError, match=r"one\.csv has another content already; move it away"):
-        write_new(tmp_path / "new", {"three.csv": "3\n", "one.csv": "changed\n"})
+        write_new_files(tmp_path / "new", {"three.csv": "3\n", "one.csv": "changed\n"})
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["one.csv", "two.pdf"]
     assert (tmp_path / "new" / "one.csv").read_text() == "1\n"

@@ -5,12 +5,12 @@ import pytest
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item, constant_stimuli, crossover
+from stepblocks.study.design import Item, design_constant_stimuli, design_crossover
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_study
 from stepblocks.study.sheet import (
-    answer_columns,
     join_answers,
+    list_answer_columns,
     read_answers,
     read_design,
     simulate_answers,
@@ -18,11 +18,11 @@ from stepblocks.study.sheet import (
 from stepblocks.study.simulate import (
     Observer,
     SimulatedStudy,
+    compute_p_value,
     estimate_power,
-    p_value,
-    simulated_frame,
+    simulate_frame,
 )
-from stepblocks.tables import csv_text
+from stepblocks.tables import format_csv
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(30, 75, 5)]
 ENERGIES = {item.identity: item.height for item in BLOCKS}  # in proportion to the height
@@ -39,12 +39,12 @@ def designed(name, participants=4, repetitions=2):
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_experiment_goes_round(name, tmp_path):
-    (tmp_path / "design.csv").write_text(csv_text(designed(name).trials))
+    (tmp_path / "design.csv").write_text(format_csv(designed(name).trials))
     design = read_design(tmp_path / "design.csv")
     answers = simulate_answers(design, ENERGIES, {}, Observer(weber=0.5), seed=2)
     assert all(row[column] for row in answers for column in EXPERIMENTS[name].answers)
-    assert tuple(answers[0]) == answer_columns(name)
-    (tmp_path / "answers.csv").write_text(csv_text(answers))
+    assert tuple(answers[0]) == list_answer_columns(name)
+    (tmp_path / "answers.csv").write_text(format_csv(answers))
     table = join_answers(design, read_answers(tmp_path / "answers.csv", name))
     assert (len(table.frame), table.missing, table.left) == (len(design), (), ())
     result = table.analyse()
@@ -64,7 +64,7 @@ def test_the_same_seed_gives_the_same_answers_and_another_seed_others(name):
 
 
 def test_without_noise_estimates_are_the_heights_and_a_damper_takes_its_share():
-    rows = crossover("estimates", 2, BLOCKS, 1, 1, ("bare", "soft")).trials
+    rows = design_crossover("estimates", 2, BLOCKS, 1, 1, ("bare", "soft")).trials
     for row, answer in zip(
         rows, simulate_answers(rows, ENERGIES, {"soft": 0.5}, STILL, 3), strict=True
     ):
@@ -75,7 +75,7 @@ def test_without_noise_estimates_are_the_heights_and_a_damper_takes_its_share():
 
 
 def test_without_noise_the_higher_of_two_is_always_named():
-    rows = constant_stimuli(1, BLOCKS, 1, 1, "step-050").trials
+    rows = design_constant_stimuli(1, BLOCKS, 1, 1, "step-050").trials
     for row, answer in zip(rows, simulate_answers(rows, ENERGIES, {}, STILL, 3), strict=True):
         higher = float(row["height_um"]) > 50.0
         assert answer["second_is_higher"] == (
@@ -120,7 +120,7 @@ def plan(**changes):
 
 
 def test_a_simulated_study_has_every_judgement_once_and_its_errors_in_closed_form():
-    frame = simulated_frame(plan(), seed=1)
+    frame = simulate_frame(plan(), seed=1)
     assert set(frame.groupby(["participant", "condition", "stimulus"]).size()) == {2}
     soft = frame[frame["condition"] == "soft"]
     # energy in proportion to height: half of it reads as half the height
@@ -130,8 +130,8 @@ def test_a_simulated_study_has_every_judgement_once_and_its_errors_in_closed_for
 
 def test_a_study_is_decided_by_its_own_seed():
     noisy = plan(observer=Observer())
-    together = [p_value(noisy, "f-test", seed) for seed in (1, 2, 3)]
-    assert together == [p_value(noisy, "f-test", seed) for seed in (1, 2, 3)]
+    together = [compute_p_value(noisy, "f-test", seed) for seed in (1, 2, 3)]
+    assert together == [compute_p_value(noisy, "f-test", seed) for seed in (1, 2, 3)]
     assert len(set(together)) == 3
 
 
@@ -159,4 +159,4 @@ def test_an_impossible_simulation_is_refused(options, message):
 def test_blocks_and_energies_belong_together():
     with pytest.raises(StudyError, match="every block must have an energy, got 2 and 1"):
         plan(energies=(1e-5,))
-    assert np.isfinite(p_value(plan(observer=Observer()), "mixed", 5))
+    assert np.isfinite(compute_p_value(plan(observer=Observer()), "mixed", 5))

@@ -10,22 +10,22 @@ import pytest
 import shapely
 from ezdxf import bbox
 
-from stepblocks.artefacts.on_paper import sheet_table
+from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.cli import main
 from stepblocks.declare import load_declared
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.shapes import build_solids
 from stepblocks.parts.tolerance import Dimension
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 from stepblocks.tables import write_table
-from stepblocks.workshop.complete import missing_from
+from stepblocks.workshop.complete import find_missing
 from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import choose_pair
 
 STIMULI = {
     one.id: one
-    for path in stimulus_files(Path(__file__).parents[2] / "stimuli")
+    for path in find_stimulus_files(Path(__file__).parents[2] / "stimuli")
     for one in load_declared(path).stimuli
 }
 # one of every layout: blocks alike but for their height are read on paper, not built each
@@ -49,7 +49,7 @@ def written(tmp_path_factory):
             part = STIMULI[identity]
             (drawing,) = write_drawing(folder, part, ("dxf",))
             sheet, step = folder / f"{identity}.csv", folder / f"{identity}.step"
-            write_table(sheet_table(part), sheet)
+            write_table(make_sheet_table(part), sheet)
             write_step_ap242(step, part, build_solids(part))
             found[identity] = part, drawing, step, sheet
         return found[identity]
@@ -61,13 +61,13 @@ def written(tmp_path_factory):
 def test_every_shipped_part_is_complete_on_paper(identity, tmp_path):
     part = STIMULI[identity]
     (drawing,) = write_drawing(tmp_path, part, ("dxf",))
-    write_table(sheet_table(part), tmp_path / "sheet.csv")
-    assert missing_from(part, drawing, None, tmp_path / "sheet.csv") == []
+    write_table(make_sheet_table(part), tmp_path / "sheet.csv")
+    assert find_missing(part, drawing, None, tmp_path / "sheet.csv") == []
 
 
 @pytest.mark.parametrize("identity", BUILT)
 def test_every_layout_is_complete_in_all_three_places(identity, written):
-    assert missing_from(*written(identity)) == []
+    assert find_missing(*written(identity)) == []
 
 
 def test_a_dimension_taken_from_the_drawing_is_missed(written, tmp_path):
@@ -82,7 +82,7 @@ def test_a_dimension_taken_from_the_drawing_is_missed(written, tmp_path):
         ]
         space.delete_entity(mine)
         document.saveas(tmp_path / "less.dxf")
-        assert missing_from(part, tmp_path / "less.dxf") == [
+        assert find_missing(part, tmp_path / "less.dxf") == [
             f"less.dxf: {number}  {one.label} must stand once, got 0 times"
         ]
 
@@ -94,12 +94,12 @@ def test_each_line_taken_from_the_sheet_is_missed_and_a_wrong_limit_is_seen(writ
         less = tmp_path / "less.csv"
         with less.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows(rows[:row] + rows[row + 1 :])
-        (line,) = missing_from(part, sheet=less)
+        (line,) = find_missing(part, sheet=less)
         assert rows[row][1] in line
     rows[1][5] = "9.9"
     with less.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(rows)
-    assert "upper limit" in missing_from(part, sheet=less)[0]
+    assert "upper limit" in find_missing(part, sheet=less)[0]
 
 
 @pytest.mark.parametrize("identity", ["crown-chamfer-over", "tip-125"])
@@ -114,7 +114,7 @@ def test_each_dimension_taken_from_the_step_file_is_missed(identity, written, tm
                 less = text.replace(found[0], found[0].replace(f"'{one.label}'", "'gone'"))
                 (tmp_path / "less.step").write_text(less)
                 assert any(
-                    one.label in line for line in missing_from(part, step=tmp_path / "less.step")
+                    one.label in line for line in find_missing(part, step=tmp_path / "less.step")
                 ), one.label
     assert len(taken) >= 1
 
@@ -123,21 +123,21 @@ def test_a_surface_without_its_texture_is_missed(written, tmp_path):
     part, _, step, _ = written("step-050")
     (tmp_path / "less.step").write_text(step.read_text().replace("'surface texture'", "'gone'"))
     assert any(
-        "surface texture" in line for line in missing_from(part, step=tmp_path / "less.step")
+        "surface texture" in line for line in find_missing(part, step=tmp_path / "less.step")
     )
 
 
 def test_a_declared_dimension_that_no_characteristic_states_is_named():
     part = STIMULI["tip-125"]
     more = part.model_copy(update={"length": replace(part.length)})
-    assert missing_from(more) == []
+    assert find_missing(more) == []
     listed = [one for one in part.characteristics() if one.key != "length"]
 
     class Forgetful(type(part)):
         def characteristics(self):
             return iter(listed)
 
-    assert missing_from(Forgetful.model_construct(**dict(part))) == [
+    assert find_missing(Forgetful.model_construct(**dict(part))) == [
         f"tip-125: length ({part.length}) is stated by no characteristic"
     ]
 

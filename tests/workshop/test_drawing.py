@@ -10,19 +10,19 @@ import pytest
 from oracles.drawn_dimensions import drawn_dimensions
 from stepblocks.artefacts.on_paper import (
     COLUMNS,
-    decimals_for,
-    limits_text,
-    sheet_table,
+    choose_decimals,
+    format_limits,
+    make_sheet_table,
     write_sheet_pdf,
 )
 from stepblocks.declare import load_set
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 from stepblocks.tables import write_table
 from stepblocks.workshop.drawing import write_drawing
 
 ROOT = Path(__file__).parents[2]
 STIMULI = {
-    one.id: one for path in stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli
+    one.id: one for path in find_stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli
 }
 
 
@@ -47,7 +47,7 @@ def test_every_dimension_of_the_dxf_measures_and_prints_what_was_asked_for(drawi
         assert one.number == number
         assert one.value == pytest.approx(wanted.nominal, abs=1e-9)
         assert (one.lower, one.upper) == pytest.approx((wanted.lower, wanted.upper), abs=1e-12)
-        decimals = decimals_for(wanted.nominal, wanted.lower, wanted.upper)
+        decimals = choose_decimals(wanted.nominal, wanted.lower, wanted.upper)
         assert f"{wanted.nominal * 1e3:.{decimals}f}" in one.text
     # every characteristic stands on the sheet: as dimension, as frame with a balloon, or as a note
     import ezdxf
@@ -84,11 +84,11 @@ def test_no_text_overlaps_another_or_leaves_the_sheet(drawing):
 
 
 def test_ten_microns_are_never_printed_as_a_hundredth_or_as_nothing():
-    assert limits_text(10e-6, -1e-6, 1e-6) == "0.010 ±0.001"
-    assert limits_text(2.35e-3, -32e-6, 0.0) == "2.350 0/-0.032"
-    assert limits_text(0.0, 0.0, 2e-6) == "0.000 +0.002/0"
-    assert limits_text(-60e-6, -3e-6, 3e-6) == "-0.060 ±0.003"
-    assert decimals_for(1.0005e-3) == 4
+    assert format_limits(10e-6, -1e-6, 1e-6) == "0.010 ±0.001"
+    assert format_limits(2.35e-3, -32e-6, 0.0) == "2.350 0/-0.032"
+    assert format_limits(0.0, 0.0, 2e-6) == "0.000 +0.002/0"
+    assert format_limits(-60e-6, -3e-6, 3e-6) == "-0.060 ±0.003"
+    assert choose_decimals(1.0005e-3) == 4
 
 
 def test_svg_and_pdf_come_out_the_same_twice(tmp_path):
@@ -105,7 +105,7 @@ def test_the_inspection_sheet_has_a_line_for_every_characteristic_with_limits_in
     identity, tmp_path
 ):
     path = tmp_path / "sheet.csv"
-    write_table(sheet_table(STIMULI[identity]), path)
+    write_table(make_sheet_table(STIMULI[identity]), path)
     with path.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     listed = list(STIMULI[identity].characteristics())
@@ -121,7 +121,7 @@ def test_the_inspection_sheet_has_a_line_for_every_characteristic_with_limits_in
 
 def test_a_filled_sheet_carries_values_and_verdicts(tmp_path):
     measured = {"step_height": (10.02e-6, 0.05e-6, "conforms")}
-    write_table(sheet_table(STIMULI["step-010"], measured), tmp_path / "sheet.csv")
+    write_table(make_sheet_table(STIMULI["step-010"], measured), tmp_path / "sheet.csv")
     assert "0.010020,0.000050,conforms" in (tmp_path / "sheet.csv").read_text()
     write_sheet_pdf(tmp_path / "a.pdf", STIMULI["step-010"], measured)
     write_sheet_pdf(tmp_path / "b.pdf", STIMULI["step-010"], measured)

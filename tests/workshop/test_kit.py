@@ -15,16 +15,16 @@ from stepblocks.cad import kernel
 from stepblocks.cli import main
 from stepblocks.declare import load_kit, load_set
 from stepblocks.errors import PipelineError, StimulusError
-from stepblocks.parts.kinds.machined import Box, Machined, bore
+from stepblocks.parts.kinds.machined import Box, Machined, make_bore
 from stepblocks.parts.shapes import mesh_solid
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 from stepblocks.workshop.kit import (
     ON_THE_PIVOT,
     POSITIONS,
-    flexure_of,
-    interferences,
-    normal_load,
-    pull,
+    compute_flexure,
+    compute_normal_load,
+    compute_pull,
+    find_interferences,
     write_kit,
 )
 
@@ -46,15 +46,15 @@ def bodies():
 
 def test_every_solid_has_the_volume_and_centre_of_mass_of_its_closed_form(bodies):
     for part in PARTS:
-        assert kernel.volume(bodies[part.id]) == pytest.approx(part.volumes()[0], rel=1e-12), (
-            part.id
-        )
+        assert kernel.compute_volume(bodies[part.id]) == pytest.approx(
+            part.volumes()[0], rel=1e-12
+        ), part.id
         assert centre_of_mass(bodies[part.id]) == pytest.approx(part.centre, abs=1e-12), part.id
 
 
 def test_nothing_is_in_the_way_of_anything_at_21_positions_of_the_travel(bodies):
     assert POSITIONS == 21
-    assert list(interferences(KIT, bodies)) == []
+    assert list(find_interferences(KIT, bodies)) == []
 
 
 def test_a_post_in_the_way_is_found_where_the_carriage_comes_to_it(bodies, monkeypatch):
@@ -66,7 +66,7 @@ def test_a_post_in_the_way_is_found_where_the_carriage_comes_to_it(bodies, monke
         boxes=(Box((31e-3, -1e-3, -20e-3), (33e-3, 1e-3, 5e-3)),),
     )
     monkeypatch.setattr(type(KIT), "parts", lambda self: [*PARTS, post])
-    found = list(interferences(KIT, {**bodies, "post": post.solids()[0]}))
+    found = list(find_interferences(KIT, {**bodies, "post": post.solids()[0]}))
     places = [float(re.search(r"at ([+-][\d.]+) mm", one)[1]) for one in found]
     assert all("hook and post" in one for one in found)
     assert min(places) == pytest.approx(2.4)  # of the positions every 0.6 mm the first beyond 2 mm
@@ -93,20 +93,20 @@ def test_the_arm_is_balanced_about_its_pivot_and_both_loads_go_through_the_tip()
 def test_loads_agree_with_statics_by_hand_within_a_percent():
     # docs/workshop.md: 50 g over the tip; 200 g on the cord, less 0.0015 sqrt(2) 3/20 of it, less
     # 0.003 of 0.525 kg
-    assert normal_load(KIT, 0.050).force == pytest.approx(0.4903, rel=0.01)
+    assert compute_normal_load(KIT, 0.050).force == pytest.approx(0.4903, rel=0.01)
     moving = math.fsum(one.mass for one in PARTS if one.moving)
     assert moving == pytest.approx(0.525, rel=2e-3)
     by_hand = 0.2 * G * (1.0 - 0.0015 * math.sqrt(2.0) * 3.0 / 20.0) - 0.003 * 0.525 * G
-    assert pull(KIT, 0.200).force == pytest.approx(by_hand, rel=0.01)
-    assert pull(KIT, 0.200).force == pytest.approx(1.945, rel=0.01)
+    assert compute_pull(KIT, 0.200).force == pytest.approx(by_hand, rel=0.01)
+    assert compute_pull(KIT, 0.200).force == pytest.approx(1.945, rel=0.01)
 
 
 def test_the_uncertainty_of_a_load_is_its_budget_in_squares():
-    for load in (normal_load(KIT, 0.030), pull(KIT, 1.0)):
+    for load in (compute_normal_load(KIT, 0.030), compute_pull(KIT, 1.0)):
         assert load.std == pytest.approx(math.sqrt(sum(std**2 for _, std in load.budget)))
         assert {"weight", "gravity"} < {name for name, _ in load.budget}
     # 0.27 % of g, rectangular
-    assert dict(normal_load(KIT, 0.1).budget)["gravity"] == pytest.approx(
+    assert dict(compute_normal_load(KIT, 0.1).budget)["gravity"] == pytest.approx(
         0.0027 * 0.1 * G / math.sqrt(3.0)
     )
 
@@ -144,7 +144,7 @@ def test_the_stiffness_of_the_flexure_agrees_with_finite_elements_within_3_perce
     leaf = KIT.flexure
     sizes = [one.nominal for one in (leaf.length, leaf.width, leaf.thickness)]
     found, _, _ = leaf_by_elements(*sizes, leaf.modulus.value)
-    assert flexure_of(KIT)["stiffness_n_per_m"] == pytest.approx(2.0 * found, rel=0.03)
+    assert compute_flexure(KIT)["stiffness_n_per_m"] == pytest.approx(2.0 * found, rel=0.03)
 
 
 def test_the_strain_under_a_gauge_agrees_with_finite_elements_within_3_percent():
@@ -159,7 +159,7 @@ def test_the_strain_under_a_gauge_agrees_with_finite_elements_within_3_percent()
     strain_per_newton = (
         abs(along[1] - along[0]) / (2.0 * near) / (2.0 * force * 1e-6)
     )  # two leaves share the pull
-    assert flexure_of(KIT)["sensitivity_v_per_v_per_n"] == pytest.approx(
+    assert compute_flexure(KIT)["sensitivity_v_per_v_per_n"] == pytest.approx(
         leaf.gauge_factor.value * strain_per_newton, rel=0.03
     )
 
@@ -167,7 +167,9 @@ def test_the_strain_under_a_gauge_agrees_with_finite_elements_within_3_percent()
 def test_the_command_makes_the_kit_and_says_what_is_missing(tmp_path, capsys, monkeypatch):
     few = [one for one in PARTS if one.id in ("hook", "release-slide", "explorer-clamp")]
     monkeypatch.setattr(type(KIT), "parts", lambda self, weight=None: few)
-    monkeypatch.setattr("stepblocks.workshop.kit.normal_load", lambda kit, mass: pull(kit, mass))
+    monkeypatch.setattr(
+        "stepblocks.workshop.kit.compute_normal_load", lambda kit, mass: compute_pull(kit, mass)
+    )
     assert main(["workshop", str(FILE), "-o", str(tmp_path)]) == 0
     folder = tmp_path / "apparatus" / "drag-rig"
     assert {path.name for path in (folder / "hook").iterdir()} == {
@@ -187,7 +189,7 @@ def test_the_command_makes_the_kit_and_says_what_is_missing(tmp_path, capsys, mo
 
 
 def test_a_load_table_names_axis_weight_force_and_uncertainty(tmp_path, monkeypatch, bodies):
-    monkeypatch.setattr("stepblocks.workshop.kit.interferences", lambda kit, bodies: iter(()))
+    monkeypatch.setattr("stepblocks.workshop.kit.find_interferences", lambda kit, bodies: iter(()))
     monkeypatch.setattr("stepblocks.workshop.kit._write_part", lambda *given: ([], []))
     written, wrong = write_kit(tmp_path, KIT, load_kit(FILE).order)
     assert wrong == []
@@ -212,12 +214,12 @@ def test_what_is_declared_wrongly_is_said_in_one_line(tmp_path):
 
 
 def test_a_folder_means_its_stimuli_and_a_file_means_itself():
-    assert FILE not in stimulus_files(FILE.parent)
-    assert stimulus_files(FILE) == [FILE]
+    assert FILE not in find_stimulus_files(FILE.parent)
+    assert find_stimulus_files(FILE) == [FILE]
 
 
 def test_a_half_bore_takes_half_and_moves_the_centre_away(bodies):
-    hole = bore("x", (0.0, 0.0, 10e-3), 4e-3, 20e-3)
+    hole = make_bore("x", (0.0, 0.0, 10e-3), 4e-3, 20e-3)
     half = hole.__class__(**{**vars(hole), "inward": (0.0, 0.0, -1.0)})
     part = Machined(
         id="half",
@@ -235,7 +237,7 @@ def test_a_half_bore_takes_half_and_moves_the_centre_away(bodies):
 def test_a_simulated_session_takes_its_loads_and_their_scatter_from_the_table(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("stepblocks.workshop.kit.interferences", lambda kit, bodies: iter(()))
+    monkeypatch.setattr("stepblocks.workshop.kit.find_interferences", lambda kit, bodies: iter(()))
     monkeypatch.setattr("stepblocks.workshop.kit._write_part", lambda *given: ([], []))
     write_kit(tmp_path, KIT, load_kit(FILE).order)
     text = (
@@ -247,7 +249,9 @@ def test_a_simulated_session_takes_its_loads_and_their_scatter_from_the_table(
     plan = read_plan(path)
     assert plan.design.loads == pytest.approx([0.03 * G, 0.05 * G], rel=1e-12)
     # the lightest has the largest share: gravity and weight alike, setting and friction beside them
-    assert plan.scatter.load == pytest.approx(normal_load(KIT, 0.03).std / (0.03 * G), rel=1e-12)
+    assert plan.scatter.load == pytest.approx(
+        compute_normal_load(KIT, 0.03).std / (0.03 * G), rel=1e-12
+    )
     path.write_text(text.replace("0.49 N", "0.6 N"))
     with pytest.raises(
         PipelineError, match=r"loads must be of the load table within 1 % .*got 0.6 N"

@@ -11,7 +11,7 @@ import shapely
 
 from stepblocks.cli import main
 from stepblocks.declare import load_set
-from stepblocks.workshop.masks import LEAST, MONITORS, etch_plan, rule_faults, write_masks
+from stepblocks.workshop.masks import LEAST, MONITORS, find_rule_faults, plan_etches, write_masks
 
 pytest.importorskip("gdstk")
 STIMULI = Path(__file__).parents[2] / "stimuli"
@@ -65,11 +65,11 @@ def masks(tmp_path_factory):
 
 def test_four_etches_add_up_to_ten_heights_and_two_unlike_ones_need_two():
     heights = [10e-6 * k for k in range(1, 11)]
-    plan = etch_plan(heights)
+    plan = plan_etches(heights)
     assert list(plan) == pytest.approx([10e-6, 20e-6, 40e-6, 80e-6])
     for index, height in enumerate(heights):
         assert sum(depth for depth, adds in plan.items() if index in adds) == pytest.approx(height)
-    assert etch_plan([25e-6, 60e-6, 25e-6]) == {25e-6: [0, 2], 60e-6: [1]}
+    assert plan_etches([25e-6, 60e-6, 25e-6]) == {25e-6: [0, 2], 60e-6: [1]}
 
 
 def test_the_etches_at_a_place_add_up_to_the_step_beside_the_edge_and_in_the_groove(masks):
@@ -129,13 +129,13 @@ def test_every_etch_has_monitors_of_each_width_and_its_label(masks):
 
 
 def test_the_design_rules_tell_a_slit_and_a_gap_below_the_least_width():
-    assert list(rule_faults(shapely.box(0.0, 0.0, LEAST, 500.0))) == []
-    (slit,) = rule_faults(shapely.box(0.0, 0.0, 0.9 * LEAST, 500.0))
+    assert list(find_rule_faults(shapely.box(0.0, 0.0, LEAST, 500.0))) == []
+    (slit,) = find_rule_faults(shapely.box(0.0, 0.0, 0.9 * LEAST, 500.0))
     assert "what is open must be at least 10 um" in slit
     pair = shapely.union_all(
         [shapely.box(0.0, 0.0, 100.0, 100.0), shapely.box(109.0, 0.0, 200.0, 100.0)]
     )
-    (gap,) = rule_faults(pair)
+    (gap,) = find_rule_faults(pair)
     assert "what is kept" in gap
 
 

@@ -15,8 +15,8 @@ from stepblocks.parts.kinds.tips import StraightTip
 from stepblocks.workshop import drawing
 from stepblocks.workshop.drawing import VIEWS, write_drawing
 from stepblocks.workshop.gauge_route import GRADES, choose_pair
-from stepblocks.workshop.routes import processes
-from stepblocks.workshop.run import Order, order_parts, route_lines
+from stepblocks.workshop.routes import load_processes
+from stepblocks.workshop.run import PartOrder, order_parts, tabulate_routes
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 
@@ -89,9 +89,9 @@ def test_a_folder_that_is_a_link_is_not_written_through(linked, tmp_path):
 
 def test_the_table_of_routes_has_a_line_for_each_with_its_note(tmp_path):
     orders = order_parts(STIMULI / "paper-ten.toml", tmp_path, only="step-010")
-    lines = route_lines([*orders, Order("a/tip", (), ())])
+    lines = tabulate_routes([*orders, PartOrder("a/tip", (), ())])
     assert {line["part"] for line in lines} == {"paper-ten/step-010"}
-    assert len(lines) == len(processes()) - 1 + len(GRADES)
+    assert len(lines) == len(load_processes()) - 1 + len(GRADES)
     assert sum("grind, then lap both faces" in line["note"] for line in lines) == 1
     assert sum("wring 1.000 mm and 1.010 mm side by side" in line["note"] for line in lines) == len(
         GRADES

@@ -12,11 +12,11 @@ from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import Sourced
 from stepblocks.workshop.gauge_route import GRADES
-from stepblocks.workshop.routes import processes, routes_for
+from stepblocks.workshop.routes import find_routes, load_processes
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 BLOCK = load_set(STIMULI / "paper-ten.toml").step_block[4]
-ROUTES = {route.name: route for route in routes_for(BLOCK, 2e-6, PAPER)}
+ROUTES = {route.name: route for route in find_routes(BLOCK, 2e-6, PAPER)}
 
 
 def test_routes_say_which_reaches_the_tolerance():
@@ -24,13 +24,13 @@ def test_routes_say_which_reaches_the_tolerance():
     assert ROUTES["gauge blocks, grade 0"].reaches
     assert not ROUTES["gauge blocks, grade 2"].reaches  # 2 (0.45 + 0.15 + 0.02) = 1.24 um
     assert ROUTES["gauge blocks, grade 2"].deviation == pytest.approx(1.24e-6)
-    assert len(ROUTES) == len(processes()) - 1 + len(GRADES)
+    assert len(ROUTES) == len(load_processes()) - 1 + len(GRADES)
     with pytest.raises(MachiningError, match="capability"):
-        routes_for(BLOCK, 0.0, PAPER)
+        find_routes(BLOCK, 0.0, PAPER)
 
 
 def test_every_route_of_the_issue_is_known_and_every_figure_says_where_it_comes_from():
-    names = " ".join(one.name for one in processes())
+    names = " ".join(one.name for one in load_processes())
     for word in (
         "one piece",
         "gauge",
@@ -43,7 +43,7 @@ def test_every_route_of_the_issue_is_known_and_every_figure_says_where_it_comes_
         "forming",
     ):
         assert word in names
-    for process in processes():
+    for process in load_processes():
         for name, one in process:
             assert not isinstance(one, Sourced) or one.value == 0.0 or one.source, (
                 process.name,
@@ -81,7 +81,7 @@ def test_the_share_that_conforms_is_that_of_draws(name):
 def test_a_better_workshop_narrows_the_interval_and_more_blocks_conform():
     def one_piece(capability):
         return next(
-            route for route in routes_for(BLOCK, capability, PAPER) if route.name == "one piece"
+            route for route in find_routes(BLOCK, capability, PAPER) if route.name == "one piece"
         )
 
     fine, coarse = one_piece(0.5e-6), one_piece(2e-6)
@@ -94,7 +94,7 @@ def test_a_better_workshop_narrows_the_interval_and_more_blocks_conform():
 
 
 def test_routes_whose_cost_class_is_published_come_first_the_cheaper_before():
-    costs = [route.process.cost for route in routes_for(BLOCK, 2e-6, PAPER)]
+    costs = [route.process.cost for route in find_routes(BLOCK, 2e-6, PAPER)]
     known = [cost.value for cost in costs if cost]
     assert known == sorted(known)
     assert not any(costs[len(known) :])

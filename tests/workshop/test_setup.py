@@ -9,7 +9,7 @@ from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.cad import kernel
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import build_solids
-from stepblocks.workshop.setup import PROBE, STOCK, stock_of, write_setup
+from stepblocks.workshop.setup import PROBE, STOCK, compute_stock, write_setup
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 STEP = load_set(STIMULI / "paper-ten.toml").step_block[4]
@@ -21,13 +21,15 @@ def test_the_stock_holds_the_part_with_its_allowance_on_every_face(block, tmp_pa
     _, stock = write_setup(tmp_path, block)
     assert check_step(stock, require_ap242=True).passes
     (body,) = kernel.read_step(stock)
-    low, high = stock_of(block)
+    low, high = compute_stock(block)
     ((_, part),) = build_solids(block)
-    around = kernel.face_kinds(part)
+    around = kernel.describe_faces(part)
     for axis in range(3):
         assert min(face.low[axis] for face in around) - low[axis] > STOCK - 1e-6
         assert high[axis] - max(face.high[axis] for face in around) > STOCK - 1e-6
-    assert kernel.common_volume(body, part) == pytest.approx(kernel.volume(part), rel=1e-9)
+    assert kernel.compute_common_volume(body, part) == pytest.approx(
+        kernel.compute_volume(part), rel=1e-9
+    )
 
 
 def cells(page):

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.revolution import outline_points
-from stepblocks.workshop.sheet import HEIGHT, WIDTH, Sheet, View, round_scale
+from stepblocks.parts.revolution import list_outline_points
+from stepblocks.workshop.sheet import HEIGHT, WIDTH, Sheet, View, choose_scale
 
 STEP = Characteristic("step", "step height", "distance", 10e-6, -1e-6, 1e-6)
 SHANK = Characteristic("shank", "shank", "diameter", 2.35e-3, -32e-6, 0.0)
@@ -33,8 +33,8 @@ def dimensions(sheet):
 )
 def test_scales_are_those_that_a_drawing_uses_and_never_too_large(wanted, scale):
     # ISO 5455: 1, 2, 5 times powers of ten; 2.5 and 4 beside them
-    assert round_scale(wanted) == pytest.approx(scale, rel=1e-12)
-    assert round_scale(wanted) <= wanted * (1.0 + 1e-9)
+    assert choose_scale(wanted) == pytest.approx(scale, rel=1e-12)
+    assert choose_scale(wanted) <= wanted * (1.0 + 1e-9)
 
 
 def test_a_view_stretches_heights_alone_where_it_says_so():
@@ -173,7 +173,7 @@ def test_an_arc_is_drawn_through_its_middle_point_the_short_way_or_the_long(midd
             math.radians(degrees)
         )
 
-    points = outline_points([on(0.0), (on(middle), on(90.0))], 0.05e-6)
+    points = list_outline_points([on(0.0), (on(middle), on(90.0))], 0.05e-6)
     assert points[-1] == pytest.approx(on(90.0))
     assert all(math.hypot(x - 3e-3, y + 1e-3) == pytest.approx(2e-3) for x, y in points)
     assert min(math.dist(point, on(middle)) for point in points) < 0.05e-3
@@ -181,4 +181,4 @@ def test_an_arc_is_drawn_through_its_middle_point_the_short_way_or_the_long(midd
 
 def test_an_outline_of_lines_stays_as_it_is():
     outline = [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (0.0, 2.0)]
-    assert outline_points(outline, 0.05e-6) == outline
+    assert list_outline_points(outline, 0.05e-6) == outline

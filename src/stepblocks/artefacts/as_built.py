@@ -16,14 +16,14 @@ from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.artefacts.scans.text import read_text_scan
 from stepblocks.atomic import replace_text
 from stepblocks.errors import MetrologyError, PipelineError
-from stepblocks.mistakes import validated
-from stepblocks.quantities import format_quantity, quantity_parser
-from stepblocks.text_file import as_text, is_file, read_document
+from stepblocks.mistakes import validate_data
+from stepblocks.quantities import format_quantity, make_quantity_parser
+from stepblocks.text_file import format_file_name, is_file, read_document
 
 _SCHEMA = 1  # of the record's format
 _TEXTS = ("stimulus", "scan", "scan_sha256", "convention")
 _quoted = partial(json.dumps, ensure_ascii=False)  # its escapes are those of TOML
-_LENGTH = BeforeValidator(quantity_parser("length"))
+_LENGTH = BeforeValidator(make_quantity_parser("length"))
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
     """Write a record as TOML with units, and its surface beside it as CSV; return the paths of both."""
     lines = [
         f"schema = {_SCHEMA}",
-        *(f"{name} = {_quoted(as_text(getattr(record, name)))}" for name in _TEXTS),
+        *(f"{name} = {_quoted(format_file_name(getattr(record, name)))}" for name in _TEXTS),
     ]
     lines += [] if record.arc else ["edge_is_arc = false"]
     written = [path]
@@ -119,7 +119,9 @@ def read_as_built(path: str | Path) -> AsBuilt:
         If the file is no such record, or the profile is missing or not the one that was inspected.
     """
     path = Path(path)
-    raw = validated(_Record, read_document(path, "record", MetrologyError), path, MetrologyError)
+    raw = validate_data(
+        _Record, read_document(path, "record", MetrologyError), path, MetrologyError
+    )
     surface = _surface(path, raw.profile, raw.profile_sha256)
     return AsBuilt(
         raw.stimulus,
@@ -151,7 +153,7 @@ def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
     return records
 
 
-def measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
+def list_measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
     """List heights and edge radii of inspected blocks for the closed loop, the unit in every name."""
     edges: dict[str, dict[str, float]] = {}
     for block, record in records.items():

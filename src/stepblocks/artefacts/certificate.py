@@ -42,7 +42,7 @@ def write_certificate(
     values = {
         **{
             "identity": part.id.upper(),
-            "title": part.titled,
+            "title": part.drawing_title,
             "material": part.material.designation,
             "rule": RULE,
         },

@@ -21,7 +21,7 @@ from stepblocks.artefacts.step.check_step import (
     Characteristic,
     StepReport,
     check_step,
-    shown_in,
+    choose_display_unit,
 )
 from stepblocks.artefacts.verdict import Verdict
 from stepblocks.confined import read_confined
@@ -67,7 +67,7 @@ def check_artefact(part: Part, path: str | Path) -> list[Verdict]:
         return [Verdict(path.name, str(error), 1.0, 0.0, 0.0, "file")]
 
 
-def _step(stimulus: Part, path: Path) -> Iterator[Verdict]:
+def _check_step(stimulus: Part, path: Path) -> Iterator[Verdict]:
     name = path.name
     report, findings = check_part_step(path, stimulus)
     yield Verdict(
@@ -87,7 +87,7 @@ def _step(stimulus: Part, path: Path) -> Iterator[Verdict]:
         yield Verdict(
             name, f"volume of solid {index}", volume, found_volume, 1e-6, "volume", relative=True
         )
-    for one, found in matched(report, stimulus):
+    for one, found in match_characteristics(report, stimulus):
         if one.kind not in FORM:
             measured = math.nan if found is None or found.geometry is None else found.geometry
             quantity, angular = f"{one.label}, of its faces", one.quantity == "angle"
@@ -109,7 +109,7 @@ def volumes_in(path: Path) -> dict[str, Any]:
     """Integrate the volume of each solid by the kernel, in the confined process."""
     from stepblocks.cad import kernel
 
-    return {"volumes": [kernel.volume(body) for body in kernel.read_step(path)]}
+    return {"volumes": [kernel.compute_volume(body) for body in kernel.read_step(path)]}
 
 
 def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
@@ -117,10 +117,10 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
     report = check_step(path, require_ap242=True)
     findings = list(report.findings)
     left = [*report.dimensions, *report.tolerances]
-    for one, found in matched(report, stimulus):
+    for one, found in match_characteristics(report, stimulus):
         if found is None:
-            scale, unit = shown_in(one.quantity == "angle")
-            said = ", ".join(f"{value * scale:.9g}" for value in _wanted(one))
+            scale, unit = choose_display_unit(one.quantity == "angle")
+            said = ", ".join(f"{value * scale:.9g}" for value in _list_values(one))
             findings.append(f"{one.label}: must stand in the file as {one.kind} of {said} {unit}")
         else:
             left.remove(found)
@@ -154,14 +154,20 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
     return report, findings
 
 
-def matched(report: StepReport, stimulus: Part) -> list[tuple[Wanted, Characteristic | None]]:
+def match_characteristics(
+    report: StepReport, stimulus: Part
+) -> list[tuple[Wanted, Characteristic | None]]:
     """Find every characteristic of a part in its file."""
     left = [*report.dimensions, *report.tolerances]
     pairs: list[tuple[Wanted, Characteristic | None]] = []
     for one in (one for one in stimulus.characteristics() if one.kind not in ("note", "roughness")):
         label = one.label if one.kind in ("distance", "angle") else ""
         found = next(
-            (item for item in left if item.name == label and _agrees(item, one.kind, _wanted(one))),
+            (
+                item
+                for item in left
+                if item.name == label and _values_agree(item, one.kind, _list_values(one))
+            ),
             None,
         )
         if found is not None:
@@ -170,7 +176,7 @@ def matched(report: StepReport, stimulus: Part) -> list[tuple[Wanted, Characteri
     return pairs
 
 
-def _wanted(one: Wanted) -> tuple[float, ...]:
+def _list_values(one: Wanted) -> tuple[float, ...]:
     return (one.upper,) if one.kind in FORM else (one.nominal, one.lower, one.upper)
 
 
@@ -182,7 +188,7 @@ _NAMES = {
 }
 
 
-def _agrees(item: Characteristic, kind: str, wanted: tuple[float, ...]) -> bool:
+def _values_agree(item: Characteristic, kind: str, wanted: tuple[float, ...]) -> bool:
     names = _NAMES.get(kind, (kind,))
     got = (item.value,) if len(wanted) == 1 else (item.value, item.lower, item.upper)
     return item.kind in names and all(
@@ -190,20 +196,20 @@ def _agrees(item: Characteristic, kind: str, wanted: tuple[float, ...]) -> bool:
     )
 
 
-def _mesh(part: Part, path: Path) -> Iterator[Verdict]:
+def _check_mesh(part: Part, path: Path) -> Iterator[Verdict]:
     mesh = MeshMeasures(*read_mesh(path))
     body = part.bodies.index(path.stem) if path.stem in part.bodies else 0
-    yield from _closed(path.name, mesh, part.volumes()[body])
+    yield from _check_closed(path.name, mesh, part.volumes()[body])
     for finding in part.measured(body, mesh):
         yield Verdict(path.name, *finding)
 
 
-def _closed(name: str, mesh: MeshMeasures, volume: float) -> Iterator[Verdict]:
+def _check_closed(name: str, mesh: MeshMeasures, volume: float) -> Iterator[Verdict]:
     yield Verdict(name, "edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count")
     yield Verdict(name, "volume", volume, mesh.volume, VOLUME_LIMIT, "volume", relative=True)
 
 
-def _pieces(part: Part, path: Path) -> Iterator[Verdict]:
+def _check_pieces(part: Part, path: Path) -> Iterator[Verdict]:
     pieces, name = [MeshMeasures(*arrays) for arrays in read_pieces(path)], path.name
     open_edges = sum(piece.bad_edges() for piece in pieces)
     yield Verdict(name, "edges without exactly one neighbour", 0.0, open_edges, 0.0, "count")
@@ -233,18 +239,18 @@ def arrays_in(path: Path) -> dict[str, Any]:
         }
 
 
-def _tiff(part: Part, path: Path) -> Iterator[Verdict]:
+def _check_tiff(part: Part, path: Path) -> Iterator[Verdict]:
     heights = read_confined(f"{__name__}:image_in", path, raises=MetrologyError)["pixels"]
     bits = 8.0 * heights.dtype.itemsize * (heights.dtype.kind == "f")
     yield Verdict(path.name, "bits per height, floating point", 32.0, bits, 0.0, "count")
-    yield from _field(part, path, heights.astype(np.float64) * 1e-6, _sidecar(path))
+    yield from _check_field(part, path, heights.astype(np.float64) * 1e-6, _read_sidecar(path))
 
 
-def _npz(part: Part, path: Path) -> Iterator[Verdict]:
+def _check_npz(part: Part, path: Path) -> Iterator[Verdict]:
     found = read_confined(f"{__name__}:arrays_in", path, raises=MetrologyError)
     heights, columns, rows = (found[name] for name in ("height_m", "x_m", "y_m"))
-    side = _sidecar(path)
-    yield from _field(part, path, heights, side)
+    side = _read_sidecar(path)
+    yield from _check_field(part, path, heights, side)
     # heights that are equal along y cannot tell swapped rows; the positions that the archive gives
     # them can
     for name, found in (("x", columns), ("y", rows)):
@@ -253,7 +259,7 @@ def _npz(part: Part, path: Path) -> Iterator[Verdict]:
         yield Verdict(path.name, f"positions along {name}", 0.0, float(worst), NANOMETRE)
 
 
-def _sidecar(path: Path) -> dict[str, Any]:
+def _read_sidecar(path: Path) -> dict[str, Any]:
     """Read where the points of a height field lie."""
     try:
         side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
@@ -265,7 +271,7 @@ def _sidecar(path: Path) -> dict[str, Any]:
         ) from error
 
 
-def _field(
+def _check_field(
     part: Part, path: Path, heights: NDArray[np.float64], side: dict[str, Any]
 ) -> Iterator[Verdict]:
     """Compare with the profile at the positions that the sidecar gives, and measure the step between the far thirds."""
@@ -309,7 +315,7 @@ def _view(part: Part, path: Path) -> Iterator[Verdict]:
     found = read_confined(f"{__name__}:view_in", path, raises=MetrologyError)
     yield Verdict(path.name, "bodies", len(part.volumes()), found["count"], 0.0, "count")
     for number, volume in enumerate(part.volumes()[: found["count"]]):
-        yield from _closed(
+        yield from _check_closed(
             path.name,
             MeshMeasures(found[f"vertices {number}"], found[f"triangles {number}"]),
             volume,
@@ -336,12 +342,12 @@ def view_in(path: Path) -> dict[str, Any]:
 
 
 _CHECKERS: dict[str, Callable[[Part, Path], Iterator[Verdict]]] = {
-    ".step": _step,
-    ".convex.obj": _pieces,
-    ".tiff": _tiff,
-    ".npz": _npz,
+    ".step": _check_step,
+    ".convex.obj": _check_pieces,
+    ".tiff": _check_tiff,
+    ".npz": _check_npz,
     ".png": _picture,
     ".json": _specification,
     ".js": _view,
-    **dict.fromkeys(MESH_READERS, _mesh),
+    **dict.fromkeys(MESH_READERS, _check_mesh),
 }

@@ -27,7 +27,7 @@ class Relief:
     y: NDArray[np.float64]  # of the rows
 
 
-def relief(part: Part, ball_radius: float) -> Relief:
+def sample_relief(part: Part, ball_radius: float) -> Relief:
     """Sample the surface as far as a ball that is dragged over its edge can touch it."""
     face = part.counterface()
     opening = 0.0 if isinstance(face, Step) else max(face.breakpoints)
@@ -60,15 +60,15 @@ def height_field(part: Part) -> NDArray[np.float64]:
         Heights [m]; rows ascend in y, columns in x, the samples lie between the edges rather than
         on them.
     """
-    profile: NDArray[np.float64] = part.counterface().heights(_across(part))
-    return np.tile(profile, (len(_positions(_HALF_Y)), 1))
+    profile: NDArray[np.float64] = part.counterface().heights(_choose_positions(part))
+    return np.tile(profile, (len(_list_positions(_HALF_Y)), 1))
 
 
-def _across(part: Part) -> NDArray[np.float64]:
+def _choose_positions(part: Part) -> NDArray[np.float64]:
     """Positions across the edge, shifted within their cell until none lies on a corner of the profile."""
     corners = np.array(part.counterface().breakpoints)
     for shift in (0.0, 0.25, -0.25, 0.125, -0.125):
-        x = _positions(_HALF_X) + shift * SPACING
+        x = _list_positions(_HALF_X) + shift * SPACING
         if np.abs(x[:, None] - corners).min() > 0.05 * SPACING:
             return x
     raise HapticsError(
@@ -76,7 +76,7 @@ def _across(part: Part) -> NDArray[np.float64]:
     )
 
 
-def _positions(half: float) -> NDArray[np.float64]:
+def _list_positions(half: float) -> NDArray[np.float64]:
     count = round(half / SPACING)
     return np.asarray((np.arange(-count, count) + 0.5) * SPACING, dtype=np.float64)
 
@@ -91,7 +91,9 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
     )
     said = {"description": "heights in um", "software": "stepblocks"}
     tifffile.imwrite(tiff, (heights * 1e6).astype(np.float32), compression="zlib", **said)
-    np.savez_compressed(npz, height_m=heights, x_m=_across(part), y_m=_positions(_HALF_Y))
+    np.savez_compressed(
+        npz, height_m=heights, x_m=_choose_positions(part), y_m=_list_positions(_HALF_Y)
+    )
     described: dict[str, Any] = {
         "stimulus": part.id,
         "files": {
@@ -101,8 +103,8 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
         "shape_rows_columns": list(heights.shape),
         "spacing_x_m": SPACING,
         "spacing_y_m": SPACING,
-        "origin_x_m": float(_across(part)[0]),
-        "origin_y_m": float(_positions(_HALF_Y)[0]),
+        "origin_x_m": float(_choose_positions(part)[0]),
+        "origin_y_m": float(_list_positions(_HALF_Y)[0]),
         "origin": "position of row 0, column 0 in the frame of the part; its z = 0 is the lower "
         "working face",
         "row_order": "row 0 lies at the smallest y, rows ascend in y",

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from stepblocks.contact.effects.named import named_laws
-from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
-from stepblocks.contact.forward import constants, design_of
+from stepblocks.contact.effects.named import list_named_laws
+from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
+from stepblocks.contact.forward import convert_to_design, list_constants
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, Floats
 from stepblocks.errors import ContactError, PipelineError
@@ -34,7 +34,10 @@ class LearnedFit:
 
     def active(self, values: Mapping[str, float] | None = None) -> Active:
         """Return the effects with their fitted values, or with others."""
-        return [(law, law.own(self.values if values is None else values)) for law in self.laws]
+        return [
+            (law, law.pick_own_values(self.values if values is None else values))
+            for law in self.laws
+        ]
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class LearnedModel:
     extended: LearnedFit  # with the effects found
 
 
-def model_document(learned: LearnedModel) -> dict[str, Any]:
+def build_model_document(learned: LearnedModel) -> dict[str, Any]:
     """Return the extended model as a document of plain numbers."""
     tool = learned.tool
     return {
@@ -77,12 +80,12 @@ def model_document(learned: LearnedModel) -> dict[str, Any]:
             "channels": CHANNELS,
             "channel_std": learned.channel_std.tolist(),
         },
-        "nominal": _fit_document(learned.nominal),
-        "extended": _fit_document(learned.extended),
+        "nominal": _build_fit_document(learned.nominal),
+        "extended": _build_fit_document(learned.extended),
     }
 
 
-def _fit_document(fitted: LearnedFit) -> dict[str, Any]:
+def _build_fit_document(fitted: LearnedFit) -> dict[str, Any]:
     return {
         "names": list(fitted.values),
         "units": fitted.units,
@@ -118,17 +121,17 @@ def read_model(path: str | Path) -> LearnedModel:
     if not isinstance(document, dict) or document.get("format") != _FORMAT:
         raise PipelineError(f"model must have the format {_FORMAT} [{path}]")
     try:
-        return _from_document(document)
+        return _parse_model(document)
     except (KeyError, TypeError, ValueError, AttributeError, ContactError) as error:
         reason = " ".join(str(error).split())
         raise PipelineError(f"model is incomplete or damaged: {reason:.80} [{path}]") from error
 
 
-def _from_document(document: Mapping[str, Any]) -> LearnedModel:
+def _parse_model(document: Mapping[str, Any]) -> LearnedModel:
     probe, start, scatter = document["probe"], document["start"], document["scatter"]
     ranges = TypeAdapter(tuple[CovariateRange, ...]).validate_python(document["covariates"])
     blocks = tuple(str(block) for block in document["blocks"])
-    laws = {law.id: law for law in (*named_laws(blocks), *smooth_laws(ranges))}
+    laws = {law.id: law for law in (*list_named_laws(blocks), *list_smooth_laws(ranges))}
     return LearnedModel(
         verdict=str(document.get("verdict", "")),
         tool=Tool(
@@ -143,26 +146,28 @@ def _from_document(document: Mapping[str, Any]) -> LearnedModel:
         ),
         blocks=blocks,
         ranges=ranges,
-        quantity_std=_numbers("quantity_std", scatter["quantity_std"], (3,)),
-        channel_std=_numbers("channel_std", scatter["channel_std"], (len(CHANNELS),)),
-        nominal=_fit("nominal", document["nominal"], laws),
-        extended=_fit("extended", document["extended"], laws),
+        quantity_std=_parse_numbers("quantity_std", scatter["quantity_std"], (3,)),
+        channel_std=_parse_numbers("channel_std", scatter["channel_std"], (len(CHANNELS),)),
+        nominal=_parse_fit("nominal", document["nominal"], laws),
+        extended=_parse_fit("extended", document["extended"], laws),
     )
 
 
-def _fit(name: str, part: Mapping[str, Any], laws: Mapping[str, Law]) -> LearnedFit:
+def _parse_fit(name: str, part: Mapping[str, Any], laws: Mapping[str, Law]) -> LearnedFit:
     names = [str(n) for n in part["names"]]
     values = dict(
         zip(
             names,
-            _numbers(f"values of {name}", part["values"], (len(names),)).tolist(),
+            _parse_numbers(f"values of {name}", part["values"], (len(names),)).tolist(),
             strict=True,
         )
     )
-    covariance = _numbers(f"covariance of {name}", part["covariance"], (len(names), len(names)))
+    covariance = _parse_numbers(
+        f"covariance of {name}", part["covariance"], (len(names), len(names))
+    )
     effects = tuple(laws[str(e["id"])] for e in part["effects"])
     own = [(f"{law.id}.{p.name}", p.low, p.high) for law in effects for p in law.parameters]
-    for key, low, high in (*((p.name, p.low, p.high) for p in _constants()), *own):
+    for key, low, high in (*((p.name, p.low, p.high) for p in _list_constants()), *own):
         if not low <= values[key] <= high:
             raise ValueError(
                 f"{key} of {name} must lie between {low:g} and {high:g}, got {values[key]:g}"
@@ -171,15 +176,15 @@ def _fit(name: str, part: Mapping[str, Any], laws: Mapping[str, Law]) -> Learned
 
 
 @cache
-def _constants() -> tuple[Parameter, ...]:
+def _list_constants() -> tuple[Parameter, ...]:
     """Constants of every session; what a single trial adds is the height of its block, which comes last."""
     columns = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
-    return constants(design_of(np.array(["block"]), {name: np.ones(1) for name in columns}, 1.0))[
-        :-1
-    ]
+    return list_constants(
+        convert_to_design(np.array(["block"]), {name: np.ones(1) for name in columns}, 1.0)
+    )[:-1]
 
 
-def _numbers(name: str, given: object, shape: tuple[int, ...]) -> Floats:
+def _parse_numbers(name: str, given: object, shape: tuple[int, ...]) -> Floats:
     numbers = np.asarray(given, dtype=np.float64)
     if numbers.shape != shape or not np.all(np.isfinite(numbers)):
         raise ValueError(f"{name} must be {' by '.join(map(str, shape))} finite numbers")

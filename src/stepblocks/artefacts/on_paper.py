@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepblocks.atomic import beside
+from stepblocks.atomic import write_atomically
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import GUARD_FACTOR
@@ -36,7 +36,7 @@ Values = Mapping[
 ]  # measured [m], its standard uncertainty [m] and verdict, by key
 
 
-def decimals_for(*lengths: float) -> int:
+def choose_decimals(*lengths: float) -> int:
     """Return the decimals that print all lengths [m] exactly in millimetres, at least one, at most six."""
     for decimals in range(1, _MOST_DECIMALS):
         if all(abs(round(length * 1e3, decimals) - length * 1e3) < 1e-9 for length in lengths):
@@ -44,43 +44,43 @@ def decimals_for(*lengths: float) -> int:
     return _MOST_DECIMALS
 
 
-def millimetres(length: float, decimals: int) -> str:
+def format_millimetres(length: float, decimals: int) -> str:
     """Return a length [m] in millimetres with trailing zeros, and zero without a sign."""
     text = f"{length * 1e3:.{decimals}f}"
     return text.lstrip("-") if float(text) == 0.0 else text
 
 
-def limits_text(nominal: float, lower: float, upper: float, quantity: str = "length") -> str:
+def format_limits(nominal: float, lower: float, upper: float, quantity: str = "length") -> str:
     """Return nominal and deviations as on a drawing: ``0.010 ±0.001``, ``0.000 +0.002/0``, or ``16° ±1°``."""
     if quantity == "angle":
         value, low, high = (f"{math.degrees(one):.6g}°" for one in (nominal, lower, upper))
         return f"{value} ±{high}" if abs(upper + lower) < 1e-12 else f"{value} +{high}/{low}"
-    decimals = decimals_for(nominal, lower, upper)
-    value = millimetres(nominal, decimals)
+    decimals = choose_decimals(nominal, lower, upper)
+    value = format_millimetres(nominal, decimals)
     if abs(upper + lower) < 1e-12:
-        return f"{value} ±{millimetres(upper, decimals)}"
+        return f"{value} ±{format_millimetres(upper, decimals)}"
     high, low = (
         "0" if abs(one) < 1e-12 else f"{one * 1e3:+.{decimals}f}" for one in (upper, lower)
     )
     return f"{value} {high}/{low}"
 
 
-def zone_text(zone: float) -> str:
+def format_zone(zone: float) -> str:
     """Return the zone of a geometric tolerance as in its frame: three decimals at least."""
-    return millimetres(zone, max(decimals_for(zone), 3))
+    return format_millimetres(zone, max(choose_decimals(zone), 3))
 
 
-def demands_by_default(stimulus: Part) -> str:
+def describe_default_demands(stimulus: Part) -> str:
     """Say which demands on the working faces nobody has stated, if any."""
     named = ", ".join(name for name, zone in stimulus.face_demands.items() if zone.usual)
-    field = stimulus.governed_by.replace("_", " ")
+    field = stimulus.governing_field.replace("_", " ")
     return (
         named
         and f"Not stated in the order, so by default from the tolerance of the {field}: {named}."
     )
 
 
-def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
+def make_sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
     """Return the lines of the sheet, as texts."""
     import pandas as pd
 
@@ -90,8 +90,8 @@ def sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
         if one.quantity == "angle":
             unit, limits = "deg", [f"{math.degrees(size):g}" for size in sizes]
         else:
-            decimals = decimals_for(one.nominal, one.lower, one.upper)
-            unit, limits = "mm", [millimetres(size, decimals) for size in sizes]
+            decimals = choose_decimals(one.nominal, one.lower, one.upper)
+            unit, limits = "mm", [format_millimetres(size, decimals) for size in sizes]
         if one.kind in FORM:
             limits[:2] = "", ""
         value = (measured or {}).get(one.key)
@@ -121,7 +121,7 @@ def write_sheet_pdf(path: Path, stimulus: Part, measured: Values | None = None) 
     )
     shown = {name: heading for name, heading in _COLUMNS.items() if heading is not None}
     table = axes.table(
-        cellText=sheet_table(stimulus, measured)[list(shown)].to_numpy().tolist(),
+        cellText=make_sheet_table(stimulus, measured)[list(shown)].to_numpy().tolist(),
         colLabels=[heading for heading, _ in shown.values()],
         loc="upper center",
         cellLoc="left",
@@ -135,5 +135,5 @@ def write_sheet_pdf(path: Path, stimulus: Part, measured: Values | None = None) 
         cell.PAD = 0.03
         if row == 0:
             cell.set_facecolor("#e6edf2")
-    with beside(path) as draft:
+    with write_atomically(path) as draft:
         figure.savefig(draft, format="pdf", metadata={"CreationDate": None, "ModDate": None})

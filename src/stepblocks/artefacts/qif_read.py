@@ -135,7 +135,7 @@ def _limits(definition: Any, factor: float, nominal: float, path: Path) -> tuple
     return (low - nominal, high - nominal) if whole else (low, high)
 
 
-def matched_by(results: list[QifResult], keys: Mapping[str, str]) -> dict[str, QifResult]:
+def match_results(results: list[QifResult], keys: Mapping[str, str]) -> dict[str, QifResult]:
     """Find results by all that a characteristic may be called: key, label, number on the drawing; the last one counts."""
     found: dict[str, QifResult] = {}
     for one in results:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.contact.event import VibrationEvent, ring
+from stepblocks.contact.event import VibrationEvent, compute_ring_force
 from stepblocks.errors import HapticsError
 
 WAV_RATES = (10_000, 48_000)  # Hz
@@ -15,10 +15,11 @@ _TIMESCALE = 1000  # ticks per second that the reference software assumes for a 
 _HIGHEST = 1000  # of the band [Hz]
 
 
-def largest_force(event: VibrationEvent) -> float:
+def find_largest_force(event: VibrationEvent) -> float:
     """Return the force that a WAV file of a ring must be able to hold [N]."""
     return max(
-        event.amplitude, *(float(np.abs(ring(event, rate)).max(initial=0.0)) for rate in WAV_RATES)
+        event.amplitude,
+        *(float(np.abs(compute_ring_force(event, rate)).max(initial=0.0)) for rate in WAV_RATES),
     )
 
 
@@ -26,7 +27,7 @@ def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None
     """Write a ring as mono WAV, `full` [N] standing for full scale: 1 in float32, 32767 in int16 where the name ends so."""
     from scipy.io import wavfile
 
-    force = ring(event, rate)
+    force = compute_ring_force(event, rate)
     if not (math.isfinite(full) and full > 0.0 and np.isfinite(force).all()):
         raise HapticsError(
             f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]"

@@ -6,7 +6,7 @@ from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
-from stepblocks.bench.measure import examine, pilot
+from stepblocks.bench.measure import estimate_tool, measure_or_explain
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Array, Trace, TraceError
 from stepblocks.bench.signal.features import Measurement
@@ -14,7 +14,7 @@ from stepblocks.bench.traces import Traces
 from stepblocks.bench.traces.split import draw_cuts
 from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.errors import PipelineError
-from stepblocks.figure_file import new_figure, save_figure
+from stepblocks.figure_file import make_figure, save_figure
 
 _FIRST = 12  # trials that are drawn where none are named
 _LINE, _FIT = "#1f4e79", "#c0392b"
@@ -60,10 +60,10 @@ def draw_trials(
             draw_cuts(
                 traces.drags[0], list(traces.drags[1].values()), list(traces.drags[1]), drawn[-1]
             )
-        tool = pilot(traces, table)
+        tool = estimate_tool(traces, table)
         for trial in chosen:
             with suppress(TraceError):
-                examined = examine(traces, trial, tool)
+                examined = measure_or_explain(traces, trial, tool)
                 drawn.append(output / f"trial-{re.sub(r'[^A-Za-z0-9._-]', '_', trial.name)}.png")
                 _draw(declared.title, trial, examined, drawn[-1])
     return drawn
@@ -73,7 +73,7 @@ def _draw(
     title: str, trial: Trial, examined: tuple[Trace, Measurement | None, str], path: Path
 ) -> None:
     trace, measured, reason = examined
-    figure, (whole, near, normal) = new_figure(3, 1, width=11.0, height=8.5)
+    figure, (whole, near, normal) = make_figure(3, 1, width=11.0, height=8.5)
     conditions = ", ".join(f"{name} {cell}" for name, cell in list(trial.cells.items())[1:6])
     figure.suptitle(f"{title}: trial {trial.name} ({conditions})", fontsize=11)
     time, release, told = 1e3 * trace.time, float(trace.time[0]), f"excluded: {reason}"

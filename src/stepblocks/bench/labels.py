@@ -40,7 +40,7 @@ class LabelCheck:
     names: dict[str, int] = field(default_factory=dict)
 
     def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
-        """Take note of one measured trial; `digest` identifies the samples of its trace."""
+        """Take note of one measured trial; `hash_bytes` identifies the samples of its trace."""
         self.labels.extend((trial.row, self.names.setdefault(trial.block, len(self.names)), digest))
         self.numbers.extend(
             (trial.load, trial.speed, *(features.get(name, math.nan) for name in _FEATURES))
@@ -57,8 +57,8 @@ class LabelCheck:
         def compare(ratio: Array, factor: float, told: Callable[[int, float], str]) -> None:
             finite = ratio[np.isfinite(ratio)]
             usual = float(np.median(finite)) if finite.size else math.nan
-            units = _off(ratio, usual, _UNIT_FACTOR)
-            for index in np.flatnonzero(_off(ratio, usual, factor)).tolist():
+            units = _is_off(ratio, usual, _UNIT_FACTOR)
+            for index in np.flatnonzero(_is_off(ratio, usual, factor)).tolist():
                 wrong = "units changed or mislabelled" if units[index] else "mislabelled"
                 found.setdefault(int(rows[index]), f"{wrong}: {told(index, usual)}")
 
@@ -70,10 +70,10 @@ class LabelCheck:
             return f"{means}, the speed of this row is {speed[i] * 1e3:.3g} mm/s"
 
         # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
-        compare(normal / line_of(load, normal)(load), _LOAD_FACTOR, told_load)
+        compare(normal / fit_load_line(load, normal)(load), _LOAD_FACTOR, told_load)
         known = np.flatnonzero(np.isfinite(normal / load))
         usual = np.median((normal / load)[known]) if known.size else math.nan
-        if _off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
+        if _is_off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
             found |= {int(rows[i]): f"units: {told_load(i, usual)}" for i in known.tolist()}
         compare(slope / speed, _SLOPE_FACTOR, told_speed)
         clean = np.array(
@@ -89,7 +89,7 @@ class LabelCheck:
             np.isin(rows, list(found)), math.nan, np.arctan(peak / normal) - np.arctan(friction)
         )
         names = list(self.names)
-        for index, other in _of_other_blocks(angle, blocks).items():
+        for index, other in _find_other_blocks(angle, blocks).items():
             said = (
                 f"the forces are those of block {names[other]}, the row says "
                 f"{names[int(blocks[index])]}"
@@ -98,7 +98,7 @@ class LabelCheck:
         return found
 
 
-def line_of(load: Array, normal: Array) -> Callable[[Array], Array]:
+def fit_load_line(load: Array, normal: Array) -> Callable[[Array], Array]:
     """Return the line that the normal forces of a session lie on against their loads, whatever some of them do."""
     from scipy.stats import theilslopes
 
@@ -119,7 +119,7 @@ def line_of(load: Array, normal: Array) -> Callable[[Array], Array]:
     return lambda at: np.maximum(zero + gain * at, 0.2 * gain * at)
 
 
-def together(
+def find_shared_faults(
     rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, str]
 ) -> dict[int, str]:
     """Rows whose faults they share with their like, each with what they have in common: those are data."""
@@ -163,7 +163,7 @@ def together(
     return found
 
 
-def _of_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
+def _find_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
     """Trials whose sin(a/2), which is sqrt(H / 2R) by equation (2), fits another block and not their own."""
     size = np.sin(0.5 * angle)
     known = np.isfinite(size)
@@ -186,6 +186,6 @@ def _of_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
     return dict(zip(rows[other].tolist(), map(int, nearest[other]), strict=True))
 
 
-def _off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
+def _is_off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.isfinite(ratio) & ((ratio > usual * factor) | (ratio < usual / factor))

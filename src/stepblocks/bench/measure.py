@@ -15,24 +15,24 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepblocks.atomic import beside
-from stepblocks.bench.labels import LabelCheck, together
+from stepblocks.atomic import write_atomically
+from stepblocks.bench.labels import LabelCheck, find_shared_faults
 from stepblocks.bench.session import Session, open_session
 from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
 from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import (
     FEATURE_COLUMNS,
     Measurement,
-    censored_features,
+    average_tool,
+    measure_censored,
     measure_trace,
-    tool_of,
 )
 from stepblocks.bench.traces import Traces
-from stepblocks.bench.trials import Trial, TrialTable, heights_of, open_trials
+from stepblocks.bench.trials import Trial, TrialTable, find_heights, open_trials
 from stepblocks.bench.waveform import WAVEFORM_COLUMNS, fit_waveform
 from stepblocks.contact.operating_point import PAPER, Tool as PointTool
 from stepblocks.errors import PipelineError
-from stepblocks.tables import harmless
+from stepblocks.tables import escape_formula
 from stepblocks.workers import die_with_parent
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def write_features(
     )
     columns = (*FEATURE_COLUMNS, *WAVEFORM_COLUMNS) if waveform else FEATURE_COLUMNS
     heights = (
-        dict(enumerate(heights_of(table.session, table.header, list(table))[1], start=1))
+        dict(enumerate(find_heights(table.session, table.header, list(table))[1], start=1))
         if waveform
         else {}
     )
@@ -156,15 +156,18 @@ def write_features(
         draft = Path(scratch) / "draft.csv"
         with draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*_LEADING, *map(harmless, table.covariates), *columns])
-            for done, result in enumerate(_results(table, jobs, heights), start=1):
+            writer.writerow([*_LEADING, *map(escape_formula, table.covariates), *columns])
+            for done, result in enumerate(_iterate_results(table, jobs, heights), start=1):
                 if not result.reason:
                     check.add(result.trial, result.features, result.digest)
                 seen = [result.features.get(name, math.nan) for name in columns]
                 writer.writerow(
                     [
-                        *map(harmless, (result.trial.name, result.status, result.reason)),
-                        *(harmless(result.trial.cells.get(name, "")) for name in table.covariates),
+                        *map(escape_formula, (result.trial.name, result.status, result.reason)),
+                        *(
+                            escape_formula(result.trial.cells.get(name, ""))
+                            for name in table.covariates
+                        ),
                         *(
                             v if isinstance(v, str) else f"{v:.9g}" if math.isfinite(v) else ""
                             for v in seen
@@ -173,7 +176,7 @@ def write_features(
                 )
                 if progress is not None:
                     progress(done, table.count)
-        return _finish(draft, output, table, check.faults(), len(columns))
+        return _write_labelled(draft, output, table, check.faults(), len(columns))
 
 
 def measure_trial(
@@ -183,13 +186,13 @@ def measure_trial(
     if trial.fault:
         return TrialResult(trial, trial.fault)
     try:
-        trace, measured, reason = examine(traces, trial, tool)
+        trace, measured, reason = measure_or_explain(traces, trial, tool)
     except TraceError as fault:
         return TrialResult(trial, " ".join(str(fault).split()))
     probe = traces.session.probe
     if measured is None:
         known = "saturated" in reason or reason.startswith("no release")
-        seen = censored_features(trace, probe.spring_constant, trial.speed, reason) if known else {}
+        seen = measure_censored(trace, probe.spring_constant, trial.speed, reason) if known else {}
         return TrialResult(trial, reason, seen)
     samples = blake2b(trace.tangential.tobytes() + trace.normal.tobytes(), digest_size=7)
     features = measured.features
@@ -203,7 +206,7 @@ def measure_trial(
     return TrialResult(trial, "", features, int.from_bytes(samples.digest()))
 
 
-def examine(
+def measure_or_explain(
     traces: Traces, trial: Trial, tool: Tool | None
 ) -> tuple[Trace, Measurement | None, str]:
     """Read, screen and measure one trace; where it cannot be measured, say why."""
@@ -218,20 +221,22 @@ def examine(
         return trace, None, str(fault)
 
 
-def pilot(traces: Traces, table: TrialTable) -> Tool | None:
+def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     """Learn the tool's frequency [Hz] and decay time [s] from trials spread evenly over the session."""
     # which trials depends on their number alone, so that every run and any number of workers
     # measure alike
     stride = max(table.count // _PILOTS, 1)
     chosen = (trial for trial in table if (trial.row - 1) % stride == 0)
     results = (measure_trial(traces, trial) for trial in islice(chosen, _PILOTS))
-    return tool_of(result.features for result in results if not result.reason)
+    return average_tool(result.features for result in results if not result.reason)
 
 
-def _results(table: TrialTable, jobs: int, heights: dict[int, float]) -> Iterator[TrialResult]:
+def _iterate_results(
+    table: TrialTable, jobs: int, heights: dict[int, float]
+) -> Iterator[TrialResult]:
     """Results in the order of the table; no more than a few chunks per worker are under way at any time."""
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
-        tool = pilot(traces, table)
+        tool = estimate_tool(traces, table)
         pairs = ((trial, 1e-6 * heights.get(trial.row, math.nan)) for trial in table)
         if jobs == 1 or table.count <= _CHUNK:
             yield from (measure_trial(traces, trial, tool, height) for trial, height in pairs)
@@ -262,13 +267,13 @@ def _measure_chunk(
     return [measure_trial(_opened(session), trial, tool, height) for trial, height in pairs]
 
 
-def _finish(
+def _write_labelled(
     draft: Path, output: Path, table: TrialTable, faults: dict[int, str], width: int
 ) -> MeasureSummary:
     """Put the faults of labels into the draft, and the draft into its place."""
     counts: Counter[tuple[str, str]] = Counter()
     try:
-        with beside(output) as whole:
+        with write_atomically(output) as whole:
             with (
                 draft.open(newline="", encoding="utf-8") as source,
                 whole.open("w", newline="", encoding="utf-8") as sink,
@@ -280,7 +285,7 @@ def _finish(
                     (row, dict(zip(table.covariates, cells[len(_LEADING) :], strict=False)))
                     for row, cells in rows
                 )
-                data = together(named, faults)
+                data = find_shared_faults(named, faults)
                 source.seek(0)
                 writer = csv.writer(sink, lineterminator="\n")
                 for row, cells in enumerate(csv.reader(source)):

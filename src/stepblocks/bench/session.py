@@ -12,8 +12,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from stepblocks.bench.signal import TraceError
 from stepblocks.errors import BenchError, QuantityError
-from stepblocks.mistakes import Mistake, mistakes_in, noted, told
-from stepblocks.quantities import parse_quantity, quantity_parser
+from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_mistakes
+from stepblocks.quantities import make_quantity_parser, parse_quantity
 from stepblocks.text_file import is_file, read_document
 
 TraceFormat = Literal["csv", "hdf5", "tdms", "mat"]
@@ -57,10 +57,14 @@ _PER_VOLT = re.compile(r"\s*(\S.*?)\s*/\s*(V|mV|uV)\s*")
 _TARE = re.compile(r"\s*first\s+(\S.*?)\s*")
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 
-Stiffness = Annotated[float, BeforeValidator(quantity_parser("stiffness")), Field(gt=0.0, le=1e9)]
-Frequency = Annotated[float, BeforeValidator(quantity_parser("frequency")), Field(gt=0.0, le=1e9)]
-_Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(gt=0.0)]
-_Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(gt=0.0)]
+Stiffness = Annotated[
+    float, BeforeValidator(make_quantity_parser("stiffness")), Field(gt=0.0, le=1e9)
+]
+Frequency = Annotated[
+    float, BeforeValidator(make_quantity_parser("frequency")), Field(gt=0.0, le=1e9)
+]
+_Length = Annotated[float, BeforeValidator(make_quantity_parser("length")), Field(gt=0.0)]
+_Force = Annotated[float, BeforeValidator(make_quantity_parser("force")), Field(gt=0.0)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
 
@@ -75,27 +79,27 @@ class _Open(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
-def unit_of_name(name: str, dimension: str) -> str | None:
+def find_unit_in_name(name: str, dimension: str) -> str | None:
     """Return the unit at the end of a column name, or None."""
     lowered = name.lower().rsplit("/", 1)[-1]
     fits = [suffix for suffix in _SUFFIX_UNITS[dimension] if f"_{lowered}".endswith(f"_{suffix}")]
     return _SUFFIX_UNITS[dimension][max(fits, key=len)] if fits else None
 
 
-def _quantity(text: str, dimension: str, place: str) -> float:
+def _parse(text: str, dimension: str, place: str) -> float:
     try:
         return parse_quantity(text, dimension)
     except QuantityError as error:
         raise BenchError(f"`{place}` {error}") from error
 
 
-def _finite(value: object) -> object:
+def _require_finite(value: object) -> object:
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError("input should be a finite number")
     return value
 
 
-_Gain = Annotated[float | str, BeforeValidator(_finite)]
+_Gain = Annotated[float | str, BeforeValidator(_require_finite)]
 
 
 class Channel(Strict):
@@ -124,7 +128,7 @@ class Channel(Strict):
     def scale(self, dimension: str, place: str) -> float:
         """Factor from the numbers in the file to SI."""
         name = self.column if isinstance(self.column, str) else ""
-        unit = self.unit or unit_of_name(name, dimension)
+        unit = self.unit or find_unit_in_name(name, dimension)
         if isinstance(self.factor, str):
             found = _PER_VOLT.fullmatch(self.factor)
             if found is None or (unit or "V") not in _VOLTS:
@@ -133,7 +137,7 @@ class Channel(Strict):
                 )
                 raise BenchError(f"`{place}.factor` must be {rule}, got {self.factor!r}")
             return (
-                _quantity(found[1], dimension, f"{place}.factor")
+                _parse(found[1], dimension, f"{place}.factor")
                 / _VOLTS[found[2]]
                 * _VOLTS[unit or "V"]
             )
@@ -153,15 +157,15 @@ class Channel(Strict):
         except QuantityError as error:
             raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
 
-    def taken_off(self, dimension: str, place: str) -> float:
+    def offset_in_si(self, dimension: str, place: str) -> float:
         """Return what the channel reads at none, in SI."""
         if not isinstance(self.offset, str):
             return self.offset * self.scale(dimension, place)
         volts = re.fullmatch(r"\s*([-+.\deE]+)\s*(V|mV|uV)\s*", self.offset)
         if volts and isinstance(self.factor, str):
-            own = self.unit or unit_of_name(str(self.column), dimension) or "V"
+            own = self.unit or find_unit_in_name(str(self.column), dimension) or "V"
             return float(volts[1]) * _VOLTS[volts[2]] / _VOLTS[own] * self.scale(dimension, place)
-        return _quantity(self.offset, dimension, f"{place}.offset")
+        return _parse(self.offset, dimension, f"{place}.offset")
 
     def tare_time(self, place: str) -> float:
         """Seconds at the begin of a record that count as none; 0 for no tare."""
@@ -172,16 +176,16 @@ class Channel(Strict):
             raise BenchError(
                 f"`{place}.tare` must say how long, such as 'first 0.1 s', got {self.tare!r}"
             )
-        return _quantity(found[1], "time", f"{place}.tare")
+        return _parse(found[1], "time", f"{place}.tare")
 
 
 def check_channels(channels: Mapping[str, tuple[Channel, str]]) -> None:
     """Refuse units, factors, offsets and tares that say nothing, all at once; by place, each channel with its dimension."""
     mistakes: list[Mistake] = []
     for place, (channel, dimension) in channels.items():
-        with noted(mistakes):
+        with collect_mistakes(mistakes):
             channel.scale(dimension, place)
-            channel.taken_off(dimension, place)
+            channel.offset_in_si(dimension, place)
             if channel.tare_time(place) and place.startswith("trials"):
                 raise BenchError(f"`{place}` has no time to take a tare from")
     if mistakes:
@@ -317,7 +321,7 @@ class Session(_Open):
     @property
     def table(self) -> Path:
         """File of the table of trials."""
-        return inside(self.folder, self.trials.file, "trials.file")
+        return resolve_inside(self.folder, self.trials.file, "trials.file")
 
 
 def open_session(folder: str | Path) -> Session:
@@ -341,7 +345,7 @@ def open_session(folder: str | Path) -> Session:
                 )
             )
     except ValidationError as error:
-        mistakes += mistakes_in(error, Session, {**declared, "folder": folder})
+        mistakes += list_mistakes(error, Session, {**declared, "folder": folder})
     for name, field in (
         ("acquisition.traces", "trial"),
         ("acquisition.group", "trial"),
@@ -350,9 +354,9 @@ def open_session(folder: str | Path) -> Session:
         table, _, key = name.partition(".")
         given = declared.get(table, {}).get(key) if isinstance(declared.get(table), dict) else None
         if isinstance(given, str):
-            with noted(mistakes):
+            with collect_mistakes(mistakes):
                 check_pattern(given, field, name)
-                inside(folder, given, name)
+                resolve_inside(folder, given, name)
                 split = (declared.get("acquisition") or {}).get("split")
                 if (
                     key == "traces"
@@ -362,7 +366,7 @@ def open_session(folder: str | Path) -> Session:
                 ):
                     raise BenchError(f"`{name}` must hold {{trial}} for CSV traces, got {given!r}")
     if mistakes:
-        raise BenchError(told(mistakes, path))
+        raise BenchError(format_mistakes(mistakes, path))
     return session
 
 
@@ -388,7 +392,7 @@ def fill_pattern(pattern: str, **values: str) -> str:
     return _FIELD.sub(fill, pattern)
 
 
-def inside(folder: Path, relative: str, place: str) -> Path:
+def resolve_inside(folder: Path, relative: str, place: str) -> Path:
     """Return a path below `folder`, whichever slashes it is written with; nothing may lead out of it."""
     parts = PurePosixPath(relative.replace("\\", "/"))
     if parts.is_absolute() or ".." in parts.parts or "\0" in relative or _DRIVE.match(relative):

@@ -10,10 +10,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepblocks.bench.session import Channel, Session, TrialColumns, inside, unit_of_name
+from stepblocks.bench.session import (
+    Channel,
+    Session,
+    TrialColumns,
+    find_unit_in_name,
+    resolve_inside,
+)
 from stepblocks.errors import BenchError
-from stepblocks.mistakes import Mistake, noted, told
-from stepblocks.tables import harmless
+from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
+from stepblocks.tables import escape_formula
 from stepblocks.text_file import is_file
 
 if TYPE_CHECKING:
@@ -64,11 +70,11 @@ class TrialTable:
             (
                 str(one.column),
                 one.scale(dimension, "trials.columns"),
-                one.taken_off(dimension, "trials.columns"),
+                one.offset_in_si(dimension, "trials.columns"),
             )
             for one, dimension in ((columns.speed, "speed"), (columns.load, "force"))
         ]
-        for number, cells in _rows(self.session):
+        for number, cells in _read_rows(self.session):
             named = dict(zip(self.header, cells + [""] * len(self.header), strict=False))
             name = named[self.key].strip()
             fault = self.repeated.get(
@@ -109,7 +115,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     """Look through the table of trials once: header, number of rows, duplicates; of a row nothing but its name is held."""
     columns, header = (
         session.trials.columns,
-        tuple(cell.strip() for cell in next(_lines(session), [])),
+        tuple(cell.strip() for cell in next(_read_lines(session), [])),
     )
     if not any(header):
         raise BenchError(f"table of trials is empty [{session.table}]")
@@ -129,21 +135,21 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     for name in dict.fromkeys(name for name in header if header.count(name) > 1):
         mistakes.append(("", f"table of trials names the column {name!r} twice"))
     for part in told_of:
-        with noted(mistakes):
-            found[part] = column_name(getattr(columns, part).column, header, part)
+        with collect_mistakes(mistakes):
+            found[part] = find_column(getattr(columns, part).column, header, part)
     for name in sorted(set(header) & reserved - {found.get("trial")}):
         mistakes.append(
             ("", f"column `{name}` of the table of trials has a name that features use")
         )
     if mistakes:
-        raise BenchError(told(mistakes, session.table))
+        raise BenchError(format_mistakes(mistakes, session.table))
     key = found["trial"]
     count, index = 0, header.index(key)
     homes: dict[
         str, tuple[int, int]
     ] = {}  # of a trial its first row, and what tells that from another
     repeated: dict[int, str] = {}
-    for count, cells in _rows(session):
+    for count, cells in _read_rows(session):
         if index >= len(cells) or not (name := cells[index].strip()):
             continue
         whole = hash(tuple(cells))
@@ -159,7 +165,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     return TrialTable(session, header, key, count, repeated)
 
 
-def column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
+def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
     """Name of a declared column, or say which there are."""
     if isinstance(column, int) and 0 <= column < len(header):
         return header[column]
@@ -171,14 +177,14 @@ def column_name(column: str | int, header: tuple[str, ...], part: str) -> str:
     return str(column)
 
 
-def _rows(session: Session) -> Iterator[tuple[int, list[str]]]:
+def _read_rows(session: Session) -> Iterator[tuple[int, list[str]]]:
     """Rows below the header, from 1; empty lines are none."""
-    lines = _lines(session)
+    lines = _read_lines(session)
     next(lines, None)
     yield from enumerate((cells for cells in lines if any(cell.strip() for cell in cells)), start=1)
 
 
-def _lines(session: Session) -> Iterator[list[str]]:
+def _read_lines(session: Session) -> Iterator[list[str]]:
     with session.table.open(newline="", encoding="utf-8-sig") as file:
         try:
             yield from csv.reader(file, delimiter=session.trials.delimiter)
@@ -188,7 +194,7 @@ def _lines(session: Session) -> Iterator[list[str]]:
             ) from error
 
 
-def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
+def read_conditions(session: Session) -> dict[str, tuple[str, pd.Series]]:
     """Read what an analysis needs beside the forces: by name, the column it takes the place of and one value per trial."""
     # What the table already has under that name and in that unit is left out.
     import pandas as pd
@@ -196,11 +202,11 @@ def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
     table, columns, usual = open_trials(session), session.trials.columns, TrialColumns()
     rows = list(table)
     named = {
-        key: column_name(getattr(columns, key).column, table.header, key)
+        key: find_column(getattr(columns, key).column, table.header, key)
         for key in _NAMES
         if key != "height"
     }
-    named["height"], heights = heights_of(session, table.header, rows)
+    named["height"], heights = find_heights(session, table.header, rows)
     values = pd.DataFrame(
         {
             "block": [row.block for row in rows],
@@ -231,34 +237,36 @@ def conditions_of(session: Session) -> dict[str, tuple[str, pd.Series]]:
     return found
 
 
-def with_conditions(
+def insert_conditions(
     features: pd.DataFrame, conditions: dict[str, tuple[str, pd.Series]]
 ) -> pd.DataFrame:
     """Return a table of features of all trials with `conditions` in the places of the columns they come from."""
     table = features.copy()
     for name, (column, values) in conditions.items():
-        source, there = harmless(column), list(table.columns)
+        source, there = escape_formula(column), list(table.columns)
         place = there.index(source) if source in there else there.index("sliding_friction")
         table = table.drop(columns=[one for one in {source, name} if one in there])
         table.insert(min(place, len(table.columns)), name, values.to_numpy())
     return table
 
 
-def heights_of(
+def find_heights(
     session: Session, header: tuple[str, ...], rows: list[Trial]
 ) -> tuple[str, list[float]]:
     """Column of the heights and their values [um]; of the stimulus set where the table has none."""
     channel = session.trials.columns.height
     if "height" in session.trials.columns.model_fields_set:
-        column_name(channel.column, header, "height")
+        find_column(channel.column, header, "height")
     elif channel.column not in header:
-        others = [name for name in header if _HEIGHT.match(name) and unit_of_name(name, "length")]
+        others = [
+            name for name in header if _HEIGHT.match(name) and find_unit_in_name(name, "length")
+        ]
         if not others:
-            heights = _declared_heights(session)
+            heights = _read_declared_heights(session)
             return "", [heights.get(row.block, math.nan) for row in rows]
         channel = Channel(column=others[0])
-    name, place = column_name(channel.column, header, "height"), "trials.columns.height"
-    scale, off = 1e6 * channel.scale("length", place), 1e6 * channel.taken_off("length", place)
+    name, place = find_column(channel.column, header, "height"), "trials.columns.height"
+    scale, off = 1e6 * channel.scale("length", place), 1e6 * channel.offset_in_si("length", place)
     values: list[float] = []
     for text in (
         row.cells.get(name, "").strip().replace(session.trials.decimal, ".") for row in rows
@@ -270,14 +278,14 @@ def heights_of(
     return name, values
 
 
-def _declared_heights(session: Session) -> dict[str, float]:
+def _read_declared_heights(session: Session) -> dict[str, float]:
     """Heights of the blocks of the stimulus set by their names [um]."""
     from stepblocks.contact.counterface import Step
     from stepblocks.declare import load_declared
 
     stimuli = session.stimuli
     beside = Path("stimuli") / f"{stimuli.set}.toml"
-    path = inside(session.folder, stimuli.file, "stimuli.file") if stimuli.file else beside
+    path = resolve_inside(session.folder, stimuli.file, "stimuli.file") if stimuli.file else beside
     if not (stimuli.set or stimuli.file) or not is_file(path):
         missing = f", and there is no {path}" if stimuli.set or stimuli.file else ""
         raise BenchError(

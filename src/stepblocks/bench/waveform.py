@@ -15,7 +15,11 @@ import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Trace
 from stepblocks.bench.signal.features import Measurement
-from stepblocks.bench.signal.separable import covariance_of, numeric_jacobian, propagated
+from stepblocks.bench.signal.separable import (
+    compute_numeric_jacobian,
+    estimate_covariance,
+    propagate_std,
+)
 from stepblocks.contact.operating_point import Tool
 from stepblocks.errors import ContactError
 
@@ -82,11 +86,13 @@ class Waveform:
         return dict(zip(WAVEFORM_COLUMNS, told, strict=True))
 
 
-def drag_force(values: Array, load: float, height: float, speed: float, time: Array) -> Array:
+def compute_drag_force(
+    values: Array, load: float, height: float, speed: float, time: Array
+) -> Array:
     """Tangential force of a drag with these values at some instants [N]."""
     from stepblocks.drag.kernels import COLUMNS
-    from stepblocks.drag.simulate import DragSettings, probe_for, simulate
-    from stepblocks.drag.track import step_track
+    from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
+    from stepblocks.drag.track import build_step_track
 
     friction, stiffness, frequency, damping, radius, onset = map(float, values)
     tool = Tool(
@@ -99,8 +105,8 @@ def drag_force(values: Array, load: float, height: float, speed: float, time: Ar
     settings = DragSettings(
         load, friction, speed, lead=lead * speed, ring_time=end, sample_rate=rate, resolution=10.0
     )
-    done = simulate(
-        step_track(height, radius), probe_for(tool, radius, damping_ratio=damping), settings
+    done = simulate_drag(
+        build_step_track(height, radius), build_probe(tool, radius, damping_ratio=damping), settings
     )
     clock = done.rows[:, 0] + onset - lead
     return np.asarray(np.interp(time, clock, done.rows[:, COLUMNS.index("fx_n")]), dtype=float)
@@ -137,7 +143,9 @@ def fit_waveform(
 
     def miss(values: Array) -> Array:
         try:
-            return np.asarray((force - drag_force(values, load, height, speed, time)) / noise)
+            return np.asarray(
+                (force - compute_drag_force(values, load, height, speed, time)) / noise
+            )
         except ContactError:
             return np.full(time.size, 1e3)
 
@@ -159,16 +167,18 @@ def fit_waveform(
     values, residuals = np.asarray(found.x), miss(found.x)
     if not np.isfinite(residuals).all() or float(np.median(np.abs(residuals))) > 50.0:
         return None
-    slopes = numeric_jacobian(miss, values, _STEP, lower, upper)
-    covariance = covariance_of(slopes, residuals)
+    slopes = compute_numeric_jacobian(miss, values, _STEP, lower, upper)
+    covariance = estimate_covariance(slopes, residuals)
 
     def amplitude(values: Array) -> Array:
-        model = drag_force(values, load, height, speed, time)
+        model = compute_drag_force(values, load, height, speed, time)
         swing = values[0] * load - model[int(np.argmax(model)) :].min()
         return np.array([max(swing, 0.0) * math.exp(math.pi * values[3])])
 
     size = float(amplitude(values)[0])
-    std = propagated(numeric_jacobian(amplitude, values, _STEP, lower, upper)[0], covariance)
+    std = propagate_std(
+        compute_numeric_jacobian(amplitude, values, _STEP, lower, upper)[0], covariance
+    )
     energy = size**2 / (2.0 * measured.spring_constant)
     spread = math.sqrt(4.0 * size**2 * std**2 + 2.0 * std**4) / (2.0 * measured.spring_constant)
     rms = math.sqrt(float(np.mean(residuals**2)))
@@ -177,11 +187,11 @@ def fit_waveform(
         covariance,
         (energy, spread),
         rms,
-        _predictive(slopes, covariance, rms, _KNOWN * trace.time.size),
+        _compute_predictive_p(slopes, covariance, rms, _KNOWN * trace.time.size),
     )
 
 
-def _predictive(slopes: Array, covariance: Array, rms: float, known: float) -> float:
+def _compute_predictive_p(slopes: Array, covariance: Array, rms: float, known: float) -> float:
     """Share of records drawn from posterior and noise, itself estimated, that miss as much; to first order in the parameters."""
     random = np.random.default_rng(0)
     values, vectors = np.linalg.eigh(covariance)
@@ -215,7 +225,7 @@ def predict_energies(features: pd.DataFrame, spring_constant: float) -> dict[str
             load, height, speed = row["load_n"], row["height_um"] * 1e-6, row["speed_mm_s"] * 1e-3
             rise = (row["peak_force_n"] - row["sliding_friction"] * load) / (others[0] * speed)
             time = np.arange(0.0, rise + _AFTER, 1e-4)
-            force = drag_force(values, load, height, speed, time)
+            force = compute_drag_force(values, load, height, speed, time)
             swing = row["sliding_friction"] * load - float(force[int(np.argmax(force)) :].min())
             drag[i] = (
                 2.0 * math.log(max(swing, 1e-4))

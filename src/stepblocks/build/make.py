@@ -9,8 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stepblocks.atomic import folder_beside, settle
-from stepblocks.build.manifest import RECORD, hash_file, load_json, unchanged, write_sealed, written
+from stepblocks.atomic import make_draft_folder, sync_folder
+from stepblocks.build.manifest import (
+    RECORD,
+    find_unchanged,
+    hash_file,
+    list_outputs,
+    load_json,
+    write_sealed,
+)
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
 from stepblocks.workers import die_with_parent
@@ -31,7 +38,7 @@ def make_all(
     workers = min(jobs or os.cpu_count() or 1, len(wanted))
     if workers <= 1:
         for set_name, stimulus, key in wanted:
-            yield make(set_name, stimulus, output, key)
+            yield make_stimulus(set_name, stimulus, output, key)
         return
     # these workers load no main module, which then needs no guard, and are replaced where the
     # kernel's memory creeps
@@ -40,7 +47,7 @@ def make_all(
     with ProcessPoolExecutor(workers, initializer=die_with_parent) as pool:
         try:
             tasks = [
-                pool.submit(make, set_name, stimulus, output, key)
+                pool.submit(make_stimulus, set_name, stimulus, output, key)
                 for set_name, stimulus, key in wanted
             ]
             yield from (future.result() for future in as_completed(tasks))
@@ -67,25 +74,25 @@ def checked_files(stimulus: Part, folder: Path) -> list[Path]:
     return [folder / name for name in names]
 
 
-def make(set_name: str, stimulus: Part, output: Path, key: str) -> Made:
+def make_stimulus(set_name: str, stimulus: Part, output: Path, key: str) -> Made:
     """Build, write, read back and measure one stimulus."""
     from stepblocks.artefacts.check import check_artefact
 
     started = time.perf_counter()
-    with folder_beside(output / f"{set_name}-{stimulus.id}") as workshop:
+    with make_draft_folder(output / f"{set_name}-{stimulus.id}") as workshop:
         _write_artefacts(stimulus, workshop)
         paths = checked_files(stimulus, workshop)
         verdicts = [verdict for path in paths for verdict in check_artefact(stimulus, path)]
         record = {
             "key": key,
             "stimulus": stimulus.id,
-            "kind": stimulus.called,
+            "kind": stimulus.kind_name,
             "dimensions": [[name, str(value)] for name, value in stimulus.dimensions()],
             "derived": stimulus.derived(),
             "verdicts": [verdict.as_record() | {"text": str(verdict)} for verdict in verdicts],
             "outputs": {path.name: hash_file(path) for path in sorted(workshop.iterdir())},
         }
-        settle(workshop)
+        sync_folder(workshop)
         _move_in(workshop, output / set_name / stimulus.id, record)
     return Made(f"{set_name}/{stimulus.id}", time.perf_counter() - started)
 
@@ -94,8 +101,8 @@ def _write_artefacts(stimulus: Part, folder: Path) -> None:
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
-    from stepblocks.build.picture import draw, write_view
-    from stepblocks.parts.shapes import build_solids, convex_pieces, mesh_solid
+    from stepblocks.build.picture import draw_part, write_view
+    from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
 
     bodies = build_solids(stimulus)
     write_step_ap242(folder / f"{stimulus.id}.step", stimulus, bodies)
@@ -103,11 +110,11 @@ def _write_artefacts(stimulus: Part, folder: Path) -> None:
     for mesh in meshes:
         for ending, write in MESH_FORMATS.items():
             write(folder / f"{mesh.name}{ending}", mesh)
-    write_pieces(folder / f"{stimulus.id}.convex.obj", convex_pieces(stimulus))
+    write_pieces(folder / f"{stimulus.id}.convex.obj", build_convex_pieces(stimulus))
     if stimulus.has_working_faces:
         write_height_field(folder / f"{stimulus.id}.heightfield", stimulus)
     arrays = [(mesh.vertices, mesh.triangles) for mesh in meshes]
-    draw(folder / f"{stimulus.id}.png", arrays, *stimulus.close_up())
+    draw_part(folder / f"{stimulus.id}.png", arrays, *stimulus.close_up())
     write_view(folder / "view.js", stimulus.id, arrays, *stimulus.close_up())
     specification = json.dumps(stimulus.record(), indent=2, allow_nan=False)
     (folder / "specification.json").write_text(specification + "\n", encoding="utf-8")
@@ -116,11 +123,11 @@ def _write_artefacts(stimulus: Part, folder: Path) -> None:
 def _move_in(workshop: Path, folder: Path, record: Mapping[str, Any]) -> None:
     """Replace a stimulus's files one by one; files that this program did not write stay."""
     folder.mkdir(parents=True, exist_ok=True)
-    outputs, before = written(record), written(load_json(folder / RECORD))
+    outputs, before = list_outputs(record), list_outputs(load_json(folder / RECORD))
     (folder / RECORD).unlink(missing_ok=True)
     for name in outputs:
         (workshop / name).replace(folder / name)
     for name in set(before) - set(outputs):
-        if (left := unchanged(folder, name, before[name])) is not None:
+        if (left := find_unchanged(folder, name, before[name])) is not None:
             left.unlink()
     write_sealed(folder / RECORD, record)

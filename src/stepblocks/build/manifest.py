@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import stepblocks
-from stepblocks.atomic import inside, replace_text
-from stepblocks.text_file import plain_size
+from stepblocks.atomic import replace_text, resolve_inside
+from stepblocks.text_file import measure_plain_file
 
 MANIFEST = "manifest.json"  # in the output folder
 RECORD = "record.json"  # in the folder of each stimulus
@@ -39,7 +39,7 @@ _OF_A_PART = {
 }
 
 
-def digest(content: bytes) -> str:
+def hash_bytes(content: bytes) -> str:
     """Hash bytes."""
     return hashlib.sha256(content).hexdigest()
 
@@ -53,19 +53,19 @@ def hash_file(path: Path) -> str:
         return ""
 
 
-def code_fingerprint() -> str:
+def compute_code_fingerprint() -> str:
     """Hash this package and the versions of the libraries that shape its output."""
     root = Path(stepblocks.__file__).parent
     total = hashlib.sha256()
     for path in sorted(root.rglob("*")):
         if path.suffix in {".py", ".html", ".css", ".j2", ".toml"}:
             total.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    for name, known in _libraries().items():
+    for name, known in _list_libraries().items():
         total.update(f"{name}=={known}\n".encode() if known else f"{name} missing\n".encode())
     return total.hexdigest()
 
 
-def _libraries() -> dict[str, str]:
+def _list_libraries() -> dict[str, str]:
     found = {}
     for name in _SHAPING:
         try:
@@ -75,35 +75,37 @@ def _libraries() -> dict[str, str]:
     return found
 
 
-def surroundings() -> dict[str, Any]:
+def describe_environment() -> dict[str, Any]:
     """Say with what this process makes files: Python, platform, C library, whose sine has last bits of its own, and libraries."""
     system = " ".join(filter(None, (platform.system(), platform.machine(), *platform.libc_ver())))
-    return {"python": platform.python_version(), "platform": system, "libraries": _libraries()}
+    return {"python": platform.python_version(), "platform": system, "libraries": _list_libraries()}
 
 
 def write_sealed(path: Path, content: Mapping[str, Any]) -> None:
     """Write what this program alone reads back, with a hash of itself: what was altered since is not believed."""
-    sealed = {**content, "seal": _seal(content)}
+    sealed = {**content, "seal": _compute_seal(content)}
     replace_text(path, json.dumps(sealed, indent=1, allow_nan=False) + "\n")
 
 
-def _seal(content: Mapping[str, Any]) -> str:
-    return digest(json.dumps(content, sort_keys=True).encode())
+def _compute_seal(content: Mapping[str, Any]) -> str:
+    return hash_bytes(json.dumps(content, sort_keys=True).encode())
 
 
 def load_json(path: Path) -> dict[str, Any]:
     """Read a JSON object that this program wrote; empty for anything else."""
     try:
         content = (
-            json.loads(path.read_text(encoding="utf-8")) if plain_size(path) < _MOST_BYTES else {}
+            json.loads(path.read_text(encoding="utf-8"))
+            if measure_plain_file(path) < _MOST_BYTES
+            else {}
         )
     except (OSError, ValueError, RecursionError):
         return {}
     seal = content.pop("seal", None) if isinstance(content, dict) else None
-    return content if seal == _seal(content) else {}
+    return content if seal == _compute_seal(content) else {}
 
 
-def written(record: Mapping[str, Any]) -> dict[str, str]:
+def list_outputs(record: Mapping[str, Any]) -> dict[str, str]:
     """Return the hashes of the files that a manifest or a record lists."""
     outputs = record.get("outputs")
     return outputs if isinstance(outputs, dict) else {}
@@ -112,21 +114,23 @@ def written(record: Mapping[str, Any]) -> dict[str, str]:
 def load_record(folder: Path) -> dict[str, Any]:
     """Read the record of a stimulus that was made; empty where it was not, or where the record is not whole."""
     record = load_json(folder / RECORD)
-    return record if written(record) else {}
+    return record if list_outputs(record) else {}
 
 
-def unchanged(folder: Path, name: str, known: str) -> Path | None:
+def find_unchanged(folder: Path, name: str, known: str) -> Path | None:
     """Return the file of a name if it lies in the folder and is as it was written."""
-    path = inside(folder, name)
+    path = resolve_inside(folder, name)
     return path if path is not None and hash_file(path) == known else None
 
 
-def intact(folder: Path, outputs: Mapping[str, str]) -> bool:
+def are_intact(folder: Path, outputs: Mapping[str, str]) -> bool:
     """Tell whether there are files listed, all in the folder and as they were written."""
-    return bool(outputs) and all(unchanged(folder, name, known) for name, known in outputs.items())
+    return bool(outputs) and all(
+        find_unchanged(folder, name, known) for name, known in outputs.items()
+    )
 
 
-def linked(output: Path, outputs: Iterable[str]) -> dict[str, list[list[str]]]:
+def find_linked_files(output: Path, outputs: Iterable[str]) -> dict[str, list[list[str]]]:
     """Find what other commands left beside the outputs of a build: of the whole under the empty name, of a part under ``set/id``."""
     parts = [name.removesuffix(f"/{RECORD}") for name in outputs if name.endswith(f"/{RECORD}")]
     found = {"": [[title, name] for title, name in _BESIDE.items() if (output / name).is_file()]}

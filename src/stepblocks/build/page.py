@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.atomic import replace_text
-from stepblocks.build.manifest import RECORD, linked
+from stepblocks.build.manifest import RECORD, find_linked_files
 from stepblocks.contact import kernels
 from stepblocks.contact.energy import Status
 from stepblocks.page_file import render_page
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, figures_of
+from stepblocks.predict.predictions import Prediction, tabulate_prediction
 from stepblocks.quantities import format_span
 
 # colours of the view
@@ -58,7 +58,7 @@ _WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH:
 _WORDS |= {
     status: f"beyond the {status.removeprefix('beyond-')}, no energy,"
     for status in Status
-    if status.beyond
+    if status.is_beyond_limit
 }
 
 
@@ -84,12 +84,12 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     script.parent.mkdir(exist_ok=True)
     if not script.is_file() or script.read_text(encoding="utf-8") != source:
         replace_text(script, source)
-    links = linked(
+    links = find_linked_files(
         output, [f"{one.stimuli.name}/{name}/{RECORD}" for one in sections for name in one.records]
     )
     # the steps of the paper come first, else the user's own order
     sets = [
-        _section(section, links)
+        _describe_section(section, links)
         for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")
     ]
     rows = [row for section in sets for row in section["rows"]]
@@ -105,7 +105,9 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     return [script, page]
 
 
-def _section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> dict[str, Any]:
+def _describe_section(
+    section: Section, links: Mapping[str, Sequence[Sequence[str]]]
+) -> dict[str, Any]:
     stimuli = section.stimuli
     materials = {part.id: part.material for part in stimuli.stimuli}
     rows = []
@@ -120,8 +122,8 @@ def _section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> 
             "links": links.get(folder, []),
             "files": [name for name in record["outputs"] if Path(name).suffix in _LINKED],
             "failed": [verdict for verdict in record["verdicts"] if not verdict["passed"]],
-            "predictions": list(map(figures_of, predictions)),
-            "summary": list(_summary(predictions)),
+            "predictions": list(map(tabulate_prediction, predictions)),
+            "summary": list(_summarise(predictions)),
             "material": material.designation if material else "",
             "colour": _MATERIALS.get(material.name if material else "", "#b9c4ce"),
         }
@@ -129,11 +131,11 @@ def _section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> 
         rows.append(row | same)
     return {
         **{"name": stimuli.name, "title": stimuli.title, "source": stimuli.source, "rows": rows},
-        **{"figure": _figure(stimuli), "files": section.files},
+        **{"figure": _draw_figure(stimuli), "files": section.files},
     }
 
 
-def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
+def _summarise(predictions: Sequence[Prediction]) -> Iterator[str]:
     """Range of what is felt in each direction, and what locks."""
     for drag in dict.fromkeys(prediction.drag for prediction in predictions):
         releases = [prediction.release for prediction in predictions if prediction.drag == drag]
@@ -154,7 +156,7 @@ def _summary(predictions: Sequence[Prediction]) -> Iterator[str]:
         yield f"{drag}: " + "; ".join(filter(None, parts))
 
 
-def _figure(stimuli: StimulusSet) -> str | None:
+def _draw_figure(stimuli: StimulusSet) -> str | None:
     """Draw step blocks on the curves of equations (1) and (2) at the first tip and largest load, as JSON for plotly."""
     blocks = sorted(stimuli.step_block, key=lambda one: one.height.nominal)
     if not blocks:
@@ -177,8 +179,8 @@ def _figure(stimuli: StimulusSet) -> str | None:
             trace: dict[str, Any] = {
                 "type": "scatter",
                 "mode": kind,
-                "x": _short(x * 1e6),
-                "y": _short(y(x)),
+                "x": _shorten(x * 1e6),
+                "y": _shorten(y(x)),
                 "name": "",
             }
             trace |= {"yaxis": axis, "xaxis": axis.replace("y", "x"), "showlegend": False}
@@ -194,11 +196,13 @@ def _figure(stimuli: StimulusSet) -> str | None:
             traces.append(trace)
 
     def energy(heights: NDArray[np.float64], friction: float) -> Any:
-        force = kernels.pull_force(load, kernels.angle_on_step(heights, radius), friction)
-        return 1e6 * tool.conversion * kernels.stored_energy(force, tool.stiffness)
+        force = kernels.compute_pull_force(
+            load, kernels.compute_angle_on_step(heights, radius), friction
+        )
+        return 1e6 * tool.conversion * kernels.compute_stored_energy(force, tool.stiffness)
 
     draw(
-        lambda heights: np.degrees(kernels.angle_on_step(heights, radius)),
+        lambda heights: np.degrees(kernels.compute_angle_on_step(heights, radius)),
         radius,
         "critical angle",
         _INK,
@@ -207,10 +211,12 @@ def _figure(stimuli: StimulusSet) -> str | None:
     for index, friction in enumerate(grid.frictions):
         colour, locking = (
             _COLOURS[index % len(_COLOURS)],
-            float(kernels.locking_height(radius, friction)),
+            float(kernels.compute_locking_height(radius, friction)),
         )
         # where the pull reaches the limit: F = N tan(a + atan mu); beyond it there is no energy
-        least = float(kernels.height_at_angle(math.atan2(most, load) - math.atan(friction), radius))
+        least = float(
+            kernels.compute_height_at_angle(math.atan2(most, load) - math.atan(friction), radius)
+        )
         draw(
             partial(energy, friction=friction),
             least,
@@ -264,5 +270,5 @@ def _figure(stimuli: StimulusSet) -> str | None:
     return json.dumps({"data": traces, "layout": layout}, allow_nan=False)
 
 
-def _short(values: Any) -> list[float]:
+def _shorten(values: Any) -> list[float]:
     return [float(f"{value:.6g}") for value in values if math.isfinite(value)]

@@ -15,14 +15,14 @@ _COLOURS = ("#d3dbe3", "#efdcae")
 _INK = "#1d2a36"
 
 
-def exaggerated(vertices: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+def exaggerate_heights(vertices: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
     """Stretch heights over z = 0 and leave what lies below."""
     result = vertices.copy()
     result[:, 2] = np.where(result[:, 2] > 0.0, result[:, 2] * factor, result[:, 2])
     return result
 
 
-def draw(
+def draw_part(
     path: Path,
     meshes: Sequence[Arrays],
     exaggeration: float,
@@ -37,22 +37,25 @@ def draw(
     plotter = pv.Plotter(off_screen=True, shape=(1, 2), window_size=(960, 400), border=False)
     try:
         plotter.subplot(0, 0)
-        whole = [(exaggerated(vertices, exaggeration), triangles) for vertices, triangles in meshes]
+        whole = [
+            (exaggerate_heights(vertices, exaggeration), triangles)
+            for vertices, triangles in meshes
+        ]
         caption = (
             "whole part"
             if exaggeration == 1.0
             else f"heights over the lower face x {exaggeration:g}"
         )
-        _show(plotter, _opened(whole), caption)
+        _show(plotter, _cut_open(whole), caption)
         plotter.subplot(0, 1)
-        close = [_boxed(mesh, half_width, centre) for mesh in meshes]
+        close = [_cut_box(mesh, half_width, centre) for mesh in meshes]
         _show(plotter, close, f"true scale, {2e6 * half_width:.4g} µm wide")
         plotter.screenshot(str(path), return_img=False)
     finally:
         plotter.close()
 
 
-def _poly(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Any:
+def _make_polydata(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Any:
     import pyvista as pv
 
     return pv.PolyData.from_regular_faces(vertices * 1e3, triangles)
@@ -66,12 +69,12 @@ def _cut(mesh: Arrays, cut: Callable[[Any], Any]) -> Any:
     left = cut(
         manifold3d.Manifold(manifold3d.Mesh64(vertices * 1e3, triangles.astype(np.uint64)))
     ).to_mesh64()
-    return _poly(
+    return _make_polydata(
         np.asarray(left.vert_properties)[:, :3] * 1e-3, np.asarray(left.tri_verts).astype(np.int64)
     )
 
 
-def _boxed(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) -> Any:
+def _cut_box(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) -> Any:
     """Cut out what of a body lies in a box."""
     import manifold3d
 
@@ -81,10 +84,10 @@ def _boxed(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) 
     return _cut(mesh, lambda solid: solid ^ box)
 
 
-def _opened(meshes: Sequence[Arrays]) -> list[Any]:
+def _cut_open(meshes: Sequence[Arrays]) -> list[Any]:
     """Cut parts of several bodies open, so that what is inside can be seen."""
     if len(meshes) == 1:
-        return [_poly(*meshes[0])]
+        return [_make_polydata(*meshes[0])]
     return [_cut(mesh, lambda solid: solid.trim_by_plane((0.0, 1.0, 0.0), 0.0)) for mesh in meshes]
 
 

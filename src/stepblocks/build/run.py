@@ -16,25 +16,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks import __version__
-from stepblocks.atomic import alone_in, inside, replace_text
+from stepblocks.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.build.manifest import (
     MANIFEST,
     RECORD,
-    code_fingerprint,
-    digest,
+    are_intact,
+    compute_code_fingerprint,
+    describe_environment,
+    find_linked_files,
+    find_unchanged,
+    hash_bytes,
     hash_file,
-    intact,
-    linked,
+    list_outputs,
     load_json,
     load_record,
-    surroundings,
-    unchanged,
     write_sealed,
-    written,
 )
 from stepblocks.errors import PipelineError
-from stepblocks.select import matches, stimulus_files
-from stepblocks.text_file import plain_size
+from stepblocks.select import find_stimulus_files, matches_pattern
+from stepblocks.text_file import measure_plain_file
 
 if TYPE_CHECKING:
     from stepblocks.artefacts.model_file import LearnedModel
@@ -107,16 +107,16 @@ def build_sets(
         If a file is malformed or the output folder cannot be used; nothing is written before all
         files are valid.
     """
-    sources, folder = stimulus_files(files), Path(output)
+    sources, folder = find_stimulus_files(files), Path(output)
     inputs = {path.name: hash_file(path) for path in sources} | (
         {"--model": hash_file(Path(model))} if model else {}
     )
-    code = code_fingerprint()
+    code = compute_code_fingerprint()
     manifest = load_json(folder / MANIFEST)
-    beside = linked(folder, written(manifest))
+    beside = find_linked_files(folder, list_outputs(manifest))
     before = tuple(manifest.get(name) for name in ("inputs", "code", "linked"))
     known = before == (inputs, code, beside) and all(inputs.values())
-    if only is None and known and intact(folder, written(manifest)):
+    if only is None and known and are_intact(folder, list_outputs(manifest)):
         return BuildReport(str(folder), [], manifest["stimuli"], list(manifest["failures"]))
 
     from stepblocks.artefacts.model_file import read_model
@@ -126,10 +126,10 @@ def build_sets(
     sets = [load_declared(path) for path in sources]
     learned = read_model(Path(model)) if model else None
     report = BuildReport(str(folder))
-    with alone_in(folder):
+    with lock_folder(folder):
         _require_folder(folder, sets)
-        selected = _selected(sets, only)
-        wanted = _not_current(selected, folder, code)
+        selected = _select(sets, only)
+        wanted = _find_outdated(selected, folder, code)
         report.current = len(selected) - len(wanted)
         with closing(
             make_all(wanted, folder, jobs)
@@ -138,19 +138,19 @@ def build_sets(
                 report.built.append(made.name)
                 if announce:
                     announce(made, number, len(wanted))
-        outputs, total = _tables_and_page(sets, folder, report, learned)
+        outputs, total = _write_tables_and_page(sets, folder, report, learned)
         manifest = {
             "schema": 1,
             "stepblocks": __version__,
             "code": code,
-            "made_with": surroundings(),
+            "made_with": describe_environment(),
             "inputs": inputs if only is None else {},
             "stimuli": total,
             "failures": report.failures,
-            "linked": linked(folder, outputs),
+            "linked": find_linked_files(folder, outputs),
             "outputs": dict(sorted(outputs.items())),
         }
-        replaced = written(load_json(folder / MANIFEST))
+        replaced = list_outputs(load_json(folder / MANIFEST))
         write_sealed(folder / MANIFEST, manifest)
         _remove_stale(folder, replaced, outputs)
     return report
@@ -163,68 +163,68 @@ def _require_folder(output: Path, sets: Sequence[StimulusSet]) -> None:
         "assets",
         *(f"{stimuli.name}/{stimulus.id}" for stimuli in sets for stimulus in stimuli.stimuli),
     ):
-        if inside(output, name) is None:
+        if resolve_inside(output, name) is None:
             raise PipelineError(
                 "the folder must lie in the output folder, with no link on the way "
                 f"[{output / name}]"
             )
 
 
-def _selected(sets: Sequence[StimulusSet], only: str | None) -> list[tuple[str, Part]]:
+def _select(sets: Sequence[StimulusSet], only: str | None) -> list[tuple[str, Part]]:
     """Stimuli that a pattern means, each with the name of its set."""
     every = [(stimuli.name, stimulus) for stimuli in sets for stimulus in stimuli.stimuli]
     found = [
         (name, stimulus)
         for name, stimulus in every
-        if only is None or matches(only, name, stimulus.id)
+        if only is None or matches_pattern(only, name, stimulus.id)
     ]
     if not found:
         raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
     return found
 
 
-def _not_current(
+def _find_outdated(
     selected: Sequence[tuple[str, Part]], output: Path, code: str
 ) -> list[tuple[str, Part, str]]:
     """List the stimuli to build, each with its set and its key, a hash of what it would be built from."""
     wanted = []
     for name, stimulus in selected:
         folder = output / name / stimulus.id
-        key = digest((json.dumps(stimulus.record(), sort_keys=True) + code).encode())
+        key = hash_bytes((json.dumps(stimulus.record(), sort_keys=True) + code).encode())
         record = load_record(folder)
-        if record.get("key") != key or not intact(folder, written(record)):
+        if record.get("key") != key or not are_intact(folder, list_outputs(record)):
             wanted.append((name, stimulus, key))
     return wanted
 
 
-def _tables_and_page(
+def _write_tables_and_page(
     sets: Sequence[StimulusSet], output: Path, report: BuildReport, learned: LearnedModel | None
 ) -> tuple[dict[str, str], int]:
     """Write tables and page from the records; return the hash of every file of the folder, and how many stimuli there are."""
     from stepblocks.build.page import Section, write_page
-    from stepblocks.predict.predictions import predict_all, predictions_csv
+    from stepblocks.predict.predictions import format_predictions_csv, predict_all
     from stepblocks.predict.sheaths import write_sheath_files
-    from stepblocks.predict.table import learned_columns, taught_set
+    from stepblocks.predict.table import apply_model, format_learned_columns
 
     def hashes(paths: Iterable[Path]) -> dict[str, str]:
         return {path.relative_to(output).as_posix(): hash_file(path) for path in paths}
 
-    more = partial(learned_columns, learned=learned) if learned else None
+    more = partial(format_learned_columns, learned=learned) if learned else None
     outputs: dict[str, str] = {}
     sections = []
     for declared in sets:
-        stimuli = taught_set(declared, learned) if learned else declared
+        stimuli = apply_model(declared, learned) if learned else declared
         folder = output / stimuli.name
         folder.mkdir(exist_ok=True)
         predictions = predict_all(stimuli)
-        replace_text(folder / "predictions.csv", predictions_csv(predictions, more))
+        replace_text(folder / "predictions.csv", format_predictions_csv(predictions, more))
         found = {stimulus.id: load_record(folder / stimulus.id) for stimulus in stimuli.stimuli}
         records = {identity: record for identity, record in found.items() if record}
         made = [folder / "predictions.csv", *write_sheath_files(stimuli, folder)]
         sections.append(Section(stimuli, predictions, records, [path.name for path in made]))
         for identity, record in records.items():
             place = f"{stimuli.name}/{identity}"
-            outputs |= {f"{place}/{name}": value for name, value in written(record).items()}
+            outputs |= {f"{place}/{name}": value for name, value in list_outputs(record).items()}
             report.failures += [
                 f"{place}/{verdict['text']}"
                 for verdict in record["verdicts"]
@@ -238,7 +238,7 @@ def _tables_and_page(
 def _remove_stale(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
     """Remove files that the last build wrote, this one does not know, and that are unchanged; then empty folders."""
     for name in sorted(set(before) - set(now), reverse=True):
-        path = unchanged(output, name, before[name])
+        path = find_unchanged(output, name, before[name])
         if path is None:
             continue
         path.unlink()
@@ -281,30 +281,30 @@ def check_output(
     from stepblocks.declare import load_declared
 
     folder = Path(output)
-    sets = [load_declared(path) for path in stimulus_files(files)]
+    sets = [load_declared(path) for path in find_stimulus_files(files)]
     if not folder.is_dir():
         raise PipelineError(f"the output folder must exist; run stepblocks build first [{folder}]")
-    for name, stimulus in _selected(sets, only):
+    for name, stimulus in _select(sets, only):
         for path in checked_files(stimulus, folder / name / stimulus.id):
             yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
     for stimuli in sets if only is None else ():
         name = f"{stimuli.name}/predictions.csv"
-        yield name, [_table_verdict(stimuli, folder, name)]
+        yield name, [_check_table(stimuli, folder, name)]
 
 
-def _table_verdict(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
+def _check_table(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
     """Predict a set again, cell by cell; where a model taught it, its table must be as the manifest says."""
     from stepblocks.artefacts.verdict import Verdict
-    from stepblocks.predict.predictions import predict_all, predictions_csv
+    from stepblocks.predict.predictions import format_predictions_csv, predict_all
 
     manifest, path = load_json(folder / MANIFEST), folder / name
     if "--model" in manifest.get("inputs", {}):
-        altered = hash_file(path) != written(manifest).get(name)
+        altered = hash_file(path) != list_outputs(manifest).get(name)
         return Verdict(path.name, "bytes as the manifest says", 0.0, float(altered), 0.0, "count")
     try:
         found = (
             path.read_text(encoding="utf-8").splitlines()
-            if plain_size(path) < _LARGEST_TABLE
+            if measure_plain_file(path) < _LARGEST_TABLE
             else []
         )
     except (OSError, UnicodeDecodeError) as error:
@@ -313,14 +313,16 @@ def _table_verdict(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
         )
     wanted, got = (
         list(csv.reader(lines))
-        for lines in (predictions_csv(predict_all(stimuli)).splitlines(), found)
+        for lines in (format_predictions_csv(predict_all(stimuli)).splitlines(), found)
     )
     rows = zip_longest(wanted, got, fillvalue=())
-    wrong = sum(not _alike(*cells) for pair in rows for cells in zip_longest(*pair, fillvalue=""))
+    wrong = sum(
+        not _cells_agree(*cells) for pair in rows for cells in zip_longest(*pair, fillvalue="")
+    )
     return Verdict(path.name, "cells that differ from the prediction", 0.0, wrong, 0.0, "count")
 
 
-def _alike(wanted: str, found: str) -> bool:
+def _cells_agree(wanted: str, found: str) -> bool:
     try:
         return wanted == found or math.isclose(float(wanted), float(found), rel_tol=1e-6)
     except ValueError:

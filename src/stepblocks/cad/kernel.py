@@ -29,20 +29,22 @@ def _vector(point: Point) -> cq.Vector:
     return cq.Vector(*(coordinate * _MM for coordinate in point))
 
 
-def _wire(outline: Outline) -> cq.Wire:
+def _make_wire(outline: Outline) -> cq.Wire:
     start = here = _vector(outline[0])
     made = []
     for item in outline[1:]:
         is_arc = isinstance(item[0], tuple)
         end = _vector(item[1] if is_arc else item)
-        made.append(_arc(here, _vector(item[0]), end) if is_arc else cq.Edge.makeLine(here, end))
+        made.append(
+            _make_arc(here, _vector(item[0]), end) if is_arc else cq.Edge.makeLine(here, end)
+        )
         here = end
     if here.toTuple() != start.toTuple():
         made.append(cq.Edge.makeLine(here, start))
     return cq.Wire.assembleEdges(made)
 
 
-def _arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
+def _make_arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
     """Arc through three points about a centre of our own: the kernel's answer varies by 1e-18 from run to run."""
     a, b = (
         np.subtract(middle.toTuple(), start.toTuple()),
@@ -51,76 +53,74 @@ def _arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
     normal = np.cross(a, b)
     # circumcentre relative to the start, by products alone; their sums are exact, for `@` is
     # another number on another processor
-    offset = np.cross(_squared(a) * b - _squared(b) * a, normal) / (2.0 * _squared(normal))
+    offset = np.cross(_square(a) * b - _square(b) * a, normal) / (2.0 * _square(normal))
     centre = np.add(start.toTuple(), offset)
     frame = gp_Ax2(gp_Pnt(*centre.tolist()), gp_Dir(*normal.tolist()), gp_Dir(*(-offset).tolist()))
-    circle = gp_Circ(frame, math.sqrt(_squared(offset)))
+    circle = gp_Circ(frame, math.sqrt(_square(offset)))
     return cq.Edge(BRepBuilderAPI_MakeEdge(circle, start.toPnt(), end.toPnt()).Edge())
 
 
-def _squared(vector: NDArray[np.float64]) -> float:
+def _square(vector: NDArray[np.float64]) -> float:
     return math.fsum((vector * vector).tolist())
 
 
-def circle(centre: Point, u: Point, v: Point) -> Outline:
+def outline_circle(centre: Point, u: Point, v: Point) -> Outline:
     """Outline a circle by its middle and two radii at right angles, as two half circles."""
     ways = np.array([u, v, np.negative(u), np.negative(v)])
     right, back, left, front = map(tuple, (np.array(centre) + ways).tolist())
     return [right, (back, left), (front, right)]
 
 
-def extruded(outline: Outline, direction: Point, holes: Sequence[Outline] = ()) -> Body:
+def extrude(outline: Outline, direction: Point, holes: Sequence[Outline] = ()) -> Body:
     """Extrude a plane outline."""
     return cq.Solid.extrudeLinear(
-        _wire(outline), [_wire(hole) for hole in holes], _vector(direction)
+        _make_wire(outline), [_make_wire(hole) for hole in holes], _vector(direction)
     )
 
 
-def box(low: Point, high: Point) -> Body:
+def make_box(low: Point, high: Point) -> Body:
     """Make a box with faces square to the axes, by two corners."""
     (x0, y0, z0), (x1, y1, z1) = low, high
-    return extruded([(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)], (0.0, 0.0, z1 - z0))
+    return extrude([(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)], (0.0, 0.0, z1 - z0))
 
 
-def ends(body: Body, axis: int) -> tuple[int, int]:
+def find_end_faces(body: Body, axis: int) -> tuple[int, int]:
     """Find the lowest and the highest plane face square to an axis, by their indices."""
     flat = [
         (face.low[axis], i)
-        for i, face in enumerate(face_kinds(body))
+        for i, face in enumerate(describe_faces(body))
         if face.high[axis] - face.low[axis] < 1e-6
     ]
     return min(flat)[1], max(flat)[1]
 
 
-def revolved(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) -> Body:
+def revolve(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) -> Body:
     """Revolve a plane outline about an axis in its plane, by degrees."""
     end = tuple(f + a for f, a in zip(foot, axis, strict=True))
-    return cq.Solid.revolve(_wire(outline), [], angle, _vector(foot), _vector(end))
+    return cq.Solid.revolve(_make_wire(outline), [], angle, _vector(foot), _vector(end))
 
 
-def _placed(outline: Outline, place: Callable[[float, float], Point]) -> Outline:
+def _place(outline: Outline, place: Callable[[float, float], Point]) -> Outline:
     """Lift a plane outline into space."""
-    return [
-        _placed(item, place) if isinstance(item[0], tuple) else place(*item) for item in outline
-    ]
+    return [_place(item, place) if isinstance(item[0], tuple) else place(*item) for item in outline]
 
 
-def turned(outline: Outline, origin: Point) -> Body:
+def turn(outline: Outline, origin: Point) -> Body:
     """Turn an outline given in radius and height about a vertical axis."""
     x, y, z = origin
-    return revolved(
-        _placed(outline, lambda radius, height: (x + radius, y, z + height)),
+    return revolve(
+        _place(outline, lambda radius, height: (x + radius, y, z + height)),
         origin,
         (0.0, 0.0, 1e-3),
     )
 
 
-def prism(outline: Outline, width: float) -> Body:
+def make_prism(outline: Outline, width: float) -> Body:
     """Extrude an outline given in x and z along y, half of the width to either side."""
-    return extruded(_placed(outline, lambda x, z: (x, -0.5 * width, z)), (0.0, width, 0.0))
+    return extrude(_place(outline, lambda x, z: (x, -0.5 * width, z)), (0.0, width, 0.0))
 
 
-def _single(shape: Any, what: str) -> Body:
+def _require_single(shape: Any, what: str) -> Body:
     solids = shape.Solids()
     if len(solids) != 1 or not solids[0].isValid():
         raise SolidError(f"{what} must give one valid solid, got {len(solids)}")
@@ -129,41 +129,41 @@ def _single(shape: Any, what: str) -> Body:
 
 def cut(body: Body, tools: Sequence[Body]) -> Body:
     """Subtract all tools from a body in one operation."""
-    return _single(body.cut(*tools), "a cut")
+    return _require_single(body.cut(*tools), "a cut")
 
 
-def fused(bodies: Sequence[Body]) -> Body:
+def fuse(bodies: Sequence[Body]) -> Body:
     """Unite bodies that touch or overlap."""
-    return _single(bodies[0].fuse(*bodies[1:]).clean(), "a union")
+    return _require_single(bodies[0].fuse(*bodies[1:]).clean(), "a union")
 
 
-def volume(body: Body) -> float:
+def compute_volume(body: Body) -> float:
     """Volume by the kernel's own integration."""
     return float(body.Volume()) / _MM**3
 
 
-def common_volume(a: Body, b: Body, by: Point = (0.0, 0.0, 0.0)) -> float:
+def compute_common_volume(a: Body, b: Body, by: Point = (0.0, 0.0, 0.0)) -> float:
     """Volume that two bodies share [m^3], the first moved, by the kernel's exact intersection; 0 where they only touch."""
     a = a.translate(_vector(by))
-    (low, high), (other_low, other_high) = _corners(a), _corners(b)
+    (low, high), (other_low, other_high) = _find_corners(a), _find_corners(b)
     if (high <= other_low).any() or (other_high <= low).any():
         return 0.0
     return sum(float(solid.Volume()) for solid in a.intersect(b).Solids()) / _MM**3
 
 
-def _corners(shape: Any) -> NDArray[np.float64]:
+def _find_corners(shape: Any) -> NDArray[np.float64]:
     box = shape.BoundingBox()
     return np.array([[box.xmin, box.ymin, box.zmin], [box.xmax, box.ymax, box.zmax]]) / _MM
 
 
-def face_kinds(body: Body) -> tuple[Face, ...]:
+def describe_faces(body: Body) -> tuple[Face, ...]:
     """Describe the faces of a body."""
     described = []
     for face in body.Faces():
         kind, adaptor = str(face.geomType()), face._geomAdaptor()
         shape = {"SPHERE": "Sphere", "CYLINDER": "Cylinder"}.get(kind)
         radius = float(getattr(adaptor, shape)().Radius()) / _MM if shape else math.nan
-        low, high = (tuple(corner) for corner in _corners(face).tolist())
+        low, high = (tuple(corner) for corner in _find_corners(face).tolist())
         described.append(Face(kind, radius, low, high))
     return tuple(described)
 
@@ -171,7 +171,7 @@ def face_kinds(body: Body) -> tuple[Face, ...]:
 def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     """Tessellate with an absolute chordal error per face: cadquery's own is relative, and a 3 mm ball at 1e-3 sags 5 um."""
     BRepTools.Clean_s(body.wrapped)
-    faces, described = body.Faces(), face_kinds(body)
+    faces, described = body.Faces(), describe_faces(body)
     along_edges = min(map(deflection, described))
     parameters = IMeshTools_Parameters()
     parameters.Deflection = along_edges * _MM

@@ -181,14 +181,14 @@ class _Document:
     def add_dimension(self, dimension: PmiDimension) -> None:
         label = self._tolerances.AddDimension()
         content = XCAFDimTolObjects.XCAFDimTolObjects_DimensionObject()
-        content.SetType(_named("DimensionType", _OF_DIMENSION[dimension.kind]))
+        content.SetType(_find_enum("DimensionType", _OF_DIMENSION[dimension.kind]))
         # angles stand in radians, the unit that the kernel writes
         unit = 1.0 if dimension.kind in ("cone", "angle") else _MM
         content.SetValue(dimension.nominal * unit)
         content.SetUpperTolValue(dimension.upper * unit)
         content.SetLowerTolValue(-dimension.lower * unit)  # the kernel keeps it without its sign
-        _present(content, dimension.callout)
-        _attribute(label, XCAFDoc_Dimension).SetObject(content)
+        _set_presentation(content, dimension.callout)
+        _find_attribute(label, XCAFDoc_Dimension).SetObject(content)
         sequences = [TDF_LabelSequence(), TDF_LabelSequence()]
         for sequence, item in zip(sequences, dimension.items, strict=False):
             sequence.Append(self._item(item))
@@ -197,10 +197,10 @@ class _Document:
     def add_tolerance(self, tolerance: PmiTolerance) -> None:
         label = self._tolerances.AddGeomTolerance()
         content = XCAFDimTolObjects.XCAFDimTolObjects_GeomToleranceObject()
-        content.SetType(_named("GeomToleranceType", tolerance.kind.capitalize()))
+        content.SetType(_find_enum("GeomToleranceType", tolerance.kind.capitalize()))
         content.SetValue(tolerance.zone * _MM)
-        _present(content, tolerance.callout)
-        _attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
+        _set_presentation(content, tolerance.callout)
+        _find_attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
         self._tolerances.SetGeomTolerance(
             self._item(PmiItem(tolerance.body, tolerance.face)), label
         )
@@ -211,20 +211,20 @@ class _Document:
         named = XCAFDimTolObjects.XCAFDimTolObjects_DatumObject()
         named.SetName(TCollection_HAsciiString(letter))
         named.SetPosition(1)
-        _attribute(datum, XCAFDoc_Datum).SetObject(named)
+        _find_attribute(datum, XCAFDoc_Datum).SetObject(named)
         faces = TDF_LabelSequence()
         faces.Append(self._item(PmiItem(tolerance.body, face)))
         self._tolerances.SetDatum(faces, datum)
         self._tolerances.SetDatumToGeomTol(datum, label)
 
 
-def _named(kind: str, name: str) -> Any:
+def _find_enum(kind: str, name: str) -> Any:
     return getattr(
         getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}"), f"XCAFDimTolObjects_{kind}_{name}"
     )
 
 
-def _present(content: Any, callout: Callout | None) -> None:
+def _set_presentation(content: Any, callout: Callout | None) -> None:
     if callout is None:
         return
     compound, builder = TopoDS_Compound(), BRep_Builder()
@@ -239,7 +239,7 @@ def _present(content: Any, callout: Callout | None) -> None:
     content.SetPointTextAttach(origin)
 
 
-def _attribute(label: TDF_Label, kind: type) -> Any:
+def _find_attribute(label: TDF_Label, kind: type) -> Any:
     """Return the attribute itself: FindAttribute of these bindings would fill a detached copy."""
     iterator = TDF_AttributeIterator(label)
     while iterator.More():

@@ -18,7 +18,7 @@ from stepblocks import __version__
 from stepblocks.cli.arguments import Parser, declare
 from stepblocks.cli.outcome import show, writing
 from stepblocks.errors import StepblocksError
-from stepblocks.quantities import readable
+from stepblocks.quantities import format_units
 from stepblocks.workers import kill_workers
 
 __all__ = ["main"]
@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except StepblocksError as error:
-        print(f"stepblocks: error: {readable(error)}", file=sys.stderr)
+        print(f"stepblocks: error: {format_units(error)}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print("stepblocks: interrupted", file=sys.stderr)

@@ -34,7 +34,7 @@ def _measure(arguments: argparse.Namespace) -> Outcome:
 def _loop(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.loop.run import loop_session
     from stepblocks.loop.several import loop_sessions
-    from stepblocks.quantities import readable
+    from stepblocks.quantities import format_units
 
     asked: dict[str, Any] = {name: getattr(arguments, name) for name in ("jobs", "forces_only")}
     asked |= {
@@ -62,7 +62,7 @@ def _loop(arguments: argparse.Namespace) -> Outcome:
         arguments.session[0], arguments.output, waveform=arguments.waveform, **asked
     )
     for scan in result.document["scans"]["left_out"]:
-        print(readable(f"scan of {scan['block']} left out: {scan['reason']}"), file=sys.stderr)
+        print(format_units(f"scan of {scan['block']} left out: {scan['reason']}"), file=sys.stderr)
     page, excluded = arguments.output / "report.html", len(result.document["excluded"])
     notes = (
         [f"values or trials excluded, each with its reason in the report: {excluded}"]

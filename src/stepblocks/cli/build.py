@@ -56,20 +56,20 @@ def _check(arguments: argparse.Namespace) -> Outcome:
 
 
 def _check_step_files(paths: list[Path]) -> Outcome:
-    from stepblocks.artefacts.step.check_step import check_step, step_table
+    from stepblocks.artefacts.step.check_step import check_step, format_step_table
 
     reports = [check_step(path) for path in paths]
     passed = [report.passes for report in reports]
     return Outcome(
         f"{sum(passed)} of {len(paths)} STEP files hold what they say",
-        notes=["\n\n".join(step_table(report) for report in reports)],
+        notes=["\n\n".join(format_step_table(report) for report in reports)],
         record={"files": {str(path): good for path, good in zip(paths, passed, strict=True)}},
         code=0 if all(passed) else 1,
     )
 
 
 def _workshop(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.workshop.run import order_parts, route_lines
+    from stepblocks.workshop.run import order_parts, tabulate_routes
 
     told = telling(arguments, "drawn", lines=1000)
     chosen = {name: getattr(arguments, name) for name in ("only", "capability", "masks")}
@@ -83,7 +83,7 @@ def _workshop(arguments: argparse.Namespace) -> Outcome:
     return Outcome(
         f"{sum(len(order.files) for order in orders)} files of {len(orders)} parts in "
         f"{arguments.output}",
-        tables={"Routes": route_lines(orders)},
+        tables={"Routes": tabulate_routes(orders)},
         code=1 if missing else 0,
         failures=missing,
         record={order.name: [str(path) for path in order.files] for order in orders},

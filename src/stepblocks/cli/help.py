@@ -70,7 +70,7 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
 
 def beginning(thing: str, place: Path) -> tuple[str, str]:
     """Return a file to begin with, with what is usual for its kinds below it, and the command that takes it."""
-    from stepblocks.parts.set import kinds
+    from stepblocks.parts.set import list_kinds
 
     sections = Path(__file__).with_name("beginnings.txt").read_text(encoding="utf-8").split("==== ")
     (section,) = (one for one in sections if one.startswith(f"{thing}: "))
@@ -80,7 +80,9 @@ def beginning(thing: str, place: Path) -> tuple[str, str]:
     text, _, shown = text.partition("%usual ")
     for kind in shown.split():
         text += f"# What a {kind} leaves out; to change it for all of them, take the leading '# ' away.\n"
-        text += "".join(f"# {line}\n" for line in _usual(kinds()[kind], f"defaults.{kind}")) + "\n"
+        text += (
+            "".join(f"# {line}\n" for line in _usual(list_kinds()[kind], f"defaults.{kind}")) + "\n"
+        )
     return text.rstrip() + "\n", head.partition(": ")[2]
 
 

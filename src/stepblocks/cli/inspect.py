@@ -11,7 +11,7 @@ def _run(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.inspect.budget import Instrument
     from stepblocks.inspect.levelling import LEVELS
     from stepblocks.inspect.many import inspect_many, is_table, write_many
-    from stepblocks.inspect.measure import AS_FOUND, How
+    from stepblocks.inspect.measure import AS_FOUND, EvaluationOptions
     from stepblocks.inspect.report import write_inspection
     from stepblocks.inspect.run import inspect_scan, inspect_standard
 
@@ -26,7 +26,9 @@ def _run(arguments: argparse.Namespace) -> Outcome:
     instrument = Instrument(
         arguments.calibration, arguments.resolution or 0.0, arguments.lateral_calibration
     )
-    told["how"] = How(degree=LEVELS.get(arguments.level or ""), **given(arguments, *vars(AS_FOUND)))
+    told["how"] = EvaluationOptions(
+        degree=LEVELS.get(arguments.level or ""), **given(arguments, *vars(AS_FOUND))
+    )
     told["instrument"] = instrument
     if len(arguments.scans) > 1 or scan.is_dir() or is_table(arguments.scans):
         told |= given(

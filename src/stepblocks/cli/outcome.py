@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.build.manifest import hash_file
-from stepblocks.quantities import column_label, column_of_figures, readable
+from stepblocks.quantities import format_column, format_column_label, format_units
 
 _WIDTH = 100  # columns of a table where nobody asked for more
 _MEMORY = ".stepblocks.json"  # in a folder: hashes of the files that commands wrote there
@@ -57,7 +57,7 @@ def show(outcome: Outcome, arguments: argparse.Namespace, written: Sequence[Path
         if outcome.look is not None:
             _print(f"open {outcome.look}", "cyan")
     for failure in outcome.failures:
-        print(readable(failure), file=sys.stderr)
+        print(format_units(failure), file=sys.stderr)
 
 
 def _where(written: Sequence[Path]) -> str:
@@ -78,7 +78,7 @@ def _print(shown: Any, style: str | None = None, width: int | None = None) -> No
     console = Console(width=width, highlight=False, soft_wrap=width is None)
     with console.capture() as captured:
         console.print(
-            readable(shown) if isinstance(shown, str) else shown, style=style, markup=False
+            format_units(shown) if isinstance(shown, str) else shown, style=style, markup=False
         )
     sys.stdout.write(captured.get())
 
@@ -90,8 +90,8 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = F
 
     if not rows:
         return
-    cells = {name: column_of_figures([row.get(name) for row in rows]) for name in rows[0]}
-    heads = {name: column_label(name) for name in cells}
+    cells = {name: format_column([row.get(name) for row in rows]) for name in rows[0]}
+    heads = {name: format_column_label(name) for name in cells}
     alike = (
         {}
         if wide or len(rows) < 2
@@ -180,7 +180,7 @@ def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
     # To that list the command adds what it found and kept; afterwards it names what was written.
     # What a build wrote stands in its ``manifest.json``; what another command wrote in
     # ``.stepblocks.json`` with its hash, so that a table somebody filled in since is theirs.
-    from stepblocks.atomic import keeping
+    from stepblocks.atomic import protect_files
 
     written: list[Path] = []
     if place is None:
@@ -197,7 +197,7 @@ def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
         return name not in built and name != "manifest.json" and known.get(name) != hash_file(path)
 
     try:
-        with keeping(theirs):
+        with protect_files(theirs):
             yield written
     finally:
         kept, written[:] = (

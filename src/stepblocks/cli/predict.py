@@ -25,11 +25,11 @@ def _predict(arguments: argparse.Namespace) -> Outcome:
 
 def _write_equally_felt(files: list[Path], count: int, output: Path | None) -> Outcome:
     from stepblocks.errors import PipelineError
-    from stepblocks.predict.perception import write_equally_felt
+    from stepblocks.predict.perception import write_equally_spaced_set
 
     if len(files) != 1 or output is None:
         raise PipelineError("--equally-felt needs one stimulus file and -o NEW.toml")
-    heights, spacing, by = write_equally_felt(files[0], count, output)
+    heights, spacing, by = write_equally_spaced_set(files[0], count, output)
     return Outcome(
         f"neighbours are {spacing:.1f} just noticeable differences apart, by the {by}",
         notes=[f"{output}: {', '.join(f'{height * 1e6:.2f}' for height in heights)} um"],
@@ -57,13 +57,18 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
 def _predict_sets(arguments: argparse.Namespace) -> Outcome:
     from stepblocks.atomic import replace_text
     from stepblocks.declare import load_declared
-    from stepblocks.predict.predictions import as_row, left_out, predict_all, shown
-    from stepblocks.predict.sheaths import ring_rows
-    from stepblocks.quantities import readable
-    from stepblocks.select import stimulus_files
-    from stepblocks.tables import csv_text, write_table
+    from stepblocks.predict.predictions import (
+        choose_columns,
+        describe_left_out,
+        format_row,
+        predict_all,
+    )
+    from stepblocks.predict.sheaths import tabulate_rings
+    from stepblocks.quantities import format_units
+    from stepblocks.select import find_stimulus_files
+    from stepblocks.tables import format_csv, write_table
 
-    sets = [load_declared(path) for path in stimulus_files(arguments.files)]
+    sets = [load_declared(path) for path in find_stimulus_files(arguments.files)]
     more: Callable[[Prediction], dict[str, str]] | None = None
     if arguments.as_built:
         from stepblocks.artefacts.as_built import read_records
@@ -71,41 +76,50 @@ def _predict_sets(arguments: argparse.Namespace) -> Outcome:
 
         records = read_records(arguments.as_built)
         if any(record.surface is not None for record in records.values()):
-            by_set = {stimuli.name: as_built.surface_releases(stimuli, records) for stimuli in sets}
+            by_set = {
+                stimuli.name: as_built.prepare_surface_releases(stimuli, records)
+                for stimuli in sets
+            }
 
             def more(prediction: Prediction) -> dict[str, str]:
-                return as_built.surface_columns(by_set[prediction.set_name](prediction))
+                return as_built.format_surface_columns(by_set[prediction.set_name](prediction))
 
         for sentence in (
-            sentence for stimuli in sets for sentence in as_built.moved_energies(stimuli, records)
+            sentence
+            for stimuli in sets
+            for sentence in as_built.describe_energy_changes(stimuli, records)
         ):
-            print(readable(sentence), file=sys.stderr)
-        sets = [as_built.with_as_built(stimuli, records) for stimuli in sets]
+            print(format_units(sentence), file=sys.stderr)
+        sets = [as_built.replace_nominals(stimuli, records) for stimuli in sets]
     in_time = None if arguments.conversion is None else arguments.conversion == "simulated"
     by_name = {one.name: predict_all(one, in_time, **given(arguments, "speed")) for one in sets}
     if arguments.as_built:
-        by_name = {s.name: tuple(as_built.by_surface(by_name[s.name], s, records)) for s in sets}
+        by_name = {
+            s.name: tuple(as_built.predict_from_surfaces(by_name[s.name], s, records)) for s in sets
+        }
     predictions = [one for predictions in by_name.values() for one in predictions]
-    notes = left_out(predictions)
+    notes = describe_left_out(predictions)
     if arguments.perception:
         import pandas as pd
 
-        from stepblocks.predict.perception import neighbours
+        from stepblocks.predict.perception import compare_neighbours
 
-        tables = [neighbours(s, by_name[s.name]) for s in sets]
+        tables = [compare_neighbours(s, by_name[s.name]) for s in sets]
         write_table(pd.concat(tables, ignore_index=True), arguments.perception)
         notes.append(f"{arguments.perception}: {sum(map(len, tables))} pairs of neighbours")
     if arguments.plots:
         from stepblocks.predict.figures import write_plots
 
         notes += [str(path) for stimuli in sets for path in write_plots(stimuli, arguments.plots)]
-    rows = [as_row(one) | (more(one) if more else {}) for one in predictions]
-    names = list(rows[0]) if arguments.wide else shown(list(rows[0]))
+    rows = [format_row(one) | (more(one) if more else {}) for one in predictions]
+    names = list(rows[0]) if arguments.wide else choose_columns(list(rows[0]))
     said, told = "", {"": [{name: row[name] for name in names} for row in rows]}
     if arguments.output:
-        replace_text(arguments.output, csv_text(rows))
+        replace_text(arguments.output, format_csv(rows))
         said, told = f"{arguments.output}: {len(predictions)} predictions", {}
-    rings = {f"ring of the probe of {one.name}": found for one in sets if (found := ring_rows(one))}
+    rings = {
+        f"ring of the probe of {one.name}": found for one in sets if (found := tabulate_rings(one))
+    }
     return Outcome(said, {**told, **rings}, notes=notes, record={"predictions": rows, **rings})
 
 

@@ -49,7 +49,7 @@ def _simulate(arguments: argparse.Namespace) -> Outcome:
 
 
 def _analyse(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.prose import headline
+    from stepblocks.study.prose import write_headline
 
     data, folder = given(arguments, "data").get("data"), arguments.folder
     if bool(data) == bool(arguments.answers) or (data and folder):
@@ -59,7 +59,7 @@ def _analyse(arguments: argparse.Namespace) -> Outcome:
     output = arguments.output or (folder or Path("out/study")) / "report"
     options = _options(arguments, stepblocks.analyse_study)
     result = stepblocks.analyse_study(folder, data or arguments.answers, output, **options)
-    notes, said = [*result.notes, *result.remarks], headline(result)
+    notes, said = [*result.notes, *result.remarks], write_headline(result)
     return Outcome(
         said, notes=notes, look=output / "report.html", record={"said": said, "notes": notes}
     )
@@ -114,7 +114,7 @@ def _start(arguments: argparse.Namespace) -> Outcome:
 
 
 def _run(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import answer, open_adaptive
+    from stepblocks.study.adaptive import open_adaptive, record_answer
 
     session = open_adaptive(arguments.folder).session(arguments.participant)
     while (pair := session.next_pair()) is not None:
@@ -128,23 +128,25 @@ def _run(arguments: argparse.Namespace) -> Outcome:
         if not line or text == "q":
             return Outcome(f"stopped after {pair.trial - 1} trials; the same command goes on")
         if text in ("y", "n"):
-            session = answer(arguments.folder, arguments.participant, pair.trial, text == "y")
+            session = record_answer(
+                arguments.folder, arguments.participant, pair.trial, text == "y"
+            )
             if session.plan.method == "training":
                 print("right" if session.right else "wrong")
     return Outcome(str(session))
 
 
 def _undo(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import undo
+    from stepblocks.study.adaptive import undo_answer
 
-    return Outcome(str(undo(arguments.folder, arguments.participant)))
+    return Outcome(str(undo_answer(arguments.folder, arguments.participant)))
 
 
 def _result(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import results
+    from stepblocks.study.adaptive import estimate_participants
 
     then = f"then: stepblocks study analyse {arguments.folder} {arguments.folder / 'answers.csv'}"
-    return Outcome(then, {"thresholds": results(arguments.folder).to_dict("records")})
+    return Outcome(then, {"thresholds": estimate_participants(arguments.folder).to_dict("records")})
 
 
 def _heights(text: str) -> tuple[float, ...]:
@@ -207,9 +209,9 @@ def _pairs(text: str, what: str) -> dict[str, str]:
 
 def _shares(text: str) -> dict[str, float]:
     if text.endswith(".toml"):
-        from stepblocks.predict.sheaths import damping_of
+        from stepblocks.predict.sheaths import find_damping
 
-        return damping_of(text)
+        return find_damping(text)
     return {name: quantity("ratio")(value) for name, value in _pairs(text, "name=share").items()}
 
 

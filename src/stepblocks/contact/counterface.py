@@ -10,11 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
-from stepblocks.contact.critical_angle import bevelled_margin_angles, margin_angles, step_angle
-from stepblocks.contact.domain import Real, plain, require_points
+from stepblocks.contact.critical_angle import (
+    compute_bevelled_margin_angles,
+    margin_angles,
+    step_angle,
+)
+from stepblocks.contact.domain import Real, require_points, unwrap_scalar
 from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.path.centre import CentrePath, corner_path, envelope_path
+from stepblocks.contact.path.centre import CentrePath, build_corner_path, build_envelope_path
 from stepblocks.errors import ContactError
 
 Array = NDArray[np.float64]
@@ -57,7 +61,7 @@ class Counterface(ABC):
         """Differentiate the forward angle by the dimensions and the ball's radius [rad/m], where that is a closed form."""
         return {}
 
-    def moved(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
+    def deviate_dimensions(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
         """Dimensions that deviate by so much from the nominal, kept where the critical angles are defined [m]."""
         return {
             name: np.maximum(value + deviations.get(name, 0.0), 0.0)
@@ -81,7 +85,7 @@ class Counterface(ABC):
         """Path of the centre of a ball, from 5 mm before the edge to 5 mm behind it."""
         x, z = self.section(REACH)
         x[0], x[-1] = -REACH, REACH
-        return corner_path(np.column_stack([x, z]), ball_radius)
+        return build_corner_path(np.column_stack([x, z]), ball_radius)
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,9 @@ class Step(Counterface):
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
         """Where the edge is met, not the riser."""
         radius = ball_radius + self.edge_radius
-        by_height = float(1.0 / (radius * np.sin(kernels.angle_on_step(self.height, radius))))
+        by_height = float(
+            1.0 / (radius * np.sin(kernels.compute_angle_on_step(self.height, radius)))
+        )
         by_radius = -by_height * self.height / radius
         return {"height": by_height, "edge_radius": by_radius, "ball_radius": by_radius}
 
@@ -138,7 +144,7 @@ class Step(Counterface):
         if radius == 0.0:
             return super().centre_path(ball_radius)
         lines = [((-REACH, 0.0), (0.0, 0.0)), ((radius, height), (REACH, height))]
-        return envelope_path([(radius, height - radius, radius)], lines, ball_radius)
+        return build_envelope_path([(radius, height - radius, radius)], lines, ball_radius)
 
 
 @dataclass(frozen=True)
@@ -162,9 +168,9 @@ class Margin(Counterface):
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """In closed form; the gap is taken to be deeper than the tip sinks."""
         at = self.dimensions | dimensions
-        return bevelled_margin_angles(at["gap"], at["opening"], at["rise"], ball_radius)
+        return compute_bevelled_margin_angles(at["gap"], at["opening"], at["rise"], ball_radius)
 
-    def moved(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
+    def deviate_dimensions(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
         """Let an opening that is not named follow the gap, as that of a square end does."""
         gap = self.gap + deviations.get("gap", 0.0)
         follows = self.opening + gap - self.gap
@@ -199,7 +205,9 @@ class Groove(Counterface):
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """From between the shoulders, ``sin a = g / 2R``; a ball that sinks onto the flanks leaves along them."""
         at = self.dimensions | dimensions
-        angle = plain(np.minimum(margin_angles(at["width"], 0.0, ball_radius)[0], at["flank"]))
+        angle = unwrap_scalar(
+            np.minimum(margin_angles(at["width"], 0.0, ball_radius)[0], at["flank"])
+        )
         return angle, angle
 
     def section(self, run: float) -> tuple[Array, Array]:
@@ -221,9 +229,11 @@ class Profile(Counterface):
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
         balls, which = np.unique(np.asarray(ball_radius, dtype=np.float64), return_inverse=True)
-        found = np.array([_steepest(self.x, self.z, float(ball), "flat") for ball in balls])[which]
+        found = np.array(
+            [_find_steepest_angles(self.x, self.z, float(ball), "flat") for ball in balls]
+        )[which]
         forward, backward = (
-            plain(found[..., way].reshape(np.shape(ball_radius))) for way in (0, 1)
+            unwrap_scalar(found[..., way].reshape(np.shape(ball_radius))) for way in (0, 1)
         )
         return forward, backward
 
@@ -246,7 +256,7 @@ class Profile(Counterface):
 
     def centre_path(self, ball_radius: float) -> CentrePath:
         """Over its own points, at most 2000."""
-        return corner_path(np.column_stack([self.x, self.z]), ball_radius)
+        return build_corner_path(np.column_stack([self.x, self.z]), ball_radius)
 
 
 @dataclass(frozen=True)
@@ -262,7 +272,7 @@ class ProfiledMargin(Margin):
         at = {"ball_radius": ball_radius, **self.dimensions, **dimensions}
         mean = {name: float(np.mean(one)) for name, one in at.items()}
         ball = mean.pop("ball_radius")
-        found = _steepest(*replace(self, **mean).section(REACH), ball, "flat")
+        found = _find_steepest_angles(*replace(self, **mean).section(REACH), ball, "flat")
         if all(np.ndim(one) == 0 for one in at.values()):
             return found
         level, drawn = super().angles(ball, **mean), super().angles(**at)
@@ -322,7 +332,7 @@ def energy_change(
     return float(second.vibration_energy / first.vibration_energy - 1.0)
 
 
-def scanned_angle(
+def find_scanned_angle(
     position: NDArray[np.float64], height: NDArray[np.float64], ball: float
 ) -> float | None:
     """Critical angle of a scanned edge: the steepest rise of the path of the tip's centre over it, up the step."""
@@ -333,18 +343,18 @@ def scanned_angle(
     rising = float(np.median(known[-tenth:])) > float(np.median(known[:tenth]))
     x, z = (position, height) if rising else (-position[::-1], height[::-1])
     try:
-        angle = _steepest(x, z, ball, "strict")[0]
+        angle = _find_steepest_angles(x, z, ball, "strict")[0]
     except ContactError:
         return None
     return angle if 0.0 < angle < 0.5 * math.pi else None
 
 
-def _steepest(
+def _find_steepest_angles(
     x: Array, z: Array, ball: float, edges: Literal["strict", "flat"]
 ) -> tuple[float, float]:
     """Critical angles over a profile by exact dilation [rad], forward and backward."""
     # compiled kernels, loaded where they are used
-    from stepblocks.contact.path.profile import profile_path, steepest
+    from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 
-    path = profile_path(x, z, ball, edges=edges)
-    return steepest(path).angle, steepest(path.mirrored()).angle
+    path = build_profile_path(x, z, ball, edges=edges)
+    return find_steepest_catch(path).angle, find_steepest_catch(path.mirrored()).angle

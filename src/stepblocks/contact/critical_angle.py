@@ -5,10 +5,10 @@ import numpy as np
 from stepblocks.contact import kernels
 from stepblocks.contact.domain import (
     Real,
-    plain,
     require_finite,
     require_not_negative,
     require_positive,
+    unwrap_scalar,
 )
 
 
@@ -46,7 +46,7 @@ def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real
     height, ball_radius, edge_radius = _checked(
         height=height, ball_radius=ball_radius, edge_radius=edge_radius
     )
-    return plain(kernels.step_angle(height, ball_radius + edge_radius))
+    return unwrap_scalar(kernels.compute_step_angle(height, ball_radius + edge_radius))
 
 
 def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
@@ -81,19 +81,19 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
     True
     """
     opening, rise, ball_radius = _checked(opening=opening, rise=rise, ball_radius=ball_radius)
-    forward, backward = kernels.margin_angles(opening, rise, ball_radius)
-    return plain(forward), plain(backward)
+    forward, backward = kernels.compute_margin_angles(opening, rise, ball_radius)
+    return unwrap_scalar(forward), unwrap_scalar(backward)
 
 
-def bevelled_margin_angles(
+def compute_bevelled_margin_angles(
     gap: Real, opening: Real, rise: Real, ball_radius: Real
 ) -> tuple[Real, Real]:
-    """`margin_angles` over a far side that is bevelled back at 45 degrees where it opens wider than its gap."""
+    """`compute_margin_angles` over a far side that is bevelled back at 45 degrees where it opens wider than its gap."""
     gap, rise, ball_radius = _checked(gap=gap, rise=rise, ball_radius=ball_radius)
     opening = np.asarray(opening, dtype=np.float64)[()]
     require_finite("opening", opening, "m")  # below 0 a lip overlaps
-    forward, backward = kernels.bevelled_margin_angles(gap, opening, rise, ball_radius)
-    return plain(forward), plain(backward)
+    forward, backward = kernels.compute_bevelled_margin_angles(gap, opening, rise, ball_radius)
+    return unwrap_scalar(forward), unwrap_scalar(backward)
 
 
 _RULES = {"ball_radius": require_positive, "rise": require_finite}

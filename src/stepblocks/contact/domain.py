@@ -40,12 +40,12 @@ def require_points(x: NDArray[np.float64], z: NDArray[np.float64]) -> None:
         raise ContactError(f"profile needs at least 2 points, got {x.size}")
 
 
-def plain(value: Real) -> Real:
+def unwrap_scalar(value: Real) -> Real:
     """Return a Python float for an array of no dimension, any other array as it is."""
     return float(value) if np.ndim(value) == 0 else value
 
 
-def where(condition: Real, if_so: Real, otherwise: Real) -> Real:
+def select_where(condition: Real, if_so: Real, otherwise: Real) -> Real:
     """`numpy.where`, at once where the condition is a single one."""
     if isinstance(condition, np.ndarray):
         return np.where(condition, if_so, otherwise)

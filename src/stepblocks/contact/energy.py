@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.contact import kernels
-from stepblocks.contact.domain import Real, require_not_negative, require_positive, where
+from stepblocks.contact.domain import Real, require_not_negative, require_positive, select_where
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
@@ -27,7 +27,7 @@ class Status(StrEnum):
     BEYOND_HAND = "beyond-hand"  # or than a hand exerts
 
     @property
-    def beyond(self) -> bool:
+    def is_beyond_limit(self) -> bool:
         """Whether it is a limit, and no geometry, that keeps the tip from slipping."""
         return self.value.startswith("beyond-")
 
@@ -98,20 +98,26 @@ def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPE
         wrong = np.degrees(np.asarray(a)[np.logical_not(inside)].flat[0])
         raise ContactError(f"angle must lie between 0 and 90 deg, got {wrong:g} deg")
     # the first of these that holds
-    kind = where(
-        a == 0.0, 0, where(a == 0.5 * math.pi, 1, where(a + np.arctan(mu) >= 0.5 * math.pi, 2, 3))
+    kind = select_where(
+        a == 0.0,
+        0,
+        select_where(a == 0.5 * math.pi, 1, select_where(a + np.arctan(mu) >= 0.5 * math.pi, 2, 3)),
     )
     released = kind == 3
-    force = where(
-        released, kernels.pull_force(load, where(released, a, 0.0), mu), math.nan * (a + load + mu)
+    force = select_where(
+        released,
+        kernels.compute_pull_force(load, select_where(released, a, 0.0), mu),
+        math.nan * (a + load + mu),
     )
     limit, most = tool.limits.first
     beyond = released & (force > most)
-    energy = where(beyond, math.nan, tool.conversion * kernels.stored_energy(force, tool.stiffness))
+    energy = select_where(
+        beyond, math.nan, tool.conversion * kernels.compute_stored_energy(force, tool.stiffness)
+    )
     power = energy / tool.ring_duration
     figures = (a, force, energy, power, power / tool.detection_threshold)
     kinds = (*_KINDS, Status(f"beyond-{limit}"))
-    kind = where(beyond, len(_KINDS), kind)
+    kind = select_where(beyond, len(_KINDS), kind)
     if np.ndim(force) == 0:
         return Release(kinds[kind], *map(float, figures))
     together: Any = np.broadcast_arrays(np.array(kinds)[kind], *figures)

@@ -36,7 +36,7 @@ _RULE = (
 class Waveform:
     """A ring that was simulated in time, instead of the exponential."""
 
-    # shape (n,), on the hand in the direction of the drag [N], scaled so that `ring_energy` is E_v
+    # shape (n,), on the hand in the direction of the drag [N], scaled so that `compute_ring_energy` is E_v
     force: Array
     rate: float  # of its samples [Hz]
     # from the release to the first sample [s]: the fall of the spring force, which the spring
@@ -48,7 +48,7 @@ class Waveform:
 
 
 @dataclass(frozen=True)
-class Learned:
+class LearnedPrediction:
     """What a model that a measured session has taught says of one drag."""
 
     status: str  # "ok", or why the prediction must not be trusted
@@ -76,7 +76,7 @@ class VibrationEvent:
     waveform: Waveform | None = (
         None  # a simulated ring of the same energy; None where it is the exponential
     )
-    learned: Learned | None = None  # energy and tool are then those that were learnt
+    learned: LearnedPrediction | None = None  # energy and tool are then those that were learnt
 
     @property
     def drag(self) -> str:
@@ -115,7 +115,7 @@ def vibration_events(face: Counterface, point: OperatingPoint, stimulus: str = "
     path = face.centre_path(point.ball_radius)
 
     def event(direction: int) -> VibrationEvent:
-        notch = path.notch(direction)
+        notch = path.find_notch(direction)
         release = release_at(notch[2], point.normal_load, point.friction, point.tool)
         felt = release.pull_force, release.vibration_energy, point.tool
         return VibrationEvent(stimulus, release.status, direction, *notch, *felt)
@@ -123,7 +123,7 @@ def vibration_events(face: Counterface, point: OperatingPoint, stimulus: str = "
     return event(+1), event(-1)
 
 
-def ring(event: VibrationEvent, rate: float) -> Array:
+def compute_ring_force(event: VibrationEvent, rate: float) -> Array:
     """Force on the hand in the direction of the drag [N], over seven time constants or the length of the waveform; rate in Hz."""
     if event.waveform is not None:
         known = np.arange(len(event.waveform.force)) / event.waveform.rate
@@ -136,14 +136,14 @@ def ring(event: VibrationEvent, rate: float) -> Array:
     )
 
 
-def ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
+def compute_ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
     """Energy that the damper spends [J] on a rendered or recorded ring: its force [N] at a rate of samples [Hz]."""
     phase = math.tau * tool.frequency * tool.decay_time
     square = float(np.sum(np.asarray(force, dtype=np.float64) ** 2)) / rate
     return 2.0 / (tool.stiffness * tool.decay_time) * (1.0 + 1.0 / phase**2) * square
 
 
-def as_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
+def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
     """Write an event as plain values for JSON, the unit in every name; None for what is not a number."""
     tool, wave, learned = event.tool, event.waveform, event.learned
     record: dict[str, Any] = {
@@ -159,7 +159,7 @@ def as_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
         "frequency_hz": tool.frequency,
         "frequency_low_hz": tool.frequency - tool.frequency_deviation,
         "frequency_high_hz": tool.frequency + tool.frequency_deviation,
-        "limit_n": tool.limits.first[1] if event.status.beyond else math.nan,
+        "limit_n": tool.limits.first[1] if event.status.is_beyond_limit else math.nan,
         "decay_s": tool.decay_time,
         "stiffness_n_per_m": tool.stiffness,
         "effective_mass_kg": tool.effective_mass,
@@ -183,13 +183,13 @@ def as_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
             strict=True,
         )
         energies = zip(("energy_j", "energy_low_j", "energy_high_j"), learned.energy, strict=True)
-        record["learned"] = nan_as_none(
+        record["learned"] = replace_nan_by_none(
             {"status": learned.status, **dict(forces), **dict(energies)}
         )
-    return nan_as_none(record)
+    return replace_nan_by_none(record)
 
 
-def nan_as_none(record: dict[str, Any]) -> dict[str, Any]:
+def replace_nan_by_none(record: dict[str, Any]) -> dict[str, Any]:
     """Put None for what is not a number."""
     return {
         k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in record.items()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact.operating_point import PAPER, Tool
-from stepblocks.contact.state import DragState, Floats, observe
+from stepblocks.contact.state import DragState, Floats, compute_channels
 from stepblocks.errors import ContactError
 from stepblocks.law import Active, Law, Parameter
 
@@ -47,13 +47,13 @@ class BenchDesign:
     def members(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
         """Names of the blocks' height errors, and which of them each trial has."""
         blocks, inverse = np.unique(self.block, return_inverse=True)
-        return tuple(height_name(str(b)) for b in blocks), inverse
+        return tuple(format_height_name(str(b)) for b in blocks), inverse
 
 
-def design_of(
+def convert_to_design(
     block: NDArray[Any], covariates: Mapping[str, NDArray[Any]], spring_constant: float
 ) -> BenchDesign:
-    """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units."""
+    """Convert the columns of trials.csv, and ``parse_tip_radius_um``, to SI units."""
     height, load, speed, radius = (
         np.asarray(covariates[name], dtype=np.float64)
         for name in ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
@@ -63,18 +63,18 @@ def design_of(
     )
 
 
-def tip_radius_um(tip: str, default: float) -> float:
+def parse_tip_radius_um(tip: str, default: float) -> float:
     """Radius of a tip from its name, ``tip-125`` for 125 um; `default` where the name has no number."""
     match = re.fullmatch(r"tip-(\d+(?:\.\d+)?)(?:um)?", str(tip).strip())
     return float(match.group(1)) if match else default
 
 
-def height_name(block: str) -> str:
+def format_height_name(block: str) -> str:
     """Name of the height error of a block."""
     return f"height_error[{block}]"
 
 
-def constants(
+def list_constants(
     design: BenchDesign,
     tool: Tool = PAPER.tool,
     height_std: float = 1e-6,
@@ -98,13 +98,20 @@ def constants(
         reach = min(12.0 * height_std, 0.8 * nominal)
         found.append(
             Parameter(
-                height_name(block), "m", start, start - reach, start + reach, 0.3e-6, spread, block
+                format_height_name(block),
+                "m",
+                start,
+                start - reach,
+                start + reach,
+                0.3e-6,
+                spread,
+                block,
             )
         )
     return tuple(found)
 
 
-def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState:
+def build_nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState:
     """Fill the slots from the design and the constants."""
     names, inverse = design.members
     errors = np.array([values.get(name, 0.0) for name in names])
@@ -139,28 +146,28 @@ def nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState
     )
 
 
-def extended_state(
+def build_extended_state(
     design: BenchDesign, values: Mapping[str, float], active: Active = ()
 ) -> DragState:
     """Fill the slots from the constants and apply the effects: release after contact, what follows the peak when it is known."""
-    state = nominal_state(design, values)
+    state = build_nominal_state(design, values)
 
     def when(pair: tuple[Law, Mapping[str, float]]) -> tuple[bool, bool]:
         return pair[0].given and pair[0].covariate == PEAK_FORCE, pair[0].slot == "conversion"
 
     for law, own in sorted(active, key=when):
         state = law.apply(
-            state, covariate_of(design, state, law.covariate) if law.given else None, own
+            state, select_covariate(design, state, law.covariate) if law.given else None, own
         )
     return state
 
 
-def columns_of(covariate: str) -> tuple[str, ...]:
+def list_covariate_columns(covariate: str) -> tuple[str, ...]:
     """Columns of the table of trials that an effect over a covariate needs."""
     return () if covariate in ("none", "block", PEAK_FORCE) else tuple(covariate.split(TOGETHER))
 
 
-def covariate_of(design: BenchDesign, state: DragState, covariate: str) -> Any:
+def select_covariate(design: BenchDesign, state: DragState, covariate: str) -> Any:
     """Column of the design, or quantity of the state, that an effect follows."""
     if covariate == "none":
         return None
@@ -169,13 +176,15 @@ def covariate_of(design: BenchDesign, state: DragState, covariate: str) -> Any:
     if covariate == PEAK_FORCE:
         return state.peak_force()
     if TOGETHER in covariate:
-        return np.stack([design.covariates[name] for name in columns_of(covariate)], axis=1)
+        return np.stack(
+            [design.covariates[name] for name in list_covariate_columns(covariate)], axis=1
+        )
     return design.covariates[covariate]
 
 
-def responses(state: DragState) -> Floats:
+def compute_responses(state: DragState) -> Floats:
     """Change of the channels per unit of ln friction, ln load and ln conversion, which scatter among trials, shape (n, 7, 3)."""
-    base, step = observe(state), 1e-4
+    base, step = compute_channels(state), 1e-4
     weight = state.set_load + state.sensed_offset
     moved = (
         state.changed(friction=state.friction * (1.0 + step)),
@@ -184,4 +193,4 @@ def responses(state: DragState) -> Floats:
         ),
         state.changed(conversion=state.conversion * (1.0 + step)),
     )
-    return np.stack([(observe(other) - base) / step for other in moved], axis=2)
+    return np.stack([(compute_channels(other) - base) / step for other in moved], axis=2)

@@ -108,7 +108,7 @@ class RodRing:
         return -math.expm1(-spent) / spent if spent else 1.0
 
 
-def rod_for(
+def fit_rod(
     stiffness: float,
     frequency: float,
     decay_time: float,
@@ -133,7 +133,7 @@ def rod_for(
     over = beta * (math.sin(beta) * math.cosh(beta) - math.cos(beta) * math.sinh(beta))
     ratio = (1.0 + math.cos(beta) * math.cosh(beta)) / over if over else math.inf
     if ratio < 0.0:
-        bare = ring_of(rod).frequency
+        bare = compute_rod_ring(rod).frequency
         raise ContactError(
             "frequency must not exceed that of the bare shank of this diameter and stiffness "
             f"({bare:.4g} Hz), got {frequency:g} Hz"
@@ -141,7 +141,7 @@ def rod_for(
     return Rod(bending, rod.line_mass, length, ratio * rod.line_mass * length, rod.loss_factor)
 
 
-def bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) -> float:
+def compute_bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) -> float:
     """Stiffness per length of a bonded bush whose core moves sideways in a rigid shell."""
     # Adkins, Gent (1954), Br. J. Appl. Phys. 5, 354, for Poisson's ratio 0.5; else Muskhelishvili's
     # ring between rigid circles
@@ -157,7 +157,7 @@ def bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) ->
     )
 
 
-def ring_of(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
+def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
     """Predict the first mode of a rod with a sheath on its free part, or held through one; rigidly clamped without."""
     from scipy.linalg import eigh, solve
 
@@ -170,7 +170,7 @@ def ring_of(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
                 "mm from the clamp, "
                 f"got {sheath.start * 1e3:.4g} to {end * 1e3:.4g} mm"
             )
-    parts, mass, losses, _ = _assembled(rod, sheath)
+    parts, mass, losses, _ = _assemble_matrices(rod, sheath)
     total = np.sum(parts, axis=0)
     # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements
     last = total.shape[0] - 1
@@ -186,9 +186,11 @@ def ring_of(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
     return RodRing(stiffness, frequency, float(shares @ losses), float(shares[1:].sum()))
 
 
-def _assembled(rod: Rod, sheath: Sleeve | Hold | None) -> tuple[list[Array], Array, Array, Array]:
+def _assemble_matrices(
+    rod: Rod, sheath: Sleeve | Hold | None
+) -> tuple[list[Array], Array, Array, Array]:
     """Stiffness of rod and sheath, the mass of both, the loss factor of each, what their inertia pushes when shifted."""
-    nodes = _nodes(rod, sheath)
+    nodes = _place_nodes(rod, sheath)
     own, worn, mass = np.zeros((3, 2 * nodes.size, 2 * nodes.size))
     for index, (a, b) in enumerate(itertools.pairwise(nodes)):
         span, at = b - a, slice(2 * index, 2 * index + 4)
@@ -210,7 +212,7 @@ def _assembled(rod: Rod, sheath: Sleeve | Hold | None) -> tuple[list[Array], Arr
     return [part[free, free] for part in (own, worn)], mass[free, free], losses, pushes[free]
 
 
-def _nodes(rod: Rod, sheath: Sleeve | Hold | None) -> Array:
+def _place_nodes(rod: Rod, sheath: Sleeve | Hold | None) -> Array:
     """Places of the nodes in units of the free length; every end of a sheath is one."""
     ends = {0.0, 1.0}
     if isinstance(sheath, Sleeve):
@@ -267,13 +269,13 @@ class Hand:
 STYLUS_HAND = Hand(20e-3, 575.0, 1.3, 0.21, 176.0, 11.3)
 
 
-def modes_of(
+def compute_modes(
     rod: Rod, sheath: Sleeve | Hold | None = None, highest: float = _HIGHEST
 ) -> list[Mode]:
     """Return the modes of a rod, rigidly clamped or held through a sheath, up to a frequency [Hz]."""
     from scipy.linalg import eigh
 
-    parts, mass, losses, pushes = _assembled(rod, sheath)
+    parts, mass, losses, pushes = _assemble_matrices(rod, sheath)
     values, shapes = eigh(np.sum(parts, axis=0), mass)
     unit = math.sqrt(rod.bending_stiffness / (rod.line_mass * rod.length**4)) / math.tau
     scale = math.sqrt(rod.line_mass * rod.length)  # kg^0.5
@@ -289,7 +291,7 @@ def modes_of(
     return found
 
 
-def clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) -> Array:
+def compute_clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) -> Array:
     """Force on the clamp [N] after a pull of 1 N was let go at the tip, or after a blow of 1 N s there; times in s."""
     total = np.zeros_like(time)
     for one in modes:
@@ -299,13 +301,15 @@ def clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) -> Array
     return total
 
 
-def sensed(modes: Sequence[Mode], duration: float = PAPER.tool.ring_duration) -> float:
+def compute_sensed_energy(
+    modes: Sequence[Mode], duration: float = PAPER.tool.ring_duration
+) -> float:
     """Square of the force on a sensor between rod or sheath and clamp, over a time, for a pull of 1 N [s]; its energy goes with it."""
     time = np.linspace(0.0, duration, _SAMPLES)
-    return float(np.trapezoid(clamp_force(modes, time) ** 2, time))
+    return float(np.trapezoid(compute_clamp_force(modes, time) ** 2, time))
 
 
-def finger_share(
+def compute_finger_share(
     rod: Rod,
     stiffness: float,
     modes: Sequence[Mode],

@@ -66,7 +66,7 @@ class DragState:
     def _slope(self) -> Floats:
         share = np.clip(self.height / self.radius, 1e-9, 1.0)
         return np.asarray(
-            kernels.angle_on_step(share, 1.0)
+            kernels.compute_angle_on_step(share, 1.0)
             + (self.tilt + np.arctan(self.friction * self.edge_factor))
         )
 
@@ -82,13 +82,13 @@ class DragState:
         """Tangential force on the tool at release [N]; equation (1)."""
         lifted = np.maximum(self.load + self.climb_load, _LEAST_LOAD)
         # the friction is in the angle, and held below locking with it
-        pull = kernels.pull_force(lifted, self.angle(), 0.0)
+        pull = kernels.compute_pull_force(lifted, self.angle(), 0.0)
         return np.asarray(np.maximum(pull + self.drag + self.climb_drag, _LEAST_FORCE))
 
     def sliding_force(self) -> Floats:
         """Tangential force on the tool before the edge [N]."""
         return np.asarray(
-            kernels.pull_force(np.maximum(self.load, _LEAST_LOAD), self.tilt, self.friction)
+            kernels.compute_pull_force(np.maximum(self.load, _LEAST_LOAD), self.tilt, self.friction)
             + self.drag
         )
 
@@ -100,7 +100,7 @@ class DragState:
         return copy
 
 
-def observe(state: DragState) -> Floats:
+def compute_channels(state: DragState) -> Floats:
     """Show the `CHANNELS` of n trials, shape (n, 7)."""
     force, sliding = state.peak_force(), state.sliding_force()
     spring = _spring(state, force, sliding)
@@ -173,14 +173,17 @@ class _Spring(NamedTuple):
 def _spring(state: DragState, force: Floats, sliding: Floats) -> _Spring:
     if not np.any(state.hardening):
         one = np.ones_like(force)
-        return _Spring(kernels.stored_energy(force, state.stiffness), one, one, one)
+        return _Spring(kernels.compute_stored_energy(force, state.stiffness), one, one, one)
     cubic = state.hardening
     # where a line is fitted to the ramp: sliding, the line's end, the peak
     ends = sliding, sliding + _LINE_SHARE * np.maximum(force - sliding, 0.0), force
-    low, high, top = (kernels.softened(one, cubic) for one in ends)
+    low, high, top = (kernels.compute_softened_force(one, cubic) for one in ends)
     # the least-squares line through u + g u^3 over a stretch of u, in closed form
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     slope = 1.0 + cubic * (3.0 * middle**2 + 0.6 * half**2)
     level = 1.0 + 3.0 * cubic * low**2
-    stored = kernels.stored_energy(top, state.stiffness) + 0.25 * cubic * top**4 / state.stiffness
+    stored = (
+        kernels.compute_stored_energy(top, state.stiffness)
+        + 0.25 * cubic * top**4 / state.stiffness
+    )
     return _Spring(stored, slope, level, level)

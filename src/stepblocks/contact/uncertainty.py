@@ -48,12 +48,12 @@ class Interval:
     agrees: bool
 
 
-def rectangular(half_widths: Mapping[str, float]) -> dict[str, float]:
+def convert_half_widths(half_widths: Mapping[str, float]) -> dict[str, float]:
     """Turn half-widths into standard uncertainties of rectangular distributions (JCGM 100, 4.3.7)."""
     return {name: value / math.sqrt(3.0) for name, value in half_widths.items()}
 
 
-def inputs_of(face: Counterface, point: OperatingPoint) -> dict[str, float]:
+def list_inputs(face: Counterface, point: OperatingPoint) -> dict[str, float]:
     """Everything that force and energy depend on, by name [SI]."""
     felt = {
         "ball_radius": point.ball_radius,
@@ -67,12 +67,12 @@ def inputs_of(face: Counterface, point: OperatingPoint) -> dict[str, float]:
     )
 
 
-def moved_releases(
+def compute_deviated_releases(
     face: Counterface, point: OperatingPoint, deviations: Mapping[str, Real], backward: bool = False
 ) -> tuple[Floats, Floats]:
     """Compute F_px [N] and E_v [J] where the inputs deviate by so much: infinite where the tip is held, 0 where nothing catches."""
-    sizes = face.moved(deviations)
-    nominal = inputs_of(face, point)
+    sizes = face.deviate_dimensions(deviations)
+    nominal = list_inputs(face, point)
     at = {
         name: np.maximum(nominal[name] + deviations.get(name, 0.0), 0.0)
         for name in nominal
@@ -80,7 +80,7 @@ def moved_releases(
     }
     ball = np.maximum(at["ball_radius"], _SMALLEST_BALL * point.ball_radius)
     angle = face.angles(ball, **sizes)[backward]
-    force, energy = kernels.release(
+    force, energy = kernels.compute_release(
         angle, at["friction"], at["normal_load"], at["stiffness"], at["conversion"]
     )
     force = np.broadcast_to(force, energy.shape)
@@ -88,7 +88,7 @@ def moved_releases(
     return np.where(held, np.inf, force), np.where(held, np.inf, energy)
 
 
-def sensitivities(
+def compute_sensitivities(
     face: Counterface,
     point: OperatingPoint,
     uncertainty: Mapping[str, float],
@@ -117,7 +117,7 @@ def sensitivities(
             deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {
                 name: np.array([step, -step])
             }
-            up, down = moved_releases(face, point, deviations, backward)[1]
+            up, down = compute_deviated_releases(face, point, deviations, backward)[1]
             released = min(up, down) > 0.0 and max(up, down) < math.inf
             slopes[name] = math.log(up / down) / (2.0 * step) if released else math.nan
     return {name: slopes[name] for name in uncertainty}
@@ -141,7 +141,7 @@ def interval_of(
     uncertainty : mapping of str to float
         Standard uncertainties [SI] by name: of the counterface's dimensions (`height`,
         `edge_radius` of a step; `gap`, `opening`, `rise` of a margin, whose opening follows the gap
-        where it is left out), of `ball_radius`, `friction`, `normal_load`, `stiffness` and
+        where it is left out), of `ball_radius`, `friction`, `compute_normal_load`, `stiffness` and
         `conversion`; what is left out is known. Each is drawn from a normal distribution of its
         own, cut off at 0.
     draws, seed : int
@@ -169,20 +169,20 @@ def interval_of(
     >>> interval.energy_low < interval.energy < interval.energy_high
     True
     """
-    names = list(inputs_of(face, point))
+    names = list(list_inputs(face, point))
     for name, value in uncertainty.items():
         if name not in names:
             raise ContactError(f"uncertainty must be of {', '.join(names)}, got {name!r}")
         require_not_negative(f"uncertainty of {name}", value)
     uncertainty = {name: uncertainty[name] for name in names if name in uncertainty}
     release = face.release(point, backward)
-    normal = dict(zip(names, standard_draws(len(names), draws, seed), strict=True))
+    normal = dict(zip(names, draw_standard_normal(len(names), draws, seed), strict=True))
     deviations = {name: width * normal[name] for name, width in uncertainty.items()}
-    forces, energies = moved_releases(face, point, deviations, backward)
-    drawn = (*_quantiles(forces, draws), *_quantiles(energies, draws))
+    forces, energies = compute_deviated_releases(face, point, deviations, backward)
+    drawn = (*_find_quantiles(forces, draws), *_find_quantiles(energies, draws))
     low = high = math.nan  # to first order in the logarithm
     if release.status is Status.RELEASES:
-        slopes = sensitivities(face, point, uncertainty, backward)
+        slopes = compute_sensitivities(face, point, uncertainty, backward)
         spread = math.sqrt(
             sum(
                 moved * moved
@@ -207,7 +207,7 @@ def interval_of(
     return Interval(*nominal, *drawn, low, high, float(np.isinf(forces).mean()), agrees)
 
 
-def _quantiles(values: Floats, draws: int) -> tuple[float, float]:
+def _find_quantiles(values: Floats, draws: int) -> tuple[float, float]:
     """Find both ends by the inverse of the empirical distribution, as numpy's "inverted_cdf" has it."""
     ends = [max(math.ceil(tail * draws) - 1, 0) for tail in _TAILS]
     low, high = np.partition(np.broadcast_to(values, draws), ends)[ends]
@@ -215,7 +215,7 @@ def _quantiles(values: Floats, draws: int) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=4)
-def standard_draws(inputs: int, draws: int, seed: int) -> Floats:
+def draw_standard_normal(inputs: int, draws: int, seed: int) -> Floats:
     """Draw standard normal numbers, shape (inputs, draws); equal arguments give the same numbers."""
     if not 100 <= draws <= 10_000_000:
         raise ContactError(f"draws must lie between 100 and 10 million, got {draws}")
@@ -240,7 +240,7 @@ class TolerancePlan:
     worst_high: float
 
 
-def tolerances_for_energy(
+def find_tolerances_for_energy(
     face: Step,
     point: OperatingPoint,
     energy_tolerance: float,
@@ -264,7 +264,7 @@ def tolerances_for_energy(
         str, float
     ] = {}  # what the workshop cannot make as fine as its share keeps to what it holds
     while True:
-        low, high = energy_at_corners(face, point, fixed | at_finest)
+        low, high = compute_energy_at_corners(face, point, fixed | at_finest)
         if not free or high >= energy_tolerance or low <= -energy_tolerance:
             given = " and ".join(sorted(name for name, width in fixed.items() if width > 0.0))
             held = " and ".join(
@@ -275,20 +275,20 @@ def tolerances_for_energy(
             )
             reason = f"{cause} alone changes the energy by {low:+.1%} to {high:+.1%}"
             return TolerancePlan(False, reason, 0.0, 0.0, 0.0, low, high)
-        found = _in_shares(face, point, energy_tolerance, fixed | at_finest, free)
+        found = _find_equal_shares(face, point, energy_tolerance, fixed | at_finest, free)
         tight = [name for name in free if found[name] < finest.get(name, 0.0)]
         if not tight:
             break
         at_finest |= {name: finest[name] for name in tight}
         free = [name for name in free if name not in tight]
     found |= at_finest
-    low, high = energy_at_corners(face, point, fixed | found)
+    low, high = compute_energy_at_corners(face, point, fixed | found)
     height, edge, ball = (found.get(name, fixed.get(name, 0.0)) for name in _DIMENSIONS)
     reason = "the worst corner of all tolerances just keeps the band"
     return TolerancePlan(True, reason, height, edge, ball, low, high)
 
 
-def _in_shares(
+def _find_equal_shares(
     face: Step,
     point: OperatingPoint,
     energy_tolerance: float,
@@ -298,11 +298,11 @@ def _in_shares(
     """Find the widest half-widths in equal shares whose worst corner keeps the energy."""
     from scipy.optimize import brentq
 
-    slopes = sensitivities(face, point, dict.fromkeys(free, 1.0))
+    slopes = compute_sensitivities(face, point, dict.fromkeys(free, 1.0))
     unit = {name: 1.0 / len(free) / abs(slopes[name]) for name in free}
 
     def excess(scale: float) -> float:
-        low, high = energy_at_corners(
+        low, high = compute_energy_at_corners(
             face, point, fixed | {name: scale * width for name, width in unit.items()}
         )
         return min(max(high, -low), 1e6) - energy_tolerance
@@ -313,13 +313,13 @@ def _in_shares(
     return {name: scale * width for name, width in unit.items()}
 
 
-def energy_at_corners(
+def compute_energy_at_corners(
     face: Step, point: OperatingPoint, widths: Mapping[str, float]
 ) -> tuple[float, float]:
     """Relative change of the energy at the worst corners of a tolerance zone; infinite where the tip is held at one."""
     nominal = face.release(point).vibration_energy
     toleranced = {name: width for name, width in widths.items() if width > 0.0}
-    inputs = inputs_of(face, point)
+    inputs = list_inputs(face, point)
     if any(
         inputs[name] <= toleranced.get(name, 0.0)
         for name in ("ball_radius", "stiffness", "normal_load")
@@ -329,5 +329,5 @@ def energy_at_corners(
     deviations = {
         name: sign * width for sign, (name, width) in zip(signs, toleranced.items(), strict=True)
     }
-    changes = moved_releases(face, point, deviations)[1] / nominal - 1.0
+    changes = compute_deviated_releases(face, point, deviations)[1] / nominal - 1.0
     return min(0.0, float(np.min(changes))), max(0.0, float(np.max(changes)))

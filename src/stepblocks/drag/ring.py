@@ -11,7 +11,7 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.simulate import DragTrace
 from stepblocks.errors import ContactError
-from stepblocks.figure_file import new_figure, save_figure
+from stepblocks.figure_file import make_figure, save_figure
 
 LOADING_BAND = (0.0, 100.0)
 RING_BAND = (250.0, 350.0)
@@ -40,7 +40,7 @@ class Ring:
     ring_band_share: float = math.nan  # of the vibration phase's spectral energy in 250-350 Hz [1]
 
 
-def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
+def measure_ring(trace: DragTrace, *, spectra: bool = True) -> Ring:
     """Measure the ring of a trace that released; its three spectral figures take longer than the drag itself."""
     if trace.status is not Status.RELEASES:
         raise ContactError(f"a trace that is {trace.status} has no ring")
@@ -68,10 +68,10 @@ def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
     )
     if not spectra:
         return ring
-    frequencies, power = phase_spectrum(trace, "vibration")
+    frequencies, power = compute_phase_spectrum(trace, "vibration")
     loading, own = (
-        band_share(*phase_spectrum(trace, "loading"), LOADING_BAND),
-        band_share(frequencies, power, RING_BAND),
+        compute_band_share(*compute_phase_spectrum(trace, "loading"), LOADING_BAND),
+        compute_band_share(frequencies, power, RING_BAND),
     )
     return replace(
         ring,
@@ -81,7 +81,7 @@ def ring_of(trace: DragTrace, *, spectra: bool = True) -> Ring:
     )
 
 
-def phase_spectrum(
+def compute_phase_spectrum(
     trace: DragTrace, phase: str, channel: str = "fx_n"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Energy spectrum of one phase of a trace, as in figures 4 and 5 of the paper."""
@@ -136,7 +136,7 @@ def _fallen(trace: DragTrace) -> float:
     return float(time[below[0]]) if below.size else trace.release_time
 
 
-def band_share(
+def compute_band_share(
     frequency: NDArray[np.float64], energy: NDArray[np.float64], band: tuple[float, float]
 ) -> float:
     """Share of a spectrum's energy between two frequencies [1]."""
@@ -146,7 +146,7 @@ def band_share(
 
 def draw_force(trace: DragTrace, path: Path, title: str) -> None:
     """Draw both forces against time, as figure 3 of the paper does, and mark the release."""
-    figure, axes = new_figure(2, 1, sharex=True, height=4.6)
+    figure, axes = make_figure(2, 1, sharex=True, height=4.6)
     time = trace.column("time_s") * 1e3
     for axis, name, label in (
         (axes[0], "fx_n", "tangential $F_x$ [N]"),
@@ -171,12 +171,12 @@ def draw_force(trace: DragTrace, path: Path, title: str) -> None:
 
 def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
     """Draw the spectra of the loading and of the vibration phase of both forces, as figures 4 and 5 do."""
-    figure, axes = new_figure(2, 2, sharex=True, height=5.0)
+    figure, axes = make_figure(2, 2, sharex=True, height=5.0)
     for row, (channel, label) in enumerate((("fx_n", "$F_x$"), ("fy_n", "$F_y$"))):
         for axis, (phase, band) in zip(
             axes[row], (("loading", LOADING_BAND), ("vibration", RING_BAND)), strict=True
         ):
-            frequency, energy = phase_spectrum(trace, phase, channel)
+            frequency, energy = compute_phase_spectrum(trace, phase, channel)
             shown = frequency <= 600.0
             axis.plot(
                 frequency[shown],
@@ -185,7 +185,7 @@ def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
                 color="#1f4e79",
             )
             axis.axvspan(*band, color="#f0c040", alpha=0.25, lw=0)
-            share = band_share(frequency, energy, band)
+            share = compute_band_share(frequency, energy, band)
             axis.set_title(
                 f"{phase}, {label}: {share:.0%} in {band[0]:.0f}-{band[1]:.0f} Hz", fontsize=9
             )

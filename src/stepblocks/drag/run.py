@@ -16,16 +16,23 @@ from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.declare import load_declared
 from stepblocks.drag.kernels import COLUMNS
-from stepblocks.drag.ring import Ring, draw_force, draw_spectra, ring_of
-from stepblocks.drag.simulate import SETTINGS, DragSettings, DragTrace, Setting, probe_for, simulate
-from stepblocks.drag.track import track_over
+from stepblocks.drag.ring import Ring, draw_force, draw_spectra, measure_ring
+from stepblocks.drag.simulate import (
+    SETTINGS,
+    DragSettings,
+    DragTrace,
+    Setting,
+    build_probe,
+    simulate_drag,
+)
+from stepblocks.drag.track import build_track
 from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import format_quantity, parse_quantity
-from stepblocks.select import matches, stimulus_files
-from stepblocks.tables import read_table, si_columns, write_table
-from stepblocks.text_file import as_text
+from stepblocks.select import find_stimulus_files, matches_pattern
+from stepblocks.tables import read_si_columns, read_table, write_table
+from stepblocks.text_file import format_file_name
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,7 +65,7 @@ class Subject:
     place: str = ""  # file of a profile, for messages
 
 
-def subject_of(
+def resolve_subject(
     given: str | Path | Counterface,
     values: Mapping[str, float],
     backward: bool = False,
@@ -73,10 +80,12 @@ def subject_of(
                 f"--edge-radius is for a plain step; a profile has its own [{path}]"
             )
         frame = read_table(path)
-        columns = si_columns(frame, {name: ([name], "length", None) for name in ("x", "z")}, path)
+        columns = read_si_columns(
+            frame, {name: ([name], "length", None) for name in ("x", "z")}, path
+        )
         try:
             shape = Profile(columns["x"], columns["z"])
-            return Subject(as_text(path.name), shape, _changed(PAPER, values), f"[{path}]")
+            return Subject(format_file_name(path.name), shape, _changed(PAPER, values), f"[{path}]")
         except ContactError as error:
             raise PipelineError(f"{error} [{path}]") from error
     try:
@@ -137,10 +146,13 @@ def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
     elif where is None and not Path("stimuli").is_dir():
         raise PipelineError(f"{_WANTED}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     else:
-        files, wanted = stimulus_files(where), text
+        files, wanted = find_stimulus_files(where), text
     sets = [load_declared(file) for file in files]
     found = [
-        (one, part) for one in sets for part in one.stimuli if matches(wanted, one.name, part.id)
+        (one, part)
+        for one in sets
+        for part in one.stimuli
+        if matches_pattern(wanted, one.name, part.id)
     ]
     if len(found) > 1:
         names = ", ".join(f"{one.name}/{part.id}" for one, part in found)
@@ -164,7 +176,7 @@ class Drag:
     @cached_property
     def ring(self) -> Ring | None:
         """The vibration after the release; None where there was none."""
-        return ring_of(self.trace) if self.trace.status is Status.RELEASES else None
+        return measure_ring(self.trace) if self.trace.status is Status.RELEASES else None
 
     @property
     def frame(self) -> pd.DataFrame:
@@ -258,7 +270,7 @@ def drag_over(
         What differs from the paper, or from the stimulus's set: `tip_radius`, `edge_radius`,
         `step_height` [m], `load` [N], `friction` [1], `stiffness` [N/m], `frequency` [Hz],
         `damping_ratio`, a share of critical damping [1] that is else that of the tool's ring;
-        `hardening`, k3 of ``F = k x + k3 x^3`` [N/m^3]; `pull`, a force [N] on a handle of
+        `hardening`, k3 of ``F = k x + k3 x^3`` [N/m^3]; `compute_pull`, a force [N] on a handle of
         `handle_mass` [kg] that else moves at constant speed; fields of `DragSettings`, such as
         `speed` [m/s].
 
@@ -295,18 +307,18 @@ def drag_over(
             "handle_mass": given.get("handle_mass", 0.1),
         }
         settings["handle_damping"] = _GUIDE_DAMPING
-    found = subject_of(subject, given, backward, stimuli)
+    found = resolve_subject(subject, given, backward, stimuli)
     point = found.point
     try:
-        track = track_over(found.face, point.ball_radius, backward)
+        track = build_track(found.face, point.ball_radius, backward)
         formula = found.face.release(point, backward)
     except ContactError as error:
         raise (PipelineError(f"{error} {found.place}") if found.place else error) from error
     changes = named.changes(point.tool, point.normal_load) if named else {}
     changes |= {name: given[name] for name in _OF_PROBE if name in given}
-    trace = simulate(
+    trace = simulate_drag(
         track,
-        probe_for(point.tool, point.ball_radius, **changes),
+        build_probe(point.tool, point.ball_radius, **changes),
         DragSettings.under(point, **settings),
     )
     return Drag(f"Drag over {found.name}", trace, formula, point.tool, named)

@@ -134,13 +134,13 @@ class DragSettings:
         return self.friction * self.normal_load + self.tissue_friction
 
 
-def probe_for(tool: Tool, ball_radius: float, **changes: float) -> Probe:
+def build_probe(tool: Tool, ball_radius: float, **changes: float) -> Probe:
     """Return the probe that rings as a tool does, with a ball of steel on steel by Hertz, ``F = K d^1.5``."""
     hertz = 4.0 / 3.0 * _MODULUS / (2.0 * (1.0 - _POISSON * _POISSON)) * math.sqrt(ball_radius)
     return replace(Probe(tool.stiffness, tool.effective_mass, tool.damping_ratio, hertz), **changes)
 
 
-PAPER_DRAG = probe_for(PAPER.tool, PAPER.ball_radius)
+PAPER_DRAG = build_probe(PAPER.tool, PAPER.ball_radius)
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ class DragTrace:
         return self.rows[:, kernels.COLUMNS.index(name)]
 
 
-def simulate(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
+def simulate_drag(track: Track, probe: Probe, settings: DragSettings) -> DragTrace:
     """Integrate the drag of a tip over a track until it has slipped and rung, or the force says that it never will (locked)."""
     mu_s = settings.static_friction or settings.friction
     x = max(track.features[0] - settings.lead, float(track.x[0]))

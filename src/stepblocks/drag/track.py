@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.path.centre import Array, CentrePath
-from stepblocks.contact.path.profile import interval_slopes, profile_path
+from stepblocks.contact.path.profile import build_profile_path, find_interval_slopes
 from stepblocks.errors import ContactError
 
 _KINK = math.radians(
@@ -56,7 +56,7 @@ class Track(CentrePath):
     @cached_property
     def steepest_angle(self) -> float:
         """Critical angle towards growing x [rad]."""
-        return self.notch(+1.0)[2]
+        return self.find_notch(+1.0)[2]
 
     @cached_property
     def features(self) -> tuple[float, float]:
@@ -69,14 +69,14 @@ class Track(CentrePath):
 
 
 @lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
-def track_over(face: Counterface, ball_radius: float, backward: bool = False) -> Track:
+def build_track(face: Counterface, ball_radius: float, backward: bool = False) -> Track:
     """Track over a counterface: up a step in closed form, over anything else by dilating its section."""
     if isinstance(face, Step) and not backward:
-        return step_track(face.height, ball_radius, face.edge_radius)
-    return track_of(*face.section(4.0 * ball_radius), ball_radius, backward=backward)
+        return build_step_track(face.height, ball_radius, face.edge_radius)
+    return build_profile_track(*face.section(4.0 * ball_radius), ball_radius, backward=backward)
 
 
-def track_along(path: CentrePath, ball_radius: float, backward: bool = False) -> Track:
+def build_track_along_path(path: CentrePath, ball_radius: float, backward: bool = False) -> Track:
     """Track of a ball whose centre follows a path."""
     path = path.mirrored() if backward else path
     turns = np.arctan(path.slope_start[1:]) - np.arctan(path.slope_end[:-1])
@@ -84,7 +84,9 @@ def track_along(path: CentrePath, ball_radius: float, backward: bool = False) ->
     return Track(path.x, path.z - ball_radius, path.slope_start, path.slope_end, kinks, ball_radius)
 
 
-def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool = False) -> Track:
+def build_profile_track(
+    x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool = False
+) -> Track:
     """Track of a ball over any profile."""
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     if backward:
@@ -96,12 +98,12 @@ def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool =
             f"profile of {span:g} m is too long to drag over with a ball of {ball_radius:g} m"
         )
     grid = np.linspace(xs.min(), xs.max(), count + 1)
-    path = profile_path(xs, zs, ball_radius, positions=grid, edges="flat")
+    path = build_profile_path(xs, zs, ball_radius, positions=grid, edges="flat")
     if np.isnan(path.height).any():
         raise ContactError(
             "profile has a gap that is wider than the tip; it cannot be dragged over"
         )
-    steep = interval_slopes(path, -math.inf)
+    steep = find_interval_slopes(path, -math.inf)
     if np.isposinf(steep[:, 0]).any():
         raise ContactError(
             "profile has a riser as high as the ball (too-high); the tip would never climb it"
@@ -114,9 +116,9 @@ def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool =
     nodes = nodes[keep]
     crowded = np.flatnonzero(np.diff(nodes) <= 1e-6 * ball_radius)
     nodes = np.delete(nodes, crowded[~np.isin(nodes[crowded], breaks)])
-    right = profile_path(xs, zs, ball_radius, positions=nodes, edges="flat")
+    right = build_profile_path(xs, zs, ball_radius, positions=nodes, edges="flat")
     before = np.maximum(nodes[1:] - 1e-9 * ball_radius, nodes[:-1] + 1e-12 * ball_radius)
-    left = profile_path(xs, zs, ball_radius, positions=before, edges="flat")
+    left = build_profile_path(xs, zs, ball_radius, positions=before, edges="flat")
     kinks = np.flatnonzero(np.isin(nodes, breaks))
     slope_left = right.slope.copy()
     slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
@@ -127,7 +129,7 @@ def track_of(x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool =
     )
 
 
-def step_track(height: float, ball_radius: float, edge_radius: float = 0.0) -> Track:
+def build_step_track(height: float, ball_radius: float, edge_radius: float = 0.0) -> Track:
     """Track over one step up at x = 0, in closed form."""
     radius = ball_radius + edge_radius
     require_positive("ball radius", ball_radius, "m")

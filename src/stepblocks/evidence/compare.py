@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import replace_text
-from stepblocks.evidence.contradiction import BAND, HEIGHTS, Explanation, explanations
-from stepblocks.evidence.questions import AT, QUESTIONS, Answers, dimension_of
+from stepblocks.evidence.contradiction import BAND, HEIGHTS, Explanation, fit_explanations
+from stepblocks.evidence.questions import AT, QUESTIONS, Answers, find_dimension
 from stepblocks.page_file import render_page
 from stepblocks.quantities import format_quantity, parse_quantity
 
@@ -31,12 +31,12 @@ class Value:
     spread: str = ""  # whose the range is, where the publication gives none
 
 
-def _value(question: str, raw: Mapping[str, Any]) -> Value:
+def _read_value(question: str, raw: Mapping[str, Any]) -> Value:
     at = {
         key: parse_quantity(text, AT[key]) if AT[key] else text
         for key, text in raw.get("at", {}).items()
     }
-    ends = {end: parse_quantity(raw[end], dimension_of(question, at)) for end in ("low", "high")}
+    ends = {end: parse_quantity(raw[end], find_dimension(question, at)) for end in ("low", "high")}
     return Value(**{**raw, **ends, "at": at})
 
 
@@ -54,12 +54,12 @@ class Published:
     note: str = ""  # how it is asked
 
 
-def shipped() -> list[Published]:
+def load_published() -> list[Published]:
     """All publications of the package, in the order of the page."""
     found = []
     for path in Path(__file__).with_name("published").glob("*.toml"):
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
-        values = tuple(_value(raw["question"], one) for one in raw.pop("value"))
+        values = tuple(_read_value(raw["question"], one) for one in raw.pop("value"))
         found.append(Published(path.stem, values=values, **raw))
     return sorted(found, key=lambda one: (one.order, one.name))
 
@@ -94,7 +94,7 @@ class Row:
 
     def texts(self) -> dict[str, str]:
         """Say the row in words, units in the values."""
-        dimension = dimension_of(self.publication.question, self.value.at)
+        dimension = find_dimension(self.publication.question, self.value.at)
         known = {
             name: format_quantity(value, dimension, 3)
             for name, value in self.answers.known().items()
@@ -192,10 +192,10 @@ def hold_against_evidence(output: str | Path | None = None) -> Evidence:
     """
     rows = [
         Row(one, value, QUESTIONS[one.question][0](value.at))
-        for one in shipped()
+        for one in load_published()
         for value in one.values
     ]
-    found = Evidence(tuple(rows), tuple(explanations()))
+    found = Evidence(tuple(rows), tuple(fit_explanations()))
     if output is not None:
         write_evidence(found, Path(output))
     return found
@@ -209,8 +209,8 @@ def write_evidence(found: Evidence, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_table(found.table, folder / "evidence.csv")
     write_table(found.resolutions, folder / "resolutions.csv")
-    save_figure(_ratios(found), folder / "evidence.svg")
-    save_figure(_energies(found), folder / "resolutions.svg")
+    save_figure(_draw_ratios(found), folder / "evidence.svg")
+    save_figure(_draw_energies(found), folder / "resolutions.svg")
     publications = {id(row.publication): row.publication for row in found.rows}.values()
     topics = [(one, [row for row in found.rows if row.publication is one]) for one in publications]
     told = {
@@ -224,12 +224,12 @@ def write_evidence(found: Evidence, folder: Path) -> None:
 _MARKS = {"formula": ("o", "#1d2a36"), "drag": ("s", "#1f6f8b"), "rod": ("^", "#c8553d")}
 
 
-def _ratios(found: Evidence) -> Any:
+def _draw_ratios(found: Evidence) -> Any:
     """Every answer over the middle of its published range, which is drawn as a bar."""
-    from stepblocks.figure_file import new_figure
+    from stepblocks.figure_file import make_figure
 
     rows = [row for row in found.rows if row.answers.known() and row.value.low > 0.0][::-1]
-    figure, axis = new_figure(width=9.0, height=0.32 * len(rows) + 1.2)
+    figure, axis = make_figure(width=9.0, height=0.32 * len(rows) + 1.2)
     for place, row in enumerate(rows):
         middle = (row.value.low * row.value.high) ** 0.5
         ends = [row.value.low / middle, row.value.high / middle]
@@ -251,11 +251,11 @@ def _ratios(found: Evidence) -> Any:
     return figure
 
 
-def _energies(found: Evidence) -> Any:
+def _draw_energies(found: Evidence) -> Any:
     """Energies of the four blocks by every explanation, and the band in which all of the paper's lie."""
-    from stepblocks.figure_file import new_figure
+    from stepblocks.figure_file import make_figure
 
-    figure, axis = new_figure(width=8.0, height=4.2)
+    figure, axis = make_figure(width=8.0, height=4.2)
     axis.axhspan(BAND[0] * 1e6, BAND[1] * 1e6, color="#dfe7ee", label="the paper: 10 to 20 uJ")
     for number, one in enumerate(found.explanations):
         style = {"lw": 2.4, "color": "#1d2a36"} if number == 0 else {"lw": 1.3}

@@ -15,7 +15,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.drag.ring import Ring
-from stepblocks.evidence.questions import dragged
+from stepblocks.evidence.questions import drag_in_time
 
 HEIGHTS = (25e-6, 50e-6, 75e-6, 100e-6)  # the four blocks [m]
 BAND = (10e-6, 20e-6)  # all of their energies lie in it [J]
@@ -40,7 +40,7 @@ class Explanation:
     @property
     def missed(self) -> float:
         """Root mean square factor by which the energies miss the band; 1 where all lie in it."""
-        return missed(self.energies)
+        return compute_misfit(self.energies)
 
     @property
     def spread(self) -> float:
@@ -52,12 +52,12 @@ class Explanation:
         held = [
             fact
             for step, point, pull in self.points
-            for fact in _facts(*dragged(step, point, True, pull))
+            for fact in _check_statements(*drag_in_time(step, point, True, pull))
         ]
         return sum(held), len(held)
 
 
-def missed(energies: Sequence[float]) -> float:
+def compute_misfit(energies: Sequence[float]) -> float:
     """Root mean square factor by which energies miss the band."""
     off = [
         max(
@@ -70,7 +70,7 @@ def missed(energies: Sequence[float]) -> float:
     return math.exp(math.sqrt(sum(one * one for one in off) / len(off)))
 
 
-def _facts(status: Status, ring: Ring) -> tuple[bool, ...]:
+def _check_statements(status: Status, ring: Ring) -> tuple[bool, ...]:
     """Rings, 20 % of the stored energy, 16 ms, more than 64 % below 100 Hz, 86 % in 250 to 350 Hz."""
     return (
         status is Status.RELEASES,
@@ -81,37 +81,37 @@ def _facts(status: Status, ring: Ring) -> tuple[bool, ...]:
     )
 
 
-def _energy(step: Step, load: float, friction: float = PAPER.friction) -> float:
+def _compute_energy(step: Step, load: float, friction: float = PAPER.friction) -> float:
     release = step.release(replace(PAPER, normal_load=load, friction=friction))
     return math.inf if release.status is not Status.RELEASES else release.vibration_energy
 
 
-def _best(
+def _choose_best(
     name: str, count: int, tried: Sequence[tuple[str, Sequence[float], list[Step], float, float]]
 ) -> Explanation:
     """Choose of what was tried (words, energies, steps, load, friction) what misses the band least."""
-    setting, energies, steps, load, friction = min(tried, key=lambda one: missed(one[1]))
+    setting, energies, steps, load, friction = min(tried, key=lambda one: compute_misfit(one[1]))
     point = replace(PAPER, normal_load=load, friction=friction)
     return Explanation(
         name, count, setting, tuple(energies), tuple((step, point, 0.0) for step in steps)
     )
 
 
-def _one_load(name: str, friction: float, radii: Sequence[float] = (0.0,)) -> Explanation:
+def _fit_one_load(name: str, friction: float, radii: Sequence[float] = (0.0,)) -> Explanation:
     tried = []
     for radius in radii:
         steps = [Step(height, radius) for height in HEIGHTS]
-        unit = [_energy(step, 1.0, friction) for step in steps]
+        unit = [_compute_energy(step, 1.0, friction) for step in steps]
         for load in _LOADS:
             words = f"load {load:.2g} N" + (
                 f", edges rounded by {radius * 1e6:.0f} um" if radius else ""
             )
             tried.append((words, [e * load * load for e in unit], steps, float(load), friction))
-    return _best(name, 1 + (len(radii) > 1), tried)
+    return _choose_best(name, 1 + (len(radii) > 1), tried)
 
 
-def _loads_per_block() -> Explanation:
-    loads = [math.sqrt(_MIDDLE / _energy(step, 1.0)) for step in _STEPS]
+def _fit_loads_per_block() -> Explanation:
+    loads = [math.sqrt(_MIDDLE / _compute_energy(step, 1.0)) for step in _STEPS]
     points = tuple(
         (s, replace(PAPER, normal_load=load), 0.0) for s, load in zip(_STEPS, loads, strict=True)
     )
@@ -119,7 +119,7 @@ def _loads_per_block() -> Explanation:
     return Explanation("a load of its own for each block", 4, words, (_MIDDLE,) * 4, points)
 
 
-def _pulled_by_weight() -> Explanation:
+def _fit_pull_by_weight() -> Explanation:
     """Load the tool by a weight W, not by a moving handle: what rings is C_v W^2 / 2k, whatever the step."""
     pull = math.sqrt(2.0 * _K * _MIDDLE / _CV)
     forces = [step.release(replace(PAPER, normal_load=1.0)).pull_force for step in _STEPS]
@@ -130,27 +130,27 @@ def _pulled_by_weight() -> Explanation:
     return Explanation("pulled by a weight instead of moved", 1, words, energies, points)
 
 
-def _lost_to_the_lift() -> Explanation:
+def _fit_loss_to_lift() -> Explanation:
     """Of what the spring holds at the release, the climb over the rest of the step takes F_py H."""
     tried = []
     for load in _LOADS:
-        stored = [_energy(step, load) / _CV for step in _STEPS]
+        stored = [_compute_energy(step, load) / _CV for step in _STEPS]
         left = [max(_CV * (s - load * h), 0.0) for s, h in zip(stored, HEIGHTS, strict=True)]
         tried.append((f"load {load:.2g} N", left, _STEPS, float(load), PAPER.friction))
-    return _best("energy lost to the lift", 1, tried)
+    return _choose_best("energy lost to the lift", 1, tried)
 
 
-def explanations() -> list[Explanation]:
+def fit_explanations() -> list[Explanation]:
     """Fit the equation as it stands, first, then what would resolve the contradiction, the best first."""
-    before = _one_load("equation (1) at one load for all blocks", PAPER.friction)
+    before = _fit_one_load("equation (1) at one load for all blocks", PAPER.friction)
     rivals = [
-        _one_load("the same without friction", 0.0),
-        _one_load(
+        _fit_one_load("the same without friction", 0.0),
+        _fit_one_load(
             "edges rounded in machining", PAPER.friction, np.arange(0.0, 205e-6, 5e-6).tolist()
         ),
-        _loads_per_block(),
-        _pulled_by_weight(),
-        _lost_to_the_lift(),
+        _fit_loads_per_block(),
+        _fit_pull_by_weight(),
+        _fit_loss_to_lift(),
     ]
 
     def rank(one: Explanation) -> tuple[float, float, int]:

@@ -12,9 +12,9 @@ from typing import Any
 from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.drag.ring import Ring, ring_of
-from stepblocks.drag.simulate import SETTINGS, DragSettings, probe_for, simulate
-from stepblocks.drag.track import track_over
+from stepblocks.drag.ring import Ring, measure_ring
+from stepblocks.drag.simulate import SETTINGS, DragSettings, build_probe, simulate_drag
+from stepblocks.drag.track import build_track
 
 # Conditions that a published figure may name, and their dimension; words have none
 AT = dict.fromkeys(("height", "gap", "tip_radius"), "length")
@@ -41,42 +41,44 @@ class Answers:
         }
 
 
-def _point(at: At) -> OperatingPoint:
+def _make_point(at: At) -> OperatingPoint:
     asked = {"ball_radius": "tip_radius", "normal_load": "load", "friction": "friction"}
     return replace(PAPER, **{field: at[name] for field, name in asked.items() if name in at})
 
 
-def _face(at: At) -> Counterface:
+def _make_counterface(at: At) -> Counterface:
     return Margin(at["gap"], at["gap"], 0.0) if "gap" in at else Step(at["height"])
 
 
 @lru_cache(maxsize=256)
-def dragged(
+def drag_in_time(
     face: Counterface, point: OperatingPoint, rod: bool = False, pull: float = 0.0
 ) -> tuple[Status, Ring]:
     """Drag in time over a counterface, in the setting of docs/drag.md for figures 3 to 5; without a ring all is not-a-number."""
     # A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its
-    # weight; `pull` [N] pulls the handle with a constant force instead of moving it.
+    # weight; `compute_pull` [N] pulls the handle with a constant force instead of moving it.
     light = {"damping_ratio": 0.01}
     changes = SETTINGS["figures-3-to-5"].changes(point.tool, point.normal_load) if rod else light
-    probe = probe_for(point.tool, point.ball_radius, **changes)
+    probe = build_probe(point.tool, point.ball_radius, **changes)
     how = {"speed": 0.0, "pulling_force": pull, "handle_mass": 0.1} if pull else {}
-    trace = simulate(track_over(face, point.ball_radius), probe, DragSettings.under(point, **how))
-    return trace.status, ring_of(trace) if trace.status is Status.RELEASES else Ring(
+    trace = simulate_drag(
+        build_track(face, point.ball_radius), probe, DragSettings.under(point, **how)
+    )
+    return trace.status, measure_ring(trace) if trace.status is Status.RELEASES else Ring(
         *[math.nan] * 6
     )
 
 
-def _energy(at: At) -> Answers:
-    face, point = _face(at), _point(at)
+def _answer_energy(at: At) -> Answers:
+    face, point = _make_counterface(at), _make_point(at)
     release = face.release(point)
     if release.status is not Status.RELEASES:
         return Answers(said=str(release.status))
-    (_, light), (_, rod) = dragged(face, point), dragged(face, point, rod=True)
+    (_, light), (_, rod) = drag_in_time(face, point), drag_in_time(face, point, rod=True)
     return Answers(release.vibration_energy, light.energy, rod.energy)
 
 
-def _ring(at: At) -> Answers:
+def _answer_ring(at: At) -> Answers:
     # the formula says nothing of its own: its decay was chosen from the share of the band
     if at.get("figure") == "frequency":
         return Answers(said="an input of the model")
@@ -85,21 +87,23 @@ def _ring(at: At) -> Answers:
         if "phase" in at
         else at["figure"]
     )
-    (_, light), (_, rod) = (dragged(_face(at), _point(at), rod) for rod in (False, True))
+    (_, light), (_, rod) = (
+        drag_in_time(_make_counterface(at), _make_point(at), rod) for rod in (False, True)
+    )
     return Answers(drag=getattr(light, name), rod=getattr(rod, name))
 
 
-def _pull_force(at: At) -> Answers:
-    face, point = _face(at), _point(at)
+def _answer_pull_force(at: At) -> Answers:
+    face, point = _make_counterface(at), _make_point(at)
     release = face.release(point)
     return Answers(
         release.pull_force, said="" if release.status is Status.RELEASES else str(release.status)
     )
 
 
-def _detectable_groove(at: At) -> Answers:
+def _answer_detectable_groove(at: At) -> Answers:
     """Find the least gap whose ring is felt, by bisection: what rings grows with the gap until the tip is held."""
-    point = _point(at)
+    point = _make_point(at)
     threshold = PAPER.tool.detection_threshold * PAPER.tool.ring_duration
 
     def by_formula(gap: float) -> bool:
@@ -110,16 +114,16 @@ def _detectable_groove(at: At) -> Answers:
         )
 
     def by_drag(gap: float, rod: bool) -> bool:
-        status, ring = dragged(Margin(gap, gap, 0.0), point, rod)
+        status, ring = drag_in_time(Margin(gap, gap, 0.0), point, rod)
         return status in (Status.LOCKED, Status.TOO_HIGH) or ring.energy >= threshold
 
     ways = by_formula, lambda gap: by_drag(gap, False), lambda gap: by_drag(gap, True)
-    least = [_least_felt(felt, point.ball_radius) for felt in ways]
+    least = [_find_detectable_gap(felt, point.ball_radius) for felt in ways]
     kept = "equation (1) keeps the energy of the friction that it pulls against, at any gap"
     return Answers(least[0], least[1], least[2], kept if least[0] <= _LEAST_GAP else "")
 
 
-def _least_felt(felt: Callable[[float], bool], ball_radius: float) -> float:
+def _find_detectable_gap(felt: Callable[[float], bool], ball_radius: float) -> float:
     if felt(_LEAST_GAP):
         return _LEAST_GAP
     low, high = _LEAST_GAP, 1.99 * ball_radius
@@ -129,8 +133,8 @@ def _least_felt(felt: Callable[[float], bool], ball_radius: float) -> float:
     return high
 
 
-def _energy_ratio_of_tips(at: At) -> Answers:
-    face, point = _face(at), replace(_point(at), normal_load=0.1)
+def _answer_energy_ratio(at: At) -> Answers:
+    face, point = _make_counterface(at), replace(_make_point(at), normal_load=0.1)
     sharp, blunt = (face.release(replace(point, ball_radius=radius)) for radius in (29e-6, 125e-6))
     for release in (sharp, blunt):
         if release.status is not Status.RELEASES:
@@ -138,28 +142,30 @@ def _energy_ratio_of_tips(at: At) -> Answers:
     return Answers(sharp.vibration_energy / blunt.vibration_energy)
 
 
-def _gap_found(at: At) -> Answers:
+def _answer_gap_found(at: At) -> Answers:
     loads = (0.1, 0.2, 0.5, 1.0, 2.0, 3.4)
-    releases = [_face(at).release(replace(_point(at), normal_load=load)) for load in loads]
+    releases = [
+        _make_counterface(at).release(replace(_make_point(at), normal_load=load)) for load in loads
+    ]
     found = [r.status is Status.LOCKED or r.threshold_ratio >= 1.0 for r in releases]
     return Answers(sum(found) / len(found))
 
 
 # What each asks, and the dimension of its answer
 QUESTIONS: dict[str, tuple[Callable[[At], Answers], str]] = {
-    "energy": (_energy, "energy"),
+    "energy": (_answer_energy, "energy"),
     "power_of_energy": (lambda at: Answers(at["energy"] / PAPER.tool.ring_duration), "power"),
-    "band_share": (_ring, "ratio"),
-    "ring": (_ring, "ratio"),
+    "band_share": (_answer_ring, "ratio"),
+    "ring": (_answer_ring, "ratio"),
     "radius_of_paper": (lambda at: Answers(PAPER.ball_radius), "length"),
-    "pull_force": (_pull_force, "force"),
-    "detectable_groove": (_detectable_groove, "length"),
-    "energy_ratio_of_tips": (_energy_ratio_of_tips, "ratio"),
-    "gap_found": (_gap_found, "ratio"),
+    "pull_force": (_answer_pull_force, "force"),
+    "detectable_groove": (_answer_detectable_groove, "length"),
+    "energy_ratio_of_tips": (_answer_energy_ratio, "ratio"),
+    "gap_found": (_answer_gap_found, "ratio"),
 }
 _FIGURES = {"decay_time": "time", "share": "ratio", "frequency": "frequency"}  # of a ring
 
 
-def dimension_of(question: str, at: At) -> str:
+def find_dimension(question: str, at: At) -> str:
     """Return the dimension of the answers."""
     return _FIGURES.get(str(at.get("figure")), QUESTIONS[question][1])

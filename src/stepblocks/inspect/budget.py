@@ -84,10 +84,10 @@ class Measured:
 
     def expanded(self, level: float = 0.95) -> float:
         """Half width of the two-sided interval at `level` [m]."""
-        return student_point(0.5 + 0.5 * level, self.dof) * self.std
+        return student_quantile(0.5 + 0.5 * level, self.dof) * self.std
 
 
-def student_point(share: float, dof: float) -> float:
+def student_quantile(share: float, dof: float) -> float:
     """Return the point below which this share of Student's law lies."""
     # `scipy.stats` says the same, and takes as long to load as all the rest
     from scipy.special import stdtrit
@@ -95,7 +95,7 @@ def student_point(share: float, dof: float) -> float:
     return float(stdtrit(dof, share))
 
 
-def with_budget(
+def add_instrument_components(
     name: str,
     value: float,
     own: Sequence[Component],
@@ -125,7 +125,7 @@ def with_budget(
     return Measured(name, value, (*parts, *others, resolution))
 
 
-def measured_from_profiles(
+def average_profiles(
     name: str,
     found: Sequence[Estimate],
     instrument: Instrument,
@@ -148,11 +148,11 @@ def measured_from_profiles(
             Component("repeatability", math.nan, how="one profile: not observed"),
         ]
     else:
-        parts = _scatter(values - mean, float(within.mean()) / len(values))
-    return with_budget(name, mean, parts, instrument, others, axes)
+        parts = _split_scatter(values - mean, float(within.mean()) / len(values))
+    return add_instrument_components(name, mean, parts, instrument, others, axes)
 
 
-def _scatter(deviations: Array, noise: float) -> list[Component]:
+def _split_scatter(deviations: Array, noise: float) -> list[Component]:
     """Split the variance of a mean over profiles into their noise, itself a variance, and repeatability."""
     # Neighbouring profiles may err together, so of the scatter only its slow part counts: the
     # lowest cosines over the map, whose squares average the variance of the mean with as many
@@ -231,7 +231,7 @@ def decide(
         raise MetrologyError(f"limits must be in order, got {lower:g} to {upper:g}")
     from scipy.special import stdtr
 
-    guard = max(GUARD_FACTOR, student_point(0.95, dof)) * std
+    guard = max(GUARD_FACTOR, student_quantile(0.95, dof)) * std
     if lower + guard <= value <= upper - guard:
         verdict = Outcome.CONFORMS
     elif value < lower - guard or value > upper + guard:
@@ -253,7 +253,7 @@ def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Dec
     return decide(measured.value, measured.std, least, nominal + upper, measured.dof)
 
 
-def verdict_of(decisions: Iterable[Decision]) -> Outcome:
+def combine_verdicts(decisions: Iterable[Decision]) -> Outcome:
     """Return the verdict over all characteristics: one failure fails, one unproven leaves the whole unproven."""
     verdicts = {decision.verdict for decision in decisions}
     worst = (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN)

@@ -11,16 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.edge_arc import Arc, Flank, Window, arc_radius, sloped_flank
-from stepblocks.inspect.levelling import LEAST_FACE, TwoPlanes, despiked, find_edges, fit_two_planes
+from stepblocks.inspect.edge_arc import Arc, Flank, Window, fit_arc, fit_flank
+from stepblocks.inspect.levelling import (
+    LEAST_FACE,
+    TwoPlanes,
+    find_edges,
+    fit_two_planes,
+    remove_spikes,
+)
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     Array,
     Estimate,
     Mask,
-    autocovariance,
-    covariance_root,
-    estimator_covariance,
+    compute_estimator_covariance,
+    estimate_autocovariance,
+    factor_covariance,
 )
 
 # mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
@@ -55,13 +61,16 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     """Height of a step and radius of its edge from one profile across it [m], nan where nothing was measured."""
     # `exclusion` is the half width that is kept out of the faces [m]; half as much again as the
     # edge is rounded by default.
-    own, rising, x, z, middle = _largest(position, height)
+    own, rising, x, z, middle = _isolate_largest_edge(position, height)
     spacing = (x[-1] - x[0]) / (len(x) - 1)
     half_width = exclusion
     if half_width is None:
         half_width = min(_LEAST_EXCLUSION * spacing, min(middle - x[0], x[-1] - middle) / 3.0)
     faces = _fit_faces(x, z, middle, half_width)
-    if exclusion is None and (wider := 1.5 * _rounding_width(x, z, spacing, faces)) > half_width:
+    if (
+        exclusion is None
+        and (wider := 1.5 * _find_rounding_width(x, z, spacing, faces)) > half_width
+    ):
         half_width, faces = wider, _fit_faces(x, z, middle, wider)
     planes, roughness, step = faces.planes, faces.roughness, faces.planes.height
     if not step.value > 5.0 * max(step.std, roughness / np.sqrt(len(x))):
@@ -70,12 +79,14 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     known = np.isfinite(z)
     near, spikes = known & (np.abs(x - middle) < half_width), np.zeros_like(known)
     # over the whole profile, so that the points at the ends of the window have their neighbours too
-    spikes[known] = _beyond_neighbours(
+    spikes[known] = _find_edge_spikes(
         z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER)
     )
     spikes &= near
     levelled = z - planes.offset - planes.tilt * x
-    arc, flank, on_arc = _arc_or_flank(x, levelled, spacing, faces, np.flatnonzero(near & ~spikes))
+    arc, flank, on_arc = _fit_arc_or_flank(
+        x, levelled, spacing, faces, np.flatnonzero(near & ~spikes)
+    )
     if (share := float(spikes.sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
         got = f"{share:.0%} of those within {half_width * 1e6:.3g} um of it"
         raise MetrologyError(
@@ -110,11 +121,11 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
 
 def fit_step(position: Array, height: Array, exclusion: float) -> Estimate:
     """Height of a step [m] alone, as `fit_edge` with this `exclusion` says it, without its checks."""
-    _, _, x, z, middle = _largest(position, height)
+    _, _, x, z, middle = _isolate_largest_edge(position, height)
     return _fit_faces(x, z, middle, exclusion).planes.height
 
 
-def _largest(x: Array, height: Array) -> tuple[Mask, bool, Array, Array, float]:
+def _isolate_largest_edge(x: Array, height: Array) -> tuple[Mask, bool, Array, Array, float]:
     """Return which points are the largest edge's own, whether it rises, and these points and its place as if it did [m]."""
     z = np.where(np.isfinite(height), height, np.nan)
     found = find_edges(x, z)
@@ -153,20 +164,20 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     asked = (lower | upper) & finite
     planes = fit_two_planes(x, z, middle, asked)
     kept = np.where(planes.fit.used, planes.fit.residuals, np.nan)
-    gamma = autocovariance([kept[lower], kept[upper]])
+    gamma = estimate_autocovariance([kept[lower], kept[upper]])
     return _Faces(
         planes,
         gamma,
-        covariance_root(estimator_covariance(planes.fit.weights, gamma)),
+        factor_covariance(compute_estimator_covariance(planes.fit.weights, gamma)),
         asked,
         middle,
     )
 
 
-def _flank_of(x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc) -> Flank | None:
+def _find_flank(x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc) -> Flank | None:
     """Sloped flank of an edge, where the circle of a vertical one does not hold and a flank is seen."""
     height = faces.planes.height.value
-    flank = sloped_flank(x, levelled, height, spacing, faces.gamma)
+    flank = fit_flank(x, levelled, height, spacing, faces.gamma)
     if flank is None:
         return None
     # of a quarter of a circle the surface is this steep at half the height
@@ -177,7 +188,7 @@ def _flank_of(x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc
     return flank if arc.excess > _SUSPECT and gentler else None
 
 
-def _beyond_neighbours(heights: Array, limit: float) -> Mask:
+def _find_edge_spikes(heights: Array, limit: float) -> Mask:
     """Return spikes in a window at the edge: an edge rises or falls, so a point stays within the range of its neighbours."""
     padded = np.pad(heights, 2, mode="reflect")
     others = np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)])
@@ -188,7 +199,7 @@ def _beyond_neighbours(heights: Array, limit: float) -> Mask:
     return np.asarray(beyond | below)
 
 
-def _arc_or_flank(
+def _fit_arc_or_flank(
     x: Array, levelled: Array, spacing: float, faces: _Faces, kept: NDArray[np.intp]
 ) -> tuple[Arc, Flank | None, int]:
     """Fit the arc; drop a point where the circle fits the others by far better, as it does for a spike and not for form."""
@@ -197,10 +208,10 @@ def _arc_or_flank(
         u = x[points]
         columns = np.stack([u - faces.middle, np.ones(len(u)), (u > faces.middle).astype(float)])
         height, shared = faces.planes.height.value, faces.errors @ columns
-        return arc_radius(Window(u, levelled[points], height, spacing, faces.gamma, shared))
+        return fit_arc(Window(u, levelled[points], height, spacing, faces.gamma, shared))
 
     arc, dropped = fitted(kept), 0
-    flank = _flank_of(x[kept], levelled[kept], spacing, faces, arc)
+    flank = _find_flank(x[kept], levelled[kept], spacing, faces, arc)
     while flank is None and arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
         trials = [np.delete(kept, index) for index in arc.suspects]
         best, points = min(
@@ -212,11 +223,11 @@ def _arc_or_flank(
     return arc, flank, dropped
 
 
-def _rounding_width(x: Array, z: Array, spacing: float, faces: _Faces) -> float:
+def _find_rounding_width(x: Array, z: Array, spacing: float, faces: _Faces) -> float:
     """Distance from the riser to the last point that lies clearly off its own face."""
     height, planes = faces.planes.height.value, faces.planes
     ideal = planes.offset + planes.tilt * x + np.where(x > faces.middle, height, 0.0)
-    deviation = np.abs(despiked(np.where(np.isfinite(z), z, ideal)) - ideal)
+    deviation = np.abs(remove_spikes(np.where(np.isfinite(z), z, ideal)) - ideal)
     off = deviation > max(6.0 * faces.roughness, 1e-3 * height)
     distance = np.abs(x - faces.middle)
     # points as far on either side are ordered by their place, not by the last bit of their distance

@@ -12,7 +12,12 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import LEAST_SCATTER, Array, estimator_covariance, padded
+from stepblocks.inspect.noise import (
+    LEAST_SCATTER,
+    Array,
+    compute_estimator_covariance,
+    pad_autocovariance,
+)
 
 # of the window that are whitened together; more are thinned, since the cost grows with their square
 _MOST_POINTS = 800
@@ -52,7 +57,7 @@ class Arc:
     ]  # points with the largest residuals, and the first on the arc: a spike is among them
 
 
-def edge_profile(position: Array, riser: float, height: float, radius: float) -> Array:
+def compute_edge_profile(position: Array, riser: float, height: float, radius: float) -> Array:
     """Ideal edge: lower face at 0, riser, arc tangent to the upper face at `height`."""
     beyond = np.minimum(np.maximum(radius - (position - riser), 0.0), radius)
     arc = height - radius + np.sqrt(radius * radius - beyond * beyond)
@@ -86,7 +91,7 @@ class Window:
             spacing,
         )
         lags = np.rint((self.x - self.x[0]) / spacing).astype(int)
-        column = padded(gamma, int(lags[-1]) + 1)
+        column = pad_autocovariance(gamma, int(lags[-1]) + 1)
         column[0] = column[0] + 1e-3 * max(gamma[0], (1e-6 * height) ** 2)
         full = toeplitz(column)[np.ix_(lags, lags)] + shared[:, ::thin].T @ shared[:, ::thin]
         self.whitening = solve_triangular(cholesky(full, lower=True), np.eye(len(full)), lower=True)
@@ -132,14 +137,14 @@ class Window:
         )
 
 
-def arc_radius(window: Window) -> Arc:
+def fit_arc(window: Window) -> Arc:
     """Radius of the edge in a window."""
-    starts = _coarsely(window)
+    starts = _search_coarsely(window)
     radii, risers, costs = _unresolved(window)
-    mean, _ = _moments(radii, np.exp(costs.min() - costs).sum(axis=1))
+    mean, _ = _compute_moments(radii, np.exp(costs.min() - costs).sum(axis=1))
     larger = min((cost for cost, radius, _ in starts if radius > radii[-1]), default=np.inf)
     if mean >= _UNRESOLVED * window.spacing or larger < costs.min():
-        radii, risers, costs = _refined(window, *_followed(window, starts))
+        radii, risers, costs = _refine_grid(window, *_descend_valleys(window, starts))
     # of places that are as likely the first, whatever the last bits say
     at = np.unravel_index(int(np.argmax(costs <= costs.min() + _ALIKE)), costs.shape)
     riser, radius = float(risers[at[1]]), float(radii[at[0]])
@@ -153,7 +158,7 @@ def arc_radius(window: Window) -> Arc:
     excess = max(1.0, float(np.mean(white[zone] ** 2))) if zone.any() else 1.0
     weight = np.exp((costs.min() - costs) / excess).sum(axis=1)
     weight /= weight.sum()
-    mean, std = _moments(radii, weight)
+    mean, std = _compute_moments(radii, weight)
     limit = float(np.interp(0.95, np.cumsum(weight) - 0.5 * weight, radii))
     if mean < _UNRESOLVED * window.spacing:
         # between two samples nothing is known: a rectangle of one interval, as on any length along
@@ -183,7 +188,7 @@ def _unresolved(window: Window) -> tuple[Array, Array, Array]:
     return radii, risers, window.grid(risers, radii)
 
 
-def _coarsely(window: Window) -> list[tuple[float, float, float]]:
+def _search_coarsely(window: Window) -> list[tuple[float, float, float]]:
     """Misfit, radius and riser over a coarse grid, the best riser of each radius."""
     spacing, (below, start) = window.spacing, window.crossing
     # of an arc lower than the step the riser lies between two points, and the arc is steepest there
@@ -203,7 +208,9 @@ def _coarsely(window: Window) -> list[tuple[float, float, float]]:
     )
 
 
-def _followed(window: Window, found: list[tuple[float, float, float]]) -> tuple[float, float]:
+def _descend_valleys(
+    window: Window, found: list[tuple[float, float, float]]
+) -> tuple[float, float]:
     """Best radius and riser: the valleys of a coarse grid followed downhill, since they are narrow and bent."""
     from scipy.optimize import minimize
 
@@ -233,7 +240,7 @@ def _followed(window: Window, found: list[tuple[float, float, float]]) -> tuple[
     return best[1], best[2]
 
 
-def _refined(window: Window, radius: float, riser: float) -> tuple[Array, Array, Array]:
+def _refine_grid(window: Window, radius: float, riser: float) -> tuple[Array, Array, Array]:
     """Costs on a grid that is narrowed until it resolves the posterior and still holds all of it."""
     half_r, half_x = (
         max(0.3 * radius, 3.0 * window.spacing),
@@ -247,8 +254,8 @@ def _refined(window: Window, radius: float, riser: float) -> tuple[Array, Array,
         radius, riser = float(radii[at[0]]), float(risers[at[1]])
         weight = np.exp(costs.min() - costs)
         std_r, std_x = (
-            _moments(radii, weight.sum(axis=1))[1],
-            _moments(risers, weight.sum(axis=0))[1],
+            _compute_moments(radii, weight.sum(axis=1))[1],
+            _compute_moments(risers, weight.sum(axis=0))[1],
         )
         if (
             half_r <= 8.0 * std_r + window.spacing * 0.02
@@ -260,7 +267,7 @@ def _refined(window: Window, radius: float, riser: float) -> tuple[Array, Array,
     return radii, risers, costs
 
 
-def _moments(values: Array, weight: Array) -> tuple[float, float]:
+def _compute_moments(values: Array, weight: Array) -> tuple[float, float]:
     """Mean and standard deviation."""
     mean = float(np.average(values, weights=weight))
     return mean, float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
@@ -276,7 +283,7 @@ class Flank:
     radius_std: float  # m
 
 
-def sloped_flank(
+def fit_flank(
     position: Array, levelled: Array, height: float, spacing: float, gamma: Array
 ) -> Flank | None:
     """Fit flank and corner to the upper three quarters of an edge; None where fewer than six points lie on its flank."""
@@ -319,7 +326,7 @@ def sloped_flank(
         if gamma[0] > 0.0
         else 1.0
     )
-    stds = np.sqrt(excess * np.diag(estimator_covariance(gain, gamma)).clip(min=0.0))
+    stds = np.sqrt(excess * np.diag(compute_estimator_covariance(gain, gamma)).clip(min=0.0))
     # nothing is known of a corner between two samples
     radius_std = float(np.hypot(stds[2] * spacing, spacing / np.sqrt(12.0)))
     return Flank(float(found.x[1]), float(stds[1]), float(found.x[2]) * spacing, radius_std)

@@ -12,7 +12,7 @@ import numpy as np
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.levelling import fit_without_spikes
-from stepblocks.inspect.noise import Array, Estimate, Mask, estimated
+from stepblocks.inspect.noise import Array, Estimate, Mask, estimate_linear
 
 # largest total degree of the form [1]; lower along a side with fewer than four points per degree
 _MOST_DEGREE = 3
@@ -24,17 +24,19 @@ _SEVERAL = 2.0
 _GRID = 9  # points along either side at which the form is judged
 
 
-def flatness(points: Array) -> float:
+def compute_flatness(points: Array) -> float:
     """Flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3); those with a nan are left out."""
-    return _minimum_zone(_known(points))[0]
+    return _find_minimum_zone(_require_face_points(points))[0]
 
 
-def parallelism(points: Array, datum: Array) -> float:
+def compute_parallelism(points: Array, datum: Array) -> float:
     """Parallelism of a face to a datum [m], points of shape (n, 3): its width along the normal of the datum's minimum zone."""
-    return float(np.ptp(_known(points) @ _minimum_zone(_known(datum))[1]))
+    return float(
+        np.ptp(_require_face_points(points) @ _find_minimum_zone(_require_face_points(datum))[1])
+    )
 
 
-def _known(points: Array) -> Array:
+def _require_face_points(points: Array) -> Array:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     cloud = points[np.isfinite(points).all(axis=1)]
@@ -48,7 +50,7 @@ def _known(points: Array) -> Array:
     return cloud
 
 
-def _minimum_zone(cloud: Array) -> tuple[float, Array]:
+def _find_minimum_zone(cloud: Array) -> tuple[float, Array]:
     """Width of the narrowest zone [m], and its normal: a linear programme over the corners of the convex hull."""
     from scipy.optimize import linprog
     from scipy.spatial import ConvexHull, QhullError
@@ -121,7 +123,7 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
         for j in range(degrees[1] + 1)
         if i + j <= max(degrees)
     ]
-    design = _terms(
+    design = _evaluate_terms(
         (x[np.newaxis, :] - middles[0]) / halves[0],
         (y[:, np.newaxis] - middles[1]) / halves[1],
         powers,
@@ -131,22 +133,24 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     count = float(kept.sum())
     # for terms that vary little over the correlation length, the covariance is that of white noise
     # times one factor
-    mean = estimated(0.0, kept / count, residuals, kept, design)
+    mean = estimate_linear(0.0, kept / count, residuals, kept, design)
     # not by eigenvectors, whose signs hang on the last bit: the draws would
     root = np.linalg.cholesky(fit.weights @ fit.weights.T).T * (mean.std * np.sqrt(count))
     gx, gy = (one.ravel() for one in np.meshgrid(*[np.linspace(-1.0, 1.0, _GRID)] * 2))
     grid = np.array(middles) + np.array(halves) * np.column_stack([gx, gy])
     degree = max(i + j for i, j in powers)
-    return FaceForm(points, grid, _terms(gx, gy, powers), fit.solution, root, mean.dof, degree)
+    return FaceForm(
+        points, grid, _evaluate_terms(gx, gy, powers), fit.solution, root, mean.dof, degree
+    )
 
 
-def _terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
+def _evaluate_terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
     """Return products of Legendre's polynomials at positions from -1 to 1."""
     basis = np.polynomial.Legendre.basis
     return np.stack([np.asarray(basis(i)(at_x) * basis(j)(at_y)) for i, j in powers])
 
 
-def zone_of(width: Callable[..., float], *faces: FaceForm) -> Estimate:
+def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     """Return the zone of the form of faces: what noise adds to it is taken off, and counts, as a rectangle, beside the scatter."""
     # The fit holds the noise once, draws at the two scales hold it as its root of two and twice.
     # Where one term sets the zone, the zone grows with the standard deviation of the noise and the

@@ -12,28 +12,28 @@ from stepblocks.inspect.budget import (
     Component,
     Instrument,
     Measured,
-    measured_from_profiles,
-    with_budget,
+    add_instrument_components,
+    average_profiles,
 )
 from stepblocks.inspect.levelling import (
     Feature,
-    Found,
+    FoundEdge,
     Levels,
     find_edges,
-    measured_features,
-    other_heights,
+    fit_heights,
+    measure_features,
 )
-from stepblocks.inspect.map_levels import fit_grating, masked_step
+from stepblocks.inspect.map_levels import fit_grating, measure_masked_step
 from stepblocks.inspect.measure import (
     AS_FOUND,
-    How,
-    Inspected,
+    Evaluation,
+    EvaluationOptions,
     Shown,
     ShownMap,
     Window,
-    agreed,
-    sampled,
-    tried,
+    evaluate_each,
+    keep_agreeing,
+    sample_profiles,
 )
 from stepblocks.inspect.noise import Array
 from stepblocks.inspect.type_a1 import TypeA1, evaluate_a1
@@ -50,21 +50,23 @@ _DEGREE_NAMES = {1: "line", 2: "parabola", 3: "cubic"}
 def measure_groove(
     scan: Profile | HeightMap,
     instrument: Instrument,
-    how: How = AS_FOUND,
+    how: EvaluationOptions = AS_FOUND,
     key: str = "groove_depth",
-) -> Inspected:
+) -> Evaluation:
     """Depth of all grooves or ridges of a scan: by type A1 or A2 where their windows fit, else on a masked polynomial."""
     # A map whose rows do not agree on what they cross is evaluated across its columns, then by two
     # levels, then as a grating.
-    ways: list[Callable[[], Inspected]] = [lambda: _by_rows(scan, instrument, how, key)]
+    ways: list[Callable[[], Evaluation]] = [lambda: _measure_by_rows(scan, instrument, how, key)]
     if isinstance(scan, HeightMap) and how.along != "x":
         turned = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)
-        ways.append(lambda: _by_rows(turned, instrument, how, key))
+        ways.append(lambda: _measure_by_rows(turned, instrument, how, key))
         ways = (
-            ways[1:] if how.along == "y" else [*ways, lambda: _masked(scan, instrument, how, key)]
+            ways[1:]
+            if how.along == "y"
+            else [*ways, lambda: _measure_masked(scan, instrument, how, key)]
         )
     refused = []
-    ways.append(lambda: _grating(scan, instrument, how, key))
+    ways.append(lambda: _measure_grating(scan, instrument, how, key))
     # a part, a level or an edge is followed profile by profile alone
     if any(one is not None for one in (how.begin, how.end, how.degree, how.edges)):
         ways = ways[: 1 if isinstance(scan, Profile) or how.along else 2]
@@ -106,10 +108,10 @@ class _Row:
         return [(one.feature.begin, one.feature.end) for one in self.seen]
 
 
-def _row(row: Profile, edges: list[Found], how: How) -> _Row:
+def _evaluate_row(row: Profile, edges: list[FoundEdge], how: EvaluationOptions) -> _Row:
     """Evaluate all features of a profile, each by what its windows allow; and again with other windows, for the form."""
     x, z = row.position, row.height
-    levels = measured_features(x, z, edges, how.degree, how.exclusion)
+    levels = measure_features(x, z, edges, how.degree, how.exclusion)
     chosen = [
         index
         for index in range(len(levels.features))
@@ -119,7 +121,7 @@ def _row(row: Profile, edges: list[Found], how: How) -> _Row:
         raise MetrologyError(
             f"edges must name features of the {len(levels.features)} found, got {how.edges}"
         )
-    others, seen = _otherwise(x, z, levels, how), []
+    others, seen = _evaluate_otherwise(x, z, levels, how), []
     for index in chosen:
         feature, windows = levels.features[index], list[Window]()
         height, name = feature.height, f"masked {_DEGREE_NAMES[levels.degree]}"
@@ -127,7 +129,7 @@ def _row(row: Profile, edges: list[Found], how: How) -> _Row:
         best = (
             None
             if how.degree is not None or how.exclusion is not None
-            else _by_windows(x, z, levels, feature)
+            else _evaluate_by_windows(x, z, levels, feature)
         )
         if best is None:
             _check_level(z, levels, height.value)
@@ -166,9 +168,9 @@ def _check_level(z: Array, levels: Levels, height: float) -> None:
         raise MetrologyError(f"steps must not be those of a sawtooth, got {got}")
 
 
-def _by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 | None:
+def _evaluate_by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 | None:
     """Type A1 or A2 of a feature; None where its windows do not fit, or where a bow lets the polynomial fit the same points better."""
-    found = tried(lambda span: evaluate_a1(x, z, span), [(feature.begin, feature.end)])[0]
+    found = evaluate_each(lambda span: evaluate_a1(x, z, span), [(feature.begin, feature.end)])[0]
     if not found:
         return None
     best = found[0][1]
@@ -179,7 +181,7 @@ def _by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 
     return best if best.kind == "A2" or best.scatter < _FITS * polynomial else None
 
 
-def _otherwise(x: Array, z: Array, levels: Levels, how: How) -> list[Array]:
+def _evaluate_otherwise(x: Array, z: Array, levels: Levels, how: EvaluationOptions) -> list[Array]:
     """Heights by the next polynomial, and with more kept out at the edges."""
     step, wider = float(x[1] - x[0]), []
     for one in levels.edges:
@@ -189,25 +191,32 @@ def _otherwise(x: Array, z: Array, levels: Levels, how: How) -> list[Array]:
     asked = zip(
         (levels.edges, wider), degrees if how.degree is None else [how.degree] * 2, strict=True
     )
-    return [found for _, found in tried(lambda pair: other_heights(x, z, *pair), asked)[0]]
+    return [found for _, found in evaluate_each(lambda pair: fit_heights(x, z, *pair), asked)[0]]
 
 
-def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
-    rows, notes = sampled(scan, how)
-    crossing, refused = tried(lambda row: find_edges(row.position, row.height), rows)
+def _measure_by_rows(
+    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions, key: str
+) -> Evaluation:
+    rows, notes = sample_profiles(scan, how)
+    crossing, refused = evaluate_each(lambda row: find_edges(row.position, row.height), rows)
     rule = "profiles must agree on the features that they cross"
     if len(rows) > 1 and len(refused) > len(crossing):
         raise MetrologyError(
             f"{rule}, got {len(crossing)} of {len(rows)} that cross any, others since {refused[0]}"
         )
     some = crossing[:: max(len(crossing) // _TRIED, 1)]
-    if len(some) >= _TRIED and len(tried(lambda one: _row(*one, how), some)[0]) < 2:
+    if (
+        len(some) >= _TRIED
+        and len(evaluate_each(lambda one: _evaluate_row(*one, how), some)[0]) < 2
+    ):
         raise MetrologyError(f"{rule}, got less than 2 of {len(some)}")
-    results, others = tried(lambda one: _row(*one, how), crossing)
+    results, others = evaluate_each(lambda one: _evaluate_row(*one, how), crossing)
     kinds = [one.kind for _, one in results]
     kind = max(sorted(set(kinds)), key=kinds.count, default=(0, ""))
     usual = np.array([one.spans for _, one in results if one.kind == kind])
-    same = [(row, _nearest(one, np.median(usual[..., 0], axis=0))) for (row, _), one in results]
+    same = [
+        (row, _keep_nearest(one, np.median(usual[..., 0], axis=0))) for (row, _), one in results
+    ]
     same = [(row, one) for row, one in same if one.kind == kind]
     spans = np.array([one.spans for _, one in same]).reshape(len(same), kind[0], 2)
     begins, widths = spans[..., 0], spans[..., 1] - spans[..., 0]
@@ -217,12 +226,12 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
     sizes = np.array([[each.feature.height.value for each in one.seen] for _, one in same]).reshape(
         begins.shape
     )
-    kept = agreed(same, np.stack([sizes, begins, slack]), rows, refused + others, notes)
+    kept = keep_agreeing(same, np.stack([sizes, begins, slack]), rows, refused + others, notes)
     (first, best), found, count = kept[0], [one for _, one in kept], kind[0]
     spans = np.array([one.spans for one in found])
     single = not np.isfinite(spans).all()  # steps, which have neither width nor pitch
     maps = [scan] if isinstance(scan, HeightMap) and single else []
-    if tried(lambda one: fit_grating(one.x, one.y, one.height), maps)[0]:
+    if evaluate_each(lambda one: fit_grating(one.x, one.y, one.height), maps)[0]:
         raise MetrologyError(
             "single steps must not repeat over a map, as the teeth of a grating do"
         )
@@ -231,20 +240,22 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
         each_row = [one.seen[index].feature.height for one in found]
         heights = [replace(one, value=abs(one.value)) for one in each_row]
         form = Component(
-            "form", _form(found, index), how="change by other windows or levelling, rectangular"
+            "form",
+            _estimate_form(found, index),
+            how="change by other windows or levelling, rectangular",
         )
         name = f"{label} {index + 1}" if count > 1 else label
-        each.append(measured_from_profiles(name, heights, instrument, [form]))
+        each.append(average_profiles(name, heights, instrument, [form]))
     if count == 1:
         values = {key: each[0]}
     else:
         values = {
-            key: _mean_of(label, each, instrument),
+            key: _average_features(label, each, instrument),
             **{f"{key}_{n}": one for n, one in enumerate(each, 1)},
         }
     if not single:
         hidden = float(np.mean([each.feature.unseen for one in found for each in one.seen]))
-        values |= (_width if count == 1 else _pitch)(
+        values |= (_measure_width if count == 1 else _measure_pitch)(
             label, spans, first.spacing, instrument, hidden
         )
     if outliers := sum(one.rejected for one in found):
@@ -259,10 +270,10 @@ def _by_rows(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
         first.position
     )
     shown = Shown(first.position, first.height - line, windows, best.fitted - line)
-    return Inspected(values, convention, tuple(notes), shown)
+    return Evaluation(values, convention, tuple(notes), shown)
 
 
-def _nearest(found: _Row, places: Array) -> _Row:
+def _keep_nearest(found: _Row, places: Array) -> _Row:
     """Keep those features that begin nearest to the usual places [m], where a profile crosses others too."""
     if len(found.seen) <= len(places):
         return found
@@ -271,7 +282,7 @@ def _nearest(found: _Row, places: Array) -> _Row:
     return replace(found, seen=tuple(found.seen[at] for at in chosen))
 
 
-def _form(found: list[_Row], index: int) -> float:
+def _estimate_form(found: list[_Row], index: int) -> float:
     """Largest mean change of a height by another evaluation, less what noise alone changes, as a rectangle [m]."""
     changes = [one.seen[index].changes for one in found]
     noise = float(np.mean([one.seen[index].feature.height.std ** 2 for one in found])) / len(found)
@@ -279,7 +290,7 @@ def _form(found: list[_Row], index: int) -> float:
     return float(np.sqrt(max(max((one**2 for one in means), default=0.0) - 2.0 * noise, 0.0) / 3.0))
 
 
-def _mean_of(label: str, each: list[Measured], instrument: Instrument) -> Measured:
+def _average_features(label: str, each: list[Measured], instrument: Instrument) -> Measured:
     """Mean over features: their scatter holds the noise of each; what the instrument owes is shared by all."""
     heights = np.array([one.value for one in each])
     own = float(heights.std(ddof=1) / np.sqrt(len(each)))
@@ -288,10 +299,10 @@ def _mean_of(label: str, each: list[Measured], instrument: Instrument) -> Measur
     )
     scatter = Component("scatter", own, len(each) - 1.0, f"over {len(each)} features")
     parts = [scatter, Component("form", form, how="mean of theirs")]
-    return with_budget(f"{label}, mean", float(heights.mean()), parts, instrument)
+    return add_instrument_components(f"{label}, mean", float(heights.mean()), parts, instrument)
 
 
-def _pitch(
+def _measure_pitch(
     _: str, spans: Array, spacing: float, instrument: Instrument, hidden: float
 ) -> dict[str, Measured]:
     """Mean distance of the middles of neighbours, `spans` of shape (rows, features, 2) [m]."""
@@ -306,13 +317,13 @@ def _pitch(
     std = float(np.hypot(own, np.hypot(spacing, hidden) / np.sqrt(6.0) / count))
     part = Component("scatter", std, dof, "over the pitches, and one interval")
     return {
-        "feature_pitch": with_budget(
+        "feature_pitch": add_instrument_components(
             "pitch", float(pitches.mean()), [part], instrument, axes=(0.0, 1.0)
         )
     }
 
 
-def _width(
+def _measure_width(
     label: str, spans: Array, spacing: float, instrument: Instrument, hidden: float
 ) -> dict[str, Measured]:
     """Mean width of one feature over the profiles."""
@@ -330,15 +341,22 @@ def _width(
         ]
     name = f"width W of the {label.split()[0]}, at half its height"
     return {
-        "feature_width": with_budget(name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0))
+        "feature_width": add_instrument_components(
+            name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0)
+        )
     }
 
 
-def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
-    step = masked_step(scan, how.exclusion)
+def _measure_masked(
+    scan: HeightMap, instrument: Instrument, how: EvaluationOptions, key: str
+) -> Evaluation:
+    step = measure_masked_step(scan, how.exclusion)
     # a floor too narrow for more to be kept out is compared with more of its flanks
-    again = partial(masked_step, scan, inside=step.inside)
-    others = tried(again, [1.5 * step.exclusion])[0] or tried(again, [step.exclusion / 1.5])[0]
+    again = partial(measure_masked_step, scan, inside=step.inside)
+    others = (
+        evaluate_each(again, [1.5 * step.exclusion])[0]
+        or evaluate_each(again, [step.exclusion / 1.5])[0]
+    )
     form = max(
         (abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in others),
         default=np.nan,
@@ -352,7 +370,9 @@ def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Insp
     change = Component(
         "form", form, how="change with one and a half times the exclusion or its part, rectangular"
     )
-    value = with_budget(key.replace("_", " "), abs(step.depth.value), [noise], instrument, [change])
+    value = add_instrument_components(
+        key.replace("_", " "), abs(step.depth.value), [noise], instrument, [change]
+    )
     convention = (
         f"masked step over {step.features} features and {step.rows} rows: each row levelled on "
         "the reference between the "
@@ -368,12 +388,14 @@ def _masked(scan: HeightMap, instrument: Instrument, how: How, key: str) -> Insp
     )
     parts = ("features", step.floor), ("reference", step.reference)
     drawn = ShownMap(step.level, rest, parts, (float(scan.x[-1]), float(scan.y[-1])))
-    return Inspected(
+    return Evaluation(
         {key: value}, convention, (note,), Shown(scan.x, step.level[step.shown], map=drawn)
     )
 
 
-def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: str) -> Inspected:
+def _measure_grating(
+    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions, key: str
+) -> Evaluation:
     if how.exclusion is not None:
         raise MetrologyError("exclusion must not be given for a grating, which has no faces")
     drawn = None
@@ -394,10 +416,12 @@ def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
         found.pitch.dof,
         "over the pitches, and a part of a sampling interval",
     )
-    pitch = with_budget(
+    pitch = add_instrument_components(
         "pitch, across the lines", found.pitch.value, [part], instrument, axes=(0.0, 1.0)
     )
-    depth = with_budget(key.replace("_", " "), found.depth.value, [noise], instrument, [form])
+    depth = add_instrument_components(
+        key.replace("_", " "), found.depth.value, [noise], instrument, [form]
+    )
     if depth.value < depth.expanded():
         got = f"{depth.value * 1e9:.3g} +-{depth.expanded() * 1e9:.3g} nm"
         raise MetrologyError(f"depth of a grating must stand out of its uncertainty, got {got}")
@@ -406,6 +430,6 @@ def _grating(scan: Profile | HeightMap, instrument: Instrument, how: How, key: s
         f"{found.share:.0%} of the variance"
     )
     note = f"lines at {np.degrees(found.angle):.1f} deg from the y axis"
-    return Inspected(
+    return Evaluation(
         {key: depth, "feature_pitch": pitch}, convention, (note,), Shown(*found.shape, map=drawn)
     )

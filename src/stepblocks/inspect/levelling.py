@@ -20,10 +20,10 @@ from stepblocks.inspect.noise import (
     Array,
     Estimate,
     Mask,
-    autocovariance,
-    estimated,
-    outlier_mask,
-    robust_scale,
+    estimate_autocovariance,
+    estimate_linear,
+    estimate_robust_scale,
+    find_outliers,
 )
 
 LEAST_FACE = 20  # points of a face or shoulder that is fitted
@@ -44,7 +44,7 @@ LEVELS = {"line": 1, "parabola": 2, "cubic": 3}
 
 
 def check_profile(x: Array, z: Array, least: int) -> None:
-    """Refuse what is no profile with `least` measured points, in equal steps."""
+    """Refuse what is no profile with `take_least_scatter` measured points, in equal steps."""
     if (count := int(np.isfinite(z).sum())) < least:
         raise MetrologyError(f"profile must have at least {least} measured points, got {count}")
     steps = np.diff(x)
@@ -52,14 +52,14 @@ def check_profile(x: Array, z: Array, least: int) -> None:
         raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
 
 
-def despiked(heights: Array) -> Array:
+def remove_spikes(heights: Array) -> Array:
     """Return the known heights as their running median over five points, which removes spikes and keeps edges."""
     calm, known = np.array(heights, dtype=np.float64), np.isfinite(heights)
     calm[known] = median_filter(calm[known], size=5, mode="nearest")
     return calm
 
 
-def weighted(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
+def solve_least_squares(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
     """Return with which weights each point counts in a least-squares fit over those used, and its solution."""
     try:
         inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
@@ -84,7 +84,7 @@ class Fit:
     def estimate(self, index: int, factor: float = 1.0) -> Estimate:
         """Return one term of the solution, times a factor, with its uncertainty."""
         value = factor * float(self.solution[index])
-        return estimated(
+        return estimate_linear(
             value, factor * self.weights[index], self.residuals, self.used, self.design
         )
 
@@ -95,16 +95,18 @@ def fit_without_spikes(design: Array, z: Array, used: Mask) -> Fit:
     for _ in range(
         _STARTS
     ):  # first by distances instead of squares, so that neither spikes nor stray points pull
-        residuals = z - weighted(design * root, z * root, used)[1] @ design
+        residuals = z - solve_least_squares(design * root, z * root, used)[1] @ design
         root = (
-            np.maximum(np.abs(residuals) / max(robust_scale(residuals[used]), LEAST_SCATTER), 1.0)
+            np.maximum(
+                np.abs(residuals) / max(estimate_robust_scale(residuals[used]), LEAST_SCATTER), 1.0
+            )
             ** -0.5
         )
-    used = used & ~outlier_mask(residuals, used)
+    used = used & ~find_outliers(residuals, used)
     for _ in range(5):
-        weights, solution = weighted(design, z, used)
+        weights, solution = solve_least_squares(design, z, used)
         residuals = z - solution @ design
-        spikes = outlier_mask(residuals, used)
+        spikes = find_outliers(residuals, used)
         if not spikes.any():
             break
         used = used & ~spikes
@@ -136,7 +138,7 @@ def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundEdge:
     """One edge of a profile."""
 
     position: float  # where half of its height is crossed [m]
@@ -167,19 +169,19 @@ class Levels:
     rejected: int  # left out as spikes
     gain: float  # by which it beats a smooth curve, as BEAT [1]
     together: float  # points of the residuals that wander together [1]
-    edges: tuple[Found, ...]
+    edges: tuple[FoundEdge, ...]
 
 
-def find_edges(x: Array, z: Array) -> list[Found]:
+def find_edges(x: Array, z: Array) -> list[FoundEdge]:
     """Find the edges of a profile in equal steps [m], nan where nothing was measured; refused where no difference stands out."""
     check_profile(x, z, 2 * LEAST_FACE)
     known = np.isfinite(z)
-    calm = despiked(z)
+    calm = remove_spikes(z)
     best, reaches, gaps = (_STAND_OUT, -1), [4], list[Array]()
     while 3 * reaches[-1] <= len(x) // 4:
-        gap = _differences(calm, known, reaches[-1])
+        gap = _compute_window_differences(calm, known, reaches[-1])
         scale = (
-            max(robust_scale(gap[np.isfinite(gap)]), LEAST_SCATTER)
+            max(estimate_robust_scale(gap[np.isfinite(gap)]), LEAST_SCATTER)
             if np.isfinite(gap).any()
             else np.inf
         )
@@ -209,25 +211,26 @@ def find_edges(x: Array, z: Array) -> list[Found]:
     for size in (np.maximum(seen, 0.0), np.maximum(-seen, 0.0)):
         peaks = np.flatnonzero((size >= least) & (size == maximum_filter1d(size, 2 * reach + 1)))
         places |= {
-            _middle(size, one, reach) for one in peaks[np.diff(peaks, prepend=-reach) > reach]
+            _find_plateau_middle(size, one, reach)
+            for one in peaks[np.diff(peaks, prepend=-reach) > reach]
         }
     if not (
-        found := _flanks(
-            x, calm, known, *_joined(x, calm, known, sorted(places)[:_MOST_EDGES], gap)
+        found := _find_flanks(
+            x, calm, known, *_join_edges(x, calm, known, sorted(places)[:_MOST_EDGES], gap)
         )
     ):
         raise MetrologyError(nothing)
     return found
 
 
-def _middle(size: Array, peak: int, reach: int) -> int:
+def _find_plateau_middle(size: Array, peak: int, reach: int) -> int:
     """Return the middle of what is about as high as a peak: windows with a gap between them see an edge, no flank, all over it."""
     ends = np.flatnonzero(np.concatenate([[True], size < _PLATEAU * size[peak], [True]])) - 1
     first, last = ends[(behind := int(np.searchsorted(ends, peak))) - 1 : behind + 1]
     return int(first + last) // 2 if last - first <= 2 * reach else peak
 
 
-def _differences(z: Array, known: Mask, reach: int) -> Array:
+def _compute_window_differences(z: Array, known: Mask, reach: int) -> Array:
     """Difference of the means of two windows beside a gap, less what is usual around it: the slope and bow of the surface."""
     filled = np.where(known, z, 0.0)
     count, total = (
@@ -248,13 +251,13 @@ def _differences(z: Array, known: Mask, reach: int) -> Array:
     filled, lag = np.interp(at, at[whole], gaps[whole]), len(gaps) // 2
     # a bow makes them lean, of which the median would lose hold at either end
     slope = float(np.median(filled[lag:] - filled[:-lag])) / lag
-    lean = min((0.0 * at, slope * at), key=lambda one: robust_scale(filled - one))
+    lean = min((0.0 * at, slope * at), key=lambda one: estimate_robust_scale(filled - one))
     return np.asarray(
         gaps - lean - median_filter(filled - lean, min(9 * reach, len(gaps)), mode="nearest")
     )
 
 
-def _joined(
+def _join_edges(
     x: Array, z: Array, known: Mask, places: list[int], gap: Array
 ) -> tuple[list[int], Array]:
     """Join two edges of one sign that are one: the surface goes on rising between them by more than half of the lesser."""
@@ -267,7 +270,10 @@ def _joined(
         # where the difference does not fall between them, they are the ends of one that points are
         # missing of
         joined = bool(np.nanmin(np.abs(gap[first:second])) > _PLATEAU * lesser)
-        faces = [_face(x, z, known, at, at + far) for at in (first - 2 * far, first, second + far)]
+        faces = [
+            _fit_face_line(x, z, known, at, at + far)
+            for at in (first - 2 * far, first, second + far)
+        ]
         slopes = [float(face[0].deriv()(x[first])) for face in faces if face is not None]
         if (
             len(slopes) == 3
@@ -283,16 +289,16 @@ def _joined(
         if joined:
             middle = (first + second) // 2
             whole = np.where(np.arange(len(gap)) == middle, gap[first] + gap[second], gap)
-            return _joined(x, z, known, [*places[:index], middle, *places[index + 2 :]], whole)
+            return _join_edges(x, z, known, [*places[:index], middle, *places[index + 2 :]], whole)
     return places, gap
 
 
-def _flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> list[Found]:
+def _find_flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> list[FoundEdge]:
     """Where the flank of each edge begins and ends: off the line through the middle of the faces on either side."""
     found = []
     ends = [0, *places, len(x) - 1]
     for before, at, behind in zip(ends, places, ends[2:], strict=False):
-        faces = [_face(x, z, known, *span) for span in ((before, at), (at, behind))]
+        faces = [_fit_face_line(x, z, known, *span) for span in ((before, at), (at, behind))]
         if None in faces:
             continue
         (low, rough_low), (high, rough_high) = (face for face in faces if face is not None)
@@ -324,11 +330,11 @@ def _flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> l
                 (first - last) * step * float(above[first] / max(above[first] - above[last], 1e-30))
             )
             unseen = 0.5 * (first - last - 1) * step
-        found.append(Found(position, rise, float(x[begin]), float(x[end]), unseen))
+        found.append(FoundEdge(position, rise, float(x[begin]), float(x[end]), unseen))
     return found
 
 
-def _face(
+def _fit_face_line(
     x: Array, z: Array, known: Mask, begin: int, end: int
 ) -> tuple[np.polynomial.Polynomial, float] | None:
     """Line through a face without its ends at edges, and its scatter; None where nothing of it was measured."""
@@ -340,11 +346,11 @@ def _face(
     if len(inner) < 4:
         return None
     line = np.polynomial.Polynomial.fit(x[inner], z[inner], 1 if len(inner) > 10 else 0)
-    return line, robust_scale(z[inner] - line(x[inner]))
+    return line, estimate_robust_scale(z[inner] - line(x[inner]))
 
 
-def measured_features(
-    x: Array, z: Array, edges: list[Found], degree: int | None, exclusion: float | None
+def measure_features(
+    x: Array, z: Array, edges: list[FoundEdge], degree: int | None, exclusion: float | None
 ) -> Levels:
     """Fit all features of a profile [m]; refused, with the figure, where none is significant or a smooth curve does as well."""
     while edges:
@@ -369,14 +375,14 @@ def measured_features(
 def fit_features(
     x: Array,
     z: Array,
-    edges: Sequence[Found],
+    edges: Sequence[FoundEdge],
     degree: int | None = None,
     exclusion: float | None = None,
 ) -> Levels:
     """Heights of all features between `edges` in one fit; the polynomial's degree is that of its last significant term."""
     # `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much
     # again, by default.
-    fits = _fits(x, z, edges, _DEGREES if degree is None else (degree,), exclusion)
+    fits = _fit_polynomials(x, z, edges, _DEGREES if degree is None else (degree,), exclusion)
 
     def significant(power: int) -> bool:
         last = fits[power].estimate(power)
@@ -385,9 +391,10 @@ def fit_features(
     power = max(one for one in fits if one == min(fits) or significant(one))
     fit = fits[power]
     features = tuple(
-        Feature(*span, fit.estimate(power + index)) for index, span in enumerate(_paired(edges), 1)
+        Feature(*span, fit.estimate(power + index))
+        for index, span in enumerate(_pair_edges(edges), 1)
     )
-    gain, together = _gain(fit.design[1], z, fit, power + 1 + 2 * len(edges))
+    gain, together = _compute_gain(fit.design[1], z, fit, power + 1 + 2 * len(edges))
     return Levels(
         features,
         power,
@@ -400,13 +407,13 @@ def fit_features(
     )
 
 
-def other_heights(x: Array, z: Array, edges: Sequence[Found], degree: int) -> Array:
+def fit_heights(x: Array, z: Array, edges: Sequence[FoundEdge], degree: int) -> Array:
     """Heights of all features between `edges` on a polynomial of this degree [m], without their uncertainty."""
-    return _fits(x, z, edges, (degree,), None)[degree].solution[degree + 1 :]
+    return _fit_polynomials(x, z, edges, (degree,), None)[degree].solution[degree + 1 :]
 
 
-def _fits(
-    x: Array, z: Array, edges: Sequence[Found], powers: Sequence[int], exclusion: float | None
+def _fit_polynomials(
+    x: Array, z: Array, edges: Sequence[FoundEdge], powers: Sequence[int], exclusion: float | None
 ) -> dict[int, Fit]:
     """Fit polynomials and heights by the degree of the polynomial, as far as the points determine them."""
     used = np.isfinite(z)
@@ -418,7 +425,7 @@ def _fits(
         )
         used &= (x < begin) | (x > end)
     steps = np.array(
-        [(x > begin) & (x < end) for begin, end, _ in _paired(edges)], dtype=np.float64
+        [(x > begin) & (x < end) for begin, end, _ in _pair_edges(edges)], dtype=np.float64
     )
     least = min(*(used & (steps > 0.5)).sum(axis=1), (used & (steps.sum(axis=0) < 0.5)).sum())
     if least < 5:
@@ -439,19 +446,19 @@ def _fits(
     return fits
 
 
-def _gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[float, float]:
+def _compute_gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[float, float]:
     """Return twice the gain in log-likelihood on a smooth curve of as many parameters, and how many points are not independent."""
     kept = fit.used
     smooth = np.stack([t, *(np.cos(0.5 * np.pi * k * (t + 1.0)) for k in range(terms))])
     fair = np.linalg.lstsq(smooth[:, kept].T, z[kept], rcond=None)[0]
-    gamma = autocovariance([np.where(kept, fit.residuals, np.nan)], len(fit.design))
+    gamma = estimate_autocovariance([np.where(kept, fit.residuals, np.nan)], len(fit.design))
     together = max(1.0, float(2.0 * gamma.sum() / gamma[0] - 1.0)) if gamma[0] > 0.0 else 1.0
     floor = LEAST_SCATTER**2 * kept.sum()
     squares = [float(np.sum(one[kept] ** 2)) + floor for one in (z - fair @ smooth, fit.residuals)]
     return float(kept.sum()) / together * float(np.log(squares[0] / squares[1])), together
 
 
-def _paired(edges: Sequence[Found]) -> list[tuple[float, float, float]]:
+def _pair_edges(edges: Sequence[FoundEdge]) -> list[tuple[float, float, float]]:
     """Join two edges of opposite sign and like size to a ridge or groove, with what was not seen of both; others are single steps."""
     spans, waiting = [], list(edges)
     while waiting:

@@ -15,15 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepblocks.atomic import inside, replace_text
+from stepblocks.atomic import replace_text, resolve_inside
 from stepblocks.errors import MetrologyError, PipelineError
-from stepblocks.figure_file import new_figure, save_figure
-from stepblocks.inspect.budget import Component, Measured, Outcome, judge, verdict_of
+from stepblocks.figure_file import make_figure, save_figure
+from stepblocks.inspect.budget import Component, Measured, Outcome, combine_verdicts, judge
 from stepblocks.inspect.noise import Array
 from stepblocks.inspect.run import inspect_scan, inspect_standard
 from stepblocks.page_file import render_page
-from stepblocks.tables import misspelt, read_table, write_table
-from stepblocks.text_file import as_text
+from stepblocks.tables import find_misspelt_columns, read_table, write_table
+from stepblocks.text_file import format_file_name
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,13 +97,13 @@ def inspect_many(
     """
     import pandas as pd
 
-    asked = _asked(
+    asked = _list_scans(
         [Path(one) for one in scans], stimulus or ("standard" if standard is not None else None)
     )
     factors = [name for name in asked.columns if name not in _OWN]
     rows, left_out = [], []
     for own in asked.to_dict("records"):
-        name = as_text(own["scan"].name)
+        name = format_file_name(own["scan"].name)
         try:
             if standard is not None:
                 result = inspect_standard(own["scan"], standard, **told)
@@ -129,10 +129,10 @@ def inspect_many(
     decisions = []
     for (part, key), own in table.groupby(["stimulus", "characteristic"], sort=False):
         about, one = {"stimulus": part, "characteristic": key}, own["asked"].iloc[0]
-        sources = variance_components(own[["value", "block", *factors]])
+        sources = estimate_variance_components(own[["value", "block", *factors]])
         said["variation"] += [about | source for source in sources]
         for block, its in own.groupby("block", sort=False):
-            measured = _of_block(key, its, sources)
+            measured = _average_block(key, its, sources)
             decision = judge(measured, one.nominal, one.lower, one.upper)
             decisions.append(decision)
             row = {"block": block, "scans": len(its), "value": decision.value, "u": decision.std}
@@ -141,10 +141,10 @@ def inspect_many(
         means = own.groupby("block", sort=False)["value"].mean()
         if len(means) > 2:
             said["capability"].append(
-                about | capability(means.to_numpy(), decision.lower, decision.upper)
+                about | compute_capability(means.to_numpy(), decision.lower, decision.upper)
             )
         points = means if len(means) > 2 else own.set_index("scan")["value"]
-        centre, half = chart_limits(points.to_numpy())
+        centre, half = compute_chart_limits(points.to_numpy())
         for name, value in points.items():
             row = {
                 "point": name,
@@ -154,19 +154,19 @@ def inspect_many(
                 "upper": centre + half,
             }
             said["chart"].append({**about, **row, "outside": bool(abs(value - centre) > half)})
-    tables = {name: _in_um(pd.DataFrame(own)) for name, own in said.items()}
-    tables["scans"] = _in_um(table).drop(columns=["measured", "asked"])
-    return ManyScans(tables, tuple(left_out), verdict_of(decisions))
+    tables = {name: _convert_to_um(pd.DataFrame(own)) for name, own in said.items()}
+    tables["scans"] = _convert_to_um(table).drop(columns=["measured", "asked"])
+    return ManyScans(tables, tuple(left_out), combine_verdicts(decisions))
 
 
-def _in_um(table: pd.DataFrame) -> pd.DataFrame:
+def _convert_to_um(table: pd.DataFrame) -> pd.DataFrame:
     """Give columns of lengths their unit."""
     lengths = [name for name in table if name in _LENGTHS]
     table[lengths] *= 1e6
     return table.rename(columns={name: f"{name}_um" for name in lengths})
 
 
-def _asked(paths: Sequence[Path], stimulus: str | None) -> pd.DataFrame:
+def _list_scans(paths: Sequence[Path], stimulus: str | None) -> pd.DataFrame:
     """Name the scans with their parts, blocks and conditions."""
     import pandas as pd
 
@@ -180,9 +180,9 @@ def _asked(paths: Sequence[Path], stimulus: str | None) -> pd.DataFrame:
             raise PipelineError(f"folder must hold scans, got none [{table.parent}]")
     if is_table(paths):
         frame = read_table(paths[0])
-        for column, likely in misspelt(frame, _OWN).items():
+        for column, likely in find_misspelt_columns(frame, _OWN).items():
             raise PipelineError(f"column {column!r} is not known, is it {likely!r}? [{paths[0]}]")
-        found = [inside(paths[0].parent, str(name)) for name in frame["scan"]]
+        found = [resolve_inside(paths[0].parent, str(name)) for name in frame["scan"]]
         if None in found:
             name = frame["scan"].iloc[found.index(None)]
             raise PipelineError(
@@ -208,7 +208,7 @@ def is_table(paths: Sequence[Path]) -> bool:
         return "scan" in [name.strip() for name in file.readline(10_000).split(",")]
 
 
-def variance_components(table: pd.DataFrame) -> list[dict[str, Any]]:
+def estimate_variance_components(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the standard deviation by source of variation of ``value``: each other column by itself, and what repeats."""
     # Random effects by their expected mean squares, interactions pooled with the repeatability.
     # Where none is repeated under its own conditions, what these change counts as repeatability;
@@ -231,7 +231,11 @@ def variance_components(table: pd.DataFrame) -> list[dict[str, Any]]:
         )
     fit = ols(" + ".join(["value ~ 1", *(f"C({short})" for short in varied)]), frame).fit()
     if fit.df_resid < 1.0:
-        return variance_components(table[["value", "block"]]) if len(table.columns) > 2 else []
+        return (
+            estimate_variance_components(table[["value", "block"]])
+            if len(table.columns) > 2
+            else []
+        )
     squares, error = anova_lm(fit, typ=2), float(fit.mse_resid)
     found = [
         {
@@ -257,7 +261,7 @@ def variance_components(table: pd.DataFrame) -> list[dict[str, Any]]:
     return found
 
 
-def _of_block(key: str, its: pd.DataFrame, sources: Sequence[Mapping[str, Any]]) -> Measured:
+def _average_block(key: str, its: pd.DataFrame, sources: Sequence[Mapping[str, Any]]) -> Measured:
     """Mean over the scans of a block: the scatter over all scans in place of their own, and what does not average."""
     budgets: list[Measured] = list(its["measured"])
     if not sources:
@@ -283,7 +287,9 @@ def _of_block(key: str, its: pd.DataFrame, sources: Sequence[Mapping[str, Any]])
     return Measured(key.replace("_", " "), float(its["value"].mean()), tuple(parts))
 
 
-def capability(values: Array, lower: float, upper: float, level: float = 0.95) -> dict[str, float]:
+def compute_capability(
+    values: Array, lower: float, upper: float, level: float = 0.95
+) -> dict[str, float]:
     """Cp and Cpk of a batch with their intervals (NIST/SEMATECH e-Handbook, 6.1.6); Cp is nan where a limit is infinite."""
     # Blocks that measure alike to the last digit are copies of one scan: their scatter says
     # nothing, and neither index exists.
@@ -308,7 +314,7 @@ def capability(values: Array, lower: float, upper: float, level: float = 0.95) -
     return found | {"cpk": cpk, "cpk_low": cpk - half, "cpk_high": cpk + half}
 
 
-def chart_limits(values: Array) -> tuple[float, float]:
+def compute_chart_limits(values: Array) -> tuple[float, float]:
     """Centre of a chart of individuals, and its limits' distance: three mean moving ranges over d2 (NIST/SEMATECH, 6.3.2.2)."""
     import numpy as np
 
@@ -339,7 +345,7 @@ def write_many(result: ManyScans, folder: str | Path) -> list[Path]:
     )
     write_table(result.tables["scans"], table)
     groups = list(result.tables["chart"].groupby(["stimulus", "characteristic"], sort=False))
-    figure, _ = new_figure(len(groups), 1, width=9.0, height=0.6 + 2.0 * len(groups))
+    figure, _ = make_figure(len(groups), 1, width=9.0, height=0.6 + 2.0 * len(groups))
     for axis, ((part, key), own) in zip(figure.axes, groups, strict=True):
         axis.plot(own["point"], own["value_um"], "o-", color="#1d2a36", ms=4, lw=0.8)
         axis.plot(

@@ -19,9 +19,9 @@ from stepblocks.inspect.noise import (
     Array,
     Estimate,
     Mask,
-    estimated,
-    outlier_mask,
-    robust_scale,
+    estimate_linear,
+    estimate_robust_scale,
+    find_outliers,
 )
 
 _LEAST_FLOOR = 5  # points of a row in the features
@@ -61,12 +61,12 @@ class MaskedStep:
     shown: int  # row with most floor
 
 
-def masked_step(
+def measure_masked_step(
     scan: HeightMap, exclusion: float | None = None, inside: Mask | None = None
 ) -> MaskedStep:
     """Depth of holes, or height of bumps, over a map; missing points take no part."""
     # `exclusion` is the distance to keep to every edge [m]; by default that at which both sides
-    # have settled. `inside` is the mask of the features; by default they are sought.
+    # have settled. `resolve_inside` is the mask of the features; by default they are sought.
     z, measured = scan.height, np.isfinite(scan.height)
     pitch = min(scan.dx, scan.dy)
     if inside is None:
@@ -74,25 +74,25 @@ def masked_step(
         nearest = ndimage.distance_transform_edt(
             ~measured, return_distances=False, return_indices=True
         )
-        inside = _features(scan)[tuple(nearest)]
+        inside = _find_features(scan)[tuple(nearest)]
     within, outside = (
         ndimage.distance_transform_edt(one, sampling=(scan.dy, scan.dx))
         for one in (inside, ~inside)
     )
     if exclusion is None:
-        level = _levelled(z, (outside > 3.0 * pitch) & measured, 1)
-        exclusion = _settling_distance(level, within, outside, pitch)
+        level = _level_map(z, (outside > 3.0 * pitch) & measured, 1)
+        exclusion = _find_settling_distance(level, within, outside, pitch)
     floor, reference = (within > exclusion) & measured, (outside > exclusion) & measured
-    asked, level = int(reference.sum()), _rows_levelled(z, reference)
+    asked, level = int(reference.sum()), _level_rows(z, reference)
     for _ in range(_TURNS if asked else 0):
-        if not (spikes := outlier_mask(level, reference)).any():
+        if not (spikes := find_outliers(level, reference)).any():
             break
         reference &= ~spikes
-        level = _rows_levelled(z, reference)
+        level = _level_rows(z, reference)
     if reference.sum() < _LEAST_KEPT * asked:
         rule = f"at least {_LEAST_KEPT:.0%} of what lies beside the features must be level"
         raise MetrologyError(f"{rule}, got {reference.sum() / asked:.0%} [{scan.source}]")
-    depths, weights = _row_depths(scan.x, z, floor, reference)
+    depths, weights = _fit_row_depths(scan.x, z, floor, reference)
     known = np.isfinite(depths)
     if known.sum() < 3:
         rule = (
@@ -110,7 +110,7 @@ def masked_step(
         )
     share = weights / weights.sum()
     value = float(np.sum(share[known] * depths[known]))
-    depth = _by_bands(depths, share, value, known)
+    depth = _estimate_by_bands(depths, share, value, known)
     near = max(3.0 * pitch, _SUDDEN[0] * float(within.max()))
     sides = [level[(np.abs(one - near) <= pitch) & measured] for one in (within, outside)]
     if not all(side.size for side in sides):
@@ -132,7 +132,7 @@ def masked_step(
     )
 
 
-def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimate:
+def _estimate_by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimate:
     """Scatter over bands of rows that cross the same features; rows within a band are not independent of one another."""
     # Bands whose variance goes as one over their share give ``sum(share deviation^2) / (bands -
     # 1)`` without bias and with exactly one degree of freedom less than bands; a band that the map
@@ -145,14 +145,14 @@ def _by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimat
     if len(bands) > 1 and share[bands[-1]].sum() < least:
         bands[-2:] = [np.concatenate(bands[-2:])]
     if len(bands) < _LEAST_BANDS:
-        return estimated(depth, share, depths - depth, known, np.ones((1, len(depths))))
+        return estimate_linear(depth, share, depths - depth, known, np.ones((1, len(depths))))
     parts = [
         np.sum(share[band] * (depths[band] - depth)) ** 2 / np.sum(share[band]) for band in bands
     ]
     return Estimate(depth, float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
 
 
-def _levelled(z: Array, reference: Mask, degree: int) -> Array:
+def _level_map(z: Array, reference: Mask, degree: int) -> Array:
     """Return heights less a polynomial of total degree `degree` through those of the reference."""
     t, u = np.meshgrid(*(np.linspace(-1.0, 1.0, size) for size in z.shape[::-1]))
     terms = np.stack([t**i * u**j for i in range(degree + 1) for j in range(degree + 1 - i)])
@@ -160,16 +160,16 @@ def _levelled(z: Array, reference: Mask, degree: int) -> Array:
     return np.asarray(z - np.tensordot(solution, terms, 1))
 
 
-def _features(scan: HeightMap) -> Mask:
+def _find_features(scan: HeightMap) -> Mask:
     """Mask of the level that covers less of the map; the rows are levelled without it until it stays."""
     z, known = scan.height, np.isfinite(scan.height)
-    level = _levelled(z, known, 1)
+    level = _level_map(z, known, 1)
     for _ in range(_TURNS):
         off = np.abs(level - np.median(level[known]))
-        level = _rows_levelled(z, known & (off < 3.0 * np.median(off[known])))
+        level = _level_rows(z, known & (off < 3.0 * np.median(off[known])))
     inside = np.zeros(z.shape, dtype=bool)
     for _ in range(2 * _TURNS):
-        low, high = _two_modes(level[known], scan.source)
+        low, high = _find_two_modes(level[known], scan.source)
         middle, reach = 0.5 * (low + high), high - low
         # what towers over a level by as much as it is away from the other is a third
         upper = (level > middle) & (level < high + 0.5 * reach) & known
@@ -179,15 +179,15 @@ def _features(scan: HeightMap) -> Mask:
             break
         inside = following
         near = ~ndimage.binary_dilation(inside, iterations=3)
-        level = _rows_levelled(z, near & (upper | lower))
+        level = _level_rows(z, near & (upper | lower))
     return inside
 
 
-def _two_modes(heights: Array, source: str) -> tuple[float, float]:
+def _find_two_modes(heights: Array, source: str) -> tuple[float, float]:
     """Return the two heights at which most points gather with a gap between; refused, with the figure, where they do not."""
     ends = np.percentile(heights, [0.3, 99.7])
     counts, bins = np.histogram(heights, _BINS, (float(ends[0]), float(ends[1]) + 1e-15))
-    bulk = robust_scale(heights) / float(ends[1] - ends[0] + 1e-15)
+    bulk = estimate_robust_scale(heights) / float(ends[1] - ends[0] + 1e-15)
     density = ndimage.gaussian_filter1d(
         np.pad(counts.astype(np.float64), 1), float(np.clip(0.12 * bulk, 0.004, 0.012)) * _BINS
     )
@@ -213,7 +213,7 @@ def _two_modes(heights: Array, source: str) -> tuple[float, float]:
     return low, high
 
 
-def _rows_levelled(z: Array, reference: Mask) -> Array:
+def _level_rows(z: Array, reference: Mask) -> Array:
     """Level each row by a line through its reference; a row with too little of it keeps its heights less the median."""
     level = z - float(np.median(z[reference])) if reference.any() else z.copy()
     rows = reference.sum(axis=1) >= _LEAST_REFERENCE
@@ -228,7 +228,7 @@ def _rows_levelled(z: Array, reference: Mask) -> Array:
     return np.asarray(level)
 
 
-def _settling_distance(level: Array, within: Array, outside: Array, pitch: float) -> float:
+def _find_settling_distance(level: Array, within: Array, outside: Array, pitch: float) -> float:
     # both sides are judged within the half width of the features, since bows of the scan show
     # beyond it
     reach = float(within.max())
@@ -251,7 +251,7 @@ def _settling_distance(level: Array, within: Array, outside: Array, pitch: float
     return (settled + 1.5) * pitch
 
 
-def _row_depths(x: Array, z: Array, floor: Mask, reference: Mask) -> tuple[Array, Array]:
+def _fit_row_depths(x: Array, z: Array, floor: Mask, reference: Mask) -> tuple[Array, Array]:
     depths, weights = np.full(len(z), np.nan), np.zeros(len(z))
     for row in range(len(z)):
         low, high = floor[row], reference[row]
@@ -286,7 +286,7 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     from scipy.optimize import minimize
 
     known = np.isfinite(z)
-    level = np.where(known, _levelled(z, known, 2), 0.0)
+    level = np.where(known, _level_map(z, known, 2), 0.0)
     tapers = [np.hanning(n + 2)[1:-1] if n > 3 else np.ones(n) for n in z.shape]
     power = (
         np.abs(
@@ -318,7 +318,7 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     thin = max(len(heights) // 40_000, 1)
 
     def unexplained(scaled: Array) -> float:
-        shape, phase = _folded((first + scaled * unit) @ points[:, ::thin], heights[::thin])
+        shape, phase = _fold_period((first + scaled * unit) @ points[:, ::thin], heights[::thin])
         # a shape of half as many phases as there are points fits anything, as it does the rounding
         # of a plane
         left, floor = len(phase) - 2 * len(np.unique(phase)), LEAST_SCATTER**2 * len(phase)
@@ -344,16 +344,16 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
         rule = f"one shape must repeat in at least {_REPEATS:.0%} of the variance of a grating"
         raise MetrologyError(f"{rule}, got {share:.0%}")
     pitch, angle = 1.0 / float(np.hypot(*frequency)), float(np.arctan2(frequency[1], frequency[0]))
-    depth, form, shape = _depth(along, heights)
+    depth, form, shape = _measure_shape_depth(along, heights)
     parts = np.array_split(
         np.argsort(along, kind="stable"), int(min(8, max(np.ptp(along) // 1.5, 2)))
     )
-    depths = np.array([_depth(along[part], heights[part])[0] for part in parts])
+    depths = np.array([_measure_shape_depth(along[part], heights[part])[0] for part in parts])
     scatter = float(depths.std(ddof=1) / np.sqrt(len(parts)))
     step = float(x[1] - x[0]) / np.sqrt(12.0) / max(float(np.ptp(along)), 1.0)
     rest = np.full(z.shape, np.nan)
-    rest[known] = heights - shape[_folded(along, heights)[1]]
-    uneven, dof = _uneven(along, heights, rest[known])
+    rest[known] = heights - shape[_fold_period(along, heights)[1]]
+    uneven, dof = _estimate_unevenness(along, heights, rest[known])
     own = Estimate(pitch, float(np.hypot(pitch * uneven, step)), dof)
     found = Estimate(depth, scatter, len(parts) - 1.0), form, own
     drawn = np.where(known, level, np.nan), rest
@@ -362,14 +362,14 @@ def fit_grating(x: Array, y: Array, z: Array) -> Grating:
     )
 
 
-def _folded(along: Array, heights: Array) -> tuple[Array, NDArray[np.intp]]:
+def _fold_period(along: Array, heights: Array) -> tuple[Array, NDArray[np.intp]]:
     """Mean height in each phase of the period, and the phase of each point."""
     phase = (np.floor(_PHASES * (along - np.floor(along))).astype(np.intp)) % _PHASES
     count = np.bincount(phase, minlength=_PHASES)
     return np.bincount(phase, heights, _PHASES) / np.maximum(count, 1), phase
 
 
-def _uneven(along: Array, heights: Array, rest: Array) -> tuple[float, float]:
+def _estimate_unevenness(along: Array, heights: Array, rest: Array) -> tuple[float, float]:
     """Return the standard error of the mean distance of neighbouring lines, in pitches, and its degrees of freedom."""
     wave = np.exp(2j * np.pi * along)
     first = np.mean(heights / wave)
@@ -387,12 +387,12 @@ def _uneven(along: Array, heights: Array, rest: Array) -> tuple[float, float]:
     return max(found)
 
 
-def _depth(along: Array, heights: Array) -> tuple[float, float, Array]:
+def _measure_shape_depth(along: Array, heights: Array) -> tuple[float, float, Array]:
     """Peak to valley of the mean shape, its uncertainty, and the shape."""
     # Noise is kept out by few harmonics. What they round off a sharp tip goes as one over their
     # number, so the change from half as many is added once more, and is the uncertainty too, as a
     # rectangle.
-    shape, _ = _folded(along, heights)
+    shape, _ = _fold_period(along, heights)
     terms = np.pad(np.fft.rfft(shape), (0, 7 * _PHASES))
     ranges = []
     for kept in (_HARMONICS, _HARMONICS // 2, _HARMONICS // 4):

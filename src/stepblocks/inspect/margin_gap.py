@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.levelling import LEAST_FACE, check_profile, despiked, fit_two_planes
+from stepblocks.inspect.levelling import LEAST_FACE, check_profile, fit_two_planes, remove_spikes
 from stepblocks.inspect.noise import Array, Estimate
 
 
@@ -42,14 +42,16 @@ def fit_margin(x: Array, z: Array) -> Margin:
     # missing points count as gap. Where two samples jump over a wall, the edge is known to that
     # interval, as a rectangle; on a flank it is interpolated.
     check_profile(x, z, 3 * LEAST_FACE)
-    begin, end = _gap(x, z)
+    begin, end = _find_gap(x, z)
     margin = max((end - begin) // 2, 3)
     used = np.isfinite(z)
     used[max(begin - margin, 0) : end + margin] = False
     if min(used[:begin].sum(), used[end:].sum()) < LEAST_FACE:
         raise MetrologyError(f"shoulders must keep {LEAST_FACE} points each beside the gap")
     planes = fit_two_planes(x, z, 0.5 * float(x[begin] + x[end - 1]), used)
-    left, right = _edges(x, z - planes.tilt * x - planes.offset, planes.height.value, begin, end)
+    left, right = _find_walls(
+        x, z - planes.tilt * x - planes.offset, planes.height.value, begin, end
+    )
     spacing, roughness = (
         float(np.diff(x).mean()),
         float(np.std(planes.fit.residuals[planes.fit.used])),
@@ -64,14 +66,14 @@ def fit_margin(x: Array, z: Array) -> Margin:
     return Margin(opening, sampling, planes.height)
 
 
-def _gap(x: Array, z: Array) -> tuple[int, int]:
+def _find_gap(x: Array, z: Array) -> tuple[int, int]:
     """Return the indices of the longest stretch that is missing or far below both shoulders."""
     # Only to find it the profile is levelled by the median of its slopes, which does not see a gap
     # of less than half of it.
     known, quarter = np.isfinite(z), len(z) // 4
     u, w = x[known], z[known]
     lag = max(len(w) // 50, 1)
-    level = despiked(z - float(np.median((w[lag:] - w[:-lag]) / (u[lag:] - u[:-lag]))) * x)
+    level = remove_spikes(z - float(np.median((w[lag:] - w[:-lag]) / (u[lag:] - u[:-lag]))) * x)
     shoulders, bottom = (
         [float(np.nanmedian(part)) for part in (level[:quarter], level[-quarter:])],
         np.nanmin(level),
@@ -95,7 +97,7 @@ class _Wall(NamedTuple):
     jump: float  # over it [m]
 
 
-def _edges(x: Array, flat: Array, rise: float, begin: int, end: int) -> list[_Wall]:
+def _find_walls(x: Array, flat: Array, rise: float, begin: int, end: int) -> list[_Wall]:
     lower = min(0.0, rise)
     inner = flat[begin:end]
     # the median of the deepest tenth, since the deepest point is mostly noise
@@ -108,10 +110,13 @@ def _edges(x: Array, flat: Array, rise: float, begin: int, end: int) -> list[_Wa
         int(np.flatnonzero(solid[:middle])[-1]),
         middle + int(np.flatnonzero(solid[middle:])[0]),
     )
-    return [_wall(x[low : low + 2], flat[low : low + 2], level, depth) for low in (left, right - 1)]
+    return [
+        _locate_wall(x[low : low + 2], flat[low : low + 2], level, depth)
+        for low in (left, right - 1)
+    ]
 
 
-def _wall(x: Array, flat: Array, level: float, depth: float) -> _Wall:
+def _locate_wall(x: Array, flat: Array, level: float, depth: float) -> _Wall:
     """Locate a wall between two samples: a jump of the whole depth leaves the interval open, a flank is interpolated."""
     jump = float(abs(flat[1] - flat[0]))
     if not np.isfinite(jump / depth) or jump == 0.0:

@@ -6,20 +6,26 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import HeightMap, Profile, rows_of
+from stepblocks.artefacts.scans.scan import HeightMap, Profile, list_profiles
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import (
     Component,
     Instrument,
     Measured,
-    measured_from_profiles,
-    with_budget,
+    add_instrument_components,
+    average_profiles,
 )
 from stepblocks.inspect.edge import Edge, fit_edge, fit_step
-from stepblocks.inspect.edge_arc import edge_profile
-from stepblocks.inspect.form import FaceForm, fit_face, flatness, parallelism, zone_of
+from stepblocks.inspect.edge_arc import compute_edge_profile
+from stepblocks.inspect.form import (
+    FaceForm,
+    compute_flatness,
+    compute_parallelism,
+    estimate_zone,
+    fit_face,
+)
 from stepblocks.inspect.margin_gap import fit_margin
-from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, Mask, robust_scale
+from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, Mask, estimate_robust_scale
 from stepblocks.inspect.tip import fit_cap
 
 Window = tuple[float, float, str]  # begin, end [m] and name
@@ -55,7 +61,7 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class How:
+class EvaluationOptions:
     """How a scan is to be evaluated; what is not said follows the data."""
 
     exclusion: float | None = None  # half width kept out at every edge [m]; where the flank is
@@ -72,11 +78,11 @@ class How:
     stylus_cone: float = 0.0  # full angle of the stylus [rad]
 
 
-AS_FOUND = How()
+AS_FOUND = EvaluationOptions()
 
 
 @dataclass(frozen=True)
-class Inspected:
+class Evaluation:
     """What a scan says."""
 
     values: dict[str, Measured]  # by key of the characteristic
@@ -87,20 +93,22 @@ class Inspected:
 
 
 def measure_edge(
-    scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND
-) -> Inspected:
+    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions = AS_FOUND
+) -> Evaluation:
     """Height and edge radius of a step; of a map also flatness and parallelism of the faces."""
-    rows, notes = sampled(scan, how)
-    found, refused = tried(lambda row: fit_edge(row.position, row.height, how.exclusion), rows)
+    rows, notes = sample_profiles(scan, how)
+    found, refused = evaluate_each(
+        lambda row: fit_edge(row.position, row.height, how.exclusion), rows
+    )
     crossed = np.array(
         [(one.height.value, one.position, one.exclusion) for _, one in found]
     ).reshape(-1, 3, 1)
-    results = agreed(found, crossed.swapaxes(0, 1), rows, refused, notes)
+    results = keep_agreeing(found, crossed.swapaxes(0, 1), rows, refused, notes)
     edges = [edge for _, edge in results]
-    form = Component("form", _form_of(results), how="change with twice the exclusion, rectangular")
-    height = measured_from_profiles(
-        "step height", [one.height for one in edges], instrument, [form]
+    form = Component(
+        "form", _estimate_form(results), how="change with twice the exclusion, rectangular"
     )
+    height = average_profiles("step height", [one.height for one in edges], instrument, [form])
     flanks = [one.flank for one in edges if one.flank is not None]
     sloped = 2 * len(flanks) > len(edges)
     corners = [one.radius for one in edges if (one.flank is not None) == sloped]
@@ -122,7 +130,7 @@ def measure_edge(
         if unresolved > 0.0
         else []
     )
-    radius = measured_from_profiles("edge radius", corners, instrument, sampling, axes=(1.0, 1.0))
+    radius = average_profiles("edge radius", corners, instrument, sampling, axes=(1.0, 1.0))
     if how.stylus_radius > 0.0:
         notes.append(
             f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius"
@@ -144,7 +152,7 @@ def measure_edge(
     first, edge = results[0]
     drawn = None
     if isinstance(scan, HeightMap):
-        faces, drawn = _faces(scan, edge, instrument, notes)
+        faces, drawn = _measure_faces(scan, edge, instrument, notes)
         values |= faces
     if rejected := sum(one.rejected for one in edges):
         notes.append(f"{rejected} points missing or left out as spikes")
@@ -168,14 +176,16 @@ def measure_edge(
     level = first.height - edge.tilt * x
     lower = (x < before) if edge.rising else (x > behind)
     sign, corner = (1.0 if edge.rising else -1.0), 0.0 if sloped else max(edge.radius.value, 0.0)
-    fitted = edge_profile(sign * x, sign * edge.position, edge.height.value, corner)
+    fitted = compute_edge_profile(sign * x, sign * edge.position, edge.height.value, corner)
     shown = Shown(x, level - np.nanmedian(level[lower]), windows, fitted, edge.dropped, drawn)
-    return Inspected(values, convention, tuple(notes), shown, arc=not sloped)
+    return Evaluation(values, convention, tuple(notes), shown, arc=not sloped)
 
 
-def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profile], list[str]]:
+def sample_profiles(
+    scan: Profile | HeightMap, how: EvaluationOptions = AS_FOUND
+) -> tuple[list[Profile], list[str]]:
     """Return the profiles of a scan that are evaluated, cropped and in equal steps, and notes on what that took."""
-    rows, notes = rows_of(scan), []
+    rows, notes = list_profiles(scan), []
     if len(rows) > _MOST_PROFILES:
         chosen = np.unique(np.linspace(0, len(rows) - 1, _MOST_PROFILES).round().astype(int))
         notes = [f"{len(chosen)} of {len(rows)} profiles evaluated"]
@@ -204,7 +214,7 @@ def sampled(scan: Profile | HeightMap, how: How = AS_FOUND) -> tuple[list[Profil
     return [Profile(x, z, row.source) for z, row in zip(heights, measured, strict=True)], notes
 
 
-def agreed(
+def keep_agreeing(
     found: list[tuple[Profile, T]],
     crossed: Array,
     rows: list[Profile],
@@ -221,7 +231,7 @@ def agreed(
         slant = np.median((places[lag:] - places[:-lag]) / lag, axis=0)
         off = places - slant * np.arange(len(found))[:, np.newaxis]
         off -= np.median(off, axis=0)
-        scatter = np.array([robust_scale(column) for column in off.T])
+        scatter = np.array([estimate_robust_scale(column) for column in off.T])
         alike = np.all(np.abs(off) <= np.maximum(slack, 8.0 * scatter + LEAST_SCATTER), axis=1)
         alike &= np.all(np.abs(heights - middle) <= 0.5 * np.abs(middle), axis=1)
     kept = [one for one, same in zip(found, alike, strict=True) if same]
@@ -243,7 +253,9 @@ def agreed(
     return kept
 
 
-def tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S, T]], list[str]]:
+def evaluate_each(
+    evaluate: Callable[[S], T], asked: Iterable[S]
+) -> tuple[list[tuple[S, T]], list[str]]:
     """Return what can be evaluated with its result, and why the others were refused."""
     results, refused = [], []
     for one in asked:
@@ -254,10 +266,10 @@ def tried(evaluate: Callable[[S], T], asked: Iterable[S]) -> tuple[list[tuple[S,
     return results, refused
 
 
-def _form_of(results: list[tuple[Profile, Edge]]) -> float:
+def _estimate_form(results: list[tuple[Profile, Edge]]) -> float:
     """Change of the mean height when twice as much is excluded, beyond what noise alone changes, as a rectangle."""
     some = results[:: max(len(results) // 10, 1)]
-    wider = tried(
+    wider = evaluate_each(
         lambda one: fit_step(one[0].position, one[0].height, 2.0 * one[1].exclusion), some
     )[0]
     pairs = [(edge.height, wide) for (_, edge), wide in wider]
@@ -269,7 +281,7 @@ def _form_of(results: list[tuple[Profile, Edge]]) -> float:
     return float(np.sqrt(max(beyond, 0.0) / 3.0))
 
 
-def _faces(
+def _measure_faces(
     scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]
 ) -> tuple[dict[str, Measured], ShownMap]:
     """Flatness and parallelism of the faces of a map, and how they lie in it."""
@@ -288,9 +300,9 @@ def _faces(
     parts = ("upper face", upper & known), ("lower face", lower & known)
     drawn = ShownMap(level, rest, parts, (float(x[-1]), float(y[-1])))
     asked: dict[str, tuple[str, Callable[..., float], tuple[FaceForm, ...]]] = {
-        "flatness_lower": ("flatness, lower face", flatness, (low,)),
-        "flatness_upper": ("flatness, upper face", flatness, (high,)),
-        "parallelism": ("parallelism, upper face to A", parallelism, (high, low)),
+        "flatness_lower": ("flatness, lower face", compute_flatness, (low,)),
+        "flatness_upper": ("flatness, upper face", compute_flatness, (high,)),
+        "parallelism": ("parallelism, upper face to A", compute_parallelism, (high, low)),
     }
     zones = [
         (name, zone(*[face.points for face in faces]) * 1e6) for name, zone, faces in asked.values()
@@ -303,20 +315,20 @@ def _faces(
     )
     values = {}
     for key, (name, zone, faces) in asked.items():
-        form = zone_of(zone, *faces)
+        form = estimate_zone(zone, *faces)
         noise = Component("noise", form.std, form.dof, "draws from the covariance of the form")
-        values[key] = with_budget(name, form.value, [noise], instrument)
+        values[key] = add_instrument_components(name, form.value, [noise], instrument)
     return values, drawn
 
 
 def measure_margin(
-    scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND
-) -> Inspected:
+    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions = AS_FOUND
+) -> Evaluation:
     """Measure opening and rise of a margin, and the absolute discrepancy."""
-    rows, notes = sampled(scan, how)
-    found, refused = tried(lambda row: fit_margin(row.position, row.height), rows)
+    rows, notes = sample_profiles(scan, how)
+    found, refused = evaluate_each(lambda row: fit_margin(row.position, row.height), rows)
     openings = np.array([[one.opening.value] for _, one in found]).reshape(-1, 1)
-    results = agreed(
+    results = keep_agreeing(
         found, np.stack([openings, 0.0 * openings, 0.0 * openings]), rows, refused, notes
     )
     ones = [one for _, one in results]
@@ -331,26 +343,29 @@ def measure_margin(
     for key, (each, part, axes) in sizes.items():
         origin = "one interval at either edge, rectangular; the same in every profile"
         others = [Component("sampling", part * sampling, how=origin)] if part > 0.0 else []
-        values[key] = measured_from_profiles(key.replace("_", " "), each, instrument, others, axes)
+        values[key] = average_profiles(key.replace("_", " "), each, instrument, others, axes)
     first = results[0][0]
     left = np.nanmedian(first.height[: len(first.height) // 4])
     convention = "shoulders by two planes with a common slope; edges at half the depth of the gap"
-    return Inspected(values, convention, tuple(notes), Shown(first.position, first.height - left))
+    return Evaluation(values, convention, tuple(notes), Shown(first.position, first.height - left))
 
 
 def measure_tip(
-    scan: Profile | HeightMap, instrument: Instrument, how: How = AS_FOUND, nominal: float = 0.0
-) -> Inspected:
+    scan: Profile | HeightMap,
+    instrument: Instrument,
+    how: EvaluationOptions = AS_FOUND,
+    nominal: float = 0.0,
+) -> Evaluation:
     """Radius of a probe tip of about `nominal` [m]: from a height map that looks at it along its axis, or a profile over it."""
     notes: list[str] = []
     if isinstance(scan, Profile):
-        (scan,), notes = sampled(scan, how)
+        (scan,), notes = sample_profiles(scan, how)
     cap = fit_cap(scan, nominal)
     radius, reach = (
         cap.radius,
         float(np.sin(cap.cap_angle)),
     )  # of what the points cover, as a part of the radius
-    narrower = tried(lambda part: fit_cap(scan, nominal, part), [_NARROWER * reach])[0]
+    narrower = evaluate_each(lambda part: fit_cap(scan, nominal, part), [_NARROWER * reach])[0]
     change = max((abs(one.radius.value - radius.value) for _, one in narrower), default=0.0)
     # a cap of 0.7 of the angle knows its radius by a quarter as well
     beyond = float(np.sqrt(max(change**2 - (3.0 * radius.std) ** 2, 0.0) / 3.0))
@@ -361,7 +376,7 @@ def measure_tip(
         radius = replace(radius, value=radius.value - how.stylus_radius)
         notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.4g} um is taken off")
     # of a cap, height h over width a, R is a^2 / 2h: twice the lateral error, once the vertical
-    value = measured_from_profiles("ball radius", [radius], instrument, [form], axes=(1.0, 2.0))
+    value = average_profiles("ball radius", [radius], instrument, [form], axes=(1.0, 2.0))
     notes.append(
         f"form of the ball {cap.form * 1e6:.3g} um, with noise, over "
         f"{np.degrees(cap.cap_angle):.3g} deg"
@@ -376,6 +391,6 @@ def measure_tip(
     x, z, fitted = cap.drawn
     low = float(np.nanmin(z))
     shown = Shown(x, z - low, (), fitted - low)
-    return Inspected(
+    return Evaluation(
         {"ball_radius": value}, f"least-squares {through}, in heights", tuple(notes), shown
     )

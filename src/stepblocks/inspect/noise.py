@@ -51,22 +51,22 @@ class Estimate:
     )  # its effective degrees of freedom; infinite where the residuals are zero up to rounding
 
 
-def robust_scale(residuals: Array) -> float:
+def estimate_robust_scale(residuals: Array) -> float:
     """Return the standard deviation of the bulk of `residuals`, from their median absolute deviation [same unit]."""
     return float(_GAUSS_PER_MAD * np.median(np.abs(residuals - np.median(residuals))))
 
 
-def outlier_mask(residuals: Array, used: Mask) -> Mask:
+def find_outliers(residuals: Array, used: Mask) -> Mask:
     """Return true for spikes: residuals [m] beyond five robust deviations from the median of those used; none without scatter."""
     own = residuals[used]
-    scale = robust_scale(own)
+    scale = estimate_robust_scale(own)
     spikes = np.zeros_like(used)
     if scale > LEAST_SCATTER:
         spikes[used] = np.abs(own - np.median(own)) > SPIKE * scale
     return spikes
 
 
-def autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
+def estimate_autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
     """Autocovariance of residuals that come in pieces, tapered so that it is a valid covariance."""
     # The sum over pairs is divided by the number of points at every lag, which keeps it positive
     # semidefinite, as does the product with Parzen's window. The window is four times as wide as
@@ -94,23 +94,25 @@ def autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
     return np.asarray(gamma * (max(count - parameters, 1) / (count - lost)))
 
 
-def estimator_covariance(weights: Array, gamma: Array) -> Array:
+def compute_estimator_covariance(weights: Array, gamma: Array) -> Array:
     """Covariance of linear estimates ``weights @ z`` for noise of autocovariance `gamma`."""
-    return np.asarray(weights @ matmul_toeplitz(padded(gamma, weights.shape[1]), weights.T))
+    return np.asarray(
+        weights @ matmul_toeplitz(pad_autocovariance(gamma, weights.shape[1]), weights.T)
+    )
 
 
-def padded(gamma: Array, count: int) -> Array:
+def pad_autocovariance(gamma: Array, count: int) -> Array:
     """Return an autocovariance over `count` lags, zero beyond those that are known."""
     return np.pad(gamma[:count], (0, max(count - len(gamma), 0)))
 
 
-def covariance_root(covariance: Array) -> Array:
+def factor_covariance(covariance: Array) -> Array:
     """Return rows whose products add up to a covariance, by its eigenvectors, since it may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)
 
 
-def estimated(
+def estimate_linear(
     value: float, weights: Array, residuals: Array, used: Mask, design: Array
 ) -> Estimate:
     """State `value`, which is ``sum(weights * z)``, with its uncertainty from the residuals of the fit."""

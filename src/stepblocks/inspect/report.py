@@ -12,19 +12,19 @@ import numpy as np
 
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.artefacts.certificate import write_certificate
-from stepblocks.artefacts.on_paper import sheet_table
+from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.atomic import replace_text
-from stepblocks.figure_file import new_figure, save_figure
+from stepblocks.figure_file import make_figure, save_figure
 from stepblocks.inspect.budget import Decision, Measured, Outcome
-from stepblocks.inspect.measure import Inspected, Shown, ShownMap
+from stepblocks.inspect.measure import Evaluation, Shown, ShownMap
 from stepblocks.page_file import render_page
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import GUARD_FACTOR
-from stepblocks.quantities import column_label
+from stepblocks.quantities import format_column_label
 from stepblocks.tables import write_table
 
 _COLOUR: dict[Outcome | None, str] = {
@@ -48,7 +48,7 @@ class InspectionResult:
 
     identity: str  # of the part
     stimulus: Part | None  # what was asked for; None for a depth standard
-    inspected: Inspected  # what was measured
+    inspected: Evaluation  # what was measured
     judged: tuple[tuple[Characteristic, Decision], ...]  # each value that has limits
     verdict: Outcome | None  # over all of them; None where nothing was asked
     felt: str  # how far the felt energy moved; empty where it does not follow from the values
@@ -87,7 +87,7 @@ class InspectionResult:
                     "upper_um": decision.upper,
                     "guard_um": decision.guard,
                 }
-                row |= {name: _known(value * 1e6) for name, value in ends.items()}
+                row |= {name: _finite_or_none(value * 1e6) for name, value in ends.items()}
             rows.append(
                 {**row, "verdict": "no limits" if decision is None else decision.verdict.value}
             )
@@ -117,7 +117,10 @@ class InspectionResult:
         """Write verdict, tables and remarks."""
         said = [f"{self.identity}: {self.said}\n"]
         for name, rows in self.tables.items():
-            cells = [[column_label(key), *(_cell(row[key]) for row in rows)] for key in rows[0]]
+            cells = [
+                [format_column_label(key), *(_format_cell(row[key]) for row in rows)]
+                for key in rows[0]
+            ]
             columns = [[cell.ljust(max(map(len, column))) for cell in column] for column in cells]
             said += [name, *("  ".join(line).rstrip() for line in zip(*columns, strict=True)), ""]
         return "\n".join([*said, *self.remarks])
@@ -142,38 +145,45 @@ class InspectionResult:
             "felt": self.felt,
             "others_m": {key: one.value for key, one in self._others.items()},
             "characteristics": [
-                _record(one, d, self.inspected.values[one.key]) for one, d in self.judged
+                _describe_decision(one, d, self.inspected.values[one.key]) for one, d in self.judged
             ],
         }
 
 
-def _cell(value: Any) -> str:
+def _format_cell(value: Any) -> str:
     return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _record(one: Characteristic, decision: Decision, measured: Measured) -> dict[str, Any]:
+def _describe_decision(
+    one: Characteristic, decision: Decision, measured: Measured
+) -> dict[str, Any]:
     half = measured.expanded()
     return {
         "key": one.key,
         "label": one.label,
         "nominal_m": one.nominal,
-        "lower_limit_m": _known(decision.lower),
-        "upper_limit_m": _known(decision.upper),
+        "lower_limit_m": _finite_or_none(decision.lower),
+        "upper_limit_m": _finite_or_none(decision.upper),
         "value_m": decision.value,
         "std_m": decision.std,
-        "dof": _known(measured.dof),
+        "dof": _finite_or_none(measured.dof),
         "interval_95_m": [decision.value - half, decision.value + half],
         "guard_band_m": decision.guard,
         "conformance_probability": decision.probability,
         "verdict": decision.verdict.value,
         "budget": [
-            {"name": part.name, "std_m": _known(part.std), "dof": _known(part.dof), "how": part.how}
+            {
+                "name": part.name,
+                "std_m": _finite_or_none(part.std),
+                "dof": _finite_or_none(part.dof),
+                "how": part.how,
+            }
             for part in measured.components
         ],
     }
 
 
-def _known(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
@@ -228,7 +238,7 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     )
     if result.stimulus is not None:
         filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
-        write_table(sheet_table(result.stimulus, filled), sheet)
+        write_table(make_sheet_table(result.stimulus, filled), sheet)
         write_qif(qif, result.stimulus, result.order, filled)
         write_certificate(certificate, result.stimulus, result.as_record(), result.order, digest)
         paths += [sheet, qif, certificate]
@@ -242,7 +252,7 @@ def _draw(path: Path, result: InspectionResult) -> None:
     maps = [] if shown is None or shown.map is None else [5.0, 5.0]
     heights = [*maps, *scan, *[1.0] * count]
     size = 0.9 + 0.74 * sum(maps + scan) + 0.62 * count
-    figure, _ = new_figure(len(heights), width=9.0, height=size, heights=heights)
+    figure, _ = make_figure(len(heights), width=9.0, height=size, heights=heights)
     axes = figure.axes
     if shown is not None and shown.map is not None:
         _draw_map(axes[:2], shown.map)

@@ -4,18 +4,25 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from stepblocks.artefacts.qif_read import matched_by, read_qif_results
+from stepblocks.artefacts.qif_read import match_results, read_qif_results
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
-from stepblocks.contact.counterface import Step, energy_change, scanned_angle
+from stepblocks.contact.counterface import Step, energy_change, find_scanned_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.errors import MetrologyError, PipelineError
-from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, judge, verdict_of
+from stepblocks.inspect.budget import (
+    Component,
+    Instrument,
+    Measured,
+    Outcome,
+    combine_verdicts,
+    judge,
+)
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.measure import (
     AS_FOUND,
-    How,
-    Inspected,
+    Evaluation,
+    EvaluationOptions,
     measure_edge,
     measure_margin,
     measure_tip,
@@ -24,14 +31,16 @@ from stepblocks.inspect.report import InspectionResult
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.select import stimulus_files
-from stepblocks.text_file import as_text
+from stepblocks.select import find_stimulus_files
+from stepblocks.text_file import format_file_name
 
-Evaluation = Callable[[Profile | HeightMap, Instrument, Characteristic, How], Inspected]
+Evaluator = Callable[
+    [Profile | HeightMap, Instrument, Characteristic, EvaluationOptions], Evaluation
+]
 
 # What is scanned of a part, by the characteristic that it shows: a part that has one can be
 # inspected.
-EVALUATIONS: dict[str, Evaluation] = {
+EVALUATIONS: dict[str, Evaluator] = {
     "step_height": lambda scan, instrument, asked, how: measure_edge(scan, instrument, how),
     "groove_depth": lambda scan, instrument, asked, how: measure_groove(
         scan, instrument, how, asked.key
@@ -72,7 +81,7 @@ def inspect_scan(
     stimuli: str | Path = "stimuli",
     instrument: Instrument = _NOTHING_KNOWN,
     feature: str = "edge",
-    how: How = AS_FOUND,
+    how: EvaluationOptions = AS_FOUND,
     unit: str | None = None,
     channel: str | None = None,
 ) -> InspectionResult:
@@ -112,29 +121,29 @@ def inspect_scan(
     """
     if feature not in _BESIDE:
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
-    part, order, prediction = _declared(stimulus, Path(stimuli))
+    part, order, prediction = _find_declared(stimulus, Path(stimuli))
     asked = list(part.characteristics())
     if Path(scan).suffix.lower() == ".qif":
-        result = _judged(part, _from_qif(Path(scan), asked), asked, Path(scan), order)
-        return replace(result, felt=_felt_sentence(result, prediction))
+        result = _judge_all(part, _evaluate_qif(Path(scan), asked), asked, Path(scan), order)
+        return replace(result, felt=_describe_energy(result, prediction))
     shown = [one for one in asked if one.key in EVALUATIONS and one.key not in _BESIDE[feature]]
     if not shown:
         raise PipelineError(
             f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can"
         )
     _require_followed(shown[0].key, how)
-    inspected = _evaluated(
+    inspected = _evaluate(
         EVALUATIONS[shown[0].key], read_scan(scan, unit, channel), instrument, shown[0], how
     )
-    result = _judged(part, inspected, asked, Path(scan), order)
+    result = _judge_all(part, inspected, asked, Path(scan), order)
     if not result.judged:
         raise PipelineError(
             f"scan of {part.id} must measure at least one characteristic with limits, got none"
         )
-    return replace(result, felt=_felt_sentence(result, prediction))
+    return replace(result, felt=_describe_energy(result, prediction))
 
 
-def _from_qif(path: Path, asked: list[Characteristic]) -> Inspected:
+def _evaluate_qif(path: Path, asked: list[Characteristic]) -> Evaluation:
     """Take lengths that another program measured, found by key, label or number on the drawing, with the uncertainty it states."""
     called = {
         name: one.key
@@ -143,7 +152,7 @@ def _from_qif(path: Path, asked: list[Characteristic]) -> Inspected:
     }
     angles = {one.key for one in asked if one.quantity == "angle"}
     results = read_qif_results(path)
-    found = {key: one for key, one in matched_by(results, called).items() if key not in angles}
+    found = {key: one for key, one in match_results(results, called).items() if key not in angles}
     if not found:
         names = ", ".join(dict.fromkeys(one.name or one.designator or "?" for one in results))
         rule = "must measure a characteristic by its name or number on the drawing"
@@ -155,7 +164,7 @@ def _from_qif(path: Path, asked: list[Characteristic]) -> Inspected:
     other = [key for key, one in found.items() if one.status not in ("PASS", "FAIL")]
     notes = [f"{len(results)} measured in the file, {len(found)} of them asked for"]
     notes += [f"the file itself passes no judgement on {', '.join(other)}"] if other else []
-    return Inspected(values, f"as another program measured it, QIF 3.0, {path.name}", tuple(notes))
+    return Evaluation(values, f"as another program measured it, QIF 3.0, {path.name}", tuple(notes))
 
 
 def inspect_standard(
@@ -165,7 +174,7 @@ def inspect_standard(
     *,
     feature: str = "groove",
     instrument: Instrument = _NOTHING_KNOWN,
-    how: How = AS_FOUND,
+    how: EvaluationOptions = AS_FOUND,
     unit: str | None = None,
     channel: str | None = None,
 ) -> InspectionResult:
@@ -201,15 +210,15 @@ def inspect_standard(
         key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance
     )
     read = read_scan(scan, unit, channel)
-    inspected = _evaluated(EVALUATIONS[_STANDARDS[feature]], read, instrument, asked, how)
-    return _judged(None, inspected, [asked] if depth is not None else [], Path(scan))
+    inspected = _evaluate(EVALUATIONS[_STANDARDS[feature]], read, instrument, asked, how)
+    return _judge_all(None, inspected, [asked] if depth is not None else [], Path(scan))
 
 
-def _declared(identity: str, where: Path) -> tuple[Part, OrderSpec, PredictionGrid]:
+def _find_declared(identity: str, where: Path) -> tuple[Part, OrderSpec, PredictionGrid]:
     """Find a stimulus by its identity in a file or in all files of a folder, and who orders it and what is predicted of it."""
     from stepblocks.declare import load_declared
 
-    for path in stimulus_files(where):
+    for path in find_stimulus_files(where):
         declared = load_declared(path)
         for stimulus in declared.stimuli:
             if stimulus.id == identity:
@@ -217,7 +226,7 @@ def _declared(identity: str, where: Path) -> tuple[Part, OrderSpec, PredictionGr
     raise PipelineError(f"stimulus must be declared in {where}, got {identity!r}")
 
 
-def _require_followed(key: str, how: How) -> None:
+def _require_followed(key: str, how: EvaluationOptions) -> None:
     """Refuse what an evaluation would leave aside without a word."""
     idle = [
         option
@@ -229,33 +238,33 @@ def _require_followed(key: str, how: How) -> None:
         raise PipelineError(f"an evaluation of {key.replace('_', ' ')} must {rule}")
 
 
-def _evaluated(
-    evaluate: Evaluation,
+def _evaluate(
+    evaluate: Evaluator,
     read: Profile | HeightMap,
     instrument: Instrument,
     asked: Characteristic,
-    how: How,
-) -> Inspected:
+    how: EvaluationOptions,
+) -> Evaluation:
     """Evaluate a scan by an instrument that resolves no less than one count of it."""
     resolution = max(instrument.resolution, read.count or 0.0)
     return evaluate(read, replace(instrument, resolution=resolution), asked, how)
 
 
-def _judged(
+def _judge_all(
     part: Part | None,
-    inspected: Inspected,
+    inspected: Evaluation,
     asked: Iterable[Characteristic],
     source: Path,
     order: OrderSpec = _NO_ORDER,
 ) -> InspectionResult:
     found = [(one, inspected.values[one.key]) for one in asked if one.key in inspected.values]
     judged = tuple((one, judge(value, one.nominal, one.lower, one.upper)) for one, value in found)
-    verdict = verdict_of(decision for _, decision in judged) if judged else None
-    identity = as_text(source.stem) if part is None else part.id
+    verdict = combine_verdicts(decision for _, decision in judged) if judged else None
+    identity = format_file_name(source.stem) if part is None else part.id
     return InspectionResult(identity, part, inspected, judged, verdict, "", source, order)
 
 
-def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
+def _describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     """Say how the energy that the edge releases differs from the nominal block's, and why."""
     # Compared under the first tip, load and friction of the grid: the nominal step, as built, and
     # the scanned surface. Empty where height and edge radius were not both measured.
@@ -283,7 +292,9 @@ def _felt_sentence(result: InspectionResult, grid: PredictionGrid) -> str:
         )
     surface = ""
     angle = (
-        None if shown is None else scanned_angle(shown.position, shown.height, point.ball_radius)
+        None
+        if shown is None
+        else find_scanned_angle(shown.position, shown.height, point.ball_radius)
     )
     if angle is not None:
         scanned = release_at(angle, point.normal_load, point.friction, point.tool)

@@ -13,7 +13,7 @@ from scipy.linalg import null_space
 
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import Array, Estimate, Mask, estimated, outlier_mask
+from stepblocks.inspect.noise import Array, Estimate, Mask, estimate_linear, find_outliers
 
 # reach of the cap that is fitted, as a part of the nominal radius [1]: 44 degrees of the ball,
 # clear of the cone
@@ -73,7 +73,7 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
                 f"tip must show at least 10 points of its cap, got {int(face.sum())} "
                 f"[{scan.source}]"
             )
-        state = _algebraic(np.stack([x[face], y[face], z[face]], axis=1), nominal, flat)
+        state = _fit_algebraic(np.stack([x[face], y[face], z[face]], axis=1), nominal, flat)
         place = state[0], state[1]
     used = face.copy()
     for left in reversed(range(20)):
@@ -98,7 +98,7 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
         residuals -= np.tensordot(solution, design, 1)
         step = np.array([solution[0], 0.0 if flat else solution[3], solution[1], solution[2]])
         state += step
-        spikes = outlier_mask(
+        spikes = find_outliers(
             residuals, used
         )  # after the fit, since the start knows no form, and form is no spike
         if not left or (np.abs(step).max() < 1e-9 * state[3] and not spikes.any()):
@@ -109,9 +109,9 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
         raise MetrologyError(f"tip must show {asked}, got {got} [{scan.source}]")
     spread = np.zeros(z.shape)
     spread[used] = weights[2]
-    radius = estimated(float(state[3]), spread, residuals, used, design)
+    radius = estimate_linear(float(state[3]), spread, residuals, used, design)
     if radius.dof < _FEW:
-        radius = _by_form(radius.value, x, y, residuals, used, design)
+        radius = _estimate_by_form(radius.value, x, y, residuals, used, design)
     outward = np.stack([x - state[0], y - state[1], z - state[2]])[:, used]
     distance = np.linalg.norm(outward, axis=0)
     axis = outward.mean(axis=1) / np.linalg.norm(outward.mean(axis=1))
@@ -131,7 +131,7 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
     )
 
 
-def _by_form(
+def _estimate_by_form(
     value: float, x: Array, y: Array, residuals: Array, used: Mask, design: Array
 ) -> Estimate:
     """State a radius by residuals that are mostly form: what smooth laws of correlation, each as likely as it is, say of it."""
@@ -164,7 +164,7 @@ def _by_form(
     return Estimate(value, float(np.exp(0.5 * mean)), max(2.0 / scatter, 1.0))
 
 
-def _algebraic(points: Array, unit: float, flat: bool) -> Array:
+def _fit_algebraic(points: Array, unit: float, flat: bool) -> Array:
     """Centre and radius [m] of the sphere ``|p|^2 = 2 c p + q`` through points of shape (n, 3), or of a circle over x."""
     origin = points.mean(axis=0)
     p = (points - origin) / unit

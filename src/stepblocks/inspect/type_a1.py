@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.levelling import Fit, fit_without_spikes, weighted
+from stepblocks.inspect.levelling import Fit, fit_without_spikes, solve_least_squares
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     SPIKE,
     Array,
     Estimate,
     Mask,
-    estimated,
-    robust_scale,
+    estimate_linear,
+    estimate_robust_scale,
 )
 
 Span = tuple[float, float]
@@ -67,20 +67,20 @@ def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
             raise MetrologyError(
                 f"window {name} must keep {_LEAST_POINTS} points, got {mask.sum()} for {feature}"
             )
-    return _domed(x, z, masks) or _flat(x, z, masks, feature)
+    return _evaluate_domed(x, z, masks) or _evaluate_flat(x, z, masks, feature)
 
 
-def _design(x: Array, masks: list[Mask]) -> Array:
+def _build_design(x: Array, masks: list[Mask]) -> Array:
     used = masks[0] | masks[1] | masks[2]
     return np.stack(
         [(x - x[used].mean()) / np.ptp(x[used]), np.ones_like(x), np.where(masks[1], -1.0, 1.0)]
     )
 
 
-def _flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
+def _evaluate_flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
     used = masks[0] | masks[1] | masks[2]
-    fit = fit_without_spikes(_design(x, masks), z, used)
-    if name := _flank_in(fit, dict(zip("ACB", masks, strict=True))):
+    fit = fit_without_spikes(_build_design(x, masks), z, used)
+    if name := _find_flank_window(fit, dict(zip("ACB", masks, strict=True))):
         got = f"a flank or a defect reaches into it for {feature}"
         raise MetrologyError(f"window {name} of type A1 must lie on a face, but {got}")
     if fit.rejected > _MOST_OUTLIERS * used.sum() or any(
@@ -92,14 +92,14 @@ def _flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
         )
     kept = [x[mask & fit.used] for mask in masks]
     inner = (x >= np.mean(kept[0][[0, -1]])) & (x <= np.mean(kept[2][[0, -1]]))
-    near = 2.0 * float(weighted(fit.design, z, fit.used & inner)[1][2])
+    near = 2.0 * float(solve_least_squares(fit.design, z, fit.used & inner)[1][2])
     scatter = float(np.sqrt(np.mean(fit.residuals[fit.used] ** 2)))
-    return TypeA1(fit.estimate(2, 2.0), _ends(kept), fit.rejected, "A1", scatter, near)
+    return TypeA1(fit.estimate(2, 2.0), _list_window_ends(kept), fit.rejected, "A1", scatter, near)
 
 
-def _flank_in(fit: Fit, windows: dict[str, Mask]) -> str:
+def _find_flank_window(fit: Fit, windows: dict[str, Mask]) -> str:
     """Name the first window whose end lies off the fit, as a flank or a defect does; empty where none does."""
-    noise, depth = robust_scale(fit.residuals[fit.used]), abs(2.0 * float(fit.solution[2]))
+    noise, depth = estimate_robust_scale(fit.residuals[fit.used]), abs(2.0 * float(fit.solution[2]))
     off = np.abs(fit.residuals) > max(SPIKE * noise, _TOLERATED * depth, LEAST_SCATTER)
     ends = {name: np.flatnonzero(mask) for name, mask in windows.items()}
     return next(
@@ -107,16 +107,18 @@ def _flank_in(fit: Fit, windows: dict[str, Mask]) -> str:
     )
 
 
-def _domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
+def _evaluate_domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
     """Type A2, to the apex of the parabola through the middle third; None where that is not domed."""
     if min(int(mask.sum()) for mask in masks) < 2 * _LEAST_POINTS:
         return None
     begin, end = x[masks[1]][[0, -1]]
     t = np.where(masks[1], 2.0 * (x - begin) / (end - begin) - 1.0, 0.0)
     used = masks[0] | masks[1] | masks[2]
-    design = np.stack([*_design(x, masks), t, np.where(masks[1], t**2 - 1.0 / 3.0, 0.0)])
+    design = np.stack([*_build_design(x, masks), t, np.where(masks[1], t**2 - 1.0 / 3.0, 0.0)])
     fit = fit_without_spikes(design, z, used)
-    if fit.rejected > _MOST_OUTLIERS * used.sum() or _flank_in(fit, {"A": masks[0], "B": masks[2]}):
+    if fit.rejected > _MOST_OUTLIERS * used.sum() or _find_flank_window(
+        fit, {"A": masks[0], "B": masks[2]}
+    ):
         return None
     depth, slant, bow = 2.0 * float(fit.solution[2]), float(fit.solution[3]), fit.estimate(4)
     least = max(_SIGNIFICANT * bow.std, _DOMED * abs(depth), LEAST_SCATTER, abs(slant))
@@ -127,12 +129,17 @@ def _domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
     half = slant / (2.0 * bow.value)
     weights = 2.0 * fit.weights[2] + half * fit.weights[3] + (1.0 / 3.0 - half**2) * fit.weights[4]
     lowest = depth + bow.value / 3.0 + slant**2 / (4.0 * bow.value)
-    apex = estimated(lowest, weights, fit.residuals, fit.used, fit.design)
+    apex = estimate_linear(lowest, weights, fit.residuals, fit.used, fit.design)
     return TypeA1(
-        apex, _ends([x[mask] for mask in masks]), fit.rejected, "A2", apex.value, apex.value
+        apex,
+        _list_window_ends([x[mask] for mask in masks]),
+        fit.rejected,
+        "A2",
+        apex.value,
+        apex.value,
     )
 
 
-def _ends(windows: list[Array]) -> tuple[Span, Span, Span]:
+def _list_window_ends(windows: list[Array]) -> tuple[Span, Span, Span]:
     first, middle, last = ((float(one[0]), float(one[-1])) for one in windows)
     return first, middle, last

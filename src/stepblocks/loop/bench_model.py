@@ -9,11 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from stepblocks.contact import forward
-from stepblocks.contact.effects.named import named_laws, set_instrument
-from stepblocks.contact.effects.smooth import CovariateRange, smooth_laws
+from stepblocks.contact.effects.named import apply_instrument_constants, list_named_laws
+from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
 from stepblocks.contact.forward import PEAK_FORCE, TOGETHER, BenchDesign
 from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.state import CHANNELS, DragState, observe
+from stepblocks.contact.state import CHANNELS, DragState, compute_channels
 from stepblocks.law import Active, Law, Parameter
 from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
@@ -37,8 +37,8 @@ _SAME_BY_DEFINITION = frozenset({"block_tilt"})
 
 
 @lru_cache(maxsize=4)
-def _design(trials: Trials, spring_constant: float) -> BenchDesign:
-    return forward.design_of(trials.block, trials.covariates, spring_constant)
+def _cached_design(trials: Trials, spring_constant: float) -> BenchDesign:
+    return forward.convert_to_design(trials.block, trials.covariates, spring_constant)
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class SessionModel:
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
-        found = forward.constants(
-            _design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned
+        found = forward.list_constants(
+            _cached_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned
         )
         if spring := self.known.get("spring_constant"):
             ratio, std = (one / self.tool.stiffness for one in spring)
@@ -104,9 +104,9 @@ class SessionModel:
 
     def systematics(self, trials: Trials) -> list[Systematic]:
         """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares."""
-        design = _design(trials, self.tool.stiffness)
+        design = _cached_design(trials, self.tool.stiffness)
         height, load, speed = (
-            _standard(np.log(column)) for column in (design.height, design.load, design.speed)
+            _standardise(np.log(column)) for column in (design.height, design.load, design.speed)
         )
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
         return [
@@ -118,15 +118,17 @@ class SessionModel:
 
     def state(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> DragState:
         """Fill all slots, effects applied."""
-        state = forward.extended_state(_design(trials, self.tool.stiffness), values, effects)
+        state = forward.build_extended_state(
+            _cached_design(trials, self.tool.stiffness), values, effects
+        )
         told = {name: value for name, (value, _) in self.known.items()}
-        return set_instrument(state, None, told) if told else state
+        return apply_instrument_constants(state, None, told) if told else state
 
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
         """Return every effect that may be asked of a table, knowing what the scans have ruled out."""
-        laws = candidates(
+        laws = list_candidates(
             trials,
-            covariate_ranges(trials),
+            list_covariate_ranges(trials),
             scanned_radius=self.scanned_radius and self.scanned_radius[0],
         )
         # constants of gauges and load are what is added to the known ones: a calibration says how
@@ -143,16 +145,16 @@ class SessionModel:
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels."""
-        return observe(self.state(trials, values, effects))
+        return compute_channels(self.state(trials, values, effects))
 
     def responses(
         self, trials: Trials, values: Mapping[str, float], effects: Active = ()
     ) -> Floats:
         """Change of the channels with friction, load and conversion, which scatter from trial to trial."""
-        return forward.responses(self.state(trials, values, effects))
+        return forward.compute_responses(self.state(trials, values, effects))
 
 
-def _standard(logarithm: Floats) -> Floats:
+def _standardise(logarithm: Floats) -> Floats:
     spread = float(np.std(logarithm))
     # the mean of equal numbers may differ from them in the last bit
     return (
@@ -162,7 +164,7 @@ def _standard(logarithm: Floats) -> Floats:
     )
 
 
-def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
+def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     """Return the range of every covariate that varies, and of the peak force."""
     found = []
     for name, column in trials.covariates.items():
@@ -195,7 +197,7 @@ def covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     return tuple(found)
 
 
-def candidates(
+def list_candidates(
     trials: Trials,
     ranges: Sequence[CovariateRange],
     with_imitated: bool = False,
@@ -206,8 +208,8 @@ def candidates(
     sharp = scanned_radius is not None and scanned_radius < _SHARP
     ruled_out = _SAME_BY_DEFINITION | {"edge_rounding" if sharp else "tip_radius_error"}
     blocks = [str(block) for block in np.unique(trials.block)]
-    laws = [law for law in named_laws(blocks) if law.covariate in names]
+    laws = [law for law in list_named_laws(blocks) if law.covariate in names]
     return (
         *(law for law in laws if with_imitated or law.id not in ruled_out),
-        *smooth_laws(ranges),
+        *list_smooth_laws(ranges),
     )

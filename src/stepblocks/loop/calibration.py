@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field
 
-from stepblocks.atomic import inside
+from stepblocks.atomic import resolve_inside
 from stepblocks.bench.session import Frequency, Stiffness, Strict
 from stepblocks.errors import PipelineError
-from stepblocks.mistakes import validated
-from stepblocks.quantities import quantity_parser
-from stepblocks.tables import read_table, si_columns
+from stepblocks.mistakes import validate_data
+from stepblocks.quantities import make_quantity_parser
+from stepblocks.tables import read_si_columns, read_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,19 +25,19 @@ Known = Mapping[
     str, tuple[float, float]
 ]  # a parameter of the instrument to its value and standard uncertainty
 
-_Force = Annotated[float, BeforeValidator(quantity_parser("force"))]
-_Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio"))]
+_Force = Annotated[float, BeforeValidator(make_quantity_parser("force"))]
+_Ratio = Annotated[float, BeforeValidator(make_quantity_parser("ratio"))]
 _Gain = Annotated[_Ratio, Field(gt=0.0)]
 _FEWEST = 5  # traces with unloaded samples
 _LEAST_STD = 1e-4  # N, of a zero: a gauge creeps by more between two tares
 
 
-def _logarithm(pair: tuple[float, float]) -> tuple[float, float]:
+def _to_logarithm(pair: tuple[float, float]) -> tuple[float, float]:
     value, std = pair
     return float(np.log(value)), std / value
 
 
-def _time_constant(pair: tuple[float, float]) -> tuple[float, float]:
+def _to_time_constant(pair: tuple[float, float]) -> tuple[float, float]:
     corner, std = pair
     return 1.0 / (2.0 * np.pi * corner), std / (2.0 * np.pi * corner**2)
 
@@ -45,8 +45,8 @@ def _time_constant(pair: tuple[float, float]) -> tuple[float, float]:
 _KnownZero = tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None
 _KnownShare = tuple[_Ratio, _Gain] | None
 # of gains the law has the logarithm
-_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_logarithm)] | None
-_KnownBandwidth = Annotated[tuple[Frequency, Frequency], AfterValidator(_time_constant)] | None
+_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_to_logarithm)] | None
+_KnownBandwidth = Annotated[tuple[Frequency, Frequency], AfterValidator(_to_time_constant)] | None
 
 
 class _Calibration(Strict):
@@ -73,18 +73,18 @@ class _Session(BaseModel):
 def read_calibration(session: Path) -> dict[str, tuple[float, float]]:
     """Read the optional table ``[calibration]`` of a session, all mistakes told at once, each in a line."""
     path = session / "session.toml"
-    declared = validated(
+    declared = validate_data(
         _Session, tomllib.loads(path.read_text(encoding="utf-8")), path, PipelineError
     )
     known = declared.calibration.model_dump(by_alias=True, exclude_none=True)
     if table := known.pop("load_table", None):
-        known[LOAD] = 0.0, _load_std(session, table)
+        known[LOAD] = 0.0, _read_load_std(session, table)
     return known
 
 
-def _load_std(session: Path, name: str) -> float:
+def _read_load_std(session: Path, name: str) -> float:
     """Largest standard uncertainty of what the weights of an apparatus put on the tip [N]; it is common to all trials."""
-    path = inside(session, name)
+    path = resolve_inside(session, name)
     if path is None:
         raise PipelineError(
             f"load_table must be a file in the folder of the session, got {name!r} [{session}]"
@@ -92,13 +92,13 @@ def _load_std(session: Path, name: str) -> float:
     table = read_table(path)
     if "axis" not in table or "normal" not in set(table["axis"]):
         raise PipelineError(f"load_table must have a column axis with a row normal [{path}]")
-    stds = si_columns(table[table["axis"] == "normal"], {"std": (("std",), "force", None)}, path)[
-        "std"
-    ]
+    stds = read_si_columns(
+        table[table["axis"] == "normal"], {"std": (("std",), "force", None)}, path
+    )["std"]
     return max(float(stds.max()), _LEAST_STD)
 
 
-def unloaded_zeros(features: pd.DataFrame) -> dict[str, tuple[float, float]]:
+def estimate_unloaded_zeros(features: pd.DataFrame) -> dict[str, tuple[float, float]]:
     """Zeros of both gauges from the samples before contact, where traces have such; their spread counts as creep."""
     found = {}
     for column, name in (("tangential_zero_n", "zero_n"), ("normal_zero_n", "normal_zero_n")):

@@ -17,26 +17,29 @@ _READ = {
 }
 
 
-def read_as(value: float, unit: str) -> str:
+def format_value(value: float, unit: str) -> str:
     """Write a figure of a parameter with three digits in the unit that people read."""
     factor, shown = _READ.get(unit, (1.0, "" if unit == "1" else unit))
     text = f"{value * factor:.3g}"
     return f"{text} {shown}".rstrip()
 
 
-def sentence(found: Explanation, document: Mapping[str, Any]) -> str:
+def write_sentence(found: Explanation, document: Mapping[str, Any]) -> str:
     """Say what was found, how large, how far the error fell, and what noise leaves."""
-    errors = _errors(document)
+    errors = _format_errors(document)
     if found.verdict is Verdict.NONE:
         could = [
-            f"; {e['said']} of {read_as(e['value'], e['unit'])}"
+            f"; {e['said']} of {format_value(e['value'], e['unit'])}"
             for e in document["could_have_shown"][:3]
         ]
         shown = "".join([*could, " would have shown"]) if could else ""
         noise = f"error of E_v {errors['before']}, noise {errors['noise']}"
         return f"Nothing is there that noise would not do{shown}; {noise}"
     parts = [hint.said for hint in found.told]
-    parts += [_of(f, entry) for f, entry in zip(found.findings, document["effects"], strict=True)]
+    parts += [
+        _describe_finding(f, entry)
+        for f, entry in zip(found.findings, document["effects"], strict=True)
+    ]
     if any(hint.kind != "stick-slip" for hint in found.told):
         parts.append("write down what differs between these trials")
     text = (
@@ -47,7 +50,7 @@ def sentence(found: Explanation, document: Mapping[str, Any]) -> str:
     return text[0].upper() + text[1:]
 
 
-def _errors(document: Mapping[str, Any]) -> dict[str, str]:
+def _format_errors(document: Mapping[str, Any]) -> dict[str, str]:
     extended = document["extended"]["error"]
     figures = {
         "before": document["nominal"]["error"]["ln_energy_rms"],
@@ -61,7 +64,7 @@ def _errors(document: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _of(finding: Finding, entry: Mapping[str, Any]) -> str:
+def _describe_finding(finding: Finding, entry: Mapping[str, Any]) -> str:
     law = finding.effect
     name = "" if finding.verdict is Verdict.UNEXPLAINED else law.said
     if not name:
@@ -70,8 +73,8 @@ def _of(finding: Finding, entry: Mapping[str, Any]) -> str:
         )
         return f"{law.slot.replace('_', ' ')} {along}, no law claimed"
     figures = [
-        f"{read_as(p['value'], p['unit'])} ({read_as(p['low'], p['unit'])} to "
-        f"{read_as(p['high'], p['unit'])})"
+        f"{format_value(p['value'], p['unit'])} ({format_value(p['low'], p['unit'])} to "
+        f"{format_value(p['high'], p['unit'])})"
         for p in entry["parameters"].values()
     ]
     labels = [

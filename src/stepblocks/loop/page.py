@@ -22,7 +22,7 @@ _SHOWN_CHANNELS = ("ln_energy", "ln_peak_force", "sliding_friction")
 _FINE = 12  # settings that are averaged one by one, not in groups
 
 
-def page_of(result: LoopResult) -> str:
+def render_loop_page(result: LoopResult) -> str:
     """Render the page."""
     # the names are those of the result: one that was withdrawn there is not claimed here
     named = zip(result.found.findings, result.document["effects"], strict=True)
@@ -36,19 +36,19 @@ def page_of(result: LoopResult) -> str:
         constants=[
             (n, p) for n, p in result.document["extended"]["parameters"].items() if "." not in n
         ],
-        agreement=_agreement(result.found),
-        residuals=[_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
-        curves=[_curve(result, finding.effect, str(entry["id"])) for finding, entry in named],
+        agreement=_draw_agreement(result.found),
+        residuals=[_draw_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
+        curves=[_draw_effect(result, finding.effect, str(entry["id"])) for finding, entry in named],
     )
 
 
-def _png(figure: Any) -> str:
+def _encode_png(figure: Any) -> str:
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-def _agreement(found: Explanation) -> str:
+def _draw_agreement(found: Explanation) -> str:
     """Draw measured against predicted, energy and peak force, by the nominal model and by the extended one."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
@@ -78,10 +78,10 @@ def _agreement(found: Explanation) -> str:
         axis.set_xlabel(f"predicted {title}")
         axis.set_ylabel(f"measured {title}")
         axis.legend(fontsize=8)
-    return _png(figure)
+    return _encode_png(figure)
 
 
-def _residuals(found: Explanation, channel: str) -> dict[str, str]:
+def _draw_residuals(found: Explanation, channel: str) -> dict[str, str]:
     """Residuals of one channel against every covariate that varies, before and after."""
     from matplotlib.figure import Figure
 
@@ -100,7 +100,7 @@ def _residuals(found: Explanation, channel: str) -> dict[str, str]:
     figure = Figure(figsize=(11.0, 2.6 * rows), layout="constrained")
     axes = figure.subplots(rows, 3, sharey=True).ravel()
     for axis, (name, column) in zip(axes, columns.items(), strict=False):
-        x, ticks = _positions(np.asarray(column))
+        x, ticks = _place_values(np.asarray(column))
         axis.axhline(0.0, color="0.6", lw=0.8)
         axis.plot(x, before, ".", ms=3, color=_BEFORE, alpha=0.55, label="nominal")
         axis.plot(x, after, ".", ms=3, color=_AFTER, alpha=0.75, label="extended")
@@ -111,10 +111,10 @@ def _residuals(found: Explanation, channel: str) -> dict[str, str]:
         axis.set_visible(False)
     axes[0].legend(fontsize=8)
     axes[0].set_ylabel(f"residual of {channel}")
-    return {"channel": channel, "image": _png(figure)}
+    return {"channel": channel, "image": _encode_png(figure)}
 
 
-def _positions(column: NDArray[Any]) -> tuple[Floats, list[str]]:
+def _place_values(column: NDArray[Any]) -> tuple[Floats, list[str]]:
     """Where to draw a column: numbers where they are, labels in a row."""
     if np.issubdtype(column.dtype, np.number):
         return np.asarray(column, dtype=np.float64), []
@@ -122,13 +122,13 @@ def _positions(column: NDArray[Any]) -> tuple[Floats, list[str]]:
     return np.asarray(inverse, dtype=np.float64), [str(label) for label in labels]
 
 
-def _curve(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
+def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
     """Draw the change that an effect makes in the channel it moves most, over what it follows, with its 95 % band."""
     from matplotlib.figure import Figure
 
-    j, change, std = _change(result.found, effect)
-    along, name = _followed(result, effect)
-    x, curve, band = _averaged(along, change, std)
+    j, change, std = _compute_change(result.found, effect)
+    along, name = _find_abscissa(result, effect)
+    x, curve, band = _average_by_setting(along, change, std)
     unit = (
         "vibration energy"
         if result.found.problem.trials.channels[j] == "ln_energy"
@@ -146,16 +146,16 @@ def _curve(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
         f"{name_shown} ({effect.slot}): change of {unit} that it makes, average over the other "
         "settings"
     )
-    return {"title": title, "image": _png(figure)}
+    return {"title": title, "image": _encode_png(figure)}
 
 
-def _change(found: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
+def _compute_change(found: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
     """Return the channel that an effect moves most, its change trial by trial, and the standard deviation of that."""
     trials, fitted, model = found.problem.trials, found.extended, found.problem.model
     others = [(e, own) for e, own in fitted.active if e is not effect]
 
     def change(values: Mapping[str, float]) -> Floats:
-        with_it = model.predict(trials, values, [*others, (effect, effect.own(values))])
+        with_it = model.predict(trials, values, [*others, (effect, effect.pick_own_values(values))])
         return np.asarray(with_it - model.predict(trials, values, others))
 
     base = change(fitted.values)
@@ -171,16 +171,18 @@ def _change(found: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
     return j, base[:, j], np.sqrt(np.maximum(variance, 0.0))
 
 
-def _followed(result: LoopResult, effect: Law) -> tuple[Floats, str]:
+def _find_abscissa(result: LoopResult, effect: Law) -> tuple[Floats, str]:
     """Return what an effect follows, as numbers, and its name; the height where it follows nothing."""
     trials, fitted = result.table.trials, result.found.extended
     if effect.covariate == PEAK_FORCE:
         return np.exp(fitted.predicted[:, trials.channels.index("ln_peak_force")]), PEAK_FORCE
     name = effect.covariate if effect.covariate in trials.covariates else "height_um"
-    return _positions(trials.covariates[name])[0], name
+    return _place_values(trials.covariates[name])[0], name
 
 
-def _averaged(along: Floats, values: Floats, std: Floats) -> tuple[Floats, Floats, Floats]:
+def _average_by_setting(
+    along: Floats, values: Floats, std: Floats
+) -> tuple[Floats, Floats, Floats]:
     settings = np.unique(along)
     if len(settings) <= _FINE:
         groups = [np.flatnonzero(along == setting) for setting in settings]

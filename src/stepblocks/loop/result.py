@@ -11,14 +11,21 @@ import numpy as np
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.law import Law
-from stepblocks.loop.bench_model import candidates, covariate_ranges
-from stepblocks.loop.finding import sentence
-from stepblocks.loop.search.adequacy import identifiability, propose, pure_error
-from stepblocks.loop.search.explain import Explanation, Finding, Holdout, Rules, Verdict, without
+from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
+from stepblocks.loop.finding import write_sentence
+from stepblocks.loop.search.adequacy import compare_directions, rank_settings, test_pure_error
+from stepblocks.loop.search.explain import (
+    Explanation,
+    Finding,
+    Holdout,
+    Rules,
+    Verdict,
+    fit_without,
+)
 from stepblocks.loop.search.fit import Fit
 from stepblocks.loop.search.forward_model import Trials
-from stepblocks.loop.search.gate import smallest_shown
-from stepblocks.loop.search.noise import flexible_residual
+from stepblocks.loop.search.gate import compute_detectable
+from stepblocks.loop.search.noise import compute_flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
@@ -62,7 +69,7 @@ class LoopResult:
         return said + str(rows.to_html(float_format="{:.3g}".format))
 
 
-def learned_model(
+def build_learned_model(
     table: SessionTable, found: Explanation, ranges: tuple[CovariateRange, ...]
 ) -> LearnedModel:
     """Return what was learnt, as it can be predicted from without the session."""
@@ -86,7 +93,7 @@ def learned_model(
     )
 
 
-def result_document(
+def build_document(
     table: SessionTable,
     found: Explanation,
     holdouts: tuple[Holdout, Holdout],
@@ -94,12 +101,12 @@ def result_document(
     rules: Rules,
 ) -> dict[str, Any]:
     """Return the contents of result.json; units stand in keys or beside the values."""
-    adequacy = _adequacy(table, found, rules)
-    floor = _noise_floor(table, adequacy)
+    adequacy = _describe_adequacy(table, found, rules)
+    floor = _estimate_noise_floor(table, adequacy)
     models = {
         name: {
-            "parameters": _constants(fitted, table.model.tool.stiffness),
-            "error": _errors(holdouts, which, floor),
+            "parameters": _describe_constants(fitted, table.model.tool.stiffness),
+            "error": _describe_errors(holdouts, which, floor),
             "twice_negative_log_likelihood": fitted.cost,
         }
         for which, (name, fitted) in enumerate(
@@ -110,9 +117,9 @@ def result_document(
         "finding": "",
         "verdict": str(found.verdict),
         **models,
-        "effects": [_finding(finding, found.extended) for finding in found.findings],
+        "effects": [_describe_finding(finding, found.extended) for finding in found.findings],
         "rivals": [
-            _effect(
+            _describe_effect(
                 e, fitted, {"criterion_behind": behind, "instead_of": f.effect.id.split("~")[0]}
             )
             for f in found.findings
@@ -120,28 +127,28 @@ def result_document(
         ],
         "unwritten": [
             {"kind": h.kind, "quantity": h.quantity, "p_value": h.p_value, "said": h.said}
-            | {"heaps": [[str(table.names[row]) for row in heap] for heap in h.heaps]}
+            | {"heaps": [[str(table.names[row]) for row in heap] for heap in h.clusters]}
             for h in found.told
         ],
         "known_of_the_gauges": {
             n: {"value": v, "std": s} for n, (v, s) in table.model.known.items()
         },
-        "could_have_shown": _could_have_shown(found),
+        "could_have_shown": _list_detectable(found),
         "excluded": [{"trial": trial, "reason": reason} for trial, reason in table.excluded],
         "flagged": [{"trial": trial, "reason": reason} for trial, reason in table.flagged],
         "regimes": table.regimes,
-        "censored": _censored(table, found),
-        "next_experiment": next_experiment(found),
+        "censored": _list_censored(table, found),
+        "next_experiment": propose_experiment(found),
         "adequacy": adequacy,
-        "identifiability": _identifiability(found),
-        "scans": _scans(scans),
+        "identifiability": _describe_identifiability(found),
+        "scans": _describe_scans(scans),
         "selected_in_folds": [names for holdout in holdouts for names in holdout.selected],
         "trials_analysed": len(table.trials),
     }
-    return document | {"finding": sentence(found, document)}
+    return document | {"finding": write_sentence(found, document)}
 
 
-def _censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
+def _list_censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
     """Trials whose peak is known as a bound alone, and those whose predicted peak stays below it by 3 deviations."""
     bound = (
         np.full(len(table.trials), np.nan)
@@ -159,15 +166,15 @@ def _censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
     }
 
 
-def _could_have_shown(found: Explanation) -> list[dict[str, Any]]:
+def _list_detectable(found: Explanation) -> list[dict[str, Any]]:
     """List the smallest effect of each slot that the last gate would have let through nine times in ten."""
     trials = found.problem.trials
     laws = [
         law
-        for law in candidates(trials, covariate_ranges(trials))
+        for law in list_candidates(trials, list_covariate_ranges(trials))
         if law.named and law.covariate != "block"
     ]
-    shown = smallest_shown(found.problem, found.extended, laws, found.needed)
+    shown = compute_detectable(found.problem, found.extended, laws, found.needed)
     entries: dict[str, dict[str, Any]] = {}
     for law in (law for law in laws if np.isfinite(shown.get(law.id, np.nan))):
         (name,) = law.amplitudes
@@ -180,37 +187,41 @@ def _could_have_shown(found: Explanation) -> list[dict[str, Any]]:
     return list(entries.values())
 
 
-def _entry(value: float, unit: str, std: float, log: bool = False) -> dict[str, Any]:
+def _describe_value(value: float, unit: str, std: float, log: bool = False) -> dict[str, Any]:
     ends = value, value - WIDE * std, value + WIDE * std
     middle, low, high = (float(np.exp(end)) for end in ends) if log else ends
     return {"value": middle, "unit": unit, "low": low, "high": high}
 
 
-def _constants(fitted: Fit, spring: float) -> dict[str, Any]:
+def _describe_constants(fitted: Fit, spring: float) -> dict[str, Any]:
     """Constants of a fitted model under the names people use, with 95 % intervals."""
     found = {}
     for parameter in fitted.parameters:
         value, std = fitted.values[parameter.name], fitted.std[parameter.name]
         name, unit = _READ.get(parameter.name, (parameter.name, parameter.unit))
         scale = spring if parameter.name == "stiffness_ratio" else 1.0
-        found[name] = _entry(scale * value, unit, scale * std, log=parameter.name.startswith("ln_"))
+        found[name] = _describe_value(
+            scale * value, unit, scale * std, log=parameter.name.startswith("ln_")
+        )
     return found
 
 
-def _effect(effect: Law, fitted: Fit, evidence: Mapping[str, Any]) -> dict[str, Any]:
-    own, std = effect.own(fitted.values), effect.own(fitted.std)
+def _describe_effect(effect: Law, fitted: Fit, evidence: Mapping[str, Any]) -> dict[str, Any]:
+    own, std = effect.pick_own_values(fitted.values), effect.pick_own_values(fitted.std)
     return {
         "id": effect.id.split("~")[0],
         "variant": effect.id,
         "slot": effect.slot,
         "covariate": effect.covariate,
         "form": effect.form,
-        "parameters": {p.name: _entry(own[p.name], p.unit, std[p.name]) for p in effect.parameters},
+        "parameters": {
+            p.name: _describe_value(own[p.name], p.unit, std[p.name]) for p in effect.parameters
+        },
         "evidence": evidence,
     }
 
 
-def _finding(finding: Finding, fitted: Fit) -> dict[str, Any]:
+def _describe_finding(finding: Finding, fitted: Fit) -> dict[str, Any]:
     effect, unexplained = finding.effect, finding.verdict is Verdict.UNEXPLAINED
     evidence = {
         "claim": str(finding.verdict),
@@ -218,14 +229,16 @@ def _finding(finding: Finding, fitted: Fit) -> dict[str, Any]:
         "twice_log_likelihood_gain": finding.gain,
         "law_named": effect.named and not unexplained,
     }
-    entry = _effect(effect, fitted, evidence)
+    entry = _describe_effect(effect, fitted, evidence)
     if effect.named and unexplained:
         # it improves the fit, not the explanation: the curve stays, the name goes
         entry["id"] = f"unexplained_{effect.slot}_{effect.covariate}"
     return entry
 
 
-def _errors(holdouts: tuple[Holdout, Holdout], which: int, floor: list[float]) -> dict[str, Any]:
+def _describe_errors(
+    holdouts: tuple[Holdout, Holdout], which: int, floor: list[float]
+) -> dict[str, Any]:
     """Errors on held-out trials of the nominal model (0) or the extended one (1), beside the least that noise allows."""
     names = ("ln_energy_rms", "ln_peak_force_rms")
     errors: dict[str, Any] = {}
@@ -234,9 +247,9 @@ def _errors(holdouts: tuple[Holdout, Holdout], which: int, floor: list[float]) -
     return errors | {"noise_floor": dict(zip(names, floor, strict=True))}
 
 
-def _noise_floor(table: SessionTable, adequacy: Mapping[str, Any]) -> list[float]:
+def _estimate_noise_floor(table: SessionTable, adequacy: Mapping[str, Any]) -> list[float]:
     """Scatter about a regression that trusts no model; replicates may scatter less than that can follow."""
-    residual, dof = flexible_residual(table.trials)
+    residual, dof = compute_flexible_residual(table.trials)
     floor = np.sqrt(np.nansum(residual[:, :2] ** 2, axis=0) / max(dof, 1))
     replicates = [
         t["replicate_std"] if t["replicate_dof"] >= _REPLICATES else np.inf
@@ -245,7 +258,7 @@ def _noise_floor(table: SessionTable, adequacy: Mapping[str, Any]) -> list[float
     return [float(value) for value in np.fmin(floor, replicates)]
 
 
-def _adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str, Any]:
+def _describe_adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str, Any]:
     trials = table.trials
     cells = table.model.cells(trials)
     tests = {}
@@ -253,7 +266,7 @@ def _adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str
         residual = np.where(
             trials.seen[:, j], trials.values[:, j] - found.extended.predicted[:, j], np.nan
         )
-        tests[channel] = pure_error(residual, cells, len(found.extended.parameters))
+        tests[channel] = test_pure_error(residual, cells, len(found.extended.parameters))
     worst = sorted(found.checks, key=lambda c: c[2])[:8]
     return {
         "adequate": found.adequate and found.last_gate_p > rules.alpha,
@@ -266,14 +279,14 @@ def _adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str
     }
 
 
-def _identifiability(found: Explanation) -> dict[str, Any]:
+def _describe_identifiability(found: Explanation) -> dict[str, Any]:
     trials = found.problem.trials
     effects = [
         e
-        for e in candidates(trials, covariate_ranges(trials), True)
+        for e in list_candidates(trials, list_covariate_ranges(trials), True)
         if e.named and e.covariate != "block"
     ]
-    return identifiability(found.problem, found.nominal, effects) | {
+    return compare_directions(found.problem, found.nominal, effects) | {
         "by_the_equations": [
             ["block_tilt", "friction"],
             ["edge_rounding", "tip_radius_error"],
@@ -286,7 +299,7 @@ def _identifiability(found: Explanation) -> dict[str, Any]:
     }
 
 
-def _scans(scans: Scans) -> dict[str, Any]:
+def _describe_scans(scans: Scans) -> dict[str, Any]:
     document: dict[str, Any] = {"blocks": {block: dict(scan) for block, scan in scans.items()}}
     edges = [
         (s.get("edge_radius_m", np.nan), s.get("edge_radius_std_m", np.nan)) for s in scans.values()
@@ -300,14 +313,14 @@ def _scans(scans: Scans) -> dict[str, Any]:
     return document
 
 
-def next_experiment(found: Explanation) -> dict[str, Any] | None:
+def propose_experiment(found: Explanation) -> dict[str, Any] | None:
     """Return settings that separate the rivals best, with the expected gain; None where nothing is open."""
     laws = [
         law for f in found.findings if f.rivals for law in (f.effect, *(r[0] for r in f.rivals))
     ]
     # what to do on the bench would settle a group of laws, each move once
-    moves = list(dict.fromkeys(law.settled for law in laws if law.settled))
-    pair = _pair(found)
+    moves = list(dict.fromkeys(law.how_to_decide for law in laws if law.how_to_decide))
+    pair = _choose_pair(found)
     if pair is None:
         note = "write down what differs between these trials: who, when, which tip and which batch"
         return (
@@ -321,7 +334,9 @@ def next_experiment(found: Explanation) -> dict[str, Any] | None:
         {e.covariate for e in (*first.effects, *second.effects)}
         & set(trials.covariates) - set(_SHOWN)
     )
-    proposal = propose(found.problem, first, second, _grid(trials, extra), (*_SHOWN, *extra))
+    proposal = rank_settings(
+        found.problem, first, second, _build_grid(trials, extra), (*_SHOWN, *extra)
+    )
     if proposal is None:
         note = "no setting within reach tells these apart"
         return {"separates": names, "trials": [], "calibration": moves, "note": note}
@@ -337,7 +352,7 @@ def next_experiment(found: Explanation) -> dict[str, Any] | None:
     return document
 
 
-def block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
+def write_block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
     """Stimulus file of the block that an experiment asks for, as `stepblocks build` reads it; None where it asks none."""
     if not experiment or "block" not in experiment:
         return None
@@ -357,7 +372,7 @@ def block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
     )
 
 
-def _pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
+def _choose_pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
     """Names of two models that are to be told apart, and the models."""
     if not found.findings:
         return None
@@ -369,11 +384,11 @@ def _pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
     return (
         [finding.effect.id, "nothing"],
         found.extended,
-        without(found.problem, found.extended, finding.effect),
+        fit_without(found.problem, found.extended, finding.effect),
     )
 
 
-def _grid(trials: Trials, extra: list[str]) -> Trials:
+def _build_grid(trials: Trials, extra: list[str]) -> Trials:
     def span(name: str) -> list[Any]:
         numbers = trials.numeric(name)
         labels = sorted(set(trials.covariates[name].tolist()))

@@ -11,26 +11,37 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stepblocks.artefacts.as_built import measured_edges, read_records
-from stepblocks.artefacts.model_file import model_document
-from stepblocks.atomic import alone_in, replace_text
+from stepblocks.artefacts.as_built import list_measured_edges, read_records
+from stepblocks.artefacts.model_file import build_model_document
+from stepblocks.atomic import lock_folder, replace_text
 from stepblocks.errors import PipelineError
-from stepblocks.loop.bench_model import covariate_ranges
+from stepblocks.loop.bench_model import list_covariate_ranges
 from stepblocks.loop.calibration import Known, read_calibration
-from stepblocks.loop.result import LoopResult, block_stimulus, learned_model, result_document
+from stepblocks.loop.result import (
+    LoopResult,
+    build_document,
+    build_learned_model,
+    write_block_stimulus,
+)
 from stepblocks.loop.search.explain import (
     Explanation,
     Holdout,
     Rules,
-    earned,
+    check_claims,
     explain,
-    folds_of_blocks,
-    folds_within_blocks,
-    gather,
     hold_out,
-    withdrawn,
+    join_holdouts,
+    split_by_block,
+    split_within_blocks,
+    withdraw_claims,
 )
-from stepblocks.loop.session_table import Scans, SessionTable, regime_hints, scan_blocks, trials_of
+from stepblocks.loop.session_table import (
+    Scans,
+    SessionTable,
+    build_session_table,
+    find_regime_hints,
+    scan_blocks,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,24 +95,26 @@ def loop_session(
     """
     from stepblocks.bench.measure import measure
     from stepblocks.bench.session import open_session
-    from stepblocks.bench.trials import conditions_of, with_conditions
+    from stepblocks.bench.trials import insert_conditions, read_conditions
     from stepblocks.bench.waveform import predict_energies
 
     session = Path(session)
-    inspected = measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
+    inspected = (
+        list_measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
+    )
     declared = open_session(session)
     known = read_calibration(session)
-    conditions = conditions_of(declared)
+    conditions = read_conditions(declared)
     radius = declared.probe.tip_radius
     if radius is None:
         raise PipelineError(
             f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]"
         )
     cores = jobs or len(os.sched_getaffinity(0))
-    with nullcontext() if output is None else alone_in(Path(output)):
+    with nullcontext() if output is None else lock_folder(Path(output)):
         table = None if output is None else Path(output) / "features.csv"
         measured = measure(session, table, jobs=cores, waveform=waveform, progress=progress)
-        features = with_conditions(measured, conditions)
+        features = insert_conditions(measured, conditions)
         scans: Scans = {}
         failed: dict[str, str] = {}
         if not forces_only:
@@ -141,20 +154,20 @@ def analyse_features(
 ) -> LoopResult:
     """Find what the nominal model lacks for a table of features; of the gauges `known` constants, else any."""
     rules = rules or Rules()
-    table = trials_of(features, spring_constant, tip_radius, scans, known)
-    found, holdouts = _explained(table, rules, jobs)
-    document = result_document(table, found, holdouts, scans or {}, rules)
-    model = learned_model(table, found, covariate_ranges(table.trials))
+    table = build_session_table(features, spring_constant, tip_radius, scans, known)
+    found, holdouts = _explain_and_hold_out(table, rules, jobs)
+    document = build_document(table, found, holdouts, scans or {}, rules)
+    model = build_learned_model(table, found, list_covariate_ranges(table.trials))
     return LoopResult("", table, found, *holdouts, document, model)
 
 
-def _explained(
+def _explain_and_hold_out(
     table: SessionTable, rules: Rules, jobs: int
 ) -> tuple[Explanation, tuple[Holdout, Holdout]]:
     """Explain all trials, and hold out trials within blocks and whole blocks; every fold chooses its own effects."""
     model, trials = table.model, table.trials
-    inside = folds_within_blocks(trials, _WITHIN, rules.seed)
-    outside = folds_of_blocks(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []
+    inside = split_within_blocks(trials, _WITHIN, rules.seed)
+    outside = split_by_block(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []
     inside, outside = (
         [rows for rows in folds if len(trials) - len(rows) >= _FEWEST]
         for folds in (inside, outside)
@@ -181,26 +194,28 @@ def _explained(
         found = explain(model, trials, model.candidates(trials), rules)
         done = list(waiting)
     holdouts = (
-        gather(trials, inside, done[: len(inside)]),
-        gather(trials, outside, done[len(inside) :]),
+        join_holdouts(trials, inside, done[: len(inside)]),
+        join_holdouts(trials, outside, done[len(inside) :]),
     )
-    return withdrawn(earned(found, holdouts, model.cells(trials)), regime_hints(table)), holdouts
+    return withdraw_claims(
+        check_claims(found, holdouts, model.cells(trials)), find_regime_hints(table)
+    ), holdouts
 
 
 def write_loop(result: LoopResult, output: Path) -> None:
     """Write result.json, model.json, report.html and, where a block is asked for, next-block.toml, each at once."""
-    from stepblocks.loop.page import page_of
+    from stepblocks.loop.page import render_loop_page
 
     output.mkdir(parents=True, exist_ok=True)
     for name, document in (
         ("result.json", result.document),
-        ("model.json", model_document(result.model)),
+        ("model.json", build_model_document(result.model)),
     ):
         # numbers that JSON cannot hold become null
         plain = json.loads(json.dumps(document, default=int), parse_constant=lambda _: None)
         replace_text(output / name, json.dumps(plain, indent=2, allow_nan=False) + "\n")
     # a block that an earlier run asked for is not asked for any more
     (output / "next-block.toml").unlink(missing_ok=True)
-    if asked := block_stimulus(result.document["next_experiment"]):
+    if asked := write_block_stimulus(result.document["next_experiment"]):
         replace_text(output / "next-block.toml", asked)
-    replace_text(output / "report.html", page_of(result))
+    replace_text(output / "report.html", render_loop_page(result))

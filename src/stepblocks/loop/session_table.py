@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.forward import tip_radius_um
+from stepblocks.contact.forward import parse_tip_radius_um
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import CHANNELS
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.loop.calibration import Known, unloaded_zeros
+from stepblocks.loop.calibration import Known, estimate_unloaded_zeros
 from stepblocks.loop.search.forward_model import Floats, Trials
-from stepblocks.loop.search.noise import outliers
+from stepblocks.loop.search.noise import find_outliers
 from stepblocks.loop.search.structure import Hint
 from stepblocks.text_file import is_file
 
@@ -65,7 +65,7 @@ class SessionTable:
     tip_radius_um: float  # of trials whose tip has no number in its name
 
 
-def trials_of(
+def build_session_table(
     features: pd.DataFrame,
     spring_constant: float,
     tip_radius: float,
@@ -84,26 +84,26 @@ def trials_of(
         reason=features["reason"].fillna("").astype(str) if "reason" in features else "",
     )
     tips = features["tip"].astype(str) if "tip" in features else [""] * len(features)
-    radius = np.array([tip_radius_um(tip, tip_radius * 1e6) for tip in tips])
-    good, excluded = _good(features, radius)
+    radius = np.array([parse_tip_radius_um(tip, tip_radius * 1e6) for tip in tips])
+    good, excluded = _select_good(features, radius)
     if good.sum() < _FEWEST:
         raise PipelineError(
             f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}"
         )
     table = features.loc[good]
-    values, std = _channels(table, spring_constant)
+    values, std = _read_channels(table, spring_constant)
     # a peak without an uncertainty is a bound, and its trial measures no energy; a normal gauge
     # alone leaves both whole
     bounded = (table["status"] == _CENSORED).to_numpy() & ~np.isfinite(
-        _numbers(table, "peak_force_std_n")
+        _read_numbers(table, "peak_force_std_n")
     )
     floor = np.full(values.shape, np.nan)
-    floor[bounded, 1] = np.log(_numbers(table, "peak_force_n")[bounded])
+    floor[bounded, 1] = np.log(_read_numbers(table, "peak_force_n")[bounded])
     values[bounded, :2] = np.nan
-    covariates = _covariates(table) | {"tip_radius_um": radius[good]}
+    covariates = _read_covariates(table) | {"tip_radius_um": radius[good]}
     trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy(), floor)
     names = table["trial"].to_numpy()
-    alone = outliers(trials)
+    alone = find_outliers(trials)
     excluded += [
         (str(names[i]), f"{CHANNELS[j]} lies far from all other trials")
         for i, j in np.argwhere(alone)
@@ -122,15 +122,15 @@ def trials_of(
         # where no trial rang, these two constants stay where they begin
         Tool(
             stiffness=spring_constant,
-            frequency=_middle(trials.values[:, 4], PAPER.tool.frequency),
-            decay_time=_middle(trials.values[:, 5], PAPER.tool.decay_time),
+            frequency=_median_or(trials.values[:, 4], PAPER.tool.frequency),
+            decay_time=_median_or(trials.values[:, 5], PAPER.tool.decay_time),
         ),
         scanned=heights or None,
         # where the profile cannot resolve an edge all its scans err alike
         scanned_radius=tuple(np.maximum(np.mean(edges, axis=0), (0.0, 0.05e-6)).tolist())
         if edges
         else None,
-        known=unloaded_zeros(features) | dict(known or {}),
+        known=estimate_unloaded_zeros(features) | dict(known or {}),
     )
     flagged = table.loc[table["status"] == "flagged", ["trial", "reason"]]
     regimes = table["regime"].dropna().astype(str).value_counts() if "regime" in table else {}
@@ -151,7 +151,7 @@ def trials_of(
 _STICKING = 0.1  # share of the trials from which sticking is the rule of a session
 
 
-def regime_hints(table: SessionTable) -> tuple[Hint, ...]:
+def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
     """Say where the tip moved before the edge otherwise than the model has it: no law of sliding is read off that."""
     stuck, n = table.regimes.get("stick-slip", 0), len(table.trials)
     if stuck < _STICKING * n:
@@ -164,7 +164,7 @@ def regime_hints(table: SessionTable) -> tuple[Hint, ...]:
     return (Hint("stick-slip", "friction", 0.0, said),)
 
 
-def _good(
+def _select_good(
     features: pd.DataFrame, radius_um: Floats
 ) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
     """Which trials can be used, and why the others cannot: each for the first reason that holds."""
@@ -184,11 +184,11 @@ def _good(
     reason = features["reason"].where(features["reason"] != "", features["status"])
     leave_out(~features["status"].isin(_KEPT), reason)
     for name in _POSITIVE:
-        numbers = _numbers(features, name)
+        numbers = _read_numbers(features, name)
         leave_out(~(np.isfinite(numbers) & (numbers > 0.0)), f"{name} must be a positive number")
-    too_high = _numbers(features, "height_um") >= radius_um
+    too_high = _read_numbers(features, "height_um") >= radius_um
     leave_out(too_high, "the step is as high as the ball: equation (2) has no angle for it")
-    marks = np.stack([_numbers(features, name) for name in _MARKS], axis=1)
+    marks = np.stack([_read_numbers(features, name) for name in _MARKS], axis=1)
     known = np.isfinite(marks)
     leave_out(~known[:, :2].any(axis=1), "neither a peak force nor a vibration energy was measured")
     # forces that are those of an earlier trial to the last digit are a copy, which would count
@@ -205,7 +205,7 @@ def _good(
     return good, excluded
 
 
-def _numbers(table: pd.DataFrame, name: str) -> Floats:
+def _read_numbers(table: pd.DataFrame, name: str) -> Floats:
     import pandas as pd
 
     if name not in table:
@@ -213,18 +213,18 @@ def _numbers(table: pd.DataFrame, name: str) -> Floats:
     return np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=np.float64)
 
 
-def _middle(logarithms: Floats, otherwise: float) -> float:
+def _median_or(logarithms: Floats, otherwise: float) -> float:
     seen = logarithms[np.isfinite(logarithms)]
     return float(np.exp(np.median(seen))) if seen.size else otherwise
 
 
-def _covariates(table: pd.DataFrame) -> dict[str, NDArray[Any]]:
+def _read_covariates(table: pd.DataFrame) -> dict[str, NDArray[Any]]:
     """Columns that were set or read beside the forces, in their order."""
     found: dict[str, NDArray[Any]] = {}
     for name in takewhile(lambda column: column != _FEATURES_BEGIN, table.columns):
         if name in ("trial", "status", "reason", "block"):
             continue
-        numbers = _numbers(table, name)
+        numbers = _read_numbers(table, name)
         seen = np.isfinite(numbers)
         if seen.mean() > 0.9:
             # a reading missed now and then takes the middle of the others
@@ -234,15 +234,15 @@ def _covariates(table: pd.DataFrame) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _channels(table: pd.DataFrame, spring_constant: float) -> tuple[Floats, Floats]:
+def _read_channels(table: pd.DataFrame, spring_constant: float) -> tuple[Floats, Floats]:
     values, std = (np.full((len(table), len(_COLUMNS)), np.nan) for _ in range(2))
     for j, (name, error, kind) in enumerate(_COLUMNS):
-        value, spread = _numbers(table, name), np.abs(_numbers(table, error))
+        value, spread = _read_numbers(table, name), np.abs(_read_numbers(table, error))
         if kind == "log":
             value = np.where(value > 0.0, value, np.nan)
             value, spread = np.log(value), spread / value
         elif kind != "as is":
-            scale = spring_constant if kind == "over spring" else _numbers(table, "load_n")
+            scale = spring_constant if kind == "over spring" else _read_numbers(table, "load_n")
             value, spread = value / scale, spread / scale
         # a value known to no better than a factor of two says nothing
         known = np.isfinite(value) & np.isfinite(spread) & (spread < 0.7)
@@ -265,19 +265,19 @@ def scan_blocks(
             failed[block] = f"{path.relative_to(folder)} leads out of the session"
         else:
             try:
-                found[block] = _edge_of_scan(path)
+                found[block] = _measure_scan(path)
             except StepblocksError as error:
                 failed[block] = str(error)
     return found, failed
 
 
-def _edge_of_scan(path: Path) -> dict[str, float]:
+def _measure_scan(path: Path) -> dict[str, float]:
     """Height and edge radius of the scan of a block; the mean over the lines of a map [m]."""
     from stepblocks.artefacts.scans.read import read_scan
-    from stepblocks.artefacts.scans.scan import rows_of
+    from stepblocks.artefacts.scans.scan import list_profiles
     from stepblocks.inspect.edge import fit_edge
 
-    edges = [fit_edge(line.position, line.height) for line in rows_of(read_scan(path))]
+    edges = [fit_edge(line.position, line.height) for line in list_profiles(read_scan(path))]
     heights, height_stds, radii, radius_stds = np.array(
         [(edge.height.value, edge.height.std, edge.radius.value, edge.radius.std) for edge in edges]
     ).T

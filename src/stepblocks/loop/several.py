@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from stepblocks.artefacts.model_file import LearnedFit, LearnedModel, model_document
-from stepblocks.atomic import alone_in, replace_text
+from stepblocks.artefacts.model_file import LearnedFit, LearnedModel, build_model_document
+from stepblocks.atomic import lock_folder, replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.run import loop_session
@@ -19,7 +19,7 @@ from stepblocks.loop.search.fit import fit
 _LEVEL = 0.975  # quantile of a 95 % interval
 
 
-def shared_parameter(
+def pool_parameter(
     name: str, unit: str, sessions: Mapping[str, tuple[float, float]]
 ) -> dict[str, Any]:
     """Pool one parameter by its value and standard error in each session that has it, as sessions.json shows it."""
@@ -67,7 +67,7 @@ def shared_parameter(
     }
 
 
-def hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Any], LearnedModel]:
+def fit_hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Any], LearnedModel]:
     """Fit the hierarchy of some sessions by name; beside it the model that predicts the next one."""
     wanted = dict.fromkeys(
         f.effect.id for result in results.values() for f in result.found.findings
@@ -85,7 +85,7 @@ def hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Any], Learne
             for s, f in fits.items()
             if parameter in f.values
         }
-        shared[parameter] = shared_parameter(parameter, unit, own)
+        shared[parameter] = pool_parameter(parameter, unit, own)
     # the parameters of the last session become those of any session, with the doubt about the next
     last = fits[name]
     pooled = [shared[parameter] for parameter in last.values]
@@ -139,12 +139,12 @@ def loop_sessions(
         "as_built": as_built,
         "progress": progress,
     }
-    with alone_in(output):
+    with lock_folder(output):
         results = {
             name: loop_session(one, output / name, **given)
             for name, one in zip(names, folders, strict=True)
         }
-        shared, model = hierarchy(results)
+        shared, model = fit_hierarchy(results)
         document = {
             "sessions": {
                 n: {"verdict": str(r.verdict), "finding": r.document["finding"]}
@@ -152,6 +152,9 @@ def loop_sessions(
             },
             "parameters": shared,
         }
-        for file, content in (("sessions.json", document), ("model.json", model_document(model))):
+        for file, content in (
+            ("sessions.json", document),
+            ("model.json", build_model_document(model)),
+        ):
             replace_text(output / file, json.dumps(content, indent=2, allow_nan=False) + "\n")
     return document

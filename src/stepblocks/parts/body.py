@@ -17,15 +17,22 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
-    broken_edges,
-    located,
-    plane,
-    texture_of,
-    toleranced,
+    describe_plane,
+    make_characteristic,
+    make_edge_break,
+    make_location,
+    make_roughness_characteristic,
 )
-from stepblocks.parts.declared import Table, WorkingFaces, below, must, rules_validator, usual
+from stepblocks.parts.declared import (
+    Table,
+    WorkingFaces,
+    check_below,
+    check_rule,
+    declare_default,
+    rules_validator,
+)
 from stepblocks.parts.kind import Part
-from stepblocks.parts.lettering import letters, text_width
+from stepblocks.parts.lettering import compute_text_width, outline_text
 from stepblocks.parts.revolution import Point, Point3
 from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
 
@@ -48,8 +55,8 @@ class Mounting(Table):
     # counterbored from above
     kind: Literal["tapped", "clearance"] = "tapped"
     thread: Literal["M2", "M2.5", "M3", "M4"] = "M3"  # metric coarse
-    spacing: PositiveLength = usual("12 mm")  # of the holes along x [m]
-    depth: PositiveLength = usual(
+    spacing: PositiveLength = declare_default("12 mm")  # of the holes along x [m]
+    depth: PositiveLength = declare_default(
         "5 mm"
     )  # of the full core hole from the base, or of the counterbore [m]
 
@@ -69,22 +76,24 @@ class Mounting(Table):
 class Engraving(Table):
     """The identity cut into the front side of the block."""
 
-    height: PositiveLength = usual("1.3 mm")  # of a capital letter [m]
-    depth: PositiveLength = usual("0.15 mm", otherwise="0.05 mm")  # of the cut [m]
+    height: PositiveLength = declare_default("1.3 mm")  # of a capital letter [m]
+    depth: PositiveLength = declare_default("0.15 mm", otherwise="0.05 mm")  # of the cut [m]
 
 
 class Body(Table):
     """The block without its stimulus. The origin lies on the working edge, z = 0 on the lower working face."""
 
     # the usual one fits a 24 mm vice
-    length: PositiveLength = usual("20 mm")  # along x, across the working edge [m]
-    width: PositiveLength = usual("24 mm")  # along y [m]
-    thickness: PositiveLength = usual("8 mm")  # from the base to the lower working face [m]
-    edge_break: Length = usual(
+    length: PositiveLength = declare_default("20 mm")  # along x, across the working edge [m]
+    width: PositiveLength = declare_default("24 mm")  # along y [m]
+    thickness: PositiveLength = declare_default(
+        "8 mm"
+    )  # from the base to the lower working face [m]
+    edge_break: Length = declare_default(
         "0.3 mm", otherwise="0.1 mm"
     )  # leg of the chamfer on all edges but the working ones [m]
-    mounting: Mounting = usual({})
-    engraving: Engraving = usual({})
+    mounting: Mounting = declare_default({})
+    engraving: Engraving = declare_default({})
 
     @rules_validator
     def _fits(self) -> Iterator[str]:
@@ -92,24 +101,24 @@ class Body(Table):
         holes, chamfer = self.mounting, self.edge_break.nominal
         spacing, entry = holes.spacing.nominal, holes.entry_diameter
         half, room = 0.5 * min(length, width, thickness), length - 2.0 * chamfer
-        yield below("edge_break", "be smaller than half the smallest side", chamfer, half)
+        yield check_below("edge_break", "be smaller than half the smallest side", chamfer, half)
         inside = spacing + entry < room
-        yield must(
+        yield check_rule(
             inside, "mounting.spacing", "leave the holes inside the base", room - entry, spacing
         )
-        yield must(entry < spacing, "mounting.spacing", "exceed the hole", entry, spacing)
+        yield check_rule(entry < spacing, "mounting.spacing", "exceed the hole", entry, spacing)
         tip = (
             0.5 * holes.hole_diameter / math.tan(0.5 * DRILL_POINT)
             if holes.kind == "tapped"
             else 0.0
         )
-        yield below(
+        yield check_below(
             "mounting.depth",
             "leave a floor over the drill point",
             holes.depth.nominal,
             thickness - tip,
         )
-        yield below(
+        yield check_below(
             "engraving.depth",
             "be below a tenth of the width",
             self.engraving.depth.nominal,
@@ -129,7 +138,7 @@ class Block(Part):
     @property
     def rise(self) -> float:
         """Height of the right working face over the left one [m], of either sign."""
-        height: Dimension = getattr(self, self.governed_by)
+        height: Dimension = getattr(self, self.governing_field)
         return height.nominal
 
     @abstractmethod
@@ -156,8 +165,8 @@ class Block(Part):
                 math.pi * (drill * drill * bore + entry * entry * (depth + top)) for top in tops
             )
         area = 0.0
-        for outer, *inner in letters(self.id.upper(), body.engraving.height.nominal):
-            area += _shoelace(outer) - math.fsum(map(_shoelace, inner))
+        for outer, *inner in outline_text(self.id.upper(), body.engraving.height.nominal):
+            area += _compute_polygon_area(outer) - math.fsum(map(_compute_polygon_area, inner))
         return holes + area * body.engraving.depth.nominal
 
     def extruded(self, crest: cad.door.Outline) -> cad.door.Body:
@@ -168,7 +177,7 @@ class Block(Part):
             [(half - c, base), (half, base + c), (half, rise - c), (half - c, rise)]
         )
         left = dict.fromkeys([(-half + c, 0.0), (-half, -c), (-half, base + c), (-half + c, base)])
-        return cad.kernel.prism([*right, *crest, *left], body.width.nominal)
+        return cad.kernel.make_prism([*right, *crest, *left], body.width.nominal)
 
     def body_characteristics(
         self, lower: FaceRule, upper: FaceRule, edge: Rule | None
@@ -180,53 +189,75 @@ class Block(Part):
             0.5 * body.width.nominal,
             -body.thickness.nominal,
         )
-        yield toleranced("length", "distance", body.length, plane(0, -half), plane(0, half))
-        yield toleranced("width", "distance", body.width, plane(1, -side), plane(1, side))
-        yield toleranced("thickness", "distance", body.thickness, plane(2, base), lower)
+        yield make_characteristic(
+            "length", "distance", body.length, describe_plane(0, -half), describe_plane(0, half)
+        )
+        yield make_characteristic(
+            "width", "distance", body.width, describe_plane(1, -side), describe_plane(1, side)
+        )
+        yield make_characteristic(
+            "thickness", "distance", body.thickness, describe_plane(2, base), lower
+        )
         spacing, radius = body.mounting.spacing, 0.5 * body.mounting.hole_diameter
         holes = [
             FaceRule("CYLINDER", radius=radius, holds={0: x * spacing.nominal}) for x in (-0.5, 0.5)
         ]
-        yield toleranced(
+        yield make_characteristic(
             "hole_spacing", "distance", spacing, *holes, method="coordinate measuring machine"
         )
         c = body.edge_break.nominal
         # of all edges alike, measured at the one along the base on the right
         slope = FaceRule("SLOPE", holds={0: half - 0.5 * c, 1: 0.0, 2: base + 0.5 * c})
-        yield broken_edges(body.edge_break, plane(0, half), EdgeRule(slope, plane(2, base)))
+        yield make_edge_break(
+            body.edge_break, describe_plane(0, half), EdgeRule(slope, describe_plane(2, base))
+        )
         depth = body.engraving.depth
-        yield toleranced(
-            "engraving_depth", "distance", depth, plane(1, -side), plane(1, -side + depth.nominal)
+        yield make_characteristic(
+            "engraving_depth",
+            "distance",
+            depth,
+            describe_plane(1, -side),
+            describe_plane(1, -side + depth.nominal),
         )
         said = "height of the engraved letters, middle of the front"
-        yield toleranced("engraving_height", "note", body.engraving.height, label=said)
+        yield make_characteristic("engraving_height", "note", body.engraving.height, label=said)
         # depth and place of the fixing holes, measured at the left one
         at, deep = -0.5 * spacing.nominal, body.mounting.depth.nominal
-        ends: tuple[Rule, Rule] = lower, plane(2, -deep, x=at + radius)
+        ends: tuple[Rule, Rule] = lower, describe_plane(2, -deep, x=at + radius)
         if tapped := body.mounting.kind == "tapped":  # down to where the drill's point begins
             ends = (
-                plane(2, base),
+                describe_plane(2, base),
                 EdgeRule(holes[0], FaceRule("CONE", holds={0: at, 2: base + deep + 0.2 * radius})),
             )
         label = "depth of the core holes" if tapped else "depth of the counterbores"
-        yield toleranced("hole_depth", "distance", body.mounting.depth, *ends, label=label)
-        yield located(
-            "hole_position", "left hole from the left side", half + at, plane(0, -half), holes[0]
+        yield make_characteristic("hole_depth", "distance", body.mounting.depth, *ends, label=label)
+        yield make_location(
+            "hole_position",
+            "left hole from the left side",
+            half + at,
+            describe_plane(0, -half),
+            holes[0],
         )
-        yield located("hole_row", "holes from the front", side, plane(1, -side), holes[0])
+        yield make_location(
+            "hole_row", "holes from the front", side, describe_plane(1, -side), holes[0]
+        )
         if edge is not None:
-            yield located(
-                "edge_position", "working edge from the left side", half, plane(0, -half), edge
+            yield make_location(
+                "edge_position",
+                "working edge from the left side",
+                half,
+                describe_plane(0, -half),
+                edge,
             )
-        yield texture_of(self.face_demands, lower, upper)
+        yield make_roughness_characteristic(self.face_demands, lower, upper)
 
     def require_engravable(self) -> Iterator[str]:
         """Refuse an identity that does not fit the front of the block."""
         body, letter = self.body, self.body.engraving.height.nominal
         broken = 2.0 * body.edge_break.nominal
         room = body.length.nominal - broken
-        width = text_width(self.id.upper(), letter)
-        yield must(
+        width = compute_text_width(self.id.upper(), letter)
+        yield check_rule(
             width < room,
             "engraving.height",
             f"let {self.id!r} fit the front",
@@ -234,24 +265,24 @@ class Block(Part):
             letter,
         )
         low = 0.6 * (body.thickness.nominal - broken)
-        yield below("engraving.height", "leave room over and under the letters", letter, low)
+        yield check_below("engraving.height", "leave room over and under the letters", letter, low)
 
 
-def body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body]:
+def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body]:
     """Bodies to cut from a block: edge breaks along x and z, holes, engraving."""
-    cuts = list(_edge_breaks(body, rise)) if body.edge_break.nominal > 0.0 else []
-    cuts += [_hole(body, side * body.mounting.spacing.nominal) for side in (-0.5, 0.5)]
+    cuts = list(_make_edge_breaks(body, rise)) if body.edge_break.nominal > 0.0 else []
+    cuts += [_make_hole(body, side * body.mounting.spacing.nominal) for side in (-0.5, 0.5)]
     middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * OVER
     into = (0.0, body.engraving.depth.nominal + 0.1 * OVER, 0.0)
-    for outlines in letters(identity.upper(), body.engraving.height.nominal):
+    for outlines in outline_text(identity.upper(), body.engraving.height.nominal):
         outer, *holes = (
             [(float(u), start, middle + float(v)) for u, v in outline] for outline in outlines
         )
-        cuts.append(cad.kernel.extruded(outer, into, holes))
+        cuts.append(cad.kernel.extrude(outer, into, holes))
     return cuts
 
 
-def _edge_breaks(body: Body, rise: float) -> Iterator[cad.door.Body]:
+def _make_edge_breaks(body: Body, rise: float) -> Iterator[cad.door.Body]:
     length, width, base, c = (
         body.length.nominal,
         body.width.nominal,
@@ -265,14 +296,14 @@ def _edge_breaks(body: Body, rise: float) -> Iterator[cad.door.Body]:
         near, far = y - side * (c + OVER), y + side * OVER
         for x0, x1, z, up in along:
             section = [(far, z - up * c - up * OVER), (near, z + up * OVER), (far, z + up * OVER)]
-            yield cad.kernel.extruded([(x0, *point) for point in section], (x1 - x0, 0.0, 0.0))
+            yield cad.kernel.extrude([(x0, *point) for point in section], (x1 - x0, 0.0, 0.0))
         for end in (-1.0, 1.0):
             x = end * 0.5 * length
             corner = [(x + end * OVER, near), (x - end * (c + OVER), far), (x + end * OVER, far)]
-            yield cad.kernel.extruded([(*point, base - OVER) for point in corner], (0.0, 0.0, high))
+            yield cad.kernel.extrude([(*point, base - OVER) for point in corner], (0.0, 0.0, high))
 
 
-def _hole(body: Body, x: float) -> cad.door.Body:
+def _make_hole(body: Body, x: float) -> cad.door.Body:
     holes, base = body.mounting, -body.thickness.nominal
     drill, entry, depth = 0.5 * holes.hole_diameter, 0.5 * holes.entry_diameter, holes.depth.nominal
     if holes.kind == "tapped":
@@ -284,7 +315,7 @@ def _hole(body: Body, x: float) -> cad.door.Body:
             (drill, depth),
             (0.0, depth + point),
         ]
-        return cad.kernel.turned(outline, (x, 0.0, base))
+        return cad.kernel.turn(outline, (x, 0.0, base))
     outline = [
         (0.0, base - OVER),
         (drill, base - OVER),
@@ -292,10 +323,10 @@ def _hole(body: Body, x: float) -> cad.door.Body:
         (entry, -depth),
         (entry, OVER),
     ]
-    return cad.kernel.turned([*outline, (0.0, OVER)], (x, 0.0, 0.0))
+    return cad.kernel.turn([*outline, (0.0, OVER)], (x, 0.0, 0.0))
 
 
-def half_points(body: Body, side: float, top: float, crest: Sequence[Point]) -> list[Point3]:
+def list_half_corners(body: Body, side: float, top: float, crest: Sequence[Point]) -> list[Point3]:
     """Corners of one chamfered half outwards from x = 0, its top there a crest of (x, z) points."""
     out, half = side * 0.5 * body.length.nominal, 0.5 * body.width.nominal
     base, c = -body.thickness.nominal, body.edge_break.nominal
@@ -315,7 +346,7 @@ def half_points(body: Body, side: float, top: float, crest: Sequence[Point]) -> 
     return points
 
 
-def half_volume(body: Body, extent: float, top: float) -> float:
+def compute_half_volume(body: Body, extent: float, top: float) -> float:
     """Volume of the part of a block on one side of its edge: a box with every edge broken but the four at the section."""
     width, c = body.width.nominal, body.edge_break.nominal
     height = top + body.thickness.nominal
@@ -331,12 +362,12 @@ def half_volume(body: Body, extent: float, top: float) -> float:
     return straight * (extent * width - c * c) + 2.0 * (rectangle(c) - corners_at_chamfer)
 
 
-def _shoelace(points: NDArray[np.float64]) -> float:
+def _compute_polygon_area(points: NDArray[np.float64]) -> float:
     x, y = points[:, 0], points[:, 1]
     return 0.5 * abs(math.fsum((x * np.roll(y, -1) - y * np.roll(x, -1)).tolist()))
 
 
-def strip_volume(body: Body, top: float, polygon: list[Point]) -> float:
+def compute_strip_volume(body: Body, top: float, polygon: list[Point]) -> float:
     """Volume that a section polygon (x, z) takes out of a half with chamfered sides: contour integral of W(z) x dz."""
     width, c = body.width.nominal, body.edge_break.nominal
     total = 0.0

@@ -9,7 +9,7 @@ from typing import Literal
 from stepblocks import cad
 from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import FaceDemands
-from stepblocks.parts.tolerance import Dimension, general_deviation
+from stepblocks.parts.tolerance import Dimension, find_general_deviation
 
 Kind = Literal[
     "distance", "diameter", "radius", "angle", "flatness", "parallelism", "roughness", "note"
@@ -91,7 +91,7 @@ class Characteristic:
 
 def find_face(faces: tuple[cad.door.Face, ...], rule: FaceRule, place: str) -> int:
     """Find the one face that a rule describes, the largest where the rule fits several."""
-    found = [index for index, face in enumerate(faces) if _fits(face, rule)]
+    found = [index for index, face in enumerate(faces) if _face_fits(face, rule)]
     if not found:
         raise MachiningError(f"a face must exist for {rule}, got none [{place}]")
 
@@ -104,7 +104,7 @@ def find_face(faces: tuple[cad.door.Face, ...], rule: FaceRule, place: str) -> i
     return max(found, key=extent)
 
 
-def _fits(face: cad.door.Face, rule: FaceRule) -> bool:
+def _face_fits(face: cad.door.Face, rule: FaceRule) -> bool:
     if face.kind != ("PLANE" if rule.kind == "SLOPE" else rule.kind):
         return False
     if rule.kind == "SLOPE":
@@ -122,7 +122,7 @@ def _fits(face: cad.door.Face, rule: FaceRule) -> bool:
     return all(face.low[k] - _REACH <= v <= face.high[k] + _REACH for k, v in rule.holds.items())
 
 
-def toleranced(
+def make_characteristic(
     key: str,
     kind: Kind,
     dimension: Dimension,
@@ -144,15 +144,15 @@ def toleranced(
     )
 
 
-def broken_edges(edge_break: Dimension, *faces: Rule) -> Characteristic:
+def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
     """State the chamfer of all edges alike, measured at one; sharp edges have no face to carry it."""
     label = "edge break, 45 deg, all edges"
     if edge_break.nominal == 0.0:
-        return toleranced("edge_break", "note", edge_break, label=label)
-    return toleranced("edge_break", "distance", edge_break, *faces, label=label)
+        return make_characteristic("edge_break", "note", edge_break, label=label)
+    return make_characteristic("edge_break", "distance", edge_break, *faces, label=label)
 
 
-def plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
+def describe_plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
     """Describe a plane square to an axis that contains the coordinates `x`, `y` and `z` [m]."""
     return FaceRule(
         "PLANE",
@@ -163,27 +163,29 @@ def plane(axis: int, at: float, body: int | None = None, **holds: float) -> Face
     )
 
 
-def form_of(
+def make_form_characteristics(
     demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upper: str
 ) -> Iterator[Characteristic]:
     """State flatness and parallelism of the two working faces."""
     how = "interferometer, form of the face, minimum zone"
     for key, said, face in (("flatness_lower", lower, low), ("flatness_upper", upper, high)):
-        yield _largest(key, f"flatness, {said}", "flatness", demands, (face,), how)
-    yield _largest(
+        yield _make_form_characteristic(key, f"flatness, {said}", "flatness", demands, (face,), how)
+    yield _make_form_characteristic(
         "parallelism", f"parallelism, {upper} to A", "parallelism", demands, (high, low), how
     )
 
 
-def texture_of(demands: FaceDemands, low: FaceRule, high: FaceRule) -> Characteristic:
+def make_roughness_characteristic(
+    demands: FaceDemands, low: FaceRule, high: FaceRule
+) -> Characteristic:
     """State the largest roughness of the working faces."""
     how = "profilometer or interferometer, ISO 21920-2"
-    return _largest(
+    return _make_form_characteristic(
         "roughness", "roughness Ra, working faces", "roughness", demands, (low, high), how
     )
 
 
-def _largest(
+def _make_form_characteristic(
     key: str, label: str, kind: Kind, asked: FaceDemands, faces: tuple[Rule, ...], how: str
 ) -> Characteristic:
     zone = asked[kind]
@@ -191,7 +193,7 @@ def _largest(
     return Characteristic(key, label, kind, 0.0, 0.0, zone.upper, 0, faces, how, states=states)
 
 
-def located(key: str, label: str, at: float, *faces: Rule) -> Characteristic:
+def make_location(key: str, label: str, at: float, *faces: Rule) -> Characteristic:
     """State where a feature lies [m], which follows from symmetry, with the general tolerance of ISO 2768-m."""
-    deviation = general_deviation(at) or 0.0
+    deviation = find_general_deviation(at) or 0.0
     return Characteristic(key, label, "distance", at, -deviation, deviation, 0, faces)

@@ -14,28 +14,38 @@ from stepblocks.contact.operating_point import (
     Tissue,
     Tool,
 )
-from stepblocks.contact.rod import Rod, RodRing, Sleeve, ring_of, rod_for
-from stepblocks.parts.declared import Sourced, Table, positive, sourced
+from stepblocks.contact.rod import Rod, RodRing, Sleeve, compute_rod_ring, fit_rod
+from stepblocks.parts.declared import Sourced, Table, read_positive, read_sourced
 
 PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
-Force = Annotated[Sourced, sourced("force")]
-Ratio = Annotated[float, positive("ratio", or_zero=True)]
+Force = Annotated[Sourced, read_sourced("force")]
+Ratio = Annotated[float, read_positive("ratio", or_zero=True)]
 Said = Annotated[str, Field(max_length=60)]
-_Newtons = Annotated[float, positive("force")]
+_Newtons = Annotated[float, read_positive("force")]
 _SOME = Field(min_length=1, max_length=100)
 _Share = Annotated[Ratio, Field(lt=1.0)]  # a tolerance of all that there is leaves nothing
-Lengths = Annotated[tuple[Annotated[float, positive("length")], ...], Field(max_length=100)]  # m
+Lengths = Annotated[
+    tuple[Annotated[float, read_positive("length")], ...], Field(max_length=100)
+]  # m
 
 
 class ToolSpec(Table):
     """The explorer as a spring that rings; what is left out is the paper's."""
 
-    stiffness: Annotated[float, positive("stiffness")] = PAPER.tool.stiffness  # tangential, k [N/m]
-    conversion: Annotated[float, positive("ratio")] = PAPER.tool.conversion  # C_v [1]
-    ring_duration: Annotated[float, positive("time")] = PAPER.tool.ring_duration  # s
-    detection_threshold: Annotated[float, positive("power")] = PAPER.tool.detection_threshold  # W
-    frequency: Annotated[float, positive("frequency")] = PAPER.tool.frequency  # of the ring [Hz]
-    decay_time: Annotated[float, positive("time")] = PAPER.tool.decay_time  # of its amplitude [s]
+    stiffness: Annotated[float, read_positive("stiffness")] = (
+        PAPER.tool.stiffness
+    )  # tangential, k [N/m]
+    conversion: Annotated[float, read_positive("ratio")] = PAPER.tool.conversion  # C_v [1]
+    ring_duration: Annotated[float, read_positive("time")] = PAPER.tool.ring_duration  # s
+    detection_threshold: Annotated[float, read_positive("power")] = (
+        PAPER.tool.detection_threshold
+    )  # W
+    frequency: Annotated[float, read_positive("frequency")] = (
+        PAPER.tool.frequency
+    )  # of the ring [Hz]
+    decay_time: Annotated[float, read_positive("time")] = (
+        PAPER.tool.decay_time
+    )  # of its amplitude [s]
 
 
 _USUAL = {name: Sourced(value, "force", said) for name, (value, said) in LIMIT_SOURCES.items()}
@@ -53,7 +63,7 @@ class LimitsSpec(Table):
 class SettingTolerances(Table):
     """How far what is not on a drawing may be off, to either side; what is left out is taken as known."""
 
-    tip_radius: Annotated[float, positive("length", or_zero=True)] = (
+    tip_radius: Annotated[float, read_positive("length", or_zero=True)] = (
         0.0  # of `PredictionGrid.tip_radii` [m]
     )
     friction: Ratio = 0.0  # 1
@@ -61,7 +71,7 @@ class SettingTolerances(Table):
     stiffness: _Share = 0.0  # as a share of the stiffness [1]
     conversion: _Share = 0.0  # as a share of C_v [1]
     # of the ring [Hz]; left out, the paper's band
-    frequency: Annotated[float, positive("frequency", or_zero=True)] = (
+    frequency: Annotated[float, read_positive("frequency", or_zero=True)] = (
         PAPER.tool.frequency_deviation
     )
 
@@ -93,22 +103,22 @@ class PredictionGrid(Table):
 class Gum(Table):
     """Gum beside the margin: a soft wall, Kelvin and Voigt's, that the flank of the tool presses in and rubs along."""
 
-    indentation: Annotated[float, positive("length")] = (
+    indentation: Annotated[float, read_positive("length")] = (
         0.2e-3  # by the tool; a gentle touch, assumed [m]
     )
-    contact: Annotated[float, positive("length")] = (
+    contact: Annotated[float, read_positive("length")] = (
         1e-3  # of the flank with the gum along the tool; assumed [m]
     )
-    shear_modulus: Annotated[Sourced, sourced("pressure")] = Sourced(
+    shear_modulus: Annotated[Sourced, read_sourced("pressure")] = Sourced(
         83e3,
         "pressure",
         "masticatory mucosa, mean of patients: Wakabayashi, Suzuki 2013, doi "
         "10.1177/1758736013483298",
     )
-    loss_factor: Annotated[Sourced, sourced("ratio")] = Sourced(
+    loss_factor: Annotated[Sourced, read_sourced("ratio")] = Sourced(
         0.3, "ratio", "assumed at 300 Hz; the relaxation that is published takes minutes"
     )
-    friction: Annotated[Sourced, sourced("ratio")] = Sourced(
+    friction: Annotated[Sourced, read_sourced("ratio")] = Sourced(
         0.1, "ratio", "assumed: wet with saliva"
     )
 
@@ -135,29 +145,29 @@ class OrderSpec(Table):
 class ProbeSpec(Table):
     """The probe as a clamped rod with a mass at its tip; its free length follows from the stiffness, the mass from the frequency."""
 
-    stiffness: Annotated[Sourced, sourced("stiffness")]  # of the tip along the drag
-    frequency: Annotated[Sourced, sourced("frequency")]  # at which it rings
-    decay_time: Annotated[Sourced, sourced("time")]  # in which its amplitude falls to 1/e
-    shank_diameter: Annotated[Sourced, sourced("length")]
-    modulus: Annotated[Sourced, sourced("pressure")]  # Young's modulus of the rod
-    density: Annotated[Sourced, sourced("density")]  # of the rod
+    stiffness: Annotated[Sourced, read_sourced("stiffness")]  # of the tip along the drag
+    frequency: Annotated[Sourced, read_sourced("frequency")]  # at which it rings
+    decay_time: Annotated[Sourced, read_sourced("time")]  # in which its amplitude falls to 1/e
+    shank_diameter: Annotated[Sourced, read_sourced("length")]
+    modulus: Annotated[Sourced, read_sourced("pressure")]  # Young's modulus of the rod
+    density: Annotated[Sourced, read_sourced("density")]  # of the rod
 
     def rod(self) -> Rod:
         """Return the rod that it is taken for."""
-        return rod_for(*(value.value for _, value in self))
+        return fit_rod(*(value.value for _, value in self))
 
     def ring(self, sleeve: Sleeve | None = None) -> RodRing:
         """Predict how it rings, bare or with a sheath on its shank."""
-        return ring_of(self.rod(), sleeve)
+        return compute_rod_ring(self.rod(), sleeve)
 
 
 class DampingRig(Table):
     """The rig that moves a tip by a fixed distance and lets it go."""
 
-    displacement: Annotated[Sourced, sourced("length")]  # that distance
+    displacement: Annotated[Sourced, read_sourced("length")]  # that distance
     noise: Annotated[
-        Sourced, sourced("length")
+        Sourced, read_sourced("length")
     ]  # standard deviation of one sample of the displacement
-    sample_rate: Annotated[Sourced, sourced("frequency")]
+    sample_rate: Annotated[Sourced, read_sourced("frequency")]
     # relative standard uncertainty wanted of the logarithmic decrement
-    uncertainty: Annotated[Sourced, sourced("ratio")]
+    uncertainty: Annotated[Sourced, read_sourced("ratio")]

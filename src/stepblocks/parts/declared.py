@@ -25,18 +25,18 @@ def rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
     return model_validator(mode="after")(checked)
 
 
-def must(holds: bool, field: str, rule: str, limit: float, value: float) -> str:
+def check_rule(holds: bool, field: str, rule: str, limit: float, value: float) -> str:
     """Say which rule a length breaks, naming field, rule, limit and value; ``""`` where it holds."""
     least, got = format_quantity(limit, "length"), format_quantity(value, "length")
     return "" if holds else f"{field} must {rule} ({least}), got {got}"
 
 
-def below(field: str, rule: str, value: float, limit: float) -> str:
+def check_below(field: str, rule: str, value: float, limit: float) -> str:
     """Say that a length must lie below a limit; ``""`` where it does."""
-    return must(value < limit, field, rule, limit, value)
+    return check_rule(value < limit, field, rule, limit, value)
 
 
-def positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
+def read_positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
     """Read a quantity in SI that must be positive, or may be zero."""
 
     def read(raw: object) -> float:
@@ -48,7 +48,9 @@ def positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
     return BeforeValidator(read)
 
 
-def usual(nominal: Any = ..., tolerance: str = "", *, otherwise: str = "", source: str = "") -> Any:
+def declare_default(
+    nominal: Any = ..., tolerance: str = "", *, otherwise: str = "", source: str = ""
+) -> Any:
     """Declare what stands for a field that is left out, and `otherwise` a tolerance where neither file nor ISO 2768-1 has one."""
     more: dict[str, Any] = {"otherwise": otherwise} if otherwise else {}
     beside = {"tolerance": tolerance, "source": source, **more}
@@ -105,7 +107,7 @@ class Sourced:
         return {f"value_{unit}" if unit else "value": self.value, "source": self.source}
 
 
-def sourced(quantity: str) -> BeforeValidator:
+def read_sourced(quantity: str) -> BeforeValidator:
     """Read a positive value with its source."""
 
     def read(raw: object) -> Sourced:
@@ -130,7 +132,7 @@ class Material(Table):
 
     name: Identity  # key in stimulus files
     designation: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[ -&(-~]+$")]
-    density: Annotated[Sourced, sourced("density")]
+    density: Annotated[Sourced, read_sourced("density")]
 
     def record(self) -> dict[str, Any]:
         """Return plain values for JSON, the unit in the name."""
@@ -161,7 +163,7 @@ MATERIALS = {
 }
 
 
-def material_named(name: object) -> Material:
+def find_material(name: object) -> Material:
     """Find a material by its key."""
     if isinstance(name, Material):
         return name
@@ -170,10 +172,10 @@ def material_named(name: object) -> Material:
     return MATERIALS[name]
 
 
-MaterialField = Annotated[Material, BeforeValidator(material_named)]
+MaterialField = Annotated[Material, BeforeValidator(find_material)]
 
 
-def _zone(raw: object) -> Dimension:
+def _read_zone(raw: object) -> Dimension:
     """Read the width of a zone as a dimension of nominal 0 that may only grow."""
     if isinstance(raw, Dimension):
         return raw
@@ -184,7 +186,7 @@ def _zone(raw: object) -> Dimension:
 
 
 Zone = Annotated[
-    Dimension, BeforeValidator(_zone)
+    Dimension, BeforeValidator(_read_zone)
 ]  # width of a tolerance zone, or largest roughness [m]
 
 
@@ -203,7 +205,7 @@ FaceDemands: TypeAlias = dict[
 ]  # flatness, parallelism and roughness of the working faces in force
 
 
-def face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
+def complete_face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
     """Fill up what a file leaves open from the tolerance band [m] of the height, and mark it as usual."""
     rough = max(round(band * 1e6 / 20.0, 2), 0.05) / 1e6
     widths = {"flatness": 0.25 * band, "parallelism": 0.5 * band, "roughness": rough}

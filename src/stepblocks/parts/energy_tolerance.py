@@ -11,10 +11,10 @@ from pydantic import BeforeValidator
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.uncertainty import energy_at_corners, tolerances_for_energy
+from stepblocks.contact.uncertainty import compute_energy_at_corners, find_tolerances_for_energy
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import PredictionGrid, Ratio
-from stepblocks.parts.declared import Table, positive
+from stepblocks.parts.declared import Table, read_positive
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.quantities import parse_quantity
@@ -25,7 +25,7 @@ Condition: TypeAlias = tuple[Step, OperatingPoint]
 _FINEST = {"height": 0.1e-6, "edge_radius": 0.5e-6, "ball_radius": 0.5e-6}
 
 
-def _share(raw: object) -> float:
+def _read_share(raw: object) -> float:
     value = parse_quantity(raw, "ratio")
     if not 0.0 < value < 1.0:
         raise ValueError(f"must lie between 0 and 100 %, got {raw!r}")
@@ -36,10 +36,10 @@ class EnergyTolerance(Table):
     """A tolerance of the vibration energy."""
 
     within: Annotated[
-        float, BeforeValidator(_share)
+        float, BeforeValidator(_read_share)
     ]  # allowed relative change of the energy to either side [1]
     # of the tip [m]; left out, the tip has a share of the budget like the block
-    ball_radius: Annotated[float, positive("length", or_zero=True)] | None = None
+    ball_radius: Annotated[float, read_positive("length", or_zero=True)] | None = None
     friction: Ratio = 0.0  # of mu, spent before the block's share [1]
     normal_load: Ratio = 0.0  # as a share of the load, spent likewise [1]
 
@@ -76,7 +76,7 @@ _TABLE = BeforeValidator(
 EnergyToleranceField = Annotated[EnergyTolerance, _TABLE]
 
 
-def energy_tolerance_lacks(
+def check_energy_tolerance(
     energy: EnergyTolerance | None, named: dict[str, Dimension], tip_is_free: bool
 ) -> str:
     """Say that a dimension is toleranced by an energy that is not given, or an energy tolerances nothing; else ``""``."""
@@ -89,7 +89,7 @@ def energy_tolerance_lacks(
     return ""
 
 
-def described(energy: EnergyTolerance | None) -> list[list[str]]:
+def describe_energy_tolerance(energy: EnergyTolerance | None) -> list[list[str]]:
     """Say in words what a part keeps."""
     if not isinstance(energy, EnergyBudget):
         return []
@@ -99,7 +99,7 @@ def described(energy: EnergyTolerance | None) -> list[list[str]]:
     ]
 
 
-def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
+def resolve_energy_tolerance(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     """Work out the tolerances of a part that follow from an energy; the part itself where none does."""
     energy: EnergyTolerance | None = getattr(part, "energy_tolerance", None)
     if energy is None or isinstance(energy, EnergyBudget):
@@ -108,7 +108,7 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     place = f"[{set_name}, {part.stanza} {part.id!r}]"
     felt = [
         (face, at)
-        for face, at in _conditions(part, grid)
+        for face, at in _list_conditions(part, grid)
         if face.release(at).status is Status.RELEASES
     ]
     if not felt:
@@ -131,7 +131,7 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     for face, at in felt:
         where = f"R {at.ball_radius * 1e6:g} um, H {face.height * 1e6:g} um, mu {at.friction:g}"
         try:
-            plan = tolerances_for_energy(face, at, energy.within, finest=_FINEST, fixed=fixed)
+            plan = find_tolerances_for_energy(face, at, energy.within, finest=_FINEST, fixed=fixed)
         except ContactError as error:
             raise PipelineError(f"energy_tolerance: {error} {place}") from error
         if not plan.achievable:
@@ -140,14 +140,16 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
                 f"{asked} can be kept by no tolerance at {where}: {plan.reason} {place}"
             )
         plans.append(plan)
-    widths = {name: min(_drawn(getattr(plan, name)) for plan in plans) for name in free}
+    widths = {name: min(_round_down(getattr(plan, name)) for plan in plans) for name in free}
     # the narrowest of what the conditions ask for, rounded down to what a drawing says
     tips: dict[float, float] = {}
     for (_, at), plan in zip(felt, plans, strict=True):
-        given = energy.ball_radius if energy.ball_radius is not None else _drawn(plan.ball_radius)
+        given = (
+            energy.ball_radius if energy.ball_radius is not None else _round_down(plan.ball_radius)
+        )
         tips[at.ball_radius] = min(given, tips.get(at.ball_radius, math.inf))
     corners = [
-        energy_at_corners(face, at, fixed | widths | {"ball_radius": tips[at.ball_radius]})
+        compute_energy_at_corners(face, at, fixed | widths | {"ball_radius": tips[at.ball_radius]})
         for face, at in felt
     ]
     budget = EnergyBudget.model_construct(
@@ -167,7 +169,7 @@ def toleranced(part: Part, grid: PredictionGrid, set_name: str) -> Part:
     return part.model_copy(update=update)
 
 
-def _conditions(part: Part, grid: PredictionGrid) -> Iterator[Condition]:
+def _list_conditions(part: Part, grid: PredictionGrid) -> Iterator[Condition]:
     """Every block, tip and friction; the load scales all energies alike."""
     balls = grid.tip_radii if part.ball is None else (part.ball.nominal,)
     steps = (None,) if part.crossed else grid.step_heights
@@ -177,7 +179,7 @@ def _conditions(part: Part, grid: PredictionGrid) -> Iterator[Condition]:
         yield face, replace(PAPER, ball_radius=ball, friction=friction)
 
 
-def _drawn(width: float) -> float:
+def _round_down(width: float) -> float:
     """Round a half-width down to two digits, as a drawing says it."""
     digits = math.floor(math.log10(width)) - 1
     # the small shift keeps 0.68 from becoming 0.67 where it is stored as 0.67999...

@@ -15,7 +15,7 @@ from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.contact.rod import Sleeve
 from stepblocks.errors import ContactError
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, face_demands
+from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, complete_face_demands
 from stepblocks.parts.tolerance import Dimension
 
 CONTACT_DEFLECTION = 0.1e-6  # chordal error of a mesh where the probe touches [m]
@@ -46,12 +46,12 @@ class Part(Table, ABC):
     stanza: ClassVar[
         str
     ]  # name of its tables in a stimulus file, and its key wherever kinds are told apart
-    called: ClassVar[str]  # what people call it
-    titled: ClassVar[str]  # what its drawing is called
+    kind_name: ClassVar[str]  # what people call it
+    drawing_title: ClassVar[str]  # what its drawing is called
     felt_by: ClassVar[
         dict[str, str]
     ] = {}  # fields on which the counterface depends, by its names for them
-    governed_by: ClassVar[str]  # field whose tolerance band sets the usual demands on its faces
+    governing_field: ClassVar[str]  # field whose tolerance band sets the usual demands on its faces
     crossed: ClassVar[bool] = True  # whether a tip is dragged across it
     has_working_faces: ClassVar[bool] = (
         False  # plane ones beside a straight edge: flatness, roughness, a height field
@@ -67,12 +67,12 @@ class Part(Table, ABC):
         material: Material
 
     @classmethod
-    def prepared(cls, stanzas: object) -> object:
+    def prepare_stanzas(cls, stanzas: object) -> object:
         """Change the stanzas of a file before they are validated, where one depends on another."""
         return stanzas
 
     @classmethod
-    def followed(cls, stanza: Mapping[str, Any], folder: Path) -> Iterable[Mapping[str, Any]]:
+    def expand_stanza(cls, stanza: Mapping[str, Any], folder: Path) -> Iterable[Mapping[str, Any]]:
         """Follow what a stanza names in the folder of its file; the stanza may then stand for several parts."""
         return [stanza]
 
@@ -85,18 +85,18 @@ class Part(Table, ABC):
         return {name: one for name, one in named.items() if one is not None}
 
     @abstractmethod
-    def sized(self, **sizes: float) -> Counterface:
+    def make_counterface(self, **sizes: float) -> Counterface:
         """Counterface at other values of the `sizes` [m]; within tolerances these may fall below zero."""
 
     def counterface(self, step_height: float | None = None) -> Counterface:
         """Surface across the drag at nominal size; what is held or worn needs the height of the step under it [m]."""
-        return self.sized(**{name: one.nominal for name, one in self.sizes.items()})
+        return self.make_counterface(**{name: one.nominal for name, one in self.sizes.items()})
 
     def corners(self, step_height: float | None = None) -> Iterator[Counterface]:
         """Counterface at nominal size, then at every corner of its tolerances; what has no sizes meets a step that is known."""
         yield self.counterface(step_height)
         for values in product(*(one.limits for one in self.sizes.values())) if self.sizes else ():
-            yield self.sized(**dict(zip(self.sizes, values, strict=True)))
+            yield self.make_counterface(**dict(zip(self.sizes, values, strict=True)))
 
     @property
     def ball(self) -> Dimension | None:
@@ -158,8 +158,10 @@ class Part(Table, ABC):
     @property
     def face_demands(self) -> FaceDemands:
         """Form and texture of the working faces in force."""
-        governing: Dimension = getattr(self, self.governed_by)
-        return face_demands(getattr(self, "working_faces", None), governing.upper - governing.lower)
+        governing: Dimension = getattr(self, self.governing_field)
+        return complete_face_demands(
+            getattr(self, "working_faces", None), governing.upper - governing.lower
+        )
 
     @abstractmethod
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
@@ -171,7 +173,7 @@ class Part(Table, ABC):
 
     def record(self) -> dict[str, Any]:
         """Write it out in full for JSON."""
-        return {"kind": self.called, **super().record()}
+        return {"kind": self.kind_name, **super().record()}
 
     def lacks(self, conditions: Mapping[str, Any]) -> Iterator[str]:
         """Say what a set lacks that it needs; `conditions` are the set's own fields."""
@@ -183,7 +185,7 @@ class HeldPart(Part):
 
     crossed: ClassVar[bool] = False
 
-    def sized(self, **sizes: float) -> Counterface:
+    def make_counterface(self, **sizes: float) -> Counterface:
         """Return a sharp step; `height` is its only size."""
         return Step(**sizes)
 
@@ -193,10 +195,10 @@ class HeldPart(Part):
             raise ContactError(
                 f"the height of the step under the probe must be given, got none [{self.id}]"
             )
-        return self.sized(height=step_height)
+        return self.make_counterface(height=step_height)
 
 
-def exaggeration(height: float) -> float:
+def choose_exaggeration(height: float) -> float:
     """Round factor that draws a height at about a millimetre and a half."""
     wanted = 1.5e-3 / height
     decade = 10.0 ** math.floor(math.log10(wanted))

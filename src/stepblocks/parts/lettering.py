@@ -15,7 +15,7 @@ _FLATNESS = 0.01  # of the letter height: curves become chords no further from t
 
 
 @lru_cache(maxsize=4096)
-def _glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
+def _outline_glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
     """Advance and polygons of one character for a capital height of 1."""
     import matplotlib as mpl
     import shapely
@@ -46,16 +46,16 @@ def _glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
     return advance, tuple(polygons)
 
 
-def text_width(text: str, height: float) -> float:
+def compute_text_width(text: str, height: float) -> float:
     """Length of a line of text."""
-    return height * math.fsum(_glyph(character)[0] for character in text)
+    return height * math.fsum(_outline_glyph(character)[0] for character in text)
 
 
-def letters(text: str, height: float) -> list[Letter]:
+def outline_text(text: str, height: float) -> list[Letter]:
     """Outline a line of text, centred on the origin."""
     placed: list[Letter] = []
     pen = 0.0
-    for advance, polygons in map(_glyph, text):
+    for advance, polygons in map(_outline_glyph, text):
         placed += [tuple(line + np.array([pen, 0.0]) for line in polygon) for polygon in polygons]
         pen += advance
     middle = np.array([0.5 * pen, 0.5])  # capitals are 1 high

@@ -63,7 +63,7 @@ def stations_in(
         raise StimulusError(
             f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got {got} [{path.name}]"
         )
-    line = _closed(picked, path)
+    line = _read_closed_line(picked, path)
     around = line(np.linspace(0.0, line.x[-1], 500))
     middle = around.mean(axis=0)
     draw = np.linalg.svd(around - middle, full_matrices=False)[2][2]
@@ -84,8 +84,8 @@ def stations_in(
             np.linalg.norm(mesh.triangles_center - place, axis=1) < 3.0 * _FITTED + radii[beside]
         )
         frames = zip(line(where), line(where, 1), strict=True)
-        hole, sides = _sides(
-            [_section(mesh, near, *frame, middle, draw) for frame in frames], shows
+        hole, sides = _find_sides(
+            [_cut_section(mesh, near, *frame, middle, draw) for frame in frames], shows
         )
         if hole:
             rule = f"must show a third of the {hole} within {_FITTED * 1e3:g} mm of the margin"
@@ -99,7 +99,7 @@ def stations_in(
     }
 
 
-def _closed(points: Array, path: Path) -> Any:
+def _read_closed_line(points: Array, path: Path) -> Any:
     """Smooth closed line through points, over the length of their chords."""
     from scipy.interpolate import CubicSpline
 
@@ -116,7 +116,7 @@ def _closed(points: Array, path: Path) -> Any:
     return CubicSpline(at, line, bc_type="periodic")
 
 
-def _section(
+def _cut_section(
     mesh: Any, near: NDArray[np.int64], place: Array, along: Array, middle: Array, draw: Array
 ) -> Array:
     """Outermost points (x to the crown, z out of the tooth) of the section across the margin, shape (n, 2)."""
@@ -139,7 +139,7 @@ def _section(
     return np.asarray(np.column_stack([where, top])[top > -2.0 * _FITTED])
 
 
-def _sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
+def _find_sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
     """Name of the side that is not there, if any; curvature of the tooth, slope and curvature of the crown, scatter."""
     # sections share their shape, each at a level of its own, in a frame turned until the tooth, or
     # else the crown, is level

@@ -10,7 +10,7 @@ import numpy as np
 
 from stepblocks import cad
 from stepblocks.parts.kind import CONTACT_DEFLECTION, Part
-from stepblocks.parts.shapes import hull
+from stepblocks.parts.shapes import make_hull
 
 Point = tuple[float, float]
 Point3 = tuple[float, float, float]
@@ -32,20 +32,20 @@ class Turned(Part):
 
     def solids(self) -> list[cad.door.Body]:
         """Turn them."""
-        return [cad.kernel.turned(outline, (0.0, 0.0, 0.0)) for outline in self.outlines()]
+        return [cad.kernel.turn(outline, (0.0, 0.0, 0.0)) for outline in self.outlines()]
 
     def volumes(self) -> tuple[float, ...]:
         """By Pappus and Guldin."""
-        return tuple(revolution_volume(outline) for outline in self.outlines())
+        return tuple(compute_revolution_volume(outline) for outline in self.outlines())
 
 
-def revolution_volume(outline: Outline) -> float:
+def compute_revolution_volume(outline: Outline) -> float:
     """Volume within a turned outline [m^3]: contour integral of pi r^2 dz over its lines and arcs."""
     total, around = 0.0, list[Any]([*outline, outline[0]])
     here = around[0]
     for item in around[1:]:
         if isinstance(item[0], tuple):
-            total += _along_arc(here, *item)
+            total += _integrate_arc(here, *item)
             here = item[1]
         else:
             (r0, z0), (r1, z1) = here, item
@@ -54,10 +54,10 @@ def revolution_volume(outline: Outline) -> float:
     return math.pi * abs(total)
 
 
-def _along_arc(start: Point, middle: Point, end: Point) -> float:
+def _integrate_arc(start: Point, middle: Point, end: Point) -> float:
     """Integrate r^2 dz with r = c + rho cos t, dz = rho cos t dt from one end of the arc to the other."""
     squares = [p[0] ** 2 + p[1] ** 2 - start[0] ** 2 - start[1] ** 2 for p in (middle, end)]
-    (c, _), rho, first, last = _circle(start, middle, end, squares)
+    (c, _), rho, first, last = _find_circle(start, middle, end, squares)
 
     def antiderivative(t: float) -> float:
         # rho cos t (c + rho cos t)^2, integrated
@@ -67,7 +67,7 @@ def _along_arc(start: Point, middle: Point, end: Point) -> float:
     return antiderivative(last) - antiderivative(first)
 
 
-def _circle(
+def _find_circle(
     start: Point, middle: Point, end: Point, squares: list[float]
 ) -> tuple[Point, float, float, float]:
     """Centre, radius, first and last angle of an arc; `squares`: by how much middle and end lie further from the origin [m^2]."""
@@ -85,14 +85,14 @@ def _circle(
     )
 
 
-def outline_points(outline: Outline, chord: float) -> list[Point]:
+def list_outline_points(outline: Outline, chord: float) -> list[Point]:
     """Outline as points, its arcs with a chordal error of at most `chord` [m]."""
     points: list[Point] = [outline[0]]  # type: ignore[list-item]
     for item in outline[1:]:
         if isinstance(item[0], tuple):
             start, (middle, end) = points[-1], item
             squares = [math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)]
-            (x, z), radius, first, last = _circle(start, middle, end, squares)
+            (x, z), radius, first, last = _find_circle(start, middle, end, squares)
             count = max(
                 1, math.ceil(abs(last - first) / (2.0 * math.acos(max(1.0 - chord / radius, -1.0))))
             )
@@ -103,7 +103,7 @@ def outline_points(outline: Outline, chord: float) -> list[Point]:
     return points
 
 
-def ring(radius: float, height: float) -> list[Point3]:
+def list_ring_points(radius: float, height: float) -> list[Point3]:
     """Points round the axis."""
     if radius == 0.0:
         return [(0.0, 0.0, height)]
@@ -111,27 +111,29 @@ def ring(radius: float, height: float) -> list[Point3]:
     return [(radius * math.cos(a), radius * math.sin(a), height) for a in angles]
 
 
-def turned_hull(outline: Outline) -> Any:
+def make_turned_hull(outline: Outline) -> Any:
     """Turn a convex outline."""
-    return hull(
-        point for r, z in outline_points(outline, CONTACT_DEFLECTION) for point in ring(r, z)
+    return make_hull(
+        point
+        for r, z in list_outline_points(outline, CONTACT_DEFLECTION)
+        for point in list_ring_points(r, z)
     )
 
 
-def stack(outline: Outline) -> list[Any]:
+def make_frusta(outline: Outline) -> list[Any]:
     """Frusta of a solid of revolution whose radius is a function of height."""
-    points = [(r, z) for r, z in outline_points(outline, 5e-6) if r > 0.0]
+    points = [(r, z) for r, z in list_outline_points(outline, 5e-6) if r > 0.0]
     return [
-        hull([*ring(r0, z0), *ring(r1, z1)])
+        make_hull([*list_ring_points(r0, z0), *list_ring_points(r1, z1)])
         for (r0, z0), (r1, z1) in itertools.pairwise(points)
         if z1 > z0
     ]
 
 
-def sectors(cell: Sequence[Point]) -> list[Any]:
+def make_sectors(cell: Sequence[Point]) -> list[Any]:
     """Turn a convex cell of the half section into sectors."""
     turns = itertools.pairwise(2.0 * math.pi * sector / SECTORS for sector in range(SECTORS + 1))
     return [
-        hull((r * math.cos(a), r * math.sin(a), z) for r, z in cell for a in angles)
+        make_hull((r * math.cos(a), r * math.sin(a), z) for r, z in cell for a in angles)
         for angles in turns
     ]

@@ -20,7 +20,7 @@ _PLACEHOLDER = re.compile(
 _UNITS = {"um": 1e6, "nm": 1e9, "mm": 1e3, "deg": 57.29577951308232}
 
 
-def merged(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict[str, Any]:
+def merge_tables(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict[str, Any]:
     """Lay a stanza over the defaults of its kind, table by table."""
     result: dict[str, Any] = copy.deepcopy(dict(defaults))
     for key, value in stanza.items():
@@ -30,13 +30,13 @@ def merged(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict[str, 
             for one in (result.get(key), value)
             if isinstance(one, dict) and not _OF_DIMENSION & set(one)
         ]
-        result[key] = merged(*tables) if len(tables) == 2 else copy.deepcopy(value)
+        result[key] = merge_tables(*tables) if len(tables) == 2 else copy.deepcopy(value)
     return result
 
 
-def expand(stanza: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def expand_series(stanza: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """Expand the series in a stanza, every combination of them."""
-    series = {path: _values(path, table) for path, table in _series_tables(stanza, ())}
+    series = {path: _read_values(path, table) for path, table in _find_series(stanza, ())}
     count = math.prod(map(len, series.values()))
     if count > MAX_SERIES:
         raise ValueError(f"a series must have at most {MAX_SERIES} members, got {count}")
@@ -48,11 +48,11 @@ def expand(stanza: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
                 table = table[key]
             kept = {key: value for key, value in table[path[-1]].items() if key in _BESIDE}
             table[path[-1]] = {"nominal": nominal, **kept}
-        one["id"] = _named(one)
+        one["id"] = _fill_identity(one)
         yield one
 
 
-def _series_tables(
+def _find_series(
     table: Mapping[str, Any], path: tuple[str, ...]
 ) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
     for key, value in table.items():
@@ -60,10 +60,10 @@ def _series_tables(
             if "from" in value or "values" in value:
                 yield (*path, key), value
             else:
-                yield from _series_tables(value, (*path, key))
+                yield from _find_series(value, (*path, key))
 
 
-def _values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
+def _read_values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
     name = ".".join(path)
     unknown = set(table) - {"from", "to", "step", "values", *_BESIDE}
     if unknown:
@@ -88,7 +88,7 @@ def _values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
             f"{name}: a series needs from, to and step, got no {' and no '.join(sorted(missing))}"
         )
     first, last, step = (table[key] for key in ("from", "to", "step"))
-    dimension = _dimension_of(first)
+    dimension = _find_quantity(first)
     try:
         start, stop, stride = (parse_quantity(value, dimension) for value in (first, last, step))
     except QuantityError as error:
@@ -109,7 +109,7 @@ def _values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
     return [f"{(start + index * stride) / scale:.12g} {unit}" for index in range(count + 1)]
 
 
-def _dimension_of(text: object) -> str:
+def _find_quantity(text: object) -> str:
     try:
         parse_quantity(text, "angle")
     except QuantityError:
@@ -117,7 +117,7 @@ def _dimension_of(text: object) -> str:
     return "angle"
 
 
-def _named(stanza: Mapping[str, Any]) -> object:
+def _fill_identity(stanza: Mapping[str, Any]) -> object:
     template = stanza.get("id")
     if not isinstance(template, str):
         return template
@@ -128,7 +128,7 @@ def _named(stanza: Mapping[str, Any]) -> object:
         if match["unit"] is None or nominal is None:
             rule = "must name a dimension of the stanza with its unit, such as {height_um:03}"
             raise ValueError(f"id: {match[0]} {rule}")
-        value = parse_quantity(nominal, _dimension_of(nominal)) * _UNITS[match["unit"]]
+        value = parse_quantity(nominal, _find_quantity(nominal)) * _UNITS[match["unit"]]
         text = f"{value:.9g}"
         sign, digits = ("m", text[1:]) if text.startswith("-") else ("", text)
         return sign + digits.zfill(int(match["digits"] or 1)).replace(".", "p")

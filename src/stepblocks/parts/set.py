@@ -18,7 +18,7 @@ from stepblocks.parts.conditions import (
     ProbeSpec,
 )
 from stepblocks.parts.declared import Identity, Table, rules_validator
-from stepblocks.parts.energy_tolerance import toleranced
+from stepblocks.parts.energy_tolerance import resolve_energy_tolerance
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.margin import MarginBlock
@@ -40,13 +40,13 @@ SHIPPED: tuple[type[Part], ...] = (
 _more: list[type[Part]] = []
 
 
-def kinds() -> dict[str, type[Part]]:
+def list_kinds() -> dict[str, type[Part]]:
     """Return the kinds that stimulus files may declare, by the names of their stanzas."""
     return {kind.stanza: kind for kind in (*SHIPPED, *_more)}
 
 
 @contextmanager
-def registered(kind: type[Part]) -> Iterator[None]:
+def register_kind(kind: type[Part]) -> Iterator[None]:
     """Let stimulus files declare a kind that is not shipped, for as long as the context lasts.
 
     Parameters
@@ -64,7 +64,7 @@ def registered(kind: type[Part]) -> Iterator[None]:
     StimulusError
         If another kind has stanzas of that name, or it cannot be the name of one.
     """
-    taken = {*kinds(), *StimulusSet.model_fields, "schema", "set", "defaults"}
+    taken = {*list_kinds(), *StimulusSet.model_fields, "schema", "set", "defaults"}
     if not kind.stanza.isidentifier() or kind.stanza in taken:
         raise StimulusError(f"stanza must be a new name, got {kind.stanza!r} [{kind.__name__}]")
     _more.append(kind)
@@ -88,7 +88,7 @@ class StimulusSet(Table):
 
     def __getattr__(self, name: str) -> tuple[Any, ...]:
         """Parts of one kind, by the name of its stanza."""
-        if name not in kinds():
+        if name not in list_kinds():
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         return tuple(part for part in self.stimuli if part.stanza == name)
 
@@ -124,21 +124,21 @@ class StimulusSet(Table):
             yield "a set must declare at least one stimulus, got none"
 
 
-def file_model() -> type[Table]:
+def make_file_model() -> type[Table]:
     """Model of a file: the fields of a set, and a list of tables for each kind under the name of its stanza."""
     fields: dict[str, Any] = {
         name: (field.annotation, field) for name, field in StimulusSet.model_fields.items()
     }
     fields.pop("stimuli")
-    for stanza, kind in kinds().items():
-        fields[stanza] = (Annotated[tuple[kind, ...], BeforeValidator(kind.prepared)], ())  # type: ignore[valid-type]
+    for stanza, kind in list_kinds().items():
+        fields[stanza] = (Annotated[tuple[kind, ...], BeforeValidator(kind.prepare_stanzas)], ())  # type: ignore[valid-type]
     return create_model("StimulusFile", __base__=Table, **fields)
 
 
-def set_of(declared: Mapping[str, Any]) -> StimulusSet:
+def validate_set(declared: Mapping[str, Any]) -> StimulusSet:
     """Validate what a file declares; tips and steps that it leaves out are those of the paper."""
-    values = dict(file_model().model_validate(declared))
-    parts = tuple(part for stanza in kinds() for part in values.pop(stanza))
+    values = dict(make_file_model().model_validate(declared))
+    parts = tuple(part for stanza in list_kinds() for part in values.pop(stanza))
     grid: PredictionGrid = values["prediction"]
     more: dict[str, tuple[float, ...]] = {}
     if any(part.ball is None for part in parts) and not grid.tip_radii:
@@ -148,7 +148,9 @@ def set_of(declared: Mapping[str, Any]) -> StimulusSet:
     return StimulusSet(**values | {"prediction": grid.model_copy(update=more)}, stimuli=parts)
 
 
-def with_energy_tolerances(stimuli: StimulusSet) -> StimulusSet:
+def resolve_energy_tolerances(stimuli: StimulusSet) -> StimulusSet:
     """Work out the tolerances of a set that follow from an energy; the same set where none does."""
-    parts = tuple(toleranced(part, stimuli.prediction, stimuli.name) for part in stimuli.stimuli)
+    parts = tuple(
+        resolve_energy_tolerance(part, stimuli.prediction, stimuli.name) for part in stimuli.stimuli
+    )
     return stimuli if parts == stimuli.stimuli else stimuli.with_parts(parts)

@@ -43,7 +43,7 @@ def build_solids(part: Part) -> list[tuple[str, cad.door.Body]]:
     return list(zip(part.bodies, part.solids(), strict=True))
 
 
-def convex_pieces(part: Part) -> list[Mesh]:
+def build_convex_pieces(part: Part) -> list[Mesh]:
     """Cut a part into convex pieces, for simulators that turn one concave mesh into its hull and a step into a ramp.
 
     Pieces describe what a probe can touch: fixing holes and engraving are left out. They fill the
@@ -60,7 +60,7 @@ def convex_pieces(part: Part) -> list[Mesh]:
         Closed convex meshes, outward-wound.
     """
     return [
-        _mesh(f"{part.id}-piece-{number:03}", piece)
+        _sort_mesh(f"{part.id}-piece-{number:03}", piece)
         for number, piece in enumerate(part.hulls(), start=1)
     ]
 
@@ -89,22 +89,24 @@ def mesh_solid(part: Part, name: str, body: cad.door.Body) -> Mesh:
     """
     raw = cad.kernel.tessellate(body, part.chordal_error)
     deflections = np.array([part.chordal_error(face) for face in raw.faces])
-    mesh = Mesh(name, _lifted(raw, deflections, cad.kernel.volume(body)), raw.triangles)
+    mesh = Mesh(
+        name, _lift_vertices(raw, deflections, cad.kernel.compute_volume(body)), raw.triangles
+    )
     require_manifold(mesh)
     return mesh
 
 
-def enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> float:
+def compute_enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> float:
     """Volume that a closed mesh encloses, by the divergence theorem."""
     centred = vertices - vertices.mean(axis=0)
     a, b, c = (centred[triangles[:, corner]] for corner in range(3))
     return math.fsum((a * np.cross(b, c)).ravel().tolist()) / 6.0
 
 
-def _lifted(
+def _lift_vertices(
     raw: cad.door.Tessellation, deflection: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
-    """Lift the vertices of coarse curved faces along their normals until the mesh encloses `volume`."""
+    """Lift the vertices of coarse curved faces along their normals until the mesh encloses `compute_volume`."""
     # chords cut corners: a mesh inscribed in a hole of 2.5 mm at 10 um is 1e-4 of a block too heavy
     curved = np.array([face.kind != "PLANE" for face in raw.faces])
     finest = deflection.min()
@@ -127,18 +129,18 @@ def _lifted(
         touched = np.unique(raw.triangles[on_face])
         normals[touched] -= (normals[touched] * plane).sum(axis=1, keepdims=True) * plane
     normals[kept] = 0.0
-    return _with_volume(raw, normals, volume)
+    return _lift_to_volume(raw, normals, volume)
 
 
-def _with_volume(
+def _lift_to_volume(
     raw: cad.door.Tessellation, direction: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
     """Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear."""
     lift, step = 0.0, 1e-7
     for _ in range(6):
-        here = enclosed_volume(raw.vertices + lift * direction, raw.triangles)
+        here = compute_enclosed_volume(raw.vertices + lift * direction, raw.triangles)
         slope = (
-            enclosed_volume(raw.vertices + (lift + step) * direction, raw.triangles) - here
+            compute_enclosed_volume(raw.vertices + (lift + step) * direction, raw.triangles) - here
         ) / step
         if slope == 0.0 or abs(here - volume) <= 1e-12 * volume:
             break
@@ -160,25 +162,25 @@ def require_manifold(mesh: Mesh) -> None:
     )
     if solid.status() != manifold3d.Error.NoError:
         raise HapticsError(f"the mesh of {mesh.name} must be a manifold, got {solid.status()}")
-    if enclosed_volume(mesh.vertices, mesh.triangles) <= 0.0:
+    if compute_enclosed_volume(mesh.vertices, mesh.triangles) <= 0.0:
         raise HapticsError(f"the mesh of {mesh.name} must be wound outwards, got an inward winding")
 
 
-def hull(points: Iterable[Sequence[float]]) -> Any:
+def make_hull(points: Iterable[Sequence[float]]) -> Any:
     """Convex hull of points [m] as a manifold [mm]."""
     import manifold3d
 
     return manifold3d.Manifold.hull_points(np.asarray(list(points)) * 1e3)
 
 
-def split(solid: Any, axis: str, position: float) -> tuple[Any, Any]:
+def split_solid(solid: Any, axis: str, position: float) -> tuple[Any, Any]:
     """Split a manifold at a plane [m] square to an axis; the part below it comes first."""
     normal = tuple(1.0 if name == axis else 0.0 for name in "xyz")
     above, below = solid.split_by_plane(normal, position * 1e3)
     return below, above
 
 
-def _mesh(name: str, piece: Any) -> Mesh:
+def _sort_mesh(name: str, piece: Any) -> Mesh:
     """Put vertices and triangles in ascending order: the hull's own order varies with its threads."""
     mesh = piece.to_mesh64()
     vertices, index = np.unique(

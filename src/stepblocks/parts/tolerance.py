@@ -111,7 +111,7 @@ class Dimension:
         return f"{text} {'/'.join(signed)}"
 
 
-def general_deviation(nominal: float) -> float | None:
+def find_general_deviation(nominal: float) -> float | None:
     """Permissible deviation of an untoleranced length [m], ISO 2768-m; None below 0.5 mm and above 400 mm."""
     return next((deviation for high, deviation in _LINEAR if 0.5e-3 <= nominal <= high), None)
 
@@ -119,7 +119,7 @@ def general_deviation(nominal: float) -> float | None:
 _DEVIATIONS = re.compile(r"^\s*(?P<upper>[+-]?[^/]+)/(?P<lower>[+-]?[^/]+)$")
 
 
-def _deviations(raw: object, quantity: str) -> tuple[float, float]:
+def _read_deviations(raw: object, quantity: str) -> tuple[float, float]:
     """Read ``"1 um"`` (to either side) or ``"+2 um / -0 um"``."""
     if isinstance(raw, str) and (match := _DEVIATIONS.match(raw)):
         upper, lower = (
@@ -140,7 +140,7 @@ def _deviations(raw: object, quantity: str) -> tuple[float, float]:
     return upper, lower
 
 
-def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
+def _read_dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
     table: dict[str, Any] = raw if isinstance(raw, dict) else {"nominal": raw}
     if isinstance(given := table.get("nominal"), Dimension):
         return given
@@ -159,13 +159,13 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
             )
         return Dimension(nominal, 0.0, 0.0, quantity, source, by_energy=True)
     if "tolerance" in table:
-        return Dimension(nominal, *_deviations(table["tolerance"], quantity), quantity, source)
-    general = ANGULAR_DEVIATION if quantity == "angle" else general_deviation(abs(nominal))
+        return Dimension(nominal, *_read_deviations(table["tolerance"], quantity), quantity, source)
+    general = ANGULAR_DEVIATION if quantity == "angle" else find_general_deviation(abs(nominal))
     if general is not None:
         return Dimension(nominal, general, -general, quantity, source, general=True)
     if "otherwise" in table:
         return Dimension(
-            nominal, *_deviations(table["otherwise"], quantity), quantity, source, usual=True
+            nominal, *_read_deviations(table["otherwise"], quantity), quantity, source, usual=True
         )
     length = format_quantity(nominal, quantity)
     raise ValueError(
@@ -173,14 +173,14 @@ def _dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
     )
 
 
-def _read(
+def _make_validator(
     quantity: str, rule: str = "", *, above: bool = False, felt: bool = False
 ) -> BeforeValidator:
     """Make a validator of a dimension; where a rule is given, it must be at least, or above, 0; an angle below 180 degrees."""
     least = 0.0 if rule else -math.inf
 
     def read(raw: object) -> Dimension:
-        dimension = _dimension(raw, quantity, felt)
+        dimension = _read_dimension(raw, quantity, felt)
         value = dimension.nominal
         if (
             value < least
@@ -201,10 +201,12 @@ def _read(
     return BeforeValidator(read)
 
 
-Length = Annotated[Dimension, _read("length", "not be negative")]
-PositiveLength = Annotated[Dimension, _read("length", "be positive", above=True)]
-SignedLength = Annotated[Dimension, _read("length")]
+Length = Annotated[Dimension, _make_validator("length", "not be negative")]
+PositiveLength = Annotated[Dimension, _make_validator("length", "be positive", above=True)]
+SignedLength = Annotated[Dimension, _make_validator("length")]
 # lengths whose tolerance may follow from the energy that is felt
-FeltLength = Annotated[Dimension, _read("length", "not be negative", felt=True)]
-FeltPositiveLength = Annotated[Dimension, _read("length", "be positive", above=True, felt=True)]
-Angle = Annotated[Dimension, _read("angle", "be at least 0 and less than 180 deg")]
+LengthByEnergy = Annotated[Dimension, _make_validator("length", "not be negative", felt=True)]
+PositiveLengthByEnergy = Annotated[
+    Dimension, _make_validator("length", "be positive", above=True, felt=True)
+]
+Angle = Annotated[Dimension, _make_validator("angle", "be at least 0 and less than 180 deg")]

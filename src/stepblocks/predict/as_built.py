@@ -7,20 +7,22 @@ from functools import cache
 from typing import Any
 
 from stepblocks.artefacts.as_built import AsBuilt
-from stepblocks.contact.counterface import energy_change, scanned_angle
+from stepblocks.contact.counterface import energy_change, find_scanned_angle
 from stepblocks.contact.energy import Release, release_at
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, predictions_of, six_digits
+from stepblocks.predict.predictions import Prediction, format_six_digits, predict_by_formula
 
 
-def with_as_built(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> StimulusSet:
+def replace_nominals(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> StimulusSet:
     """Replace the nominal of every step that has a record by what was measured."""
-    return stimuli.with_parts(_as_built(part, records.get(part.id)) for part in stimuli.stimuli)
+    return stimuli.with_parts(
+        _replace_nominal(part, records.get(part.id)) for part in stimuli.stimuli
+    )
 
 
-def _as_built(part: Part, record: AsBuilt | None) -> Part:
+def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
     if record is None or "height" not in part.sizes:
         return part
     measured, source = {}, f"as built, {record.scan}"
@@ -35,7 +37,7 @@ def _as_built(part: Part, record: AsBuilt | None) -> Part:
     return part.model_copy(update=sizes)
 
 
-def surface_releases(
+def prepare_surface_releases(
     stimuli: StimulusSet, records: Mapping[str, AsBuilt]
 ) -> Callable[[Prediction], Release | None]:
     """Prepare to predict from the scanned surfaces themselves, through the path of the tip over each."""
@@ -44,7 +46,9 @@ def surface_releases(
     @cache  # a path is long to compute and serves every load and friction
     def angle(stimulus: str, ball: float) -> float | None:
         surface = records[stimulus].surface if stimulus in records else None
-        return None if surface is None else scanned_angle(surface.position, surface.height, ball)
+        return (
+            None if surface is None else find_scanned_angle(surface.position, surface.height, ball)
+        )
 
     def release(prediction: Prediction) -> Release | None:
         point = prediction.point
@@ -58,22 +62,24 @@ def surface_releases(
     return release
 
 
-def by_surface(
+def predict_from_surfaces(
     made: Iterable[Prediction], stimuli: StimulusSet, known: Mapping[str, AsBuilt]
 ) -> Iterator[Prediction]:
     """Predict a recorded edge that is no arc from its scanned surface, since its radius says little of it."""
-    scanned = surface_releases(stimuli, known)
+    scanned = prepare_surface_releases(stimuli, known)
     for one in made:
         record = known.get(one.stimulus)
         release = None if record is None or record.arc else scanned(one)
         if release is not None:
             one = replace(
-                one, release=release, interval=one.interval and _moved_with(one.interval, release)
+                one,
+                release=release,
+                interval=one.interval and _shift_interval(one.interval, release),
             )
         yield one
 
 
-def _moved_with(interval: Interval, release: Release) -> Interval:
+def _shift_interval(interval: Interval, release: Release) -> Interval:
     """Move an interval with its value: the tolerances of setting and block move both alike."""
     names = [(f"{kind}_{end}", kind) for kind in ("force", "energy") for end in ("low", "high")]
     names += [(f"analytic_energy_{end}", "energy") for end in ("low", "high")]
@@ -86,38 +92,42 @@ def _moved_with(interval: Interval, release: Release) -> Interval:
     return replace(interval, **changes)
 
 
-def surface_columns(release: Release | None) -> dict[str, str]:
+def format_surface_columns(release: Release | None) -> dict[str, str]:
     """Return the further columns of a table of predictions, empty where there is no scanned surface."""
     return {
-        "surface_critical_angle_deg": six_digits(math.degrees(release.angle)) if release else "",
+        "surface_critical_angle_deg": format_six_digits(math.degrees(release.angle))
+        if release
+        else "",
         "surface_status": release.status.value if release else "",
-        "surface_pull_force_n": six_digits(release.pull_force) if release else "",
-        "surface_vibration_energy_uj": six_digits(release.vibration_energy * 1e6)
+        "surface_pull_force_n": format_six_digits(release.pull_force) if release else "",
+        "surface_vibration_energy_uj": format_six_digits(release.vibration_energy * 1e6)
         if release
         else "",
     }
 
 
-def moved_energies(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iterator[str]:
+def describe_energy_changes(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iterator[str]:
     """Say for each recorded step block how far the felt energy moved over the conditions of its set."""
-    built = with_as_built(stimuli, records)
+    built = replace_nominals(stimuli, records)
     asked, made = (
-        list(predictions_of(stimuli)),
-        list(by_surface(predictions_of(built), stimuli, records)),
+        list(predict_by_formula(stimuli)),
+        list(predict_from_surfaces(predict_by_formula(built), stimuli, records)),
     )
-    scanned = surface_releases(stimuli, records)
+    scanned = prepare_surface_releases(stimuli, records)
     for part in built.stimuli:
         if part.id not in records or "height" not in part.sizes:
             continue
         pairs = [(a, b.release) for a, b in zip(asked, made, strict=True) if a.stimulus == part.id]
         verdicts = ", ".join(f"{key} {one.verdict}" for key, one in records[part.id].values.items())
-        moved = _moved(pairs) or "nothing to compare: the probe does not release"
+        moved = _format_energy_change(pairs) or "nothing to compare: the probe does not release"
         height, radius = (part.sizes[name].nominal * 1e6 for name in ("height", "edge_radius"))
         sentence = (
             f"{part.id} ({verdicts}): as built, {height:.2f} um and an edge radius of "
             f"{radius:.2g} um, {moved}"
         )
-        over = _moved([(a, release) for a, _ in pairs if (release := scanned(a)) is not None])
+        over = _format_energy_change(
+            [(a, release) for a, _ in pairs if (release := scanned(a)) is not None]
+        )
         if over:
             sentence += f"; by the scanned surface itself {over}"
         other = sum(a.release.status is not b.status for a, b in pairs)
@@ -126,7 +136,7 @@ def moved_energies(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iter
         )
 
 
-def _moved(pairs: Sequence[tuple[Prediction, Release]]) -> str:
+def _format_energy_change(pairs: Sequence[tuple[Prediction, Release]]) -> str:
     changes = [energy_change(asked.release, made, asked.point) for asked, made in pairs]
     known = [change for change in changes if not math.isnan(change)]
     return (

@@ -14,27 +14,29 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import interval_of
 from stepblocks.errors import ContactError
-from stepblocks.figure_file import new_figure, save_figure
-from stepblocks.parts.set import StimulusSet, with_energy_tolerances
-from stepblocks.predict.predictions import tip_of, uncertainty_of
+from stepblocks.figure_file import make_figure, save_figure
+from stepblocks.parts.set import StimulusSet, resolve_energy_tolerances
+from stepblocks.predict.predictions import collect_uncertainties, find_tip
 
 Floats = NDArray[np.float64]
 
 _BLUE, _RED = "#1f4e79", "#b03030"
 
 
-def margin_map(gaps: Floats, discrepancies: Floats, point: OperatingPoint) -> tuple[Floats, Floats]:
+def compute_margin_map(
+    gaps: Floats, discrepancies: Floats, point: OperatingPoint
+) -> tuple[Floats, Floats]:
     """Peak force [N] from crown to tooth, and back, of shape (gaps, discrepancies); 0 where nothing catches, infinite where held."""
     # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405: a tooth that stands higher than the
     # crown is positive. The gap is taken to be deeper than the tip sinks.
     to_tooth, to_crown = margin_angles(gaps[:, None], discrepancies, point.ball_radius)
     felt = point.friction, point.normal_load, 1.0, 1.0
-    return kernels.release(to_tooth, *felt)[0], kernels.release(to_crown, *felt)[0]
+    return kernels.compute_release(to_tooth, *felt)[0], kernels.compute_release(to_crown, *felt)[0]
 
 
 def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
     """Draw what a set predicts, for each of its tips and frictions under its largest load."""
-    stimuli = with_energy_tolerances(stimuli)
+    stimuli = resolve_energy_tolerances(stimuli)
     grid, tool = stimuli.prediction, stimuli.prediction.as_tool()
     parts = [part for part in stimuli.stimuli if part.crossed]
     faces = {part.id: part.counterface() for part in parts}
@@ -46,7 +48,9 @@ def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
         if steps:
             path = folder / f"{stimuli.name}.energy-of-height.{name}.png"
             first = next(part for part in parts if part.id in steps)
-            uncertainty = uncertainty_of(first, grid, tip_of(grid, radius), point.normal_load)
+            uncertainty = collect_uncertainties(
+                first, grid, find_tip(grid, radius), point.normal_load
+            )
             top = 1.25 * max(step.height for step in steps.values())
             curve = [
                 Step(height, steps[first.id].edge_radius)
@@ -77,7 +81,7 @@ def draw_energy_of_height(
     """Draw E_v against H with its 95 % interval and the height at which the tip locks; `marks` are heights [m]."""
     heights = 1e6 * np.array([step.height for step in steps])
     intervals = [interval_of(step, point, uncertainty, draws=4000) for step in steps]
-    figure, axis = new_figure()
+    figure, axis = make_figure()
     released = np.array([one.status is Status.RELEASES for one in intervals])
     if not released.any():
         raise ContactError(
@@ -94,7 +98,7 @@ def draw_energy_of_height(
         heights[released], energy[released], color=_BLUE, label="$E_v$, equations (1) and (2)"
     )
     limit = 1e6 * float(
-        kernels.locking_height(point.ball_radius + steps[0].edge_radius, point.friction)
+        kernels.compute_locking_height(point.ball_radius + steps[0].edge_radius, point.friction)
     )
     axis.axvline(limit, color=_RED, ls="--", lw=1, label=f"locks from {limit:.1f} um")
     axis.set(xlabel="step height H [um]", ylabel="vibration energy $E_v$ [uJ]", yscale="log")
@@ -125,8 +129,12 @@ def draw_margin_map(
     """Draw the peak force of both directions over gap and discrepancy, held margins hatched; `marks` are such pairs [m]."""
     from matplotlib.colors import LogNorm
 
-    figure, axes = new_figure(1, 2, width=9.0, height=4.0)
-    forces, across, along = margin_map(gaps, discrepancies, point), discrepancies * 1e6, gaps * 1e6
+    figure, axes = make_figure(1, 2, width=9.0, height=4.0)
+    forces, across, along = (
+        compute_margin_map(gaps, discrepancies, point),
+        discrepancies * 1e6,
+        gaps * 1e6,
+    )
     finite = np.concatenate([f[np.isfinite(f) & (f > 0)] for f in forces])
     norm = LogNorm(max(float(finite.min()), 1e-2), min(float(finite.max()), 50.0))
     for axis, force, name in zip(axes, forces, ("crown to tooth", "tooth to crown"), strict=True):

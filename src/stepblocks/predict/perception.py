@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.atomic import folder_beside, replace_text
+from stepblocks.atomic import make_draft_folder, replace_text
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.rod import finger_share, modes_of
+from stepblocks.contact.rod import compute_finger_share, compute_modes
 from stepblocks.declare import load_declared
 from stepblocks.errors import ContactError, PipelineError, StepblocksError
 from stepblocks.parts.set import StimulusSet
@@ -72,7 +72,7 @@ PAPER_OBSERVER = Observer(
 )
 
 
-def sensation_level(
+def compute_sensation_level(
     energy: float, observer: Observer = PAPER_OBSERVER, masker_power: float = 0.0
 ) -> float:
     """Level of a ring over its threshold."""
@@ -82,18 +82,18 @@ def sensation_level(
     return 10.0 * math.log10(energy * observer.reach / observer.ring_duration / threshold)
 
 
-def discriminability(
+def compute_discriminability(
     first: float, second: float, observer: Observer = PAPER_OBSERVER
 ) -> tuple[float, float]:
     """How well two rings can be told apart: just noticeable differences n, of 75 % correct each, and P = Phi(n z(0.75))."""
     from scipy.stats import norm
 
-    levels = sensation_level(first, observer), sensation_level(second, observer)
+    levels = compute_sensation_level(first, observer), compute_sensation_level(second, observer)
     steps = abs(levels[0] - levels[1]) / observer.level_difference
     return steps, float(norm.cdf(steps * norm.ppf(0.75)))
 
 
-def felt_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
+def choose_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
     """Energies [J] of drags that a person compares, NaN where nothing slips, and who says them: the formula or the drag."""
     # by the drag where one of them differs: a change of model between two blocks would be felt as a
     # difference
@@ -102,7 +102,7 @@ def felt_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
     return [one.release.vibration_energy for one in compared], "formula"
 
 
-def height_of_energy(energy: float, point: OperatingPoint, edge_radius: float = 0.0) -> float:
+def find_height_of_energy(energy: float, point: OperatingPoint, edge_radius: float = 0.0) -> float:
     """Height H [m] of the step that rings with `energy` [J], the exact inverse of equations (1) and (2)."""
     require_positive("energy", energy, "J")
     force = math.sqrt(2.0 * point.tool.stiffness * energy / point.tool.conversion)
@@ -116,7 +116,7 @@ def height_of_energy(energy: float, point: OperatingPoint, edge_radius: float = 
     return float((point.ball_radius + edge_radius) * 2.0 * math.sin(0.5 * angle) ** 2)
 
 
-def equally_felt_heights(
+def find_equally_spaced_heights(
     count: int,
     lowest: float,
     highest: float,
@@ -135,20 +135,24 @@ def equally_felt_heights(
     for height in (lowest, highest):
         release = Step(height, edge_radius).release(point)
         if release.status is not Status.RELEASES:
-            limit = kernels.locking_height(point.ball_radius + edge_radius, point.friction)
+            limit = kernels.compute_locking_height(point.ball_radius + edge_radius, point.friction)
             takes = f"it locks from {limit:g} m on"
-            if release.status.beyond:
+            if release.status.is_beyond_limit:
                 takes = f"it would take {release.pull_force:.3g} N"
             raise ContactError(f"a step of {height:g} m is {release.status}; {takes}")
     curve = np.geomspace(lowest, highest, _CURVE)
     asked = [predict_one(Step(float(height), edge_radius), point) for height in curve]
-    curve_energies, by = felt_energies(asked)
+    curve_energies, by = choose_energies(asked)
     if by == "formula":
         energies = np.geomspace(curve_energies[0], curve_energies[-1], count)
         heights = np.array(
-            [height_of_energy(float(energy), point, edge_radius) for energy in energies]
+            [find_height_of_energy(float(energy), point, edge_radius) for energy in energies]
         )
-        return heights, discriminability(float(energies[0]), float(energies[1]), observer)[0], by
+        return (
+            heights,
+            compute_discriminability(float(energies[0]), float(energies[1]), observer)[0],
+            by,
+        )
     rings = np.maximum.accumulate(curve_energies)
     if not rings[0] > 0.0:
         least = curve[np.argmax(rings > 0.0)] if rings[-1] > 0.0 else math.nan
@@ -163,10 +167,10 @@ def equally_felt_heights(
     rising = np.concatenate([[True], np.diff(rings) > 0.0])
     heights = np.exp(np.interp(levels, np.log(rings[rising]), np.log(curve[rising])))
     first, second = math.exp(levels[0]), math.exp(levels[1])
-    return heights, discriminability(first, second, observer)[0], by
+    return heights, compute_discriminability(first, second, observer)[0], by
 
 
-def observer_of(stimuli: StimulusSet) -> Observer:
+def make_observer(stimuli: StimulusSet) -> Observer:
     """Return the person of a set: its threshold and ring duration, else the paper's; at the finger where it declares the probe."""
     tool, probe = stimuli.prediction.tool, stimuli.probe
     person = replace(
@@ -174,17 +178,17 @@ def observer_of(stimuli: StimulusSet) -> Observer:
     )
     if probe is None:
         return person
-    share = finger_share(
-        probe.rod(), probe.stiffness.value, modes_of(probe.rod()), duration=tool.ring_duration
+    share = compute_finger_share(
+        probe.rod(), probe.stiffness.value, compute_modes(probe.rod()), duration=tool.ring_duration
     )
     return replace(person, reach=share / tool.conversion)
 
 
-def neighbours(stimuli: StimulusSet, predictions: Iterable[Prediction]) -> pd.DataFrame:
+def compare_neighbours(stimuli: StimulusSet, predictions: Iterable[Prediction]) -> pd.DataFrame:
     """Tell how well each block is told from the next higher one, under each tip, friction and load."""
     import pandas as pd
 
-    blocks, observer = {block.id for block in stimuli.step_block}, observer_of(stimuli)
+    blocks, observer = {block.id for block in stimuli.step_block}, make_observer(stimuli)
     felt = [p for p in predictions if p.stimulus in blocks and p.release.status is Status.RELEASES]
 
     def condition(p: Prediction) -> tuple[float, float, float]:
@@ -194,22 +198,24 @@ def neighbours(stimuli: StimulusSet, predictions: Iterable[Prediction]) -> pd.Da
     felt.sort(key=lambda p: (*condition(p), p.face.far_side))
     for (tip, friction, load), group in groupby(felt, condition):
         compared = list(group)
-        energies, by = felt_energies(compared)
+        energies, by = choose_energies(compared)
         ringing = [
             (one.stimulus, energy)
             for one, energy in zip(compared, energies, strict=True)
             if energy > 0.0
         ]
         for (lower, low), (higher, high) in pairwise(ringing):
-            levels = (sensation_level(energy, observer) for energy in (low, high))
-            told = discriminability(low, high, observer)
+            levels = (compute_sensation_level(energy, observer) for energy in (low, high))
+            told = compute_discriminability(low, high, observer)
             rows.append(
                 (stimuli.name, tip * 1e6, load, friction, lower, higher, *levels, *told, by)
             )
     return pd.DataFrame(rows, columns=_NEIGHBOURS)
 
 
-def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[float], float, str]:
+def write_equally_spaced_set(
+    source: Path, count: int, target: Path
+) -> tuple[list[float], float, str]:
     """Write a set whose step blocks are equally spaced in predicted sensation, between the lowest and the highest of another."""
     stimuli = load_declared(source)
     if not stimuli.step_block:
@@ -223,13 +229,13 @@ def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[flo
     first = stimuli.step_block[0]
     given = [block.height.nominal for block in stimuli.step_block]
     point = stimuli.prediction.first_point()
-    heights, spacing, by = equally_felt_heights(
-        count, min(given), max(given), point, first.edge_radius.nominal, observer_of(stimuli)
+    heights, spacing, by = find_equally_spaced_heights(
+        count, min(given), max(given), point, first.edge_radius.nominal, make_observer(stimuli)
     )
     rounded = [round(float(height) * 1e6, 2) for height in heights]
-    text = _with_heights(source.read_text(encoding="utf-8"), target.stem, rounded, first.height)
+    text = _replace_heights(source.read_text(encoding="utf-8"), target.stem, rounded, first.height)
     try:
-        with folder_beside(target) as folder:
+        with make_draft_folder(target) as folder:
             draft = folder / target.name
             replace_text(draft, text)
             load_declared(draft)
@@ -241,7 +247,7 @@ def write_equally_felt(source: Path, count: int, target: Path) -> tuple[list[flo
     return [value * 1e-6 for value in rounded], spacing, by
 
 
-def _with_heights(text: str, name: str, heights_um: list[float], height: Dimension) -> str:
+def _replace_heights(text: str, name: str, heights_um: list[float], height: Dimension) -> str:
     """Keep the first stanza of a set's step blocks, give it a series of heights, and leave the other stanzas out."""
     text = re.sub(r'(?m)^set\s*=\s*".*"$', f'set = "{name}"', text, count=1)
     stanzas = list(re.finditer(r"(?ms)^\[\[step_block\]\]\n.*?(?=^\[(?!step_block\.)|\Z)", text))

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Release, Status, release_at
-from stepblocks.contact.kernels import locking_height
+from stepblocks.contact.kernels import compute_locking_height
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.uncertainty import Interval, interval_of, rectangular
+from stepblocks.contact.uncertainty import Interval, convert_half_widths, interval_of
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet, with_energy_tolerances
+from stepblocks.parts.set import StimulusSet, resolve_energy_tolerances
 from stepblocks.parts.tolerance import Dimension
-from stepblocks.tables import csv_text
+from stepblocks.tables import format_csv
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -91,15 +91,17 @@ class Prediction:
         )
 
 
-def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
+def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
     """Predict a set over its grid, in the order stimulus, tip, step, direction, friction, load."""
-    stimuli = with_energy_tolerances(stimuli)
+    stimuli = resolve_energy_tolerances(stimuli)
     for part in stimuli.stimuli:
         grid, ring = stimuli.grid_of(part), stimuli.ring_of(part)
         tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
-        worn = rectangular({"stiffness": _worn_deviation(stimuli, part)})["stiffness"]
+        worn = convert_half_widths({"stiffness": _find_stiffness_deviation(stimuli, part)})[
+            "stiffness"
+        ]
         balls = (
-            [tip_of(grid, radius) for radius in grid.tip_radii]
+            [find_tip(grid, radius) for radius in grid.tip_radii]
             if part.ball is None
             else [part.ball]
         )
@@ -110,8 +112,10 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
             corners = [face.angles(radius) for face in faces for radius in radii]
             nominal = faces[0].angles(ball.nominal)
             # of a one-sided tolerance the expectation is not the nominal
-            sizes = {name: middle_of(one) for name, one in part.sizes.items()}
-            middle = part.sized(**sizes) if part.crossed else part.counterface(step_height)
+            sizes = {name: find_zone_middle(one) for name, one in part.sizes.items()}
+            middle = (
+                part.make_counterface(**sizes) if part.crossed else part.counterface(step_height)
+            )
             for backward in range(len(faces[0].ways)):
                 reached = [angles[backward] for angles in corners]
                 angles = nominal[backward], min(reached), max(reached)
@@ -122,9 +126,9 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
                     release, low, high = (
                         release_at(angle, load, friction, tool) for angle in angles
                     )
-                    spread = uncertainty_of(part, grid, ball, load)
+                    spread = collect_uncertainties(part, grid, ball, load)
                     spread["stiffness"] = math.hypot(spread["stiffness"], worn)
-                    at = replace(point, ball_radius=middle_of(ball))
+                    at = replace(point, ball_radius=find_zone_middle(ball))
                     drawn = partial(
                         interval_of, middle, at, spread, backward=bool(backward), draws=_DRAWS
                     )
@@ -141,7 +145,7 @@ def predictions_of(stimuli: StimulusSet) -> Iterator[Prediction]:
                     )
 
 
-def _worn_deviation(stimuli: StimulusSet, part: Part) -> float:
+def _find_stiffness_deviation(stimuli: StimulusSet, part: Part) -> float:
     """How far the tolerances of what is worn move the spring to either side [N/m], each alone, summed in quadrature."""
     if stimuli.probe is None or part.sleeve is None:
         return 0.0
@@ -159,23 +163,23 @@ def _worn_deviation(stimuli: StimulusSet, part: Part) -> float:
     return moved
 
 
-def tip_of(grid: PredictionGrid, radius: float) -> Dimension:
+def find_tip(grid: PredictionGrid, radius: float) -> Dimension:
     """Return a tip of the setting with its tolerance [m]."""
     width = grid.tolerances.tip_radius
     return Dimension(radius, width, -width)
 
 
-def uncertainty_of(
+def collect_uncertainties(
     part: Part, grid: PredictionGrid, ball: Dimension, load: float
 ) -> dict[str, float]:
     """Take every tolerance as a rectangular distribution over its zone, in the names of `interval_of`."""
     off, tool = grid.tolerances, grid.tool
     # a profile without a closed form is taken as known; its corners still stand beside the interval
     known = part.counterface().dimensions if part.crossed else {}
-    return rectangular(
-        {name: half_width(one) for name, one in part.sizes.items() if name in known}
+    return convert_half_widths(
+        {name: find_half_width(one) for name, one in part.sizes.items() if name in known}
         | {
-            "ball_radius": half_width(ball),
+            "ball_radius": find_half_width(ball),
             "friction": off.friction,
             "normal_load": off.normal_load * load,
             "stiffness": off.stiffness * tool.stiffness,
@@ -184,17 +188,17 @@ def uncertainty_of(
     )
 
 
-def middle_of(dimension: Dimension) -> float:
+def find_zone_middle(dimension: Dimension) -> float:
     """Middle of the zone of a tolerance."""
     return dimension.nominal + 0.5 * (dimension.upper + dimension.lower)
 
 
-def half_width(dimension: Dimension) -> float:
+def find_half_width(dimension: Dimension) -> float:
     """Half the width of the zone of a tolerance."""
     return 0.5 * (dimension.upper - dimension.lower)
 
 
-def figures_of(prediction: Prediction) -> dict[str, float | str]:
+def tabulate_prediction(prediction: Prediction) -> dict[str, float | str]:
     """Put a prediction into the columns of ``predictions.csv``, units in their names; NaN where there is no figure."""
     # ``low`` and ``high`` are the worst cases within the tolerances, ``95_low`` and ``95_high`` the
     # ends of the drawn 95 % interval, ``analytic_95`` the same by first-order sensitivities; beyond
@@ -205,13 +209,13 @@ def figures_of(prediction: Prediction) -> dict[str, float | str]:
     power = prediction.felt_energy / tool.ring_duration
 
     def within(name: str) -> float:
-        unknown = interval is None or (release.status.beyond and "force" not in name)
+        unknown = interval is None or (release.status.is_beyond_limit and "force" not in name)
         return math.nan if unknown else float(getattr(interval, name))
 
     def corner(one: Release) -> float:
-        return math.nan if release.status.beyond else one.vibration_energy * 1e6
+        return math.nan if release.status.is_beyond_limit else one.vibration_energy * 1e6
 
-    locking = float(locking_height(prediction.point.ball_radius, prediction.point.friction))
+    locking = float(compute_locking_height(prediction.point.ball_radius, prediction.point.friction))
     return {
         "set": prediction.set_name,
         "stimulus": prediction.stimulus,
@@ -241,11 +245,11 @@ def figures_of(prediction: Prediction) -> dict[str, float | str]:
         "vibration_energy_analytic_95_high_uj": within("analytic_energy_high") * 1e6,
         "held_probability": interval.held_probability if interval else math.nan,
         "intervals_agree": ""
-        if interval is None or release.status.beyond
+        if interval is None or release.status.is_beyond_limit
         else "yes"
         if interval.agrees
         else "no",
-        "limit_n": tool.limits.first[1] if release.status.beyond else math.nan,
+        "limit_n": tool.limits.first[1] if release.status.is_beyond_limit else math.nan,
         "frequency_hz": tool.frequency,
         "frequency_low_hz": tool.frequency - tool.frequency_deviation,
         "frequency_high_hz": tool.frequency + tool.frequency_deviation,
@@ -260,15 +264,15 @@ def figures_of(prediction: Prediction) -> dict[str, float | str]:
     }
 
 
-def as_row(prediction: Prediction) -> dict[str, str]:
+def format_row(prediction: Prediction) -> dict[str, str]:
     """Format a prediction for a table."""
     return {
-        name: one if isinstance(one, str) else six_digits(one)
-        for name, one in figures_of(prediction).items()
+        name: one if isinstance(one, str) else format_six_digits(one)
+        for name, one in tabulate_prediction(prediction).items()
     }
 
 
-def six_digits(figure: float) -> str:
+def format_six_digits(figure: float) -> str:
     """Format a figure for a table; nothing where there is none."""
     return "" if math.isnan(figure) else f"{figure:.6g}"
 
@@ -279,17 +283,19 @@ def predict_all(
     """Predict a set and drag its conditions in time at a speed [m/s]: all, none, or (None) all of up to `MOST_DRAGGED`."""
     if not (math.isfinite(speed) and speed > 0.0):
         raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
-    made = tuple(predictions_of(stimuli))
+    made = tuple(predict_by_formula(stimuli))
     if dragged is None:
         dragged = len(made) <= MOST_DRAGGED
-    return tuple(replace(one, in_time=_in_time(one, speed)) for one in made) if dragged else made
+    return (
+        tuple(replace(one, in_time=_measure_drag(one, speed)) for one in made) if dragged else made
+    )
 
 
-def predictions_csv(
+def format_predictions_csv(
     made: Iterable[Prediction], more: Callable[[Prediction], dict[str, str]] | None = None
 ) -> str:
     """Write predictions as ``predictions.csv``, with further columns behind."""
-    return csv_text([as_row(one) | (more(one) if more else {}) for one in made])
+    return format_csv([format_row(one) | (more(one) if more else {}) for one in made])
 
 
 def predict_set(
@@ -323,7 +329,7 @@ def predict_set(
         from stepblocks.declare import load_set
 
         stimuli = load_set(Path(stimuli))
-    return pd.DataFrame([figures_of(one) for one in predict_all(stimuli, dragged, speed)])
+    return pd.DataFrame([tabulate_prediction(one) for one in predict_all(stimuli, dragged, speed)])
 
 
 _HIDDEN = (
@@ -347,16 +353,16 @@ _HIDDEN = (
 )
 
 
-def shown(columns: Sequence[str]) -> tuple[str, ...]:
+def choose_columns(columns: Sequence[str]) -> tuple[str, ...]:
     """Choose the columns that fit a terminal: what slips with which force and energy, by formula and drag, and who is felt."""
     return tuple(name for name in columns if not name.endswith(_HIDDEN) or "energy_95" in name)
 
 
-def left_out(predictions: Iterable[Prediction]) -> list[str]:
+def describe_left_out(predictions: Iterable[Prediction]) -> list[str]:
     """Say by name what lies beyond a limit, and so in no mean, range or pair of neighbours."""
     found: dict[tuple[Status, float], list[str]] = {}
     for one in predictions:
-        if one.release.status.beyond:
+        if one.release.status.is_beyond_limit:
             found.setdefault((one.release.status, one.point.tool.limits.first[1]), []).append(
                 one.stimulus
             )
@@ -367,33 +373,33 @@ def left_out(predictions: Iterable[Prediction]) -> list[str]:
     ]
 
 
-def dragged(
+def drag_in_time(
     face: Counterface, point: OperatingPoint, backward: bool, speed: float, **probe: float
 ) -> tuple[DragTrace, Ring | None]:
     """Drag in time, with what of the probe is other than the tool says, and measure the ring of a tip that releases."""
-    from stepblocks.drag.ring import ring_of
-    from stepblocks.drag.simulate import DragSettings, probe_for, simulate
-    from stepblocks.drag.track import track_over
+    from stepblocks.drag.ring import measure_ring
+    from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
+    from stepblocks.drag.track import build_track
 
-    own = probe_for(point.tool, point.ball_radius, **probe)
-    trace = simulate(
-        track_over(face, point.ball_radius, backward), own, DragSettings.under(point, speed=speed)
+    own = build_probe(point.tool, point.ball_radius, **probe)
+    trace = simulate_drag(
+        build_track(face, point.ball_radius, backward), own, DragSettings.under(point, speed=speed)
     )
-    return trace, ring_of(trace, spectra=False) if trace.status is Status.RELEASES else None
+    return trace, measure_ring(trace, spectra=False) if trace.status is Status.RELEASES else None
 
 
 def predict_one(face: Counterface, point: OperatingPoint, backward: bool = False) -> Prediction:
     """Predict one drag by the formula and in time, without tolerances."""
     release = face.release(point, backward)
     made = Prediction("", "", face, point, backward, release, (release, release), None)
-    return replace(made, in_time=_in_time(made, point.speed))
+    return replace(made, in_time=_measure_drag(made, point.speed))
 
 
-def _in_time(one: Prediction, speed: float) -> InTime | None:
+def _measure_drag(one: Prediction, speed: float) -> InTime | None:
     if one.release.status is not Status.RELEASES:
         return None
     try:
-        trace, ring = dragged(one.face, one.point, one.backward, speed)
+        trace, ring = drag_in_time(one.face, one.point, one.backward, speed)
     except ContactError as error:
         return InTime(f"not dragged: {error}", energy=math.nan, share=math.nan)
     return InTime(str(trace.status), trace.peak_force, *((ring.energy, ring.share) if ring else ()))

@@ -14,17 +14,17 @@ from stepblocks.contact.rod import (
     Hold,
     RodRing,
     Sleeve,
-    bush_stiffness,
-    finger_share,
-    modes_of,
-    ring_of,
-    sensed,
+    compute_bush_stiffness,
+    compute_finger_share,
+    compute_modes,
+    compute_rod_ring,
+    compute_sensed_energy,
 )
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import ProbeSpec
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.set import StimulusSet
-from stepblocks.tables import csv_text
+from stepblocks.tables import format_csv
 
 _RECORD = 5.0  # time constants: all but 5e-5 of the energy is recorded
 _MOST_RELEASES = 10_000
@@ -49,23 +49,27 @@ class Condition:
     finger: float  # share of the stored energy that the grasp takes up as vibration [1]
 
 
-def _condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None) -> Condition:
+def _predict_condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None) -> Condition:
     worn: Sleeve | Hold | None = sheath.sleeve if sheath else None
     if sheath and use == HELD:
         material, bore, outer = sheath.material, sheath.bore.nominal, sheath.outer_diameter.nominal
-        bedding = bush_stiffness(bore, outer, material.modulus.value, material.poisson.value)
+        bedding = compute_bush_stiffness(
+            bore, outer, material.modulus.value, material.poisson.value
+        )
         worn = Hold(sheath.length.nominal, bedding, material.loss_factor.value)
     rod = probe.rod()
-    ring, modes = ring_of(rod, worn), modes_of(rod, worn)
+    ring, modes = compute_rod_ring(rod, worn), compute_modes(rod, worn)
     what = (sheath.id, use, sheath.mass) if sheath else ("", use, 0.0)
-    return Condition(*what, ring, sensed(modes), finger_share(rod, ring.stiffness, modes))
+    return Condition(
+        *what, ring, compute_sensed_energy(modes), compute_finger_share(rod, ring.stiffness, modes)
+    )
 
 
-def damping_of(source: str | Path) -> dict[str, float]:
+def find_damping(source: str | Path) -> dict[str, float]:
     """Share of the bare probe's energy that sheaths let through to a sensor at the clamp, by the names of experiment 1."""
     from stepblocks.declare import load_set
 
-    found = conditions_of(load_set(Path(source)))
+    found = predict_conditions(load_set(Path(source)))
     if not found:
         raise PipelineError(f"damping needs a set with a probe and sheaths, got none [{source}]")
     held = {
@@ -76,18 +80,20 @@ def damping_of(source: str | Path) -> dict[str, float]:
     return {"bare": 1.0, **held}
 
 
-def conditions_of(stimuli: StimulusSet) -> list[Condition]:
+def predict_conditions(stimuli: StimulusSet) -> list[Condition]:
     """Predict the ring of a set's probe, bare and with each sheath, on the shank and as what the probe is held by."""
     probe = stimuli.probe
     if probe is None or not stimuli.sheath:
         return []
-    worn = [_condition(probe, use, one) for use in (ON_SHANK, HELD) for one in stimuli.sheath]
-    return [_condition(probe, BARE), *worn]
+    worn = [
+        _predict_condition(probe, use, one) for use in (ON_SHANK, HELD) for one in stimuli.sheath
+    ]
+    return [_predict_condition(probe, BARE), *worn]
 
 
-def ring_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
+def tabulate_rings(stimuli: StimulusSet) -> list[dict[str, str]]:
     """Tabulate the rings of a set's probe."""
-    conditions = conditions_of(stimuli)
+    conditions = predict_conditions(stimuli)
     if not conditions:
         return []
     bare, tool = conditions[0].ring, stimuli.prediction.as_tool()
@@ -113,25 +119,27 @@ def ring_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
     ]
 
 
-def decay_test_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
+def tabulate_decay_test(stimuli: StimulusSet) -> list[dict[str, str]]:
     """Tabulate what the damping rig will measure of a set's probe."""
     rig = stimuli.damping_rig
     if rig is None:
         return []
     asked = rig.displacement.value, rig.noise.value, rig.sample_rate.value, rig.uncertainty.value
-    tests = [(one, plan_decay_test(one.ring.as_tool(), *asked)) for one in conditions_of(stimuli)]
+    tests = [
+        (one, plan_decay_test(one.ring.as_tool(), *asked)) for one in predict_conditions(stimuli)
+    ]
     return [
         {"sheath": one.sheath or "none", "use": one.use}
         | {
             name: f"{value:{digits}}"
             for (name, value), digits in zip(test.items(), _DIGITS, strict=True)
         }
-        | {"releases_to_tell_from_bare": _releases_to_tell(tests[0][1], test)}
+        | {"releases_to_tell_from_bare": _count_releases_needed(tests[0][1], test)}
         for one, test in tests
     ]
 
 
-def _releases_to_tell(bare: dict[str, float], test: dict[str, float]) -> str:
+def _count_releases_needed(bare: dict[str, float], test: dict[str, float]) -> str:
     difference = abs(test["log_decrement"] - bare["log_decrement"])
     if test is bare or difference == 0.0:
         return ""
@@ -199,7 +207,7 @@ def plan_decay_test(
 
 def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
     """Write rings, damping test and resolved probe of a set with sheaths."""
-    rings = ring_rows(stimuli)
+    rings = tabulate_rings(stimuli)
     if not rings or stimuli.probe is None or stimuli.damping_rig is None:
         return []
     rod = stimuli.probe.rod()
@@ -213,8 +221,8 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
         "damping_rig": stimuli.damping_rig.record(),
     }
     texts = {
-        "rings.csv": csv_text(rings),
-        "damping-test.csv": csv_text(decay_test_rows(stimuli)),
+        "rings.csv": format_csv(rings),
+        "damping-test.csv": format_csv(tabulate_decay_test(stimuli)),
         "probe.json": json.dumps(told, indent=2, allow_nan=False) + "\n",
     }
     for name, text in texts.items():

@@ -15,24 +15,24 @@ from numpy.typing import NDArray
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel, read_model
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import Learned
+from stepblocks.contact.event import LearnedPrediction
 from stepblocks.contact.forward import (
     PEAK_FORCE,
     BenchDesign,
-    columns_of,
-    design_of,
-    extended_state,
-    height_name,
-    responses,
-    tip_radius_um,
+    build_extended_state,
+    compute_responses,
+    convert_to_design,
+    format_height_name,
+    list_covariate_columns,
+    parse_tip_radius_um,
 )
-from stepblocks.contact.kernels import height_at_angle
+from stepblocks.contact.kernels import compute_height_at_angle
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
-from stepblocks.contact.state import CHANNELS, DragState, Floats, observe
+from stepblocks.contact.state import CHANNELS, DragState, Floats, compute_channels
 from stepblocks.contact.uncertainty import interval_of
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.predict.predictions import Prediction, six_digits
-from stepblocks.tables import read_table, si_columns, write_table
+from stepblocks.predict.predictions import Prediction, format_six_digits
+from stepblocks.tables import read_si_columns, read_table, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,7 +65,7 @@ def predict_table(
     ----------
     table : pandas.DataFrame, str or Path
         Table or CSV with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction`` and, where
-        they differ from the paper, ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``,
+        they differ from the paper, ``edge_radius_um``, ``parse_tip_radius_um``, ``stiffness_n_m``,
         ``conversion``, in any unit that the name of the column says; standard uncertainties in
         columns of the same names with ``u_`` before them.
 
@@ -90,7 +90,7 @@ def predict_table(
         f"u_{name}": ([f"u_{n}" for n in names], of, 0.0)
         for name, (names, of, _) in _COLUMNS.items()
     }
-    columns = si_columns(frame, {**_COLUMNS, **uncertain}, place)
+    columns = read_si_columns(frame, {**_COLUMNS, **uncertain}, place)
     rows: list[dict[str, Any]] = []
     for k in range(len(frame)):
         at = {name: float(columns[name][k]) for name in _COLUMNS}
@@ -114,10 +114,10 @@ def predict_table(
                 "peak_force_high_n": interval.force_high,
                 "vibration_energy_j": interval.energy,
                 "vibration_energy_low_j": math.nan
-                if interval.status.beyond
+                if interval.status.is_beyond_limit
                 else interval.energy_low,
                 "vibration_energy_high_j": math.nan
-                if interval.status.beyond
+                if interval.status.is_beyond_limit
                 else interval.energy_high,
                 "held_probability": interval.held_probability,
                 "problem": "",
@@ -170,31 +170,37 @@ def predict_trials(
             raise PipelineError(
                 f"trials must be a readable CSV table: {error!s:.80} [{trials}]"
             ) from error
-    result = predicted(trials, learned)[0]
+    result = predict_with_model(trials, learned)[0]
     if output is not None:
         write_table(result, Path(output), "%.9g")
     return result
 
 
-def predicted(table: pd.DataFrame, learned: LearnedModel) -> tuple[pd.DataFrame, DragState]:
+def predict_with_model(
+    table: pd.DataFrame, learned: LearnedModel
+) -> tuple[pd.DataFrame, DragState]:
     """Predict a table of trials; beside the figures the slots of the extended model."""
     import pandas as pd
 
-    used = {name for law in learned.extended.laws for name in columns_of(law.covariate)}
+    used = {name for law in learned.extended.laws for name in list_covariate_columns(law.covariate)}
     needed = ("trial", "block", *_POSITIVE, *sorted(used))
     missing = [name for name in needed if name not in table.columns]
     if missing:
         raise PipelineError(
             f"trials must have the columns {', '.join(missing)}, which the model needs"
         )
-    columns, invalid, outside = _conditions(table, learned, {*_POSITIVE, *used})
+    columns, invalid, outside = _read_conditions(table, learned, {*_POSITIVE, *used})
     tips = table["tip"].astype(str) if "tip" in table else [""] * len(table)
-    columns["tip_radius_um"] = np.array([tip_radius_um(tip, learned.tip_radius_um) for tip in tips])
+    columns["tip_radius_um"] = np.array(
+        [parse_tip_radius_um(tip, learned.tip_radius_um) for tip in tips]
+    )
     # a block is known by its name; a new height under an old name is a block of its own
-    design = design_of(table["block"].astype(str).to_numpy(), columns, learned.tool.stiffness)
+    design = convert_to_design(
+        table["block"].astype(str).to_numpy(), columns, learned.tool.stiffness
+    )
     models = {
-        "": _channels(design, learned.extended, learned),
-        "nominal_": _channels(design, learned.nominal, learned),
+        "": _predict_channels(design, learned.extended, learned),
+        "nominal_": _predict_channels(design, learned.nominal, learned),
     }
     wrong, beyond, state = invalid.astype(bool), outside.astype(bool), models[""][2]
     status = np.where(beyond, "outside-range(" + outside + ")", "ok")
@@ -218,7 +224,7 @@ def predicted(table: pd.DataFrame, learned: LearnedModel) -> tuple[pd.DataFrame,
     return pd.DataFrame(result), state
 
 
-def _conditions(
+def _read_conditions(
     table: pd.DataFrame, learned: LearnedModel, wanted: set[str]
 ) -> tuple[dict[str, NDArray[Any]], NDArray[np.object_], NDArray[np.object_]]:
     """Columns to predict from; for each trial the names of those that hold no number, and of those beyond the data."""
@@ -252,16 +258,16 @@ def _conditions(
     return columns, invalid, outside
 
 
-def _channels(
+def _predict_channels(
     design: BenchDesign, fitted: LearnedFit, learned: LearnedModel
 ) -> tuple[Floats, Floats, DragState]:
     """Channels of single trials, their standard deviations, and the slots behind them."""
 
     def at(values: Mapping[str, float]) -> Floats:
-        return observe(extended_state(design, values, fitted.active(values)))
+        return compute_channels(build_extended_state(design, values, fitted.active(values)))
 
-    state = extended_state(design, fitted.values, fitted.active())
-    mean = observe(state)
+    state = build_extended_state(design, fitted.values, fitted.active())
+    mean = compute_channels(state)
     jacobian = np.zeros((*mean.shape, len(fitted.values)))
     sizes = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0))
     for i, (name, value) in enumerate(fitted.values.items()):
@@ -269,19 +275,21 @@ def _channels(
         if step > 0.0:
             jacobian[:, :, i] = (at({**fitted.values, name: value + step}) - mean) / step
     variance = np.einsum("nci,ij,ncj->nc", jacobian, fitted.covariance, jacobian)
-    variance += np.einsum("nck,k->nc", responses(state) ** 2, learned.quantity_std**2)
+    variance += np.einsum("nck,k->nc", compute_responses(state) ** 2, learned.quantity_std**2)
     variance += learned.channel_std**2
-    unknown = ~np.isin(design.block, [b for b in learned.blocks if height_name(b) in fitted.values])
+    unknown = ~np.isin(
+        design.block, [b for b in learned.blocks if format_height_name(b) in fitted.values]
+    )
     if np.any(unknown):
         # the height of a block that was never measured is as uncertain as its prior
         step = 1e-8
-        slope = (observe(state.changed(height=state.height + step)) - mean) / step
+        slope = (compute_channels(state.changed(height=state.height + step)) - mean) / step
         variance += np.where(unknown[:, None], (slope * learned.height_std) ** 2, 0.0)
     return mean, np.sqrt(variance), state
 
 
 @dataclass(frozen=True)
-class LearnedDrag(Learned):
+class LearnedDrag(LearnedPrediction):
     """One drag as the extended model sees it: ``ok``, ``locked``, or ``outside-range(columns)``."""
 
     friction: float
@@ -291,7 +299,7 @@ class LearnedDrag(Learned):
     )
 
 
-def learned_drag(
+def make_learned_drag(
     learned: LearnedModel, block: str, height: float, condition: OperatingPoint
 ) -> LearnedDrag:
     """Ask a learned model about one step; of the condition its friction and tool are not asked, they are learnt."""
@@ -310,9 +318,9 @@ def learned_drag(
     for place in learned.ranges:
         if place.name not in row and not place.pair and place.name != PEAK_FORCE:
             row[place.name] = place.labels[0] if place.labels else 0.5 * (place.low + place.high)
-    table, state = predicted(pd.DataFrame([row]), learned)
+    table, state = predict_with_model(pd.DataFrame([row]), learned)
     found = table.iloc[0]
-    shown = dict(zip(CHANNELS, observe(state)[0], strict=True))
+    shown = dict(zip(CHANNELS, compute_channels(state)[0], strict=True))
     tool = replace(
         condition.tool,
         stiffness=float(state.stiffness[0]),
@@ -335,7 +343,7 @@ def learned_drag(
     )
 
 
-def taught_set(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
+def apply_model(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
     """Predict a set with the constants of a session: its friction, spring and conversion instead of the file's."""
     values, grid = learned.extended.values, stimuli.prediction
     stiffness = learned.tool.stiffness * values["stiffness_ratio"]
@@ -344,7 +352,7 @@ def taught_set(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
     return stimuli.model_copy(update={"prediction": grid.model_copy(update=taught)})
 
 
-def learned_columns(prediction: Prediction, learned: LearnedModel) -> dict[str, str]:
+def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dict[str, str]:
     """Say beside a prediction what the extended model, effects and all, predicts."""
     names = [
         f"learned_{name.format(end)}"
@@ -357,11 +365,13 @@ def learned_columns(prediction: Prediction, learned: LearnedModel) -> dict[str, 
     plain = prediction.drag == "up"
     face, point = prediction.face, prediction.point
     height = (
-        face.far_side if plain else height_at_angle(prediction.release.angle, point.ball_radius)
+        face.far_side
+        if plain
+        else compute_height_at_angle(prediction.release.angle, point.ball_radius)
     )
-    found = learned_drag(learned, prediction.stimulus, float(height), point)
+    found = make_learned_drag(learned, prediction.stimulus, float(height), point)
     values = [*found.peak_force, *(1e6 * energy for energy in found.energy)]
     return {
         "learned_status": found.status,
-        **dict(zip(names, map(six_digits, values), strict=True)),
+        **dict(zip(names, map(format_six_digits, values), strict=True)),
     }

@@ -12,13 +12,19 @@ from pydantic import ValidationError
 
 from stepblocks.artefacts.model_file import LearnedModel
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import Events, VibrationEvent, Waveform, ring_energy, vibration_events
+from stepblocks.contact.event import (
+    Events,
+    VibrationEvent,
+    Waveform,
+    compute_ring_energy,
+    vibration_events,
+)
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.shapes import Mesh, build_solids, convex_pieces, mesh_solid
+from stepblocks.parts.shapes import Mesh, build_convex_pieces, build_solids, mesh_solid
 from stepblocks.simulators.devices import Device, plan_rendering
 from stepblocks.simulators.scene import Frame, Scene
 
@@ -29,7 +35,7 @@ _RATE = 96e3  # of the simulated force [Hz]; WAV files are interpolated from it
 _LENGTH = 0.1  # recorded after the release [s]
 
 
-def plain_step(height: float, name: str = "step") -> StepBlock:
+def build_plain_step(height: float, name: str = "step") -> StepBlock:
     """Make the sharp step that a declared tip is dragged over."""
 
     def exact(**sizes: str) -> dict[str, Any]:
@@ -53,7 +59,7 @@ def plain_step(height: float, name: str = "step") -> StepBlock:
         raise HapticsError(f"the step under a tip is impossible: {rule} [{name}]") from error
 
 
-def scene_of(
+def assemble_scene(
     stimulus: Part,
     point: OperatingPoint,
     *,
@@ -61,30 +67,30 @@ def scene_of(
     scale: float | None = None,
     ring: str = "exponential",
     own_scale: bool = False,
-    **under: Any,
+    **contact_options: Any,
 ) -> Scene:
-    """Gather what a scene needs; `under` says what is `met`."""
+    """Gather what a scene needs; `under` says what is `resolve_contact`."""
     if scale is not None and not (math.isfinite(scale) and scale > 0.0):
         raise HapticsError(f"scale must be positive and finite, got {scale:g}")
-    surface, point, events = met(stimulus, point, **under)
+    surface, point, events = resolve_contact(stimulus, point, **contact_options)
     path = surface.counterface().centre_path(point.ball_radius)
     if ring == "drag":
-        up, down = (with_drag_ring(event, path, point) for event in events)
+        up, down = (simulate_ring_of(event, path, point) for event in events)
         events = up, down
     plan = None if device is None else plan_rendering(device, events[0], point, scale)
     size = plan.scale if plan else scale or 1.0
-    frame = _frame(surface)
+    frame = _choose_frame(surface)
     return Scene(
         stimulus=surface if stimulus.ball is None else stimulus,
         surface=surface,
         point=point,
         scale=size,
         frame=frame,
-        whole=_joined(
+        whole=_join_meshes(
             surface.id,
             [frame.of(mesh_solid(surface, *solid), size) for solid in build_solids(surface)],
         ),
-        pieces=tuple(frame.of(piece, size) for piece in convex_pieces(surface)),
+        pieces=tuple(frame.of(piece, size) for piece in build_convex_pieces(surface)),
         path=path.scaled(size),
         events=events,
         plan=plan,
@@ -92,7 +98,7 @@ def scene_of(
     )
 
 
-def met(
+def resolve_contact(
     stimulus: Part,
     point: OperatingPoint,
     step_height: float | None = None,
@@ -106,13 +112,13 @@ def met(
             raise HapticsError(
                 f"the height of the step under the probe must be given, got none [{stimulus.id}]"
             )
-        surface = plain_step(step_height, f"{stimulus.id[:30].rstrip('-')}-step")
+        surface = build_plain_step(step_height, f"{stimulus.id[:30].rstrip('-')}-step")
     if learned is not None:
-        return teach(learned, surface, point, keep_friction=keep_friction)
+        return apply_learned_model(learned, surface, point, keep_friction=keep_friction)
     return surface, point, vibration_events(surface.counterface(), point, surface.id)
 
 
-def _frame(surface: Part) -> Frame:
+def _choose_frame(surface: Part) -> Frame:
     """Lay what is turned about the drag on its side, its axis below."""
     if surface.turn_radius is None:
         return Frame(np.eye(3), np.zeros(3), surface.axes)
@@ -120,7 +126,7 @@ def _frame(surface: Part) -> Frame:
     return Frame(turn, np.array([0.0, 0.0, -surface.turn_radius]), surface.axes)
 
 
-def _joined(name: str, meshes: Sequence[Mesh]) -> Mesh:
+def _join_meshes(name: str, meshes: Sequence[Mesh]) -> Mesh:
     """Put separate closed bodies into one mesh."""
     if len(meshes) == 1:
         return meshes[0]
@@ -129,11 +135,11 @@ def _joined(name: str, meshes: Sequence[Mesh]) -> Mesh:
     return Mesh(name, np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
 
 
-def teach(
+def apply_learned_model(
     learned: LearnedModel, surface: Part, point: OperatingPoint, *, keep_friction: bool = False
 ) -> tuple[Part, OperatingPoint, Events]:
     """Apply what was learnt to a surface, its operating point and its events."""
-    known = _ask(learned, surface, point, 1)
+    known = _predict_with_model(learned, surface, point, 1)
     taught = replace(
         point, friction=point.friction if keep_friction else known.friction, tool=known.tool
     )
@@ -145,48 +151,53 @@ def teach(
     return (
         surface,
         taught,
-        (_told(learned, up, surface, taught), _told(learned, down, surface, taught)),
+        (
+            _apply_learned_energy(learned, up, surface, taught),
+            _apply_learned_energy(learned, down, surface, taught),
+        ),
     )
 
 
-def _told(
+def _apply_learned_energy(
     learned: LearnedModel, event: VibrationEvent, surface: Part, point: OperatingPoint
 ) -> VibrationEvent:
     if event.status is not Status.RELEASES:
         return event
-    known = _ask(learned, surface, point, event.direction)
+    known = _predict_with_model(learned, surface, point, event.direction)
     energy = known.energy[0] if math.isfinite(known.energy[0]) else event.energy
     return replace(event, energy=energy, learned=known)
 
 
-def _ask(
+def _predict_with_model(
     learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int
 ) -> LearnedDrag:
     """Ask of the step that this edge is for the ball: as high as itself, or as that of the same critical angle."""
-    from stepblocks.predict.table import learned_drag
+    from stepblocks.predict.table import make_learned_drag
 
     face = surface.counterface()
     height = face.far_side
     if direction < 0 or face.ways[0] != "up":
         height = point.ball_radius * (
-            1.0 - math.cos(face.centre_path(point.ball_radius).notch(float(direction))[2])
+            1.0 - math.cos(face.centre_path(point.ball_radius).find_notch(float(direction))[2])
         )
-    return learned_drag(learned, surface.id, height, point)
+    return make_learned_drag(learned, surface.id, height, point)
 
 
-def with_drag_ring(
+def simulate_ring_of(
     event: VibrationEvent, path: CentrePath, point: OperatingPoint
 ) -> VibrationEvent:
     """Replace the exponential by the ring of a drag in time: the force below that of sliding, from where it first falls there."""
-    from stepblocks.drag.ring import ring_of
-    from stepblocks.drag.simulate import DragSettings, probe_for, simulate
-    from stepblocks.drag.track import track_along
+    from stepblocks.drag.ring import measure_ring
+    from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
+    from stepblocks.drag.track import build_track_along_path
 
     if event.status is not Status.RELEASES:
         return event
-    probe = probe_for(point.tool, point.ball_radius)
+    probe = build_probe(point.tool, point.ball_radius)
     settings = DragSettings.under(point, sample_rate=_RATE, ring_time=_LENGTH)
-    trace = simulate(track_along(path, point.ball_radius, event.direction < 0), probe, settings)
+    trace = simulate_drag(
+        build_track_along_path(path, point.ball_radius, event.direction < 0), probe, settings
+    )
     name = f"[{event.stimulus} {event.drag}]"
     if trace.status is not Status.RELEASES:
         raise HapticsError(
@@ -204,8 +215,8 @@ def with_drag_ring(
             "low"
         )
     force, delay = level - pull[after[0] :], float(time[after[0]] - trace.release_time)
-    factor = math.sqrt(event.energy / ring_energy(force, _RATE, event.tool))
-    own = ring_of(trace, spectra=False)
+    factor = math.sqrt(event.energy / compute_ring_energy(force, _RATE, event.tool))
+    own = measure_ring(trace, spectra=False)
     return replace(
         event, waveform=Waveform(force * factor, _RATE, delay, trace.peak_force, own.energy, factor)
     )

@@ -10,11 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import VibrationEvent, ring, ring_energy, vibration_events
+from stepblocks.contact.event import (
+    VibrationEvent,
+    compute_ring_energy,
+    compute_ring_force,
+    vibration_events,
+)
 from stepblocks.declare import load_declared
 from stepblocks.errors import HapticsError
 from stepblocks.predict.perception import PAPER_OBSERVER
-from stepblocks.tables import read_table, si_columns, write_table
+from stepblocks.tables import read_si_columns, read_table, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +60,7 @@ def compare(
     output : str or Path, optional
         CSV to write.
     **felt : float
-        ``ball_radius`` [m], ``normal_load`` [N], ``friction`` [1]; by default the first of the
+        ``ball_radius`` [m], ``compute_normal_load`` [N], ``friction`` [1]; by default the first of the
         file's grid.
 
     Returns
@@ -72,8 +77,8 @@ def compare(
     """
     import pandas as pd
 
-    event = _event_of(Path(stimulus), felt)
-    force, rate = _read(Path(record), event)
+    event = _predict_event(Path(stimulus), felt)
+    force, rate = _read_record(Path(record), event)
     start = (
         int(np.argmin(np.diff(np.abs(force)))) + 1
     )  # the ring begins behind the sharpest fall of the force's size
@@ -83,10 +88,10 @@ def compare(
             f"a record must hold {_LENGTH:g} time constants of a ring, got {len(tail)} samples "
             f"[{record}]"
         )
-    meant = ring(event, rate)[: len(tail)]
+    meant = compute_ring_force(event, rate)[: len(tail)]
     got, ideal = (
-        _figures(tail - tail[-len(tail) // 5 :].mean(), rate, event),
-        _figures(meant, rate, event),
+        _measure_ring(tail - tail[-len(tail) // 5 :].mean(), rate, event),
+        _measure_ring(meant, rate, event),
     )
     got["peak force"], ideal["peak force"] = (
         float(np.abs(force[:start]).max()),
@@ -104,7 +109,7 @@ def compare(
     return table
 
 
-def _event_of(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
+def _predict_event(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
     declared = load_declared(stimulus.parent)
     part = next((one for one in declared.stimuli if one.id == stimulus.name), None)
     if part is None:
@@ -120,7 +125,7 @@ def _event_of(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
     return event
 
 
-def _read(path: Path, event: VibrationEvent) -> tuple[Array, float]:
+def _read_record(path: Path, event: VibrationEvent) -> tuple[Array, float]:
     """Force along the drag [N], of an acceleration by the tool's effective mass, and the rate of its samples [Hz]."""
     if path.suffix in (".h5", ".hdf5"):
         import h5py
@@ -136,7 +141,7 @@ def _read(path: Path, event: VibrationEvent) -> tuple[Array, float]:
     wanted: dict[str, Any] = {"time": (["time"], "time", None)}
     if "acceleration_m_s2" not in frame:
         wanted["force"] = (["force"], "force", None)
-    columns = si_columns(frame, wanted, path)
+    columns = read_si_columns(frame, wanted, path)
     time = columns["time"]
     steps = np.diff(time)
     if len(time) < 16 or not (steps > 0.0).all():
@@ -149,7 +154,7 @@ def _read(path: Path, event: VibrationEvent) -> tuple[Array, float]:
     return columns["force"], rate
 
 
-def _figures(force: Array, rate: float, event: VibrationEvent) -> dict[str, Any]:
+def _measure_ring(force: Array, rate: float, event: VibrationEvent) -> dict[str, Any]:
     """Energy, frequency, decay and band of a ring, by least squares of a decaying sine and by its spectrum."""
     from scipy.optimize import least_squares
 
@@ -179,7 +184,7 @@ def _figures(force: Array, rate: float, event: VibrationEvent) -> dict[str, Any]
     )  # the paper's 250 to 350 Hz
     inside = (band >= low) & (band <= high)
     return {
-        "ring energy": ring_energy(force, rate, tool),
+        "ring energy": compute_ring_energy(force, rate, tool),
         "ring frequency": float(best.x[0]),
         "ring decay": float(np.exp(best.x[1])),
         "energy in the ring's band": float(power[inside].sum() / power.sum()),

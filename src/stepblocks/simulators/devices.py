@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, Field
 
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import VibrationEvent, nan_as_none
+from stepblocks.contact.event import VibrationEvent, replace_nan_by_none
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
-from stepblocks.mistakes import validated
+from stepblocks.mistakes import validate_data
 from stepblocks.quantities import parse_quantity
 from stepblocks.text_file import read_document
 
@@ -90,12 +90,12 @@ def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
         for source in sources
     }
     files = [
-        validated(_DeviceFile, content, source, HapticsError) for source, content in raw.items()
+        validate_data(_DeviceFile, content, source, HapticsError) for source, content in raw.items()
     ]
     return tuple({device.id: device for file in files for device in file.device}.values())
 
 
-def device_named(name: str, devices: tuple[Device, ...]) -> Device:
+def find_device(name: str, devices: tuple[Device, ...]) -> Device:
     """Find a device by its id, or say which there are."""
     found = {device.id: device for device in devices}
     if name not in found:
@@ -134,7 +134,7 @@ class RenderingPlan:
 
     def as_record(self) -> dict[str, Any]:
         """Return plain values for JSON, the unit in every name; None for what is not a number."""
-        record = nan_as_none(
+        record = replace_nan_by_none(
             asdict(self) | {"verdict": self.verdict.value, "reasons": list(self.reasons)}
         )
         return {
@@ -152,7 +152,7 @@ def plan_rendering(
     device: Device, event: VibrationEvent, point: OperatingPoint, scale: float | None = None
 ) -> RenderingPlan:
     """Plan how a device renders one drag; without a scale by the smallest at which it follows the formula."""
-    chosen = _choose(device, event, point) if scale is None else scale
+    chosen = _choose_scale(device, event, point) if scale is None else scale
     k, q = point.tool.stiffness / chosen, device.position_resolution.value
     samples = device.update_rate.value / point.tool.frequency
     route = "motors" if samples >= _SAMPLES_PER_CYCLE else "voice coil"
@@ -165,15 +165,15 @@ def plan_rendering(
         critical_force=event.critical_force,
         ring_energy=event.energy,
         force_step=k * q,
-        force_error=0.5 * k * q / _smallest_force(event, point),
+        force_error=0.5 * k * q / _find_smallest_force(event, point),
         hand_travel=chosen
-        * _finite(event.critical_force, device.peak_force.value)
+        * _replace_if_not_finite(event.critical_force, device.peak_force.value)
         / point.tool.stiffness,
         ring_route=route if event.status is Status.RELEASES else "none",
         ring_samples=samples,
     )
-    refused = _refusals(device, plan, point.normal_load)
-    lost = _deviations(device, plan, event, point.normal_load)
+    refused = _list_refusals(device, plan, point.normal_load)
+    lost = _list_deviations(device, plan, event, point.normal_load)
     verdict = (
         Faithfulness.IMPOSSIBLE
         if refused
@@ -184,14 +184,16 @@ def plan_rendering(
     return replace(plan, verdict=verdict, reasons=(*refused, *lost))
 
 
-def one_scale(device: Device, drags: Sequence[tuple[VibrationEvent, OperatingPoint]]) -> float:
+def choose_common_scale(
+    device: Device, drags: Sequence[tuple[VibrationEvent, OperatingPoint]]
+) -> float:
     """Choose one magnification for a set, lest the hand's travel tell heights: the largest that a drag needs, if all bear it."""
     own = [plan_rendering(device, *drag) for drag in drags]
     needy = max(own, key=lambda plan: plan.scale)
     for alone, drag in zip(own, drags, strict=True):
-        known = {_kind(reason) for reason in alone.reasons}
+        known = {_remove_numbers(reason) for reason in alone.reasons}
         together = plan_rendering(device, *drag, needy.scale)
-        lost = [reason for reason in together.reasons if _kind(reason) not in known]
+        lost = [reason for reason in together.reasons if _remove_numbers(reason) not in known]
         if lost and alone.verdict is not Faithfulness.IMPOSSIBLE:  # which no scale would help
             raise HapticsError(
                 f"the set must have one scale on {alone.device}, got none: "
@@ -204,37 +206,42 @@ def one_scale(device: Device, drags: Sequence[tuple[VibrationEvent, OperatingPoi
     return needy.scale
 
 
-def _kind(reason: str) -> str:
+def _remove_numbers(reason: str) -> str:
     return re.sub(r"[\d.e+-]+", "#", reason)
 
 
-def _finite(value: float, otherwise: float) -> float:
+def _replace_if_not_finite(value: float, otherwise: float) -> float:
     return value if math.isfinite(value) else otherwise
 
 
-def _limit(figure: Figure | None) -> float:
+def _value_or_infinity(figure: Figure | None) -> float:
     return math.inf if figure is None else figure.value
 
 
-def _smallest_force(event: VibrationEvent, point: OperatingPoint) -> float:
-    return min(point.normal_load, _finite(event.critical_force, point.normal_load))
+def _find_smallest_force(event: VibrationEvent, point: OperatingPoint) -> float:
+    return min(point.normal_load, _replace_if_not_finite(event.critical_force, point.normal_load))
 
 
-def _choose(device: Device, event: VibrationEvent, point: OperatingPoint) -> float:
+def _choose_scale(device: Device, event: VibrationEvent, point: OperatingPoint) -> float:
     k, q = point.tool.stiffness, device.position_resolution.value
     wanted = max(
-        0.5 * k * q / (FORCE_ERROR * _smallest_force(event, point)),
-        k / _limit(device.stiffness_limit),
+        0.5 * k * q / (FORCE_ERROR * _find_smallest_force(event, point)),
+        k / _value_or_infinity(device.stiffness_limit),
     )
-    most = 0.5 * _limit(device.travel) * k / _finite(event.critical_force, device.peak_force.value)
+    most = (
+        0.5
+        * _value_or_infinity(device.travel)
+        * k
+        / _replace_if_not_finite(event.critical_force, device.peak_force.value)
+    )
     fitting = [scale for scale in _SCALES if scale <= most] or [_SCALES[0]]
     return next((scale for scale in fitting if scale >= wanted * (1.0 - 1e-9)), fitting[-1])
 
 
-def _refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
+def _list_refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
     peak, limit, force = (
         device.peak_force.value,
-        _limit(device.stiffness_limit),
+        _value_or_infinity(device.stiffness_limit),
         plan.critical_force,
     )
     rules = {
@@ -251,7 +258,7 @@ def _refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
     return [said for said, holds in rules.items() if holds]
 
 
-def _deviations(
+def _list_deviations(
     device: Device, plan: RenderingPlan, event: VibrationEvent, load: float
 ) -> list[str]:
     resolution, peak, rate = (
@@ -259,8 +266,11 @@ def _deviations(
         device.peak_force.value,
         device.update_rate.value,
     )
-    held, lasting = max(load, _finite(event.critical_force, 0.0)), _limit(device.continuous_force)
-    travel, most = plan.hand_travel, _limit(device.travel)
+    held, lasting = (
+        max(load, _replace_if_not_finite(event.critical_force, 0.0)),
+        _value_or_infinity(device.continuous_force),
+    )
+    travel, most = plan.hand_travel, _value_or_infinity(device.travel)
     samples, cycle = (
         f"{plan.ring_samples:.1f} samples a cycle",
         f"the ring of {event.tool.frequency:g} Hz",

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from stepblocks.atomic import folder_beside, settle
+from stepblocks.atomic import make_draft_folder, sync_folder
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
-from stepblocks.select import matches, stimulus_files
+from stepblocks.select import find_stimulus_files, matches_pattern
 
 if TYPE_CHECKING:
     from stepblocks.parts.kind import Part
@@ -73,7 +73,7 @@ def export(
     progress : callable, optional
         Is told of every folder when it is done.
     **felt : float
-        ``normal_load`` [N], ``friction`` [1], ``ball_radius`` [m], ``speed`` [m/s]; the first of
+        ``compute_normal_load`` [N], ``friction`` [1], ``ball_radius`` [m], ``speed`` [m/s]; the first of
         the set's prediction, and 5 mm/s, if left out. A declared tip brings its ball.
 
     Returns
@@ -87,8 +87,8 @@ def export(
         If a file, a device or a value is wrong, or nothing matches.
     """
     from stepblocks.artefacts.model_file import read_model
-    from stepblocks.simulators.assemble import met, scene_of
-    from stepblocks.simulators.devices import device_named, load_devices, one_scale
+    from stepblocks.simulators.assemble import assemble_scene, resolve_contact
+    from stepblocks.simulators.devices import choose_common_scale, find_device, load_devices
     from stepblocks.simulators.scenes import SCENE_FORMATS
 
     if simulator not in SCENE_FORMATS:
@@ -96,14 +96,16 @@ def export(
     known = load_devices(
         devices
     )  # a file that is missing is told also where no device is asked for
-    chosen = None if device is None else device_named(device, known)
+    chosen = None if device is None else find_device(device, known)
     learned = None if model is None else read_model(Path(model))
     done: list[Exported] = []
-    for stimuli in [load_declared(path) for path in stimulus_files(files)]:
+    for stimuli in [load_declared(path) for path in find_stimulus_files(files)]:
         meant = [
-            part for part in stimuli.stimuli if only is None or matches(only, stimuli.name, part.id)
+            part
+            for part in stimuli.stimuli
+            if only is None or matches_pattern(only, stimuli.name, part.id)
         ]
-        points = [_point(stimuli, part, felt) for part in meant]
+        points = [_choose_operating_point(stimuli, part, felt) for part in meant]
         height = step_height or next(iter(stimuli.prediction.step_heights), None)
         taught: dict[str, Any] = {
             "step_height": height,
@@ -112,8 +114,11 @@ def export(
         }
         shared = None if scale == "per-block" else scale
         if chosen is not None and scale is None and meant:
-            each = [met(part, point, **taught) for part, point in zip(meant, points, strict=True)]
-            shared = one_scale(chosen, [(events[0], point) for _, point, events in each])
+            each = [
+                resolve_contact(part, point, **taught)
+                for part, point in zip(meant, points, strict=True)
+            ]
+            shared = choose_common_scale(chosen, [(events[0], point) for _, point, events in each])
         options = taught | {
             "device": chosen,
             "scale": shared,
@@ -121,13 +126,14 @@ def export(
             "own_scale": scale == "per-block",
         }
         scenes = [
-            scene_of(part, point, **options) for part, point in zip(meant, points, strict=True)
+            assemble_scene(part, point, **options)
+            for part, point in zip(meant, points, strict=True)
         ]
-        loudest = max((scene.loudest() for scene in scenes), default=0.0)
+        loudest = max((scene.largest_ring_force() for scene in scenes), default=0.0)
         form, place = SCENE_FORMATS[simulator], Path(output) / stimuli.name
         called = simulator if chosen is None else f"{simulator}-{chosen.id}"
         for part, scene in zip(meant, scenes, strict=True):
-            _write(place / part.id / called, replace(scene, full_scale=loudest), form)
+            _write_scene_folder(place / part.id / called, replace(scene, full_scale=loudest), form)
             done.append(Exported(f"{stimuli.name}/{part.id}", place / part.id / called, scene.plan))
             if progress is not None:
                 progress(done[-1])
@@ -139,7 +145,9 @@ def export(
     return done
 
 
-def _point(stimuli: StimulusSet, part: Part, given: Mapping[str, Any]) -> OperatingPoint:
+def _choose_operating_point(
+    stimuli: StimulusSet, part: Part, given: Mapping[str, Any]
+) -> OperatingPoint:
     """Return the first operating point of a set's prediction, as a part changes it and as it was asked for."""
     grid, worn = stimuli.grid_of(part), stimuli.ring_of(part)
     tool = grid.as_tool()
@@ -156,14 +164,14 @@ def _point(stimuli: StimulusSet, part: Part, given: Mapping[str, Any]) -> Operat
     return OperatingPoint(**values)
 
 
-def _write(folder: Path, scene: Scene, form: SceneFormat) -> None:
+def _write_scene_folder(folder: Path, scene: Scene, form: SceneFormat) -> None:
     """Write a folder beside its place, then replace its files one by one: what else lies there stays."""
     from stepblocks.simulators.scene import write_scene
 
     try:
-        with folder_beside(folder) as draft:
+        with make_draft_folder(folder) as draft:
             write_scene(draft, scene, form)
-            settle(draft)
+            sync_folder(draft)
             for path in sorted(file for file in draft.rglob("*") if file.is_file()):
                 target = folder / path.relative_to(draft)
                 target.parent.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ from stepblocks.contact.counterface import Counterface
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
-from stepblocks.select import stimulus_files
+from stepblocks.select import find_stimulus_files
 
 _EVERY = 12  # knots of a circle that the page does without
 _WIDE = 1e-3  # of the drawn profile on either side of the edge [m]
@@ -38,7 +38,7 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
     StepblocksError
         If a file is wrong, none has a block, or the page cannot be written.
     """
-    sets = [load_declared(path) for path in stimulus_files(files)]
+    sets = [load_declared(path) for path in find_stimulus_files(files)]
     found = [
         (stimuli, s)
         for stimuli in sets
@@ -51,7 +51,9 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
         )
     point = found[0][0].prediction.first_point()
     radius, tool = point.ball_radius, point.tool
-    blocks = [{"name": block.id, **_felt(block.counterface(), radius)} for _, block in found]
+    blocks = [
+        {"name": block.id, **_describe_block(block.counterface(), radius)} for _, block in found
+    ]
     text = render_page(
         "simulators",
         "feel.html",
@@ -75,10 +77,10 @@ def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
     return len(blocks)
 
 
-def _felt(face: Counterface, radius: float) -> dict[str, Any]:
+def _describe_block(face: Counterface, radius: float) -> dict[str, Any]:
     """Return what the page draws, and the path without most knots of its circles; notches and ends of lines stay."""
     path, edges = face.centre_path(radius), np.array(face.breakpoints)
-    trigger, _, angle = path.notch(+1.0)
+    trigger, _, angle = path.find_notch(+1.0)
     across = np.linspace(edges[0], edges[-1], 30)
     x = np.unique(np.concatenate([[-_WIDE, _WIDE], edges - 1e-12, edges + 1e-12, across]))
     before, after = path.slope_end[:-1], path.slope_start[1:]  # of the inner knots

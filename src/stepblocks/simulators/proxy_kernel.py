@@ -44,19 +44,21 @@ STATE = np.dtype(
 
 
 @numba.njit(cache=True, inline="always")
-def _height(x: float, piece: int, path: Records) -> Any:
+def _compute_height(x: float, piece: int, path: Records) -> Any:
     x0, z0 = path.x[piece], path.z[piece]
     return z0 + (path.z[piece + 1] - z0) * (x - x0) / (path.x[piece + 1] - x0)
 
 
 @numba.njit(cache=True, inline="always")
-def _slope(x: float, piece: int, path: Records) -> Any:
+def _compute_slope(x: float, piece: int, path: Records) -> Any:
     share = (x - path.x[piece]) / (path.x[piece + 1] - path.x[piece])
     return path.first[piece] + share * (path.last[piece] - path.first[piece])
 
 
 @numba.njit(cache=True, inline="always")
-def _drive(direction: float, x: float, z: float, slope: float, hand: Hand, setting: Any) -> Any:
+def _compute_drive(
+    direction: float, x: float, z: float, slope: float, hand: Hand, setting: Any
+) -> Any:
     """Force that is left to move the proxy in a direction, times the cosine of the slope; positive where it slides."""
     pull, down = direction * setting.stiffness * (hand[0] - x), setting.wall * (z - hand[1])
     rise = direction * slope
@@ -64,9 +66,19 @@ def _drive(direction: float, x: float, z: float, slope: float, hand: Hand, setti
 
 
 @numba.njit(cache=True)
-def _slides(direction: float, x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
+def _is_sliding(
+    direction: float, x: float, piece: int, hand: Hand, setting: Any, path: Records
+) -> Any:
     return (
-        _drive(direction, x, _height(x, piece, path), _slope(x, piece, path), hand, setting) > 0.0
+        _compute_drive(
+            direction,
+            x,
+            _compute_height(x, piece, path),
+            _compute_slope(x, piece, path),
+            hand,
+            setting,
+        )
+        > 0.0
     )
 
 
@@ -74,10 +86,10 @@ def _slides(direction: float, x: float, piece: int, hand: Hand, setting: Any, pa
 def _slide(direction: float, x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
     """Move the proxy along the path until friction holds it."""
     ahead = direction > 0.0
-    while _slides(direction, x, piece, hand, setting, path):
+    while _is_sliding(direction, x, piece, hand, setting, path):
         knot = piece + 1 if ahead else piece
         far, slope = path.x[knot], path.last[piece] if ahead else path.first[piece]
-        if _drive(direction, far, path.z[knot], slope, hand, setting) > 0.0:
+        if _compute_drive(direction, far, path.z[knot], slope, hand, setting) > 0.0:
             x, after = far, piece + 1 if ahead else piece - 1
             if after < 0 or after > len(path.x) - 2:
                 break
@@ -85,7 +97,7 @@ def _slide(direction: float, x: float, piece: int, hand: Hand, setting: Any, pat
             continue
         for _ in range(_BISECTIONS):
             middle = 0.5 * (x + far)
-            if _slides(direction, middle, piece, hand, setting, path):
+            if _is_sliding(direction, middle, piece, hand, setting, path):
                 x = middle
             else:
                 far = middle
@@ -101,12 +113,12 @@ def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> Any:
     while True:
         end = min(path.x[piece + 1], hand_x) if span >= 0.0 else max(path.x[piece], hand_x)
         line = hand_z if end == hand_x else z + (hand_z - z) * (end - x) / span
-        if line < _height(end, piece, path):
+        if line < _compute_height(end, piece, path):
             near = max(x, path.x[piece]) if span >= 0.0 else min(x, path.x[piece + 1])
             for _ in range(_BISECTIONS):
                 middle = 0.5 * (near + end)
                 line = hand_z if span == 0.0 else z + (hand_z - z) * (middle - x) / span
-                if line < _height(middle, piece, path):
+                if line < _compute_height(middle, piece, path):
                     end = middle
                 else:
                     near = middle
@@ -118,9 +130,9 @@ def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> Any:
 
 
 @numba.njit(cache=True)
-def _pressed(x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
+def _is_pressed(x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
     """Whether the hand presses the proxy on either side of where it is."""
-    ahead = behind = _slope(x, piece, path)
+    ahead = behind = _compute_slope(x, piece, path)
     if x == path.x[piece]:
         if piece > 0:
             behind = path.last[piece - 1]
@@ -130,7 +142,7 @@ def _pressed(x: float, piece: int, hand: Hand, setting: Any, path: Records) -> A
             ahead = path.first[piece + 1]
     pull, down = (
         setting.stiffness * (hand[0] - x),
-        setting.wall * (_height(x, piece, path) - hand[1]),
+        setting.wall * (_compute_height(x, piece, path) - hand[1]),
     )
     return not (pull * ahead + down < 0.0 and pull * behind + down < 0.0)
 
@@ -174,9 +186,9 @@ def tick(
     """Advance the proxy of one record `states` by one tick of the hand (x, y, z), and write the force on the hand."""
     state, setting = states[0], settings[0]
     hand = (min(max(position[0], path.x[0]), path.x[-1]), position[2])
-    landed = not state.touching or not _pressed(state.x, state.piece, hand, setting, path)
+    landed = not state.touching or not _is_pressed(state.x, state.piece, hand, setting, path)
     if landed:
-        z = _height(state.x, state.piece, path)
+        z = _compute_height(state.x, state.piece, path)
         if not state.touching:  # the proxy was where the hand was, which may be high above the path
             z = max(z, state.height)
         state.x, state.piece, state.touching = _land(state.x, z, state.piece, hand, path)
@@ -184,7 +196,7 @@ def tick(
     if state.touching:
         _move(state, landed, hand, setting, path)
         state.pull = setting.stiffness * (hand[0] - state.x)
-        down = setting.wall * (_height(state.x, state.piece, path) - hand[1])
+        down = setting.wall * (_compute_height(state.x, state.piece, path) - hand[1])
         # along the edge the friction has its own limit: a box instead of the cone, exact for drags
         # along x or y
         limit = setting.friction * max(down, 0.0)

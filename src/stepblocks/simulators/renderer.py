@@ -120,7 +120,7 @@ class Renderer:
     ) -> Drag:
         """Drag over the notch by a virtual hand that keeps its load [N], as the bench does, on a device of a resolution [m]."""
         # travel behind the notch [m] and speed [m/s] in the magnified frame, towards +x or -x
-        notch, height, _ = self.path.notch(direction)
+        notch, height, _ = self.path.find_notch(direction)
         approach, step = _APPROACH * self.scale, direction * speed * self.period
         start = notch - direction * approach
         record = np.zeros((3, int(np.ceil((approach + travel) / abs(step)))))

@@ -10,14 +10,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.artefacts.rings import WAV_RATES, largest_force, write_ahap, write_hjif, write_wav
+from stepblocks.artefacts.rings import (
+    WAV_RATES,
+    find_largest_force,
+    write_ahap,
+    write_hjif,
+    write_wav,
+)
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import Events, as_record, ring, ring_energy
+from stepblocks.contact.event import (
+    Events,
+    build_event_record,
+    compute_ring_energy,
+    compute_ring_force,
+)
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import Mesh
-from stepblocks.quantities import readable
+from stepblocks.quantities import format_units
 from stepblocks.simulators.devices import RenderingPlan
 
 
@@ -57,10 +68,10 @@ class Scene:
         0.0  # force at full scale of the WAV files, one for a set [N]; the ring's own where 0
     )
 
-    def loudest(self) -> float:
+    def largest_ring_force(self) -> float:
         """Return the largest force of any ring [N]; 0 where nothing rings."""
         return max(
-            (largest_force(event) for event in self.events if event.status is Status.RELEASES),
+            (find_largest_force(event) for event in self.events if event.status is Status.RELEASES),
             default=0.0,
         )
 
@@ -101,7 +112,7 @@ class Scene:
             "frame": self.frame.words,
             "from_part_rows": self.frame.turn.tolist(),
             "from_part_shift_m": self.frame.shift.tolist(),
-            "events": [as_record(event, self.scale) for event in self.events],
+            "events": [build_event_record(event, self.scale) for event in self.events],
         }
 
 
@@ -131,13 +142,14 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         if event.status is not Status.RELEASES:
             continue
         stem = f"ring-{'up' if event.direction > 0 else 'down'}"
-        full = scene.full_scale or largest_force(event)
+        full = scene.full_scale or find_largest_force(event)
         ends = (f"full-scale-{full:.4g}n.wav", f"full-scale-{full:.4g}n-int16.wav")
         waves = {f"{stem}-{rate // 1000}khz-{end}": rate for rate in WAV_RATES for end in ends}
         for name, rate in waves.items():
             write_wav(folder / name, event, rate, full)
         energies = {
-            name: ring_energy(ring(event, rate), rate, event.tool) for name, rate in waves.items()
+            name: compute_ring_energy(compute_ring_force(event, rate), rate, event.tool)
+            for name, rate in waves.items()
         }
         told = {
             "full_scale_n": dict.fromkeys(waves, full),
@@ -150,10 +162,12 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
     names = sorted(
         path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
     )
-    fill(folder / "README.md", scene=scene, form=form, names=names, math=math, Status=Status)
+    write_from_template(
+        folder / "README.md", scene=scene, form=form, names=names, math=math, Status=Status
+    )
 
 
-def fill(path: Path, template: str = "", **values: Any) -> None:
+def write_from_template(path: Path, template: str = "", **values: Any) -> None:
     """Fill a template: that of the file's own name where none is named."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -170,7 +184,7 @@ def fill(path: Path, template: str = "", **values: Any) -> None:
         f"{value:.12g}" for value in values.ravel()
     )
     text = environment.get_template(f"{template or path.name}.j2").render(**values)
-    path.write_text(readable(text) if path.suffix == ".md" else text, encoding="utf-8")
+    path.write_text(format_units(text) if path.suffix == ".md" else text, encoding="utf-8")
 
 
 def write_json(path: Path, content: Any) -> None:

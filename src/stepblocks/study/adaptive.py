@@ -14,10 +14,16 @@ import numpy as np
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.study import require
-from stepblocks.study.design import Item, blocks_of, by_codes, too_coarse, trial_row
+from stepblocks.study.design import (
+    Item,
+    assign_codes,
+    choose_blocks,
+    describe_coarse_levels,
+    make_trial_row,
+)
 from stepblocks.study.session import ESTIMATED, Pair, Plan, Session
-from stepblocks.study.sheet import answer_columns, key_csv, read_answers, write_new
-from stepblocks.tables import csv_text, write_table
+from stepblocks.study.sheet import format_key, list_answer_columns, read_answers, write_new_files
+from stepblocks.tables import format_csv, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +43,7 @@ class AdaptiveStudy:
         default="", compare=False
     )  # on levels that are too coarse to tell a threshold
 
-    def record_of(self, participant: int) -> Path:
+    def find_record(self, participant: int) -> Path:
         """Return where a participant's answers stand."""
         if not 1 <= participant <= self.participants:
             raise PipelineError(
@@ -48,7 +54,7 @@ class AdaptiveStudy:
 
     def session(self, participant: int) -> Session:
         """Play a participant's session again from the record."""
-        session, path = Session(self.plan, participant), self.record_of(participant)
+        session, path = Session(self.plan, participant), self.find_record(participant)
         for row in read_answers(path, "constant") if path.exists() else ():
             pair = session.next_pair()
             wanted = pair and (str(participant), str(pair.trial), pair.first, pair.second)
@@ -72,12 +78,12 @@ class AdaptiveStudy:
 
     def save(self, session: Session) -> None:
         """Write a participant's record anew."""
-        path = self.record_of(session.participant)
+        path = self.find_record(session.participant)
         if not session.answers:  # the only one was taken back
             path.unlink()
             return
         path.parent.mkdir(exist_ok=True)
-        replace_text(path, csv_text(_record(session), answer_columns("constant")))
+        replace_text(path, format_csv(_record(session), list_answer_columns("constant")))
 
 
 def _record(session: Session) -> list[tuple[str, ...]]:
@@ -124,11 +130,11 @@ def start_adaptive(
     StepblocksError
         If the blocks do not carry the method, or another study stands there already.
     """
-    found = blocks_of(source)
+    found = choose_blocks(source)
     known = [item.identity for item in found.items]
     if standard not in known:
         raise PipelineError(f"standard must be one of {', '.join(known)}, got {standard!r}")
-    items = by_codes(found.items, np.random.default_rng([seed, 0]))
+    items = assign_codes(found.items, np.random.default_rng([seed, 0]))
     codes = {item.identity: code for code, item in items.items()}
     size = {"participants": participants, "trials": trials, "reversals": reversals}
     setup = {"schema": _SCHEMA, "experiment": "adaptive", "method": method, **size, "seed": seed}
@@ -143,10 +149,11 @@ def start_adaptive(
         "blocks": {code: items[code].told() for code in sorted(items)},
     }
     study = _study(Path(folder), setup)
-    write_new(
-        study.folder, {_SETUP: json.dumps(setup, indent=1) + "\n", "key.csv": key_csv(study.blocks)}
+    write_new_files(
+        study.folder,
+        {_SETUP: json.dumps(setup, indent=1) + "\n", "key.csv": format_key(study.blocks)},
     )
-    return replace(study, advice=too_coarse(found, standard))
+    return replace(study, advice=describe_coarse_levels(found, standard))
 
 
 def open_adaptive(folder: str | Path) -> AdaptiveStudy:
@@ -180,7 +187,9 @@ def _study(folder: Path, setup: Mapping[str, Any]) -> AdaptiveStudy:
     return AdaptiveStudy(folder, plan, setup["participants"], blocks)
 
 
-def answer(folder: str | Path, participant: int, trial: int, second_is_higher: bool) -> Session:
+def record_answer(
+    folder: str | Path, participant: int, trial: int, second_is_higher: bool
+) -> Session:
     """Take the answer to the trial that is next and write the record anew."""
     session = (study := open_adaptive(folder)).session(participant)
     session.record(trial, second_is_higher)
@@ -188,7 +197,7 @@ def answer(folder: str | Path, participant: int, trial: int, second_is_higher: b
     return session
 
 
-def undo(folder: str | Path, participant: int) -> Session:
+def undo_answer(folder: str | Path, participant: int) -> Session:
     """Take the last answer of a participant back; the same pair is asked again."""
     study = open_adaptive(folder)
     session = study.session(participant)
@@ -203,7 +212,7 @@ def undo(folder: str | Path, participant: int) -> Session:
     return again
 
 
-def results(folder: str | Path) -> pd.DataFrame:
+def estimate_participants(folder: str | Path) -> pd.DataFrame:
     """Estimate every participant, one row for each with answers, and write what `analyse_study` reads."""
     import pandas as pd
 
@@ -217,9 +226,9 @@ def results(folder: str | Path) -> pd.DataFrame:
     table = pd.DataFrame([_result(session) for session in sessions])
     trials = [_trial(study, session, pair) for session in sessions for pair, _ in session.answers]
     write_table(table, study.folder / "adaptive-results.csv", "%.4g")
-    replace_text(study.folder / "design.csv", csv_text(trials))
+    replace_text(study.folder / "design.csv", format_csv(trials))
     records = [line for session in sessions for line in _record(session)]
-    replace_text(study.folder / "answers.csv", csv_text(records, answer_columns("constant")))
+    replace_text(study.folder / "answers.csv", format_csv(records, list_answer_columns("constant")))
     return table
 
 
@@ -241,4 +250,4 @@ def _trial(study: AdaptiveStudy, session: Session, pair: Pair) -> dict[str, str]
     standard = study.plan.standard
     order = "standard-first" if pair.first == standard else "standard-second"
     when = (session.participant, pair.trial, order, 1)
-    return trial_row("constant", when, study.blocks, pair.beside(standard), standard)
+    return make_trial_row("constant", when, study.blocks, pair.beside(standard), standard)

@@ -18,18 +18,18 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.atomic import alone_in, inside, replace_text
+from stepblocks.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.contact.energy import Status
 from stepblocks.errors import PipelineError, StepblocksError, StudyError
 from stepblocks.page_file import render_page
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study import require
-from stepblocks.study.design import WHEN, Blocks, designed_blocks
-from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
+from stepblocks.study.design import WHEN, Blocks, find_designed_blocks
+from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, read_number
 from stepblocks.study.hands import HANDS, Hand, Mouse
-from stepblocks.study.servo import RATE, Limits, Servo, hurry, write_motion
-from stepblocks.study.sheet import answer_columns, read_answers, read_design, sheet_rows
-from stepblocks.tables import csv_text
+from stepblocks.study.servo import RATE, Limits, Servo, raise_priority, write_motion
+from stepblocks.study.sheet import blind_rows, list_answer_columns, read_answers, read_design
+from stepblocks.tables import format_csv
 
 _SLOW = 1.0  # s
 _LARGEST = 20_000  # bytes of a request
@@ -43,7 +43,7 @@ MAGNIFICATION = 100.0  # of a virtual block: the hand of a mouse travels centime
 
 @dataclass
 class Run:
-    """A participant's run; `state`, `begin` and `answer` are what a page needs of it."""
+    """A participant's run; `state`, `begin` and `record_answer` are what a page needs of it."""
 
     folder: Path
     participant: str
@@ -60,19 +60,19 @@ class Run:
         experiment = self.planned[0]["experiment"]
         self.kind, self.virtual = EXPERIMENTS[experiment], self.blocks is not None
         runs = self.folder / "runs"
-        path = inside(runs, f"participant-{self.participant}.csv")
+        path = resolve_inside(runs, f"participant-{self.participant}.csv")
         if path is None:
             raise StudyError(f"participant must be a plain name, got {self.participant!r}")
         self.path, self._guard = path, threading.RLock()
         self._running: Servo | None = None
         with ExitStack() as held:
-            held.enter_context(alone_in(path.with_suffix("")))
+            held.enter_context(lock_folder(path.with_suffix("")))
             self.answered = self._resume(experiment)
             self._held = held.pop_all()
 
     def _resume(self, experiment: str) -> int:
         """Return how many trials are answered; a last line that a crash cut short is dropped."""
-        columns = answer_columns(experiment)
+        columns = list_answer_columns(experiment)
         if not self.path.exists():
             replace_text(self.path, ",".join(columns) + "\n")
             return 0
@@ -117,7 +117,7 @@ class Run:
                 *(("condition", "code") if self.virtual else ()),
             )
             said |= {
-                name: text for name, text in sheet_rows([row])[0].items() if name not in hidden
+                name: text for name, text in blind_rows([row])[0].items() if name not in hidden
             }
         return said
 
@@ -190,7 +190,7 @@ class Run:
             if row is None or trial != row["trial"]:
                 raise StudyError(f"trial must be the one that is next, got {trial!r}")
             given = {name: texts.get(name, "").strip() for name in self.kind.answers}
-            top = LARGEST_ESTIMATE * max(number(one["height_um"]) for one in self.design)
+            top = LARGEST_ESTIMATE * max(read_number(one["height_um"]) for one in self.design)
             self.kind.read(row, given, top, self.ratings)  # says what cannot be read
             if self.virtual:
                 if (servo := self._running) is None:
@@ -202,7 +202,7 @@ class Run:
                 }
                 write_motion(self.path.with_suffix("") / name, servo, told)
                 self._running = None
-            line = csv_text([sheet_rows([row])[0] | given]).splitlines()[1]
+            line = format_csv([blind_rows([row])[0] | given]).splitlines()[1]
             with self.path.open("ab", buffering=0) as file:
                 before = file.tell()
                 try:
@@ -272,7 +272,9 @@ def open_run(
     if device not in ("mouse", *HANDS):
         raise PipelineError(f"device must be one of mouse, {', '.join(HANDS)}, got {device!r}")
     design = read_design(Path(folder) / "design.csv")
-    blocks = designed_blocks(design, source, felt) if design[0]["experiment"] == "virtual" else None
+    blocks = (
+        find_designed_blocks(design, source, felt) if design[0]["experiment"] == "virtual" else None
+    )
     hand = HANDS[device](library) if blocks is not None and device in HANDS else None
     return Run(Path(folder), participant, design, blocks, hand, scale, ratings)
 
@@ -290,7 +292,7 @@ class RunServer(ThreadingHTTPServer):
     def until_done(self) -> None:
         """Serve until the last answer is given."""
         if self.experiment.virtual:
-            hurry(10)
+            raise_priority(10)
         try:
             self.serve_forever(poll_interval=0.1)
         finally:

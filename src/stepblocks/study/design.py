@@ -16,10 +16,10 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.predict.perception import felt_energies
+from stepblocks.predict.perception import choose_energies
 from stepblocks.predict.predictions import predict_one
-from stepblocks.quantities import readable
-from stepblocks.select import matches
+from stepblocks.quantities import format_units
+from stepblocks.select import matches_pattern
 from stepblocks.study import require
 from stepblocks.study.simulate import TYPICAL_OBSERVER, Z95, Observer
 
@@ -50,7 +50,7 @@ Sets = Sequence[
 ]  # repetition, and codes of blocks with their condition
 
 
-def williams_square(conditions: int) -> Orders:
+def make_williams_square(conditions: int) -> Orders:
     """Return Williams' orders, in which every condition follows every other equally often."""
     # Williams, E. J. (1949), Australian Journal of Scientific Research A 2, 149-168.
     if not 1 <= conditions <= MAX_CONDITIONS:
@@ -69,7 +69,7 @@ def allocate_orders(participants: int, conditions: int, generator: np.random.Gen
             f"the number of participants must lie between 1 and {MAX_PARTICIPANTS}, got "
             f"{participants}"
         )
-    square = williams_square(conditions)
+    square = make_williams_square(conditions)
     rows = square[np.arange(participants) % len(square)]
     relabelled = generator.permutation(conditions)[rows]
     return np.asarray(relabelled[generator.permutation(participants)], dtype=np.int64)
@@ -94,11 +94,11 @@ class Balance:
         return (
             f"order of conditions balanced to within {self.position_spread} per position and "
             f"{self.follower_spread} per "
-            f"neighbour; exact at multiples of {len(williams_square(self.conditions))} participants"
+            f"neighbour; exact at multiples of {len(make_williams_square(self.conditions))} participants"
         )
 
 
-def balance_of(orders: Orders) -> Balance:
+def measure_balance(orders: Orders) -> Balance:
     """Count positions and neighbours."""
     count = orders.shape[1]
     positions, followers = np.zeros((2, count, count), dtype=np.int64)
@@ -131,7 +131,7 @@ class Item:
         }
 
 
-def by_codes(items: Sequence[Item], generator: np.random.Generator) -> dict[str, Item]:
+def assign_codes(items: Sequence[Item], generator: np.random.Generator) -> dict[str, Item]:
     """Give every block a code of two random letters and a check letter, which says nothing about the block."""
     require(
         len(items) <= MAX_CODES, f"a study must have at most {MAX_CODES} blocks, got {len(items)}"
@@ -159,7 +159,7 @@ class Design:
     advice: str = ""  # on levels that are too coarse to tell a threshold
 
 
-def trial_row(
+def make_trial_row(
     experiment: str,
     when: Sequence[object],
     blocks: Mapping[str, Item],
@@ -174,7 +174,7 @@ def trial_row(
     return dict(zip(DESIGN_COLUMNS, cells, strict=True))
 
 
-def crossover(
+def design_crossover(
     experiment: str,
     participants: int,
     items: Sequence[Item],
@@ -190,11 +190,11 @@ def crossover(
         [(time + 1, cells[one]) for one in order for time in range(repetitions)] for order in orders
     ]
     return Design(
-        experiment, _shuffled(experiment, sets, blocks, generator), blocks, balance_of(orders)
+        experiment, _shuffled(experiment, sets, blocks, generator), blocks, measure_balance(orders)
     )
 
 
-def constant_stimuli(
+def design_constant_stimuli(
     participants: int, items: Sequence[Item], repetitions: int, seed: int, standard: str
 ) -> Design:
     """Design a comparison with a standard by constant stimuli, in two intervals."""
@@ -214,7 +214,7 @@ def constant_stimuli(
     sets = [[(repetition, pairs) for repetition in range(1, repetitions + 1)]] * participants
     trials = _shuffled("constant", sets, blocks, generator, base)
     return Design(
-        "constant", trials, blocks, balance_of(np.zeros((participants, 1), dtype=np.int64))
+        "constant", trials, blocks, measure_balance(np.zeros((participants, 1), dtype=np.int64))
     )
 
 
@@ -232,7 +232,7 @@ def _shuffled(
         for repetition, cells in own:
             for code, condition in (cells[index] for index in generator.permutation(len(cells))):
                 when = (participant, next(number), condition, repetition)
-                trials.append(trial_row(experiment, when, blocks, code, base))
+                trials.append(make_trial_row(experiment, when, blocks, code, base))
     return trials
 
 
@@ -256,7 +256,7 @@ def _prepare(
     require(total <= MAX_TRIALS, f"a design must have at most {MAX_TRIALS} trials, got {total}")
     require(participants >= 1, f"participants must be at least 1, got {participants}")
     generator = np.random.default_rng(seed)
-    return by_codes(items, generator), generator
+    return assign_codes(items, generator), generator
 
 
 @dataclass(frozen=True)
@@ -281,14 +281,14 @@ class Blocks:
 
 
 def _felt(faces: Iterable[Counterface], point: OperatingPoint) -> list[float]:
-    return list(felt_energies([predict_one(face, point) for face in faces])[0])
+    return list(choose_energies([predict_one(face, point) for face in faces])[0])
 
 
 def _rise(energies: Sequence[float]) -> bool:
     return energies[0] > 0.0 and all(low < high for low, high in itertools.pairwise(energies))
 
 
-def blocks_of(
+def choose_blocks(
     source: str | Path | Sequence[float],
     felt: Mapping[str, Any] = MappingProxyType({}),
     only: str | None = None,
@@ -304,7 +304,7 @@ def blocks_of(
     blocks = [
         block
         for block in stimuli.step_block
-        if only is None or matches(only, stimuli.name, block.id)
+        if only is None or matches_pattern(only, stimuli.name, block.id)
     ]
     if not blocks:
         chosen = f" that match {only!r}" if only else ""
@@ -322,13 +322,13 @@ def blocks_of(
     return Blocks(items, {block.id: block.counterface() for block in blocks}, point)
 
 
-def designed_blocks(
+def find_designed_blocks(
     design: Sequence[Mapping[str, str]], where: str | Path | None, felt: Mapping[str, float]
 ) -> Blocks:
     """Find the blocks of a design, standards included, in a stimulus file; without one they are sharp steps."""
     named = [(row[name], row[height]) for row in design for name, height in _NAMED]
     heights = {name: float(height) / 1e6 for name, height in named if name}
-    blocks = blocks_of(sorted(set(heights.values())) if where is None else where, felt)
+    blocks = choose_blocks(sorted(set(heights.values())) if where is None else where, felt)
     faces = (
         {name: Step(height) for name, height in heights.items()} if where is None else blocks.faces
     )
@@ -340,7 +340,9 @@ def designed_blocks(
     return replace(blocks, faces={name: face for name, face in faces.items() if name in heights})
 
 
-def too_coarse(blocks: Blocks, standard: str, observer: Observer = TYPICAL_OBSERVER) -> str:
+def describe_coarse_levels(
+    blocks: Blocks, standard: str, observer: Observer = TYPICAL_OBSERVER
+) -> str:
     """Say where too few blocks lie so near to a standard that answers can differ; empty where a fit can be expected."""
     try:
         energies = blocks.energies()
@@ -363,7 +365,7 @@ def too_coarse(blocks: Blocks, standard: str, observer: Observer = TYPICAL_OBSER
     low, high = replace(blocks, faces=faces).energies().values()
     reach = Z95 * noise * 0.02 * heights[standard] / math.log(high / low) * 1e6
     middle = heights[standard] * 1e6
-    return readable(
+    return format_units(
         f"levels are coarse: at a Weber fraction of the energy of {observer.weber:g} only "
         f"{near} "
         f"of {len(heights) - 1} blocks "

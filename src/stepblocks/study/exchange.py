@@ -9,8 +9,8 @@ from pathlib import Path
 
 from stepblocks.errors import StudyError
 from stepblocks.study import require, sheet
-from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS, Row, number
-from stepblocks.tables import csv_text
+from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS, Row, read_number
+from stepblocks.tables import format_csv
 
 FORMATS = ("bids", "psych-ds", "psychopy")
 _UNITS = {"um": 1.0, "mm": 1e3, "m": 1e6}  # micrometres in one
@@ -37,7 +37,7 @@ _SAID = {
 }
 
 
-def judgements_of_table(
+def read_foreign_judgements(
     tables: Sequence[str | Path],
     columns: Mapping[str, str],
     experiment: str,
@@ -56,7 +56,7 @@ def judgements_of_table(
         if re.sub("_(mm|m)$", "_um", mine) not in _SAID:
             raise StudyError(f"columns must be named for {', '.join(_SAID)}, got {mine!r}")
     needed = [named.get("participant", "participant")]
-    rows = [row for path in sheet.sheets_of(tables) for row in sheet.read_rows(path, needed)]
+    rows = [row for path in sheet.find_sheets(tables) for row in sheet.read_rows(path, needed)]
     keys: Counter[tuple[str, ...]] = Counter()
     planned = []
     for row in rows:
@@ -72,7 +72,7 @@ def judgements_of_table(
         ]
         wanted, at = f"{', '.join(needed)} (name yours by --columns)", f"[{row['line']}]"
         require(not lacking, f"a table must have {wanted}, got no {', '.join(lacking)} {at}")
-        height = number(one["height_um"])
+        height = read_number(one["height_um"])
         require(height > 0.0, f"height_um must be a positive number, got {one['height_um']!r} {at}")
         one.setdefault("stimulus", f"step-{height:03.6g}")
         one.setdefault("standard_height_um", one["height_um"])
@@ -90,7 +90,7 @@ def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
         text = row.get(named.get(ours, ours))
         if text is not None:
             text = "" if text == "n/a" else text
-            return text if factor == 1.0 or not text else f"{number(text) * factor:.12g}"
+            return text if factor == 1.0 or not text else f"{read_number(text) * factor:.12g}"
     return None
 
 
@@ -130,12 +130,16 @@ def share_study(
     if (
         form == "psychopy"
     ):  # blinded, in order, for a loop with ``sequential``; headers are Python names
-        columns = [name for name in sheet.answer_columns(experiment) if name not in kind.answers]
-        sheets = sheet.by_person(sheet.sheet_rows(design))
-        files = {f"conditions-{who}.csv": csv_text(rows, columns) for who, rows in sheets.items()}
+        columns = [
+            name for name in sheet.list_answer_columns(experiment) if name not in kind.answers
+        ]
+        sheets = sheet.group_by_participant(sheet.blind_rows(design))
+        files = {f"conditions-{who}.csv": format_csv(rows, columns) for who, rows in sheets.items()}
     else:
         rows = [
-            row for path in sheet.sheets_of(answers) for row in sheet.read_answers(path, experiment)
+            row
+            for path in sheet.find_sheets(answers)
+            for row in sheet.read_answers(path, experiment)
         ]
         given = {(row["participant"], row["trial"]): row for row in rows}
         columns = [
@@ -143,7 +147,7 @@ def share_study(
             for name in _SAID
             if name in design[0] and (kind.paired or not name.startswith("standard"))
         ]
-        people = sheet.by_person(
+        people = sheet.group_by_participant(
             {name: row[name] for name in columns} | {name: answer[name] for name in kind.answers}
             for row in design
             if (answer := given.get((row["participant"], row["trial"])))
@@ -157,7 +161,7 @@ def share_study(
             not alike, f"participants must differ in letters and digits, got {list(people)[:5]}"
         )
         files = (_bids if form == "bids" else _psych_ds)(experiment, people, labels)
-    sheet.write_new(Path(output), files)
+    sheet.write_new_files(Path(output), files)
     return sorted(files)
 
 
@@ -212,5 +216,5 @@ def _psych_ds(
     }
     files["README.md"] = f"# {title}\n\n{_ROWS} Lengths are in micrometres.\n"
     for who, rows in people.items():
-        files[f"data/study-{experiment}_subject-{labels[who]}_data.csv"] = csv_text(rows, columns)
+        files[f"data/study-{experiment}_subject-{labels[who]}_data.csv"] = format_csv(rows, columns)
     return files

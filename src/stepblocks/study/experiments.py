@@ -13,11 +13,16 @@ import numpy as np
 from stepblocks.errors import StudyError
 from stepblocks.study import require
 from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure
-from stepblocks.study.analysis.ordinal import ordinal_model
+from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.psychometric import fit_psychometric
 from stepblocks.study.analysis.results import Curve, PowerLaw
-from stepblocks.study.design import Design, constant_stimuli, crossover
-from stepblocks.study.simulate import Observer, estimate_heights, feel, feels_higher
+from stepblocks.study.design import Design, design_constant_stimuli, design_crossover
+from stepblocks.study.simulate import (
+    Observer,
+    estimate_heights,
+    simulate_comparison,
+    simulate_sensation,
+)
 
 Row = Mapping[str, str]
 Texts = Sequence[tuple[str, ...]]
@@ -50,7 +55,7 @@ class Experiment:
     paired: bool = False  # each block is compared with a standard, given before or after it
 
 
-def number(text: str) -> float:
+def read_number(text: str) -> float:
     """Read a finite number; not-a-number where there is none."""
     try:
         value = float(text)
@@ -62,18 +67,24 @@ def number(text: str) -> float:
 def _read_estimate(
     planned: Row, answer: Row, top: float, ratings: tuple[int, int]
 ) -> dict[str, Any]:
-    estimate = number(answer["estimate_um"])
+    estimate = read_number(answer["estimate_um"])
     require(
         0.0 <= estimate <= top,
         f"estimate_um must be a number from 0 to {top:g}, got {answer['estimate_um']!r}",
     )
-    return {"estimate": estimate / 1e6, "error": (estimate - number(planned["height_um"])) / 1e6}
+    return {
+        "estimate": estimate / 1e6,
+        "error": (estimate - read_number(planned["height_um"])) / 1e6,
+    }
 
 
 def _read_virtual(
     planned: Row, answer: Row, top: float, ratings: tuple[int, int]
 ) -> dict[str, Any]:
-    values, rating = _read_estimate(planned, answer, top, ratings), number(answer["realism_rating"])
+    values, rating = (
+        _read_estimate(planned, answer, top, ratings),
+        read_number(answer["realism_rating"]),
+    )
     low, high = ratings
     said = (
         f"realism_rating must be a whole number from {low:g} to {high:g}, got "
@@ -126,7 +137,7 @@ def _read_comparison(
         raise StudyError(f"second_is_higher must be y or n, got {answer['second_is_higher']!r}")
     second = text in ("y", "yes", "1")
     higher = int(second == (planned["condition"] == "standard-first"))
-    return {"higher": higher, "standard": number(planned["standard_height_um"]) / 1e6}
+    return {"higher": higher, "standard": read_number(planned["standard_height_um"]) / 1e6}
 
 
 def _simulate_comparisons(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
@@ -134,7 +145,7 @@ def _simulate_comparisons(trials: Any, observer: Observer, generator: np.random.
     for energy, standard, order in zip(
         trials["energy"], trials["standard_energy"], trials["condition"], strict=True
     ):
-        higher = feels_higher(energy, standard, observer, generator)
+        higher = simulate_comparison(energy, standard, observer, generator)
         answers.append(("y" if higher == (order == "standard-first") else "n",))
     return answers
 
@@ -159,7 +170,7 @@ def _curve(who: str, own: Any) -> Curve:
 def _read_magnitude(
     planned: Row, answer: Row, top: float, ratings: tuple[int, int]
 ) -> dict[str, Any]:
-    magnitude = number(answer["magnitude_ratio"])
+    magnitude = read_number(answer["magnitude_ratio"])
     require(
         magnitude > 0.0,
         f"magnitude_ratio must be a positive number, got {answer['magnitude_ratio']!r}",
@@ -169,12 +180,12 @@ def _read_magnitude(
 
 def _simulate_magnitudes(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
     reach, person = trials["energy"].to_numpy(), trials["person"].to_numpy()
-    felt = feel(reach, observer, generator)
+    felt = simulate_sensation(reach, observer, generator)
     modulus = np.exp(0.5 * generator.standard_normal(person.max() + 1))[person]
     return [(f"{value:.3g}",) for value in modulus * (felt / reach.mean()) ** 0.5 * 10.0]
 
 
-def power_law(frame: Any, magnitude: str, level: str, participant: str) -> PowerLaw:
+def fit_power_law(frame: Any, magnitude: str, level: str, participant: str) -> PowerLaw:
     """Fit ``magnitude = constant * level ** exponent`` to each participant; each keeps an own modulus."""
     # Stevens, S. S. (1957), Psychological Review 64, 153-181, doi:10.1037/h0046162.
     from scipy import stats
@@ -202,7 +213,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         title="Errors of height estimates",
         sheet_title="Height estimates",
         answers=("estimate_um",),
-        design=partial(crossover, "estimates"),
+        design=partial(design_crossover, "estimates"),
         read=_read_estimate,
         simulate=_simulate_estimates,
         analyse=_analyse_estimates,
@@ -212,19 +223,19 @@ EXPERIMENTS: dict[str, Experiment] = {
         title="Virtual blocks: errors and realism",
         sheet_title="Virtual blocks: height and realism",
         answers=("estimate_um", "realism_rating"),
-        design=partial(crossover, "virtual", probes=("vibration-off", "vibration-on")),
+        design=partial(design_crossover, "virtual", probes=("vibration-off", "vibration-on")),
         read=_read_virtual,
         simulate=_simulate_virtual,
         analyse=lambda frame, margin: (
             _analyse_estimates(frame, margin)
-            | {"ordinal": ordinal_model(frame, "rating", "condition", "participant")}
+            | {"ordinal": fit_ordinal_model(frame, "rating", "condition", "participant")}
         ),
     ),
     "constant": Experiment(
         title="Comparison with a standard",
         sheet_title="Which of the two is higher",
         answers=("second_is_higher",),
-        design=constant_stimuli,
+        design=design_constant_stimuli,
         read=_read_comparison,
         simulate=_simulate_comparisons,
         analyse=_analyse_comparisons,
@@ -235,11 +246,11 @@ EXPERIMENTS: dict[str, Experiment] = {
         title="Magnitude estimation",
         sheet_title="Magnitude estimation",
         answers=("magnitude_ratio",),
-        design=partial(crossover, "magnitude", probes=("free-modulus",)),
+        design=partial(design_crossover, "magnitude", probes=("free-modulus",)),
         read=_read_magnitude,
         simulate=_simulate_magnitudes,
         analyse=lambda frame, margin: {
-            "power_law": power_law(frame, "magnitude", "height", "participant")
+            "power_law": fit_power_law(frame, "magnitude", "height", "participant")
         },
     ),
 }

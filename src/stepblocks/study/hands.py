@@ -251,7 +251,7 @@ class OpenHaptics(Hand):
         self._lib.hdDisableDevice(self._device)
 
 
-def recorded(path: str) -> Replay:
+def read_recorded_hand(path: str) -> Replay:
     """Read the hand of a trial that ``study run`` has written."""
     import h5py
 
@@ -269,5 +269,5 @@ def recorded(path: str) -> Replay:
 HANDS: dict[str, Callable[[str], Hand]] = {
     "openhaptics": OpenHaptics,
     "dhd": ForceDimension,
-    "replay": recorded,
+    "replay": read_recorded_hand,
 }

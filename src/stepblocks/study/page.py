@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from stepblocks.page_file import render_page
-from stepblocks.quantities import column_label
+from stepblocks.quantities import format_column_label
 from stepblocks.study.analysis.results import FIGURES, StudyResult
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.prose import headline, journal_table, methods
+from stepblocks.study.prose import make_journal_table, write_headline, write_methods
 
 _COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
 _INK, _LINE = "#1d2a36", "#999999"
@@ -38,20 +38,20 @@ def render_study(result: StudyResult) -> str:
         "study",
         "study.html",
         title=EXPERIMENTS[result.experiment].title,
-        headline=headline(result),
+        headline=write_headline(result),
         notes=[
             *result.notes,
             *result.remarks,
             *dict.fromkeys(said for one in mixed for said in one.remarks),
         ],
-        figures=study_figures(result),
+        figures=draw_study_figures(result),
         tables=[
             (": ".join(filter(None, name)), own.to_dict("records"))
             for name, own in table.groupby(["measure", "analysis"], sort=False)
         ],
         conditions=sorted(result.frame["condition"].unique()),
-        journal=journal_table(result),
-        methods=methods(result),
+        journal=make_journal_table(result),
+        methods=write_methods(result),
     )
 
 
@@ -64,12 +64,12 @@ def render_sheets_pdf(title: str, sheets: Sheets) -> bytes:
     settings = {"pdf.fonttype": 42, "pdf.compression": 6, "font.family": "DejaVu Sans"}
     metadata = {"CreationDate": None, "ModDate": None, "Title": f"Run sheets: {title}"}
     with mpl.rc_context(settings), PdfPages(stream, metadata=metadata) as pages:
-        for page in sheet_pages(title, sheets):
+        for page in draw_sheet_pages(title, sheets):
             pages.savefig(page)
     return stream.getvalue()
 
 
-def sheet_pages(title: str, sheets: Sheets) -> Iterator[Any]:
+def draw_sheet_pages(title: str, sheets: Sheets) -> Iterator[Any]:
     """Draw the pages of the run sheets, each a matplotlib figure."""
     for participant, rows in sheets.items():
         parts = [rows[start : start + _ROWS] for start in range(0, len(rows), _ROWS)]
@@ -107,7 +107,7 @@ def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
         axes.text(
             place + 2.0,
             _TOP - 0.5 * _ROW,
-            column_label(name),
+            format_column_label(name),
             fontsize=9,
             weight="bold",
             va="center",
@@ -128,7 +128,7 @@ def _page(title: str, foot: str, rows: Sequence[Mapping[str, str]]) -> Any:
     return figure
 
 
-def study_figures(result: StudyResult) -> Iterator[tuple[str, str]]:
+def draw_study_figures(result: StudyResult) -> Iterator[tuple[str, str]]:
     """Draw what a study found: captions and SVG, the same bytes from the same data."""
     import matplotlib as mpl
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -160,7 +160,7 @@ def _estimates(figure: Any, result: Any) -> None:
         )  # beside each other
         style = {"fmt": "o-", "ms": 4, "lw": 1.2, "capsize": 3, "label": str(name)}
         axes.errorbar(x, cells["mean"] * 1e6, cells["std"].fillna(0.0) * 1e6, **style)
-    axes.set(xlabel=column_label("height_um"), ylabel=column_label("estimate_um"))
+    axes.set(xlabel=format_column_label("height_um"), ylabel=format_column_label("estimate_um"))
     axes.legend(frameon=False)
 
 
@@ -229,11 +229,14 @@ def _residuals(figure: Any, result: Any) -> None:
     dots = {"ms": 3, "alpha": 0.6, "color": _COLOURS[0]}
     left.plot(mixed.fitted * 1e6, mixed.residuals * 1e6, "o", **dots)
     left.axhline(0.0, color=_LINE, lw=1)
-    left.set(xlabel=column_label("fitted_absolute_error_um"), ylabel=column_label("residual_um"))
+    left.set(
+        xlabel=format_column_label("fitted_absolute_error_um"),
+        ylabel=format_column_label("residual_um"),
+    )
     (quantiles, ordered), (slope, intercept, _) = probplot(mixed.residuals * 1e6)
     right.plot(quantiles, ordered, "o", **dots)
     right.plot(quantiles, intercept + slope * quantiles, color=_LINE, lw=1)
-    right.set(xlabel="normal quantile", ylabel=column_label("residual_um"))
+    right.set(xlabel="normal quantile", ylabel=format_column_label("residual_um"))
 
 
 def _ratings(figure: Any, result: Any) -> None:
@@ -270,7 +273,7 @@ def _curves(figure: Any, result: Any) -> None:
             else {"color": _COLOURS[index % len(_COLOURS)], "lw": 1}
         )
         axes.plot(x * 1e6, y, **style, label=curve.who if len(result.curves) < 15 or last else None)
-    axes.set(xlabel=column_label("height_um"), ylabel='share "higher"')
+    axes.set(xlabel=format_column_label("height_um"), ylabel='share "higher"')
     if any(curve.fit for curve in result.curves):
         axes.legend(frameon=False, title="participant", ncols=2, fontsize=8)
 
@@ -280,7 +283,7 @@ def _magnitudes(figure: Any, result: Any) -> None:
     for _, own in result.frame.groupby("participant", sort=False):
         means = own.assign(log=np.log(own["magnitude"])).groupby("height")["log"].mean()
         axes.loglog(means.index.to_numpy() * 1e6, np.exp(means), "o-", ms=3, lw=1)
-    axes.set(xlabel=column_label("height_um"), ylabel="geometric mean of magnitudes")
+    axes.set(xlabel=format_column_label("height_um"), ylabel="geometric mean of magnitudes")
 
 
 # what draws, the part of the result that it needs, and its caption

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from importlib.metadata import version
 
-from stepblocks.quantities import readable
+from stepblocks.quantities import format_units
 from stepblocks.study.analysis.accuracy import ANSWER, Measure
 from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.analysis.results import StudyResult
@@ -12,10 +12,10 @@ from stepblocks.study.analysis.results import StudyResult
 _LEVEL = 0.05
 
 
-def headline(result: StudyResult) -> str:
+def write_headline(result: StudyResult) -> str:
     """Say what was found in one sentence, or one for the estimates and one for the ratings."""
     said = [*_estimates(result), *_others(result)]
-    return readable(" ".join(f"{text[0].upper()}{text[1:]}." for text in said))
+    return format_units(" ".join(f"{text[0].upper()}{text[1:]}." for text in said))
 
 
 def _facing(measure: Measure, first: str, second: str) -> Interval:
@@ -101,7 +101,7 @@ def _others(result: StudyResult) -> Iterator[str]:
         yield f"the felt magnitude grows with the height to the power of {law.exponent:.2g} (95 % {law.low:.2g} to {law.high:.2g})"
 
 
-def methods(result: StudyResult) -> str:
+def write_methods(result: StudyResult) -> str:
     """Write the paragraph on the analysis, with what was run and in which version."""
     frame = result.frame
     people, conditions = frame["participant"].nunique(), frame["condition"].nunique()
@@ -169,7 +169,7 @@ def methods(result: StudyResult) -> str:
     return " ".join([*said, f"Computed with {tools}."])
 
 
-def journal_table(result: StudyResult) -> list[dict[str, str]]:
+def make_journal_table(result: StudyResult) -> list[dict[str, str]]:
     """Lay out means and tests as the Publication Manual of the APA (7th ed., 6.36, 6.43, 7.21) asks for."""
     rows = []
     for measure in result.measures:
@@ -183,11 +183,14 @@ def journal_table(result: StudyResult) -> list[dict[str, str]]:
         if (term := measure.mixed.condition) is not None:
             ends = f"[{term.eta_low:.2f}, {term.eta_high:.2f}]".replace("0.", ".")
             row["F"] = f"F({term.df:g}, {term.df_error:g}) = {term.f:.2f}"
-            row |= {"p": apa_p(term.p), "eta": f"{term.eta_squared:.2f}".lstrip("0") + f" {ends}"}
+            row |= {
+                "p": format_apa_p(term.p),
+                "eta": f"{term.eta_squared:.2f}".lstrip("0") + f" {ends}",
+            }
         rows.append(row)
     return rows
 
 
-def apa_p(p: float) -> str:
+def format_apa_p(p: float) -> str:
     """Write a probability as the APA asks for: three digits without the zero that it cannot exceed."""
     return "< .001" if p < 0.001 else f"= {p:.3f}".replace("0.", ".", 1)

@@ -16,18 +16,23 @@ from stepblocks.errors import PipelineError
 from stepblocks.study import require, sheet
 from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import Design, blocks_of, designed_blocks, too_coarse
-from stepblocks.study.exchange import judgements_of_table
+from stepblocks.study.design import (
+    Design,
+    choose_blocks,
+    describe_coarse_levels,
+    find_designed_blocks,
+)
+from stepblocks.study.exchange import read_foreign_judgements
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS
 from stepblocks.study.page import render_sheets_pdf, render_study
 from stepblocks.study.simulate import (
     TYPICAL_OBSERVER,
     Observer,
     SimulatedStudy,
-    detection_power,
+    estimate_detection_power,
     estimate_power,
 )
-from stepblocks.tables import csv_text, write_table
+from stepblocks.tables import format_csv, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,13 +86,15 @@ def design_study(
         raise PipelineError(
             f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}"
         )
-    blocks = blocks_of(source, only=only)
+    blocks = choose_blocks(source, only=only)
     kind, options = EXPERIMENTS[experiment], {"probes": probes, "standard": standard}
     needed = {name: options[name] for name in kind.needs}
     design = kind.design(participants, blocks.items, repetitions, seed, **needed)
-    files = {"design.csv": csv_text(design.trials), "key.csv": sheet.key_csv(design.blocks)}
-    sheet.write_new(Path(folder), files)
-    return replace(design, advice=too_coarse(blocks, standard)) if kind.paired else design
+    files = {"design.csv": format_csv(design.trials), "key.csv": sheet.format_key(design.blocks)}
+    sheet.write_new_files(Path(folder), files)
+    return (
+        replace(design, advice=describe_coarse_levels(blocks, standard)) if kind.paired else design
+    )
 
 
 def write_sheets(folder: str | Path) -> int:
@@ -110,17 +117,17 @@ def write_sheets(folder: str | Path) -> int:
     """
     folder = Path(folder)
     design = sheet.read_design(folder / "design.csv")
-    sheets = sheet.by_person(sheet.sheet_rows(design))
+    sheets = sheet.group_by_participant(sheet.blind_rows(design))
     for person in sheets:  # it becomes the name of a file
         said = f"participant must be one word of at most 40 characters, got {person!r:.60}"
         require(re.fullmatch(r"[\w.-]{1,40}", person), f"{said} [{folder / 'design.csv'}]")
     digits = len(str(len(sheets)))
     texts = {
-        f"sheets/participant-{person:0>{digits}}.csv": csv_text(rows)
+        f"sheets/participant-{person:0>{digits}}.csv": format_csv(rows)
         for person, rows in sheets.items()
     }
     title = EXPERIMENTS[design[0]["experiment"]].sheet_title
-    sheet.write_new(folder, texts | {"run-sheets.pdf": render_sheets_pdf(title, sheets)})
+    sheet.write_new_files(folder, texts | {"run-sheets.pdf": render_sheets_pdf(title, sheets)})
     return len(sheets)
 
 
@@ -147,7 +154,7 @@ def simulate_study(
     noise : mapping of float, optional
         How many times the response noise each condition has [1]; once for what is not named.
     **felt : float
-        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by
+        Where the energies are taken: `ball_radius` [m], `compute_normal_load` [N], `friction` [1]; by
         default the first of the file's grid, of its loads the first under which every block rings.
 
     Returns
@@ -169,9 +176,9 @@ def simulate_study(
                 f"{said} must name conditions of the design ({', '.join(known)}), got "
                 f"{unknown[0]!r}"
             )
-    energies = designed_blocks(design, source, felt).energies()
+    energies = find_designed_blocks(design, source, felt).energies()
     answers = sheet.simulate_answers(design, energies, damping or {}, observer, seed, noise or {})
-    sheet.write_new(output.parent, {output.name: csv_text(answers)})
+    sheet.write_new_files(output.parent, {output.name: format_csv(answers)})
     return len(answers)
 
 
@@ -224,16 +231,16 @@ def analyse_study(
         If the answers do not belong to the design or cannot carry the analysis.
     """
     if folder is None:
-        found = judgements_of_table(answers, columns, experiment, ratings)
+        found = read_foreign_judgements(answers, columns, experiment, ratings)
     else:
         design = sheet.read_design(Path(folder) / "design.csv")
         rows = [
             row
-            for path in sheet.sheets_of(answers)
+            for path in sheet.find_sheets(answers)
             for row in sheet.read_answers(path, design[0]["experiment"])
         ]
         found = sheet.join_answers(design, rows, ratings)
-    result = found.in_groups(groups).analyse(equivalent)
+    result = found.assign_groups(groups).analyse(equivalent)
     if output is not None:
         page, output = render_study(result), Path(output)
         output.mkdir(parents=True, exist_ok=True)
@@ -304,7 +311,7 @@ def study_power(
     """
     import pandas as pd
 
-    blocks = blocks_of(source, felt, only)
+    blocks = choose_blocks(source, felt, only)
     energies = blocks.energies()
     heights = {item.identity: item.height for item in blocks.items}
     rows = []
@@ -321,7 +328,7 @@ def study_power(
             )
             for name in (name for name in energies if name != standard):
                 ratio = energies[name] / energies[standard]
-                found = detection_power(people, 2 * times, ratio, observer, runs, seed)
+                found = estimate_detection_power(people, 2 * times, ratio, observer, runs, seed)
                 size |= {
                     "judgements_each": 2 * times,
                     "stimulus": name,

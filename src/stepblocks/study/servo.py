@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.atomic import beside
+from stepblocks.atomic import write_atomically
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study.hands import Hand
 
@@ -32,7 +32,7 @@ COLUMNS += ("pull_n", "held", "events", "late_s")
 _WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept through [s]
 
 
-def hurry(priority: int) -> None:
+def raise_priority(priority: int) -> None:
     """Ask the system, where it lets us, to wake this thread before others and on time: a sleep may else last 50 us longer."""
     # Threads that it starts take the priority over. Who holds the interpreter while the servo waits
     # for it needs one too, though a lower one: any other program could else put both off.
@@ -87,7 +87,7 @@ class Servo(threading.Thread):
         sys.setswitchinterval(50e-6)
         gc.disable()
         if self._waits:
-            hurry(20)
+            raise_priority(20)
         try:
             self.ended = self._loop()
         finally:
@@ -192,7 +192,7 @@ def write_motion(path: Path, servo: Servo, told: dict[str, Any]) -> None:
     import h5py
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    with beside(path) as draft, h5py.File(draft, "w", track_order=True) as file:
+    with write_atomically(path) as draft, h5py.File(draft, "w", track_order=True) as file:
         for name, values in servo.record().items():
             file.create_dataset(name, data=values, compression="gzip", shuffle=True)
         doubts = "; ".join(servo.doubts)

@@ -16,13 +16,13 @@ import numpy as np
 
 from stepblocks.atomic import replace_bytes
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.mistakes import Mistake, noted, told
+from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
 from stepblocks.study import require
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import DESIGN_COLUMNS, WHEN, Item
-from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, number
+from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, read_number
 from stepblocks.study.simulate import Observer
-from stepblocks.tables import csv_text
+from stepblocks.tables import format_csv
 
 _MAX_BYTES = 100_000_000
 _MAX_ROWS = 300_000
@@ -34,14 +34,14 @@ _COMMA = re.compile(
 Key = tuple[str, str]  # participant and trial
 
 
-def answer_columns(experiment: str) -> tuple[str, ...]:
+def list_answer_columns(experiment: str) -> tuple[str, ...]:
     """Return the columns of a blinded run sheet."""
     kind = EXPERIMENTS[experiment]
     shown = ("first_code", "second_code") if kind.paired else ("condition", "code")
     return ("participant", "trial", *shown, *kind.answers)
 
 
-def sheet_rows(rows: Iterable[Row]) -> list[dict[str, str]]:
+def blind_rows(rows: Iterable[Row]) -> list[dict[str, str]]:
     """Blind the rows of a design: what is left is what may be shown, and room for the answers."""
     blinded = []
     for row in rows:
@@ -49,13 +49,13 @@ def sheet_rows(rows: Iterable[Row]) -> list[dict[str, str]]:
         if EXPERIMENTS[row["experiment"]].paired:
             pair = (row["standard_code"], row["code"])
             first, second = pair if row["condition"] == "standard-first" else pair[::-1]
-        columns = answer_columns(row["experiment"])
+        columns = list_answer_columns(row["experiment"])
         cells = (row["participant"], row["trial"], first, second, *[""] * (len(columns) - 4))
         blinded.append(dict(zip(columns, cells, strict=True)))
     return blinded
 
 
-def by_person(rows: Iterable[Row]) -> dict[str, list[Row]]:
+def group_by_participant(rows: Iterable[Row]) -> dict[str, list[Row]]:
     """Sort rows by their participants."""
     found: dict[str, list[Row]] = {}
     for row in rows:
@@ -63,12 +63,12 @@ def by_person(rows: Iterable[Row]) -> dict[str, list[Row]]:
     return found
 
 
-def key_csv(items: Mapping[str, Item]) -> str:
+def format_key(items: Mapping[str, Item]) -> str:
     """Tell the block behind each code, for who labels and loads the blocks."""
-    return csv_text([{"code": code, **items[code].told()} for code in sorted(items)], _KEY)
+    return format_csv([{"code": code, **items[code].told()} for code in sorted(items)], _KEY)
 
 
-def write_new(folder: Path, texts: Mapping[str, str | bytes]) -> None:
+def write_new_files(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     """Write files that people work on: one that stands there with another content is theirs and stays."""
     contents = {
         name: text.encode() if isinstance(text, str) else text for name, text in texts.items()
@@ -114,7 +114,7 @@ def simulate_answers(
     trials["noisier"] = [noise.get(condition, 1.0) for condition in trials["condition"]]
     kind = EXPERIMENTS[design[0]["experiment"]]
     answers = kind.simulate(trials, observer, np.random.default_rng(seed))
-    filled = zip(sheet_rows(design), answers, strict=True)
+    filled = zip(blind_rows(design), answers, strict=True)
     return [row | dict(zip(kind.answers, texts, strict=True)) for row, texts in filled]
 
 
@@ -155,7 +155,7 @@ class Judgements:
             )
         return said
 
-    def in_groups(self, path: str | Path | None) -> Judgements:
+    def assign_groups(self, path: str | Path | None) -> Judgements:
         """Say of which group each participant is, by a table of participants and groups."""
         if path is None:
             return self
@@ -189,13 +189,13 @@ def read_design(path: Path) -> list[dict[str, str]]:
     for row in rows:
         for name in ("height_um", "standard_height_um") if row["standard"] else ("height_um",):
             require(
-                number(row[name]) > 0.0,
+                read_number(row[name]) > 0.0,
                 f"{name} must be a positive number, got {row[name]!r} [{row['line']}]",
             )
     return rows
 
 
-def sheets_of(paths: Sequence[str | Path]) -> list[Path]:
+def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
     """Follow folders to the CSV files in them, and datasets as `share_study` writes them to their tables."""
     found = list[Path]()
     for path in map(Path, paths):
@@ -209,7 +209,7 @@ def sheets_of(paths: Sequence[str | Path]) -> list[Path]:
 
 def read_answers(path: Path, experiment: str) -> list[dict[str, str]]:
     """Read filled-in run sheets."""
-    return read_rows(path, answer_columns(experiment))
+    return read_rows(path, list_answer_columns(experiment))
 
 
 def join_answers(
@@ -219,12 +219,12 @@ def join_answers(
     planned = {(row["participant"], row["trial"]): row for row in design}
     pairs, mistakes = [], list[Mistake]()
     for key, answer in _by_trial(answers).items():
-        with noted(mistakes, answer["line"]):
+        with collect_mistakes(mistakes, answer["line"]):
             require(
                 key in planned,
                 f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}",
             )
-            (shown,) = sheet_rows([planned[key]])
+            (shown,) = blind_rows([planned[key]])
             for name in ("first_code", "second_code", "code", "condition"):
                 said = (
                     f"{name} must be {shown.get(name)!r} in this trial, as planned, got "
@@ -246,17 +246,19 @@ def join_rows(
     import pandas as pd
 
     kind, planned = EXPERIMENTS[experiment], asked or _by_trial([row for row, _ in pairs])
-    top = LARGEST_ESTIMATE * max(number(row["height_um"]) for row in planned.values())
+    top = LARGEST_ESTIMATE * max(read_number(row["height_um"]) for row in planned.values())
     answered: dict[Key, dict[str, Any]] = {}
     found = list(mistakes)
     for row, answer in pairs:
-        with noted(found, answer["line"]):
+        with collect_mistakes(found, answer["line"]):
             if all(answer[name] for name in kind.answers):
                 answered[row["participant"], row["trial"]] = kind.read(row, answer, top, ratings)
     if found:
         files = ", ".join(dict.fromkeys(place.rpartition(", line ")[0] for place, _ in found))
         raise StudyError(
-            told([(place.removeprefix(f"{files}, "), text) for place, text in found], files)
+            format_mistakes(
+                [(place.removeprefix(f"{files}, "), text) for place, text in found], files
+            )
         )
     got = Counter((planned[key]["participant"], planned[key]["condition"]) for key in answered)
     short = [row for row in planned.values() if not got[row["participant"], row["condition"]]]
@@ -266,7 +268,7 @@ def join_rows(
     kept = [name for name in (*WHEN, "stimulus", "group") if name in next(iter(planned.values()))]
     frame = pd.DataFrame(
         {name: row[name] for name in kept}
-        | {"height": number(row["height_um"]) / 1e6}
+        | {"height": read_number(row["height_um"]) / 1e6}
         | answered[key]
         for key, row in stayed.items()
         if key in answered

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
 from stepblocks.study import require
-from stepblocks.study.analysis.accuracy import ANSWER, MEASURES, measured
-from stepblocks.study.analysis.anova import f_test
-from stepblocks.study.analysis.mixed import mixed_model
+from stepblocks.study.analysis.accuracy import ANSWER, MEASURES, compute_measure
+from stepblocks.study.analysis.anova import run_f_test
+from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.psychometric import Z75
 
 Array = NDArray[np.float64]
@@ -81,7 +81,9 @@ def read_off_height(
     return np.asarray(np.exp(y[stretch] + slope * (query - x[stretch])), dtype=np.float64)
 
 
-def feel(energies: Array, observer: Observer, generator: np.random.Generator) -> Array:
+def simulate_sensation(
+    energies: Array, observer: Observer, generator: np.random.Generator
+) -> Array:
     """Let energies [J] be felt, each with its own noise."""
     return np.asarray(
         energies * np.exp(observer.sensation_noise * generator.standard_normal(len(energies)))
@@ -94,7 +96,9 @@ def estimate_heights(
     """Let participants estimate heights [m]; `known` are heights [m] and undamped energies [J] that they connect."""
     person, setting = trials["person"].to_numpy(), trials["setting"].to_numpy()
     heights = trials["height"].to_numpy()
-    estimates = read_off_height(feel(trials["energy"].to_numpy(), observer, generator), *known)
+    estimates = read_off_height(
+        simulate_sensation(trials["energy"].to_numpy(), observer, generator), *known
+    )
     estimates += observer.participant_spread * generator.standard_normal(person.max() + 1)[person]
     own = generator.standard_normal((person.max() + 1, setting.max() + 1))
     estimates += observer.condition_spread * own[person, setting]
@@ -105,7 +109,7 @@ def estimate_heights(
     return np.maximum(estimates, 0.0)
 
 
-def feels_higher(
+def simulate_comparison(
     energy: float, standard: float, observer: Observer, generator: np.random.Generator
 ) -> bool:
     """Let a participant compare two blocks by what they feel."""
@@ -126,7 +130,7 @@ def _share_of(hits: int, runs: int) -> dict[str, float]:
     return {"power_ratio": hits / runs, "low_95_ratio": float(low), "high_95_ratio": float(high)}
 
 
-def detection_power(
+def estimate_detection_power(
     participants: int, trials: int, ratio: float, observer: Observer, runs: int, seed: int
 ) -> dict[str, float]:
     """Estimate how often a pair of blocks, whose energies have a ratio, is told apart: participants' shares right against one half."""
@@ -186,17 +190,19 @@ class SimulatedStudy:
             )
 
 
-def p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
+def compute_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
     """Simulate a study and test its conditions."""
-    frame, block = measured(simulated_frame(plan, seed), plan.measure)
+    frame, block = compute_measure(simulate_frame(plan, seed), plan.measure)
     if analysis == "f-test":
-        return f_test(frame, "value", "condition", block, intervals=False).terms[0].p
-    term = mixed_model(frame, "value", "condition", "participant", block, intervals=False).condition
+        return run_f_test(frame, "value", "condition", block, intervals=False).terms[0].p
+    term = fit_mixed_model(
+        frame, "value", "condition", "participant", block, intervals=False
+    ).condition
     assert term is not None  # a plan has two conditions
     return term.p
 
 
-def simulated_frame(plan: SimulatedStudy, seed: int) -> Any:
+def simulate_frame(plan: SimulatedStudy, seed: int) -> Any:
     """Simulate one study to its tidy table."""
     import pandas as pd
 
@@ -239,5 +245,5 @@ def estimate_power(
         for child in np.random.SeedSequence(seed).spawn(runs)
     ]
     parallel = Parallel(n_jobs=jobs, initializer=die_with_parent)
-    found = parallel(delayed(p_value)(plan, analysis, one) for one in seeds)
+    found = parallel(delayed(compute_p_value)(plan, analysis, one) for one in seeds)
     return _share_of(sum(p < 0.05 for p in found), runs)

@@ -2,14 +2,14 @@
 
 import math
 
-from stepblocks.artefacts.on_paper import millimetres
+from stepblocks.artefacts.on_paper import format_millimetres
 from stepblocks.parts.body import DRILL_POINT, Body
-from stepblocks.parts.characteristics import toleranced
+from stepblocks.parts.characteristics import make_characteristic
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.lettering import text_width
+from stepblocks.parts.lettering import compute_text_width
 from stepblocks.workshop.gauge_route import GRADES, SECTION, WRINGING, GaugePair
-from stepblocks.workshop.sheet import HEIGHT, TOP_OF_TITLE, Point, Sheet, View, round_scale
+from stepblocks.workshop.sheet import HEIGHT, TOP_OF_TITLE, Point, Sheet, View, choose_scale
 
 _FRONT: Point = (95.0, 242.0)
 _TOP: Point = (95.0, 137.0)
@@ -18,36 +18,36 @@ _SECOND: Point = (352.0, 215.0)
 _SCALES = (10.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0.25, 0.1)
 
 
-def step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
+def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
     """Draw all views of a step block; return the lines of its notes."""
-    scale = _body_views(sheet, block.body, block.id)
-    _edge_in_top_view(sheet, block, scale)
-    _step_detail(sheet, block)
-    _groove_detail(sheet, block)
+    scale = _draw_body(sheet, block.body, block.id)
+    _draw_edge(sheet, block, scale)
+    _draw_step_detail(sheet, block)
+    _draw_groove_detail(sheet, block)
     return ["Working edge without burr; do not break it. All other edges broken as noted."]
 
 
-def margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
+def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
     """Draw all views of a margin block; return the lines of its notes."""
-    scale = _body_views(sheet, margin.body, margin.id)
+    scale = _draw_body(sheet, margin.body, margin.id)
     k, (tx, ty) = 1e3 * scale, _TOP
     hy = 0.5 * margin.body.width.nominal * k
     for x in (0.0, margin.marginal_gap.nominal * k):
         sheet.line((tx + x, ty - hy), (tx + x, ty + hy))
     text_at = (tx + 0.5 * margin.body.length.nominal * k + 20.0, ty + 0.4 * hy)
     sheet.leader((tx, ty + 0.3 * hy), text_at, "margin, detail A")
-    _margin_detail(sheet, margin)
+    _draw_margin_detail(sheet, margin)
     return ["Edges of the margin without burr; do not break them."]
 
 
-def _octagon(low: Point, high: Point, cut: float) -> list[Point]:
+def _list_octagon(low: Point, high: Point, cut: float) -> list[Point]:
     """Corners of a rectangle with broken edges, from the left end of its lower side."""
     (x0, z0), (x1, z1) = low, high
     sides = [(x0 + cut, z0), (x1 - cut, z0), (x1, z0 + cut), (x1, z1 - cut)]
     return [*sides, (x1 - cut, z1), (x0 + cut, z1), (x0, z1 - cut), (x0, z0 + cut)]
 
 
-def _body_views(sheet: Sheet, body: Body, identity: str) -> float:
+def _draw_body(sheet: Sheet, body: Body, identity: str) -> float:
     """Draw the body from the front and from above; return the scale of both views."""
     largest = 1e3 * max(
         body.length.nominal, body.width.nominal, 75.0 / 45.0 * body.thickness.nominal
@@ -57,10 +57,14 @@ def _body_views(sheet: Sheet, body: Body, identity: str) -> float:
     hx, hy = 0.5 * body.length.nominal * k, 0.5 * body.width.nominal * k
     t, c = body.thickness.nominal * k, body.edge_break.nominal * k
     (tx, ty), fx, fz = _TOP, _FRONT[0], _FRONT[1] + 0.5 * t
-    sheet.polyline([(fx + x, fz + z) for x, z in _octagon((-hx, -t), (hx, 0.0), c)], closed=True)
+    sheet.polyline(
+        [(fx + x, fz + z) for x, z in _list_octagon((-hx, -t), (hx, 0.0), c)], closed=True
+    )
     letter = max(0.8 * body.engraving.height.nominal * k, 2.5)
     sheet.text((fx, fz - 0.5 * t), identity.upper(), letter, "MIDDLE_CENTER")
-    sheet.polyline([(tx + x, ty + y) for x, y in _octagon((-hx, -hy), (hx, hy), c)], closed=True)
+    sheet.polyline(
+        [(tx + x, ty + y) for x, y in _list_octagon((-hx, -hy), (hx, hy), c)], closed=True
+    )
     sheet.rectangle((tx - hx + c, ty - hy + c), (tx + hx - c, ty + hy - c), "DIMENSION")
     mounting = body.mounting
     hole, half = 0.5 * mounting.hole_diameter * k, 0.5 * mounting.spacing.nominal * k
@@ -97,8 +101,8 @@ def _body_views(sheet: Sheet, body: Body, identity: str) -> float:
     sheet.leader(
         (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.5 * hy), f"2 x {made}"
     )
-    _holes_from_the_front(sheet, body, (fx, fz), scale)
-    end = fx + 0.5 * text_width(identity.upper(), letter) + 0.5, fz - 0.5 * t
+    _draw_holes(sheet, body, (fx, fz), scale)
+    end = fx + 0.5 * compute_text_width(identity.upper(), letter) + 0.5, fz - 0.5 * t
     sheet.leader(end, (fx + hx + 17.0, fz - 2.0), "letters {} high", "engraving_height")
     sheet.leader(end, (fx + hx + 17.0, fz - 8.0), "engraved {} deep", "engraving_depth")
     corner = (fx - hx + 0.5 * c, fz - t + 0.5 * c)
@@ -113,7 +117,7 @@ def _body_views(sheet: Sheet, body: Body, identity: str) -> float:
     return scale
 
 
-def _holes_from_the_front(sheet: Sheet, body: Body, at: Point, scale: float) -> None:
+def _draw_holes(sheet: Sheet, body: Body, at: Point, scale: float) -> None:
     """Draw the fixing holes as hidden lines, with their depth beside the view."""
     (fx, fz), k, holes = at, 1e3 * scale, body.mounting
     drill, entry, depth = (
@@ -145,7 +149,7 @@ def _holes_from_the_front(sheet: Sheet, body: Body, at: Point, scale: float) -> 
     )
 
 
-def _edge_in_top_view(sheet: Sheet, block: StepBlock, scale: float) -> None:
+def _draw_edge(sheet: Sheet, block: StepBlock, scale: float) -> None:
     k, (tx, ty) = 1e3 * scale, _TOP
     hy, feature = 0.5 * block.body.width.nominal * k, block.metrology
     sheet.line((tx, ty - hy), (tx, ty + hy))
@@ -168,9 +172,13 @@ def _edge_in_top_view(sheet: Sheet, block: StepBlock, scale: float) -> None:
     sheet.leader((tx + far, ty + low + 2.0), (beyond, ty + low + 6.0), f"{feature.kind}, detail B")
 
 
-def _step_detail(sheet: Sheet, block: StepBlock) -> None:
+def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     H, r = block.height.nominal, block.edge_radius.nominal
-    xs, zs, (cx, cz) = round_scale(10.0 / max(r * 1e3, 0.1)), round_scale(40.0 / (H * 1e3)), _DETAIL
+    xs, zs, (cx, cz) = (
+        choose_scale(10.0 / max(r * 1e3, 0.1)),
+        choose_scale(40.0 / (H * 1e3)),
+        _DETAIL,
+    )
     view = View(_DETAIL, xs, zs)
     top, left, right = view.at(0.0, H)[1], cx - 42.0, cx + 62.0
     turns = [index * math.pi / 40.0 for index in range(21)] if r > 0.0 else [0.5 * math.pi]
@@ -189,10 +197,10 @@ def _step_detail(sheet: Sheet, block: StepBlock) -> None:
     sheet.text((cx, cz - 27.0), said, 2.5, "BOTTOM_CENTER")
 
 
-def _groove_detail(sheet: Sheet, block: StepBlock) -> None:
+def _draw_groove_detail(sheet: Sheet, block: StepBlock) -> None:
     (cx, cz), kind = _SECOND, block.metrology.kind
     H, W = block.height.nominal, block.metrology.width.nominal
-    zs, xs = round_scale(40.0 / (H * 1e3)), round_scale(30.0 / (W * 1e3))
+    zs, xs = choose_scale(40.0 / (H * 1e3)), choose_scale(30.0 / (W * 1e3))
     top, half = cz + H * 1e3 * zs, 0.5 * W * 1e3 * xs
     outside, inside = (top, cz) if kind == "groove" else (cz, top)
     across = [(cx - 40.0, outside), (cx - half, outside), (cx - half, inside)]
@@ -207,13 +215,13 @@ def _groove_detail(sheet: Sheet, block: StepBlock) -> None:
     sheet.text((cx, cz - 31.5), "evaluate by ISO 5436-1 type A1", 2.5, "BOTTOM_CENTER")
 
 
-def _margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
+def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
     g, h, d = (
         margin.marginal_gap.nominal,
         margin.horizontal_discrepancy.nominal,
         margin.gap_depth.nominal,
     )
-    s = round_scale(36.0 / (max(g, abs(h), abs(margin.opening.nominal)) * 1e3))
+    s = choose_scale(36.0 / (max(g, abs(h), abs(margin.opening.nominal)) * 1e3))
     view = View((_DETAIL[0] + 45.0, _DETAIL[1]), s)
     cx, cz = view.origin
     wall, level = view.at(g, h)  # of the crown, on the paper
@@ -255,16 +263,16 @@ def _margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
     sheet.text((cx, floor - 30.0), f"A   {s:g}:1", 2.5, "BOTTOM_CENTER")
 
 
-def gauge_sheet(block: StepBlock, pair: GaugePair, ordered: dict[str, str]) -> Sheet:
+def draw_gauge_sheet(block: StepBlock, pair: GaugePair, ordered: dict[str, str]) -> Sheet:
     """Draw the two-piece block: base, two gauge blocks wrung onto it, and the step that is their difference."""
     height = block.height
-    sheet = Sheet([toleranced("step_height", "distance", height)])
+    sheet = Sheet([make_characteristic("step_height", "distance", height)])
     deviation, variation = GRADES[pair.grade]
     size = f"ISO 3650 grade {pair.grade}, {SECTION[0] * 1e3:g} x {SECTION[1] * 1e3:g} mm"
     text = f"""Parts
 1  base, {block.material.designation}, top lapped flat within 0.1 um where blocks are wrung
-2  gauge block {millimetres(pair.lower, 4)} mm, {size}
-3  gauge block {millimetres(pair.upper, 4)} mm, {size}
+2  gauge block {format_millimetres(pair.lower, 4)} mm, {size}
+3  gauge block {format_millimetres(pair.upper, 4)} mm, {size}
 
 Stack-up of the step
 lengths of two blocks: ±{deviation * 1e6:g} um each
@@ -286,7 +294,7 @@ The chamfer of a gauge block (0.1 to 0.3 mm) lies at the working edge: order par
     # whatever their sizes, the views stand over what was written, beside one another, each by what
     # it covers
     left, low, high = 20.0, max(foot, TOP_OF_TITLE) + 10.0, HEIGHT - 16.0
-    for draw in (_gauge_section, _gauge_edge):
+    for draw in (_draw_gauge_section, _draw_gauge_edge):
         start = len(sheet.space)
         draw(sheet, block, pair, high - low)
         x0, y0, x1, y1 = sheet.extents(start)
@@ -295,9 +303,9 @@ The chamfer of a gauge block (0.1 to 0.3 mm) lies at the working edge: order par
     return sheet
 
 
-def _gauge_edge(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) -> None:
+def _draw_gauge_edge(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) -> None:
     """Draw the edge with its heights enlarged."""
-    zs = round_scale(40.0 / (block.height.nominal * 1e3))
+    zs = choose_scale(40.0 / (block.height.nominal * 1e3))
     top = block.height.nominal * 1e3 * zs
     sheet.polyline([(-50.0, 0.0), (0.0, 0.0), (0.0, top), (50.0, top)])
     sheet.line((0.0, 0.0), (0.0, -10.0))
@@ -309,7 +317,7 @@ def _gauge_edge(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) ->
     )
 
 
-def _gauge_section(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) -> None:
+def _draw_gauge_section(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) -> None:
     """Draw base and blocks as large as they fit, what each is called on the left, apart whatever their thickness."""
     thick = block.body.thickness.nominal * 1e3
     across, tall = 2e3 * SECTION[1] + 10.0, thick + pair.upper * 1e3

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.artefacts.check import check_part_step
-from stepblocks.artefacts.on_paper import limits_text, zone_text
+from stepblocks.artefacts.on_paper import format_limits, format_zone
 from stepblocks.artefacts.step.exchange import read_exchange
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import FORM, Characteristic
@@ -16,7 +16,7 @@ from stepblocks.parts.kind import Part
 _SAME = 1e-9  # between a value read back and the one asked for [m or rad]
 
 
-def missing_from(
+def find_missing(
     part: Part, drawing: Path | None = None, step: Path | None = None, sheet: Path | None = None
 ) -> list[str]:
     """Say what is missing, wrong or there twice, a line each; a file that is left out is not looked at."""
@@ -35,15 +35,15 @@ def missing_from(
         f"{part.id}: {key} is listed {count} times" for key, count in keys.items() if count > 1
     ]
     for path, missing in (
-        (drawing, _missing_on_drawing),
-        (step, _missing_in_step),
-        (sheet, _missing_on_sheet),
+        (drawing, _find_missing_on_drawing),
+        (step, _find_missing_in_step),
+        (sheet, _find_missing_on_sheet),
     ):
         found += [f"{path.name}: {line}" for line in missing(path, part)] if path else []
     return found
 
 
-def _missing_on_drawing(path: Path, part: Part) -> Iterator[str]:
+def _find_missing_on_drawing(path: Path, part: Part) -> Iterator[str]:
     import ezdxf
 
     try:
@@ -59,27 +59,27 @@ def _missing_on_drawing(path: Path, part: Part) -> Iterator[str]:
         entities = drawn.get(one.key, [])
         if len(entities) != 1:
             yield f"{number}  {one.label} must stand once, got {len(entities)} times"
-        elif not _says(entities[0], one):
-            yield f"{number}  {one.label} must say {_said(one)}"
+        elif not _entity_says(entities[0], one):
+            yield f"{number}  {one.label} must say {_format_requirement(one)}"
     yield from (
         f"{key} was not asked for" for key in drawn if key not in {one.key for one in listed}
     )
 
 
-def _said(one: Characteristic) -> str:
+def _format_requirement(one: Characteristic) -> str:
     if one.kind == "roughness":
         return f"Ra {one.upper * 1e6:g}"
     return (
-        zone_text(one.upper)
+        format_zone(one.upper)
         if one.kind in FORM
-        else limits_text(one.nominal, one.lower, one.upper, one.quantity)
+        else format_limits(one.nominal, one.lower, one.upper, one.quantity)
     )
 
 
-def _says(entity: Any, one: Characteristic) -> bool:
+def _entity_says(entity: Any, one: Characteristic) -> bool:
     """Compare a dimension by what it measures at its scale and by its deviations, any other text by its words."""
     if entity.dxftype() != "DIMENSION":
-        return _said(one) in entity.dxf.text
+        return _format_requirement(one) in entity.dxf.text
     style = entity.override()
     measured = float(entity.get_measurement()) * float(style.get("dimlfac", 1.0))
     got = [
@@ -91,7 +91,7 @@ def _says(entity: Any, one: Characteristic) -> bool:
     )
 
 
-def _missing_in_step(path: Path, part: Part) -> Iterator[str]:
+def _find_missing_in_step(path: Path, part: Part) -> Iterator[str]:
     yield from check_part_step(path, part)[1]
     noted = {
         str(values[0]) for _, values in read_exchange(path).named("DESCRIPTIVE_REPRESENTATION_ITEM")
@@ -101,7 +101,7 @@ def _missing_in_step(path: Path, part: Part) -> Iterator[str]:
             yield f"{number}  {one.label} must stand as a requirement of the product"
 
 
-def _missing_on_sheet(path: Path, part: Part) -> Iterator[str]:
+def _find_missing_on_sheet(path: Path, part: Part) -> Iterator[str]:
     rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
     number = 0
     for number, one in enumerate(part.characteristics(), start=1):

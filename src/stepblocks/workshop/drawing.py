@@ -7,8 +7,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from stepblocks.artefacts.on_paper import demands_by_default
-from stepblocks.atomic import beside
+from stepblocks.artefacts.on_paper import describe_default_demands
+from stepblocks.atomic import write_atomically
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
@@ -18,15 +18,19 @@ from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.revolution import Turned
-from stepblocks.workshop.blocks import gauge_sheet, margin_block_views, step_block_views
+from stepblocks.workshop.blocks import (
+    draw_gauge_sheet,
+    draw_margin_block_views,
+    draw_step_block_views,
+)
 from stepblocks.workshop.gauge_route import GaugePair
-from stepblocks.workshop.sheet import FONT, HEIGHT, TOP_OF_TITLE, WIDTH, Point, Sheet, round_scale
+from stepblocks.workshop.sheet import FONT, HEIGHT, TOP_OF_TITLE, WIDTH, Point, Sheet, choose_scale
 from stepblocks.workshop.turned import (
-    crown_views,
-    hook_tip_views,
-    sheath_views,
-    straight_tip_views,
-    turned_views,
+    draw_crown_views,
+    draw_hook_tip_views,
+    draw_sheath_views,
+    draw_straight_tip_views,
+    draw_turned_views,
 )
 
 FORMATS = ("dxf", "svg", "pdf")
@@ -37,13 +41,13 @@ _GAP = 32.0  # between views [mm]
 _CAPITAL = 0.729  # height of a capital of the font over its size
 
 
-def machined_views(
+def draw_machined_views(
     sheet: Sheet, part: Machined, room: Point = _ROOM, foot: float = 110.0
 ) -> list[str]:
     """Draw a part; where its bores lie is said in words, by their numbers."""
     low, high = part.extent
     size = [1e3 * (b - a) for a, b in zip(low, high, strict=True)]
-    scale = round_scale(
+    scale = choose_scale(
         min((room[0] - _GAP) / (size[0] + size[1]), (room[1] - _GAP) / (size[1] + size[2]))
     )
     left, base = 45.0, foot + size[1] * scale + _GAP
@@ -62,7 +66,7 @@ def machined_views(
                 corner[1] + (one.high[v] - one.low[v]) * k,
             )
             sheet.rectangle(
-                corner, far, "HIDDEN" if _covered(one, part.boxes, (u, v), out) else "OUTLINE"
+                corner, far, "HIDDEN" if _is_covered(one, part.boxes, (u, v), out) else "OUTLINE"
             )
         for cylinder in (*part.rods, *part.bores):
             left_of, under = x - low[u] * k, y - low[v] * k
@@ -90,7 +94,7 @@ def machined_views(
     ] * bool(threads)
 
 
-def _covered(one: Box, boxes: tuple[Box, ...], axes: tuple[int, int], out: str) -> bool:
+def _is_covered(one: Box, boxes: tuple[Box, ...], axes: tuple[int, int], out: str) -> bool:
     """Tell whether another box stands before it: the top is seen from above, the others from the front and from the left."""
     w = "xyz".index(out)
     before = [
@@ -107,14 +111,14 @@ def _covered(one: Box, boxes: tuple[Box, ...], axes: tuple[int, int], out: str) 
 # who draws a kind on a sheet and returns lines for its notes; without views everything is said in
 # words
 VIEWS: Mapping[type, Callable[[Sheet, Any], list[str]]] = {
-    StepBlock: step_block_views,
-    MarginBlock: margin_block_views,
-    CrownOnTooth: crown_views,
-    StraightTip: straight_tip_views,
-    HookTip: hook_tip_views,
-    Sheath: sheath_views,
-    Turned: turned_views,  # any other turned kind
-    Machined: machined_views,
+    StepBlock: draw_step_block_views,
+    MarginBlock: draw_margin_block_views,
+    CrownOnTooth: draw_crown_views,
+    StraightTip: draw_straight_tip_views,
+    HookTip: draw_hook_tip_views,
+    Sheath: draw_sheath_views,
+    Turned: draw_turned_views,  # any other turned kind
+    Machined: draw_machined_views,
 }
 
 
@@ -122,7 +126,7 @@ def write_drawing(
     folder: Path, part: Part, formats: Sequence[str] = FORMATS, order: OrderSpec = _NOTHING_SAID
 ) -> list[Path]:
     """Draw a part with its views; what none of them shows stands in words."""
-    return _write_all(folder, f"{part.id}.drawing", formats, lambda: _part_sheet(part, order))
+    return _write_all(folder, f"{part.id}.drawing", formats, lambda: _draw_part_sheet(part, order))
 
 
 def write_gauge_drawing(
@@ -130,7 +134,10 @@ def write_gauge_drawing(
 ) -> list[Path]:
     """Draw the two-piece block of a pair of gauge blocks."""
     return _write_all(
-        folder, f"{block.id}.gauge", FORMATS, lambda: gauge_sheet(block, pair, _ordered(order))
+        folder,
+        f"{block.id}.gauge",
+        FORMATS,
+        lambda: draw_gauge_sheet(block, pair, _list_order_fields(order)),
     )
 
 
@@ -148,17 +155,18 @@ def write_assembly_drawing(
 
     def draw() -> Sheet:
         sheet = Sheet([])
-        machined_views(sheet, whole, (330.0, 245.0), 35.0)
+        draw_machined_views(sheet, whole, (330.0, 245.0), 35.0)
         sheet.border(
             "Assembly",
-            {"identity": name.upper(), "material": "by part", "mass": mass} | _ordered(order),
+            {"identity": name.upper(), "material": "by part", "mass": mass}
+            | _list_order_fields(order),
         )
         return sheet
 
     return _write_all(folder, f"{name}.assembly", FORMATS, draw)
 
 
-def _ordered(order: OrderSpec) -> dict[str, str]:
+def _list_order_fields(order: OrderSpec) -> dict[str, str]:
     said = {
         "drawn by": order.author or "-",
         "date": order.date or "-",
@@ -167,15 +175,18 @@ def _ordered(order: OrderSpec) -> dict[str, str]:
     return {**said, "quantity": str(order.quantity)}
 
 
-def _part_sheet(stimulus: Part, order: OrderSpec) -> Sheet:
+def _draw_part_sheet(stimulus: Part, order: OrderSpec) -> Sheet:
     sheet = Sheet(list(stimulus.characteristics()))
     draw = next((VIEWS[kind] for kind in type(stimulus).__mro__ if kind in VIEWS), None)
-    notes, governing = draw(sheet, stimulus) if draw else [], stimulus.governed_by.replace("_", " ")
+    notes, governing = (
+        draw(sheet, stimulus) if draw else [],
+        stimulus.governing_field.replace("_", " "),
+    )
     # what no view shows is said in words, with its number
     left = [(key, n, one) for key, (n, one) in sheet.listed.items() if n not in sheet.numbers]
     lines = [(f"{n}  {one.label}: {sheet.limits(key)}", key) for key, n, one in left]
     if stimulus.has_working_faces:
-        notes += filter(None, [demands_by_default(stimulus)])
+        notes += filter(None, [describe_default_demands(stimulus)])
     elif governing:
         rough = stimulus.face_demands["roughness"].upper * 1e6
         notes.append(
@@ -193,7 +204,7 @@ def _part_sheet(stimulus: Part, order: OrderSpec) -> Sheet:
         "material": stimulus.material.designation,
         "mass": f"{mass * 1e3:.4g} g",
     }
-    sheet.border(stimulus.titled, told | _ordered(order))
+    sheet.border(stimulus.drawing_title, told | _list_order_fields(order))
     return sheet
 
 
@@ -201,10 +212,10 @@ def _write_all(
     folder: Path, name: str, formats: Sequence[str], draw: Callable[[], Sheet]
 ) -> list[Path]:
     paths = [folder / f"{name}.{form}" for form in formats]
-    with _same_everywhere():
+    with _pin_ezdxf():
         sheet = draw()
         for path in paths:
-            with beside(path) as draft:
+            with write_atomically(path) as draft:
                 if path.suffix == ".dxf":
                     # ezdxf takes classes from a set, whose order differs by process
                     for kind in sorted(sheet.document.entitydb.dxf_types_in_use()):
@@ -216,7 +227,7 @@ def _write_all(
 
 
 @contextmanager
-def _same_everywhere() -> Iterator[None]:
+def _pin_ezdxf() -> Iterator[None]:
     """Let ezdxf write no time and no random identifier, and see only the fonts that matplotlib carries."""
     import ezdxf
     from ezdxf.fonts import fonts
@@ -228,7 +239,7 @@ def _same_everywhere() -> Iterator[None]:
         fonts.TrueTypeFont._glyph_caches,
     )
     options.write_fixed_meta_data_for_testing = True
-    fonts.font_manager, fonts.TrueTypeFont._glyph_caches = _fonts_of_matplotlib()
+    fonts.font_manager, fonts.TrueTypeFont._glyph_caches = _load_fonts()
     try:
         yield
     finally:
@@ -240,7 +251,7 @@ def _same_everywhere() -> Iterator[None]:
 
 
 @cache
-def _fonts_of_matplotlib() -> tuple[Any, dict[str, Any]]:
+def _load_fonts() -> tuple[Any, dict[str, Any]]:
     import matplotlib as mpl
     from ezdxf.fonts.font_manager import FontManager
 

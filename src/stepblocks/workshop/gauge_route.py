@@ -75,13 +75,15 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
     names = f"{block.id}-base", *(f"gauge-block-{piece}" for piece in pieces)
     bodies = [
-        (name, cad.kernel.box(*corners))
+        (name, cad.kernel.make_box(*corners))
         for name, corners in zip(names, (base, lower, upper), strict=True)
     ]
     deviation, _ = GRADES[pair.grade]
     dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):
-        bottom, top = (PmiItem(index, face) for face in cad.kernel.ends(bodies[index][1], 2))
+        bottom, top = (
+            PmiItem(index, face) for face in cad.kernel.find_end_faces(bodies[index][1], 2)
+        )
         measured = PmiDimension("distance", (bottom, top), length, -deviation, deviation)
         dimensions.append((f"length of gauge block {pieces[index - 1]}", measured))
         tops.append(top)

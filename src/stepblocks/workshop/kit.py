@@ -15,7 +15,7 @@ from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kinds.machined import Machined
 from stepblocks.parts.shapes import mesh_solid
 from stepblocks.tables import write_table
-from stepblocks.workshop.complete import missing_from
+from stepblocks.workshop.complete import find_missing
 from stepblocks.workshop.drawing import write_assembly_drawing, write_drawing
 
 POSITIONS = 21  # of the travel at which the assembly is looked at
@@ -39,7 +39,7 @@ def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> tuple[list[Path
     parts = kit.parts()
     bodies = {part.id: part.solids()[0] for part in parts}
     written: list[Path] = []
-    wrong = list(interferences(kit, bodies))
+    wrong = list(find_interferences(kit, bodies))
     for part in parts:
         if not part.standard:
             paths, missing = _write_part(folder / part.id, part, bodies[part.id], order)
@@ -68,10 +68,10 @@ def _write_part(
         ):
             write(path, mesh)
             meshes.append(path)
-    return [step, *drawings, *meshes], missing_from(part, drawings[0], step)
+    return [step, *drawings, *meshes], find_missing(part, drawings[0], step)
 
 
-def interferences(kit: Apparatus, bodies: Mapping[str, cad.door.Body]) -> Iterator[str]:
+def find_interferences(kit: Apparatus, bodies: Mapping[str, cad.door.Body]) -> Iterator[str]:
     """Name every pair of parts that share volume, all of them in the middle of the travel and what moves past what does not."""
     parts, half = kit.parts(), 0.5 * kit.travel.nominal
     pairs = [(a, b, 0.0) for a, b in itertools.combinations(parts, 2)]
@@ -79,7 +79,7 @@ def interferences(kit: Apparatus, bodies: Mapping[str, cad.door.Body]) -> Iterat
         x = half * (2.0 * index / (POSITIONS - 1) - 1.0)
         pairs += [(a, b, x) for a in parts if a.moving for b in parts if not b.moving]
     for a, b, x in pairs:
-        volume = cad.kernel.common_volume(bodies[a.id], bodies[b.id], (x, 0.0, 0.0))
+        volume = cad.kernel.compute_common_volume(bodies[a.id], bodies[b.id], (x, 0.0, 0.0))
         if volume > _TOUCHING:
             yield f"{a.id} and {b.id} share {volume * 1e9:.4g} mm3 where the tip is at {x * 1e3:+.2f} mm"
 
@@ -110,8 +110,8 @@ def _write_tables(folder: Path, kit: Apparatus, parts: Sequence[Machined]) -> li
         {"axis": axis, "weight_g": load.mass * 1e3, "force_n": load.force, "std_n": load.std}
         | {f"{name.replace(' ', '_')}_n": std for name, std in load.budget}
         for axis, several, of in (
-            ("normal", kit.normal_weights, normal_load),
-            ("pull", kit.pulling_weights, pull),
+            ("normal", kit.normal_weights, compute_normal_load),
+            ("pull", kit.pulling_weights, compute_pull),
         )
         for load in (of(kit, mass) for mass in several)
     ]
@@ -120,7 +120,7 @@ def _write_tables(folder: Path, kit: Apparatus, parts: Sequence[Machined]) -> li
     for name, table in (
         ("bill", bill),
         ("loads", pd.DataFrame(loads)),
-        ("flexure", pd.DataFrame([flexure_of(kit)])),
+        ("flexure", pd.DataFrame([compute_flexure(kit)])),
     ):
         written.append(folder / f"{kit.id}.{name}.csv")
         write_table(table, written[-1])
@@ -140,7 +140,7 @@ class Load:
     budget: tuple[tuple[str, float], ...]  # standard uncertainties by source [N]
 
 
-def flexure_of(kit: Apparatus) -> dict[str, float]:
+def compute_flexure(kit: Apparatus) -> dict[str, float]:
     """Stiffness of the two leaves along the drag, and output of the full bridge over its supply for a newton."""
     leaf = kit.flexure
     length, width, thick = (one.nominal for one in (leaf.length, leaf.width, leaf.thickness))
@@ -155,7 +155,7 @@ def flexure_of(kit: Apparatus) -> dict[str, float]:
     return {"stiffness_n_per_m": stiffness, "sensitivity_v_per_v_per_n": strain}
 
 
-def normal_load(kit: Apparatus, mass: float) -> Load:
+def compute_normal_load(kit: Apparatus, mass: float) -> Load:
     """Force of a weight [kg] over the tip on a level block: the arm is balanced, so it is the weight's alone."""
     # tolerances count as rectangular, and so does the friction of the pivot, whose sign is that of
     # the last movement
@@ -168,14 +168,14 @@ def normal_load(kit: Apparatus, mass: float) -> Load:
         "balance": counterweight.mass * gravity * kit.balance.limits[1] / ARM,
         "friction of the pivot": kit.friction.pivot.value * pressing * 0.5 * _PIVOT_BORE / ARM,
     }
-    return _load(mass, mass * gravity, parts)
+    return _make_load(mass, mass * gravity, parts)
 
 
 # what turns about the pivot
 ON_THE_PIVOT = ("arm", "explorer-clamp", "explorer", "weight", "balance-rod", "counterweight")
 
 
-def pull(kit: Apparatus, mass: float) -> Load:
+def compute_pull(kit: Apparatus, mass: float) -> Load:
     """Force along the drag of a weight with its hanger [kg], less what pulley and carriage take."""
     gravity = kit.gravity.value
     weight = mass * gravity
@@ -190,9 +190,9 @@ def pull(kit: Apparatus, mass: float) -> Load:
         "friction of the pulley": 0.5 * pulley,
         "friction of the carriage": 0.5 * carriage,
     }
-    return _load(mass, weight - pulley - carriage, parts)
+    return _make_load(mass, weight - pulley - carriage, parts)
 
 
-def _load(mass: float, force: float, rectangular: dict[str, float]) -> Load:
+def _make_load(mass: float, force: float, rectangular: dict[str, float]) -> Load:
     budget = tuple((name, half / math.sqrt(3.0)) for name, half in rectangular.items())
     return Load(mass, force, math.hypot(*(std for _, std in budget)), budget)

@@ -10,9 +10,9 @@ import pandas as pd
 import shapely
 import shapely.affinity
 
-from stepblocks.atomic import beside
+from stepblocks.atomic import write_atomically
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.lettering import letters, text_width
+from stepblocks.parts.lettering import compute_text_width, outline_text
 from stepblocks.tables import write_table
 
 GRID = 1e-3  # to which every corner is rounded; all lengths of this file are micrometres
@@ -26,7 +26,7 @@ _MITRED: dict[str, Any] = {"join_style": "mitre", "mitre_limit": 50.0}
 Shape = Any  # a polygon of shapely, or several
 
 
-def etch_plan(heights: Sequence[float]) -> dict[float, list[int]]:
+def plan_etches(heights: Sequence[float]) -> dict[float, list[int]]:
     """Depth of each etch [m], with the indices of the heights [m] that it adds to."""
     # heights that are multiples of one depth add up from etches of 1, 2, 4, ... times it: fewer
     # masks than heights
@@ -52,7 +52,7 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], li
 
     library = gdstk.Library("STEPBLOCKS", unit=1e-6, precision=1e-9)
     cell, rows, faults = library.new_cell("MASKS"), [], []
-    plan = etch_plan([block.height.nominal for block in blocks])
+    plan = plan_etches([block.height.nominal for block in blocks])
     # middles of the blocks, in rows of a nearly square field
     wide = max(1e6 * block.body.length.nominal for block in blocks) + STREET
     tall = max(1e6 * block.body.width.nominal for block in blocks) + STREET
@@ -61,10 +61,10 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], li
     named = set[int]()
     for layer, (depth, indices) in enumerate(plan.items(), start=1):
         name = f"ETCH{layer} {depth * 1e6:g}UM"
-        dies = [_open(blocks[i], places[i], named=i not in named) for i in indices]
+        dies = [_outline_opening(blocks[i], places[i], named=i not in named) for i in indices]
         named |= set(indices)
         shapes = shapely.set_precision(
-            shapely.unary_union([*dies, *_marks(layer, len(plan), name)]), GRID
+            shapely.unary_union([*dies, *_outline_marks(layer, len(plan), name)]), GRID
         )
         for polygon in getattr(shapes, "geoms", [shapes]):
             outer, *holes = (
@@ -74,7 +74,7 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], li
             cell.add(*(gdstk.boolean(outer, holes, "not", 0.1 * GRID, layer) if holes else [outer]))
         cell.add(gdstk.Label(name, (-2000.0, -2600.0 * layer), layer=layer))
         cell.add(*(gdstk.Label(blocks[i].id.upper(), places[i], layer=layer) for i in indices))
-        faults += [f"{path.name}: {name}: {line}" for line in rule_faults(shapes)]
+        faults += [f"{path.name}: {name}: {line}" for line in find_rule_faults(shapes)]
         made = " ".join(blocks[i].id for i in indices)
         rows.append(
             {
@@ -84,14 +84,14 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], li
                 "blocks": made,
             }
         )
-    with beside(path) as draft:
+    with write_atomically(path) as draft:
         library.write_gds(draft, timestamp=_PINNED)
     table = path.with_suffix(".csv")
     write_table(pd.DataFrame(rows), table)
     return [path, table], faults
 
 
-def rule_faults(shapes: Shape) -> Iterator[str]:
+def find_rule_faults(shapes: Shape) -> Iterator[str]:
     """Say where what is open, or what stays between, is narrower than the least width: it vanishes when it is shrunk and grown."""
     half = 0.5 * LEAST - GRID
     for what, way in (("open", -half), ("kept", half)):
@@ -107,7 +107,7 @@ def rule_faults(shapes: Shape) -> Iterator[str]:
                 yield f"what is {what} must be at least {LEAST:g} um wide, got less at ({x:.1f}, {y:.1f}) um"
 
 
-def _open(block: StepBlock, place: tuple[float, float], named: bool) -> Shape:
+def _outline_opening(block: StepBlock, place: tuple[float, float], named: bool) -> Shape:
     """Open what is etched of a block: its lower side with the street, and the groove; a ridge stays; its name where it is first."""
     half, side, feature = (
         0.5e6 * block.body.length.nominal,
@@ -123,20 +123,23 @@ def _open(block: StepBlock, place: tuple[float, float], named: bool) -> Shape:
         face = face.difference(shapely.box(-near - wide, lane[0], -near, lane[1]))
     if named:  # in the corner of the upper face that lies furthest from the lane of the drag
         text, high = block.id.upper(), 1000.0
-        middle = half - 500.0 - 0.5e6 * text_width(text, high * 1e-6), -side + 500.0 + 0.5 * high
-        face = face.union(_lettered(text, high, middle))
+        middle = (
+            half - 500.0 - 0.5e6 * compute_text_width(text, high * 1e-6),
+            -side + 500.0 + 0.5 * high,
+        )
+        face = face.union(_outline_letters(text, high, middle))
     return shapely.affinity.translate(face, *place)
 
 
-def _lettered(text: str, high: float, middle: tuple[float, float]) -> Shape:
-    found = [shapely.Polygon(outer, holes) for outer, *holes in letters(text, high)]
+def _outline_letters(text: str, high: float, middle: tuple[float, float]) -> Shape:
+    found = [shapely.Polygon(outer, holes) for outer, *holes in outline_text(text, high)]
     return shapely.affinity.translate(shapely.unary_union(found), *middle)
 
 
-def _marks(layer: int, layers: int, name: str) -> Iterator[Shape]:
+def _outline_marks(layer: int, layers: int, name: str) -> Iterator[Shape]:
     """Open monitors of one etch in a row of its own, its name, and marks by which later etches find the first."""
     y = -2600.0 * layer
-    yield _lettered(name, 300.0, (-2000.0, y + 1000.0))
+    yield _outline_letters(name, 300.0, (-2000.0, y + 1000.0))
     for index, wide in enumerate(MONITORS):
         yield shapely.box(1000.0 * index, y, 1000.0 * index + wide, y + 2000.0)
     for other in range(2, layers + 1) if layer == 1 else (layer,):

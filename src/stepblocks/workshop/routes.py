@@ -11,14 +11,14 @@ from typing import Annotated, Any
 
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.uncertainty import Interval, interval_of, rectangular
+from stepblocks.contact.uncertainty import Interval, convert_half_widths, interval_of
 from stepblocks.errors import MachiningError
-from stepblocks.parts.declared import Sourced, Table, sourced
+from stepblocks.parts.declared import Sourced, Table, read_sourced
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.workshop.gauge_route import choose_pair
 
-_Length = Annotated[Sourced, sourced("length")]
-_Ratio = Annotated[Sourced, sourced("ratio")]
+_Length = Annotated[Sourced, read_sourced("length")]
+_Ratio = Annotated[Sourced, read_sourced("ratio")]
 _NONE = Sourced(0.0, "length", "")
 
 
@@ -58,25 +58,25 @@ class Route:
 
 
 @cache
-def processes() -> tuple[Process, ...]:
+def load_processes() -> tuple[Process, ...]:
     """Return the routes that are known, in the order of the file."""
     text = files("stepblocks.workshop").joinpath("routes.toml").read_text(encoding="utf-8")
     return tuple(Process.model_validate(one) for one in tomllib.loads(text)["route"])
 
 
-def routes_for(block: StepBlock, capability: float, point: OperatingPoint) -> list[Route]:
+def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> list[Route]:
     """Say of each route whether it reaches the height's tolerance and what is felt, cheapest class first where one is known."""
     if not capability > 0.0:
         raise MachiningError(f"capability must be positive, got {capability:g} m")
     found = (
-        _route(block, one, *way, point)
-        for one in processes()
-        for way in _ways(block, one, capability)
+        _make_route(block, one, *way, point)
+        for one in load_processes()
+        for way in _list_ways(block, one, capability)
     )
     return sorted(found, key=lambda one: one.process.cost.value if one.process.cost else math.inf)
 
 
-def _ways(
+def _list_ways(
     block: StepBlock, process: Process, capability: float
 ) -> Iterator[tuple[str, float, str]]:
     """Name, deviation and note of a process for a block; gauge blocks come in grades, and not for every height."""
@@ -103,7 +103,7 @@ def _ways(
         )
 
 
-def _route(
+def _make_route(
     block: StepBlock,
     process: Process,
     name: str,
@@ -113,7 +113,7 @@ def _route(
 ) -> Route:
     """Predict one way: a burr is climbed as height is, and may stand as high as the upper deviation, which a height allows too."""
     edge, burr = process.edge_spread.value, process.burr_spread.value
-    spread = rectangular({"height": deviation, "edge_radius": edge, "burr": burr})
+    spread = convert_half_widths({"height": deviation, "edge_radius": edge, "burr": burr})
     face = Step(block.height.nominal + process.burr.value, process.edge_radius.value)
     # of both faces where the ball touches; Rq is 1.25 Ra of normal heights
     rough = math.sqrt(2.0) * 1.25 * process.roughness.value
@@ -121,17 +121,17 @@ def _route(
         "height": math.hypot(spread["height"], spread["burr"], rough),
         "edge_radius": spread["edge_radius"],
     }
-    within = _share(0.0, spread["height"], block.height.lower, block.height.upper)
+    within = _compute_share(0.0, spread["height"], block.height.lower, block.height.upper)
     low, high = block.edge_radius.limits
-    within *= _share(
+    within *= _compute_share(
         process.edge_radius.value, spread["edge_radius"], low if low > 0.0 else -math.inf, high
     )
-    within *= _share(process.burr.value, spread["burr"], -math.inf, block.height.upper)
+    within *= _compute_share(process.burr.value, spread["burr"], -math.inf, block.height.upper)
     tolerance = min(block.height.upper, -block.height.lower)
     return Route(process, name, deviation, tolerance, note, interval_of(face, point, felt), within)
 
 
-def _share(middle: float, std: float, low: float, high: float) -> float:
+def _compute_share(middle: float, std: float, low: float, high: float) -> float:
     """Share of a normal law between two limits; what is known for certain lies within them or not."""
     if std == 0.0:
         return float(low <= middle <= high)
@@ -139,7 +139,7 @@ def _share(middle: float, std: float, low: float, high: float) -> float:
     return law.cdf(high) - law.cdf(low)
 
 
-def route_row(name: str, route: Route) -> dict[str, Any]:
+def make_route_row(name: str, route: Route) -> dict[str, Any]:
     """Put a route into the columns of ``routes.csv``."""
     made, felt = route.process, route.felt
     lengths = ("edge_radius", "edge_spread", "burr", "burr_spread")

@@ -8,9 +8,9 @@ from typing import Any
 
 import pandas as pd
 
-from stepblocks.artefacts.on_paper import sheet_table, write_sheet_pdf
+from stepblocks.artefacts.on_paper import make_sheet_table, write_sheet_pdf
 from stepblocks.artefacts.qif import write_qif
-from stepblocks.atomic import alone_in, inside
+from stepblocks.atomic import lock_folder, resolve_inside
 from stepblocks.declare import load_declared, load_kit
 from stepblocks.errors import MachiningError, PipelineError
 from stepblocks.parts.apparatus import Apparatus, Kit
@@ -19,14 +19,14 @@ from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import parse_quantity
-from stepblocks.select import matches, stimulus_files
+from stepblocks.select import find_stimulus_files, matches_pattern
 from stepblocks.tables import write_table
-from stepblocks.workshop.complete import missing_from
+from stepblocks.workshop.complete import find_missing
 from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import choose_pair, write_gauge_assembly
 from stepblocks.workshop.kit import write_kit
 from stepblocks.workshop.masks import write_masks
-from stepblocks.workshop.routes import Route, route_row, routes_for
+from stepblocks.workshop.routes import Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
 
 _SHOWN: tuple[str, ...] = (
@@ -42,7 +42,7 @@ GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 
 @dataclass(frozen=True)
-class Order:
+class PartOrder:
     """What was written for one part."""
 
     name: str  # ``"set/id"``
@@ -60,8 +60,8 @@ def order_parts(
     only: str | None = None,
     capability: str | float | None = None,
     masks: bool = False,
-    announce: Callable[[Order], None] | None = None,
-) -> list[Order]:
+    announce: Callable[[PartOrder], None] | None = None,
+) -> list[PartOrder]:
     """Write drawings and sheets of all parts of stimulus files, and say which route reaches each tolerance.
 
     Parameters
@@ -93,28 +93,32 @@ def order_parts(
     if masks and find_spec("gdstk") is None:
         raise MachiningError("masks need gdstk: pip install 'stepblocks[masks]'")
     orders = []
-    with alone_in(Path(output)):
-        for path in stimulus_files(files):
+    with lock_folder(Path(output)):
+        for path in find_stimulus_files(files):
             declared = load_kit(path) or load_declared(path)
             parts = declared.apparatus if isinstance(declared, Kit) else declared.stimuli
-            chosen = [one for one in parts if only is None or matches(only, path.stem, one.id)]
+            chosen = [
+                one for one in parts if only is None or matches_pattern(only, path.stem, one.id)
+            ]
             for one in chosen:
-                orders.append(_order(f"{path.stem}/{one.id}", one, Path(output), held, declared))
+                orders.append(
+                    _order_part(f"{path.stem}/{one.id}", one, Path(output), held, declared)
+                )
                 if announce is not None:
                     announce(orders[-1])
             blocks = [one for one in chosen if isinstance(one, StepBlock)]
             if masks and blocks:
                 written, faults = write_masks(
-                    _folder(Path(output), path.stem) / f"{path.stem}.masks.gds", blocks
+                    _make_folder(Path(output), path.stem) / f"{path.stem}.masks.gds", blocks
                 )
-                orders.append(Order(f"{path.stem}/masks", tuple(written), (), tuple(faults)))
+                orders.append(PartOrder(f"{path.stem}/masks", tuple(written), (), tuple(faults)))
     if not orders:
         raise PipelineError(f"selection must match at least one stimulus, got {only!r}")
     return orders
 
 
-def _folder(output: Path, name: str) -> Path:
-    folder = inside(output, name)
+def _make_folder(output: Path, name: str) -> Path:
+    folder = resolve_inside(output, name)
     if folder is None:
         raise PipelineError(
             f"the folder must lie in the output folder, with no link on the way [{output / name}]"
@@ -123,20 +127,20 @@ def _folder(output: Path, name: str) -> Path:
     return folder
 
 
-def _order(
+def _order_part(
     name: str, part: Part | Apparatus, output: Path, capability: float, declared: StimulusSet | Kit
-) -> Order:
-    folder, said = _folder(output, name), declared.order
+) -> PartOrder:
+    folder, said = _make_folder(output, name), declared.order
     if isinstance(part, Apparatus):
         files, wrong = write_kit(folder, part, said)
-        return Order(name, tuple(files), (), tuple(wrong))
+        return PartOrder(name, tuple(files), (), tuple(wrong))
     written = [*write_drawing(folder, part, order=said), folder / f"{part.id}.plan.qif"]
     write_qif(written[-1], part, said)
     routes: list[Route] = []
     if isinstance(part, StepBlock) and isinstance(declared, StimulusSet):
-        routes = routes_for(part, capability, declared.prediction.first_point())
+        routes = find_routes(part, capability, declared.prediction.first_point())
         written.append(folder / f"{part.id}.routes.csv")
-        write_table(pd.DataFrame([route_row(name, route) for route in routes]), written[-1])
+        write_table(pd.DataFrame([make_route_row(name, route) for route in routes]), written[-1])
         if any(
             route.process.name == "gauge blocks" for route in routes
         ):  # two blocks of the set differ by this height
@@ -147,18 +151,18 @@ def _order(
     if isinstance(part, Block):
         written += write_setup(folder, part, routes)
     sheets = [folder / f"{part.id}.inspection-sheet.{form}" for form in ("csv", "pdf")]
-    write_table(sheet_table(part), sheets[0])
+    write_table(make_sheet_table(part), sheets[0])
     write_sheet_pdf(sheets[1], part)
     step = folder / f"{part.id}.step"
-    missing = missing_from(part, written[0], step if step.is_file() else None, sheets[0])
-    return Order(name, (*written, *sheets), tuple(routes), tuple(missing))
+    missing = find_missing(part, written[0], step if step.is_file() else None, sheets[0])
+    return PartOrder(name, (*written, *sheets), tuple(routes), tuple(missing))
 
 
-def route_lines(orders: Iterable[Order]) -> list[dict[str, Any]]:
+def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, Any]]:
     """Tabulate what each route leaves of each step block: whether its height is reached, what is felt, how many conform."""
     lines = []
     for order in orders:
         for route in order.routes:
-            row = route_row(order.name, route) | {"reaches": "yes" if route.reaches else "no"}
+            row = make_route_row(order.name, route) | {"reaches": "yes" if route.reaches else "no"}
             lines.append({name: row[name] for name in _SHOWN})
     return lines

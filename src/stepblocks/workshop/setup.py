@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks import cad
-from stepblocks.artefacts.on_paper import limits_text, millimetres, zone_text
+from stepblocks.artefacts.on_paper import format_limits, format_millimetres, format_zone
 from stepblocks.artefacts.step.write import write_conforming
 from stepblocks.atomic import replace_text
 from stepblocks.cad.pmi import PmiDimension, PmiItem
@@ -14,7 +14,7 @@ from stepblocks.page_file import render_page
 from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kinds.margin import MarginBlock
-from stepblocks.parts.tolerance import GUARD_FACTOR, general_deviation
+from stepblocks.parts.tolerance import GUARD_FACTOR, find_general_deviation
 from stepblocks.workshop.routes import Route
 
 STOCK = 1e-3  # on every face, sawn or milled [m]
@@ -35,9 +35,9 @@ _SETUPS = {
 def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> list[Path]:
     """Write sheet and stock of a block; `routes` say how its step is made."""
     page, stock = folder / f"{block.id}.setup.html", folder / f"{block.id}.stock.step"
-    low, high = stock_of(block)
+    low, high = compute_stock(block)
     sizes = [b - a for a, b in zip(low, high, strict=True)]
-    burr = getattr(block, block.governed_by).upper
+    burr = getattr(block, block.governing_field).upper
     thick, reached = (
         block.body.thickness,
         dict.fromkeys(route.name for route in routes if route.reaches),
@@ -45,15 +45,15 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
     values: dict[str, Any] = {
         **{
             "block": block,
-            "stock": " x ".join(millimetres(size, 1) for size in sizes),
+            "stock": " x ".join(format_millimetres(size, 1) for size in sizes),
             "reached": ", ".join(reached),
         },
         **{
-            "finished": limits_text(thick.nominal, thick.lower, thick.upper),
+            "finished": format_limits(thick.nominal, thick.lower, thick.upper),
             "rise": abs(block.rise) * 1e6,
         },
         **{
-            "probed": list(_probed(block)),
+            "probed": list(_list_probed(block)),
             "burr": f"{burr * 1e6:.3g} um",
             "left": f"{GRINDING * 1e3:g} mm left",
         },
@@ -64,10 +64,10 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
         },
     }
     replace_text(page, render_page("workshop", "setup.html", **values))
-    body, dimensions = cad.kernel.box(low, high), []
+    body, dimensions = cad.kernel.make_box(low, high), []
     for axis, (name, size) in enumerate(zip(("length", "width", "height"), sizes, strict=True)):
-        first, last = (PmiItem(0, index) for index in cad.kernel.ends(body, axis))
-        deviation = general_deviation(size) or 0.0
+        first, last = (PmiItem(0, index) for index in cad.kernel.find_end_faces(body, axis))
+        deviation = find_general_deviation(size) or 0.0
         measured = PmiDimension("distance", (first, last), size, -deviation, deviation)
         dimensions.append((f"{name} of the stock", measured))
     write_conforming(
@@ -76,7 +76,7 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
     return [page, stock]
 
 
-def stock_of(block: Block) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+def compute_stock(block: Block) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Lower and upper corner of the stock [m] in the frame of the block, its size in half millimetres."""
     body = block.body
     sides = body.length.nominal, body.width.nominal, body.thickness.nominal + max(block.rise, 0.0)
@@ -85,13 +85,15 @@ def stock_of(block: Block) -> tuple[tuple[float, float, float], tuple[float, flo
     return (-0.5 * x, -0.5 * y, base), (0.5 * x, 0.5 * y, base + z)
 
 
-def _probed(block: Block) -> Iterator[tuple[str, ...]]:
+def _list_probed(block: Block) -> Iterator[tuple[str, ...]]:
     """Yield number, name, limits, setup or method, and between what a value on the machine is accepted."""
     guard = GUARD_FACTOR * PROBE
     for number, one in enumerate(block.characteristics(), start=1):
-        text = limits_text(one.nominal, one.lower, one.upper, one.quantity)
+        text = format_limits(one.nominal, one.lower, one.upper, one.quantity)
         if one.kind in FORM:
-            text = f"Ra {one.upper * 1e6:g} um" if one.kind == "roughness" else zone_text(one.upper)
+            text = (
+                f"Ra {one.upper * 1e6:g} um" if one.kind == "roughness" else format_zone(one.upper)
+            )
         setup = _SETUPS.get(one.key)
         # a guard band may take a quarter of the tolerance; else the machine can prove nothing
         if (
@@ -105,7 +107,7 @@ def _probed(block: Block) -> Iterator[tuple[str, ...]]:
                 one.label,
                 text,
                 f"setup {setup}",
-                " to ".join(millimetres(end, 3) for end in ends),
+                " to ".join(format_millimetres(end, 3) for end in ends),
             )
         else:
             yield str(number), one.label, text, f"off the machine: {one.method}", "-"

@@ -9,9 +9,9 @@ import ezdxf
 from ezdxf.enums import TextEntityAlignment
 from ezdxf.math import Vec2
 
-from stepblocks.artefacts.on_paper import decimals_for, limits_text, zone_text
+from stepblocks.artefacts.on_paper import choose_decimals, format_limits, format_zone
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.lettering import text_width
+from stepblocks.parts.lettering import compute_text_width
 
 Point = tuple[float, float]
 WIDTH, HEIGHT = 420.0, 297.0  # A3, landscape [mm]
@@ -42,7 +42,7 @@ _PREFIX = {"diameter": "⌀<>", "radius": "R<>"}  # of a dimension's text, by ki
 TOP_OF_TITLE = 73.0  # y of the upper side of the title block [mm]
 
 
-def round_scale(wanted: float) -> float:
+def choose_scale(wanted: float) -> float:
     """Return the largest of 1, 2, 2.5, 4, 5 times a power of ten that does not exceed `wanted`."""
     decade = 10.0 ** math.floor(math.log10(wanted))
     return max(
@@ -122,7 +122,7 @@ class Sheet:
     def limits(self, key: str) -> str:
         """Return nominal and deviations of a characteristic."""
         _, one = self.listed[key]
-        return limits_text(one.nominal, one.lower, one.upper, one.quantity)
+        return format_limits(one.nominal, one.lower, one.upper, one.quantity)
 
     def extents(self, start: int = 0) -> tuple[float, float, float, float]:
         """Return left, lower, right and upper end of all that was drawn since there were `start` entities."""
@@ -152,7 +152,7 @@ class Sheet:
     ) -> None:
         """Draw a linear dimension with its tolerance and balloon, its line through `along`."""
         _, one = self.listed[key]
-        decimals = decimals_for(one.nominal, one.lower, one.upper)
+        decimals = choose_decimals(one.nominal, one.lower, one.upper)
         override: dict[str, Any] = {"dimlfac": 1.0 / scale, "dimdec": decimals, "dimtdec": decimals}
         if prefix := _PREFIX.get(one.kind, ""):
             override["dimpost"] = prefix
@@ -172,7 +172,8 @@ class Sheet:
         axis, side = (1, -1.0) if upright else (0, 1.0)
         start, end = sorted((a[axis], b[axis]))
         needed = (
-            text_width(prefix.replace("<>", "") + self.limits(key).replace(" ", ""), _TEXT) + 2.0
+            compute_text_width(prefix.replace("<>", "") + self.limits(key).replace(" ", ""), _TEXT)
+            + 2.0
         )
         narrow = end - start < needed + 10.0
         reach = 0.5 * needed + 3.0
@@ -210,7 +211,7 @@ class Sheet:
             key,
         )
         if key:
-            self.balloon(key, (shelf + side * (5.0 + text_width(text, _TEXT)), elbow[1]))
+            self.balloon(key, (shelf + side * (5.0 + compute_text_width(text, _TEXT)), elbow[1]))
 
     def arrow(self, tip: Point, tail: Point, size: float = 2.5) -> None:
         """Draw a filled arrow head at `tip`, coming from `tail`."""
@@ -226,8 +227,8 @@ class Sheet:
         _, one = self.listed[key]
         x, y = at
         high, cell = 6.0, 7.0
-        value = zone_text(one.upper)
-        wide = 4.0 + text_width(value, _TEXT)
+        value = format_zone(one.upper)
+        wide = 4.0 + compute_text_width(value, _TEXT)
         ends = [
             x + cell,
             x + cell + wide,
@@ -273,7 +274,7 @@ class Sheet:
         """Draw the symbol of a machined surface (ISO 21920-1) on a face, its largest Ra in micrometres under the bar."""
         (x, y), text = foot, f"Ra {self.listed[key][1].upper * 1e6:g}{said}"
         self.polyline([(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)], "DIMENSION", closed=True)
-        end = x + 6.0 + text_width(text, _TEXT)
+        end = x + 6.0 + compute_text_width(text, _TEXT)
         self.polyline([(x + 2.0, y + 3.5), (x + 4.3, y + 7.5), (end, y + 7.5)], "DIMENSION")
         self.text((x + 5.0, y + 5.3), text, _TEXT, "MIDDLE_LEFT", key)
         self.balloon(key, (end + 3.6, y + 5.6))

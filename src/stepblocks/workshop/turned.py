@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
-from stepblocks.parts.revolution import Turned, outline_points
-from stepblocks.workshop.sheet import Point, Sheet, View, round_scale
+from stepblocks.parts.revolution import Turned, list_outline_points
+from stepblocks.workshop.sheet import Point, Sheet, View, choose_scale
 
 _CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged ball shows [m]
 
@@ -21,18 +21,18 @@ def _draw_mirrored(
         sheet.polyline([view.at(z, side * r) for r, z in half], closed=closed)
 
 
-def straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
+def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
     """Draw a straight tip lying on its side and its ball enlarged."""
     shank, end = tip.shank_radius.nominal, tip.length.nominal
-    view = _side_view(sheet, tip, end, [])
+    view = _draw_side_view(sheet, tip, end, [])
     corner, foot = view.at(end, -shank), view.at(0.0, -shank)
     beyond = (view.at(end, 0.0)[0] + 14.0, view.origin[1])
     sheet.dimension("shank_diameter", corner, view.at(end, shank), beyond, view.scale, upright=True)
     sheet.dimension("length", view.origin, corner, (view.origin[0], foot[1] - 12.0), view.scale)
-    return _ball(sheet, tip, view, -shank)
+    return _draw_ball(sheet, tip, view, -shank)
 
 
-def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
+def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
     """Draw a bent tip lying on its side and its ball enlarged."""
     top, R, r, total = (
         tip.cone_end,
@@ -50,7 +50,7 @@ def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
         arc.append((arc[-1][0] + run * math.cos(total), arc[-1][1] + run * math.sin(total)))
         bent.append(arc)
     bent.append([bent[0][-1], bent[1][-1]])
-    view = _side_view(sheet, tip, top, bent)
+    view = _draw_side_view(sheet, tip, top, bent)
     start, end = bent[1][-2:]  # of the straight run of the shank
     middle = view.at(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]))
     sheet.leader(middle, (middle[0] + 14.0, middle[1] - 6.0), "⌀{}", "shank_diameter")
@@ -64,12 +64,12 @@ def hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
         "straight over {} from the bend",
         "straight_length",
     )
-    return _ball(sheet, tip, view, min(-r, *(y for line in bent for _, y in line)))
+    return _draw_ball(sheet, tip, view, min(-r, *(y for line in bent for _, y in line)))
 
 
-def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> View:
+def _draw_side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> View:
     """Draw ball, cone and shank about their axis, and more lines; return the view."""
-    half = outline_points(tip.outline(), _CHORD)
+    half = list_outline_points(tip.outline(), _CHORD)
     lines = [*([(z, side * r) for r, z in half] for side in (1.0, -1.0)), *more]
     low, high = (
         [pick(point[k] for line in lines for point in line) for k in (0, 1)] for pick in (min, max)
@@ -77,7 +77,7 @@ def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> V
     wide, tall, shank = (
         1e3 * size for size in (high[0] - low[0], high[1] - low[1], tip.shank_radius.nominal)
     )
-    s = round_scale(min(180.0 / wide, 150.0 / tall, 40.0 / shank))
+    s = choose_scale(min(180.0 / wide, 150.0 / tall, 40.0 / shank))
     view = View((40.0, 170.0 - 0.5e3 * s * (low[1] + high[1])), s)
     for line in lines:
         sheet.polyline([view.at(*point) for point in line])
@@ -86,12 +86,12 @@ def _side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> V
     return view
 
 
-def _ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
+def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     """Write the caption of the side view under its lowest point and draw the ball enlarged; there are no notes."""
     sheet.text((side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {side.scale:g}:1", 2.5)
     (cx, cy), R = (320.0, 215.0), tip.ball_radius.nominal
-    view, height = View((cx - 40.0, cy), round_scale(22.0 / (R * 1e3))), 3.2 * R
-    outline = [(r, z) for r, z in outline_points(tip.outline(), _CHORD) if z <= height]
+    view, height = View((cx - 40.0, cy), choose_scale(22.0 / (R * 1e3))), 3.2 * R
+    outline = [(r, z) for r, z in list_outline_points(tip.outline(), _CHORD) if z <= height]
     start = tip.cone_start
     outline.append((start[0] + (height - start[1]) * math.tan(tip.cone_angle.nominal), height))
     _draw_mirrored(sheet, view, outline)
@@ -106,12 +106,12 @@ def _ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     return []
 
 
-def turned_views(sheet: Sheet, part: Turned) -> list[str]:
+def draw_turned_views(sheet: Sheet, part: Turned) -> list[str]:
     """Draw the half sections of any turned part, mirrored, its axis along the sheet; return the lines of its notes."""
-    outlines = [outline_points(outline, _CHORD) for outline in part.outlines()]
+    outlines = [list_outline_points(outline, _CHORD) for outline in part.outlines()]
     low, high = (chosen(z for outline in outlines for _, z in outline) for chosen in (min, max))
     widest = max(r for outline in outlines for r, _ in outline)
-    s = round_scale(min(150.0 / (1e3 * (high - low)), 45.0 / (1e3 * widest)))
+    s = choose_scale(min(150.0 / (1e3 * (high - low)), 45.0 / (1e3 * widest)))
     left, cy = 50.0, 190.0
     view = View((left - low * 1e3 * s, cy), s)
     for outline in outlines:
@@ -132,7 +132,7 @@ def turned_views(sheet: Sheet, part: Turned) -> list[str]:
     return []
 
 
-def crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
+def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     """Draw tooth and crown in section, and the margin enlarged; return the lines of its notes."""
     root, top, R = (
         margin.root_length.nominal,
@@ -140,10 +140,10 @@ def crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
         margin.margin_radius.nominal,
     )
     tall = root + top + 2.0 * margin.shell_thickness.nominal
-    s = round_scale(min(150.0 / (tall * 1e3), 90.0 / (2.2 * R * 1e3)))
+    s = choose_scale(min(150.0 / (tall * 1e3), 90.0 / (2.2 * R * 1e3)))
     view = View((110.0, 150.0), s)
     (cx, cy), at = view.origin, view.at
-    tooth, crown = (outline_points(outline, _CHORD) for outline in margin.outlines())
+    tooth, crown = (list_outline_points(outline, _CHORD) for outline in margin.outlines())
     for outline in (tooth, crown):
         for side in (1.0, -1.0):
             sheet.polyline([at(side * r, z) for r, z in outline])
@@ -175,18 +175,18 @@ def crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
         "shell_thickness", at(0.3 * R, ceiling), at(0.3 * R, roof), (right, cy), s, upright=True
     )
     sheet.text((cx, base - 22.0), f"section {s:g}:1, seated", 2.5, "BOTTOM_CENTER")
-    _crown_margin(sheet, margin, (tooth, crown))
+    _draw_crown_margin(sheet, margin, (tooth, crown))
     return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]
 
 
-def _crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[list[Point]]) -> None:
+def _draw_crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[list[Point]]) -> None:
     import shapely
 
     (cx, cy), half, R = (300.0, 205.0), 45.0, margin.margin_radius.nominal
     reach = 4.0 * max(
         margin.marginal_gap.nominal, abs(margin.horizontal_discrepancy.nominal), 50e-6
     )
-    s = round_scale(40.0 / (reach * 1e3))
+    s = choose_scale(40.0 / (reach * 1e3))
     shown = half / (1e3 * s)
     window = shapely.box(R - shown, -shown, R + shown, shown)
     for outline in outlines:
@@ -207,12 +207,12 @@ def _crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[list[Po
     sheet.text((cx, cy - half - 7.0), f"A   margin {s:g}:1", 2.5, "BOTTOM_CENTER")
 
 
-def sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
+def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     """Draw a sheath in section and from its end; return the lines of its notes."""
     bore, outer, length, c = (
         one.nominal for one in (part.bore, part.outer_diameter, part.length, part.edge_break)
     )
-    s = round_scale(min(130.0 / (length * 1e3), 70.0 / (outer * 1e3)))
+    s = choose_scale(min(130.0 / (length * 1e3), 70.0 / (outer * 1e3)))
     view = View((60.0, 190.0), s)
     (left, cy), at = view.origin, view.at
     _draw_mirrored(sheet, view, part.outline(), closed=True)

@@ -10,14 +10,20 @@ from scipy.stats import norm
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.errors import PipelineError
 from stepblocks.law import Law, Parameter
-from stepblocks.loop.search.fit import Problem, fit, problem_of
+from stepblocks.loop.search.fit import Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Systematic, Trials
-from stepblocks.loop.search.noise import Scatter, estimate_scatter, least, outliers, whitener
+from stepblocks.loop.search.noise import (
+    Scatter,
+    build_noise,
+    estimate_scatter,
+    find_outliers,
+    take_least_scatter,
+)
 
 
 def test_fit_is_generalised_least_squares() -> None:
     trials = toy_trials(80, 1)
-    problem = problem_of(Toy(), trials)
+    problem = build_problem(Toy(), trials)
     found = fit(problem)
     # closed form: beta = (X' V^-1 X)^-1 X' V^-1 y with V of one trial
     v = problem.noise.scatter
@@ -50,10 +56,12 @@ def test_the_least_of_two_scatters_adds_up_to_no_less_than_either_saw() -> None:
     splits = [
         Scatter(np.array([a**2]), np.array([b**2]), 60) for a, b in ((0.05, 0.13), (0.13, 0.05))
     ]
-    found = least(splits, np.ones((4, 1, 1)))
+    found = take_least_scatter(splits, np.ones((4, 1, 1)))
     assert found.quantities + found.channels == pytest.approx(0.05**2 + 0.13**2)
     # a channel that scatters less by one of the two estimates in all is taken from that one
-    calm = least([splits[0], Scatter(np.array([0.01]), np.array([1e-4]), 40)], np.ones((4, 1, 1)))
+    calm = take_least_scatter(
+        [splits[0], Scatter(np.array([0.01]), np.array([1e-4]), 40)], np.ones((4, 1, 1))
+    )
     assert calm.quantities + calm.channels == pytest.approx(0.0101)
     assert calm.dof == 40
 
@@ -64,7 +72,9 @@ def test_whitened_noise_is_white_and_missing_values_vanish() -> None:
     values[::5, 1] = np.nan
     trials = replace(trials, values=values)
     responses = Toy().responses(trials, {})
-    noise = whitener(trials, (), responses, Scatter(np.array([0.04]), np.array([0.01, 0.01]), 50))
+    noise = build_noise(
+        trials, (), responses, Scatter(np.array([0.04]), np.array([0.01, 0.01]), 50)
+    )
     generator = np.random.default_rng(0)
     drawn = 0.2 * generator.standard_normal((50, 1, 3000)) * np.array([1.0, 2.0])[None, :, None]
     drawn = drawn + np.sqrt(0.01 + 0.05**2) * generator.standard_normal((50, 2, 3000))
@@ -78,7 +88,7 @@ def test_a_systematic_error_costs_no_more_than_its_prior() -> None:
     trials = toy_trials(40, 4)
     shape = np.linspace(-1.0, 1.0, 40)
     scatter = Scatter(np.array([1e-4]), np.array([1e-2, 1e-2]), 40)
-    noise = whitener(
+    noise = build_noise(
         trials, [Systematic("first", shape, 0.5)], Toy().responses(trials, {}), scatter
     )
     residual = np.zeros((40, 2))
@@ -91,7 +101,7 @@ def test_a_value_far_from_all_others_is_marked_and_no_other() -> None:
     trials = toy_trials(60, 5)
     values = trials.values.copy()
     values[17, 1] += 30.0
-    marked = outliers(replace(trials, values=values))
+    marked = find_outliers(replace(trials, values=values))
     assert np.argwhere(marked).tolist() == [[17, 1]]
 
 
@@ -110,13 +120,13 @@ def test_parameters_of_one_specimen_share_a_difference_and_fit_as_if_alone() -> 
 
     trials = toy_trials(80, 6)
     shifted = trials.values + np.stack([0.7 * (trials.block == "q"), np.zeros(80)], axis=1)
-    found = fit(problem_of(Offsets(), replace(trials, values=shifted)))
+    found = fit(build_problem(Offsets(), replace(trials, values=shifted)))
     assert found.values["o_q"] - found.values["o_p"] == pytest.approx(0.7, abs=0.12)
 
 
 def test_an_effect_at_its_start_changes_nothing() -> None:
     trials = toy_trials(30, 7)
-    problem = problem_of(Toy(), trials)
+    problem = build_problem(Toy(), trials)
     base = fit(problem)
     effects: list[Law] = toy_effects()
     values = base.values | {f"{e.id}.size": 0.0 for e in effects}
@@ -127,7 +137,7 @@ def test_an_effect_at_its_start_changes_nothing() -> None:
 
 def test_too_few_trials_are_refused_by_name_and_number() -> None:
     with pytest.raises(PipelineError, match="at least 12"):
-        problem_of(Toy(), toy_trials(8, 1))
+        build_problem(Toy(), toy_trials(8, 1))
 
 
 def test_censored_values_count_as_what_they_exceed_and_do_not_bend_the_fit() -> None:
@@ -140,7 +150,7 @@ def test_censored_values_count_as_what_they_exceed_and_do_not_bend_the_fit() -> 
 
     def fitted(limits):  # type: ignore[no-untyped-def]
         told = replace(trials, values=values, floor=limits)
-        noise = whitener(told, (), Toy().responses(told, {}), scatter)
+        noise = build_noise(told, (), Toy().responses(told, {}), scatter)
         return fit(Problem(Toy(), told, noise))
 
     # origin: Tobin's likelihood written out and minimised by another method; the truth is 1 + 2 x

@@ -9,20 +9,20 @@ import pytest
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.search import adequacy
-from stepblocks.loop.search.adequacy import identifiability, propose, pure_error
+from stepblocks.loop.search.adequacy import compare_directions, rank_settings, test_pure_error
 from stepblocks.loop.search.explain import (
     Rules,
     Verdict,
     explain,
-    folds_of_blocks,
-    folds_within_blocks,
-    gather,
     hold_out,
-    likeliest,
+    join_holdouts,
+    select_likeliest,
+    split_by_block,
+    split_within_blocks,
 )
-from stepblocks.loop.search.fit import fit, problem_of
+from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, Trials
-from stepblocks.loop.search.gate import Gate, gate
+from stepblocks.loop.search.gate import Gate, score_candidates
 
 _RULES = Rules(draws=200)
 
@@ -30,8 +30,11 @@ _RULES = Rules(draws=200)
 def test_noise_alone_opens_the_gate_no_more_often_than_stated() -> None:
     opened = 0
     for seed in range(60):
-        problem = problem_of(Toy(), toy_trials(40, 100 + seed))
-        opened += gate(problem, fit(problem), toy_effects(), draws=99, seed=seed).p_value <= 0.1
+        problem = build_problem(Toy(), toy_trials(40, 100 + seed))
+        opened += (
+            score_candidates(problem, fit(problem), toy_effects(), draws=99, seed=seed).p_value
+            <= 0.1
+        )
     # binomial with p = 0.1: more than 13 of 60 has a chance of 0.3 %
     assert opened <= 13
 
@@ -74,17 +77,17 @@ def test_covariates_that_run_together_are_ambiguous() -> None:
 
 
 def test_a_group_holds_the_truth_by_95_percent_and_names_no_more() -> None:
-    base = fit(problem_of(Toy(), toy_trials(60, 3)))
+    base = fit(build_problem(Toy(), toy_trials(60, 3)))
     rivals = [
         (replace(toy_effects()[0], id=str(behind)), base, behind) for behind in (0.0, 4.0, 6.0, 7.9)
     ]
     # origin: exp(-behind / 2) to 1 for the effect itself; with two rivals the group holds 2.135 of
     # 2.204, which is 96.9 %
-    assert [r[2] for r in likeliest(rivals, rivals[:1])] == [0.0, 4.0]
-    assert [r[2] for r in likeliest(rivals, rivals[3:])] == [0.0, 4.0, 7.9]
+    assert [r[2] for r in select_likeliest(rivals, rivals[:1])] == [0.0, 4.0]
+    assert [r[2] for r in select_likeliest(rivals, rivals[3:])] == [0.0, 4.0, 7.9]
     # one alone is named even where the effect holds more than that: 1 of 1.019
-    assert [r[2] for r in likeliest(rivals[3:], rivals[3:])] == [7.9]
-    assert likeliest([], []) == ()
+    assert [r[2] for r in select_likeliest(rivals[3:], rivals[3:])] == [7.9]
+    assert select_likeliest([], []) == ()
 
 
 def test_a_law_that_differs_between_labels_is_no_rival_of_itself_where_it_does_not_differ() -> None:
@@ -110,8 +113,8 @@ def test_a_law_that_differs_between_labels_is_no_rival_of_itself_where_it_does_n
 
 
 def test_what_a_constant_imitates_is_named_from_the_design_alone() -> None:
-    problem = problem_of(Toy(), toy_trials(60, 4))
-    outcome = identifiability(problem, fit(problem), toy_effects())
+    problem = build_problem(Toy(), toy_trials(60, 4))
+    outcome = compare_directions(problem, fit(problem), toy_effects())
     assert outcome["imitated_by_constants"] == {"shift": ("a",)}
 
 
@@ -132,9 +135,9 @@ def test_the_same_data_give_the_same_answer() -> None:
 
 def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     trials = toy_trials(160, 7, square=0.8)
-    folds = folds_within_blocks(trials, 4)
+    folds = split_within_blocks(trials, 4)
     parts = [hold_out(Toy(), trials, rows, lambda _: toy_effects(), _RULES) for rows in folds]
-    outcome = gather(trials, folds, parts)
+    outcome = join_holdouts(trials, folds, parts)
     before, after = outcome.rms(0)
     assert np.isfinite(outcome.nominal).all()
     assert set(outcome.selected) == {("square_of_z",)}
@@ -144,17 +147,17 @@ def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
 
 def test_folds_cover_every_trial_once_and_every_block_in_each() -> None:
     trials = toy_trials(64, 8)
-    folds = folds_within_blocks(trials, 4)
+    folds = split_within_blocks(trials, 4)
     assert sorted(np.concatenate(folds).tolist()) == list(range(64))
     assert all(set(trials.block[rows]) == {"p", "q", "r", "s"} for rows in folds)
-    assert [len(set(trials.block[rows])) for rows in folds_of_blocks(trials, 4)] == [1, 1, 1, 1]
+    assert [len(set(trials.block[rows])) for rows in split_by_block(trials, 4)] == [1, 1, 1, 1]
 
 
 def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
     trials = toy_trials(120, 9, square=0.5)
     found = explain(Toy(), trials, toy_effects(), _RULES)
     grid = toy_trials(50, 10)
-    proposal = propose(found.problem, found.extended, found.nominal, grid, ("z",))
+    proposal = rank_settings(found.problem, found.extended, found.nominal, grid, ("z",))
     assert proposal is not None
     difference = np.abs(grid.covariates["z"]) ** 2
     best = float(proposal["trials"][0]["z"])
@@ -192,8 +195,8 @@ def test_the_order_of_the_trials_scores_no_candidate_otherwise() -> None:
 
 
 def _gated(trials: Trials) -> Gate:
-    problem = problem_of(Toy(), trials)
-    return gate(problem, fit(problem), toy_effects(), draws=20)
+    problem = build_problem(Toy(), trials)
+    return score_candidates(problem, fit(problem), toy_effects(), draws=20)
 
 
 def test_settings_that_tie_are_asked_for_in_the_order_of_the_grid_whatever_the_last_bits() -> None:
@@ -210,7 +213,7 @@ def test_settings_that_tie_are_asked_for_in_the_order_of_the_grid_whatever_the_l
             np.full(4, "p"),
         )
         rivals = found.extended, found.nominal
-        proposal = propose(found.problem, *rivals, grid, ("z",))
+        proposal = rank_settings(found.problem, *rivals, grid, ("z",))
         assert proposal is not None
         assert [one["z"] for one in proposal["trials"]] == z[[1, 2, 3, 0]].tolist()
 
@@ -219,14 +222,14 @@ def test_pure_error_is_the_scatter_among_replicates() -> None:
     generator = np.random.default_rng(11)
     cells = [i // 4 for i in range(400)]
     noise = generator.normal(0.0, 0.2, 400)
-    fine = pure_error(noise, cells, free=1)
+    fine = test_pure_error(noise, cells, free=1)
     assert fine["replicate_std"] == pytest.approx(0.2, rel=0.1)
     assert fine["lack_of_fit_p_value"] > 0.01
     assert (
-        pure_error(noise + 0.3 * np.sin(np.array(cells)), cells, free=1)["lack_of_fit_p_value"]
+        test_pure_error(noise + 0.3 * np.sin(np.array(cells)), cells, free=1)["lack_of_fit_p_value"]
         < 1e-6
     )
-    assert np.isnan(pure_error(noise[:4], [0, 1, 2, 3], free=1)["lack_of_fit_p_value"])
+    assert np.isnan(test_pure_error(noise[:4], [0, 1, 2, 3], free=1)["lack_of_fit_p_value"])
 
 
 def test_a_condition_that_never_changes_has_no_smooth_though_its_scatter_is_a_rounded_zero():
@@ -234,9 +237,11 @@ def test_a_condition_that_never_changes_has_no_smooth_though_its_scatter_is_a_ro
     trials = Trials(
         {"load_n": load}, ("energy",), np.zeros((20, 1)), np.ones((20, 1)), np.array(["a"] * 20)
     )
-    assert adequacy._columns(trials, "load_n") is None
+    assert adequacy._smooth_columns(trials, "load_n") is None
     changed = np.where(np.arange(20) < 10, 0.4, 0.5)
-    assert adequacy._columns(replace(trials, covariates={"load_n": changed}), "load_n").shape == (
+    assert adequacy._smooth_columns(
+        replace(trials, covariates={"load_n": changed}), "load_n"
+    ).shape == (
         20,
         1,
     )

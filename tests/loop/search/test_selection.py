@@ -7,14 +7,20 @@ import pytest
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.law import Law, Parameter
-from stepblocks.loop.search.fit import fit, problem_of
-from stepblocks.loop.search.gate import choose, gate
+from stepblocks.loop.search.fit import build_problem, fit
+from stepblocks.loop.search.gate import choose_candidate, score_candidates
 
 
 def _chosen(trials, effects, **keywords):
-    problem = problem_of(Toy(), trials)
+    problem = build_problem(Toy(), trials)
     base = fit(problem)
-    return problem, base, choose(problem, base, gate(problem, base, effects, draws=0), **keywords)
+    return (
+        problem,
+        base,
+        choose_candidate(
+            problem, base, score_candidates(problem, base, effects, draws=0), **keywords
+        ),
+    )
 
 
 @pytest.fixture(scope="module")

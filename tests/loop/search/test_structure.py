@@ -6,8 +6,8 @@ from scipy.stats import multivariate_normal
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.loop.search.explain import Rules, Verdict, explain
-from stepblocks.loop.search.fit import fit, problem_of
-from stepblocks.loop.search.structure import hints, quantity_errors, walk
+from stepblocks.loop.search.fit import build_problem, fit
+from stepblocks.loop.search.structure import estimate_quantity_errors, find_hints, fit_walk
 
 _MODEL = Toy()
 
@@ -20,8 +20,8 @@ def _shifted(n: int, seed: int, shift: np.ndarray):
 
 
 def _hints(trials):
-    problem = problem_of(_MODEL, trials)
-    return hints(problem, fit(problem), _MODEL.quantities, _MODEL.order(trials))
+    problem = build_problem(_MODEL, trials)
+    return find_hints(problem, fit(problem), _MODEL.quantities, _MODEL.order(trials))
 
 
 def test_chance_alone_is_told_as_nothing():
@@ -32,7 +32,7 @@ def test_two_heaps_are_told_with_the_trials_of_each():
     second = np.random.default_rng(5).integers(0, 2, 90).astype(bool)
     (hint,) = _hints(_shifted(90, 5, 0.7 * second))
     assert (hint.kind, hint.quantity) == ("heaps", "level")
-    low, high = hint.heaps
+    low, high = hint.clusters
     assert sorted((*low, *high)) == list(range(90))
     assert np.mean(second[list(high)]) > 0.97
     assert np.mean(second[list(low)]) < 0.03
@@ -41,7 +41,7 @@ def test_two_heaps_are_told_with_the_trials_of_each():
 def test_a_sudden_change_is_told_with_its_trial():
     (hint,) = _hints(_shifted(90, 6, 0.35 * (np.arange(90) >= 40)))
     assert hint.kind == "change"
-    assert abs(len(hint.heaps[0]) - 40) <= 4
+    assert abs(len(hint.clusters[0]) - 40) <= 4
 
 
 def test_neighbours_that_err_together_are_told_and_no_law_is_read_off_them():
@@ -78,8 +78,8 @@ def test_the_estimate_of_a_trial_is_what_moved_all_its_channels_alike():
     shift = np.zeros(60)
     shift[7] = 1.5
     trials = _shifted(60, 3, shift)
-    problem = problem_of(_MODEL, trials)
-    errors, std = quantity_errors(problem, fit(problem))
+    problem = build_problem(_MODEL, trials)
+    errors, std = estimate_quantity_errors(problem, fit(problem))
     assert errors[7, 0] == pytest.approx(1.5, abs=0.5)
     assert np.all(std > 0.0)
 
@@ -96,7 +96,7 @@ def test_the_likelihood_of_a_walk_is_that_of_its_covariance():
         own = contrast @ (s**2 * np.minimum.outer(order, order) + e**2 * np.eye(n)) @ contrast.T
         return float(multivariate_normal(np.zeros(n - 1), own).logpdf(contrast @ values))
 
-    gain, found_step, found_scatter = walk(values)
+    gain, found_step, found_scatter = fit_walk(values)
     alone = float(np.sqrt(np.var(values) * n / (n - 1)))
     assert gain == pytest.approx(
         2.0 * (dense(found_step, found_scatter) - dense(0.0, alone)), abs=1e-6

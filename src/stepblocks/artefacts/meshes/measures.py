@@ -94,7 +94,7 @@ class MeshMeasures:
     def sphere(self, radius: float, below: float) -> tuple[float, float, float]:
         """Fit the ball of a tip on the axis of z, up to a height; return radius, form and chordal error against `radius` [m]."""
         of_ball = (self.vertices[:, 2] <= below + 1e-9) & (self.radii < 1.5 * radius)
-        fitted, form = sphere_radius(self.vertices[of_ball])
+        fitted, form = fit_sphere_radius(self.vertices[of_ball])
         on_ball = of_ball[self.triangles].all(axis=1)
         middles = self.vertices[self.triangles[on_ball]].mean(axis=1) - np.array([0.0, 0.0, radius])
         sag = radius - np.linalg.norm(middles, axis=1).min() if on_ball.any() else math.nan
@@ -108,7 +108,7 @@ class MeshMeasures:
         return float(max((normals[real] @ self.vertices.T - offsets[:, None]).max(), 0.0))
 
 
-def sphere_radius(vertices: Floats) -> tuple[float, float]:
+def fit_sphere_radius(vertices: Floats) -> tuple[float, float]:
     """Least-squares sphere through the vertices of a tip's ball."""
     if len(vertices) < 5:
         return math.nan, math.nan

@@ -40,7 +40,7 @@ class HeightScale:
     extent: bool = False  # whether the file states no count but how far its heights reach
 
 
-def stated_height_scale(path: Path, form: str, channel: str) -> HeightScale | None:
+def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None:
     """Read the height scale of a channel from the file itself; None for a format that states none that is read here."""
     try:
         if form in _PACKED:

@@ -14,7 +14,7 @@ _EVEN = 0.02  # scatter of steps that are equal, as a part of the step [1]
 _MOST_CELLS = 64_000_000
 
 
-def gridded(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
+def grid_points(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
     """Put points [m] on the grid they lie on, or the nearest one that holds each within half a step, and say which."""
     known = np.isfinite(x) & np.isfinite(y)
     if not known.all() and np.isfinite(z[~known]).any():
@@ -22,7 +22,7 @@ def gridded(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
     x, y, z = x[known], y[known], z[known]
     if len(x) < 4:
         raise MetrologyError(f"points must lie on a grid, got {len(x)} points [{source}]")
-    axes = _axes(x, y)
+    axes = _find_axes(x, y)
     shape = tuple(len(axis) for axis in axes)
     if (
         min(shape) < 2
@@ -49,9 +49,9 @@ def gridded(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
     return HeightMap(height, steps[0], steps[1], source=source, scale=said)
 
 
-def _axes(x: Array, y: Array) -> list[Array]:
+def _find_axes(x: Array, y: Array) -> list[Array]:
     """Columns and rows of a grid: exact where positions repeat, else as many equal steps as the points themselves take."""
-    exact = [_exact_axis(one) for one in (x, y)]
+    exact = [_find_exact_axis(one) for one in (x, y)]
     counts = [0 if one is None else len(one) for one in exact]
     if not any(counts):
         # points come line by line: along a line they step evenly
@@ -76,7 +76,7 @@ def _axes(x: Array, y: Array) -> list[Array]:
     ]
 
 
-def _exact_axis(positions: Array) -> Array | None:
+def _find_exact_axis(positions: Array) -> Array | None:
     """Positions that repeat in equal steps, columns that are missing everywhere put in; None where there are none."""
     values = np.unique(positions)
     extent = float(values[-1] - values[0])
@@ -104,9 +104,9 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
         raise MetrologyError(f"{rule}, as mm or x=mm,y=mm,z=um [{path.name}]")
     per = np.array([sizes[axis][0] / sizes[axis][1] for axis in "xyz"])
     if path.suffix.lower() == ".json":
-        return _json_image(path, per)
+        return _read_json_image(path, per)
     if path.suffix.lower() == ".pcd":
-        points = _pcd(path)
+        points = _read_pcd(path)
     else:
         import meshio
 
@@ -114,10 +114,10 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     x, y, z = (np.unique(points, axis=0) * per).T
-    return gridded(x, y, z, path.name, "unit as given")
+    return grid_points(x, y, z, path.name, "unit as given")
 
 
-def _json_image(path: Path, per: Array) -> HeightMap:
+def _read_json_image(path: Path, per: Array) -> HeightMap:
     """Height image of a line camera: size of a pixel, and big- or little-endian counts in base64, of which 0 is missing."""
     stored = np.ravel(
         np.array(json.loads(path.read_text(encoding="utf-8")), dtype=object)
@@ -140,7 +140,7 @@ def _json_image(path: Path, per: Array) -> HeightMap:
     return HeightMap(z, dx, dy, path.name, "height image in the unit given", count)
 
 
-def _pcd(path: Path) -> Array:
+def _read_pcd(path: Path) -> Array:
     """Points of a PCD file 0.7, ASCII or binary: header lines, then rows of fields."""
     raw = path.read_bytes()
     head, _, rest = raw.partition(b"\nDATA ")

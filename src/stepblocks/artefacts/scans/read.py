@@ -11,10 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.artefacts.scans.height_scale import check_height_scale, stated_height_scale
-from stepblocks.artefacts.scans.points import gridded, read_points
+from stepblocks.artefacts.scans.height_scale import check_height_scale, read_height_scale
+from stepblocks.artefacts.scans.points import grid_points, read_points
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
-from stepblocks.artefacts.scans.text import LENGTH_UNITS, given_units, holds_matrix, read_text_scan
+from stepblocks.artefacts.scans.text import (
+    LENGTH_UNITS,
+    holds_matrix,
+    parse_given_units,
+    read_text_scan,
+)
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 from stepblocks.text_file import is_file
@@ -97,7 +102,7 @@ def read_scan(
         if profile
         else HeightMap(height, found["dx"], found["dy"], *told)
     )
-    stated = stated_height_scale(path, form, found.get("channel", ""))
+    stated = read_height_scale(path, form, found.get("channel", ""))
     if stated is None:
         said = (
             ""
@@ -179,7 +184,7 @@ def scan_in(path: Path, unit: str = "", channel: str = "") -> dict[str, Any]:
         _check_archive(path)
     _, form = _known_form(path)
     if form == "points":
-        found = read_points(path, given_units(unit))
+        found = read_points(path, parse_given_units(unit))
         return {"height": found.height, "dx": found.dx, "dy": found.dy, "scale": found.scale}
     if form == "x3p":
         return _x3p(path)
@@ -225,7 +230,7 @@ def _unpacked_sur(path: Path) -> bytes:
 def _sdf(path: Path) -> dict[str, Any]:
     import sdfio
 
-    stated = stated_height_scale(path, "sdf", "")
+    stated = read_height_scale(path, "sdf", "")
     read = sdfio.read(str(path))
     _check_size(read.data.shape, path.name)
     header, scale = read.header, "ISO 25178-71: heights in metres"
@@ -260,7 +265,7 @@ def _x3p(path: Path) -> dict[str, Any]:
         x, y, z = (
             np.ravel(np.asarray(one, dtype=np.float64)) for one in (layer.x, layer.y, layer.z)
         )
-        found = gridded(x, y, z, path.name, scale)
+        found = grid_points(x, y, z, path.name, scale)
         return {
             "height": found.height,
             "dx": found.dx,

@@ -92,7 +92,7 @@ class HeightMap:
         return np.arange(self.height.shape[0], dtype=np.float64) * self.dy
 
 
-def rows_of(scan: Profile | HeightMap) -> list[Profile]:
+def list_profiles(scan: Profile | HeightMap) -> list[Profile]:
     """Return the profiles of a scan along x: one of a profile, one per row of a map; rows without a point are left out."""
     if isinstance(scan, Profile):
         return [scan]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.artefacts.scans.points import gridded
+from stepblocks.artefacts.scans.points import grid_points
 from stepblocks.artefacts.scans.scan import Array, HeightMap, Profile
 from stepblocks.errors import MetrologyError
 
@@ -62,7 +62,7 @@ _MOST_BACK = 0.1  # part of the points of a profile that may lie behind one befo
 _CONSTANT = 1e-3
 
 
-def given_units(unit: str | None) -> dict[str, tuple[float, float]]:
+def parse_given_units(unit: str | None) -> dict[str, tuple[float, float]]:
     """Read ``um`` or ``x=mm,z=0.5 um``: by axis the length of a stored 1 as a number and its units per metre."""
     found: dict[str, tuple[float, float]] = {}
     for one in (unit or "").split(",") if unit else ():
@@ -96,7 +96,7 @@ def read_text_scan(
         raise MetrologyError(f"file must be text, got binary data [{path.name}]")
     head, values = _table(text, path)
     names, common = _names(head, values)
-    given = given_units(unit)
+    given = parse_given_units(unit)
     if values.shape[1] > 3 and not names and channel is None:
         return _matrix(values, given, path)
     columns = _columns(names, values, path, channel)
@@ -108,7 +108,7 @@ def read_text_scan(
         for axis, column in columns.items()
     }
     if "y" in axes:
-        grid = gridded(axes["x"], axes["y"], axes["z"], path.name, f"columns {said}")
+        grid = grid_points(axes["x"], axes["y"], axes["z"], path.name, f"columns {said}")
         return replace(grid, count=_last_digit(values[:, columns["z"]], factors["z"]))
     x, z, notes = _forward(axes["x"], axes["z"], path)
     x, snapped = _equal_steps(x, _last_digit(values[:, columns["x"]], factors["x"], least=1))

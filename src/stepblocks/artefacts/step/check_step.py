@@ -8,16 +8,21 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from stepblocks.artefacts.step.exchange import Exchange, read_exchange, references_in
+from stepblocks.artefacts.step.exchange import Exchange, find_references, read_exchange
 from stepblocks.artefacts.step.faces import (
     Surface,
-    faces_of,
-    measured_angle,
-    measured_distance,
-    measured_size,
-    placed_where_drawn,
+    find_faces,
+    is_placed_where_drawn,
+    measure_angle,
+    measure_distance,
+    measure_size,
 )
-from stepblocks.artefacts.step.units import Measure, density_findings, measure_of, untyped_measures
+from stepblocks.artefacts.step.units import (
+    Measure,
+    find_untyped_measures,
+    read_densities,
+    read_measure,
+)
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 
@@ -58,7 +63,7 @@ class Characteristic:
     """One dimension or tolerance."""
 
     ref: str  # instance
-    kind: str  # ``diameter``, ``linear distance``, ``flatness``
+    kind: str  # ``diameter``, ``linear distance``, ``compute_flatness``
     name: str  # name or description in the file
     value: float  # nominal of a dimension, zone of a tolerance [m or rad]
     lower: float  # signed deviation [m or rad]; nan where the file states none
@@ -128,14 +133,14 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
 def report_in(path: Path, require_ap242: bool) -> dict[str, Any]:
     """Check a file, in the confined process."""
     file = read_exchange(path)
-    dimensions, tolerances = dimensions_of(file), tolerances_of(file)
-    densities, wrong = density_findings(file)
-    findings = [*untyped_measures(file), *wrong]
+    dimensions, tolerances = list_dimensions(file), list_tolerances(file)
+    densities, wrong = read_densities(file)
+    findings = [*find_untyped_measures(file), *wrong]
     if require_ap242 and not any(
         schema.upper().startswith("AP242_MANAGED_MODEL") for schema in file.schema
     ):
         findings.append(f"FILE_SCHEMA: must be AP242, got {', '.join(file.schema) or 'nothing'}")
-    findings += [finding for one in dimensions for finding in _dimension_findings(one)]
+    findings += [finding for one in dimensions for finding in _check_dimension(one)]
     for one in tolerances:
         if one.problem:
             findings.append(f"{one.ref} {one.kind}: {one.problem}")
@@ -148,54 +153,54 @@ def report_in(path: Path, require_ap242: bool) -> dict[str, Any]:
             "tolerances": list(map(asdict, tolerances)),
         },
         **{
-            "materials": list(_materials(file)),
+            "materials": list(_list_materials(file)),
             "densities": densities,
-            "textures": list(_textures(file)),
+            "textures": list(_list_textures(file)),
         },
     }
 
 
-def dimensions_of(file: Exchange) -> list[Characteristic]:
+def list_dimensions(file: Exchange) -> list[Characteristic]:
     """List the dimensions of a file: sizes of the faces of one side, distances and angles between two."""
     found = []
     for ref, values in file.named(*_SIZES):
         angular = file.parameters(ref, "ANGULAR_SIZE")
         kind, name = (
-            ("angular size", _text(values[1])) if angular else (str((*values, "size")[1]), "")
+            ("angular size", _read_text(values[1])) if angular else (str((*values, "size")[1]), "")
         )
-        found.append(_dimension(file, ref, kind, name, faces_of(file, values[0])))
+        found.append(_read_dimension(file, ref, kind, name, find_faces(file, values[0])))
     for ref, values in file.named(*_LOCATIONS):
         if len(values) >= 4:
-            kind = _text(values[0]) or (
+            kind = _read_text(values[0]) or (
                 "angular location" if file.parameters(ref, "ANGULAR_LOCATION") else "location"
             )
-            sides = faces_of(file, values[2]), faces_of(file, values[3])
-            found.append(_dimension(file, ref, kind, _text(values[1]), *sides))
+            sides = find_faces(file, values[2]), find_faces(file, values[3])
+            found.append(_read_dimension(file, ref, kind, _read_text(values[1]), *sides))
     return sorted(found, key=lambda one: int(one.ref[1:]))
 
 
-def _text(value: object) -> str:
+def _read_text(value: object) -> str:
     return "" if value is None or value in ("$", "*") else str(value)
 
 
-def _dimension(
+def _read_dimension(
     file: Exchange, ref: str, kind: str, name: str, *sides: list[Surface]
 ) -> Characteristic:
-    nominal, lower, upper, problem = _limits(file, ref)
+    nominal, lower, upper, problem = _read_limits(file, ref)
     unit, value = ("?", math.nan) if nominal is None else (nominal.unit.name, nominal.si)
     angular = nominal is not None and nominal.unit.dimension == "angle"
     named = [one for side in sides for one in side]
     bodies = {one.representation for one in named}
-    if len(bodies) > 1 and not placed_where_drawn(file):
+    if len(bodies) > 1 and not is_placed_where_drawn(file):
         geometry = None
     elif len(sides) == 1:
-        geometry = measured_size(sides[0], "angle" if angular else kind)
+        geometry = measure_size(sides[0], "angle" if angular else kind)
     else:
         first, second = sides
         geometry = (
-            measured_angle(first, second, value)
+            measure_angle(first, second, value)
             if angular
-            else measured_distance(first, second, kind)
+            else measure_distance(first, second, kind)
         )
     planes = len(sides) == 2 and all(sides) and all(one.kind == "PLANE" for one in named)
     if planes and geometry is None and not (problem or angular) and len(bodies) == 1:
@@ -206,22 +211,22 @@ def _dimension(
     )
 
 
-def _linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
-    """Yield what an entity of two parameters links with an instance, which is its parameter `own`."""
+def _find_linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
+    """Yield what an entity of two parameters links with an instance, which is its parameter `pick_own_values`."""
     for user in file.users(ref):
         pair = file.parameters(user, entity)
         if len(pair) == 2 and pair[own] == ref:
             yield pair[1 - own]
 
 
-def _limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float, str]:
+def _read_limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float, str]:
     """Nominal value, signed deviations, and what is wrong with them; limits stand as deviations or as values of their own."""
     found: dict[str, Measure] = {}
-    for representation in _linked(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
+    for representation in _find_linked(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
         for item in (file.parameters(representation, "SHAPE_DIMENSION_REPRESENTATION") or ("", ()))[
             1
         ]:
-            if (measure := measure_of(file, item)) is not None:
+            if (measure := read_measure(file, item)) is not None:
                 label = str((file.parameters(item, "REPRESENTATION_ITEM") or ("",))[0]).lower()
                 side = next((side for side in ("upper", "lower") if side in label), "")
                 found[side] = (
@@ -235,9 +240,9 @@ def _limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float, str
             found[side].si - nominal.si if side in found else math.nan
             for side in ("lower", "upper")
         )
-    for stated in _linked(file, ref, "PLUS_MINUS_TOLERANCE", 1) if not found else ():
+    for stated in _find_linked(file, ref, "PLUS_MINUS_TOLERANCE", 1) if not found else ():
         if bounds := file.parameters(stated, "TOLERANCE_VALUE"):
-            sides = [one for bound in bounds if (one := measure_of(file, bound)) is not None]
+            sides = [one for bound in bounds if (one := read_measure(file, bound)) is not None]
             if len(sides) != 2:
                 problem = "limits without a value"
             elif {one.unit.dimension for one in sides} != {nominal.unit.dimension}:
@@ -248,7 +253,7 @@ def _limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float, str
     return nominal, lower, upper, "limits are not in order" if lower >= upper else problem
 
 
-def tolerances_of(file: Exchange) -> list[Characteristic]:
+def list_tolerances(file: Exchange) -> list[Characteristic]:
     """List the geometric tolerances of a file."""
     found: dict[str, Characteristic] = {}
     for kind in _TOLERANCES:
@@ -256,15 +261,23 @@ def tolerances_of(file: Exchange) -> list[Characteristic]:
             common = file.parameters(ref, "GEOMETRIC_TOLERANCE") or values
             if len(common) < 4:
                 continue
-            zone = measure_of(file, common[2])
+            zone = read_measure(file, common[2])
             unit, value = ("?", math.nan) if zone is None else (zone.unit.name, zone.si)
             reference = (
                 file.parameters(ref, "GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE") or values[4:5]
             )
             found[ref] = Characteristic(
-                *(ref, kind.lower().replace("_", " "), _text(common[0]), value, 0.0, value, unit),
-                faces=tuple(one.ref for one in faces_of(file, common[3])),
-                datums=_datums(file, reference),
+                *(
+                    ref,
+                    kind.lower().replace("_", " "),
+                    _read_text(common[0]),
+                    value,
+                    0.0,
+                    value,
+                    unit,
+                ),
+                faces=tuple(one.ref for one in find_faces(file, common[3])),
+                datums=_read_datums(file, reference),
                 problem="no value"
                 if zone is None
                 else ""
@@ -274,30 +287,32 @@ def tolerances_of(file: Exchange) -> list[Characteristic]:
     return sorted(found.values(), key=lambda one: int(one.ref[1:]))
 
 
-def _datums(file: Exchange, reference: object) -> tuple[str, ...]:
+def _read_datums(file: Exchange, reference: object) -> tuple[str, ...]:
     """Letters behind a datum system or a list of datum references, following references down to DATUM."""
     letters: list[str] = []
-    refs = list(references_in(reference))
+    refs = list(find_references(reference))
     for ref in refs:  # which grows on the way
         letters += [str(one) for one in file.parameters(ref, "DATUM")[-1:]]
-        below = (one for name in _TO_DATUM for one in references_in(file.parameters(ref, name)[1:]))
+        below = (
+            one for name in _TO_DATUM for one in find_references(file.parameters(ref, name)[1:])
+        )
         refs += [one for one in below if one not in refs]
     return tuple(dict.fromkeys(letters))
 
 
-def shown_in(angular: bool) -> tuple[float, str]:
+def choose_display_unit(angular: bool) -> tuple[float, str]:
     """Return the unit of a table or message, and how many of it make one of the SI."""
     return (180.0 / math.pi, "deg") if angular else (1e3, "mm")
 
 
-def _dimension_findings(one: Characteristic) -> Iterator[str]:
+def _check_dimension(one: Characteristic) -> Iterator[str]:
     if one.problem == "no value":
         return  # a dimension for reference only carries no value; it is listed, not judged
     label = f"{one.ref} {one.kind}{f' ({one.name})' if one.name else ''}"
     if one.problem:
         yield f"{label}: {one.problem}"
     if one.deviation is not None and abs(one.deviation) > ALLOWED:
-        scale, unit = shown_in(one.angular)
+        scale, unit = choose_display_unit(one.angular)
         said, had = (
             f"{value * scale:.9g} {unit}" for value in (one.value, one.value + one.deviation)
         )
@@ -309,7 +324,7 @@ def _dimension_findings(one: Characteristic) -> Iterator[str]:
         yield f"{label}: says {said}, but its faces{faces} have {had}{off}"
 
 
-def _textures(file: Exchange) -> Iterator[tuple[str, float]]:
+def _list_textures(file: Exchange) -> Iterator[tuple[str, float]]:
     for _, (described, shown, *_) in file.named("PROPERTY_DEFINITION_REPRESENTATION"):
         kind, _, owner = file.parameters(described, "PROPERTY_DEFINITION") or ("", "", "")
         for item in (
@@ -317,11 +332,11 @@ def _textures(file: Exchange) -> Iterator[tuple[str, float]]:
             if kind == "surface texture"
             else ()
         ):
-            if (measure := measure_of(file, item)) is not None:
-                yield from ((face.ref, measure.si) for face in faces_of(file, owner))
+            if (measure := read_measure(file, item)) is not None:
+                yield from ((face.ref, measure.si) for face in find_faces(file, owner))
 
 
-def _materials(file: Exchange) -> Iterator[str]:
+def _list_materials(file: Exchange) -> Iterator[str]:
     for _, values in file.named("REPRESENTATION"):
         for item in (
             values[1] if len(values) == 3 and "material name" in str(values[0]).lower() else ()
@@ -329,7 +344,7 @@ def _materials(file: Exchange) -> Iterator[str]:
             yield from map(str, file.parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")[:1])
 
 
-def step_table(report: StepReport) -> str:
+def format_step_table(report: StepReport) -> str:
     """Return everything that a STEP file asks for, as a table."""
     lines = [f"{report.name}: {', '.join(report.schema) or 'no schema'}"]
     if report.materials:
@@ -342,7 +357,7 @@ def step_table(report: StepReport) -> str:
     lines += ["", head, "-" * len(head)]
     kinds = {one.kind for one in report.dimensions}
     for one in (*report.dimensions, *report.tolerances):
-        scale, unit = shown_in(one.angular)
+        scale, unit = choose_display_unit(one.angular)
         ends = [value * scale for value in (one.lower, one.upper)] if one.kind in kinds else []
         lower, upper = ["-" if math.isnan(end) else f"{end:+.6g}" for end in ends] or ["", ""]
         value = "-" if math.isnan(one.value) else f"{one.value * scale:.9g}"

@@ -26,7 +26,7 @@ def is_reference(value: object) -> bool:
     return isinstance(value, str) and value.startswith("#")
 
 
-def number(value: object) -> float | None:
+def read_number(value: object) -> float | None:
     """Return a numeric parameter, typed or not, as float, or None for anything else."""
     if isinstance(value, Typed):
         value = value.value
@@ -50,9 +50,9 @@ class Exchange:
         """Return entity names and parameters of an instance; empty for what is no instance."""
         if ref in self._raw and ref not in self._parsed:
             try:
-                self._parsed[str(ref)] = _parsed(self._raw[str(ref)])
+                self._parsed[str(ref)] = _parse_instance(self._raw[str(ref)])
             except (ValueError, RecursionError) as error:
-                raise _unsound(error, self.name) from error
+                raise _make_error(error, self.name) from error
         return self._parsed.get(str(ref), {})
 
     def parameters(self, ref: object, entity: str) -> tuple[Any, ...]:
@@ -71,15 +71,15 @@ class Exchange:
         return self._holding.get(ref, [])
 
 
-def references_in(value: object) -> Iterator[str]:
+def find_references(value: object) -> Iterator[str]:
     """Yield the references in a parameter, however deep, in their order."""
     if is_reference(value):
         yield str(value)
     elif isinstance(value, Typed):
-        yield from references_in(value.value)
+        yield from find_references(value.value)
     elif isinstance(value, tuple | list):
         for one in value:
-            yield from references_in(one)
+            yield from find_references(one)
 
 
 def read_exchange(path: Path) -> Exchange:
@@ -95,9 +95,13 @@ def read_exchange(path: Path) -> Exchange:
     if not text.lstrip().startswith("ISO-10303-21;"):
         raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
     try:
-        header, raw = _raw_instances(text)
+        header, raw = _split_instances(text)
         stated = next(
-            (_parsed(one)["FILE_SCHEMA"] for one in header if re.match(r"FILE_SCHEMA\s*\(", one)),
+            (
+                _parse_instance(one)["FILE_SCHEMA"]
+                for one in header
+                if re.match(r"FILE_SCHEMA\s*\(", one)
+            ),
             (),
         )
         schema = tuple(
@@ -107,10 +111,10 @@ def read_exchange(path: Path) -> Exchange:
         )
         return Exchange(path.name, schema, raw)
     except (ValueError, RecursionError) as error:
-        raise _unsound(error, path.name) from error
+        raise _make_error(error, path.name) from error
 
 
-def _unsound(error: Exception, name: str) -> MetrologyError:
+def _make_error(error: Exception, name: str) -> MetrologyError:
     reason = " ".join(str(error).split())[:120]
     return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{name}]")
 
@@ -129,7 +133,7 @@ _EXTENDED = re.compile(r"\\X([24])\\([0-9A-F]*+)\\X0\\")
 _NAME = re.compile(r"#\d++|[!A-Za-z_][\w-]*+(?=\s*+\()")
 
 
-def _raw_instances(text: str) -> tuple[list[str], dict[str, str]]:
+def _split_instances(text: str) -> tuple[list[str], dict[str, str]]:
     """Split a file into the statements of its header and its instances, each checked to be whole."""
     text = _COMMENT.sub(lambda found: found[1] or "", text) if "/*" in text else text
     statements, at = [], 0
@@ -155,7 +159,7 @@ def _raw_instances(text: str) -> tuple[list[str], dict[str, str]]:
     return statements[:start], raw
 
 
-def _parsed(body: str) -> dict[str, tuple[Any, ...]]:
+def _parse_instance(body: str) -> dict[str, tuple[Any, ...]]:
     """Read the entities of an instance, one or several in brackets, each with its parameters: as JSON, whose parser is strict."""
     closing: list[str] = []
     several = body.startswith("(")
@@ -178,7 +182,7 @@ def _parsed(body: str) -> dict[str, tuple[Any, ...]]:
         if kind == "other":
             raise ValueError(f"no parameter: {body[found.start() :][:20]!r}")
         return (
-            json.dumps(_decoded(token) if kind == "text" else token)
+            json.dumps(_decode(token) if kind == "text" else token)
             if kind in ("text", "name")
             else token
         )
@@ -187,10 +191,10 @@ def _parsed(body: str) -> dict[str, tuple[Any, ...]]:
     entities = found if several else [found]
     if not entities or not all(isinstance(one, Typed) for one in entities):
         raise ValueError(f"instance must hold whole entities, got {body[:40]!r}")
-    return {one.type: tuple(map(_plain, one.value)) for one in entities}
+    return {one.type: tuple(map(_make_plain, one.value)) for one in entities}
 
 
-def _decoded(token: str) -> str:
+def _decode(token: str) -> str:
     wide = {"2": "utf-16-be", "4": "utf-32-be"}
     plain = token[1:-1].replace("''", "'")
     return _EXTENDED.sub(lambda one: bytes.fromhex(one[2]).decode(wide[one[1]]), plain).replace(
@@ -198,9 +202,9 @@ def _decoded(token: str) -> str:
     )
 
 
-def _plain(value: Any) -> Any:
+def _make_plain(value: Any) -> Any:
     """Turn lists into tuples; what has a type has one value."""
     if isinstance(value, Typed):
         (inner,) = value.value
-        return Typed(value.type, _plain(inner))
-    return tuple(map(_plain, value)) if isinstance(value, list) else value
+        return Typed(value.type, _make_plain(inner))
+    return tuple(map(_make_plain, value)) if isinstance(value, list) else value

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.artefacts.step.exchange import Exchange, is_reference, number, references_in
-from stepblocks.artefacts.step.units import Unit, unit_of
+from stepblocks.artefacts.step.exchange import Exchange, find_references, is_reference, read_number
+from stepblocks.artefacts.step.units import Unit, read_unit
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class Surface:
     representation: str = ""  # that holds it: faces of two bodies lie in two
 
 
-def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
+def find_faces(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
     """Surfaces of all faces that a shape aspect stands for, through composites."""
     if depth > _DEEPEST or not is_reference(aspect):
         return []
@@ -48,10 +48,12 @@ def faces_of(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
         for name in ("GEOMETRIC_ITEM_SPECIFIC_USAGE", "ITEM_IDENTIFIED_REPRESENTATION_USAGE"):
             values = parts.get(name, ())
             if len(values) == 5 and values[2] == aspect:
-                found += [_surface(file, item, str(values[3])) for item in references_in(values[4])]
+                found += [
+                    _surface(file, item, str(values[3])) for item in find_references(values[4])
+                ]
         related = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
         if len(related) == 4 and related[2] == aspect and "DATUM" not in file.parts(related[3]):
-            found += faces_of(file, related[3], depth + 1)
+            found += find_faces(file, related[3], depth + 1)
     unique = {surface.ref: surface for surface in found if surface.kind}
     return list(unique.values())
 
@@ -60,7 +62,7 @@ def _units(file: Exchange, representation: str) -> tuple[Unit, Unit]:
     """Units of length and of angle."""
     for value in (value for values in file.parts(representation).values() for value in values):
         if units := file.parameters(value, "GLOBAL_UNIT_ASSIGNED_CONTEXT"):
-            resolved = {one.dimension: one for one in (unit_of(file, ref) for ref in units[0])}
+            resolved = {one.dimension: one for one in (read_unit(file, ref) for ref in units[0])}
             return resolved.get("length", Unit()), resolved.get("angle", Unit("rad", "angle", 1.0))
     return Unit(), Unit()
 
@@ -89,7 +91,9 @@ def _surface(file: Exchange, item: str, representation: str) -> Surface:
         line = length.si(_coordinates(file, parameters[1])), _direction(file, along)
         return Surface(item, kind, *line, representation=representation)
     point, axis, _ = _placement(file, parameters[1])
-    numbers = [math.nan if (size := number(value)) is None else size for value in parameters[2:]]
+    numbers = [
+        math.nan if (size := read_number(value)) is None else size for value in parameters[2:]
+    ]
     sizes = [length.si(size) for size in numbers]
     if kind == "CONICAL_SURFACE" and len(sizes) == 2:
         sizes[1] = angle.si(numbers[1])
@@ -119,7 +123,7 @@ def _placement(file: Exchange, ref: object) -> tuple[Array, Array, Array]:
     )
 
 
-def placed_where_drawn(file: Exchange) -> bool:
+def is_placed_where_drawn(file: Exchange) -> bool:
     """Whether every component of an assembly lies where its own coordinates put it, so that two bodies can be compared."""
     for _, values in file.named("ITEM_DEFINED_TRANSFORMATION"):
         first, second = (_placement(file, item) for item in values[2:4])
@@ -128,7 +132,7 @@ def placed_where_drawn(file: Exchange) -> bool:
     return True
 
 
-def measured_size(surfaces: list[Surface], name: str) -> float | None:
+def measure_size(surfaces: list[Surface], name: str) -> float | None:
     """Size of a feature from its own faces."""
     if surfaces and all(one.kind in _CURVES for one in surfaces):
         return 0.0 if "radius" in name else None  # an edge that is a curve of two faces is sharp
@@ -164,13 +168,13 @@ def measured_size(surfaces: list[Surface], name: str) -> float | None:
             else None
         )
     if len(surfaces) == 2 and all(one.kind == "PLANE" for one in surfaces):
-        return measured_distance([surfaces[0]], [surfaces[1]])
+        return measure_distance([surfaces[0]], [surfaces[1]])
     if "angle" in name and len(surfaces) == 1 and surfaces[0].kind == "CONICAL_SURFACE":
         return 2.0 * surfaces[0].sizes[1]
     return None
 
 
-def measured_distance(first: list[Surface], second: list[Surface], kind: str = "") -> float | None:
+def measure_distance(first: list[Surface], second: list[Surface], kind: str = "") -> float | None:
     """Distance between two features: planes, axes of cylinders, centres of spheres."""
     sides = kind.removeprefix("linear distance").split()
     one, other = sides if len(sides) == 2 else ("", "")
@@ -232,7 +236,7 @@ def _as_steep(cone: Surface, other: Surface) -> bool:
     return cones or other.kind == "CIRCLE"
 
 
-def measured_angle(first: list[Surface], second: list[Surface], nominal: float) -> float | None:
+def measure_angle(first: list[Surface], second: list[Surface], nominal: float) -> float | None:
     """Angle between two planes or axes, the one of the two supplementary angles that lies nearer to `nominal` [rad]."""
     kinds = {one.kind for one in (*first, *second)}
     if len(first) != 1 or len(second) != 1 or not (kinds == {"PLANE"} or kinds <= set(_TURNED)):

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from stepblocks.artefacts.step.exchange import Exchange, Typed, number
-from stepblocks.quantities import scaled
+from stepblocks.artefacts.step.exchange import Exchange, Typed, read_number
+from stepblocks.quantities import multiply_by_unit
 
 _PREFIXES = {  # symbol and factor
     **{
@@ -47,7 +47,7 @@ class Unit:
 
     def si(self, value: Any) -> Any:
         """Convert a value, or an array of them; millimetres are divided by 1000, which gives the nearest double."""
-        return scaled(value, self.factor)
+        return multiply_by_unit(value, self.factor)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Measure:
     unit: Unit
 
 
-def unit_of(file: Exchange, ref: object) -> Unit:
+def read_unit(file: Exchange, ref: object) -> Unit:
     """Resolve a unit, SI or converted."""
     parts = file.parts(ref)
     if values := parts.get("SI_UNIT"):
@@ -67,22 +67,22 @@ def unit_of(file: Exchange, ref: object) -> Unit:
         symbol, dimension, factor = _BASES.get(base, (base.lower(), "unknown", 1.0))
         return Unit(short + symbol, dimension, power * factor)
     converted = parts.get("CONVERSION_BASED_UNIT")
-    if converted and (one := measure_of(file, converted[-1])) is not None:
+    if converted and (one := read_measure(file, converted[-1])) is not None:
         return Unit(str(converted[-2]).lower(), one.unit.dimension, one.si)
     return Unit()
 
 
-def measure_of(file: Exchange, ref: object) -> Measure | None:
+def read_measure(file: Exchange, ref: object) -> Measure | None:
     """Read a measure with unit, whether simple, complex or a representation item."""
     for name, at in _MEASURES.items():
         values = file.parameters(ref, name)[at:]
         if len(values) >= 2:
-            value, unit = number(values[0]), unit_of(file, values[1])
+            value, unit = read_number(values[0]), read_unit(file, values[1])
             return None if value is None else Measure(unit.si(value), unit)
     return None
 
 
-def untyped_measures(file: Exchange) -> list[str]:
+def find_untyped_measures(file: Exchange) -> list[str]:
     """List every measure whose value is no typed SELECT, or whose type does not fit its unit."""
     findings = []
     for name, at in _MEASURES.items():
@@ -95,7 +95,7 @@ def untyped_measures(file: Exchange) -> list[str]:
                     f"{ref} {name}: value must be typed, such as LENGTH_MEASURE(...), got {raw!r}"
                 )
                 continue
-            size, dimension = number(raw), unit_of(file, unit).dimension
+            size, dimension = read_number(raw), read_unit(file, unit).dimension
             if raw.type.startswith("POSITIVE_") and size is not None and not size > 0.0:
                 findings.append(f"{ref} {name}: {raw.type} must be positive, got {size:g}")
             if raw.type not in _TYPES.get(dimension, (raw.type,)):
@@ -103,7 +103,7 @@ def untyped_measures(file: Exchange) -> list[str]:
     return findings
 
 
-def density_findings(file: Exchange) -> tuple[list[float], list[str]]:
+def read_densities(file: Exchange) -> tuple[list[float], list[str]]:
     """Find densities, in kg/m^3, and those whose unit is no density."""
     densities, findings = [], []
     for ref, values in file.named("MEASURE_REPRESENTATION_ITEM"):
@@ -113,7 +113,7 @@ def density_findings(file: Exchange) -> tuple[list[float], list[str]]:
         )
         if len(stated) != 3 or "density" not in str(stated[0]).lower():
             continue
-        value, (factor, powers) = number(stated[1]), _derived(file, stated[2])
+        value, (factor, powers) = read_number(stated[1]), _derived(file, stated[2])
         if powers != _DENSITY:
             said = (
                 " ".join(f"{name}^{power:g}" for name, power in sorted(powers.items())) or "nothing"
@@ -133,7 +133,7 @@ def _derived(file: Exchange, ref: object) -> tuple[float, dict[str, float]]:
     for element in (file.parameters(ref, "DERIVED_UNIT") or ((),))[0]:
         values = file.parameters(element, "DERIVED_UNIT_ELEMENT")
         if len(values) == 2:
-            unit, power = unit_of(file, values[0]), number(values[1]) or 0.0
+            unit, power = read_unit(file, values[0]), read_number(values[1]) or 0.0
             powers[unit.dimension] = powers.get(unit.dimension, 0.0) + power
             factor *= unit.factor**power
     return factor, powers

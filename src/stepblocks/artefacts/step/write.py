@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.artefacts.on_paper import demands_by_default, limits_text, zone_text
-from stepblocks.atomic import beside
+from stepblocks.artefacts.on_paper import describe_default_demands, format_limits, format_zone
+from stepblocks.atomic import write_atomically
 from stepblocks.cad import door, kernel
 from stepblocks.cad.pmi import (
     Callout,
@@ -23,7 +23,7 @@ from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, find_face
 from stepblocks.parts.declared import Material
 from stepblocks.parts.kind import Part
-from stepblocks.parts.lettering import letters, text_width
+from stepblocks.parts.lettering import compute_text_width, outline_text
 from stepblocks.quantities import format_quantity
 
 Point = tuple[float, float, float]
@@ -51,7 +51,7 @@ _DENSITY = (  # the two elements of its unit
 
 def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, door.Body]]) -> None:
     """Write a part with its tolerances, material and notes."""
-    described = [kernel.face_kinds(body) for _, body in bodies]
+    described = [kernel.describe_faces(body) for _, body in bodies]
     everything = [face for part in described for face in part]
     dimensions: list[tuple[str, PmiDimension]] = []
     tolerances: list[PmiTolerance] = []
@@ -63,10 +63,10 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, doo
             notes.append((one.label, f"{size}, limits {low} to {high}"))
         if one.kind in ("note", "roughness"):  # the texture of the faces is written apart
             continue
-        items = tuple(_item(described, rule, one.body, stimulus.id) for rule in one.faces)
-        text = _callout_text(one, number)
+        items = tuple(_find_item(described, rule, one.body, stimulus.id) for rule in one.faces)
+        text = _format_callout(one, number)
         leads_to = described[items[-1].body][items[-1].face]
-        lines = _callout_lines(text, len(dimensions) + len(tolerances), everything, leads_to)
+        lines = _draw_callout(text, len(dimensions) + len(tolerances), everything, leads_to)
         seen = Callout(text.replace("±", "+-"), lines)  # Part 21 holds ASCII
         if one.kind in ("flatness", "parallelism"):
             datum = ("A", items[1].face) if one.kind == "parallelism" else None
@@ -74,10 +74,12 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, doo
                 PmiTolerance(one.kind, one.body, items[0].face, one.upper, datum, seen)
             )
         else:
-            dimension = PmiDimension(_pmi_kind(one), items, one.nominal, one.lower, one.upper, seen)
+            dimension = PmiDimension(
+                _choose_pmi_kind(one), items, one.nominal, one.lower, one.upper, seen
+            )
             dimensions.append((one.label, dimension))
     demands = stimulus.face_demands if stimulus.has_working_faces else None
-    if demands is not None and (said := demands_by_default(stimulus)):
+    if demands is not None and (said := describe_default_demands(stimulus)):
         notes.append(("defaults", said))
     texture = None if demands is None else demands["roughness"].upper
     more: dict[str, Any] = {"tolerances": tolerances, "notes": notes, "texture": texture}
@@ -97,7 +99,7 @@ def write_conforming(
 ) -> None:
     """Write bodies with their dimensions, each with its name, which the kernel does not write."""
     plain = [one for _, one in dimensions]
-    with beside(path) as draft:
+    with write_atomically(path) as draft:
         write_step_with_tolerances(
             draft,
             bodies,
@@ -107,11 +109,11 @@ def write_conforming(
             identity,
         )
         names = [(one.kind, name) for name, one in dimensions]
-        text = conforming(draft.read_text(encoding="utf-8"), identity, names, notes, texture)
+        text = make_conforming(draft.read_text(encoding="utf-8"), identity, names, notes, texture)
         draft.write_text(text, encoding="utf-8")
 
 
-def _pmi_kind(one: Characteristic) -> PmiKind:
+def _choose_pmi_kind(one: Characteristic) -> PmiKind:
     """Kind that the standard names after the surface: of a ball, of a ring, up to the far side of a ball."""
     surfaces = {rule.kind for rule in one.faces if isinstance(rule, FaceRule)}
     ball, ring = "SPHERE" in surfaces, "TORUS" in surfaces
@@ -124,21 +126,23 @@ def _pmi_kind(one: Characteristic) -> PmiKind:
     return kinds[one.kind]
 
 
-def _item(described: Sequence[tuple[door.Face, ...]], rule: Rule, body: int, place: str) -> PmiItem:
+def _find_item(
+    described: Sequence[tuple[door.Face, ...]], rule: Rule, body: int, place: str
+) -> PmiItem:
     owner = body if rule.body is None else rule.body
     sides = (rule.first, rule.second) if isinstance(rule, EdgeRule) else (rule,)
     return PmiItem(owner, *(find_face(described[owner], side, place) for side in sides))
 
 
-def _callout_text(one: Characteristic, number: int) -> str:
+def _format_callout(one: Characteristic, number: int) -> str:
     if one.kind in ("flatness", "parallelism"):
-        return f"{number}  {one.label} {zone_text(one.upper)}"
+        return f"{number}  {one.label} {format_zone(one.upper)}"
     sign = {"diameter": "dia. ", "radius": "R "}.get(one.kind, "")
-    limits = limits_text(one.nominal, one.lower, one.upper, one.quantity).replace("°", " deg")
+    limits = format_limits(one.nominal, one.lower, one.upper, one.quantity).replace("°", " deg")
     return f"{number}  {one.label} {sign}{limits}"
 
 
-def _callout_lines(
+def _draw_callout(
     text: str, place: int, part: Sequence[door.Face], face: door.Face
 ) -> list[tuple[Point, Point]]:
     """Draw a callout in the plane before the front of a part."""
@@ -150,9 +154,9 @@ def _callout_lines(
         float(low[1]) - 2.0 * size,
         float(low[2]) + (2.0 * place + 1.0) * size,
     )
-    middle = x0 + 0.5 * text_width(text, size)
+    middle = x0 + 0.5 * compute_text_width(text, size)
     lines: list[tuple[Point, Point]] = []  # of the letters, then the leader
-    for outer, *holes in letters(text, size):
+    for outer, *holes in outline_text(text, size):
         for ring in (outer, *holes):
             points = [(middle + float(u), y, z0 + float(v)) for u, v in ring]
             lines += list(zip(points, [*points[1:], points[0]], strict=True))
@@ -161,7 +165,7 @@ def _callout_lines(
     return lines
 
 
-def conforming(
+def make_conforming(
     text: str,
     identity: str,
     names: Sequence[tuple[str, str]] = (),
@@ -185,7 +189,7 @@ def conforming(
     # number is
     numbers = itertools.count(1)
     for ref, body in data.items():
-        mended = _mended(body, waiting, angular)
+        mended = _mend_instance(body, waiting, angular)
         data[ref] = _OCCURRENCE.sub(
             lambda one: f"{one[1]}'{next(numbers)}'{_SPACE.sub('', one[2])}", mended
         )
@@ -196,20 +200,22 @@ def conforming(
         )
     # the kernel writes mass^3 length^2
     for element, (unit, power) in zip(
-        _holding(data, "DERIVED_UNIT_ELEMENT("), itertools.cycle(_DENSITY), strict=False
+        _find_holding(data, "DERIVED_UNIT_ELEMENT("), itertools.cycle(_DENSITY), strict=False
     ):
         base = _REFERENCE.findall(data[element])[0]
         data |= {element: f"DERIVED_UNIT_ELEMENT({base},{power})", base: unit}
     # requirements without a face are properties of the product, which every reader shows
-    products = _holding(data, "PRODUCT_DEFINITION(")[:1]
+    products = _find_holding(data, "PRODUCT_DEFINITION(")[:1]
     rule = f"notes must have a product to belong to [{identity}]"
     for name, value in notes:
         described = f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')"
         _add_property(data, ("requirement", name, name), described, products, rule)
     if texture is not None:
         rule = f"surface texture must have faces with a flatness tolerance, got none [{identity}]"
-        flat = [_REFERENCE.findall(data[ref])[-1] for ref in _holding(data, "FLATNESS_TOLERANCE(")]
-        millimetre = next(iter(_holding(data, "SI_UNIT(.MILLI.,.METRE.)")), "")
+        flat = [
+            _REFERENCE.findall(data[ref])[-1] for ref in _find_holding(data, "FLATNESS_TOLERANCE(")
+        ]
+        millimetre = next(iter(_find_holding(data, "SI_UNIT(.MILLI.,.METRE.)")), "")
         roughness = np.format_float_positional(texture * 1e3, 12, fractional=False, trim=".")
         measure = f"MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({roughness}),{millimetre})"
         _add_property(
@@ -224,13 +230,13 @@ def conforming(
     )
 
 
-def _holding(data: dict[str, str], text: str) -> list[str]:
+def _find_holding(data: dict[str, str], text: str) -> list[str]:
     """List the instances that hold a text, their spaces left out."""
     word = text.partition("(")[0]
     return [ref for ref, body in data.items() if word in body and text in re.sub(r"\s+", "", body)]
 
 
-def _mended(body: str, waiting: dict[str, list[str]], angular: set[str]) -> str:
+def _mend_instance(body: str, waiting: dict[str, list[str]], angular: set[str]) -> str:
     if (
         "DRAUGHTING_PRE_DEFINED_COLOUR" in body
     ):  # callouts in the kernel's white cannot be seen on paper
@@ -253,16 +259,18 @@ def _add_property(
 ) -> None:
     """Write a property under its kind, name and the name of its value, of a product or of the faces that are toleranced."""
     kind, name, shown_as = names
-    context = _holding(data, "GEOMETRIC_REPRESENTATION_CONTEXT(3)")
+    context = _find_holding(data, "GEOMETRIC_REPRESENTATION_CONTEXT(3)")
     if not owners or not context:
         raise MachiningError(rule)
-    shown = _add(data, f"REPRESENTATION('{shown_as}',({_add(data, of)}),{context[0]})")
+    shown = _add_instance(
+        data, f"REPRESENTATION('{shown_as}',({_add_instance(data, of)}),{context[0]})"
+    )
     for owner in owners:
-        defined = _add(data, f"PROPERTY_DEFINITION('{kind}','{name}',{owner})")
-        _add(data, f"PROPERTY_DEFINITION_REPRESENTATION({defined},{shown})")
+        defined = _add_instance(data, f"PROPERTY_DEFINITION('{kind}','{name}',{owner})")
+        _add_instance(data, f"PROPERTY_DEFINITION_REPRESENTATION({defined},{shown})")
 
 
-def _add(data: dict[str, str], entity: str) -> str:
+def _add_instance(data: dict[str, str], entity: str) -> str:
     """Add an instance under the next number; return its reference."""
     ref = f"#{int(next(reversed(data))[1:]) + 1}"
     data[ref] = entity

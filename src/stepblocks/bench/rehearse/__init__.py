@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.bench.signal import Array, Tool, Trace
-from stepblocks.bench.signal.ring import rubbing_force
+from stepblocks.bench.signal.ring import compute_rubbing_force
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
@@ -97,7 +97,7 @@ class Rig:
         return Trace(time, *channels)
 
 
-def record(
+def record_trial(
     truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.0
 ) -> tuple[Trace, float, float]:
     """Record a trial; with the instants of its onset and release [s]."""
@@ -111,7 +111,7 @@ def record(
         )
     time = np.arange(count) / (rig.sample_rate * rig.oversampling)
     force = truth.sliding_force + truth.slope * np.maximum(time - onset, 0.0)
-    force = force + _start_up(rig, time, (truth.frequency, truth.decay_time), onset, random)
+    force = force + _start_up_ring(rig, time, (truth.frequency, truth.decay_time), onset, random)
     after = time >= release
     since = time[after] - release
     phase = 2.0 * math.pi * truth.frequency * since
@@ -119,7 +119,9 @@ def record(
     if truth.gap > 0.0:
         start = (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time)
         tool = truth.frequency, truth.decay_time
-        ring = rubbing_force(since, truth.sliding_force, truth.gap, tool, start, truth.slope)
+        ring = compute_rubbing_force(
+            since, truth.sliding_force, truth.gap, tool, start, truth.slope
+        )
     else:
         ring = truth.sliding_force + truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(
             phase
@@ -132,14 +134,16 @@ def record(
     return rig.disturb(gain * force, normal, random), onset, release
 
 
-def _start_up(rig: Rig, time: Array, tool: Tool, end: float, random: np.random.Generator) -> Array:
+def _start_up_ring(
+    rig: Rig, time: Array, tool: Tool, end: float, random: np.random.Generator
+) -> Array:
     """Ring when the handle starts, up to the edge."""
     (frequency, decay_time), phase = tool, float(random.uniform(0.0, 2.0 * math.pi))
     ring = np.exp(-time / decay_time) * np.cos(2.0 * np.pi * frequency * time + phase)
     return np.where(time < end, rig.start_up * ring, 0.0)
 
 
-def drag_trial(
+def record_drag(
     step: Step,
     point: OperatingPoint,
     rig: Rig,
@@ -150,11 +154,11 @@ def drag_trial(
     hardening: float = 0.0,
 ) -> RecordedTrial | None:
     """Record a drag in time over a step; None where the tip does not slip over."""
-    # `pull` is a steady force along the drag beside the tip's [N]; `hardening` the cubic stiffness
+    # `compute_pull` is a steady force along the drag beside the tip's [N]; `hardening` the cubic stiffness
     # of the spring [N/m^3].
-    from stepblocks.drag.ring import ring_of
-    from stepblocks.drag.simulate import DragSettings, probe_for, simulate
-    from stepblocks.drag.track import track_over
+    from stepblocks.drag.ring import measure_ring
+    from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
+    from stepblocks.drag.track import build_track
 
     tool, omega = point.tool, 2.0 * math.pi * point.tool.frequency
     slide = float(random.uniform(_LEAST_SLIDE, _MOST_SLIDE))
@@ -164,15 +168,15 @@ def drag_trial(
         ring_time=rig.tail * tool.decay_time,
         sample_rate=rig.sample_rate * rig.oversampling,
     )
-    probe = probe_for(tool, point.ball_radius, hardening=hardening)
-    done = simulate(track_over(step, point.ball_radius), probe, settings)
+    probe = build_probe(tool, point.ball_radius, hardening=hardening)
+    done = simulate_drag(build_track(step, point.ball_radius), probe, settings)
     if done.status is not Status.RELEASES:
         return None
-    ring = ring_of(done, spectra=False)
+    ring = measure_ring(done, spectra=False)
     count = done.rows.shape[0] // rig.oversampling * rig.oversampling
     time = done.column("time_s")[:count]
     force = done.column("fx_n")[:count] + pull
-    force = force + _start_up(rig, time, (tool.frequency, tool.decay_time), slide, random)
+    force = force + _start_up_ring(rig, time, (tool.frequency, tool.decay_time), slide, random)
     trace = rig.disturb(gain * force, done.column("fy_n")[:count], random)
     amplitude = ring.amplitude * math.exp(math.pi / (omega * tool.decay_time))
     return RecordedTrial(trace, done.peak_force + pull, amplitude, done.release_time)

@@ -13,11 +13,11 @@ from pydantic import BeforeValidator, Field
 
 from stepblocks.bench.rehearse import Rig, Truth
 from stepblocks.bench.session import Frequency, Stiffness, Strict
-from stepblocks.contact.effects.named import named_laws
+from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
-from stepblocks.mistakes import told, validated
-from stepblocks.quantities import quantity_parser
+from stepblocks.mistakes import format_mistakes, validate_data
+from stepblocks.quantities import make_quantity_parser
 from stepblocks.tables import read_table
 from stepblocks.text_file import read_document
 
@@ -33,12 +33,12 @@ NUMBERS = (
 )
 _LABELS = ("block", "operator", "tip")
 
-_Length = Annotated[float, BeforeValidator(quantity_parser("length")), Field(ge=0.0, le=1.0)]
-_Force = Annotated[float, BeforeValidator(quantity_parser("force")), Field(ge=0.0, le=1e3)]
-_Load = Annotated[float, BeforeValidator(quantity_parser("force")), Field(ge=1e-6, le=1e3)]
-_Speed = Annotated[float, BeforeValidator(quantity_parser("speed")), Field(ge=1e-6, le=10.0)]
-_Time = Annotated[float, BeforeValidator(quantity_parser("time")), Field(gt=0.0, le=10.0)]
-_Ratio = Annotated[float, BeforeValidator(quantity_parser("ratio")), Field(ge=0.0, le=10.0)]
+_Length = Annotated[float, BeforeValidator(make_quantity_parser("length")), Field(ge=0.0, le=1.0)]
+_Force = Annotated[float, BeforeValidator(make_quantity_parser("force")), Field(ge=0.0, le=1e3)]
+_Load = Annotated[float, BeforeValidator(make_quantity_parser("force")), Field(ge=1e-6, le=1e3)]
+_Speed = Annotated[float, BeforeValidator(make_quantity_parser("speed")), Field(ge=1e-6, le=10.0)]
+_Time = Annotated[float, BeforeValidator(make_quantity_parser("time")), Field(gt=0.0, le=10.0)]
+_Ratio = Annotated[float, BeforeValidator(make_quantity_parser("ratio")), Field(ge=0.0, le=10.0)]
 _Finite = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
@@ -96,7 +96,7 @@ class PlantedEffect(Strict):
         default_factory=dict
     )  # of the law, in SI; else where a search begins
     # part of the model: ``contact_geometry`` (radius of the ball plus that of the edge [m]),
-    # ``friction`` [1], ``normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a
+    # ``friction`` [1], ``compute_normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a
     # force on the pull [N]), ``sensor`` (gain of the tangential channel [1])
     slot: Literal[
         "contact_geometry",
@@ -140,7 +140,7 @@ class PlantedEffect(Strict):
     def fault(self, plan: SessionPlan, number: int) -> str:
         """Say which field breaks which rule; empty where all is well."""
         if self.law:
-            laws = {law.id: law for law in named_laws(plan.blocks())}
+            laws = {law.id: law for law in list_named_laws(plan.blocks())}
             if self.law not in laws:
                 return f"law of effect {number} must be one of {', '.join(laws)}, got {self.law!r}"
             if self.law == "hardening_spring" and plan.source != "drag":
@@ -200,7 +200,7 @@ class SessionPlan(Strict):
 
     def blocks(self) -> list[str]:
         """Names of the blocks."""
-        return [block_name(height) for height in sorted(set(self.design.heights))]
+        return [name_block(height) for height in sorted(set(self.design.heights))]
 
     def rows(self) -> list[dict[str, str]]:
         """Conditions of every trial in the order of the run, as the table writes them."""
@@ -223,7 +223,7 @@ class SessionPlan(Strict):
             rows.append(
                 {
                     "trial": str(number),
-                    "block": block_name(height),
+                    "block": name_block(height),
                     "height_um": f"{height * 1e6:g}",
                     "load_n": f"{load:g}",
                     "speed_mm_s": f"{speed * 1e3:g}",
@@ -237,7 +237,7 @@ class SessionPlan(Strict):
         return rows
 
 
-def block_name(height: float) -> str:
+def name_block(height: float) -> str:
     """Name of the block with a step of this height [m]."""
     micrometres = height * 1e6
     whole = round(micrometres)
@@ -246,18 +246,20 @@ def block_name(height: float) -> str:
 
 def read_plan(path: Path) -> SessionPlan:
     """Read a plan, or say all that is wrong with it."""
-    plan = validated(SessionPlan, read_document(path, "plan", PipelineError), path, PipelineError)
+    plan = validate_data(
+        SessionPlan, read_document(path, "plan", PipelineError), path, PipelineError
+    )
     faults = [
         fault
         for number, one in enumerate(plan.effects, start=1)
         if (fault := one.fault(plan, number))
     ]
     if faults:
-        raise PipelineError(told([("", fault) for fault in faults], path))
-    return _loaded(plan, path.parent / plan.load_table) if plan.load_table else plan
+        raise PipelineError(format_mistakes([("", fault) for fault in faults], path))
+    return _with_load_table(plan, path.parent / plan.load_table) if plan.load_table else plan
 
 
-def _loaded(plan: SessionPlan, path: Path) -> SessionPlan:
+def _with_load_table(plan: SessionPlan, path: Path) -> SessionPlan:
     """Take the loads that the apparatus has for those asked for, and the largest of their uncertainties for the scatter."""
     table = read_table(path)
     if not {"axis", "force_n", "std_n"} <= set(table.columns):

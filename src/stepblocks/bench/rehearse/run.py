@@ -9,25 +9,30 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.atomic import folder_beside, settle
+from stepblocks.atomic import make_draft_folder, sync_folder
 from stepblocks.bench.rehearse import (
     TRACE_FILES,
     RecordedTrial,
     Rig,
     Truth,
-    drag_trial,
     open_writer,
-    record,
+    record_drag,
+    record_trial,
 )
-from stepblocks.bench.rehearse.plan import NUMBERS, SessionPlan, block_name, read_plan
+from stepblocks.bench.rehearse.plan import NUMBERS, SessionPlan, name_block, read_plan
 from stepblocks.bench.signal import Trace
 from stepblocks.contact.counterface import Step
-from stepblocks.contact.effects.named import named_laws
-from stepblocks.contact.forward import BenchDesign, covariate_of, height_name, nominal_state
+from stepblocks.contact.effects.named import list_named_laws
+from stepblocks.contact.forward import (
+    BenchDesign,
+    build_nominal_state,
+    format_height_name,
+    select_covariate,
+)
 from stepblocks.contact.operating_point import OperatingPoint, Tool
-from stepblocks.contact.state import DragState, observe
+from stepblocks.contact.state import DragState, compute_channels
 from stepblocks.errors import PipelineError
-from stepblocks.tables import harmless
+from stepblocks.tables import escape_formula
 
 _SCAN_REACH, _SCAN_STEP, _SCAN_NOISE = 600.0, 0.25, 0.05  # [um]
 _LEAST_RISE = 0.02  # [N] a lower peak is no catch
@@ -81,16 +86,16 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
         raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
     if not output.parent.is_dir():
         raise PipelineError(f"folder of the output does not exist: {str(output.parent)!r}")
-    with folder_beside(output) as draft:
-        summary = _fill(declared, draft)
-        settle(draft)
+    with make_draft_folder(output) as draft:
+        summary = _write_session(declared, draft)
+        sync_folder(draft)
         if output.exists():
             output.rmdir()
         draft.rename(output)
     return summary
 
 
-def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
+def _write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
     random = np.random.default_rng([plan.seed, 2])
     heights = {
         h: max(h + plan.scatter.height * random.standard_normal(), 1e-7)
@@ -111,8 +116,8 @@ def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
             Step(true, max(sum(added), 0.0)),
             np.random.default_rng([plan.seed, 3, number]),
         )
-        _write_scan(folder / "scans" / f"{block_name(nominal)}.csv", step, chance)
-    (folder / "session.toml").write_text(_declaration(plan), encoding="utf-8")
+        _write_scan(folder / "scans" / f"{name_block(nominal)}.csv", step, chance)
+    (folder / "session.toml").write_text(_session_text(plan), encoding="utf-8")
     rows, locked = plan.rows(), 0
     with (
         open_writer(folder, plan.format) as write,
@@ -124,41 +129,41 @@ def _fill(plan: SessionPlan, folder: Path) -> SimulationSummary:
         table.writeheader()
         told.writerow(["trial", "status", *_FIGURES])
         for number, row in enumerate(rows, start=1):
-            trial = _trial(plan, row, heights, np.random.default_rng([plan.seed, 4, number]))
+            trial = _record_row(plan, row, heights, np.random.default_rng([plan.seed, 4, number]))
             if trial is None:
                 locked += 1
                 told.writerow([row["trial"], "locked", *[""] * len(_FIGURES)])
                 continue
             trace, figures = trial
             write(number, trace)
-            table.writerow({name: harmless(cell) for name, cell in row.items()})
+            table.writerow({name: escape_formula(cell) for name, cell in row.items()})
             told.writerow([row["trial"], "ok", *(f"{value:.9g}" for value in figures)])
     if locked == len(rows):
         raise PipelineError("every trial of the plan locks; lower the friction or the heights")
     return SimulationSummary(len(rows), locked)
 
 
-def _trial(
+def _record_row(
     plan: SessionPlan, row: dict[str, str], heights: dict[float, float], chance: np.random.Generator
 ) -> tuple[Trace, tuple[float, ...]] | None:
     """Record of one trial and what is true of it, or None where the probe locks."""
-    state = planted_state(plan, row, heights, chance)
+    state = compute_planted_state(plan, row, heights, chance)
     if state is None:
         return None
-    rig, gain = rig_of(plan, state), float(state.gain[0])
+    rig, gain = rig_of_state(plan, state), float(state.gain[0])
     if plan.source == "drag":
-        step, point, pull = true_drag(plan, state)
+        step, point, pull = record_true_drag(plan, state)
         cubic = float(state.hardening[0]) * point.tool.stiffness**3
-        done = drag_trial(step, point, rig, chance, gain=gain, pull=pull, hardening=cubic)
+        done = record_drag(step, point, rig, chance, gain=gain, pull=pull, hardening=cubic)
         load, sliding = (
             float(state.load[0]),
             float(state.friction[0] * state.load[0] + state.drag[0]),
         )
     else:
-        truth = truth_of(plan, state)
+        truth = compute_truth(plan, state)
         if truth is None:
             return None
-        trace, _, release = record(truth, rig, chance, gain)
+        trace, _, release = record_trial(truth, rig, chance, gain)
         done = RecordedTrial(trace, truth.peak_force, truth.amplitude, release)
         load, sliding = truth.load, truth.sliding_force
     if done is None:
@@ -182,7 +187,7 @@ def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
     )
 
 
-def _declaration(plan: SessionPlan) -> str:
+def _session_text(plan: SessionPlan) -> str:
     title = plan.title.replace("\\", "\\\\").replace('"', '\\"')
     return f"""schema = 1
 title = "{title}"
@@ -202,7 +207,7 @@ scans = "scans/{{block}}.csv"
 """
 
 
-def planted_state(
+def compute_planted_state(
     plan: SessionPlan,
     row: Mapping[str, str],
     heights: Mapping[float, float],
@@ -222,16 +227,18 @@ def planted_state(
         "ln_ring_frequency": math.log(plan.model.ring_frequency),
         "ln_decay_time": math.log(plan.model.decay_time),
     }
-    bare = nominal_state(design, values)
+    bare = build_nominal_state(design, values)
     if bool(bare.locked()[0]):
         return None
     told: dict[str, Any] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
-    state = nominal_state(design, values | {height_name(row["block"]): heights[nominal] - nominal})
+    state = build_nominal_state(
+        design, values | {format_height_name(row["block"]): heights[nominal] - nominal}
+    )
     for effect in plan.effects:
         if effect.law:
-            law = next(one for one in named_laws(plan.blocks()) if one.id == effect.law)
+            law = next(one for one in list_named_laws(plan.blocks()) if one.id == effect.law)
             given = {p.name: p.start for p in law.parameters} | effect.parameters
-            state = law.apply(state, covariate_of(design, state, law.covariate), given)
+            state = law.apply(state, select_covariate(design, state, law.covariate), given)
         else:
             names = _SLOTS.get(str(effect.slot), (str(effect.slot),))
             changed: dict[str, Any] = {
@@ -254,7 +261,7 @@ def planted_state(
     return None if bool(state.locked()[0]) or not bool(np.all(positive > 0.0)) else state
 
 
-def rig_of(plan: SessionPlan, state: DragState) -> Rig:
+def rig_of_state(plan: SessionPlan, state: DragState) -> Rig:
     """Return the rig of a plan; a gauge that lags has a bandwidth."""
     declared, lag = plan.rig.model_dump(), float(state.lag[0])
     bandwidth = min(
@@ -264,10 +271,10 @@ def rig_of(plan: SessionPlan, state: DragState) -> Rig:
     return Rig(drift=declared.pop("drift_n_per_s"), bandwidth=bandwidth, **declared)
 
 
-def truth_of(plan: SessionPlan, state: DragState) -> Truth | None:
+def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
     """Figures of a trial by equations (1) and (2), before gauge and rig; None where nothing catches or rings."""
     one = np.ones(1)
-    shown = observe(state.changed(gain=one, lag=0.0 * one))[0]
+    shown = compute_channels(state.changed(gain=one, lag=0.0 * one))[0]
     load = float(state.set_load[0] + state.sensed_offset[0])
     energy, peak, sliding = math.exp(shown[0]), math.exp(shown[1]), float(shown[2]) * load
     if peak - sliding < _LEAST_RISE or not energy > 0.0:
@@ -286,7 +293,7 @@ def truth_of(plan: SessionPlan, state: DragState) -> Truth | None:
     )
 
 
-def true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
+def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
     """Return the same trial for the drag in time, with the steady force along the drag beside the tip's [N]."""
     moved = [name for name in _NOT_IN_TIME if bool(np.any(getattr(state, name) != 0.0))]
     if moved:

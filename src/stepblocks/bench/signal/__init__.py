@@ -34,7 +34,7 @@ def check_size(count: int, channel: str | int) -> None:
         raise TraceError(f"channel {channel!r} has {count} samples, more than {MOST_SAMPLES}")
 
 
-def listed(names: Iterable[str]) -> str:
+def join_first(names: Iterable[str]) -> str:
     """Return the first eight names."""
     return ", ".join(islice(names, 8))
 
@@ -58,18 +58,18 @@ def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -
         bad = count - np.count_nonzero(np.isfinite(values))
         if bad:
             return f"not-a-number: {bad} of {count} samples of the {name} channel"
-    if fault := _clock(trace.time, sample_rate):
+    if fault := _find_clock_fault(trace.time, sample_rate):
         return fault
     if float(np.ptp(trace.tangential)) == 0.0:
         return f"dead channel: the tangential force is {trace.tangential[0]:.4g} N throughout"
     if not np.any(trace.normal):
         return "dead channel: the normal force is 0 throughout"
-    return _saturation("tangential", trace.tangential, limit) or _saturation(
+    return _find_saturation("tangential", trace.tangential, limit) or _find_saturation(
         "normal", trace.normal, limit
     )
 
 
-def _clock(time: Array, sample_rate: float) -> str:
+def _find_clock_fault(time: Array, sample_rate: float) -> str:
     steps = np.diff(time)
     if float(steps.min()) <= 0.0:
         where = int(np.argmax(steps <= 0.0))
@@ -89,7 +89,7 @@ def _clock(time: Array, sample_rate: float) -> str:
     return ""
 
 
-def _saturation(name: str, values: Array, limit: float | None) -> str:
+def _find_saturation(name: str, values: Array, limit: float | None) -> str:
     if limit is not None and float(np.abs(values).max()) >= limit:
         return f"saturated: the {name} force reaches the range of {limit:g} N"
     moves = np.abs(np.diff(values))
@@ -97,7 +97,7 @@ def _saturation(name: str, values: Array, limit: float | None) -> str:
     for sign, side in ((1.0, "highest"), (-1.0, "lowest")):
         signed = sign * values
         top = float(signed.max())
-        run, start = _longest_run(signed >= top)
+        run, start = _find_longest_run(signed >= top)
         if run < _FLAT_SAMPLES or start < _FLAT_SAMPLES:
             continue
         # noise may touch the top before it stays there: a stretch twice as long tells how far the
@@ -109,7 +109,7 @@ def _saturation(name: str, values: Array, limit: float | None) -> str:
     return ""
 
 
-def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
+def _find_longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
     """Length and first index of the longest run of True; of equal ones, the first."""
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     starts, ends = edges[::2], edges[1::2]
@@ -117,7 +117,7 @@ def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
     return int(ends[longest] - starts[longest]), int(starts[longest])
 
 
-def set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
+def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
     """First sample from which the tip lies on the block and slides, and the zeros of both gauges from what was before."""
     unknown = (math.nan, math.nan)  # as of most records, which begin under load
     normal = np.convolve(trace.normal, np.full(5, 0.2), mode="same")

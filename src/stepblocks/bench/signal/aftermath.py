@@ -9,7 +9,7 @@ import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
-from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, first_swing
+from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, find_first_swing
 from stepblocks.bench.signal.ring import (
     GUESSED,
     TOLD,
@@ -19,8 +19,13 @@ from stepblocks.bench.signal.ring import (
     fit_rubbing_ring,
     guess_ring,
 )
-from stepblocks.bench.signal.separable import damped_wave, propagated, wave, weighed
-from stepblocks.contact.kernels import softened
+from stepblocks.bench.signal.separable import (
+    damped_wave_columns,
+    fit_with_covariance,
+    propagate_std,
+    wave_columns,
+)
+from stepblocks.contact.kernels import compute_softened_force
 
 # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
 _RELEASE_TIME = 0.25e-3
@@ -88,7 +93,7 @@ class Aftermath:
         """Whether it rings like a bell; else its tip rubs."""
         return self.swing is None
 
-    def carried_to(self, instant: float) -> Aftermath:
+    def carry_to(self, instant: float) -> Aftermath:
         """Return the same with the amplitude at another instant [s]."""
         if isinstance(self.ring, Ring):
             return replace(self, start=instant, amplitude=self.ring.amplitude(instant))
@@ -99,7 +104,7 @@ class Aftermath:
         return replace(self, start=instant, amplitude=self.swing.amplitude(instant))
 
 
-def settle(
+def fit_aftermath(
     time: Array,
     force: Array,
     marks: Landmarks,
@@ -109,18 +114,18 @@ def settle(
     saw: Saw | None = None,
 ) -> Aftermath:
     """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs."""
-    marks = replace(marks, noise=whole_noise(time, approach, marks))
+    marks = replace(marks, noise=estimate_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
     if (
         saw is not None
     ):  # it is no bell, and what the tip draws when the ring has died is no part of that
         end = int(np.searchsorted(time, top + _FIRST_SWINGS))
         time, force = time[:end], force[:end]
-    bell = as_bell(time, force, top, approach.mains, marks.noise)
+    bell = fit_bell(time, force, top, approach.mains, marks.noise)
     assert isinstance(bell.ring, Ring)
     if bell.ring.misfit < _GOOD and saw is None:
         return bell
-    rubbing = _best_rubbing(time, force, marks, approach, tool)
+    rubbing = _fit_best_rubbing(time, force, marks, approach, tool)
     if rubbing is None:
         return bell
     left = bell.ring.fit.residuals[time[time >= top + _RELEASE_TIME] >= rubbing.origin]
@@ -148,19 +153,19 @@ def settle(
         marks.noise,
         frequency,
     )
-    depth, std, instant = first_swing(slid)
+    depth, std, instant = find_first_swing(slid)
     # a tool that hardens swings less far below its level than above it, where it was let go
-    swung = softened(max(depth, 0.0), approach.hardening)
+    swung = compute_softened_force(max(depth, 0.0), approach.hardening)
     depth += 3.0 * approach.hardening * approach.level * swung * (swung - approach.level)
     level_std = approach.level_std if saw is None else saw.kinetic[1]
     drift_std = approach.fit.std(approach.fit.shape.size + 1) * reach
     swing = Swing(
         (depth, math.hypot(std, level_std, drift_std)), instant, (decay, spread), 0.5 / frequency
     )
-    return _as_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
+    return _aftermath_of_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
 
 
-def as_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> Aftermath:
+def fit_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> Aftermath:
     """Fit a damped ring, counted from the release."""
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
     bell = fit_ring(time[first:], force[first:], release, mains, noise)
@@ -169,13 +174,15 @@ def as_bell(time: Array, force: Array, release: float, mains: float, noise: floa
     )
 
 
-def whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
+def estimate_whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
     """Noise while sliding, be it white or coloured [N]."""
     before = approach.fit.residuals[: int(np.searchsorted(time, approach.onset))]
     return min(max(float(np.std(before)), marks.noise), _MOST_COLOUR * marks.noise)
 
 
-def _as_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None) -> Aftermath:
+def _aftermath_of_rubbing(
+    fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None
+) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
     far = (0.0, 0.0)
     if tool is not None and any(
@@ -190,10 +197,10 @@ def _as_rubbing(fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None
     )
     loss = (2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else _NOT_KNOWN
     found = Aftermath(fit, -math.inf, _NOT_KNOWN, *seen, (level, fit.std(0)), loss, swing, sample)
-    return found.carried_to(-math.inf)
+    return found.carry_to(-math.inf)
 
 
-def _best_rubbing(
+def _fit_best_rubbing(
     time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> RubbingRing | None:
     """Fit from one trough after the other, until the tip no longer climbs."""
@@ -201,8 +208,8 @@ def _best_rubbing(
     after = clean[marks.peak :]
     level = float(np.median(after[int(after.size * (1.0 - _TAIL_SHARE)) :]))
     best: RubbingRing | None = None
-    for guess in _tool_guesses(time, clean, marks, approach, tool):
-        for trough in _troughs(time, clean, marks, level, guess[0]):
+    for guess in _guess_tools(time, clean, marks, approach, tool):
+        for trough in _find_troughs(time, clean, marks, level, guess[0]):
             t, y, spread = time[trough:], clean[trough:], TOLD if tool else GUESSED
             fit = fit_rubbing_ring(t, y, level, guess, approach.slope, marks.noise, spread=spread)
             if best is None or fit.misfit < _MUCH_BETTER * best.misfit:
@@ -212,7 +219,7 @@ def _best_rubbing(
     return best
 
 
-def _tool_guesses(
+def _guess_tools(
     time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> list[Tool]:
     """Frequency and decay time of the tool: told, from its start-up, from its late ring, from its first swings."""
@@ -234,7 +241,7 @@ def _tool_guesses(
     )
 
 
-def _troughs(
+def _find_troughs(
     time: Array, clean: Array, marks: Landmarks, level: float, frequency: float
 ) -> list[int]:
     """Troughs after the slip."""
@@ -257,29 +264,31 @@ def _troughs(
     return found
 
 
-def normal_level(time: Array, normal: Array, approach: Approach) -> Estimate:
+def measure_normal_level(time: Array, normal: Array, approach: Approach) -> Estimate:
     """Return the normal force while sliding, hum and drift apart, and its standard uncertainty [N]."""
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
-    weights, covariance = weighed(_still(time[:end], approach), normal[:end])
+    weights, covariance = fit_with_covariance(_is_still(time[:end], approach), normal[:end])
     return float(weights[0]), float(np.sqrt(covariance[0, 0]))
 
 
-def _still(t: Array, approach: Approach) -> Array:
-    return np.column_stack([np.ones_like(t), t - t.mean(), wave(t, approach.mains)])
+def _is_still(t: Array, approach: Approach) -> Array:
+    return np.column_stack([np.ones_like(t), t - t.mean(), wave_columns(t, approach.mains)])
 
 
-def sympathetic_force(time: Array, normal: Array, approach: Approach, after: Aftermath) -> Estimate:
+def measure_sympathetic_force(
+    time: Array, normal: Array, approach: Approach, after: Aftermath
+) -> Estimate:
     """Amplitude at the release of what rings in the normal force with the tangential frequency and decay [N]."""
     begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.ring.origin)))
-    still, since = _still(time[begin:], approach), time[begin:] - after.start
+    still, since = _is_still(time[begin:], approach), time[begin:] - after.start
 
     def ringing(frequency: float, decay_time: float) -> Estimate:
-        columns = np.column_stack([damped_wave(since, frequency, decay_time), still])
-        weights, covariance = weighed(columns, normal[begin:])
+        columns = np.column_stack([damped_wave_columns(since, frequency, decay_time), still])
+        weights, covariance = fit_with_covariance(columns, normal[begin:])
         size = float(np.hypot(weights[0], weights[1]))
         if size == 0.0:
             return 0.0, float(np.sqrt(covariance[0, 0]))
-        return size, propagated(weights[:2] / size, covariance[:2, :2])
+        return size, propagate_std(weights[:2] / size, covariance[:2, :2])
 
     (frequency, frequency_std), (decay, decay_std) = after.frequency, after.decay_time
     amplitude, own = ringing(frequency, decay)

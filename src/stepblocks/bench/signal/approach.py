@@ -8,11 +8,11 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.separable import (
     SeparableFit,
-    damped_wave,
+    damped_wave_columns,
     fit_linear,
     fit_separable,
-    propagated,
-    wave,
+    propagate_std,
+    wave_columns,
 )
 
 _MAINS = (50.0, 60.0)  # [Hz]
@@ -45,7 +45,7 @@ class Landmarks:
     noise: float  # standard deviation of the white part of the noise of the tangential force [N]
 
 
-def white_noise(values: Array) -> float:
+def estimate_white_noise(values: Array) -> float:
     """Return the standard deviation of white noise, from fourth differences: blind to what is slow and to spikes."""
     fourth = np.abs(np.diff(values, n=4))
     # the median alone comes in steps where the record is quantised; it only says what is a spike
@@ -55,10 +55,10 @@ def white_noise(values: Array) -> float:
 
 def find_landmarks(time: Array, force: Array) -> Landmarks:
     """Find sliding, loading and slip in a tangential force."""
-    noise = white_noise(force)
+    noise = estimate_white_noise(force)
     smooth = np.convolve(force, np.full(5, 0.2), mode="same")
     smooth[:2], smooth[-2:] = force[:2], force[-2:]
-    peak = _peak_sample(force, smooth, noise)
+    peak = _find_peak_sample(force, smooth, noise)
     lead = smooth[: max(peak // 4, 1)]
     level = float(np.median(lead))
     rise = float(force[peak]) - level
@@ -76,20 +76,20 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
         raise LandmarkError(
             f"truncated: the record ends {(time[-1] - time[peak]) * 1e3:.3g} ms after the slip"
         )
-    return _with_onset(time, smooth, Landmarks(math.nan, peak, level, rise, noise))
+    return _add_onset(time, smooth, Landmarks(math.nan, peak, level, rise, noise))
 
 
-def bounded_landmarks(time: Array, force: Array) -> Landmarks:
+def find_bounded_landmarks(time: Array, force: Array) -> Landmarks:
     """Find sliding and loading up to the first sample at the top, be that the end of a gauge or of the record."""
-    noise, peak = white_noise(force), int(np.argmax(force))
+    noise, peak = estimate_white_noise(force), int(np.argmax(force))
     level = float(np.median(force[: max(peak // 4, 1)]))
     rise = float(force[peak]) - level
     if rise < _RISE_OVER_NOISE * noise or peak < 4 * _SLIDE_SAMPLES:
         raise LandmarkError("no ramp")
-    return _with_onset(time, force, Landmarks(math.nan, peak, level, rise, noise))
+    return _add_onset(time, force, Landmarks(math.nan, peak, level, rise, noise))
 
 
-def _peak_sample(force: Array, smooth: Array, noise: float) -> int:
+def _find_peak_sample(force: Array, smooth: Array, noise: float) -> int:
     """Last sample before the fall: on a gentle ramp noise lifts an earlier one over it."""
     coarse = int(np.argmax(smooth))
     first = max(coarse - 4, 0)
@@ -98,7 +98,7 @@ def _peak_sample(force: Array, smooth: Array, noise: float) -> int:
     return peak + (int(np.argmin(high)) if not high.all() else high.size) - 1
 
 
-def _with_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
+def _add_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
     """Put the onset where the line through the middle of the ramp meets the sliding level."""
     climb = smooth[: marks.peak + 1] - marks.level
     low = int(np.flatnonzero(climb < 0.25 * marks.rise)[-1])
@@ -157,14 +157,16 @@ class Approach:
             # the least-squares line through t^2 and t^3 over 0 to T climbs by T and by 0.9 T^2
             level, slope = self.clock.bend
             gradient[first + 5] = 3.0 * level * slope**2 * end + 0.9 * slope**3 * end**2
-        return float(gradient[first:] @ self.fit.weights), propagated(gradient, self.fit.covariance)
+        return float(gradient[first:] @ self.fit.weights), propagate_std(
+            gradient, self.fit.covariance
+        )
 
     def _bent(self, since: Array) -> Array:
         """Return what a bent ramp has over its line [N]."""
         return (
             np.zeros_like(since)
             if self.clock.bend is None
-            else self.hardening * bent(since, self.clock.bend)
+            else self.hardening * bend_of_ramp(since, self.clock.bend)
         )
 
     @property
@@ -178,7 +180,7 @@ class Approach:
 
     def line(self, time: Array) -> Array:
         """Line of the ramp with drift and hum [N], continued past its end."""
-        columns = _columns(time, self.onset, replace(self.clock, bend=None))
+        columns = _approach_columns(time, self.onset, replace(self.clock, bend=None))
         columns[:, 2] = time - self.onset
         return np.asarray(
             columns @ self.fit.weights[:5] + self._bent(time - self.onset), dtype=float
@@ -189,12 +191,14 @@ class Approach:
         size, gradient = self.fit.shape.size, np.zeros(self.fit.covariance.shape[0])
         gradient[0], gradient[size], gradient[size + 2] = -self.slope, 1.0, time - self.onset
         if self.clock.bend is not None:
-            gradient[size + 5] = float(bent(np.array([time - self.onset]), self.clock.bend)[0])
-        return propagated(gradient, self.fit.covariance)
+            gradient[size + 5] = float(
+                bend_of_ramp(np.array([time - self.onset]), self.clock.bend)[0]
+            )
+        return propagate_std(gradient, self.fit.covariance)
 
     def hum(self, time: Array) -> Array:
         """Hum alone [N], continued over the whole record."""
-        return np.asarray(wave(time, self.mains) @ self.fit.weights[3:5], dtype=float)
+        return np.asarray(wave_columns(time, self.mains) @ self.fit.weights[3:5], dtype=float)
 
     def sliding(self, time: Array) -> Array:
         """Level with hum and, where there is one, the start-up ring [N], on the clock of the fit."""
@@ -203,7 +207,7 @@ class Approach:
             return force
         frequency, decay = self.start_up
         return np.asarray(
-            force + damped_wave(time, frequency, decay) @ self.fit.weights[-2:], dtype=float
+            force + damped_wave_columns(time, frequency, decay) @ self.fit.weights[-2:], dtype=float
         )
 
     def ramp(self, time: float) -> float:
@@ -215,23 +219,27 @@ class Approach:
         )
 
 
-def mains_of(time: Array, values: Array) -> float:
+def find_mains(time: Array, values: Array) -> float:
     """Mains frequency that explains more of `values` [Hz]."""
 
     def left(mains: float) -> float:
-        rest = fit_linear(np.column_stack([np.ones_like(time), wave(time, mains)]), values)[1]
+        rest = fit_linear(np.column_stack([np.ones_like(time), wave_columns(time, mains)]), values)[
+            1
+        ]
         return float(rest @ rest)
 
     return min(_MAINS, key=left)
 
 
-def _columns(time: Array, onset: float, clock: Clock) -> Array:
+def _approach_columns(time: Array, onset: float, clock: Clock) -> Array:
     since = np.maximum(time - onset, 0.0)
-    columns = [np.ones_like(time), time - clock.center, since, wave(time, clock.mains)]
-    return np.column_stack(columns if clock.bend is None else [*columns, bent(since, clock.bend)])
+    columns = [np.ones_like(time), time - clock.center, since, wave_columns(time, clock.mains)]
+    return np.column_stack(
+        columns if clock.bend is None else [*columns, bend_of_ramp(since, clock.bend)]
+    )
 
 
-def bent(since: Array, bend: tuple[float, float]) -> Array:
+def bend_of_ramp(since: Array, bend: tuple[float, float]) -> Array:
     """Return what a spring that hardens adds, per g, to a ramp that begins at a level with a slope."""
     level, slope = bend
     return 3.0 * level * (slope * since) ** 2 + (slope * since) ** 3
@@ -242,11 +250,11 @@ def fit_approach(
 ) -> Approach:
     """Fit sliding and ramp together, and how the ramp bends where it clearly does and need not be straight."""
     slide_end = int(np.searchsorted(time, marks.onset))
-    mains = mains_of(time[:slide_end], force[:slide_end])
+    mains = find_mains(time[:slide_end], force[:slide_end])
     clock = Clock(mains, float(time[: max(slide_end, 1)].mean()), float(np.median(np.diff(time))))
     found = _fit_ramp(time, force, marks, clock, start_up)
     since = np.maximum(time[: found.end] - found.onset, 0.0)
-    if not straight and found.fit.lacks(bent(since, (found.level, found.slope))):
+    if not straight and found.fit.lacks(bend_of_ramp(since, (found.level, found.slope))):
         for _ in range(_BENDS):  # the slope with which it begins tells how it bends
             found = _fit_ramp(
                 time, force, marks, replace(clock, bend=(found.level, found.slope)), start_up
@@ -265,8 +273,8 @@ def _fit_ramp(
     onset = float(fit.shape[0])
     # the filter of a converter rings a sample or two ahead of a corner
     rest = slice(end, max(marks.peak - 2, end))
-    columns = _columns(time[rest], onset, clock)
-    left = _leaves_line(force[rest] - columns @ fit.weights[: columns.shape[1]], marks.noise)
+    columns = _approach_columns(time[rest], onset, clock)
+    left = _find_end_of_line(force[rest] - columns @ fit.weights[: columns.shape[1]], marks.noise)
     extended = marks.peak if left is None else end + left
     if extended > end:
         end = extended
@@ -280,7 +288,7 @@ def _fit_until(
     reach = max(0.25 * (float(t[-1]) - onset), 5.0 * clock.step)
 
     def plain(shape: Array) -> Array:
-        return _columns(t, float(shape[0]), clock)
+        return _approach_columns(t, float(shape[0]), clock)
 
     first = np.array([onset])
     fit = fit_separable(
@@ -291,13 +299,15 @@ def _fit_until(
 
     def ringing(shape: Array) -> Array:
         decay = np.where(t < shape[0], np.exp(-(t - t[0]) / shape[2]), 0.0)
-        return np.column_stack([plain(shape), decay[:, None] * wave(t - t[0], float(shape[1]))])
+        return np.column_stack(
+            [plain(shape), decay[:, None] * wave_columns(t - t[0], float(shape[1]))]
+        )
 
     # does what sliding and ramp leave over hold a ring that begins with the record?
     frequency, decay_time = start_up
     before = t < fit.shape[0]
     since, left = t[before] - t[0], fit.residuals[before]
-    rest = fit_linear(damped_wave(since, frequency, decay_time), left)[1]
+    rest = fit_linear(damped_wave_columns(since, frequency, decay_time), left)[1]
     had, has = float(left @ left), float(rest @ rest)
     # two parameters more explain 2/n of white noise by chance
     if not had - has > max(_START_UP_GAIN, 20.0 / max(since.size, 1)) * had:
@@ -310,7 +320,7 @@ def _fit_until(
     )
 
 
-def _leaves_line(miss: Array, noise: float) -> int | None:
+def _find_end_of_line(miss: Array, noise: float) -> int | None:
     """First sample from which on the force is off the line of the ramp for good; None where it stays on it."""
     if not miss.size:
         return None

@@ -8,26 +8,33 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.bench.signal import Array, Estimate, Tool, Trace, set_down
+from stepblocks.bench.signal import Array, Estimate, Tool, Trace, find_set_down
 from stepblocks.bench.signal.aftermath import (
     Aftermath,
-    as_bell,
-    normal_level,
-    settle,
-    sympathetic_force,
-    whole_noise,
+    estimate_whole_noise,
+    fit_aftermath,
+    fit_bell,
+    measure_normal_level,
+    measure_sympathetic_force,
 )
 from stepblocks.bench.signal.approach import (
     Approach,
     LandmarkError,
     Landmarks,
-    bounded_landmarks,
+    find_bounded_landmarks,
     find_landmarks,
     fit_approach,
 )
-from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, extremum, find_saw, regime_of
+from stepblocks.bench.signal.regimes import (
+    USUAL_TOOL,
+    Motion,
+    Saw,
+    classify_regime,
+    find_extremum,
+    find_saw,
+)
 from stepblocks.bench.signal.ring import Ring, guess_ring
-from stepblocks.bench.signal.separable import propagated, weighed
+from stepblocks.bench.signal.separable import fit_with_covariance, propagate_std
 
 LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
 VIBRATION_BAND = (
@@ -59,7 +66,7 @@ class Peak:
     corner: bool  # whether the ramp ran into the release in a corner; otherwise the peak is rounded
 
 
-def peak_of(
+def find_peak(
     time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath
 ) -> Peak:
     """Find the peak: the corner of ramp and release, both fitted, or the top of a cubic through a rounded one."""
@@ -68,13 +75,13 @@ def peak_of(
     corner = None
     if approach.end >= marks.peak - 1:
         if isinstance(after.ring, Ring):
-            corner = _corner(time, marks, approach, after.ring)
+            corner = _find_corner(time, marks, approach, after.ring)
         else:
-            corner = _corner_of_fall(time, force, marks, approach)
-    return corner or _rounded(time, force, marks, approach)
+            corner = _find_corner_of_fall(time, force, marks, approach)
+    return corner or _find_rounded_peak(time, force, marks, approach)
 
 
-def _corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Peak | None:
+def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Peak | None:
     from scipy.optimize import brentq
 
     top, step = float(time[marks.peak]), float(np.median(np.diff(time)))
@@ -98,7 +105,9 @@ def _corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Pe
     return Peak(instant, approach.ramp(instant), spread, corner=True)
 
 
-def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak | None:
+def _find_corner_of_fall(
+    time: Array, force: Array, marks: Landmarks, approach: Approach
+) -> Peak | None:
     """Corner of the ramp and a parabola through the first samples after it."""
     # noise decides which of the samples about a corner is the highest; the fall begins where the
     # line is left
@@ -114,7 +123,7 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
     t = (time[first:last] - time[first]) / step
     y = force[first:last] - approach.line(time[first:last])
     columns = np.vander(t, 3, increasing=True)
-    weights, covariance = weighed(columns, y)
+    weights, covariance = fit_with_covariance(columns, y)
     grid = np.linspace(-_CORNER_REACH, 0.0, 701)
     excess = np.vander(grid, 3, increasing=True) @ weights
     above = np.flatnonzero(excess > 0.0)
@@ -126,8 +135,8 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
         return None
     gradient = np.asarray(at ** np.arange(3), dtype=float)
     noise = max(
-        propagated(gradient, covariance),
-        propagated(gradient, np.asarray(np.linalg.inv(columns.T @ columns), dtype=float))
+        propagate_std(gradient, covariance),
+        propagate_std(gradient, np.asarray(np.linalg.inv(columns.T @ columns), dtype=float))
         * marks.noise,
     )
     instant = float(time[first]) + at * step
@@ -137,7 +146,7 @@ def _corner_of_fall(time: Array, force: Array, marks: Landmarks, approach: Appro
     return Peak(instant, approach.ramp(instant), spread, corner=True)
 
 
-def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
+def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
     clean = force - approach.hum(time)
     near = np.convolve(clean, np.full(5, 0.2), mode="same")
     close = near > near[marks.peak] - max(_TOP_SHARE * marks.rise, 3.0 * marks.noise)
@@ -151,14 +160,16 @@ def _rounded(time: Array, force: Array, marks: Landmarks, approach: Approach) ->
     first, last = min(first, marks.peak - 3), max(last, marks.peak + 3)
     t = time[first : last + 1] - time[marks.peak]
     reach = float(np.abs(t).max())
-    weights, covariance = weighed(np.vander(t / reach, 4, increasing=True), clean[first : last + 1])
+    weights, covariance = fit_with_covariance(
+        np.vander(t / reach, 4, increasing=True), clean[first : last + 1]
+    )
     grid = np.linspace(t[0], t[-1], 801) / reach
     heights = np.vander(grid, 4, increasing=True) @ weights
     best = int(np.argmax(heights))
     gradient = np.asarray(grid[best] ** np.arange(4), dtype=float)
     instant, spread = (
         float(time[marks.peak] + grid[best] * reach),
-        _ROUND_SPREAD * propagated(gradient, covariance),
+        _ROUND_SPREAD * propagate_std(gradient, covariance),
     )
     return Peak(instant, float(heights[best]), spread, corner=False)
 
@@ -178,7 +189,7 @@ class Loading:
     @property
     def features(self) -> dict[str, Any]:
         """What can be said of `FEATURE_COLUMNS`."""
-        return _figures(_OF_LOADING, self)
+        return _compute_figures(_OF_LOADING, self)
 
     def slope(self) -> Estimate:
         """Slope of the ramp, and its standard uncertainty [N/s]."""
@@ -208,7 +219,7 @@ class Measurement(Loading):
     @cached_property
     def features(self) -> dict[str, Any]:
         """One value for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it."""
-        return _figures(_FIGURES, self)
+        return _compute_figures(_FIGURES, self)
 
     def sticking(self) -> tuple[float, ...]:
         """Amplitude and time of sticking, and static friction, from the saw before the edge; else not-a-number."""
@@ -232,7 +243,7 @@ _Figures = dict[
 ]  # columns, and what stands in them
 
 
-def _figures(of: _Figures, seen: Loading) -> dict[str, Any]:
+def _compute_figures(of: _Figures, seen: Loading) -> dict[str, Any]:
     return {
         name: value
         for names, told in of.items()
@@ -284,7 +295,7 @@ def measure_trace(
     trace: Trace, spring_constant: float, speed: float = float("nan"), tool: Tool | None = None
 ) -> Measurement:
     """Measure one trace."""
-    loaded, zeros = set_down(trace)
+    loaded, zeros = find_set_down(trace)
     trace = Trace(trace.time[loaded:], trace.tangential[loaded:], trace.normal[loaded:])
     time, force = trace.time - trace.time[0], trace.tangential
     marks = find_landmarks(time, force)
@@ -296,17 +307,23 @@ def measure_trace(
     # the ramp of a tip that stuck begins with its last tooth
     start_up = tool or guess_ring(time[late:], force[late:])
     approach = fit_approach(time, force, marks, start_up, straight=saw is not None)
-    after = settle(time, force, marks, approach, tool or (USUAL_TOOL if saw else None), saw=saw)
-    peak = peak_of(time, force, marks, approach, after)
+    after = fit_aftermath(
+        time, force, marks, approach, tool or (USUAL_TOOL if saw else None), saw=saw
+    )
+    peak = find_peak(time, force, marks, approach, after)
     if saw is not None:  # static friction gives way at once, and no straight ramp led up to it
-        top, std, instant = extremum(time, force, marks.peak, 0.1 / after.frequency[0], marks.noise)
+        top, std, instant = find_extremum(
+            time, force, marks.peak, 0.1 / after.frequency[0], marks.noise
+        )
         peak = Peak(instant, top, std, corner=False)
     if peak.corner and after.damped:  # which sample is the highest is a matter of noise
-        after = as_bell(time, force, peak.time, approach.mains, whole_noise(time, approach, marks))
-        peak = peak_of(time, force, marks, approach, after)
+        after = fit_bell(
+            time, force, peak.time, approach.mains, estimate_whole_noise(time, approach, marks)
+        )
+        peak = find_peak(time, force, marks, approach, after)
     if peak.corner:
-        after = after.carried_to(peak.time)
-    load = normal_level(time, trace.normal, approach)
+        after = after.carry_to(peak.time)
+    load = measure_normal_level(time, trace.normal, approach)
     clean = force - approach.hum(time)
     frequency, decay = tool or (after.frequency[0], after.decay_time[0])
     damping, top = 1.0 / (2.0 * math.pi * frequency * decay), int(np.searchsorted(time, peak.time))
@@ -316,15 +333,15 @@ def measure_trace(
     return Measurement(
         *(float(trace.time[0]), approach, peak, load, zeros, speed, saw),
         aftermath=after,
-        sympathetic=sympathetic_force(time, trace.normal, approach, after),
-        shares=_shares(time, force, approach, after, peak),
-        regime=regime_of(motion, saw, after.damped),
+        sympathetic=measure_sympathetic_force(time, trace.normal, approach, after),
+        shares=_compute_shares(time, force, approach, after, peak),
+        regime=classify_regime(motion, saw, after.damped),
         spring_constant=spring_constant,
         noise=marks.noise,
     )
 
 
-def censored_features(
+def measure_censored(
     trace: Trace, spring_constant: float, speed: float, reason: str
 ) -> dict[str, Any]:
     """Say what a record shows whose gauge saturated or whose tip never slipped: its peak force is a lower bound."""
@@ -340,18 +357,18 @@ def censored_features(
             # no friction
             cut = slid.size and np.mean(slid >= np.abs(trace.normal).max()) > _CUT_SHARE
             return {n: v for n, v in features.items() if not (cut and n.startswith(_OVER_LOAD))}
-        loaded, zeros = set_down(trace)
+        loaded, zeros = find_set_down(trace)
         time, force = trace.time[loaded:] - trace.time[loaded], trace.tangential[loaded:]
-        marks = bounded_landmarks(time, force)
+        marks = find_bounded_landmarks(time, force)
         approach = fit_approach(time, force, marks, None)
-        load = normal_level(time, trace.normal[loaded:], approach)
+        load = measure_normal_level(time, trace.normal[loaded:], approach)
     except (LandmarkError, ValueError, np.linalg.LinAlgError):
         return {}
     least = Peak(math.nan, float(force[marks.peak]), math.nan, corner=False)
     return Loading(float(trace.time[loaded]), approach, least, load, zeros, speed).features
 
 
-def _shares(
+def _compute_shares(
     time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak
 ) -> tuple[float, float]:
     rate = (time.size - 1) / (time[-1] - time[0])
@@ -361,12 +378,12 @@ def _shares(
         time, (approach.onset, peak.time, max(after.start, peak.time), over)
     )
     return (
-        band_share(clean[onset:release] - approach.level, rate, LOADING_BAND),
-        band_share(clean[begin:end] - after.level[0], rate, VIBRATION_BAND),
+        compute_band_share(clean[onset:release] - approach.level, rate, LOADING_BAND),
+        compute_band_share(clean[begin:end] - after.level[0], rate, VIBRATION_BAND),
     )
 
 
-def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
+def compute_band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
     """Share of the energy of a transient that lies in a band, as in figures 4 and 5 of the paper, by Parseval's theorem."""
     # no window: a transient ends by itself, and a window would move energy from the release into
     # the band
@@ -382,7 +399,7 @@ def band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
     return float(density[inside].sum() / density.sum())
 
 
-def tool_of(features: Iterable[dict[str, float]]) -> Tool | None:
+def average_tool(features: Iterable[dict[str, float]]) -> Tool | None:
     """Frequency [Hz] and decay time [s] of the tool from some trials that show them well, or None."""
     clear = [
         (row["ring_frequency_hz"], row["decay_time_s"])

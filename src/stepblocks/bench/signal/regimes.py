@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool
-from stepblocks.bench.signal.approach import Landmarks, white_noise
-from stepblocks.bench.signal.separable import fit_linear, propagated
+from stepblocks.bench.signal.approach import Landmarks, estimate_white_noise
+from stepblocks.bench.signal.separable import fit_linear, propagate_std
 
 USUAL_TOOL = (
     300.0,
@@ -84,7 +84,7 @@ def find_saw(
         return None
     (frequency, decay), root = tool, math.sqrt(len(teeth))
     low, high = (
-        np.array([extremum(time, force, i, 0.1 / frequency, marks.noise)[0] for i in where])
+        np.array([find_extremum(time, force, i, 0.1 / frequency, marks.noise)[0] for i in where])
         for where in zip(*teeth, strict=True)
     )
     top, bottom = float(np.median(high)), float(np.median(low))
@@ -120,7 +120,7 @@ def find_saw(
     )
 
 
-def extremum(
+def find_extremum(
     time: Array, force: Array, index: int, reach: float, noise: float
 ) -> tuple[float, float, float]:
     """Value, standard uncertainty [N] and instant [s] of a bottom or top, by a quartic about it."""
@@ -139,10 +139,10 @@ def extremum(
     # own
     at = float(grid[turned]) if np.ptp(curve) > _FAINT * noise else 0.0
     gradient = np.asarray(at ** np.arange(5), dtype=float)
-    return float(gradient @ weights), propagated(gradient, unit), float(time[index]) + at * reach
+    return float(gradient @ weights), propagate_std(gradient, unit), float(time[index]) + at * reach
 
 
-def first_swing(motion: Motion) -> tuple[float, float, float]:
+def find_first_swing(motion: Motion) -> tuple[float, float, float]:
     """Bottom of the first swing below the sliding level after a slip: depth, its standard uncertainty [N], instant [s]."""
     # the tip runs forward all through that swing, so that friction is part of the level, whatever
     # comes after it
@@ -154,7 +154,7 @@ def first_swing(motion: Motion) -> tuple[float, float, float]:
         width = max(int(0.2 * period / float(np.median(np.diff(time)))), 1)
         smooth = np.convolve(force, np.full(width, 1.0 / width), mode="same")
     lowest = min(fallen + int(np.argmin(smooth[fallen:end])), time.size - 6)
-    bottom, std, instant = extremum(time, force, lowest, _SWING_SHARE * period, motion.noise)
+    bottom, std, instant = find_extremum(time, force, lowest, _SWING_SHARE * period, motion.noise)
     depth, before = motion.level - bottom, instant - period
     if before < time[motion.peak] + 0.5 * period:
         return depth, std, instant
@@ -163,7 +163,7 @@ def first_swing(motion: Motion) -> tuple[float, float, float]:
     # they are those that another would put it below
     begin, end = np.searchsorted(time, [before - 0.25 * period, before + 0.25 * period])
     earlier = int(begin + np.argmin(smooth[begin:end]))
-    bottom, spread, _ = extremum(time, force, earlier, _SWING_SHARE * period, motion.noise)
+    bottom, spread, _ = find_extremum(time, force, earlier, _SWING_SHARE * period, motion.noise)
     odds = 0.5 * math.erfc((bottom - motion.level) / spread / 2.0)
     apart = depth - max(motion.level - bottom, 0.0)
     return depth - odds * apart, math.hypot(std, math.sqrt(odds * (1.0 - odds)) * apart), instant
@@ -198,7 +198,7 @@ class Motion:
         return self.peak + int(below[0]) if below.size else self.force.size - 3
 
 
-def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
+def classify_regime(motion: Motion, saw: Saw | None, bell: bool) -> str:
     """Say what the tip did; `bell` where a damped cosine explains the ring, as of a tool whose tip hangs free."""
     if saw is not None:
         return "stick-slip"
@@ -207,7 +207,7 @@ def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
     time, peak, fallen = motion.time, motion.peak, motion.fallen
     after = motion.normal[peak : int(np.searchsorted(time, time[fallen] + 5.0 / motion.frequency))]
     unloaded = after < min(
-        float(after.min()) + _NO_LOAD * white_noise(motion.normal), _LIGHT * motion.load
+        float(after.min()) + _NO_LOAD * estimate_white_noise(motion.normal), _LIGHT * motion.load
     )
     if np.count_nonzero(unloaded) >= _FLIGHT_SAMPLES:
         return "flight"
@@ -220,7 +220,7 @@ def regime_of(motion: Motion, saw: Saw | None, bell: bool) -> str:
     # it stops where the force is as far from sliding as its swing, but for the ramp, and slips back
     # past friction's other side
     omega = 2.0 * math.pi * motion.frequency
-    depth, std, _ = first_swing(motion)
+    depth, std, _ = find_first_swing(motion)
     stopped = math.sqrt(max(depth**2 - (motion.slope / omega) ** 2, 0.0))
     turns = stopped - std > 2.0 * motion.level + 2.0 * motion.damping * motion.slope / omega
     return "rubbing" if turns or back > _BACK_NOISE * motion.noise / math.sqrt(5.0) else "snap"

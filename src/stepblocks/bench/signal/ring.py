@@ -23,16 +23,16 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.separable import (
     SeparableFit,
-    covariance_of,
-    damped_wave,
+    compute_misfit,
+    compute_numeric_jacobian,
+    damped_wave_columns,
+    estimate_covariance,
     fit_linear,
     fit_separable,
-    misfit,
-    numeric_jacobian,
-    propagated,
-    wave,
+    propagate_std,
+    wave_columns,
 )
-from stepblocks.contact.kernels import softened
+from stepblocks.contact.kernels import compute_softened_force
 
 # relative spread of frequency and decay time about a guess from the trial itself, and about what
 # others told
@@ -84,9 +84,11 @@ class Ring:
         """Return the standard uncertainty of `curve` at one instant [N]."""
         at = np.array([instant - self.origin])
         step = np.array([1e-3, 1e-6, 1e-6, 1e-4])[: self.fit.shape.size]
-        slopes = numeric_jacobian(lambda shape: self._model(at, shape), self.fit.shape, step)
+        slopes = compute_numeric_jacobian(
+            lambda shape: self._model(at, shape), self.fit.shape, step
+        )
         columns = _columns(at, self.origin, self.mains, self.fit.shape, self.about)
-        return propagated(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
+        return propagate_std(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
 
     def amplitude(self, instant: float) -> Estimate:
         """Amplitude of the ring, carried to an instant by its decay, and its standard uncertainty [N]."""
@@ -99,7 +101,7 @@ class Ring:
         gradient[1] = carried * reach / decay**2
         if size > 0.0:
             gradient[-2:] = growth * cosine / size, growth * sine / size
-        return carried, propagated(gradient, self.fit.covariance)
+        return carried, propagate_std(gradient, self.fit.covariance)
 
     def _model(self, since: Array, shape: Array) -> Array:
         return np.asarray(
@@ -121,7 +123,8 @@ def guess_ring(time: Array, values: Array) -> Tool:
 
     def left(decay: float) -> float:
         rest = fit_linear(
-            np.column_stack([np.ones_like(since), damped_wave(since, frequency, decay)]), values
+            np.column_stack([np.ones_like(since), damped_wave_columns(since, frequency, decay)]),
+            values,
         )[1]
         return float(rest @ rest)
 
@@ -175,7 +178,9 @@ def _fit_damped(
         origin=origin,
         mains=mains,
         fit=fit,
-        misfit=misfit(fit.residuals, count + 7, int(np.searchsorted(time, origin + _BEGIN)), noise),
+        misfit=compute_misfit(
+            fit.residuals, count + 7, int(np.searchsorted(time, origin + _BEGIN)), noise
+        ),
         about=about,
     )
 
@@ -183,31 +188,31 @@ def _fit_damped(
 def _columns(since: Array, origin: float, mains: float, shape: Array, about: float = 0.0) -> Array:
     """Level and drift from the slip on, hum on the clock of the record, rest of the release, ring."""
     frequency, decay, release, *cubic = shape.tolist()
-    hum = wave(since + origin, mains)
+    hum = wave_columns(since + origin, mains)
     ring = (
-        _hardening_wave(since, (frequency, decay, *cubic), about)
+        _hardening_columns(since, (frequency, decay, *cubic), about)
         if cubic
-        else damped_wave(since, frequency, decay)
+        else damped_wave_columns(since, frequency, decay)
     )
     return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])
 
 
-def _hardening_wave(since: Array, tool: tuple[float, ...], about: float) -> Array:
+def _hardening_columns(since: Array, tool: tuple[float, ...], about: float) -> Array:
     """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1, and its rate over its pulsation."""
     # `tool` is the frequency of small swings about the level, the decay time, and g; `about` the
     # level.
     frequency, decay, cubic = tool
-    rest, first = softened(about, cubic), softened(about + 1.0, cubic)
+    rest, first = compute_softened_force(about, cubic), compute_softened_force(about + 1.0, cubic)
     omega = 2.0 * math.pi * frequency / math.sqrt(1.0 + 3.0 * cubic * rest**2)
     time = np.abs(since)  # a little before the release the same as after it
     count = int(float(time.max()) / _FINE_STEP) + 2
-    swing = _compiled(_swing)(count, (omega, decay, cubic), about, first - rest, rest)
+    swing = _compile_once(_integrate_swing)(count, (omega, decay, cubic), about, first - rest, rest)
     clock = _FINE_STEP * np.arange(count)
     rate = np.interp(time, clock, swing[:, 1]) * np.sign(since) / (-2.0 * math.pi * frequency)
     return np.column_stack([np.interp(time, clock, swing[:, 0]), rate])
 
 
-def _swing(
+def _integrate_swing(
     count: int, tool: tuple[float, float, float], about: float, begin: float, rest: float
 ) -> Array:
     """Force over its level and its rate, step by step; written for a compiler, nothing checked."""
@@ -241,39 +246,41 @@ class RubbingRing:
 
     def curve(self, time: Array) -> Array:
         """Return the fit without hum [N] at the instants `time`, all after `origin`."""
-        return _rubbing(self.values, time - self.origin, self.slope)
+        return _rubbing_with_drift(self.values, time - self.origin, self.slope)
 
     def std(self, index: int) -> float:
         """Return the standard uncertainty of one of `values`."""
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
 
-def rubbing_force(
+def compute_rubbing_force(
     time: Array, level: float, gap: float, tool: Tool, start: tuple[float, float], slope: float
 ) -> Array:
     """Force of the tool after the slip [N], piece by piece in closed form; 1e6 from where on the tip chatters without end."""
     # `level` holds while the tip slips forward and is lower by `gap` while it slips back [N];
     # `start` is the force [N] and its rate [N/s] at 0; `slope` is that of the force while the tip
     # sticks [N/s].
-    return np.asarray(_compiled(_rub)(time, (level, gap), tool, start, slope), dtype=float)
+    return np.asarray(
+        _compile_once(_rubbing_kernel)(time, (level, gap), tool, start, slope), dtype=float
+    )
 
 
 @cache
-def _compiled(kernel: Callable[..., Array]) -> Callable[..., Array]:
+def _compile_once(kernel: Callable[..., Array]) -> Callable[..., Array]:
     """Compile a kernel when it is first wanted: a fit calls it some hundred times."""
     from numba import njit
 
     return cast("Callable[..., Array]", njit(cache=True)(kernel))
 
 
-def _rub(
+def _rubbing_kernel(
     time: Array,
     levels: tuple[float, float],
     tool: tuple[float, float],
     start: tuple[float, float],
     slope: float,
 ) -> Array:
-    """Go half cycle by half cycle; written for a compiler, nothing checked. See `rubbing_force`."""
+    """Go half cycle by half cycle; written for a compiler, nothing checked. See `compute_rubbing_force`."""
     (level, gap), (frequency, decay), (force, rate) = levels, tool, start
     omega = 2.0 * math.pi * frequency
     result = np.empty_like(time)
@@ -339,9 +346,11 @@ def _rub(
     return result
 
 
-def _rubbing(values: Array, time: Array, slope: float) -> Array:
+def _rubbing_with_drift(values: Array, time: Array, slope: float) -> Array:
     level, gap, frequency, decay, offset, rate, drift = values
-    force = rubbing_force(time, level, gap, (frequency, decay), (level + offset, rate), slope)
+    force = compute_rubbing_force(
+        time, level, gap, (frequency, decay), (level + offset, rate), slope
+    )
     return np.asarray(force + drift * time, dtype=float)
 
 
@@ -375,7 +384,7 @@ def fit_rubbing_ring(
         start = np.array([level, gap + 1e-6, frequency, decay, offset, 0.0, 0.0])
         found = least_squares(
             lambda p: np.append(
-                _rubbing(p, t, slope) - force, (p[2:4] - (frequency, decay)) * known
+                _rubbing_with_drift(p, t, slope) - force, (p[2:4] - (frequency, decay)) * known
             ),
             np.clip(start, lower, upper),
             bounds=(lower, upper),
@@ -386,23 +395,23 @@ def fit_rubbing_ring(
         if best is None or found.cost < (1.0 - _ALIKE) * best.cost:
             best = found
         # a tip that never slips back in this course says nothing of the gap
-        moved = _rubbing(best.x, t, slope) - _rubbing(
+        moved = _rubbing_with_drift(best.x, t, slope) - _rubbing_with_drift(
             best.x * [1.0, 0.98, 1.0, 1.0, 1.0, 1.0, 1.0], t, slope
         )
-        if misfit(best.fun[:-2], 7, begin, noise) < _GOOD and bool(
+        if compute_misfit(best.fun[:-2], 7, begin, noise) < _GOOD and bool(
             np.any(np.abs(moved) > _ROUNDING)
         ):
             break
     assert best is not None
     values, residuals = np.asarray(best.x, dtype=float), -np.asarray(best.fun[:-2], dtype=float)
-    jacobian = numeric_jacobian(
-        lambda p: _rubbing(p, t, slope), values, 1e-3 * _SCALE, lower, upper
+    jacobian = compute_numeric_jacobian(
+        lambda p: _rubbing_with_drift(p, t, slope), values, 1e-3 * _SCALE, lower, upper
     )
     prior = np.zeros((2, 7))
     prior[0, 2], prior[1, 3] = known
     covariance, missed = (
-        covariance_of(jacobian, residuals, prior),
-        misfit(residuals, 7, begin, noise),
+        estimate_covariance(jacobian, residuals, prior),
+        compute_misfit(residuals, 7, begin, noise),
     )
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample
     # was not seen

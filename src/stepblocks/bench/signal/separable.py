@@ -35,7 +35,9 @@ class SeparableFit:
     def lacks(self, column: Array) -> bool:
         """Whether one column more would clearly take a positive weight: one Gauss-Newton step."""
         columns = np.column_stack([self.jacobian, column])
-        weights, covariance = weighed(columns / np.linalg.norm(columns, axis=0), self.residuals)
+        weights, covariance = fit_with_covariance(
+            columns / np.linalg.norm(columns, axis=0), self.residuals
+        )
         return bool(weights[-1] > _CLEAR * math.sqrt(covariance[-1, -1]))
 
 
@@ -66,9 +68,13 @@ def fit_separable(
         )
         shape = np.asarray(found.x, dtype=float)
     weights, residuals = solve(shape)
-    slopes = numeric_jacobian(lambda p: basis(p) @ weights, shape, scale * 1e-4, lower, upper)
+    slopes = compute_numeric_jacobian(
+        lambda p: basis(p) @ weights, shape, scale * 1e-4, lower, upper
+    )
     jacobian = np.column_stack([slopes, basis(shape)])
-    return SeparableFit(shape, weights, covariance_of(jacobian, residuals), residuals, jacobian)
+    return SeparableFit(
+        shape, weights, estimate_covariance(jacobian, residuals), residuals, jacobian
+    )
 
 
 def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tuple[Array, Array]:
@@ -77,24 +83,26 @@ def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tup
     return np.asarray(weights, dtype=float), np.asarray(values - columns @ weights, dtype=float)
 
 
-def weighed(columns: Array, values: Array) -> tuple[Array, Array]:
+def fit_with_covariance(columns: Array, values: Array) -> tuple[Array, Array]:
     """Return weights of ``values = columns @ weights`` and their covariance."""
     weights, residuals = fit_linear(columns, values)
-    return weights, covariance_of(columns, residuals)
+    return weights, estimate_covariance(columns, residuals)
 
 
-def damped_wave(time: Array, frequency: float, decay_time: float) -> Array:
+def damped_wave_columns(time: Array, frequency: float, decay_time: float) -> Array:
     """Columns of a cosine and a sine that die away."""
-    return np.asarray(np.exp(-time / decay_time)[:, None] * wave(time, frequency), dtype=float)
+    return np.asarray(
+        np.exp(-time / decay_time)[:, None] * wave_columns(time, frequency), dtype=float
+    )
 
 
-def wave(time: Array, frequency: float) -> Array:
+def wave_columns(time: Array, frequency: float) -> Array:
     """Columns of a cosine and a sine."""
     phase = 2.0 * np.pi * frequency * time
     return np.column_stack([np.cos(phase), np.sin(phase)])
 
 
-def numeric_jacobian(
+def compute_numeric_jacobian(
     model: Callable[[Array], Array],
     point: Array,
     step: Array,
@@ -111,7 +119,7 @@ def numeric_jacobian(
     return np.column_stack(columns) if columns else np.empty((model(point).size, 0))
 
 
-def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None) -> Array:
+def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None = None) -> Array:
     """Covariance of the parameters, widened by the autocorrelation of the residuals: they carry less than their number."""
     # Rows of `known`, in the unit of the data per parameter, count as further exact measurements.
     count, parameters = jacobian.shape
@@ -126,11 +134,12 @@ def covariance_of(jacobian: Array, residuals: Array, known: Array | None = None)
     root = np.linalg.pinv(scaled, rcond=_UNSEEN)
     inverse = root @ root.T
     return np.asarray(
-        inverse / np.outer(size, size) * noise**2 * correlation_inflation(residuals), dtype=float
+        inverse / np.outer(size, size) * noise**2 * compute_correlation_inflation(residuals),
+        dtype=float,
     )
 
 
-def correlation_inflation(residuals: Array) -> float:
+def compute_correlation_inflation(residuals: Array) -> float:
     """Factor by which correlation between neighbours widens a variance: ``1 + 2 sum rho_k``, up to what noise can give."""
     count, power, total = residuals.size, float(residuals @ residuals), 0.0
     if count < 16 or power == 0.0:
@@ -144,13 +153,13 @@ def correlation_inflation(residuals: Array) -> float:
     return 1.0 + 2.0 * total
 
 
-def propagated(gradient: Array, covariance: Array) -> float:
+def propagate_std(gradient: Array, covariance: Array) -> float:
     """Return the standard uncertainty of a quantity with this gradient in the parameters of a covariance."""
     variance = float(gradient @ covariance @ gradient)
     return math.sqrt(variance) if variance > 0.0 else 0.0
 
 
-def misfit(residuals: Array, parameters: int, begin: int, noise: float) -> float:
+def compute_misfit(residuals: Array, parameters: int, begin: int, noise: float) -> float:
     """Return by how many standard errors a fit misses its noise: of the whole or of its begin, whichever is worse."""
     # a fit of a ring that is wrong is wrong where the ring is largest; over the whole record that
     # goes under

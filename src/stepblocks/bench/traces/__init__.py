@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.bench.session import Place, Session, fill_pattern, inside
-from stepblocks.bench.signal import Trace, TraceError, check_size, listed
+from stepblocks.bench.session import Place, Session, fill_pattern, resolve_inside
+from stepblocks.bench.signal import Trace, TraceError, check_size, join_first
 from stepblocks.bench.traces import hdf5, mat, tdms
 from stepblocks.confined import read_confined
 from stepblocks.errors import BenchError
@@ -47,9 +47,9 @@ def _open_text(path: Path, layout: Layout) -> nullcontext[Any]:
     return nullcontext(table)
 
 
-def _text_column(table: Any, name: str | int) -> Any:
+def _read_text_column(table: Any, name: str | int) -> Any:
     if name not in table.columns:
-        told = listed(map(str, table.columns))
+        told = join_first(map(str, table.columns))
         raise TraceError(f"unknown channel: {table.attrs['file']} has no {name!r}, it has {told}")
     return table[name].to_numpy()
 
@@ -57,15 +57,17 @@ def _text_column(table: Any, name: str | int) -> Any:
 # how a file is opened, how the group of a trial is found in it, and how a column of that, of shape
 # (n,), is read in the units of the file; all raise `TraceError`
 READERS: dict[str, tuple[Any, Any, Any]] = {
-    "csv": (_open_text, lambda table, _: table, _text_column),
-    "hdf5": (hdf5.open_hdf5, hdf5.hdf5_group, hdf5.hdf5_column),
-    "tdms": (tdms.open_tdms, tdms.tdms_group, tdms.tdms_column),
-    "mat": (mat.open_mat, mat.mat_group, mat.mat_column),
+    "csv": (_open_text, lambda table, _: table, _read_text_column),
+    "hdf5": (hdf5.open_hdf5, hdf5.find_hdf5_group, hdf5.read_hdf5_column),
+    "tdms": (tdms.open_tdms, tdms.find_tdms_group, tdms.read_tdms_column),
+    "mat": (mat.open_mat, mat.find_mat_group, mat.read_mat_column),
 }
 
 
 @lru_cache(maxsize=1)
-def _opened(kind: str, path: Path, _stamp: tuple[int, ...], layout: str) -> tuple[Any, ExitStack]:
+def _open_cached(
+    kind: str, path: Path, _stamp: tuple[int, ...], layout: str
+) -> tuple[Any, ExitStack]:
     """Open a file that stays open for the trials that follow, as long as what holds it is kept."""
     holder = ExitStack()
     return holder.enter_context(READERS[kind][0](path, json.loads(layout))), holder
@@ -73,7 +75,7 @@ def _opened(kind: str, path: Path, _stamp: tuple[int, ...], layout: str) -> tupl
 
 def close_traces(path: Path) -> dict[str, Any]:
     """Let a container go; called in the confined process, as the next."""
-    _opened.cache_clear()
+    _open_cached.cache_clear()
     return {}
 
 
@@ -85,11 +87,11 @@ def read_columns(
     opened, group_of, column = READERS[kind]
     try:
         stamp = found.st_ino, found.st_size, found.st_mtime_ns
-        kept = None if where.own_file else _opened(kind, path, stamp, json.dumps(layout))[0]
+        kept = None if where.own_file else _open_cached(kind, path, stamp, json.dumps(layout))[0]
         with opened(path, layout) if where.own_file else nullcontext(kept) as file:
             group = group_of(file, where) if names else None
             return {
-                str(number): _samples(column(group, name), name)
+                str(number): _as_samples(column(group, name), name)
                 for number, name in enumerate(names)
             }
     except (TraceError, MemoryError):
@@ -117,7 +119,7 @@ class Traces(ExitStack):
         self._container: Path | None = None
         if acquisition.per_trial:
             return
-        path = inside(session.folder, acquisition.traces, "acquisition.traces")
+        path = resolve_inside(session.folder, acquisition.traces, "acquisition.traces")
         if not is_file(path):
             raise BenchError(
                 f"traces are missing, expected {acquisition.traces} [{session.folder}]"
@@ -156,10 +158,13 @@ class Traces(ExitStack):
 
     def _read(self, trial: str) -> Trace:
         acquisition = self.session.acquisition
-        path = self._container or _trial_file(self.session, trial)
+        path = self._container or _find_trial_file(self.session, trial)
         own = acquisition.per_trial or bool(acquisition.split)
         place = Place(
-            trial, _groups(acquisition.group, trial), own, own and acquisition.group is None
+            trial,
+            _list_group_names(acquisition.group, trial),
+            own,
+            own and acquisition.group is None,
         )
         found = self._in_si(
             self._columns(path, place, [channel.column for channel, _ in self._channels.values()])
@@ -180,7 +185,7 @@ class Traces(ExitStack):
         found, rate = {}, self.session.acquisition.sample_rate
         for number, (part, (channel, dimension)) in enumerate(self._channels.items()):
             values = raw[str(number)] * channel.scale(dimension, part)
-            values = values - off if (off := channel.taken_off(dimension, part)) else values
+            values = values - off if (off := channel.offset_in_si(dimension, part)) else values
             still = round(channel.tare_time(part) * rate)
             if still >= max(values.size, 1):
                 raise TraceError(
@@ -191,7 +196,7 @@ class Traces(ExitStack):
         return found
 
 
-def _samples(values: object, name: str | int) -> NDArray[np.float64]:
+def _as_samples(values: object, name: str | int) -> NDArray[np.float64]:
     array = np.asarray(values)
     if array.dtype.kind not in "fiub":
         raise TraceError(f"channel {name!r} holds no numbers but {array.dtype}")
@@ -201,11 +206,11 @@ def _samples(values: object, name: str | int) -> NDArray[np.float64]:
     return np.asarray(array, dtype=float).ravel()
 
 
-def _trial_file(session: Session, trial: str) -> Path:
+def _find_trial_file(session: Session, trial: str) -> Path:
     relative = fill_pattern(session.acquisition.traces, trial=trial)
     if "/" in trial or "\\" in trial or ".." in trial:
         raise TraceError(f"trial {trial!r} is no part of a file name")
-    path = inside(session.folder, relative, "acquisition.traces")
+    path = resolve_inside(session.folder, relative, "acquisition.traces")
     if not is_file(path):
         raise TraceError(f"missing: there is no {relative}")
     if path.stat().st_size > _MOST_BYTES:
@@ -213,7 +218,7 @@ def _trial_file(session: Session, trial: str) -> Path:
     return path
 
 
-def _groups(pattern: str | None, trial: str) -> tuple[str, ...]:
+def _list_group_names(pattern: str | None, trial: str) -> tuple[str, ...]:
     """Names that the group of a trial may have, the likeliest first."""
     if pattern is not None:
         return (fill_pattern(pattern, trial=trial),)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.bench.session import Place
-from stepblocks.bench.signal import MOST_SAMPLES, TraceError, check_size, listed
+from stepblocks.bench.signal import MOST_SAMPLES, TraceError, check_size, join_first
 
 _CACHE = 256 * 2**10  # descriptions of groups that are kept, in their size on disk [bytes]
 
@@ -29,7 +29,7 @@ def open_hdf5(path: Path, layout: Any) -> Any:
     return file
 
 
-def hdf5_group(file: Any, place: Place) -> Any:
+def find_hdf5_group(file: Any, place: Place) -> Any:
     """Find the group or the table of one trial."""
     group = (
         file if place.is_file else next((file[name] for name in place.groups if name in file), None)
@@ -40,14 +40,14 @@ def hdf5_group(file: Any, place: Place) -> Any:
     return group
 
 
-def hdf5_column(group: Any, name: str | int) -> Any:
+def read_hdf5_column(group: Any, name: str | int) -> Any:
     """Read one channel of a group of datasets, of a compound table, or of a plain table of numbers."""
     import h5py
 
     if isinstance(group, h5py.Dataset):
-        return _column_of_table(group, name)
+        return _read_table_column(group, name)
     if isinstance(name, int) or name not in group:
-        raise TraceError(f"unknown channel: no {name!r} in the group, it has {listed(group)}")
+        raise TraceError(f"unknown channel: no {name!r} in the group, it has {join_first(group)}")
     dataset = group[name]
     if not isinstance(dataset, h5py.Dataset):
         raise TraceError(f"channel {name!r} is a group, no dataset")
@@ -66,7 +66,7 @@ def _require_own(item: Any, container: Any) -> None:
         raise TraceError(f"{item.name} lies in another file, which is not read")
 
 
-def _column_of_table(table: Any, name: str | int) -> Any:
+def _read_table_column(table: Any, name: str | int) -> Any:
     if table.size > 64 * MOST_SAMPLES:
         raise TraceError(f"table of shape {table.shape} is too large")
     if isinstance(name, int):

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from stepblocks.bench.session import Place
-from stepblocks.bench.signal import TraceError, listed
-from stepblocks.bench.traces.hdf5 import hdf5_column, hdf5_group, open_hdf5
+from stepblocks.bench.signal import TraceError, join_first
+from stepblocks.bench.traces.hdf5 import find_hdf5_group, open_hdf5, read_hdf5_column
 
 _HEADER = 128
 _NAMED = 4096  # bytes of a variable in which its name lies
@@ -37,7 +37,7 @@ class Variables:
         if length > _MOST_BYTES:
             raise TraceError(f"variable {name!r} has more than {_MOST_BYTES} bytes")
         try:
-            return loadmat(_part(self.path, place, length), simplify_cells=True)[name]
+            return loadmat(_extract_variable(self.path, place, length), simplify_cells=True)[name]
         except MemoryError:
             raise
         except (
@@ -46,7 +46,7 @@ class Variables:
             raise TraceError(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
 
 
-def _part(path: Path, place: int, length: int) -> io.BytesIO:
+def _extract_variable(path: Path, place: int, length: int) -> io.BytesIO:
     """Return a file of one variable alone."""
     with path.open("rb") as file:
         header = file.read(_HEADER)
@@ -60,33 +60,35 @@ def open_mat(path: Path, layout: Any) -> AbstractContextManager[Any]:
         head = file.read(8)
         file.seek(512)
         is_hdf5 = _HDF5_MARK in (head, file.read(8))
-    return open_hdf5(path, layout) if is_hdf5 else nullcontext(variables_of(path))
+    return open_hdf5(path, layout) if is_hdf5 else nullcontext(index_variables(path))
 
 
-def mat_group(file: Any, place: Place) -> Any:
+def find_mat_group(file: Any, place: Place) -> Any:
     """Find the struct or the matrix of one trial; a file of its own is the group itself."""
     if not isinstance(file, Variables):
-        return hdf5_group(file, place)
+        return find_hdf5_group(file, place)
     value = file if place.is_file else file.load(place.groups)
     return value if isinstance(value, dict | Variables) else np.asarray(value)
 
 
-def mat_column(group: Any, name: str | int) -> Any:
+def read_mat_column(group: Any, name: str | int) -> Any:
     """Read one channel."""
     if isinstance(group, Variables):
         return group.load((str(name),))
     if isinstance(group, dict):
         if name not in group:
-            raise TraceError(f"unknown channel: no {name!r} in the struct, it has {listed(group)}")
+            raise TraceError(
+                f"unknown channel: no {name!r} in the struct, it has {join_first(group)}"
+            )
         return group[name]
     if not isinstance(group, np.ndarray):
-        return hdf5_column(group, name)
+        return read_hdf5_column(group, name)
     if not isinstance(name, int) or group.ndim != 2 or not 0 <= name < group.shape[1]:
         raise TraceError(f"unknown channel: no column {name!r} in a matrix of shape {group.shape}")
     return group[:, name]
 
 
-def variables_of(path: Path) -> Variables:
+def index_variables(path: Path) -> Variables:
     """Look through a version 5 file for the names of its variables, once: SciPy reads through all of them to find one."""
     from scipy.io import whosmat
 
@@ -100,7 +102,7 @@ def variables_of(path: Path) -> Variables:
             file.seek(place)
             _, length = struct.unpack("<II" if mark == b"IM" else ">II", file.read(8))
             try:
-                ((name, *_),) = whosmat(_part(path, place, min(8 + length, _NAMED)))
+                ((name, *_),) = whosmat(_extract_variable(path, place, min(8 + length, _NAMED)))
             except Exception as error:  # as above
                 raise TraceError(
                     f"{path.name} is damaged at byte {place}: {str(error)[:80]}"

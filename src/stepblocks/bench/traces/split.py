@@ -22,7 +22,7 @@ def cut_drags(trace: Trace, count: int) -> list[slice]:
     from scipy.ndimage import uniform_filter1d
 
     rate = (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])
-    releases = _releases(trace.tangential, rate, count)
+    releases = _find_releases(trace.tangential, rate, count)
     # a cut lies in the middle of what is between the ring and the next ramp, at the end of the air
     # where there is some; all of the record is loaded where the normal force never rests near none
     loaded = uniform_filter1d(trace.normal, max(round(_AIR * rate), 1)) > 0.2 * float(
@@ -43,7 +43,7 @@ def cut_drags(trace: Trace, count: int) -> list[slice]:
     return list(itertools.starmap(slice, itertools.pairwise([*cuts, trace.time.size])))
 
 
-def _releases(force: Array, rate: float, count: int) -> list[int]:
+def _find_releases(force: Array, rate: float, count: int) -> list[int]:
     from scipy.signal import find_peaks
 
     width = max(round(_FALL * rate), 2)
@@ -67,9 +67,9 @@ def _releases(force: Array, rate: float, count: int) -> list[int]:
 
 def draw_cuts(trace: Trace, cuts: list[slice], names: list[str], path: Path) -> None:
     """Draw the record with its cuts, and which trial each piece is."""
-    from stepblocks.figure_file import new_figure, save_figure
+    from stepblocks.figure_file import make_figure, save_figure
 
-    figure, axes = new_figure(2, 1, sharex=True, height=5.0)
+    figure, axes = make_figure(2, 1, sharex=True, height=5.0)
     step = max(trace.time.size // 200_000, 1)
     for axis, values, label in (
         (axes[0], trace.tangential, "tangential"),

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.bench.session import Place
-from stepblocks.bench.signal import TraceError, check_size, listed
+from stepblocks.bench.signal import TraceError, check_size, join_first
 
 
 @contextmanager
@@ -25,12 +25,12 @@ def open_tdms(path: Path, layout: Any) -> Iterator[Any]:
         yield file
 
 
-def tdms_column(group: Any, name: str | int) -> Any:
+def read_tdms_column(group: Any, name: str | int) -> Any:
     """Read one channel."""
     try:
         channel = group.channels()[name] if isinstance(name, int) else group[name]
     except (KeyError, IndexError):
-        have = listed(channel.name for channel in group.channels())
+        have = join_first(channel.name for channel in group.channels())
         raise TraceError(
             f"unknown channel: no {name!r} in group {group.name!r}, it has {have}"
         ) from None
@@ -41,7 +41,7 @@ def tdms_column(group: Any, name: str | int) -> Any:
         raise TraceError(f"unreadable: channel {name!r}: {str(error)[:120]}") from error
 
 
-def tdms_group(file: Any, place: Place) -> Any:
+def find_tdms_group(file: Any, place: Place) -> Any:
     """Find the group of one trial; a file of its own may call its one group anything."""
     if place.own_file and len(groups := file.groups()) == 1:
         return groups[0]

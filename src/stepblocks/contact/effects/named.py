@@ -15,7 +15,7 @@ SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion
 _geometry = partial(Law, slot="contact_geometry")
 
 
-def _give(power: float, state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def _apply_give(power: float, state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     """Let the edge press its way into the ball, or the block into what holds it."""
     held = np.cos(np.arctan(state.friction * state.edge_factor))
     across, per_newton = (
@@ -43,7 +43,7 @@ _GEOMETRY = (
         (Parameter("edge_radius_m", "m", 0.0, 0.0, 3e-4, 5e-6),),
         lambda state, _, v: state.changed(radius=state.radius + v["edge_radius_m"]),
         said="edges are rounded: r =",
-        settled="scan the edges, or drag the same blocks with another tip",
+        how_to_decide="scan the edges, or drag the same blocks with another tip",
     ),
     _geometry(
         "tip_wear",
@@ -54,7 +54,7 @@ _GEOMETRY = (
         ),
         covariate="run_order",
         said="the tip wears: its radius grows per trial by",
-        settled="swap the tip",
+        how_to_decide="swap the tip",
     ),
     _geometry(
         "tip_radius_error",
@@ -63,7 +63,7 @@ _GEOMETRY = (
         lambda state, _, v: state.changed(radius=state.radius + v["radius_error_m"]),
         rank=1,
         said="the tip is larger than stated by",
-        settled="swap the tip, or measure it",
+        how_to_decide="swap the tip, or measure it",
     ),
     _geometry(
         # the ball rides lower by the depth of the flat, and every step stands higher by it
@@ -73,7 +73,7 @@ _GEOMETRY = (
         lambda state, _, v: state.changed(height=state.height + v["flat_depth_m"]),
         rank=1,
         said="the tip has a flat, of a depth of",
-        settled="swap the tip",
+        how_to_decide="swap the tip",
     ),
     _geometry(
         # along the drag: the same as friction tan(atan mu + t), for every force and energy
@@ -83,7 +83,7 @@ _GEOMETRY = (
         lambda state, _, v: state.changed(tilt=state.tilt + v["tilt_rad"]),
         rank=5,
         said="the blocks are tilted by",
-        settled="turn the blocks round: a tilt changes its sign",
+        how_to_decide="turn the blocks round: a tilt changes its sign",
     ),
     *(  # of a ball on the edge after Hertz, or of whatever holds block or tip
         _geometry(
@@ -91,7 +91,7 @@ _GEOMETRY = (
             f"cos a = (R - H) / (R - d N^p), p = {power:.3g}, N = F_py cos(atan mu) / cos(a + "
             "atan mu) across the edge",
             (Parameter("depth_at_1n_m", "m", 0.0, -5e-6, 5e-5, 1e-6),),
-            partial(_give, power),
+            partial(_apply_give, power),
             covariate="load_n",
             rank=rank,
             said="the contact gives way: depth at 1 N",
@@ -101,7 +101,7 @@ _GEOMETRY = (
 )
 
 
-def _height_error(block: str) -> Law:
+def _height_error_law(block: str) -> Law:
     """Return the effect of a block far from its nominal height; small errors are priors of the nominal model."""
 
     def apply(state: DragState, blocks: Any, values: Mapping[str, float]) -> DragState:
@@ -139,7 +139,7 @@ _FRICTION = (
         (Parameter("edge_over_face", "1", 1.0, 0.1, 4.0, 0.03),),
         lambda state, _, v: state.changed(edge_factor=state.edge_factor * v["edge_over_face"]),
         said="friction on the edge over that on the faces is",
-        settled="turn the blocks round, and drag a block with a fresh edge",
+        how_to_decide="turn the blocks round, and drag a block with a fresh edge",
     ),
     _by_speed(
         "stribeck_friction",  # falls from rest to sliding
@@ -185,12 +185,12 @@ _FRICTION = (
 _conversion = partial(Law, slot="conversion")
 
 
-def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def _apply_motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     weight = values["weight"]
     if weight == 0.0:
         return state
     from stepblocks.contact.effects.release_motion import (
-        released,
+        compute_release,
     )  # compiled kernels, loaded where they are used
 
     load = np.maximum(state.load, 1e-3)
@@ -199,7 +199,7 @@ def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     stiffness, speed = state.stiffness * state.radius / load, state.speed * momentum / load
     damping = state.damping / (2.0 * np.pi * state.frequency * state.decay_time)
     cubic = np.maximum(state.hardening, 0.0) * load**2
-    excess, share = released(
+    excess, share = compute_release(
         state.height / state.radius, state.friction, stiffness, speed, damping, cubic
     )
     return state.changed(
@@ -208,7 +208,7 @@ def _motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     )
 
 
-def _work(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def _apply_work(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     reach = np.sqrt(np.maximum(state.height * (2.0 * state.radius - state.height), 0.0))
     work = state.load * (state.height + state.friction * reach)
     return state.changed(lost_energy=state.lost_energy + values["share"] * work)
@@ -244,14 +244,14 @@ _CONVERSION = (
         "the "
         "power w",
         (Parameter("weight", "1", 0.0, 0.0, 1.5, 0.05),),
-        _motion,
+        _apply_motion,
         said="the tip must be moved and lifted over the step: weight of that motion",
     ),
     _conversion(
         "real_release~work",
         "E_v = C_v F_px^2 / 2k - s F_py (H + mu sqrt(H (2R - H)))",
         (Parameter("share", "1", 0.0, -1.0, 3.0, 0.02),),
-        _work,
+        _apply_work,
         rank=1,
         said="the tip must be moved and lifted over the step: weight of that motion",
     ),
@@ -262,26 +262,28 @@ _stiffness, _load, _sensor = (
     partial(Law, slot=slot) for slot in ("stiffness", "normal_load", "sensor")
 )
 _bias = partial(
-    _load, said="the load differs from the weights by", settled="weigh the arm without weights"
+    _load,
+    said="the load differs from the weights by",
+    how_to_decide="weigh the arm without weights",
 )
 _pivot = partial(
     _load,
     said="a pivot rubs while the tip is lifted: share of the load, or force,",
-    settled="lift the arm slowly by a scale",
+    how_to_decide="lift the arm slowly by a scale",
 )
 _drag = partial(
     Law,
     slot="drag",
     covariate="speed_mm_s",
     said="a viscous drag acts: coefficient",
-    settled="drag without touching a block",
+    how_to_decide="drag without touching a block",
 )
 
 _BIAS = (Parameter("load_bias_n", "N", 0.0, -0.25, 0.6, 0.01),)
 _COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, -20.0, 100.0, 0.5),)
 
 
-def _seen_bias(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def _apply_seen_bias(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     bias = values["load_bias_n"]
     return state.changed(load=state.load + bias, sensed_offset=state.sensed_offset + bias)
 
@@ -307,7 +309,7 @@ _TOOL = (
         shapes=({"pitch_share": 0.0}, {"pitch_share": 0.4}),
         said="the spring hardens: g and the share of the first swing that its pitch shows",
     ),
-    _bias("load_bias", "F_py -> F_py + b, as the gauge sees it", _BIAS, _seen_bias),
+    _bias("load_bias", "F_py -> F_py + b, as the gauge sees it", _BIAS, _apply_seen_bias),
     _bias(
         "load_bias~unseen",
         "F_py -> F_py + b at the contact, unseen by the gauge",
@@ -362,7 +364,7 @@ _CLOCK = Parameter("ln_clock", "1", 0.0, -0.5, 0.5, 1e-3)
 _LAG = Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4)
 
 
-def set_instrument(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def apply_instrument_constants(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
     """Set whichever constants of the two gauges and of their clock are given."""
     given = values.get
     return state.changed(
@@ -377,8 +379,10 @@ def set_instrument(state: DragState, _: Any, values: Mapping[str, float]) -> Dra
     )
 
 
-_gauge = partial(_sensor, apply=set_instrument)
-_zero = partial(_gauge, settled="tare: record both gauges unloaded before and after the drags")
+_gauge = partial(_sensor, apply=apply_instrument_constants)
+_zero = partial(
+    _gauge, how_to_decide="tare: record both gauges unloaded before and after the drags"
+)
 
 _SENSOR = (
     _gauge(
@@ -386,7 +390,7 @@ _SENSOR = (
         "F_x -> G F_x",
         (_GAIN,),
         said="the tangential gauge reads by ln G of",
-        settled="hang a known weight on the tangential gauge",
+        how_to_decide="hang a known weight on the tangential gauge",
     ),
     _zero(
         "tangential_zero",
@@ -402,14 +406,14 @@ _SENSOR = (
         "F_y shown times G",
         (_NORMAL_GAIN,),
         said="the normal gauge reads by ln G of",
-        settled="put a known weight on the normal gauge",
+        how_to_decide="put a known weight on the normal gauge",
     ),
     _gauge(
         "cross_talk",
         "F_x shown + c F_y; it enters no stored energy",
         (_CROSS_TALK,),
         said="the tangential gauge also shows of the normal force",
-        settled="drag in the other direction: friction changes its sign, cross-talk does not",
+        how_to_decide="drag in the other direction: friction changes its sign, cross-talk does not",
     ),
     _gauge(
         "normal_cross_talk",
@@ -417,7 +421,7 @@ _SENSOR = (
         (_NORMAL_CROSS_TALK,),
         rank=1,
         said="the normal gauge also shows of the tangential force",
-        settled="pull the tip along without a load on it",
+        how_to_decide="pull the tip along without a load on it",
     ),
     _gauge(
         "clock",
@@ -425,7 +429,7 @@ _SENSOR = (
         (_CLOCK,),
         rank=8,
         said="the clock of the record runs by ln c of",
-        settled="record a signal of known frequency",
+        how_to_decide="record a signal of known frequency",
     ),
     _gauge(
         # several constants of one instrument off together: the rival of whatever looks like
@@ -435,7 +439,7 @@ _SENSOR = (
         (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
         rank=9,
         said="several constants of the gauges are off: zeros, gain, cross-talk, gain",
-        settled="tare both gauges, hang known weights on each, drag in both directions",
+        how_to_decide="tare both gauges, hang known weights on each, drag in both directions",
     ),
     _gauge(
         "sensor_bandwidth",
@@ -443,11 +447,11 @@ _SENSOR = (
         (_LAG,),
         covariate="speed_mm_s",
         said="the gauge is slow: time constant",
-        settled="tap the tool: the ring of a free tool shows the bandwidth",
+        how_to_decide="tap the tool: the ring of a free tool shows the bandwidth",
     ),
 )
 
 
-def named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
+def list_named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
     """Return the laws with names (smooths are in `smooth`); the height error of each of `blocks` among them."""
-    return (*_GEOMETRY, *_FRICTION, *_TOOL, *_CONVERSION, *_SENSOR, *map(_height_error, blocks))
+    return (*_GEOMETRY, *_FRICTION, *_TOOL, *_CONVERSION, *_SENSOR, *map(_height_error_law, blocks))

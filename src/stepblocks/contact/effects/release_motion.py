@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stepblocks.contact.kernels import softened
+from stepblocks.contact.kernels import compute_softened_force
 
 Floats = NDArray[np.float64]
 
@@ -17,11 +17,11 @@ _HIGHEST, _STEEPEST = 0.97, np.deg2rad(89.0)  # step over radius, and slope, tha
 _LEAST_SHARE = 0.01  # of the peak, below which no gauge tells a swing from noise
 
 
-_softened = njit(cache=True)(softened)
+_softened = njit(cache=True)(compute_softened_force)
 
 
 @njit(cache=True, error_model="numpy")
-def _climb(
+def _climb_kernel(
     height: float, friction: float, stiffness: float, speed: float, damping: float, cubic: float
 ) -> tuple[float, float]:
     """Peak force over that at which the tip breaks loose; energy of the first swing below sliding over that stored, undamped."""
@@ -99,21 +99,21 @@ def _climb(
 
 
 @njit(cache=True)
-def _climbs(asked: Floats) -> Floats:
+def _integrate_climbs(asked: Floats) -> Floats:
     found = np.empty((asked.shape[1], 2))
     for n in range(asked.shape[1]):
-        found[n] = _climb(
+        found[n] = _climb_kernel(
             asked[0, n], asked[1, n], asked[2, n], asked[3, n], asked[4, n], asked[5, n]
         )
     return found
 
 
 @lru_cache(maxsize=1)  # most parameters of a fit do not change the motion
-def _climbs_of(asked: bytes) -> Floats:
-    return cast(Floats, _climbs(np.frombuffer(asked).reshape(6, -1)))
+def _cached_climbs(asked: bytes) -> Floats:
+    return cast(Floats, _integrate_climbs(np.frombuffer(asked).reshape(6, -1)))
 
 
-def released(
+def compute_release(
     height: Floats,
     friction: Floats,
     stiffness: Floats,
@@ -123,5 +123,5 @@ def released(
 ) -> tuple[Floats, Floats]:
     """Logarithms of the peak's excess and of the share that rings, of H/R, mu, k R / N, v k / (omega N), damping ratio and g N^2."""
     asked = np.stack([np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping, cubic])
-    excess, share = _climbs_of(asked.tobytes()).T
+    excess, share = _cached_climbs(asked.tobytes()).T
     return np.log(excess), np.log(np.maximum(share, _LEAST_SHARE**2))

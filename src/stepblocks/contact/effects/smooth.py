@@ -72,7 +72,7 @@ class CovariateRange:
         return np.asarray((design[:-1] - design[-1])[:, [0, 1, 3, 4]])
 
 
-def _scaled(*slots: str, between: tuple[float, float] | None = None) -> Change:
+def _scale_slots(*slots: str, between: tuple[float, float] | None = None) -> Change:
     def change(state: DragState, g: Floats) -> DragState:
         factor = np.exp(g if between is None else np.clip(g, *between))
         return state.changed(**{slot: getattr(state, slot) * factor for slot in slots})
@@ -80,17 +80,17 @@ def _scaled(*slots: str, between: tuple[float, float] | None = None) -> Change:
     return change
 
 
-def _moved(*slots: str, by: float = 0.1) -> Change:
+def _move_slots(*slots: str, by: float = 0.1) -> Change:
     return lambda state, g: state.changed(**{slot: getattr(state, slot) + by * g for slot in slots})
 
 
-def _seen_load(state: DragState, g: Floats) -> DragState:
+def _scale_seen_load(state: DragState, g: Floats) -> DragState:
     seen = (state.set_load + state.sensed_offset) * np.expm1(g)
     return state.changed(load=state.load * np.exp(g), sensed_offset=state.sensed_offset + seen)
 
 
-def _weighed_stiffness(state: DragState, g: Floats) -> DragState:
-    stiffer = _scaled("stiffness", "ring_stiffness")(state, g)
+def _scale_weighed_stiffness(state: DragState, g: Floats) -> DragState:
+    stiffer = _scale_slots("stiffness", "ring_stiffness")(state, g)
     return stiffer.changed(conversion=state.conversion * np.exp(-g))
 
 
@@ -104,24 +104,28 @@ class Move(NamedTuple):
 
 # several ways where the bench may show a slot in several ways
 SLOT_MOVES = {
-    "radius": Move("contact_geometry", "(R + r) exp g", _scaled("radius", between=(-1.0, 1.5))),
-    "height": Move("contact_geometry", "H + 10 um g", _moved("height", by=1e-5)),
-    "friction": Move("friction", "mu exp g", _scaled("friction", between=(-4.0, 2.0))),
-    "load": Move("normal_load", "F_py exp g, unseen by the gauge", _scaled("load")),
-    "seen_load": Move("normal_load", "F_py exp g, seen by the gauge", _seen_load),
-    "load_offset": Move("normal_load", "F_py + 0.1 N g", _moved("load", "sensed_offset")),
+    "radius": Move(
+        "contact_geometry", "(R + r) exp g", _scale_slots("radius", between=(-1.0, 1.5))
+    ),
+    "height": Move("contact_geometry", "H + 10 um g", _move_slots("height", by=1e-5)),
+    "friction": Move("friction", "mu exp g", _scale_slots("friction", between=(-4.0, 2.0))),
+    "load": Move("normal_load", "F_py exp g, unseen by the gauge", _scale_slots("load")),
+    "seen_load": Move("normal_load", "F_py exp g, seen by the gauge", _scale_seen_load),
+    "load_offset": Move("normal_load", "F_py + 0.1 N g", _move_slots("load", "sensed_offset")),
     "climb_load": Move(
         "normal_load",
         "F_py exp g while climbing",
         lambda s, g: s.changed(climb_load=s.climb_load + s.set_load * np.expm1(g)),
     ),
-    "stiffness": Move("stiffness", "k exp g", _scaled("stiffness", "ring_stiffness")),
-    "weighed_stiffness": Move("stiffness", "k exp g, energies weighed with it", _weighed_stiffness),
-    "ramp_stiffness": Move("stiffness", "k exp g, ring unchanged", _scaled("stiffness")),
-    "conversion": Move("conversion", "C_v exp g", _scaled("conversion")),
-    "drag": Move("drag", "F_x + 0.1 N g", _moved("drag")),
-    "climb_drag": Move("drag", "F_px + 0.1 N g", _moved("climb_drag")),
-    "gain": Move("sensor", "gauge gain exp g", _scaled("gain")),
+    "stiffness": Move("stiffness", "k exp g", _scale_slots("stiffness", "ring_stiffness")),
+    "weighed_stiffness": Move(
+        "stiffness", "k exp g, energies weighed with it", _scale_weighed_stiffness
+    ),
+    "ramp_stiffness": Move("stiffness", "k exp g, ring unchanged", _scale_slots("stiffness")),
+    "conversion": Move("conversion", "C_v exp g", _scale_slots("conversion")),
+    "drag": Move("drag", "F_x + 0.1 N g", _move_slots("drag")),
+    "climb_drag": Move("drag", "F_px + 0.1 N g", _move_slots("climb_drag")),
+    "gain": Move("sensor", "gauge gain exp g", _scale_slots("gain")),
 }
 
 
@@ -130,23 +134,23 @@ _BY_BLOCK = ("radius", "friction", "conversion")  # what a batch of blocks may h
 _STEP_SHAPES = 12  # places along the run at which a search looks for a sudden change
 
 
-def smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
+def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
     """Return every slot over every covariate, as a straight line, a smooth, and along the run as a step."""
     laws: list[Law] = []
     for where in covariates:
         for name in _BY_BLOCK if where.name == "block" else SLOT_MOVES:
             if where.pair or (not where.labels and where.distinct > 2):
-                laws.append(_law("trend", name, where))
+                laws.append(_smooth_law("trend", name, where))
             if not where.pair:
-                laws.append(_law("smooth", name, where))
+                laws.append(_smooth_law("smooth", name, where))
         if where.labels and where.name != "block":
-            laws.append(_offset(where))
+            laws.append(_offset_law(where))
         if where.name == "run_order" and where.distinct > 4 * _STEP_SHAPES // 2:
-            laws += [_step(name, where) for name in _STEPPING]
+            laws += [_step_law(name, where) for name in _STEPPING]
     return tuple(laws)
 
 
-def _offset(where: CovariateRange) -> Law:
+def _offset_law(where: CovariateRange) -> Law:
     """Each label presses by its own force more than the weights."""
     names = tuple(f"added_n[{label}]" for label in where.labels)
 
@@ -164,7 +168,7 @@ def _offset(where: CovariateRange) -> Law:
     )
 
 
-def _step(name: str, where: CovariateRange) -> Law:
+def _step_law(name: str, where: CovariateRange) -> Law:
     """Change a slot at one trial: of the radius a chipped tip, of others nothing that has a name."""
     move, chip = SLOT_MOVES[name], name == "radius"
     reach = where.high - where.low
@@ -202,7 +206,7 @@ def _step(name: str, where: CovariateRange) -> Law:
     )
 
 
-def _law(kind: str, name: str, where: CovariateRange) -> Law:
+def _smooth_law(kind: str, name: str, where: CovariateRange) -> Law:
     move, trend = SLOT_MOVES[name], kind == "trend"
     names = ("slope",) if trend else tuple(f"g{i + 1}" for i in range(where.freedom))
     basis = where.line if trend else where.basis

@@ -31,7 +31,7 @@ class CentrePath:
     slope_start: Array  # shape (n - 1,); slope dz/dx where each piece begins [1]
     slope_end: Array  # shape (n - 1,); and where it ends
 
-    def notch(self, direction: float) -> tuple[float, float, float]:
+    def find_notch(self, direction: float) -> tuple[float, float, float]:
         """Find where the probe catches: x, z and the critical angle, 0 for none."""
         if direction > 0:
             index = int(np.argmax(self.slope_start))
@@ -53,7 +53,7 @@ class CentrePath:
         return CentrePath(self.x * scale, self.z * scale, self.slope_start, self.slope_end)
 
 
-def corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
+def build_corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
     """Path of the ball's centre over the range of a profile, shape (n, 2) [m]; equal x make a vertical wall."""
     flat = np.asarray(points, dtype=np.float64)
     # every corner becomes a circle, and every circle is compared with every other
@@ -65,10 +65,10 @@ def corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
         )
     corners = [(float(x), float(z)) for x, z in flat]
     lines = [(a, b) for a, b in itertools.pairwise(corners) if b[0] > a[0]]
-    return envelope_path([(x, z, 0.0) for x, z in corners[1:-1]], lines, ball_radius)
+    return build_envelope_path([(x, z, 0.0) for x, z in corners[1:-1]], lines, ball_radius)
 
 
-def envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> CentrePath:
+def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> CentrePath:
     """Upper envelope of circles (centre, radius grown by the ball) and of lines lifted by the ball."""
     start, end = lines[0][0][0], lines[-1][1][0]
     shapes = _Shapes(discs, lines, ball_radius)

@@ -41,13 +41,13 @@ class TipPath:
             np.ascontiguousarray(-self.contact[::-1]),
         )
         element = np.where(self.element < 0, -1, len(elements) - 1 - self.element)[::-1].copy()
-        slope = kernels.path_slopes(position, contact, element, self.ball_radius)
+        slope = kernels.compute_path_slopes(position, contact, element, self.ball_radius)
         return TipPath(
             position, self.height[::-1].copy(), contact, slope, element, elements, self.ball_radius
         )
 
 
-def profile_path(
+def build_profile_path(
     x: ArrayLike,
     z: ArrayLike,
     ball_radius: float,
@@ -78,7 +78,7 @@ def profile_path(
         )
     where = _positions(xs, width, reach, edges) if positions is None else positions
     height, contact, which = kernels.dilate_profile(where, elements, ball_radius)
-    slope = kernels.path_slopes(where, contact, which, ball_radius)
+    slope = kernels.compute_path_slopes(where, contact, which, ball_radius)
     return TipPath(where, height, contact, slope, which, elements, ball_radius)
 
 
@@ -144,25 +144,25 @@ class Catch(NamedTuple):
     angle: float
 
 
-def steepest(path: TipPath) -> Catch:
+def find_steepest_catch(path: TipPath) -> Catch:
     """Find the critical angle of a path, its steepest rise towards growing x, exact whatever its positions."""
     rise = np.diff(path.height) / np.diff(path.position)
     finite = rise[np.isfinite(rise)]
     # the mean slope of an interval is never more than its greatest, a little less guards against
     # rounding: only steeper ones count
     floor = float(finite.max()) * (1.0 - 1e-9) - 1e-9 if finite.size else 0.0
-    slopes = interval_slopes(path, floor)
+    slopes = find_interval_slopes(path, floor)
     if np.isnan(slopes[:, 0]).all():
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
     return _catch(*slopes[np.nanargmax(slopes[:, 0])])
 
 
-def catches(path: TipPath, smallest: float = math.radians(1.0)) -> list[Catch]:
+def find_catches(path: TipPath, smallest: float = math.radians(1.0)) -> list[Catch]:
     """Every local catch along a drag, in the order in which it is met; a rise by less than `smallest` [rad] is roughness."""
     from scipy.signal import find_peaks
 
     require_positive("smallest", smallest, "rad")
-    slopes = interval_slopes(path, math.tan(smallest))
+    slopes = find_interval_slopes(path, math.tan(smallest))
     angles = np.arctan(np.nan_to_num(np.maximum(slopes[:, 0], 0.0), nan=0.0, posinf=1e300))
     padded = np.concatenate([[0.0], angles, [0.0]])
     return [_catch(*slopes[k - 1]) for k in find_peaks(padded, prominence=smallest)[0]]
@@ -173,13 +173,13 @@ def _catch(slope: float, where: float, contact: float) -> Catch:
     return Catch(float(where), float(contact), angle)
 
 
-def interval_slopes(path: TipPath, floor: float) -> NDArray[np.float64]:
+def find_interval_slopes(path: TipPath, floor: float) -> NDArray[np.float64]:
     """Steepest rise between neighbouring positions, where, and the contact there; shape (n - 1, 3)."""
     if path.position.size < 2:
         raise ContactError("a drag needs a path of at least 2 positions")
     radius = path.ball_radius
     tolerance = max(1e-13 * (2.0 * radius), 4.0 * float(np.spacing(np.abs(path.position).max())))
-    found = kernels.steepest_in_each(
+    found = kernels.find_steepest_in_each(
         path.position,
         path.height,
         path.contact,

@@ -14,7 +14,7 @@ _JUMP = 1e6  # slope of 89.99994 deg
 
 
 @njit(cache=True)
-def _rest_at(
+def _compute_rest_height(
     u: float, x: float, x0: float, z0: float, x1: float, z1: float, radius: float
 ) -> float:
     """Height at which the ball at `x` rests on a segment's point `u`, within its reach but for rounding."""
@@ -24,7 +24,7 @@ def _rest_at(
 
 
 @njit(cache=True)
-def best_contact(
+def find_best_contact(
     x: float, first: int, last: int, elements: Array, radius: float
 ) -> tuple[float, float, int]:
     """Height of the tip at `x`, contact position and element (-1 for none) among elements `first` to `last`."""
@@ -37,7 +37,7 @@ def best_contact(
             continue
         # elements[e, 4] is where the ball is as steep as the element
         u = min(max(x + elements[e, 4], max(x0, low)), min(x1, high))
-        rest = _rest_at(u, x, x0, z0, x1, z1, radius)
+        rest = _compute_rest_height(u, x, x0, z0, x1, z1, radius)
         if rest > best:
             best, where, which = rest, u, e
     return best, where, which
@@ -63,7 +63,7 @@ def dilate_profile(positions: Array, elements: Array, radius: float) -> tuple[Ar
             a, b, first, last = stack[depth]
             middle = (a + b) // 2
             begin, end = max(first, under[middle]), min(last, until[middle])
-            rest, u, e = best_contact(positions[middle], begin, end, elements, radius)
+            rest, u, e = find_best_contact(positions[middle], begin, end, elements, radius)
             height[middle] = rest if e >= 0 else math.nan
             contact[middle], which[middle] = u, e
             if a < middle:
@@ -76,7 +76,7 @@ def dilate_profile(positions: Array, elements: Array, radius: float) -> tuple[Ar
 
 
 @njit(cache=True)
-def _slope(x: float, u: float, radius: float) -> float:
+def _compute_slope(x: float, u: float, radius: float) -> float:
     """Slope of the path just ahead of the ball that touches at `u`."""
     v = u - x
     if abs(v) >= radius:
@@ -85,17 +85,17 @@ def _slope(x: float, u: float, radius: float) -> float:
 
 
 @njit(cache=True)
-def path_slopes(positions: Array, contact: Array, which: Array, radius: float) -> Array:
+def compute_path_slopes(positions: Array, contact: Array, which: Array, radius: float) -> Array:
     """Slope of the path at each position, from the contact found there; NaN where nothing is touched."""
     slopes = np.full(positions.size, np.nan)
     for k in range(positions.size):
         if which[k] >= 0:
-            slopes[k] = _slope(positions[k], contact[k], radius)
+            slopes[k] = _compute_slope(positions[k], contact[k], radius)
     return slopes
 
 
 @njit(cache=True)
-def _steepest_between(
+def _find_steepest_between(
     ends: tuple[float, float, float, float],
     touched: tuple[int, int],
     best: float,
@@ -103,7 +103,7 @@ def _steepest_between(
     radius: float,
     tolerance: float,
 ) -> tuple[float, float, float]:
-    """Greatest slope over `best` of the path between two `ends` (x, h, x, h), where, and the contact there."""
+    """Greatest slope over `best` of the path between two `find_end_faces` (x, h, x, h), where, and the contact there."""
     # while one element is touched the path is concave and steepest at its left end: only brackets
     # whose ends touch different elements are halved, and one of the width `tolerance` that still
     # climbs is a jump of infinite slope
@@ -122,9 +122,9 @@ def _steepest_between(
             if h1 - h0 > _JUMP * (x1 - x0):
                 best, where, touch = np.inf, x1, elements[e1, 0]
             continue
-        h, u, e = best_contact(middle, e0, e1, elements, radius)
+        h, u, e = find_best_contact(middle, e0, e1, elements, radius)
         if e >= 0:
-            s = _slope(middle, u, radius)
+            s = _compute_slope(middle, u, radius)
             if (
                 s >= best
                 # right brackets come first, so that among equals the leftmost stays: the break
@@ -138,7 +138,7 @@ def _steepest_between(
 
 
 @njit(cache=True)
-def steepest_in_each(
+def find_steepest_in_each(
     positions: Array,
     height: Array,
     contact: Array,
@@ -151,7 +151,7 @@ def steepest_in_each(
     """Steepest rise between neighbours, where, and the contact there, shape (n - 1, 3); below `floor` the left end's alone."""
     n = positions.size
     found = np.full((n - 1, 3), np.nan)
-    right_slope = path_slopes(positions, contact, which, radius)
+    right_slope = compute_path_slopes(positions, contact, which, radius)
     for k in range(n - 1):
         a, b = which[k], which[k + 1]
         if a < 0 or b < 0:
@@ -160,11 +160,11 @@ def steepest_in_each(
         if a == b:
             continue
         # the contact of the right end, seen from the left end, is steeper than all between
-        bound = _slope(positions[k], contact[k + 1], radius)
+        bound = _compute_slope(positions[k], contact[k + 1], radius)
         if bound <= floor:
             continue
         ends = (positions[k], height[k], positions[k + 1], height[k + 1])
-        best, where, touch = _steepest_between(
+        best, where, touch = _find_steepest_between(
             ends, (a, b), found[k, 0], elements, radius, tolerance
         )
         if best > found[k, 0]:

@@ -12,7 +12,7 @@ from statsmodels.stats.multitest import multipletests
 from stepblocks.law import Law
 from stepblocks.loop.search.fit import Fit, Problem
 from stepblocks.loop.search.forward_model import Floats, Trials
-from stepblocks.loop.search.gate import tangent
+from stepblocks.loop.search.gate import compute_tangent
 
 _LEVEL = 0.005  # of the tests of residuals, after Holm
 _SAME = 0.995  # cosine beyond which two effects imitate one another
@@ -20,7 +20,7 @@ _TIE = 1e-4  # of gains; a fit knows them no better: its own tolerance is 1e-6 o
 _ABSORBED = 2e-3  # share of a direction below which constants imitate it
 
 
-def _columns(trials: Trials, name: str) -> Floats | None:
+def _smooth_columns(trials: Trials, name: str) -> Floats | None:
     numbers = trials.numeric(name)
     if numbers is None:
         dummies = trials.dummies(name, most=8)
@@ -34,20 +34,22 @@ def _columns(trials: Trials, name: str) -> Floats | None:
     return np.stack([x ** (i + 1) for i in range(powers)], axis=1)
 
 
-def independence(problem: Problem, fitted: Fit) -> tuple[tuple[tuple[str, str, float], ...], bool]:
+def test_residuals(
+    problem: Problem, fitted: Fit
+) -> tuple[tuple[tuple[str, str, float], ...], bool]:
     """Test the whitened residual of every channel against a smooth of every covariate."""
     trials = problem.trials
     by_trial = fitted.residual.reshape(trials.values.shape)
     named, raw = [], []
     for name in trials.covariates:
-        columns = _columns(trials, name)
+        columns = _smooth_columns(trials, name)
         if columns is None:
             continue
         for j, channel in enumerate(trials.channels):
             rows = trials.seen[:, j]
             if rows.sum() > columns.shape[1] + 8:
                 named.append((channel, name))
-                raw.append(smooth_p(by_trial[rows, j], columns[rows]))
+                raw.append(compute_smooth_p(by_trial[rows, j], columns[rows]))
     if not raw:
         return (), True
     corrected = multipletests(raw, method="holm")[1]
@@ -55,7 +57,7 @@ def independence(problem: Problem, fitted: Fit) -> tuple[tuple[tuple[str, str, f
     return checks, bool(corrected.min() > _LEVEL)
 
 
-def smooth_p(residual: Floats, columns: Floats) -> float:
+def compute_smooth_p(residual: Floats, columns: Floats) -> float:
     """F-test of what some columns explain of a residual beside its mean; 1 where that cannot be asked."""
     design = np.column_stack([np.ones(len(residual)), columns])
     solution, _, rank, _ = np.linalg.lstsq(design, residual, rcond=None)
@@ -68,7 +70,7 @@ def smooth_p(residual: Floats, columns: Floats) -> float:
     return float(stats.f.sf((whole - left) / (rank - 1) / (left / dof), rank - 1, dof))
 
 
-def pure_error(residual: Floats, cells: Sequence[object], free: int) -> dict[str, Any]:
+def test_pure_error(residual: Floats, cells: Sequence[object], free: int) -> dict[str, Any]:
     """Test the misfit of a model of so many constants against the scatter among trials of equal settings."""
     seen = np.isfinite(residual)
     values = residual[seen]
@@ -88,7 +90,7 @@ def pure_error(residual: Floats, cells: Sequence[object], free: int) -> dict[str
     return {"replicate_std": std, "replicate_dof": dof, "lack_of_fit_p_value": p_value}
 
 
-def identifiability(problem: Problem, base: Fit, effects: Sequence[Law]) -> dict[str, Any]:
+def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> dict[str, Any]:
     """Compare the directions in which effects and constants move the prediction: what the design cannot tell apart."""
     rows = base.residual.size
     scaled = base.jacobian / np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
@@ -98,7 +100,7 @@ def identifiability(problem: Problem, base: Fit, effects: Sequence[Law]) -> dict
     for effect in effects:
         if len(effect.amplitudes) != 1:
             continue
-        raw = tangent(problem, base, effect, effect.shapes[len(effect.shapes) // 2])[:, 0]
+        raw = compute_tangent(problem, base, effect, effect.shapes[len(effect.shapes) // 2])[:, 0]
         full = np.concatenate([raw, np.zeros(len(scaled) - rows)])
         size = float(np.linalg.norm(full))
         if size < 1e-9:
@@ -130,7 +132,7 @@ def identifiability(problem: Problem, base: Fit, effects: Sequence[Law]) -> dict
     }
 
 
-def propose(
+def rank_settings(
     problem: Problem, first: Fit, second: Fit, grid: Trials, shown: Sequence[str], count: int = 4
 ) -> dict[str, Any] | None:
     """Rank the settings of a grid by how well they separate two fitted models, best first."""
@@ -151,7 +153,7 @@ def propose(
     if not np.any(np.isfinite(gain)) or float(np.nanmax(gain)) < 1e-3:
         return None
     gain = np.where(np.isfinite(gain), gain, 0.0)
-    order = _best_first(gain)[:count]
+    order = _order_by_gain(gain)[:count]
     own = difference**2 / covariance[:, range(c), range(c)]
     return {
         "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
@@ -163,12 +165,12 @@ def propose(
         # of the best, after which the difference is expected to reach 12 (odds of 400 to 1)
         "repeats": int(np.ceil(12.0 / float(gain[order[0]]))),
         "channel": problem.trials.channels[
-            _best_first(own[order[0]])[0]
+            _order_by_gain(own[order[0]])[0]
         ],  # the one that contributes most
     }
 
 
-def _best_first(gain: Floats) -> list[int]:
+def _order_by_gain(gain: Floats) -> list[int]:
     """Order by gain; gains within `_TIE` of the best of them are one, and the first of the grid leads: the least load."""
     left = np.argsort(-gain, kind="stable")
     order: list[int] = []

@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.law import Law
-from stepblocks.loop.search.adequacy import independence, pure_error
-from stepblocks.loop.search.fit import Fit, Problem, fit, problem_of
+from stepblocks.loop.search.adequacy import test_pure_error, test_residuals
+from stepblocks.loop.search.fit import Fit, Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
-from stepblocks.loop.search.gate import Trial, choose, gate
+from stepblocks.loop.search.gate import Trial, choose_candidate, score_candidates
 from stepblocks.loop.search.structure import (
     Hint,
-    hints,
-    quantity_errors,
-    walk,
-    wandering,
-    wandering_hint,
+    build_wandering,
+    describe_wandering,
+    estimate_quantity_errors,
+    find_hints,
+    fit_walk,
 )
 
 _LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in for what is left
@@ -111,10 +111,10 @@ def explain(
 ) -> Explanation:
     """Find what a model lacks."""
     rules = rules or Rules()
-    return _conclude(_searched(model, trials, candidates, rules, deployed), candidates, rules)
+    return _conclude(_search_twice(model, trials, candidates, rules, deployed), candidates, rules)
 
 
-def _searched(
+def _search_twice(
     model: ForwardModel,
     trials: Trials,
     candidates: Sequence[Law],
@@ -122,11 +122,11 @@ def _searched(
     deployed: Deployed | None = None,
 ) -> _Grown:
     """Search, ask what nobody wrote down, and search again where trials that follow one another err together."""
-    problem = problem_of(model, trials)
+    problem = build_problem(model, trials)
     grown = _search(problem, candidates, rules, deployed)
     order, names = model.order(trials), list(model.quantities)
-    told = hints(grown.problem, grown.extended, names, order)
-    mistaken = _mistaken(grown, names)
+    told = find_hints(grown.problem, grown.extended, names, order)
+    mistaken = _find_walks(grown, names)
     wanders = sorted(
         {names.index(h.quantity) for h in told if h.kind in ("neighbours", "change")} | mistaken
     )
@@ -134,24 +134,27 @@ def _searched(
         return replace(grown, told=told)
     # a law that a walk does as well counts as walk: its quantity is looked at without what goes
     # with the hour
-    plain = tuple(e for e in grown.extended.effects if not _timely(e, trials, order))
+    plain = tuple(e for e in grown.extended.effects if not _follows_time(e, trials, order))
     base = fit(grown.problem, plain, grown.extended.values) if mistaken else grown.extended
     rows = np.argsort(order, kind="stable")
     seen = {}
     for k in wanders:
-        errors = quantity_errors(grown.problem, base if k in mistaken else grown.extended)[0][
-            rows, k
-        ]
+        errors = estimate_quantity_errors(grown.problem, base if k in mistaken else grown.extended)[
+            0
+        ][rows, k]
         seen[k] = errors[np.isfinite(errors)]
     again = _search(
-        problem.sharing(wandering(problem, base, seen), base), candidates, rules, deployed
+        problem.share_errors(build_wandering(problem, base, seen), base),
+        candidates,
+        rules,
+        deployed,
     )
     known = {names.index(h.quantity) for h in told}
-    told += tuple(wandering_hint(names[k]) for k in sorted(mistaken - known))
+    told += tuple(describe_wandering(names[k]) for k in sorted(mistaken - known))
     return replace(again, told=told)
 
 
-def _timely(effect: Law, trials: Trials, order: Floats) -> bool:
+def _follows_time(effect: Law, trials: Trials, order: Floats) -> bool:
     """Whether an effect follows what drifts with the hour: the run itself, or a reading that goes along with it."""
     numbers = trials.numeric(effect.covariate) if effect.covariate in trials.covariates else None
     if numbers is None or np.ptp(numbers) == 0.0:
@@ -160,24 +163,24 @@ def _timely(effect: Law, trials: Trials, order: Floats) -> bool:
     return float(np.corrcoef(sorted_[:-1], sorted_[1:])[0, 1]) > _DRIFTS
 
 
-def _mistaken(grown: _Grown, names: Sequence[str]) -> set[int]:
+def _find_walks(grown: _Grown, names: Sequence[str]) -> set[int]:
     """Quantities whose law along the hour explains no more than a walk would: neighbours erring together, no law."""
     problem, current = grown.problem, grown.extended
     trials, order = problem.trials, problem.model.order(problem.trials)
     rows = np.argsort(order, kind="stable")
     found = set()
     for effect in current.effects:
-        if effect.slot not in names or not _timely(effect, trials, order):
+        if effect.slot not in names or not _follows_time(effect, trials, order):
             continue
         k = names.index(effect.slot)
         own, bare = (
-            (e := quantity_errors(problem, f)[0][rows, k])[np.isfinite(e)]
-            for f in (current, without(problem, current, effect))
+            (e := estimate_quantity_errors(problem, f)[0][rows, k])[np.isfinite(e)]
+            for f in (current, fit_without(problem, current, effect))
         )
         law = len(own) * float(np.log(np.var(own) / np.var(bare))) + np.log(len(own)) * len(
             effect.parameters
         )
-        if law > -walk(bare)[0] + np.log(len(own)) - _OVER_WALK:
+        if law > -fit_walk(bare)[0] + np.log(len(own)) - _OVER_WALK:
             found.add(k)
     return found
 
@@ -189,10 +192,10 @@ def _search(
     gates: dict[str, float] = {}
     error = deployed(current) if deployed else 0.0
     for step in range(rules.most + 1):
-        opened = gate(
+        opened = score_candidates(
             problem,
             current,
-            _left(candidates, current),
+            _list_untried(candidates, current),
             rules.draws,
             rules.seed + step,
             rules.alpha,
@@ -200,12 +203,12 @@ def _search(
         p_value = opened.p_value
         if p_value > rules.alpha or step == rules.most:
             break
-        choice = choose(problem, current, opened, rules.fits)
-        grown = _grow(problem, current, choice[0], candidates) if choice else None
+        choice = choose_candidate(problem, current, opened, rules.fits)
+        grown = _add_effect(problem, current, choice[0], candidates) if choice else None
         if grown is None:
             break
         for _ in range(2):
-            better = _exchanged(problem, grown, candidates)
+            better = _exchange_effect(problem, grown, candidates)
             if better is None:
                 break
             grown = better
@@ -213,7 +216,7 @@ def _search(
             before, error = error, deployed(grown)
             if not error < before:
                 break
-        problem = problem.tightened(grown)
+        problem = problem.tighten(grown)
         current = fit(problem, grown.effects, grown.values)
         gates = {e.id: gates.get(e.id, p_value) for e in current.effects}
     return _Grown(
@@ -225,17 +228,19 @@ def _search(
     )
 
 
-def _left(candidates: Sequence[Law], current: Fit) -> list[Law]:
+def _list_untried(candidates: Sequence[Law], current: Fit) -> list[Law]:
     taken = {e.id for e in current.effects}
     return [e for e in candidates if e.id not in taken]
 
 
-def without(problem: Problem, current: Fit, effect: Law) -> Fit:
+def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
     """Fit again without one of the effects."""
     return fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
 
 
-def _grow(problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[Law]) -> Fit | None:
+def _add_effect(
+    problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[Law]
+) -> Fit | None:
     """Add the chosen effect; where a law already stands at its place, the law is too stiff and a smooth replaces it."""
     added = chosen.effect
     same = [
@@ -246,7 +251,9 @@ def _grow(problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[La
     if not same:
         return chosen.fit
     others = tuple(e for e in current.effects if e not in same)
-    smooth = [e for e in _left(candidates, current) if e.place == added.place and not e.named]
+    smooth = [
+        e for e in _list_untried(candidates, current) if e.place == added.place and not e.named
+    ]
     base = fit(problem, others, current.values)
     tried = [fit(problem, (*others, e), base.values) for e in smooth]
     tried = [t for t in tried if problem.criterion(t) < problem.criterion(current) - 10.0]
@@ -255,14 +262,17 @@ def _grow(problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[La
     return chosen.fit if not added.named and all(not s.named for s in same) else None
 
 
-def _exchanged(problem: Problem, current: Fit, candidates: Sequence[Law]) -> Fit | None:
+def _exchange_effect(problem: Problem, current: Fit, candidates: Sequence[Law]) -> Fit | None:
     """Look for one of several effects again in the presence of the others, or drop one that is no longer needed."""
     for effect in current.effects if len(current.effects) > 1 else ():
-        base = without(problem, current, effect)
+        base = fit_without(problem, current, effect)
         if problem.criterion(base) <= problem.criterion(current) + _WORTH:
             return base
-        choice = choose(
-            problem, base, gate(problem, base, _left(candidates, base), draws=0), most=6
+        choice = choose_candidate(
+            problem,
+            base,
+            score_candidates(problem, base, _list_untried(candidates, base), draws=0),
+            most=6,
         )
         best = choice[0] if choice else None
         if (
@@ -276,8 +286,8 @@ def _exchanged(problem: Problem, current: Fit, candidates: Sequence[Law]) -> Fit
 
 def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explanation:
     problem, current = grown.problem, grown.extended
-    findings = tuple(_finding(grown, e, candidates, rules) for e in current.effects)
-    checks, adequate = independence(problem, current)
+    findings = tuple(_judge_effect(grown, e, candidates, rules) for e in current.effects)
+    checks, adequate = test_residuals(problem, current)
     kinds = {f.verdict for f in findings}
     order = (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT)
     verdict = next((kind for kind in order if kind in kinds), Verdict.NONE)
@@ -309,16 +319,16 @@ def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explana
     )
 
 
-def _finding(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: Rules) -> Finding:
+def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: Rules) -> Finding:
     problem, current = grown.problem, grown.extended
-    base = without(problem, current, effect)
-    opened = gate(problem, base, _left(candidates, base), draws=0)
-    choice = choose(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
+    base = fit_without(problem, current, effect)
+    opened = score_candidates(problem, base, _list_untried(candidates, base), draws=0)
+    choice = choose_candidate(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
     own = problem.criterion(current)
     rivals: list[Rival] = []
-    seen = {_family(effect)}
+    seen = {_family_name(effect)}
     for trial in choice[1] if choice else ():
-        law, family = trial.effect, _family(trial.effect)
+        law, family = trial.effect, _family_name(trial.effect)
         if (
             family in seen
             or (law.place == effect.place and not law.named)
@@ -335,11 +345,11 @@ def _finding(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: Rules
     )
     p_value = grown.gates.get(effect.id, grown.last_gate_p)
     return Finding(
-        effect, verdict, p_value, base.cost - current.cost, likeliest(rivals, elsewhere[:1])
+        effect, verdict, p_value, base.cost - current.cost, select_likeliest(rivals, elsewhere[:1])
     )
 
 
-def likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
+def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
     """Return the likeliest of some rivals, as many as hold the truth with the effect by `_GROUP`, and those in `always`."""
     odds = np.exp([-0.5 * behind for _, _, behind in rivals])
     before = (1.0 + np.cumsum(odds) - odds) / (1.0 + odds.sum())
@@ -350,7 +360,7 @@ def likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, 
 
 def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool:
     """Whether a law of one amplitude is another one whose amplitudes, of one label each, are alike: no rival of its own."""
-    sizes = list(effect.own(current.values).values())
+    sizes = list(effect.pick_own_values(current.values).values())
     if len(sizes) != 1 or len(wider.parameters) == 1:
         return False
     alike = [(wider, {p.name: sizes[0] for p in wider.parameters})]
@@ -359,16 +369,18 @@ def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool
     return np.allclose(shown, current.predicted, rtol=1e-9, atol=1e-12, equal_nan=True)
 
 
-def earned(found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[object]) -> Explanation:
+def check_claims(
+    found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[object]
+) -> Explanation:
     """Leave `effect` to what the scatter of replicates allows and what every fold chose for itself."""
     seen, free = found.problem.trials.seen, len(found.extended.parameters)
     residual = np.where(seen, found.extended.residual.reshape(seen.shape), np.nan)
-    misfit = [pure_error(column, cells, free)["lack_of_fit_p_value"] for column in residual.T]
+    misfit = [test_pure_error(column, cells, free)["lack_of_fit_p_value"] for column in residual.T]
     known = [p for p in misfit if np.isfinite(p)]
     lacking = bool(known) and min(known) * len(known) < _LACKING
     folds = [set(names) for holdout in holdouts for names in holdout.selected]
     findings = tuple(
-        replace(f, verdict=_agreed(f, folds)) if f.verdict is Verdict.EFFECT else f
+        replace(f, verdict=_judge_folds(f, folds)) if f.verdict is Verdict.EFFECT else f
         for f in found.findings
     )
     verdict = found.verdict
@@ -384,7 +396,7 @@ def earned(found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[obje
     )
 
 
-def withdrawn(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
+def withdraw_claims(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
     """Take back every name where something outside the model's reach is known to have gone on."""
     if not told:
         return found
@@ -392,7 +404,7 @@ def withdrawn(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
     return replace(found, findings=findings, verdict=Verdict.UNEXPLAINED, told=(*told, *found.told))
 
 
-def _agreed(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
+def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
     """Say what may be claimed of a law beside the choices of the folds, each made of fewer trials."""
     family = finding.effect.id.split("~")[0]
     same = [any(name.split("~")[0] == family for name in names) for names in folds]
@@ -404,7 +416,7 @@ def _agreed(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
     return Verdict.AMBIGUOUS if others else Verdict.UNEXPLAINED
 
 
-def _family(effect: Law) -> str:
+def _family_name(effect: Law) -> str:
     """Name without the mark of the variant; specimens are no variants of one another."""
     return effect.id if effect.covariate == "block" else effect.id.split("~")[0]
 
@@ -429,7 +441,7 @@ class Holdout:
         return nominal, extended
 
 
-def folds_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]:
+def split_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]:
     """Split trials so that each fold holds some of every block."""
     generator = np.random.default_rng(seed)
     fold = np.empty(len(trials), dtype=int)
@@ -441,7 +453,7 @@ def folds_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]
     return [np.flatnonzero(fold == i) for i in range(folds)]
 
 
-def folds_of_blocks(trials: Trials, most: int) -> list[Rows]:
+def split_by_block(trials: Trials, most: int) -> list[Rows]:
     """Split trials so that each fold holds whole blocks, at most so many folds."""
     _, number = np.unique(trials.block, return_inverse=True)
     return [np.flatnonzero(number % most == i) for i in range(min(most, int(number.max()) + 1))]
@@ -452,8 +464,8 @@ def hold_out(
 ) -> Holdout:
     """Select and fit without one fold, and predict it; the errors of its trials alone."""
     train, test = trials.take(np.setdiff1d(np.arange(len(trials)), rows)), trials.take(rows)
-    effects = _searched(model, train, candidates(train), rules).extended.effects
-    problem = problem_of(model, train)
+    effects = _search_twice(model, train, candidates(train), rules).extended.effects
+    problem = build_problem(model, train)
     base = fit(problem)
     best = fit(problem, effects, base.values) if effects else base
     # a block that was never seen keeps its prior height
@@ -465,7 +477,7 @@ def hold_out(
     return Holdout(nominal, extended, (tuple(e.id for e in effects),))
 
 
-def gather(trials: Trials, folds: Sequence[Rows], parts: Iterable[Holdout]) -> Holdout:
+def join_holdouts(trials: Trials, folds: Sequence[Rows], parts: Iterable[Holdout]) -> Holdout:
     """Bring the errors of folds into the order of the trials."""
     nominal, extended = (np.full(trials.values.shape, np.nan) for _ in range(2))
     selected: list[tuple[str, ...]] = []

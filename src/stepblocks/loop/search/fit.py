@@ -16,11 +16,11 @@ from stepblocks.law import Active, Law, Parameter
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Systematic, Trials
 from stepblocks.loop.search.noise import (
     Noise,
+    build_noise,
+    compute_flexible_residual,
+    compute_replicate_residual,
     estimate_scatter,
-    flexible_residual,
-    least,
-    replicate_residual,
-    whitener,
+    take_least_scatter,
 )
 
 # of differences, in units of a parameter's scale: an integrated motion is smooth to some 1e-4 of ln
@@ -39,23 +39,23 @@ class Problem:
         Systematic, ...
     ] = ()  # errors that trials share beside those that the model names
 
-    def tightened(self, fitted: Fit) -> Problem:
+    def tighten(self, fitted: Fit) -> Problem:
         """Take the scatter about a fitted model where that is less than about the flexible regression."""
         trials = self.trials
         dof = max(len(trials) - len(fitted.parameters), len(trials) // 2)
         residual = np.where(trials.seen, trials.values - fitted.predicted, np.nan)
         responses = self.model.responses(trials, fitted.values, fitted.active)
         own = estimate_scatter(residual, trials.std, responses, dof)
-        noise = whitener(trials, [*self.model.systematics(trials), *self.common], responses, own)
+        noise = build_noise(trials, [*self.model.systematics(trials), *self.common], responses, own)
         return replace(self, noise=noise) if noise.precision > self.noise.precision else self
 
-    def sharing(self, common: Sequence[Systematic], fitted: Fit) -> Problem:
+    def share_errors(self, common: Sequence[Systematic], fitted: Fit) -> Problem:
         """Return the same with errors that trials share in the noise."""
         responses = self.model.responses(self.trials, fitted.values, fitted.active)
         every = [*self.model.systematics(self.trials), *common]
         return replace(
             self,
-            noise=whitener(self.trials, every, responses, self.noise.scatter),
+            noise=build_noise(self.trials, every, responses, self.noise.scatter),
             common=tuple(common),
         )
 
@@ -66,7 +66,9 @@ class Problem:
 
     def predict(self, effects: Sequence[Law], values: Mapping[str, float]) -> Floats:
         """Predict all channels with effects, shape (n, c)."""
-        return self.model.predict(self.trials, values, [(e, e.own(values)) for e in effects])
+        return self.model.predict(
+            self.trials, values, [(e, e.pick_own_values(values)) for e in effects]
+        )
 
     def criterion(self, fitted: Fit) -> float:
         """Cost plus ``p ln n``, p the parameters of its effects."""
@@ -94,7 +96,7 @@ class Fit:
     @property
     def active(self) -> Active:
         """Effects with their fitted values."""
-        return [(e, e.own(self.values)) for e in self.effects]
+        return [(e, e.pick_own_values(self.values)) for e in self.effects]
 
 
 class _Objective:
@@ -201,10 +203,10 @@ def fit(
         gtol=1e-8,
         max_nfev=evaluations,
     )
-    return _finish(objective, solution.x, -solution.jac, solution.fun)
+    return _collect_fit(objective, solution.x, -solution.jac, solution.fun)
 
 
-def _finish(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats) -> Fit:
+def _collect_fit(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats) -> Fit:
     # the triangle of a QR has the singular values of the whole, at a fraction of the work
     _, singular, right = np.linalg.svd(np.linalg.qr(jacobian, mode="r"))
     inverse = np.where(singular > 1e-9 * singular[0], 1.0 / np.maximum(singular, 1e-300), 0.0)
@@ -226,7 +228,7 @@ def _finish(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats
     )
 
 
-def problem_of(model: ForwardModel, trials: Trials) -> Problem:
+def build_problem(model: ForwardModel, trials: Trials) -> Problem:
     """Pair a model with trials and the noise estimated from them."""
     if len(trials) < 12:
         raise PipelineError(f"trials must be at least 12 to be explained, got {len(trials)}")
@@ -234,16 +236,21 @@ def problem_of(model: ForwardModel, trials: Trials) -> Problem:
     # replicates hold a drift between them, a flexible regression what it cannot follow: each
     # scatter is the less of both
     told = [
-        r for r in (flexible_residual(trials), replicate_residual(trials, model.cells(trials))) if r
+        r
+        for r in (
+            compute_flexible_residual(trials),
+            compute_replicate_residual(trials, model.cells(trials)),
+        )
+        if r
     ]
     start = {p.name: p.start for p in model.parameters(trials)}
     for _ in range(2):
         # the responses depend on the constants, the constants a little on the weights
         responses = model.responses(trials, start)
-        scatter = least(
+        scatter = take_least_scatter(
             [estimate_scatter(residual, trials.std, responses, dof) for residual, dof in told],
             responses,
         )
-        problem = Problem(model, trials, whitener(trials, systematics, responses, scatter))
+        problem = Problem(model, trials, build_noise(trials, systematics, responses, scatter))
         start = fit(problem).values
     return problem

@@ -45,12 +45,14 @@ class _Direction:
     one_sided: bool
 
 
-def tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]) -> Floats:
+def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]) -> Floats:
     """Whitened change of the prediction per unit of each amplitude, in units of its scale, shape (n c, p)."""
-    return problem.noise.whiten(np.stack(_changes(problem, base, effect, shape), axis=2))
+    return problem.noise.whiten(np.stack(_compute_changes(problem, base, effect, shape), axis=2))
 
 
-def _changes(problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]) -> list[Floats]:
+def _compute_changes(
+    problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]
+) -> list[Floats]:
     """Change of the prediction per unit of each amplitude, in units of its scale, each of shape (n, c)."""
     neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
     columns = []
@@ -65,11 +67,11 @@ def _changes(problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float
     return columns
 
 
-def _directions(
+def _compute_directions(
     problem: Problem, base: Fit, effects: Sequence[Law], known: Floats
 ) -> list[_Direction]:
     asked = [(effect, shape) for effect in effects for shape in effect.shapes]
-    changes = [_changes(problem, base, effect, shape) for effect, shape in asked]
+    changes = [_compute_changes(problem, base, effect, shape) for effect, shape in asked]
     if not any(changes):
         return []
     last = np.cumsum([len(columns) for columns in changes])
@@ -110,7 +112,7 @@ def _null_basis(base: Fit) -> Floats:
     return np.asarray(left[:, singular > 1e-8 * singular[0]])
 
 
-def _evaluate(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
+def _project(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
     """Gains of all directions on all vectors, shape (d, m), and the projections on each direction."""
     stacked = np.concatenate([d.basis for d in directions], axis=1)
     last = np.cumsum([d.basis.shape[1] for d in directions])
@@ -122,7 +124,7 @@ def _evaluate(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats
     return gains, parts
 
 
-def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
+def _compute_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
     found = np.asarray(stats.f.logsf(gains / freedom[:, None], freedom[:, None], noise_dof))
     # beyond the smallest number the leading term of the tail keeps the order
     return np.where(
@@ -130,7 +132,7 @@ def _log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
     )
 
 
-def gate(
+def score_candidates(
     problem: Problem,
     base: Fit,
     effects: Sequence[Law],
@@ -140,7 +142,7 @@ def gate(
 ) -> Gate:
     """Score every candidate and judge the best against what noise would do."""
     known = _null_basis(base)
-    directions = _directions(problem, base, effects, known)
+    directions = _compute_directions(problem, base, effects, known)
     if not directions:
         return Gate(1.0, ())
     observed = np.concatenate([base.residual, base.departure])
@@ -149,9 +151,9 @@ def gate(
     # scores are relative to the scatter found, never to less than the scatter expected
     alive = np.abs(base.residual[base.residual != 0.0])
     spread = max(1.0, float((1.4826 * np.median(alive)) ** 2)) if alive.size else 1.0
-    gains, projected = _evaluate(directions, observed[:, None])
+    gains, projected = _project(directions, observed[:, None])
     freedom = np.array([d.basis.shape[1] for d in directions], dtype=float)
-    own = _log_p(gains / spread, freedom, dof)[:, 0]
+    own = _compute_log_p(gains / spread, freedom, dof)[:, 0]
     best: dict[str, Score] = {}
     for d, log_p, gain, part in zip(
         directions, own.tolist(), gains[:, 0].tolist(), projected, strict=True
@@ -160,17 +162,17 @@ def gate(
             best[d.effect.id] = Score(d.effect, d.shape, log_p, gain, d.root @ part[:, 0])
     p_value, needed = 1.0, float("inf")
     if draws:
-        null, _ = _evaluate(directions, _draw(problem, base, draws, seed))
+        null, _ = _project(directions, _draw_noise(problem, base, draws, seed))
         # among directions of equal freedom the least p of a draw is that of the largest gain
         kinds = np.unique(freedom)
         largest = np.stack([null[freedom == kind].max(axis=0) for kind in kinds])
-        least = _log_p(largest, kinds, dof).min(axis=0)
+        least = _compute_log_p(largest, kinds, dof).min(axis=0)
         p_value = float((1 + np.sum(least <= own.min())) / (draws + 1))
         needed = float(stats.f.isf(np.exp(np.quantile(least, alpha)), 1.0, dof)) * spread
     return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)), needed)
 
 
-def smallest_shown(
+def compute_detectable(
     problem: Problem, base: Fit, effects: Sequence[Law], needed: float
 ) -> dict[str, float]:
     """Return the amplitude of each effect of one amplitude that opens the gate nine times in ten."""
@@ -178,7 +180,7 @@ def smallest_shown(
     # deviations
     asked = [e for e in effects if len(e.amplitudes) == 1]
     found: dict[str, float] = {}
-    for direction in _directions(problem, base, asked, _null_basis(base)):
+    for direction in _compute_directions(problem, base, asked, _null_basis(base)):
         scale = next(
             p.scale for p in direction.effect.parameters if p.name == direction.effect.amplitudes[0]
         )
@@ -187,7 +189,7 @@ def smallest_shown(
     return found
 
 
-def _draw(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
+def _draw_noise(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
     """Noise of the design: residual vectors of whole trials, shuffled and signed, at unit variance."""
     generator = np.random.default_rng(seed)
     seen = problem.trials.seen
@@ -215,7 +217,7 @@ class Trial:
     criterion: float
 
 
-def choose(
+def choose_candidate(
     problem: Problem,
     base: Fit,
     opened: Gate,
@@ -226,12 +228,12 @@ def choose(
     """Fit the candidates that score best and choose among them; beside the choice all of them in order."""
     tried: list[Trial] = []
     leading = 0.0
-    for score in sorted(_shortlist(opened.scores, most, keep), key=lambda s: -s.gain):
+    for score in sorted(_select_candidates(opened.scores, most, keep), key=lambda s: -s.gain):
         # what gains far less to first order than another gained in full cannot lead
         if score.gain + _SURPRISE < _HOPELESS * leading and score.effect.id not in keep:
             continue
-        fitted = _refine(problem, base, score)
-        if fitted is not None and not _driven_out(score.effect, fitted):
+        fitted = _fit_candidate(problem, base, score)
+        if fitted is not None and not _is_at_bound(score.effect, fitted):
             tried.append(Trial(score.effect, fitted, problem.criterion(fitted)))
             leading = max(leading, base.cost - fitted.cost)
     tried.sort(key=lambda t: (t.criterion, t.effect.rank))
@@ -249,7 +251,7 @@ def choose(
     return lead, tried
 
 
-def _shortlist(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[Score]:
+def _select_candidates(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[Score]:
     named = [s for s in scores if s.effect.named][:most]
     smooth = [s for s in scores if not s.effect.named]
     # the first smooth of each further place stands for that place
@@ -262,9 +264,9 @@ def _shortlist(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[
     return [*named, *smooth[:most], *more, *extra]
 
 
-def _driven_out(effect: Law, fitted: Fit) -> bool:
+def _is_at_bound(effect: Law, fitted: Fit) -> bool:
     """Whether a law was driven to the end of its form: a settling that never settles is a drift, not a running-in."""
-    own = effect.own(fitted.values)
+    own = effect.pick_own_values(fitted.values)
     shapes = (
         [p for p in effect.parameters if p.name not in effect.amplitudes] if effect.named else []
     )
@@ -272,7 +274,7 @@ def _driven_out(effect: Law, fitted: Fit) -> bool:
     return any(not low + 0.1 * slack < value < high - slack for low, high, slack, value in reach)
 
 
-def _refine(problem: Problem, base: Fit, score: Score) -> Fit | None:
+def _fit_candidate(problem: Problem, base: Fit, score: Score) -> Fit | None:
     effect, steps = (
         score.effect,
         dict(zip(score.effect.amplitudes, score.step.tolist(), strict=True)),

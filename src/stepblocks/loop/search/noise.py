@@ -50,7 +50,7 @@ class Noise:
         )
 
 
-def flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
+def build_flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
     """Regressors flexible enough to follow any smooth effect, so that their residual is scatter alone."""
     n = len(trials)
     labels, inverse = np.unique(trials.block, return_inverse=True)
@@ -75,10 +75,10 @@ def flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
     columns += [a * b for i, a in enumerate(unit) for b in unit[i + 1 :]]
     columns += [u**3 for u in unit] + [u**4 for u in unit]
     columns += [a**2 * b for a in unit[:_INTERACTING] for b in unit if a is not b]
-    return _orthonormal(columns, max(2, int(limit * n)))
+    return _orthonormalise(columns, max(2, int(limit * n)))
 
 
-def _orthonormal(columns: Sequence[Floats], most: int) -> Floats:
+def _orthonormalise(columns: Sequence[Floats], most: int) -> Floats:
     kept: list[Floats] = []
     for column in columns:
         rest = column / max(float(np.linalg.norm(column)), 1e-300)
@@ -94,9 +94,9 @@ def _orthonormal(columns: Sequence[Floats], most: int) -> Floats:
     return np.stack(kept, axis=1)
 
 
-def flexible_residual(trials: Trials) -> tuple[Floats, int]:
+def compute_flexible_residual(trials: Trials) -> tuple[Floats, int]:
     """Return the residual about a flexible regression, shape (n, c), and its degrees of freedom."""
-    basis = flexible_columns(trials)
+    basis = build_flexible_columns(trials)
     residual = np.full(trials.values.shape, np.nan)
     for j in range(trials.values.shape[1]):
         rows = trials.seen[:, j]
@@ -108,7 +108,9 @@ def flexible_residual(trials: Trials) -> tuple[Floats, int]:
     return residual, max(1, len(trials) - basis.shape[1])
 
 
-def replicate_residual(trials: Trials, cells: Sequence[object]) -> tuple[Floats, int] | None:
+def compute_replicate_residual(
+    trials: Trials, cells: Sequence[object]
+) -> tuple[Floats, int] | None:
     """Return the same about the mean of each cell of replicates; None where they are too few to know a scatter by."""
     _, inverse, counts = np.unique(
         [str(cell) for cell in cells], return_inverse=True, return_counts=True
@@ -131,9 +133,9 @@ def replicate_residual(trials: Trials, cells: Sequence[object]) -> tuple[Floats,
     return residual, dof
 
 
-def outliers(trials: Trials, threshold: float = 6.0) -> NDArray[np.bool_]:
+def find_outliers(trials: Trials, threshold: float = 6.0) -> NDArray[np.bool_]:
     """Mark single values that no smooth function of the conditions comes near."""
-    residual, _ = flexible_residual(trials)
+    residual, _ = compute_flexible_residual(trials)
     alone = np.zeros(residual.shape, dtype=bool)
     for j in range(residual.shape[1]):
         seen = np.isfinite(residual[:, j])
@@ -188,7 +190,7 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
     return Scatter(variance[:count] / size**2, variance[count:] * unit**2, dof)
 
 
-def least(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
+def take_least_scatter(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
     """Return of every quantity, and of every channel in all, the least scatter of several estimates."""
     # what a channel scatters on its own and by a quantity that moves little else is hardly told
     # apart: the least of either part would come to less than any estimate saw
@@ -198,7 +200,7 @@ def least(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
     return Scatter(quantities, whole - shown @ quantities, min(s.dof for s in scatters))
 
 
-def whitener(
+def build_noise(
     trials: Trials, systematics: Sequence[Systematic], responses: Floats, scatter: Scatter
 ) -> Noise:
     """Build the whitening for a table of trials."""

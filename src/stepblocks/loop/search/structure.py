@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.fft import dct
 from statsmodels.stats.multitest import multipletests
 
-from stepblocks.loop.search.adequacy import smooth_p
+from stepblocks.loop.search.adequacy import compute_smooth_p
 from stepblocks.loop.search.fit import Fit, Problem
 from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
@@ -30,11 +30,11 @@ _RATIOS = np.concatenate(
 class Hint:
     """Something that chance alone does not do."""
 
-    kind: str  # ``heaps``, ``spread``, ``change``, ``carry-over`` or ``neighbours``
+    kind: str  # ``clusters``, ``spread``, ``change``, ``carry-over`` or ``compare_neighbours``
     quantity: str  # which quantity of the model differs
     p_value: float  # after Holm over all tests; of heaps the odds by the criterion
     said: str  # one sentence
-    heaps: tuple[
+    clusters: tuple[
         tuple[int, ...], ...
     ] = ()  # rows of the trials of each heap, where they fall apart
     gain: float = (
@@ -42,7 +42,7 @@ class Hint:
     )
 
 
-def quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Floats]:
+def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Floats]:
     """Estimate for every trial by how much its quantities differ from the model, and the uncertainty, both (n, k)."""
     trials, scatter = problem.trials, problem.noise.scatter
     responses = problem.model.responses(trials, fitted.values, fitted.active)
@@ -60,9 +60,11 @@ def quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Floats]:
     return np.where(known, found, np.nan), std
 
 
-def hints(problem: Problem, fitted: Fit, names: Sequence[str], order: Floats) -> tuple[Hint, ...]:
+def find_hints(
+    problem: Problem, fitted: Fit, names: Sequence[str], order: Floats
+) -> tuple[Hint, ...]:
     """Ask what nobody wrote down."""
-    errors, _ = quantity_errors(problem, fitted)
+    errors, _ = estimate_quantity_errors(problem, fitted)
     found: list[Hint] = []
     tests: list[Hint] = []
     for k, name in enumerate(names):
@@ -71,20 +73,20 @@ def hints(problem: Problem, fitted: Fit, names: Sequence[str], order: Floats) ->
             continue
         rows = rows[np.argsort(order[rows], kind="stable")]
         values = errors[rows, k]
-        heap = _heaps(name, values, rows)
+        heap = _find_clusters(name, values, rows)
         found += [heap] if heap else []
-        tests += _spreads(name, values, problem.trials.take(rows))
-        tests += [_change(name, values, rows, order), _neighbours(name, values)]
-        tests += _carried(name, values, problem.trials.take(rows))
+        tests += _test_spreads(name, values, problem.trials.take(rows))
+        tests += [_test_change(name, values, rows, order), _test_neighbours(name, values)]
+        tests += _test_carry_over(name, values, problem.trials.take(rows))
     if tests:
         corrected = multipletests([t.p_value for t in tests], method="holm")[1]
         for test, p_value in zip(tests, corrected.tolist(), strict=True):
             if p_value < LEVEL:
                 found.append(replace(test, p_value=p_value))
-    return _plainest(found)
+    return _select_plainest(found)
 
 
-def _plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
+def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
     """One cause shows in several tests: a walk changes, spreads unequally and has heaps; a heap may look like a change."""
     kept = []
     for name in dict.fromkeys(hint.quantity for hint in found):
@@ -95,7 +97,7 @@ def _plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
     return tuple(kept)
 
 
-def _heaps(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | None:
+def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | None:
     """Two heaps instead of one, by the criterion of Schwarz, and well apart."""
     from sklearn.mixture import GaussianMixture
 
@@ -119,7 +121,7 @@ def _heaps(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | None:
     return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), said, heaps)
 
 
-def _spreads(name: str, values: Floats, trials: Trials) -> list[Hint]:
+def _test_spreads(name: str, values: Floats, trials: Trials) -> list[Hint]:
     """Brown and Forsythe's test under every label."""
     found = []
     for label, column in trials.covariates.items():
@@ -136,7 +138,7 @@ def _spreads(name: str, values: Floats, trials: Trials) -> list[Hint]:
     return found
 
 
-def _change(name: str, values: Floats, rows: NDArray[np.intp], order: Floats) -> Hint:
+def _test_change(name: str, values: Floats, rows: NDArray[np.intp], order: Floats) -> Hint:
     """One sudden change along the run."""
     import ruptures
 
@@ -155,18 +157,20 @@ def _change(name: str, values: Floats, rows: NDArray[np.intp], order: Floats) ->
     return Hint("change", name, p_value, said, heaps, gain)
 
 
-def _carried(name: str, values: Floats, trials: Trials) -> list[Hint]:
+def _test_carry_over(name: str, values: Floats, trials: Trials) -> list[Hint]:
     """Ask whether what was set at the trial before shows."""
     columns = [
-        numbers for label in trials.covariates if (numbers := _setting(trials, label)) is not None
+        numbers
+        for label in trials.covariates
+        if (numbers := _rank_setting(trials, label)) is not None
     ]
     if not columns:
         return []
-    p_value = smooth_p(values[1:], np.column_stack(columns)[:-1])
+    p_value = compute_smooth_p(values[1:], np.column_stack(columns)[:-1])
     return [Hint("carry-over", name, p_value, f"{name} remembers the settings of the trial before")]
 
 
-def _setting(trials: Trials, label: str) -> Floats | None:
+def _rank_setting(trials: Trials, label: str) -> Floats | None:
     """Ranks of a setting that goes from trial to trial as it likes, not of a reading that drifts."""
     numbers = trials.numeric(label)
     if numbers is None or not 1 < len(np.unique(numbers)) <= 20:
@@ -175,7 +179,7 @@ def _setting(trials: Trials, label: str) -> Floats | None:
     return np.asarray((ranks - ranks.mean()) / np.std(ranks))
 
 
-def walk(values: Floats) -> tuple[float, float, float]:
+def fit_walk(values: Floats) -> tuple[float, float, float]:
     """Fit a walk beside scatter: twice the log likelihood that it gains, step and scatter (standard deviations)."""
     # The cosine transform diagonalises a walk whose mean is taken off, so that the likelihood costs
     # one transform.
@@ -190,30 +194,32 @@ def walk(values: Floats) -> tuple[float, float, float]:
     return float(cost[0] - cost[best]), scatter * float(np.sqrt(_RATIOS[best])), scatter
 
 
-def _neighbours(name: str, values: Floats) -> Hint:
+def _test_neighbours(name: str, values: Floats) -> Hint:
     from statsmodels.stats.diagnostic import acorr_ljungbox
 
-    gain, _, _ = walk(values)
+    gain, _, _ = fit_walk(values)
     lags = min(5, len(values) // 8)
     together = float(acorr_ljungbox(values, lags=[lags])["lb_pvalue"].iloc[0])
     p_value = min(1.0, 2.0 * min(together, 0.5 * float(stats.chi2.sf(gain, 1))))
-    return wandering_hint(name, p_value, gain - float(np.log(len(values))))
+    return describe_wandering(name, p_value, gain - float(np.log(len(values))))
 
 
-def wandering_hint(name: str, p_value: float = 0.0, gain: float = 0.0) -> Hint:
+def describe_wandering(name: str, p_value: float = 0.0, gain: float = 0.0) -> Hint:
     """Say that a quantity goes its own way along the run."""
     said = f"{name} wanders: trials that follow one another err together"
     return Hint("neighbours", name, p_value, said, gain=gain)
 
 
-def wandering(problem: Problem, fitted: Fit, wanders: Mapping[int, Floats]) -> list[Systematic]:
+def build_wandering(
+    problem: Problem, fitted: Fit, wanders: Mapping[int, Floats]
+) -> list[Systematic]:
     """Directions of the noise in which quantities wander along the run; `wanders` gives the values they were seen in."""
     trials = problem.trials
     responses = problem.model.responses(trials, fitted.values, fitted.active)
     place = np.argsort(np.argsort(problem.model.order(trials), kind="stable"), kind="stable")
     n, found = len(trials), []
     for k, values in wanders.items():
-        _, step, _ = walk(values)
+        _, step, _ = fit_walk(values)
         for wave in range(1, min(_DIRECTIONS, n // 3)):
             column = np.sqrt(2.0 / n) * np.cos(np.pi * wave * (place + 0.5) / n)
             std = step / (2.0 * np.sin(0.5 * np.pi * wave / n))

@@ -12,10 +12,16 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
-    plane,
-    toleranced,
+    describe_plane,
+    make_characteristic,
 )
-from stepblocks.parts.declared import Table, below, must, rules_validator, usual
+from stepblocks.parts.declared import (
+    Table,
+    check_below,
+    check_rule,
+    declare_default,
+    rules_validator,
+)
 from stepblocks.parts.kind import (
     CONTACT_DEFLECTION,
     FITTING_DEFLECTION,
@@ -24,8 +30,15 @@ from stepblocks.parts.kind import (
     MeasuredMesh,
 )
 from stepblocks.parts.kinds.margin import CrownMargin
-from stepblocks.parts.revolution import Outline, Turned, outline_points, ring, sectors, stack
-from stepblocks.parts.shapes import hull
+from stepblocks.parts.revolution import (
+    Outline,
+    Turned,
+    list_outline_points,
+    list_ring_points,
+    make_frusta,
+    make_sectors,
+)
+from stepblocks.parts.shapes import make_hull
 from stepblocks.parts.tolerance import Angle, Dimension, Length, PositiveLength
 from stepblocks.quantities import format_quantity
 
@@ -37,7 +50,7 @@ class FinishLine(Table):
 
     # a square ledge, a quarter round, or no ledge
     kind: Literal["shoulder", "chamfer", "feather-edge"] = "shoulder"
-    width: Length = usual(
+    width: Length = declare_default(
         "1 mm", "0.05 mm"
     )  # of the ledge, or radius of the quarter round [m]; 0 for the feather edge
 
@@ -55,26 +68,28 @@ class FinishLine(Table):
 class CrownOnTooth(CrownMargin, Turned):
     """A prepared tooth and its crown, both bodies of revolution about the path of draw; usually a molar's."""
 
-    margin_radius: PositiveLength = usual(
+    margin_radius: PositiveLength = declare_default(
         "4 mm", "0.02 mm"
     )  # outer radius of the tooth at the finish line [m]
-    finish_line: FinishLine = usual({})
-    taper: Angle = usual(
+    finish_line: FinishLine = declare_default({})
+    taper: Angle = declare_default(
         "6 deg", "0.5 deg"
     )  # of the axial wall to the path of draw, half the total convergence [rad]
-    preparation_height: PositiveLength = usual("5 mm", "0.1 mm")  # over the finish line [m]
-    root_length: PositiveLength = usual("8 mm")  # below the finish line [m]
-    internal_gap: Length = usual(
+    preparation_height: PositiveLength = declare_default(
+        "5 mm", "0.1 mm"
+    )  # over the finish line [m]
+    root_length: PositiveLength = declare_default("8 mm")  # below the finish line [m]
+    internal_gap: Length = declare_default(
         "60 um", otherwise="15 um"
     )  # between axial wall and crown, across the wall [m]
-    shell_thickness: PositiveLength = usual(
+    shell_thickness: PositiveLength = declare_default(
         "1.5 mm", "0.1 mm"
     )  # of the crown over the preparation [m]
 
     stanza: ClassVar[str] = "crown_on_tooth"
-    called: ClassVar[str] = "crown on tooth"
-    titled: ClassVar[str] = "Crown on tooth"
-    governed_by: ClassVar[str] = "marginal_gap"
+    kind_name: ClassVar[str] = "crown on tooth"
+    drawing_title: ClassVar[str] = "Crown on tooth"
+    governing_field: ClassVar[str] = "marginal_gap"
     axes: ClassVar[str] = (
         "the crown lies on its side: x along the path of draw from tooth to crown, y around, z "
         "outwards; the finish line is at "
@@ -165,10 +180,13 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def hulls(self) -> list[Any]:
         """Frusta of the tooth, the crown's roof, and sectors of its wall in horizontal slices."""
-        points = outline_points(self.crown_outline(), 5e-6)
+        points = list_outline_points(self.crown_outline(), 5e-6)
         ceiling, roof, outer = points[0][1], points[-1][1], points[-2][0]
         fitting = points[1 : points.index((outer, roof))]
-        pieces = [*stack(self.tooth_outline()), hull([*ring(outer, ceiling), *ring(outer, roof)])]
+        pieces = [
+            *make_frusta(self.tooth_outline()),
+            make_hull([*list_ring_points(outer, ceiling), *list_ring_points(outer, roof)]),
+        ]
         walls = (
             (a, b)
             for a, b in itertools.pairwise(fitting)
@@ -179,7 +197,7 @@ class CrownOnTooth(CrownMargin, Turned):
         lip = [r for r, z in fitting if z < gap] if low < 0.0 else []
         if lip:
             cells.append([(min(lip), low), (outer, low), (outer, gap), (min(lip), gap)])
-        return [*pieces, *(sector for cell in cells for sector in sectors(cell))]
+        return [*pieces, *(sector for cell in cells for sector in make_sectors(cell))]
 
     def chordal_error(self, face: cad.door.Face) -> float:
         reach = 2.0 * (self.marginal_gap.nominal + abs(self.opening.nominal))
@@ -195,39 +213,53 @@ class CrownOnTooth(CrownMargin, Turned):
             self.preparation_height,
         )
         side = FaceRule("CYLINDER", radius=R.nominal)
-        yield toleranced(
+        yield make_characteristic(
             "margin_diameter", "diameter", R, side, label="diameter at the margin"
         ).doubled
-        top, base = plane(2, height.nominal), plane(2, -root.nominal)
+        top, base = describe_plane(2, height.nominal), describe_plane(2, -root.nominal)
         if self.finish_line.kind == "shoulder":
-            shoulder = plane(2, 0.0)
-            yield toleranced("preparation_height", "distance", height, shoulder, top)
-            yield toleranced("root_length", "distance", root, base, shoulder)
+            shoulder = describe_plane(2, 0.0)
+            yield make_characteristic("preparation_height", "distance", height, shoulder, top)
+            yield make_characteristic("root_length", "distance", root, base, shoulder)
         else:
             whole = Dimension(
                 root.nominal + height.nominal, root.upper + height.upper, root.lower + height.lower
             )
-            tooth = toleranced(
+            tooth = make_characteristic(
                 "tooth_length", "distance", whole, base, top, label="tooth, whole length"
             )
             yield replace(tooth, states=(root, height))
         outside = replace(h, nominal=self.outer_radius)
         at, label = FaceRule("CYLINDER", radius=self.outer_radius), "diameter of the crown"
         yield replace(
-            toleranced("crown_diameter", "diameter", outside, at, label=label, body=1).doubled,
+            make_characteristic(
+                "crown_diameter", "diameter", outside, at, label=label, body=1
+            ).doubled,
             states=(h,),
         )
         ceiling = height.nominal + self.internal_gap.nominal
-        shell = plane(2, ceiling), plane(2, ceiling + self.shell_thickness.nominal)
-        yield toleranced("shell_thickness", "distance", self.shell_thickness, *shell, body=1)
+        shell = (
+            describe_plane(2, ceiling),
+            describe_plane(2, ceiling + self.shell_thickness.nominal),
+        )
+        yield make_characteristic(
+            "shell_thickness", "distance", self.shell_thickness, *shell, body=1
+        )
         kind, width, key = self.finish_line.kind, self.finish_line.width, "finish_line_width"
         if kind == "shoulder":
-            edges = EdgeRule(side, plane(2, 0.0)), EdgeRule(plane(2, 0.0), self._walls()[0])
+            edges = (
+                EdgeRule(side, describe_plane(2, 0.0)),
+                EdgeRule(describe_plane(2, 0.0), self._walls()[0]),
+            )
             label = "finish line, width of the shoulder"
-            yield toleranced(key, "distance", width, *edges, label=label, method="microscope")
+            yield make_characteristic(
+                key, "distance", width, *edges, label=label, method="microscope"
+            )
         else:  # no face is as wide
             what = "radius of the quarter round" if kind == "chamfer" else "width of its edge"
-            yield toleranced(key, "note", width, label=f"finish line, {what}", method="microscope")
+            yield make_characteristic(
+                key, "note", width, label=f"finish line, {what}", method="microscope"
+            )
         yield from self._seated(ceiling)
 
     def _seated(self, ceiling: float) -> Iterator[Characteristic]:
@@ -236,27 +268,34 @@ class CrownOnTooth(CrownMargin, Turned):
         outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
         ledge = FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
         if finish == "shoulder":
-            ledge = plane(2, 0.0, 0)
+            ledge = describe_plane(2, 0.0, 0)
         cavosurface, end, walls = (
             EdgeRule(outside, ledge),
-            plane(2, self.opening.nominal, 1),
+            describe_plane(2, self.opening.nominal, 1),
             self._walls(),
         )
         # between two cones that are not parallel each gap holds at one end of the crown's
         across: tuple[Rule, Rule] = walls[0], EdgeRule(walls[1], end)
         if finish != "feather-edge":
-            across = ledge if finish == "shoulder" else cavosurface, plane(2, g.nominal, 1)
-        yield toleranced("marginal_gap", "distance", g, *across, method=_SEATED)
+            across = ledge if finish == "shoulder" else cavosurface, describe_plane(2, g.nominal, 1)
+        yield make_characteristic("marginal_gap", "distance", g, *across, method=_SEATED)
         yield self._opening(cavosurface, end)
-        top = EdgeRule(walls[1], plane(2, ceiling, 1)) if finish == "feather-edge" else walls[1]
-        yield toleranced("internal_gap", "distance", inner, walls[0], top, method=_SEATED)
+        top = (
+            EdgeRule(walls[1], describe_plane(2, ceiling, 1))
+            if finish == "feather-edge"
+            else walls[1]
+        )
+        yield make_characteristic("internal_gap", "distance", inner, walls[0], top, method=_SEATED)
         if inner.nominal > 0.0:
-            roof = plane(2, self.preparation_height.nominal, 0), plane(2, ceiling, 1)
+            roof = (
+                describe_plane(2, self.preparation_height.nominal, 0),
+                describe_plane(2, ceiling, 1),
+            )
             label = "internal gap, roof"
-            yield toleranced(
+            yield make_characteristic(
                 "internal_gap_roof", "distance", inner, *roof, label=label, method=_SEATED
             )
-        yield toleranced(
+        yield make_characteristic(
             "taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED
         ).doubled
 
@@ -275,20 +314,25 @@ class CrownOnTooth(CrownMargin, Turned):
         )
         if v.nominal < 0.0:
             label = "vertical discrepancy, lip over the tooth"
-            return toleranced(
+            return make_characteristic(
                 key, "distance", v, cavosurface, end, label=label, method=_SEATED
             ).unsigned
         if v.nominal == g or finish == "feather-edge":
-            return toleranced(key, "distance", v, cavosurface, end, method=_SEATED)
+            return make_characteristic(key, "distance", v, cavosurface, end, method=_SEATED)
         if (
             finish == "shoulder" and v.nominal > g
         ):  # the margin is where the bevel meets the outside
             outside = FaceRule("CYLINDER", radius=self.outer_radius, body=1)
             bevel = FaceRule("CONE", holds={2: 0.5 * (g + v.nominal)}, body=1)
-            return toleranced(
-                key, "distance", v, plane(2, 0.0, 0), EdgeRule(bevel, outside), method=_SEATED
+            return make_characteristic(
+                key,
+                "distance",
+                v,
+                describe_plane(2, 0.0, 0),
+                EdgeRule(bevel, outside),
+                method=_SEATED,
             )
-        return toleranced(key, "note", v, method=_SEATED)
+        return make_characteristic(key, "note", v, method=_SEATED)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         radii, heights = mesh.radii, mesh.vertices[:, 2]
@@ -342,8 +386,8 @@ class CrownOnTooth(CrownMargin, Turned):
             return
         top = R - finish.width.nominal - height * math.tan(self.taper.nominal)
         rule = "leave the preparation a top of a tenth of margin_radius"
-        yield must(top > 0.1 * R, "preparation_height", rule, 0.1 * R, top)
-        yield below(
+        yield check_rule(top > 0.1 * R, "preparation_height", rule, 0.1 * R, top)
+        yield check_below(
             "internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R
         )
         # of the crown across the path of draw at its fitting end
@@ -359,7 +403,7 @@ class CrownOnTooth(CrownMargin, Turned):
             + gap / math.cos(self.taper.nominal)
         )
         wall = h - inner
-        yield must(
+        yield check_rule(
             wall > 0.0,
             "horizontal_discrepancy",
             "leave the crown a wall at its margin",
@@ -370,9 +414,9 @@ class CrownOnTooth(CrownMargin, Turned):
             self.shell_thickness.nominal,
             "not exceed the shell (overextension beyond shell_thickness)",
         )
-        yield must(h <= shell, "horizontal_discrepancy", rule, shell, h)
+        yield check_rule(h <= shell, "horizontal_discrepancy", rule, shell, h)
         bevel = abs(v - g) if v >= 0.0 and finish.kind != "feather-edge" else 0.0
-        yield must(
+        yield check_rule(
             bevel < wall,
             "vertical_discrepancy",
             "leave a wall behind the bevel of the margin",
@@ -383,4 +427,6 @@ class CrownOnTooth(CrownMargin, Turned):
             yield f"vertical_discrepancy must not be negative for a feather-edge, got {format_quantity(v, 'length')}"
             return
         least = max(g, v) + finish.width.nominal
-        yield must(height > least, "preparation_height", "exceed the finish line", least, height)
+        yield check_rule(
+            height > least, "preparation_height", "exceed the finish line", least, height
+        )

@@ -10,12 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks import cad
-from stepblocks.parts.characteristics import Characteristic, FaceRule, located, plane, toleranced
+from stepblocks.parts.characteristics import (
+    Characteristic,
+    FaceRule,
+    describe_plane,
+    make_characteristic,
+    make_location,
+)
 from stepblocks.parts.declared import MaterialField
 from stepblocks.parts.kind import COARSE_DEFLECTION, Finding, HeldPart, MeasuredMesh
 from stepblocks.parts.revolution import Point3
-from stepblocks.parts.shapes import hull
-from stepblocks.parts.tolerance import Dimension, general_deviation
+from stepblocks.parts.shapes import make_hull
+from stepblocks.parts.tolerance import Dimension, find_general_deviation
 
 _SIDES = ("left", "front", "base")  # where coordinates are counted from
 
@@ -71,16 +77,16 @@ class Round:
         return 0.5 * (np.array(self.start) + end)
 
 
-def between(
+def make_distance(
     key: str, label: str, axis: int, start: float, size: Dimension, near: Point3
 ) -> Characteristic:
     """State a distance of two plane faces held closer than in general; both contain `near` but for its coordinate along the axis."""
     holds = {k: near[k] for k in range(3) if k != axis}
     faces = (FaceRule("PLANE", axis, at, holds=holds) for at in (start, start + size.nominal))
-    return toleranced(key, "distance", size, *faces, label=label, method="micrometer")
+    return make_characteristic(key, "distance", size, *faces, label=label, method="micrometer")
 
 
-def bore(
+def make_bore(
     axis: Literal["x", "y", "z"], start: Point3, diameter: float, length: float, fit: str = ""
 ) -> Round:
     """Describe a bore; H7 is that of ISO 286-2 for 3 to 18 mm, a thread is drilled by its core (ISO 261)."""
@@ -95,7 +101,7 @@ class Machined(HeldPart):
     """A part of the apparatus: x along the drag, y along the edge, z up from the tip at the middle of its travel."""
 
     stanza: ClassVar[str] = "machined"
-    governed_by: ClassVar[str] = ""
+    governing_field: ClassVar[str] = ""
 
     boxes: tuple[Box, ...] = ()
     rods: tuple[Round, ...] = ()
@@ -108,16 +114,18 @@ class Machined(HeldPart):
     standard: str = ""  # designation where it is bought, not made
 
     @property
-    def titled(self) -> str:  # type: ignore[override]
+    def drawing_title(self) -> str:  # type: ignore[override]
         return self.title
 
     def solids(self) -> list[cad.door.Body]:
-        made = [cad.kernel.box(one.low, one.high) for one in self.boxes] + [
-            _cylinder(one) for one in self.rods
+        made = [cad.kernel.make_box(one.low, one.high) for one in self.boxes] + [
+            _make_cylinder(one) for one in self.rods
         ]
-        body = cad.kernel.fused(made) if len(made) > 1 else made[0]
+        body = cad.kernel.fuse(made) if len(made) > 1 else made[0]
         return [
-            cad.kernel.cut(body, [_cylinder(one) for one in self.bores]) if self.bores else body
+            cad.kernel.cut(body, [_make_cylinder(one) for one in self.bores])
+            if self.bores
+            else body
         ]
 
     def _masses(self) -> list[tuple[float, NDArray[np.float64]]]:
@@ -147,7 +155,7 @@ class Machined(HeldPart):
         )
 
     def hulls(self) -> list[Any]:
-        return [hull(itertools.product(*one.ends)) for one in self.boxes]
+        return [make_hull(itertools.product(*one.ends)) for one in self.boxes]
 
     @property
     def extent(self) -> tuple[Point3, Point3]:  # lower and upper corner of the box around it [m]
@@ -166,7 +174,7 @@ class Machined(HeldPart):
             if isinstance(face, FaceRule)
         ]
         for k, name in enumerate(("length", "width", "height")):
-            ends = plane(k, low[k]), plane(k, high[k])
+            ends = describe_plane(k, low[k]), describe_plane(k, high[k])
             if (
                 self.rods
                 and not {low[k], high[k]} <= flat[k]
@@ -177,8 +185,12 @@ class Machined(HeldPart):
                 face.axis == k and abs(one.nominal - high[k] + low[k]) < 1e-9 for one, face in upper
             ):
                 continue
-            yield toleranced(
-                name, "distance", _general(high[k] - low[k]), *ends, label=f"{name} over all"
+            yield make_characteristic(
+                name,
+                "distance",
+                _make_general_dimension(high[k] - low[k]),
+                *ends,
+                label=f"{name} over all",
             )
             held = [face.at for _, face in upper if face.axis == k]
             inner = sorted(
@@ -187,9 +199,9 @@ class Machined(HeldPart):
                 if not any(abs(end - at) < 1e-9 for at in (low[k], high[k], *held))
             )
             for index, at in enumerate(inner, start=1):
-                faces = plane(k, low[k]), plane(k, at)
+                faces = describe_plane(k, low[k]), describe_plane(k, at)
                 label = f"{name}, face {index} from the {_SIDES[k]}"
-                yield located(f"{name}_{index}", label, at - low[k], *faces)
+                yield make_location(f"{name}_{index}", label, at - low[k], *faces)
         yield from self.between
         for index, one in enumerate((*self.rods, *self.bores), start=1):
             kind = "rod" if one in self.rods else "bore"
@@ -201,12 +213,12 @@ class Machined(HeldPart):
             size = (
                 Dimension(one.diameter, one.upper, one.lower)
                 if one.upper > one.lower
-                else _general(one.diameter)
+                else _make_general_dimension(one.diameter)
             )
             through = any(math.dist(one.ends[along], box.ends[along]) < 1e-12 for box in self.boxes)
             deep = "" if kind == "rod" or through else f", {one.length * 1e3:g} mm long"
             said = (f" for {one.thread}" if one.thread else "") + deep
-            yield toleranced(
+            yield make_characteristic(
                 f"{kind}_{index}",
                 "diameter",
                 size,
@@ -217,7 +229,9 @@ class Machined(HeldPart):
                 away = float(one.start[k] - low[k])
                 if away > 0.5e-3 and any(abs(box.low[k] - low[k]) < 1e-12 for box in self.boxes):
                     name = f"{kind} {index} from the {_SIDES[k]}"
-                    yield located(f"{kind}_{index}_{'xyz'[k]}", name, away, plane(k, low[k]), face)
+                    yield make_location(
+                        f"{kind}_{index}_{'xyz'[k]}", name, away, describe_plane(k, low[k]), face
+                    )
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         low, high = self.extent
@@ -230,15 +244,15 @@ class Machined(HeldPart):
         return 1.0, max(b - a for a, b in zip(low, high, strict=True)), (0.0, 0.0, 0.0)
 
 
-def _general(length: float) -> Dimension:
-    deviation = general_deviation(length) or 0.05e-3
+def _make_general_dimension(length: float) -> Dimension:
+    deviation = find_general_deviation(length) or 0.05e-3
     return Dimension(length, deviation, -deviation, general=True)
 
 
-def _cylinder(one: Round) -> cad.door.Body:
+def _make_cylinder(one: Round) -> cad.door.Body:
     u, v = (
         [0.5 * one.diameter * (name == axis) for name in "xyz"]
         for axis in "xyz".replace(one.axis, "")
     )
     along = [one.length * (name == one.axis) for name in "xyz"]
-    return cad.kernel.extruded(cad.kernel.circle(one.start, u, v), along)
+    return cad.kernel.extrude(cad.kernel.outline_circle(one.start, u, v), along)

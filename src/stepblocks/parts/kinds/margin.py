@@ -9,27 +9,34 @@ from typing import Any, ClassVar
 from stepblocks import cad
 from stepblocks.contact.counterface import Margin
 from stepblocks.contact.operating_point import Tissue, Tool
-from stepblocks.parts.body import Block, Body, body_cuts, half_points, half_volume, strip_volume
+from stepblocks.parts.body import (
+    Block,
+    Body,
+    compute_half_volume,
+    compute_strip_volume,
+    list_half_corners,
+    make_body_cuts,
+)
 from stepblocks.parts.characteristics import (
     PROFILE,
     Characteristic,
     EdgeRule,
     FaceRule,
-    form_of,
-    plane,
-    toleranced,
+    describe_plane,
+    make_characteristic,
+    make_form_characteristics,
 )
 from stepblocks.parts.conditions import Gum
 from stepblocks.parts.declared import (
     MaterialField,
     WorkingFaces,
-    below,
-    must,
+    check_below,
+    check_rule,
+    declare_default,
     rules_validator,
-    usual,
 )
-from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, exaggeration
-from stepblocks.parts.shapes import hull, split
+from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, choose_exaggeration
+from stepblocks.parts.shapes import make_hull, split_solid
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
 from stepblocks.quantities import format_quantity
 
@@ -48,15 +55,15 @@ class CrownMargin(Part):
         "opening": "vertical_discrepancy",
     }
 
-    marginal_gap: PositiveLength = usual(otherwise="10 um")  # g
-    horizontal_discrepancy: SignedLength = usual(
+    marginal_gap: PositiveLength = declare_default(otherwise="10 um")  # g
+    horizontal_discrepancy: SignedLength = declare_default(
         "0 um", otherwise="10 um"
     )  # h; positive: overextended
-    vertical_discrepancy: SignedLength | None = usual(
+    vertical_discrepancy: SignedLength | None = declare_default(
         None, otherwise="10 um"
     )  # v; left out, it is g
     gum: Gum | None = None  # beside the margin; none where the file does not say
-    material: MaterialField = usual("zirconia")
+    material: MaterialField = declare_default("zirconia")
 
     def tissue(self, tool: Tool) -> Tissue:
         return Tissue() if self.gum is None else self.gum.tissue(tool.frequency)
@@ -66,7 +73,7 @@ class CrownMargin(Part):
     def floor(self) -> tuple[float, float]:
         """Depth of the gap [m] where it begins, and how steeply its floor falls from there [1]."""
 
-    def sized(self, **sizes: float) -> Margin:
+    def make_counterface(self, **sizes: float) -> Margin:
         gap = sizes["gap"]
         return Margin(max(gap, 0.0), sizes.get("opening", gap), sizes["rise"], *self.floor)
 
@@ -112,7 +119,7 @@ class CrownMargin(Part):
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
         wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
-        return (exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
+        return (choose_exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
 
     def derived(self) -> list[list[str]]:
         accepted = self.absolute_discrepancy <= _CLINICAL_LIMIT * (1.0 + 1e-12)
@@ -126,18 +133,18 @@ class MarginBlock(CrownMargin, Block):
     """A bench block: the tooth's outer surface at z = 0 and x < 0, the crown's at z = h beyond the gap."""
 
     stanza: ClassVar[str] = "margin_block"
-    called: ClassVar[str] = "margin block"
-    titled: ClassVar[str] = "Margin block"
-    governed_by: ClassVar[str] = "horizontal_discrepancy"
+    kind_name: ClassVar[str] = "margin block"
+    drawing_title: ClassVar[str] = "Margin block"
+    governing_field: ClassVar[str] = "horizontal_discrepancy"
 
-    marginal_gap: PositiveLength = usual(otherwise="2 um")
-    horizontal_discrepancy: SignedLength = usual("0 um", otherwise="2 um")
-    vertical_discrepancy: SignedLength | None = usual(None, otherwise="3 um")
-    material: MaterialField = usual("steel")
-    gap_depth: PositiveLength = usual(
+    marginal_gap: PositiveLength = declare_default(otherwise="2 um")
+    horizontal_discrepancy: SignedLength = declare_default("0 um", otherwise="2 um")
+    vertical_discrepancy: SignedLength | None = declare_default(None, otherwise="3 um")
+    material: MaterialField = declare_default("steel")
+    gap_depth: PositiveLength = declare_default(
         "0.4 mm", otherwise="0.05 mm"
     )  # of the gap below the tooth's surface [m]
-    body: Body = usual({})
+    body: Body = declare_default({})
     working_faces: WorkingFaces | None = (
         None  # demands on tooth and crown face, where the file states them
     )
@@ -165,15 +172,15 @@ class MarginBlock(CrownMargin, Block):
     def solids(self) -> list[cad.door.Body]:
         gap, depth = self.marginal_gap.nominal, self.gap_depth.nominal
         body = self.extruded([*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)])
-        return [cad.kernel.cut(body, body_cuts(self.body, self.id, self.rise))]
+        return [cad.kernel.cut(body, make_body_cuts(self.body, self.id, self.rise))]
 
     def volumes(self) -> tuple[float, ...]:
         """Halves on either side of x = 0 at their own heights, less the gap, corrected at the crown's corner."""
         body, half, depth = self.body, 0.5 * self.body.length.nominal, self.gap_depth.nominal
         g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.rise
-        volume = half_volume(body, half, 0.0) + half_volume(body, half, h)
+        volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, h)
         above = [*self.corner, (0.0, h)] if v >= 0.0 else [(g, g), (0.0, g)]
-        volume -= strip_volume(body, h, [(0.0, -depth), (g, -depth), *above])
+        volume -= compute_strip_volume(body, h, [(0.0, -depth), (g, -depth), *above])
         if (
             v < 0.0
             # the lip stands over the tooth, on the tooth's side, where the left half's chamfer
@@ -191,14 +198,14 @@ class MarginBlock(CrownMargin, Block):
             self.rise,
             self.opening.nominal,
         )
-        left = hull(half_points(body, -1.0, 0.0, [(0.0, 0.0)]))
-        right = hull(half_points(body, 1.0, rise, [(0.0, rise)]))
-        under, crown = split(right, "x", gap)
-        floor, _ = split(under, "z", -self.gap_depth.nominal)
+        left = make_hull(list_half_corners(body, -1.0, 0.0, [(0.0, 0.0)]))
+        right = make_hull(list_half_corners(body, 1.0, rise, [(0.0, rise)]))
+        under, crown = split_solid(right, "x", gap)
+        floor, _ = split_solid(under, "z", -self.gap_depth.nominal)
         half, c = 0.5 * body.width.nominal, body.edge_break.nominal
 
         def prism(section: list[tuple[float, float]]) -> Any:
-            return hull(
+            return make_hull(
                 (x, y * (half - max(0.0, z - rise + c)), z) for x, z in section for y in (-1, 1)
             )
 
@@ -213,7 +220,7 @@ class MarginBlock(CrownMargin, Block):
                 for z in (gap, rise)
                 for y in (-1, 1)
             ]
-            pieces += [hull(lip), prism([(x, z) for x in (0.0, gap) for z in (gap, rise)])]
+            pieces += [make_hull(lip), prism([(x, z) for x in (0.0, gap) for z in (gap, rise)])]
         elif opening < gap:
             pieces.append(prism([(gap, rise - (gap - opening)), (opening, rise), (gap, rise)]))
         return pieces
@@ -221,19 +228,22 @@ class MarginBlock(CrownMargin, Block):
     def characteristics(self) -> Iterator[Characteristic]:
         g, h, depth = self.marginal_gap, self.horizontal_discrepancy, self.gap_depth
         half = 0.5 * self.body.length.nominal
-        tooth, crown = plane(2, 0.0, x=-0.5 * half), plane(2, h.nominal, x=0.5 * half)
-        low = -0.5 * depth.nominal
-        wall = plane(0, 0.0, z=low)
-        yield toleranced(
-            "marginal_gap", "distance", g, wall, plane(0, g.nominal, z=low), method=ACROSS
+        tooth, crown = (
+            describe_plane(2, 0.0, x=-0.5 * half),
+            describe_plane(2, h.nominal, x=0.5 * half),
         )
-        yield toleranced(
+        low = -0.5 * depth.nominal
+        wall = describe_plane(0, 0.0, z=low)
+        yield make_characteristic(
+            "marginal_gap", "distance", g, wall, describe_plane(0, g.nominal, z=low), method=ACROSS
+        )
+        yield make_characteristic(
             "horizontal_discrepancy", "distance", h, tooth, crown, method=PROFILE
         ).unsigned
         yield from self._opening(wall, crown)
-        yield from form_of(self.face_demands, tooth, crown, "tooth", "crown")
-        floor = plane(2, -depth.nominal, x=0.5 * g.nominal)
-        yield toleranced(
+        yield from make_form_characteristics(self.face_demands, tooth, crown, "tooth", "crown")
+        floor = describe_plane(2, -depth.nominal, x=0.5 * g.nominal)
+        yield make_characteristic(
             "gap_depth",
             "distance",
             depth,
@@ -251,20 +261,24 @@ class MarginBlock(CrownMargin, Block):
             bevel = FaceRule(
                 "SLOPE", holds={0: 0.5 * (g + v.nominal), 2: h - 0.5 * (v.nominal - g)}
             )
-            yield toleranced(key, "distance", v, wall, EdgeRule(bevel, crown), method=ACROSS)
+            yield make_characteristic(
+                key, "distance", v, wall, EdgeRule(bevel, crown), method=ACROSS
+            )
             angle = Dimension(math.radians(45.0), ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle")
             label = "bevel of the margin"
-            yield toleranced(
+            yield make_characteristic(
                 "bevel_angle", "angle", angle, bevel, crown, label=label, method=ACROSS
             )
         elif v.nominal < 0.0:
             end, label = (
-                plane(0, v.nominal, z=0.5 * (g + h)),
+                describe_plane(0, v.nominal, z=0.5 * (g + h)),
                 "vertical discrepancy, lip over the tooth",
             )
-            yield toleranced(key, "distance", v, wall, end, label=label, method=ACROSS).unsigned
+            yield make_characteristic(
+                key, "distance", v, wall, end, label=label, method=ACROSS
+            ).unsigned
         elif self.vertical_discrepancy is not None:
-            yield toleranced(key, "note", v, method=ACROSS)
+            yield make_characteristic(key, "note", v, method=ACROSS)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         yield self._gap_found(mesh, self.body.length)
@@ -284,15 +298,17 @@ class MarginBlock(CrownMargin, Block):
             self.body.edge_break.nominal,
         )
         room = 0.5 * body.length.nominal - chamfer
-        yield below("marginal_gap", "be narrower than a quarter of the body", g, 0.5 * room)
-        yield below(
+        yield check_below("marginal_gap", "be narrower than a quarter of the body", g, 0.5 * room)
+        yield check_below(
             "vertical_discrepancy", "be smaller than a quarter of the body", abs(v), 0.5 * room
         )
-        yield below(
+        yield check_below(
             "gap_depth", "be below a quarter of the thickness", depth, 0.25 * body.thickness.nominal
         )
         yield from self.require_engravable()
         deepest = abs(v - g) - h if v >= 0.0 else -h
-        yield must(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
+        yield check_rule(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
         covered = abs(h) < chamfer or chamfer == 0.0
-        yield must(covered, "horizontal_discrepancy", "be smaller than edge_break", chamfer, abs(h))
+        yield check_rule(
+            covered, "horizontal_discrepancy", "be smaller than edge_break", chamfer, abs(h)
+        )

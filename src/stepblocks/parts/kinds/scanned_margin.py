@@ -11,16 +11,22 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
 from stepblocks import cad
-from stepblocks.atomic import inside
+from stepblocks.atomic import resolve_inside
 from stepblocks.confined import read_confined
 from stepblocks.contact.counterface import SIDE, ProfiledMargin
 from stepblocks.errors import StimulusError
 from stepblocks.parts import margin_line
-from stepblocks.parts.characteristics import Characteristic, plane, toleranced
-from stepblocks.parts.declared import Table, below, must, rules_validator, usual
+from stepblocks.parts.characteristics import Characteristic, describe_plane, make_characteristic
+from stepblocks.parts.declared import (
+    Table,
+    check_below,
+    check_rule,
+    declare_default,
+    rules_validator,
+)
 from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
 from stepblocks.parts.kinds.margin import ACROSS, CrownMargin
-from stepblocks.parts.shapes import hull
+from stepblocks.parts.shapes import make_hull
 from stepblocks.parts.tolerance import PositiveLength
 
 _UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
@@ -28,7 +34,7 @@ _LEAST_POINTS = 6  # a line through fewer cuts the corners of a tooth
 _USUAL_STATIONS = 50  # round a crown's margin: Groten et al. 2000, J Prosthet Dent 83:40
 
 
-def _line(raw: object) -> object:
+def _read_line(raw: object) -> object:
     """Read a margin line; in one message what it may be."""
     try:
         points = np.array(raw, dtype=np.float64)
@@ -63,13 +69,13 @@ class ScannedMargin(CrownMargin):
     """A bar with the section of a scanned margin, the tooth level at x = 0."""
 
     stanza: ClassVar[str] = "scanned_margin"
-    called: ClassVar[str] = "scanned margin"
-    titled: ClassVar[str] = "Margin of a scan"
-    governed_by: ClassVar[str] = "horizontal_discrepancy"
+    kind_name: ClassVar[str] = "scanned margin"
+    drawing_title: ClassVar[str] = "Margin of a scan"
+    governing_field: ClassVar[str] = "horizontal_discrepancy"
 
     mesh: str
     unit: Literal["um", "mm", "cm", "m"]  # of the mesh; such files do not say
-    margin: Annotated[Any, BeforeValidator(_line)]
+    margin: Annotated[Any, BeforeValidator(_read_line)]
     stations: Annotated[int, Field(ge=1, le=1000)] = _USUAL_STATIONS
     crown_towards: tuple[float, float, float] = (
         0.0,
@@ -78,15 +84,17 @@ class ScannedMargin(CrownMargin):
     )  # roughly, from the root, in the frame of the mesh
     shows: Literal["tooth", "crown", "both"] = "both"
     station: Station = Station()
-    gap_depth: PositiveLength = usual(
+    gap_depth: PositiveLength = declare_default(
         "0.4 mm", otherwise="0.05 mm"
     )  # of the gap below the tooth's surface [m]
-    length: PositiveLength = usual("4 mm")  # of the bar, along x [m]
-    width: PositiveLength = usual("2 mm")  # along y [m]
-    thickness: PositiveLength = usual("3 mm")  # from the base to the tooth at the margin [m]
+    length: PositiveLength = declare_default("4 mm")  # of the bar, along x [m]
+    width: PositiveLength = declare_default("2 mm")  # along y [m]
+    thickness: PositiveLength = declare_default(
+        "3 mm"
+    )  # from the base to the tooth at the margin [m]
 
     @classmethod
-    def followed(cls, stanza: Mapping[str, Any], folder: Path) -> Iterator[Mapping[str, Any]]:
+    def expand_stanza(cls, stanza: Mapping[str, Any], folder: Path) -> Iterator[Mapping[str, Any]]:
         if "station" in stanza:
             raise ValueError("station is worked out from the mesh, and not a field of a file")
         try:
@@ -94,13 +102,13 @@ class ScannedMargin(CrownMargin):
         except ValidationError:  # whose mistakes are told where all stanzas are validated
             yield stanza
             return
-        path = inside(folder, one.mesh)
+        path = resolve_inside(folder, one.mesh)
         if path is None or path.suffix.lower() not in (".stl", ".ply"):
             raise ValueError(
                 f"mesh must be an STL or PLY file in the folder of the set, got {one.mesh!r:.80}"
             )
         changed = path.stat().st_mtime_ns if path.is_file() else 0
-        rows = _stations(
+        rows = _read_stations(
             path, changed, _UNITS[one.unit], one.margin, one.stations, one.crown_towards, one.shows
         )
         for number, row in enumerate(rows, start=1):
@@ -116,8 +124,8 @@ class ScannedMargin(CrownMargin):
     def floor(self) -> tuple[float, float]:
         return self.gap_depth.nominal, 0.0
 
-    def sized(self, **sizes: float) -> ProfiledMargin:
-        scan, level = self.station, vars(super().sized(**sizes))
+    def make_counterface(self, **sizes: float) -> ProfiledMargin:
+        scan, level = self.station, vars(super().make_counterface(**sizes))
         bent = {
             "tooth_curvature": scan.tooth_curvature_per_m,
             "crown_curvature": scan.crown_curvature_per_m,
@@ -133,7 +141,7 @@ class ScannedMargin(CrownMargin):
     def solids(self) -> list[cad.door.Body]:
         half, base = 0.5 * self.length.nominal, -self.thickness.nominal
         return [
-            cad.kernel.prism(
+            cad.kernel.make_prism(
                 [(half, base), *reversed(self._section()), (-half, base)], self.width.nominal
             )
         ]
@@ -149,20 +157,22 @@ class ScannedMargin(CrownMargin):
         base, side = -self.thickness.nominal, 0.5 * self.width.nominal
         columns = [(a, b) for a, b in itertools.pairwise(self._section()) if b[0] > a[0]]
         return [
-            hull((x, y, z) for x, top in ends for z in (base, top) for y in (-side, side))
+            make_hull((x, y, z) for x, top in ends for z in (base, top) for y in (-side, side))
             for ends in columns
         ]
 
     def characteristics(self) -> Iterator[Characteristic]:
         g, low = self.marginal_gap, -0.5 * self.gap_depth.nominal
-        walls = plane(0, 0.0, z=low), plane(0, g.nominal, z=low)
-        yield toleranced("marginal_gap", "distance", g, *walls, method=ACROSS)
+        walls = describe_plane(0, 0.0, z=low), describe_plane(0, g.nominal, z=low)
+        yield make_characteristic("marginal_gap", "distance", g, *walls, method=ACROSS)
         for name in ("horizontal_discrepancy", "vertical_discrepancy", "gap_depth", "thickness"):
             if (one := getattr(self, name)) is not None:
-                yield toleranced(name, "note", one, method=ACROSS)
+                yield make_characteristic(name, "note", one, method=ACROSS)
         for axis, one in enumerate((self.length, self.width)):
             name, half = ("length", "width")[axis], 0.5 * one.nominal
-            yield toleranced(name, "distance", one, plane(axis, -half), plane(axis, half))
+            yield make_characteristic(
+                name, "distance", one, describe_plane(axis, -half), describe_plane(axis, half)
+            )
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         reach, corner = (
@@ -193,15 +203,17 @@ class ScannedMargin(CrownMargin):
         )
         lowest = max(depth, *(-z for _, z in self._section()))
         under = v - g - self.horizontal_discrepancy.nominal
-        yield must(v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v)
-        yield below(
+        yield check_rule(
+            v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v
+        )
+        yield check_below(
             "vertical_discrepancy",
             "leave the crown on the bar",
             v,
             0.5 * self.length.nominal - SIDE,
         )
-        yield must(under < depth, "gap_depth", "reach below the margin", under, depth)
-        yield must(
+        yield check_rule(under < depth, "gap_depth", "reach below the margin", under, depth)
+        yield check_rule(
             2.0 * lowest < thickness,
             "thickness",
             "be over twice the depth",
@@ -211,7 +223,7 @@ class ScannedMargin(CrownMargin):
 
 
 @lru_cache(maxsize=8)
-def _stations(path: Path, changed: int, *asked: Any) -> list[list[float]]:
+def _read_stations(path: Path, changed: int, *asked: Any) -> list[list[float]]:
     """Read each state of a file once."""
     found = read_confined(f"{margin_line.__name__}:stations_in", path, *asked, raises=StimulusError)
     return [list(map(float, row)) for row in found["stations"]]

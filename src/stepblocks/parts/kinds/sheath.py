@@ -12,21 +12,21 @@ from stepblocks.parts.characteristics import (
     Characteristic,
     EdgeRule,
     FaceRule,
-    broken_edges,
-    plane,
-    toleranced,
+    describe_plane,
+    make_characteristic,
+    make_edge_break,
 )
 from stepblocks.parts.declared import (
     Material,
     Sourced,
     Table,
-    below,
-    must,
+    check_below,
+    check_rule,
+    read_sourced,
     rules_validator,
-    sourced,
 )
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
-from stepblocks.parts.revolution import Outline, Point, Turned, sectors
+from stepblocks.parts.revolution import Outline, Point, Turned, make_sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
 from stepblocks.quantities import format_quantity
 
@@ -42,9 +42,9 @@ _STEP = 10e-6  # a solved dimension is rounded to this, so that a drawing can st
 class SheathMaterial(Material):
     """A material that bends and damps; modulus and ratios at the frequency of the ring."""
 
-    modulus: Annotated[Sourced, sourced("pressure")]  # Young's
-    poisson: Annotated[Sourced, sourced("ratio")]
-    loss_factor: Annotated[Sourced, sourced("ratio")]
+    modulus: Annotated[Sourced, read_sourced("pressure")]  # Young's
+    poisson: Annotated[Sourced, read_sourced("ratio")]
+    loss_factor: Annotated[Sourced, read_sourced("ratio")]
 
     @rules_validator
     def _is_elastic(self) -> Iterator[str]:
@@ -56,9 +56,9 @@ class Sheath(Turned, HeldPart):
     """A tube over the shank; its end near the clamp lies at z = 0, its axis is z."""
 
     stanza: ClassVar[str] = "sheath"
-    called: ClassVar[str] = "sheath of the probe"
-    titled: ClassVar[str] = "Sheath"
-    governed_by: ClassVar[str] = "bore"
+    kind_name: ClassVar[str] = "sheath of the probe"
+    drawing_title: ClassVar[str] = "Sheath"
+    governing_field: ClassVar[str] = "bore"
 
     bore: PositiveLength  # inner diameter [m]
     outer_diameter: PositiveLength  # m
@@ -68,13 +68,13 @@ class Sheath(Turned, HeldPart):
     material: SheathMaterial
 
     @classmethod
-    def prepared(cls, stanzas: object) -> object:
+    def prepare_stanzas(cls, stanzas: object) -> object:
         """Solve the sheaths that are to weigh as much as another one."""
         if not isinstance(stanzas, list | tuple) or not all(
             isinstance(one, dict) for one in stanzas
         ):
             return stanzas
-        return [_solved(one, stanzas) if _is_open(one) else one for one in stanzas]
+        return [_solve_diameter(one, stanzas) if _is_open(one) else one for one in stanzas]
 
     @property
     def sleeve(self) -> Sleeve | None:
@@ -91,7 +91,7 @@ class Sheath(Turned, HeldPart):
     @property
     def mass(self) -> float:  # nominal [kg]
         sizes = self.bore, self.outer_diameter, self.length, self.edge_break
-        return self.material.density.value * _volume(*(one.nominal for one in sizes))
+        return self.material.density.value * _compute_volume(*(one.nominal for one in sizes))
 
     @property
     def mass_limits(self) -> tuple[float, float]:
@@ -99,7 +99,7 @@ class Sheath(Turned, HeldPart):
         (thin, wide), (small, large) = self.bore.limits, self.outer_diameter.limits
         (short, long), (sharp, blunt) = self.length.limits, self.edge_break.limits
         density = self.material.density.value
-        return density * _volume(wide, small, short, blunt), density * _volume(
+        return density * _compute_volume(wide, small, short, blunt), density * _compute_volume(
             thin, large, long, max(sharp, 0.0)
         )
 
@@ -122,7 +122,7 @@ class Sheath(Turned, HeldPart):
         ]
 
     def hulls(self) -> list[Any]:
-        return sectors(self.outline())
+        return make_sectors(self.outline())
 
     def chordal_error(self, face: cad.door.Face) -> float:
         return FITTING_DEFLECTION
@@ -130,21 +130,25 @@ class Sheath(Turned, HeldPart):
     def characteristics(self) -> Iterator[Characteristic]:
         bore, outer, broken = self.bore, self.outer_diameter, self.edge_break
         side = FaceRule("CYLINDER", radius=0.5 * outer.nominal)
-        yield toleranced(
+        yield make_characteristic(
             "bore",
             "diameter",
             bore,
             FaceRule("CYLINDER", radius=0.5 * bore.nominal),
             method="pin gauges",
         )
-        yield toleranced("outer_diameter", "diameter", outer, side)
-        yield toleranced(
-            "length", "distance", self.length, plane(2, 0.0), plane(2, self.length.nominal)
+        yield make_characteristic("outer_diameter", "diameter", outer, side)
+        yield make_characteristic(
+            "length",
+            "distance",
+            self.length,
+            describe_plane(2, 0.0),
+            describe_plane(2, self.length.nominal),
         )
         edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * broken.nominal}), side)
-        yield broken_edges(broken, plane(2, 0.0), edge)
+        yield make_edge_break(broken, describe_plane(2, 0.0), edge)
         where = "position, from the clamp"
-        yield toleranced(
+        yield make_characteristic(
             "position", "note", self.position, label=where, method="caliper, assembled"
         )
 
@@ -202,13 +206,17 @@ class Sheath(Turned, HeldPart):
             self.edge_break.nominal,
         )
         apart = self.outer_diameter.limits[0] > self.bore.limits[1]
-        yield must(apart, "outer_diameter", "exceed bore, within their tolerances too", bore, outer)
+        yield check_rule(
+            apart, "outer_diameter", "exceed bore, within their tolerances too", bore, outer
+        )
         if outer > bore:  # without a wall, nothing can be said of what is cut into it
             room = 0.5 * min(outer - bore, self.length.nominal)
-            yield below("edge_break", "be smaller than the wall and half the length", broken, room)
+            yield check_below(
+                "edge_break", "be smaller than the wall and half the length", broken, room
+            )
 
 
-def _volume(bore: float, outer: float, length: float, broken: float) -> float:
+def _compute_volume(bore: float, outer: float, length: float, broken: float) -> float:
     """Tube less two rings of triangular section, by Pappus."""
     tube = 0.25 * math.pi * (outer**2 - bore**2) * length
     return tube - 2.0 * math.pi * broken**2 * (0.5 * outer - broken / 3.0)
@@ -221,7 +229,7 @@ class _AsHeavy(Table):
     tolerance: Any = None
 
 
-def _validated(model: type[Model], table: object, name: object) -> Model:
+def _validate(model: type[Model], table: object, name: object) -> Model:
     """Validate a table on its own, with one line and its place where it is wrong."""
     try:
         return model.model_validate(table)
@@ -242,20 +250,22 @@ def _is_open(stanza: Mapping[str, Any]) -> bool:
     return isinstance(outer := stanza.get("outer_diameter"), dict) and "mass_of" in outer
 
 
-def _solved(stanza: Mapping[str, Any], stanzas: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _solve_diameter(
+    stanza: Mapping[str, Any], stanzas: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
     """Find the diameter at which a sheath weighs as much as another, rounded to what a drawing states."""
     name = stanza.get("id")
-    wish = _validated(_AsHeavy, stanza["outer_diameter"], name)
+    wish = _validate(_AsHeavy, stanza["outer_diameter"], name)
     other = next((one for one in stanzas if one.get("id") == wish.mass_of), None)
     if other is None or _is_open(other):
         rule = "a sheath of the set" if other is None else "a sheath with given dimensions"
         raise ValueError(f"mass_of must name {rule}, got {wish.mass_of!r} [sheath {name!r}]")
-    mass = _validated(Sheath, other, wish.mass_of).mass
+    mass = _validate(Sheath, other, wish.mass_of).mass
     kept = {} if wish.tolerance is None else {"tolerance": wish.tolerance}
     kept["source"] = f"solved for the mass of {wish.mass_of}, {format_mass(mass)}"
 
     def tried(outer: str) -> Sheath:
-        return _validated(Sheath, {**stanza, "outer_diameter": {"nominal": outer, **kept}}, name)
+        return _validate(Sheath, {**stanza, "outer_diameter": {"nominal": outer, **kept}}, name)
 
     wide = tried(
         "100 mm"
@@ -263,7 +273,7 @@ def _solved(stanza: Mapping[str, Any], stanzas: Sequence[Mapping[str, Any]]) -> 
     bore, length, broken = (one.nominal for one in (wide.bore, wide.length, wide.edge_break))
     # the volume is quadratic in the diameter, less what it is at diameter 0
     rings = math.pi * broken**2
-    constant = mass / wide.material.density.value - _volume(bore, 0.0, length, broken)
+    constant = mass / wide.material.density.value - _compute_volume(bore, 0.0, length, broken)
     root = (rings + math.sqrt(rings**2 + math.pi * length * constant)) / (0.5 * math.pi * length)
     found = tried(f"{round(root / _STEP) * _STEP * 1e3:.9g} mm")
     if abs(found.mass / mass - 1.0) > MASS_MATCH:

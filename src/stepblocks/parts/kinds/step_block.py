@@ -8,29 +8,36 @@ import numpy as np
 
 from stepblocks import cad
 from stepblocks.contact.counterface import Step
-from stepblocks.parts.body import OVER, Block, Body, body_cuts, half_points, half_volume
+from stepblocks.parts.body import (
+    OVER,
+    Block,
+    Body,
+    compute_half_volume,
+    list_half_corners,
+    make_body_cuts,
+)
 from stepblocks.parts.characteristics import (
     PROFILE,
     Characteristic,
     EdgeRule,
     FaceRule,
-    form_of,
-    plane,
-    toleranced,
+    describe_plane,
+    make_characteristic,
+    make_form_characteristics,
 )
 from stepblocks.parts.declared import (
     MaterialField,
     Table,
     WorkingFaces,
-    below,
-    must,
+    check_below,
+    check_rule,
+    declare_default,
     rules_validator,
-    usual,
 )
 from stepblocks.parts.energy_tolerance import (
     EnergyToleranceField,
-    described,
-    energy_tolerance_lacks,
+    check_energy_tolerance,
+    describe_energy_tolerance,
 )
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
@@ -38,10 +45,10 @@ from stepblocks.parts.kind import (
     NANOMETRE,
     Finding,
     MeasuredMesh,
-    exaggeration,
+    choose_exaggeration,
 )
-from stepblocks.parts.shapes import hull, split
-from stepblocks.parts.tolerance import FeltLength, FeltPositiveLength, PositiveLength
+from stepblocks.parts.shapes import make_hull, split_solid
+from stepblocks.parts.tolerance import LengthByEnergy, PositiveLength, PositiveLengthByEnergy
 
 
 class MetrologyFeature(Table):
@@ -51,9 +58,9 @@ class MetrologyFeature(Table):
     # lower, level with the upper
     kind: Literal["groove", "ridge"] = "groove"
     # W between its edges along x [m]; a plane face of at least W lies on either side
-    width: PositiveLength = usual("0.6 mm", "0.05 mm")
-    lane: PositiveLength = usual("6 mm")  # along y, from the back side of the block [m]
-    distance: PositiveLength = usual(
+    width: PositiveLength = declare_default("0.6 mm", "0.05 mm")
+    lane: PositiveLength = declare_default("6 mm")  # along y, from the back side of the block [m]
+    distance: PositiveLength = declare_default(
         "2 mm", "0.1 mm"
     )  # from the working edge to its nearer edge [m]
 
@@ -62,27 +69,27 @@ class StepBlock(Block):
     """A block with one working edge, at x = 0."""
 
     stanza: ClassVar[str] = "step_block"
-    called: ClassVar[str] = "step block"
-    titled: ClassVar[str] = "Step block"
+    kind_name: ClassVar[str] = "step block"
+    drawing_title: ClassVar[str] = "Step block"
     felt_by: ClassVar[dict[str, str]] = {"height": "height", "edge_radius": "edge_radius"}
-    governed_by: ClassVar[str] = "height"
+    governing_field: ClassVar[str] = "height"
 
-    height: FeltPositiveLength = usual(
+    height: PositiveLengthByEnergy = declare_default(
         otherwise="1 um"
     )  # H of the step [m]; as grinding and lapping hold it
-    edge_radius: FeltLength = usual(
+    edge_radius: LengthByEnergy = declare_default(
         "0 um", otherwise="+2 um / -0 um"
     )  # r of the working edge [m]; 0 is sharp
-    body: Body = usual({})
-    metrology: MetrologyFeature = usual({})
-    material: MaterialField = usual("steel")
+    body: Body = declare_default({})
+    metrology: MetrologyFeature = declare_default({})
+    material: MaterialField = declare_default("steel")
     # of the vibration energy, where tolerances of height, edge radius or tip shall follow from it
     energy_tolerance: EnergyToleranceField | None = None
     working_faces: WorkingFaces | None = (
         None  # demands on the faces beside the edge, where the file states them
     )
 
-    def sized(self, **sizes: float) -> Step:
+    def make_counterface(self, **sizes: float) -> Step:
         return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
 
     def top(self, x: float) -> float:
@@ -100,9 +107,9 @@ class StepBlock(Block):
             crest.append(((bow, height - bow), (0.0, height - radius)))
         if radius < height:
             crest.append((0.0, 0.0))
-        body, cuts = self.extruded(crest), body_cuts(self.body, self.id, height)
+        body, cuts = self.extruded(crest), make_body_cuts(self.body, self.id, height)
         if self.metrology.kind == "ridge":
-            body = cad.kernel.fused([body, self._feature()])
+            body = cad.kernel.fuse([body, self._feature()])
         else:
             cuts.append(self._feature())
         return [cad.kernel.cut(body, cuts)]
@@ -120,7 +127,7 @@ class StepBlock(Block):
                 feature.lane.nominal,
                 self.height.nominal,
             )
-        return cad.kernel.box((x0, y0, 0.0), (x0 + feature.width.nominal, y0 + depth, top))
+        return cad.kernel.make_box((x0, y0, 0.0), (x0 + feature.width.nominal, y0 + depth, top))
 
     def volumes(self) -> tuple[float, ...]:
         """Two halves, less the rounding, the groove or with the ridge, less what the workshop cuts."""
@@ -131,7 +138,7 @@ class StepBlock(Block):
             self.metrology,
         )
         half, c = 0.5 * body.length.nominal, body.edge_break.nominal
-        volume = half_volume(body, half, 0.0) + half_volume(body, half, H)
+        volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, H)
         # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta
         # wide
         corners = r**3 / 3.0 if c > 0.0 else 0.0
@@ -149,7 +156,7 @@ class StepBlock(Block):
 
     def hulls(self) -> list[Any]:
         body, height, feature = self.body, self.height.nominal, self.metrology
-        left = hull(half_points(body, -1.0, 0.0, [(0.0, 0.0)]))
+        left = make_hull(list_half_corners(body, -1.0, 0.0, [(0.0, 0.0)]))
         rounding, radius = [(0.0, height)], self.edge_radius.nominal
         if radius > 0.0:  # chords that keep the contact's chordal error
             step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
@@ -159,7 +166,7 @@ class StepBlock(Block):
                 (float(radius * (1.0 - sin)), float(height - radius * (1.0 - cos)))
                 for sin, cos in sines
             ]
-        right = hull(half_points(body, 1.0, height, rounding))
+        right = make_hull(list_half_corners(body, 1.0, height, rounding))
         near, lane = feature.distance.nominal, 0.5 * body.width.nominal - feature.lane.nominal
         if feature.kind == "ridge":
             y1 = 0.5 * body.width.nominal - body.edge_break.nominal
@@ -169,11 +176,11 @@ class StepBlock(Block):
                 for x in xs
                 for y, z in ((lane, 0.0), (lane, height), (y1, 0.0), (y1 - height, height))
             ]
-            return [left, right, hull(ridge)]
-        before, rest = split(right, "x", near)
-        middle, after = split(rest, "x", near + feature.width.nominal)
-        drag, groove = split(middle, "y", lane)
-        floor, _ = split(groove, "z", 0.0)
+            return [left, right, make_hull(ridge)]
+        before, rest = split_solid(right, "x", near)
+        middle, after = split_solid(rest, "x", near + feature.width.nominal)
+        drag, groove = split_solid(middle, "y", lane)
+        floor, _ = split_solid(groove, "z", 0.0)
         return [left, before, drag, floor, after]
 
     def chordal_error(self, face: cad.door.Face) -> float:
@@ -182,16 +189,20 @@ class StepBlock(Block):
 
     def characteristics(self) -> Iterator[Characteristic]:
         H, r, half = self.height.nominal, self.edge_radius.nominal, 0.5 * self.body.length.nominal
-        lower, upper = plane(2, 0.0, x=-0.5 * half), plane(2, H, x=0.5 * half)
-        yield toleranced("step_height", "distance", self.height, lower, upper, method=PROFILE)
+        lower, upper = describe_plane(2, 0.0, x=-0.5 * half), describe_plane(2, H, x=0.5 * half)
+        yield make_characteristic(
+            "step_height", "distance", self.height, lower, upper, method=PROFILE
+        )
         arc = FaceRule("CYLINDER", radius=r, holds={0: 0.5 * r})
-        edge = arc if r > 0.0 else EdgeRule(plane(0, 0.0, z=0.5 * H), upper)
-        yield toleranced(
+        edge = arc if r > 0.0 else EdgeRule(describe_plane(0, 0.0, z=0.5 * H), upper)
+        yield make_characteristic(
             "edge_radius", "radius", self.edge_radius, edge, method="profilometer, arc fit"
         )
-        yield from form_of(self.face_demands, lower, upper, "lower face", "upper face")
+        yield from make_form_characteristics(
+            self.face_demands, lower, upper, "lower face", "upper face"
+        )
         yield from self._feature_characteristics(lower, upper)
-        wall = plane(0, 0.0, y=-0.25 * self.body.width.nominal) if r < H else None
+        wall = describe_plane(0, 0.0, y=-0.25 * self.body.width.nominal) if r < H else None
         yield from self.body_characteristics(lower, upper, wall)
 
     def _feature_characteristics(
@@ -206,17 +217,19 @@ class StepBlock(Block):
         side = 1.0 if kind == "groove" else -1.0
         near, width = side * feature.distance.nominal, side * feature.width.nominal
         middle = near + 0.5 * width
-        of, ends = "ridge_height", (lower, plane(2, H, x=middle, y=lane))
+        of, ends = "ridge_height", (lower, describe_plane(2, H, x=middle, y=lane))
         if kind == "groove":
-            of, ends = "groove_depth", (plane(2, 0.0, x=middle, y=lane), upper)
-        yield toleranced(of, "distance", self.height, *ends, method=how)
-        walls = plane(0, near, y=lane), plane(0, near + width, y=lane)
-        yield toleranced(f"{kind}_width", "distance", feature.width, *walls, method="profilometer")
-        ends = plane(1, back), plane(1, 2.0 * lane - back, x=middle)
-        yield toleranced(f"{kind}_length", "distance", feature.lane, *ends)
+            of, ends = "groove_depth", (describe_plane(2, 0.0, x=middle, y=lane), upper)
+        yield make_characteristic(of, "distance", self.height, *ends, method=how)
+        walls = describe_plane(0, near, y=lane), describe_plane(0, near + width, y=lane)
+        yield make_characteristic(
+            f"{kind}_width", "distance", feature.width, *walls, method="profilometer"
+        )
+        ends = describe_plane(1, back), describe_plane(1, 2.0 * lane - back, x=middle)
+        yield make_characteristic(f"{kind}_length", "distance", feature.lane, *ends)
         if self.edge_radius.nominal < H:
-            at, name = (plane(0, 0.0, y=-0.5 * back), walls[0]), f"{kind} from edge"
-            yield toleranced(
+            at, name = (describe_plane(0, 0.0, y=-0.5 * back), walls[0]), f"{kind} from edge"
+            yield make_characteristic(
                 f"{kind}_distance",
                 "distance",
                 feature.distance,
@@ -232,10 +245,10 @@ class StepBlock(Block):
 
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         height = self.height.nominal
-        return exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0)
+        return choose_exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0)
 
     def derived(self) -> list[list[str]]:
-        return described(self.energy_tolerance)
+        return describe_energy_tolerance(self.energy_tolerance)
 
     @rules_validator
     def _is_possible(self) -> Iterator[str]:
@@ -248,14 +261,16 @@ class StepBlock(Block):
         tip_is_free = (
             self.energy_tolerance is not None and self.energy_tolerance.ball_radius is None
         )
-        yield energy_tolerance_lacks(self.energy_tolerance, self.sizes, tip_is_free)
-        yield must(radius <= height, "edge_radius", "not exceed height", height, radius)
+        yield check_energy_tolerance(self.energy_tolerance, self.sizes, tip_is_free)
+        yield check_rule(radius <= height, "edge_radius", "not exceed height", height, radius)
         chamfer, rule = (
             body.edge_break.nominal,
             "be smaller than edge_break, or the chamfers of the two faces part",
         )
-        yield must(height < chamfer or chamfer == 0.0, "height", rule, chamfer, height)
-        yield below("height", "be below half the thickness", height, 0.5 * body.thickness.nominal)
+        yield check_rule(height < chamfer or chamfer == 0.0, "height", rule, chamfer, height)
+        yield check_below(
+            "height", "be below half the thickness", height, 0.5 * body.thickness.nominal
+        )
         width, distance, lane = (
             feature.width.nominal,
             feature.distance.nominal,
@@ -266,14 +281,14 @@ class StepBlock(Block):
             distance + 2.0 * width,
             width + radius,
         )
-        yield must(
+        yield check_rule(
             reach <= room,
             "metrology.width",
             "leave a plane face of its own width on either side",
             room,
             reach,
         )
-        yield must(
+        yield check_rule(
             distance >= least,
             "metrology.distance",
             "be at least its width plus edge_radius",
@@ -283,7 +298,7 @@ class StepBlock(Block):
         half = 0.5 * body.width.nominal
         if body.mounting.kind == "clearance":
             bore = 0.5 * body.mounting.entry_diameter
-            yield must(
+            yield check_rule(
                 half - lane > bore,
                 "metrology.lane",
                 "keep clear of the counterbores",
@@ -291,4 +306,4 @@ class StepBlock(Block):
                 lane,
             )
         yield from self.require_engravable()
-        yield below("metrology.lane", "leave half the width to the drag", lane, half)
+        yield check_below("metrology.lane", "leave half the width to the drag", lane, half)

@@ -8,14 +8,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from stepblocks import cad
-from stepblocks.contact.kernels import locking_height
+from stepblocks.contact.kernels import compute_locking_height
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, plane, toleranced
-from stepblocks.parts.declared import MaterialField, must, rules_validator, usual
+from stepblocks.parts.characteristics import (
+    Characteristic,
+    EdgeRule,
+    FaceRule,
+    describe_plane,
+    make_characteristic,
+)
+from stepblocks.parts.declared import MaterialField, check_rule, declare_default, rules_validator
 from stepblocks.parts.energy_tolerance import (
     EnergyToleranceField,
-    described,
-    energy_tolerance_lacks,
+    check_energy_tolerance,
+    describe_energy_tolerance,
 )
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
@@ -28,12 +34,12 @@ from stepblocks.parts.revolution import (
     Outline,
     Point3,
     Turned,
-    revolution_volume,
-    ring,
-    turned_hull,
+    compute_revolution_volume,
+    list_ring_points,
+    make_turned_hull,
 )
-from stepblocks.parts.shapes import hull
-from stepblocks.parts.tolerance import Angle, FeltPositiveLength, PositiveLength
+from stepblocks.parts.shapes import make_hull
+from stepblocks.parts.tolerance import Angle, PositiveLength, PositiveLengthByEnergy
 from stepblocks.quantities import format_quantity
 
 SPHERE_LIMIT = 0.1e-6  # radius, form and chordal error of the contact sphere [m]
@@ -43,15 +49,17 @@ _BEND_PIECES = 24
 class Tip(Turned, HeldPart):
     """What both forms share. The ball touches the origin from above: its centre lies at z = R, the cone widens upwards."""
 
-    titled: ClassVar[str] = "Probe tip"
-    governed_by: ClassVar[str] = "ball_radius"
+    drawing_title: ClassVar[str] = "Probe tip"
+    governing_field: ClassVar[str] = "ball_radius"
 
-    ball_radius: FeltPositiveLength = usual(otherwise="2 um")  # R of the contact sphere [m]
-    cone_angle: Angle = usual(
+    ball_radius: PositiveLengthByEnergy = declare_default(
+        otherwise="2 um"
+    )  # R of the contact sphere [m]
+    cone_angle: Angle = declare_default(
         "8 deg", "0.5 deg"
     )  # half angle of the cone, tangent to the ball [rad]
     shank_radius: PositiveLength  # at the end of the cone [m]
-    material: MaterialField = usual("stainless")
+    material: MaterialField = declare_default("stainless")
     # of the vibration energy on the steps of the set, where the ball's tolerance shall follow from
     # it
     energy_tolerance: EnergyToleranceField | None = None
@@ -91,11 +99,11 @@ class Tip(Turned, HeldPart):
     def characteristics(self) -> Iterator[Characteristic]:
         how = "microscope or interferometer, sphere fit"
         ball = FaceRule("SPHERE", radius=self.ball_radius.nominal)
-        yield toleranced("ball_radius", "radius", self.ball_radius, ball, method=how)
+        yield make_characteristic("ball_radius", "radius", self.ball_radius, ball, method=how)
         shank = FaceRule("CYLINDER", radius=self.shank_radius.nominal)
-        yield toleranced("shank_diameter", "diameter", self.shank_radius, shank).doubled
+        yield make_characteristic("shank_diameter", "diameter", self.shank_radius, shank).doubled
         cone, label = FaceRule("CONE"), "cone angle, included"
-        yield toleranced(
+        yield make_characteristic(
             "cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope"
         ).doubled
 
@@ -114,12 +122,12 @@ class Tip(Turned, HeldPart):
         ball, mu = self.ball_radius.nominal, PAPER.friction
         sticks, riser = (
             format_quantity(height, "length", 3)
-            for height in (float(locking_height(ball, mu)), ball)
+            for height in (float(compute_locking_height(ball, mu)), ball)
         )
         held = [
             ["locks", f"on steps from {sticks} at mu {mu:g}; from {riser} its ball meets the riser"]
         ]
-        return held + described(self.energy_tolerance)
+        return held + describe_energy_tolerance(self.energy_tolerance)
 
     @rules_validator
     def _is_possible(self) -> Iterator[str]:
@@ -128,26 +136,28 @@ class Tip(Turned, HeldPart):
             self.shank_radius.nominal,
             self.cone_angle.nominal,
         )
-        yield energy_tolerance_lacks(
+        yield check_energy_tolerance(
             self.energy_tolerance, {"ball_radius": self.ball_radius}, False
         )
         if self.energy_tolerance is not None and self.energy_tolerance.ball_radius is not None:
             yield "energy_tolerance.ball_radius is for blocks; a tip states it in ball_radius itself"
         if not 0.0 < half < 0.25 * math.pi:
             yield f"cone_angle must lie between 0 and 45 deg, got {format_quantity(half, 'angle')}"
-        yield must(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)
+        yield check_rule(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)
 
 
 class StraightTip(Tip):
     """Ball, cone and cylindrical shank on one axis."""
 
     stanza: ClassVar[str] = "straight_tip"
-    called: ClassVar[str] = "straight probe tip"
+    kind_name: ClassVar[str] = "straight probe tip"
 
-    shank_radius: PositiveLength = usual(
+    shank_radius: PositiveLength = declare_default(
         "1.175 mm", "+0 mm / -0.016 mm", source="ISO 1797 type 1 shank, 2.35 mm"
     )
-    length: PositiveLength = usual("40 mm")  # from the contact point to the end of the shank [m]
+    length: PositiveLength = declare_default(
+        "40 mm"
+    )  # from the contact point to the end of the shank [m]
 
     def outline(self) -> Outline:
         """Half section with the shank."""
@@ -155,33 +165,36 @@ class StraightTip(Tip):
         return [*super().outline()[:-1], (self.shank_radius.nominal, end), (0.0, end)]
 
     def hulls(self) -> list[Any]:
-        return [turned_hull(self.outline())]
+        return [make_turned_hull(self.outline())]
 
     def characteristics(self) -> Iterator[Characteristic]:
         yield from super().characteristics()
-        at = plane(2, self.length.nominal), FaceRule("SPHERE", radius=self.ball_radius.nominal)
-        yield toleranced(
+        at = (
+            describe_plane(2, self.length.nominal),
+            FaceRule("SPHERE", radius=self.ball_radius.nominal),
+        )
+        yield make_characteristic(
             "length", "distance", self.length, *at, label="length from the contact point"
         )
 
     @rules_validator
     def _has_a_shank(self) -> Iterator[str]:
         length, cone = self.length.nominal, self.cone_end
-        yield must(length > cone, "length", "exceed the end of the cone", cone, length)
+        yield check_rule(length > cone, "length", "exceed the end of the cone", cone, length)
 
 
 class HookTip(Tip):
     """The shepherd's hook: ball and cone, then a wire bent in one arc, then the straight shank."""
 
     stanza: ClassVar[str] = "hook_tip"
-    called: ClassVar[str] = "shepherd's hook"
+    kind_name: ClassVar[str] = "shepherd's hook"
 
-    shank_radius: PositiveLength = usual("0.5 mm", "0.02 mm")
-    bend_radius: PositiveLength = usual("4 mm")  # of the bend at the wire's axis [m]
-    bend_angle: Angle = usual(
+    shank_radius: PositiveLength = declare_default("0.5 mm", "0.02 mm")
+    bend_radius: PositiveLength = declare_default("4 mm")  # of the bend at the wire's axis [m]
+    bend_angle: Angle = declare_default(
         "75 deg", "1 deg"
     )  # through which the wire is bent [rad], in degrees up to below 180
-    straight_length: PositiveLength = usual("20 mm")  # of the shank beyond the bend [m]
+    straight_length: PositiveLength = declare_default("20 mm")  # of the shank beyond the bend [m]
 
     def solids(self) -> list[cad.door.Body]:
         top, wire = self.cone_end, self.shank_radius.nominal
@@ -191,26 +204,32 @@ class HookTip(Tip):
             self.straight_length.nominal,
         )
         foot, axis = (bend, 0.0, top), (0.0, 1e-3, 0.0)
-        section = cad.kernel.circle((0.0, 0.0, top), (wire, 0.0, 0.0), (0.0, wire, 0.0))
-        arc = cad.kernel.revolved(section, foot, axis, math.degrees(angle))
+        section = cad.kernel.outline_circle((0.0, 0.0, top), (wire, 0.0, 0.0), (0.0, wire, 0.0))
+        arc = cad.kernel.revolve(section, foot, axis, math.degrees(angle))
         end = (bend * (1.0 - math.cos(angle)), 0.0, top + bend * math.sin(angle))
         along = (math.sin(angle), 0.0, math.cos(angle))
         radial = (wire * math.cos(angle), 0.0, -wire * math.sin(angle))
-        section = cad.kernel.circle(end, radial, (0.0, wire, 0.0))
-        shank = cad.kernel.extruded(section, tuple(length * a for a in along))
-        return [cad.kernel.fused([cad.kernel.turned(self.outline(), (0.0, 0.0, 0.0)), arc, shank])]
+        section = cad.kernel.outline_circle(end, radial, (0.0, wire, 0.0))
+        shank = cad.kernel.extrude(section, tuple(length * a for a in along))
+        return [cad.kernel.fuse([cad.kernel.turn(self.outline(), (0.0, 0.0, 0.0)), arc, shank])]
 
     def volumes(self) -> tuple[float, ...]:
         """Add a turned head, a torus by Pappus, and a cylinder."""
         wire = math.pi * self.shank_radius.nominal**2
         bend = wire * self.bend_radius.nominal * self.bend_angle.nominal
-        return (revolution_volume(self.outline()) + bend + wire * self.straight_length.nominal,)
+        return (
+            compute_revolution_volume(self.outline()) + bend + wire * self.straight_length.nominal,
+        )
 
     def hulls(self) -> list[Any]:
         top, bend, angle = self.cone_end, self.bend_radius.nominal, self.bend_angle.nominal
 
         def section(turn: float, along: float = 0.0) -> list[Point3]:
-            c, s, wire = math.cos(turn), math.sin(turn), ring(self.shank_radius.nominal, 0.0)
+            c, s, wire = (
+                math.cos(turn),
+                math.sin(turn),
+                list_ring_points(self.shank_radius.nominal, 0.0),
+            )
             return [
                 (bend - (bend - x) * c + along * s, y, top + (bend - x) * s + along * c)
                 for x, y, _ in wire
@@ -218,10 +237,11 @@ class HookTip(Tip):
 
         turns = np.linspace(0.0, angle, _BEND_PIECES + 1)
         bent = [
-            hull([*section(float(a)), *section(float(b))]) for a, b in itertools.pairwise(turns)
+            make_hull([*section(float(a)), *section(float(b))])
+            for a, b in itertools.pairwise(turns)
         ]
-        shank = hull([*section(angle), *section(angle, self.straight_length.nominal)])
-        return [turned_hull(self.outline()), *bent, shank]
+        shank = make_hull([*section(angle), *section(angle, self.straight_length.nominal)])
+        return [make_turned_hull(self.outline()), *bent, shank]
 
     def characteristics(self) -> Iterator[Characteristic]:
         yield from super().characteristics()
@@ -235,13 +255,17 @@ class HookTip(Tip):
             FaceRule("CONE"),
             FaceRule("TORUS"),
         )
-        yield toleranced("bend_radius", "radius", self.bend_radius, ring, method="microscope")
-        yield toleranced("bend_angle", "angle", self.bend_angle, cone, wire, method="microscope")
+        yield make_characteristic(
+            "bend_radius", "radius", self.bend_radius, ring, method="microscope"
+        )
+        yield make_characteristic(
+            "bend_angle", "angle", self.bend_angle, cone, wire, method="microscope"
+        )
         x = bend * (1.0 - math.cos(angle)) + straight * math.sin(angle)
         z = self.cone_end + bend * math.sin(angle) + straight * math.cos(angle)
         square = math.isclose(angle, 0.5 * math.pi)
-        end = plane(0, x, z=z) if square else FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
-        yield toleranced(
+        end = describe_plane(0, x, z=z) if square else FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
+        yield make_characteristic(
             "straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire)
         )
 
@@ -255,7 +279,7 @@ class HookTip(Tip):
             self.bend_radius.nominal,
             self.bend_angle.nominal,
         )
-        yield must(bend > shank, "bend_radius", "exceed shank_radius", shank, bend)
+        yield check_rule(bend > shank, "bend_radius", "exceed shank_radius", shank, bend)
         end = (
             self.cone_end + bend * math.sin(angle) + self.straight_length.nominal * math.cos(angle)
         )

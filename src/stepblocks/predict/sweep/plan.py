@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS
-from stepblocks.contact.uncertainty import rectangular
+from stepblocks.contact.uncertainty import convert_half_widths
 from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, QuantityError, StepblocksError
-from stepblocks.mistakes import Mistake, noted, told, unknown_names
+from stepblocks.mistakes import Mistake, collect_mistakes, find_unknown_names, format_mistakes
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.predict.predictions import half_width, middle_of
+from stepblocks.predict.predictions import find_half_width, find_zone_middle
 from stepblocks.quantities import parse_quantity
 from stepblocks.text_file import read_document
 
@@ -121,19 +121,21 @@ def load_sweep(path: Path) -> SweepPlan:
     data = read_document(path, "sweep", PipelineError, _LARGEST_FILE)
     mistakes: list[Mistake] = []
     try:
-        plan = _resolved(data, path.parent, mistakes)
+        plan = _resolve_plan(data, path.parent, mistakes)
     except StepblocksError as error:
         mistakes.append(("", str(error)))
     if mistakes:
-        raise PipelineError(told(mistakes, path))
+        raise PipelineError(format_mistakes(mistakes, path))
     return plan
 
 
-def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> SweepPlan:
+def _resolve_plan(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> SweepPlan:
     """Read all that can be read, noting what is wrong on the way."""
-    mistakes += unknown_names(data, ("sweep", "parameters", "draws"))
-    head, parameters, draws = (_table(data, name) for name in ("sweep", "parameters", "draws"))
-    mistakes += unknown_names(head, _HEAD, "[sweep]")
+    mistakes += find_unknown_names(data, ("sweep", "parameters", "draws"))
+    head, parameters, draws = (
+        _read_section(data, name) for name in ("sweep", "parameters", "draws")
+    )
+    mistakes += find_unknown_names(head, _HEAD, "[sweep]")
     size, points, count = 1, 0, 1
     chosen = dict(head)
     for name, known in _CHOICES.items():
@@ -159,12 +161,14 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
                 "set must be the path of a stimulus file and tolerances true or false [sweep], "
                 "[draws]"
             )
-        surface, stimuli, grid = stimuli_of(
+        surface, stimuli, grid = read_sweep_stimuli(
             folder / head["set"], parameters.get("stimulus"), tolerances
         )
-        declared, limits = setting_of(grid), dict(vars(grid.as_tool().limits))
+        declared, limits = find_setting(grid), dict(vars(grid.as_tool().limits))
         if tolerances:
-            shares = rectangular({name: width for name, width in grid.tolerances if width > 0.0})
+            shares = convert_half_widths(
+                {name: width for name, width in grid.tolerances if width > 0.0}
+            )
             spreads = {
                 name: shares.pop(name)
                 for name in ("tip_radius", "friction", "frequency")
@@ -179,36 +183,36 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
         else set()
     )
     open_names = [name for name in names if name not in taken]
-    mistakes += unknown_names(
+    mistakes += find_unknown_names(
         parameters, (*(["stimulus"] if stimuli else []), *open_names), "[parameters]"
     )
-    mistakes += unknown_names(draws, ("count", "tolerances", *names), "[draws]")
+    mistakes += find_unknown_names(draws, ("count", "tolerances", *names), "[draws]")
     values: dict[str, list[float]] = {}
     ranges: dict[str, list[float]] = {}
     for name in open_names:
         dimension, default = names[name]
         if name in parameters:
-            with noted(mistakes):
-                _read(name, parameters[name], dimension, kind, values, ranges)
+            with collect_mistakes(mistakes):
+                _read_parameter(name, parameters[name], dimension, kind, values, ranges)
         elif name in declared:
             values[name] = declared[name]
         elif default is None:
             mistakes.append(("[parameters]", f"{name} must be given"))
         elif default != _SQUARE:
             values[name] = [default]
-    with noted(mistakes):
+    with collect_mistakes(mistakes):
         points = math.prod(len(v) for v in values.values()) * max(len(stimuli), 1)
         if kind == "random":
-            points = _count("rows", head.get("rows"), "sweep")
+            points = _read_count("rows", head.get("rows"), "sweep")
         elif "rows" in head:
             raise PipelineError(
                 "rows must not be given for a grid, its axes say how many there are [sweep]"
             )
-    with noted(mistakes):
-        count = _count("count", draws.get("count", 1), "draws")
+    with collect_mistakes(mistakes):
+        count = _read_count("count", draws.get("count", 1), "draws")
     for name in (name for name in names if name in draws):
-        with noted(mistakes):
-            spreads[name] = _quantity(name, draws[name], names[name][0], "draws")
+        with collect_mistakes(mistakes):
+            spreads[name] = _read_quantity(name, draws[name], names[name][0], "draws")
     if any(value < 0.0 for value in spreads.values()):
         mistakes.append(("[draws]", "standard uncertainties must not be negative"))
     given = {*values, *ranges, *parameters}
@@ -224,8 +228,8 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
         mistakes.append(
             ("", f"sweep has {points * count} rows and must not have more than {_MOST_ROWS}")
         )
-    with noted(mistakes):
-        size = _count(
+    with collect_mistakes(mistakes):
+        size = _read_count(
             "rows_per_partition",
             head.get("rows_per_partition", 1000),
             "sweep",
@@ -248,7 +252,7 @@ def _resolved(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> Sw
     )
 
 
-def _read(
+def _read_parameter(
     name: str,
     given: Any,
     dimension: str,
@@ -263,9 +267,9 @@ def _read(
             raise PipelineError(
                 f"{name} must list 1 to {_MOST_VALUES} values, got {len(listed)} [parameters]"
             )
-        values[name] = [_quantity(name, item, dimension, "parameters") for item in listed]
+        values[name] = [_read_quantity(name, item, dimension, "parameters") for item in listed]
     else:
-        if unknown := unknown_names(given, ("from", "to", "count")):
+        if unknown := find_unknown_names(given, ("from", "to", "count")):
             raise PipelineError(f"{name}: {unknown[0][1]} [parameters]")
         if not {"from", "to"} <= set(given):
             raise PipelineError(f"{name} must have from and to [parameters]")
@@ -273,17 +277,19 @@ def _read(
             raise PipelineError(
                 f"direction must be {' or '.join(DIRECTIONS)}, or a list of both [parameters]"
             )
-        low, high = (_quantity(name, given[end], dimension, "parameters") for end in ("from", "to"))
+        low, high = (
+            _read_quantity(name, given[end], dimension, "parameters") for end in ("from", "to")
+        )
         if not low < high:
             raise PipelineError(f"{name} must rise from its from to its to [parameters]")
         if kind == "random":
             ranges[name] = [low, high]
         else:
-            count = _count(f"count of {name}", given.get("count"), "parameters", _MOST_VALUES)
+            count = _read_count(f"count of {name}", given.get("count"), "parameters", _MOST_VALUES)
             values[name] = np.linspace(low, high, count).tolist()
 
 
-def _quantity(name: str, given: Any, dimension: str, place: str) -> float:
+def _read_quantity(name: str, given: Any, dimension: str, place: str) -> float:
     if dimension == "direction":
         if given not in DIRECTIONS:
             raise PipelineError(
@@ -296,7 +302,7 @@ def _quantity(name: str, given: Any, dimension: str, place: str) -> float:
         raise PipelineError(f"{name} {error} [{place}]") from error
 
 
-def _count(name: str, given: Any, place: str, most: int = _MOST_ROWS) -> int:
+def _read_count(name: str, given: Any, place: str, most: int = _MOST_ROWS) -> int:
     if not isinstance(given, int) or isinstance(given, bool) or not 1 <= given <= most:
         raise PipelineError(
             f"{name} must be a whole number from 1 to {most}, got {given!r} [{place}]"
@@ -304,14 +310,14 @@ def _count(name: str, given: Any, place: str, most: int = _MOST_ROWS) -> int:
     return given
 
 
-def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
+def _read_section(data: dict[str, Any], name: str) -> dict[str, Any]:
     table = data.get(name, {})
     if not isinstance(table, dict):
         raise PipelineError(f"{name} must be a table, got {table!r}")
     return table
 
 
-def stimuli_of(
+def read_sweep_stimuli(
     path: Path, wanted: Any, tolerances: bool
 ) -> tuple[str, list[dict[str, Any]], PredictionGrid]:
     """Read the stimuli that a sweep goes over."""
@@ -328,7 +334,7 @@ def stimuli_of(
     if missing := [name for name in wanted if name not in known]:
         raise PipelineError(f"stimulus must be declared in {path}, got {missing[0]!r} [parameters]")
     chosen = [known[name] for name in wanted]
-    kinds = {_surface(part) for part in chosen}
+    kinds = {_find_surface(part) for part in chosen}
     if len(kinds) != 1:
         got = ", ".join(sorted(kinds)) or "none"
         raise PipelineError(
@@ -343,12 +349,12 @@ def stimuli_of(
         raise PipelineError(f"a sweep goes over blocks or crowns, got a {surface} in {path}")
     return (
         surface,
-        [_axis_point(part, SURFACES[surface], tolerances) for part in chosen],
+        [_read_axis_point(part, SURFACES[surface], tolerances) for part in chosen],
         declared.prediction,
     )
 
 
-def setting_of(grid: PredictionGrid) -> dict[str, list[float]]:
+def find_setting(grid: PredictionGrid) -> dict[str, list[float]]:
     """Return the values of the conditions that a set declares."""
     of_tool = {
         name: [getattr(grid.tool, name)] for name in ("stiffness", "conversion", "frequency")
@@ -361,19 +367,24 @@ def setting_of(grid: PredictionGrid) -> dict[str, list[float]]:
     return {name: list(values) for name, values in listed.items()} | of_tool
 
 
-def _surface(part: Part) -> str:
+def _find_surface(part: Part) -> str:
     """Find the surface whose dimensions a part has."""
     if not part.crossed:
         return "tip" if part.ball is not None else "sheath"
     return next(
-        (name for name, columns in SURFACES.items() if set(part.sizes) <= set(columns)), part.called
+        (name for name, columns in SURFACES.items() if set(part.sizes) <= set(columns)),
+        part.kind_name,
     )
 
 
-def _axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> dict[str, Any]:
+def _read_axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> dict[str, Any]:
     named = {columns[name]: part.sizes[name] for name in columns if name in part.sizes}
-    values = {name: middle_of(one) if tolerances else one.nominal for name, one in named.items()}
+    values = {
+        name: find_zone_middle(one) if tolerances else one.nominal for name, one in named.items()
+    }
     spreads = (
-        rectangular({name: half_width(one) for name, one in named.items()}) if tolerances else {}
+        convert_half_widths({name: find_half_width(one) for name, one in named.items()})
+        if tolerances
+        else {}
     )
     return {"id": part.id, "values": values, "spreads": spreads}

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stepblocks.atomic import alone_in, replace_bytes, replace_text
+from stepblocks.atomic import lock_folder, replace_bytes, replace_text
 from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.predict.predictions import dragged
+from stepblocks.predict.predictions import drag_in_time
 from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan, load_sweep
 
 if TYPE_CHECKING:
@@ -88,24 +88,24 @@ def sweep(
     folder = Path(output)
     _require_extra(dask=scheduler is not None or jobs > 1)
     report = on_partition or (lambda _: None)
-    with alone_in(folder):
-        _claim(plan, folder)
+    with lock_folder(folder):
+        _claim_folder(plan, folder)
         missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
         for (
             k
         ) in missing:  # what is damaged is ours, whatever it holds now: the plan beside it says so
-            _path(folder, k).unlink(missing_ok=True)
+            _find_path(folder, k).unlink(missing_ok=True)
         if scheduler is None and jobs <= 1:
             for k in missing:
                 write_partition(plan, k, folder)
                 report(k)
         elif missing:
-            with _client(jobs, scheduler) as client:
+            with _open_client(jobs, scheduler) as client:
                 _submit(client, plan, folder, missing, report)
     return len(missing), plan.partitions - len(missing)
 
 
-def _rows_of(plan: SweepPlan, number: int) -> range:
+def _list_rows(plan: SweepPlan, number: int) -> range:
     start = number * plan.rows_per_partition
     return range(start, min(start + plan.rows_per_partition, plan.rows))
 
@@ -116,14 +116,16 @@ def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
     import pyarrow.parquet as pq
 
     try:
-        content = _path(folder, number).read_bytes()
+        content = _find_path(folder, number).read_bytes()
         table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
     except (OSError, ValueError, pa.ArrowException):
         return False
-    return bool(table.num_rows == len(_rows_of(plan, number)) and _as_parquet(table) == content)
+    return bool(
+        table.num_rows == len(_list_rows(plan, number)) and _format_parquet(table) == content
+    )
 
 
-def _as_parquet(table: Any) -> bytes:
+def _format_parquet(table: Any) -> bytes:
     import pyarrow.parquet as pq
 
     stream = io.BytesIO()
@@ -135,11 +137,13 @@ def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
     """Compute one partition and put its file in place; returns the number of its rows."""
     import pyarrow as pa
 
-    rows = [sweep_row(plan, row) for row in _rows_of(plan, number)]
+    rows = [compute_row(plan, row) for row in _list_rows(plan, number)]
     texts = ("stimulus", "direction", "status", "drag_status", "problem")
     kinds = {"row": pa.int64(), "draw": pa.int64(), **dict.fromkeys(texts, pa.string())}
     schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in rows[0]])
-    replace_bytes(_path(folder, number), _as_parquet(pa.Table.from_pylist(rows, schema=schema)))
+    replace_bytes(
+        _find_path(folder, number), _format_parquet(pa.Table.from_pylist(rows, schema=schema))
+    )
     return len(rows)
 
 
@@ -167,7 +171,7 @@ def _submit(
             flying.add(submit(following))
 
 
-def _client(jobs: int, scheduler: str | None) -> Client:
+def _open_client(jobs: int, scheduler: str | None) -> Client:
     import dask
     from distributed import Client, LocalCluster
 
@@ -184,7 +188,7 @@ def _client(jobs: int, scheduler: str | None) -> Client:
     return Client(cluster, set_as_default=False)
 
 
-def _claim(plan: SweepPlan, folder: Path) -> None:
+def _claim_folder(plan: SweepPlan, folder: Path) -> None:
     """Write the resolved plan into the folder, or make sure that the one that lies there is the same."""
     path = folder / _PLAN_FILE
     text = json.dumps(
@@ -210,7 +214,7 @@ def _claim(plan: SweepPlan, folder: Path) -> None:
     replace_text(path, text + "\n")
 
 
-def _path(folder: Path, number: int) -> Path:
+def _find_path(folder: Path, number: int) -> Path:
     return folder / f"part-{number:08d}.parquet"
 
 
@@ -224,7 +228,7 @@ def _require_extra(dask: bool) -> None:
             )
 
 
-def design_row(plan: SweepPlan, row: int) -> dict[str, float]:
+def draw_inputs(plan: SweepPlan, row: int) -> dict[str, float]:
     """Draw the inputs [SI] of one row; they depend on the plan and the row's number alone."""
     left = point = row // plan.draws
     inputs: dict[str, float] = {}
@@ -256,9 +260,9 @@ def design_row(plan: SweepPlan, row: int) -> dict[str, float]:
     return inputs
 
 
-def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
+def compute_row(plan: SweepPlan, row: int) -> dict[str, Any]:
     """Compute a row of the table; one outside the equations has its reason in ``problem``, no figures."""
-    inputs = design_row(plan, row)
+    inputs = draw_inputs(plan, row)
     result: dict[str, Any] = {"row": row, "draw": row % plan.draws}
     if plan.stimuli:
         result["stimulus"] = plan.stimuli[int(inputs["stimulus"])]["id"]
@@ -270,7 +274,7 @@ def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
     if plan.mode == "drag":
         result |= {f"drag_{name}": math.nan for name in _DRAG} | {"drag_status": "invalid"}
     try:
-        face = _face(plan.surface, inputs)
+        face = _make_counterface(plan.surface, inputs)
         tool = Tool(inputs["stiffness"], inputs["conversion"], limits=Limits(**plan.limits))
         point = OperatingPoint(
             inputs["tip_radius"], inputs["normal_load"], inputs["friction"], tool
@@ -280,27 +284,27 @@ def sweep_row(plan: SweepPlan, row: int) -> dict[str, Any]:
         found = str(release.status), release.angle, release.pull_force, release.vibration_energy
         result |= zip(_STATIC, found, strict=True)
         if plan.mode == "drag" and (
-            release.status.beyond or release.status in (Status.TOO_HIGH, Status.NO_CATCH)
+            release.status.is_beyond_limit or release.status in (Status.TOO_HIGH, Status.NO_CATCH)
         ):
             result["drag_status"] = str(release.status)
         elif plan.mode == "drag":
-            result |= _dragged(face, point, backward, inputs)
+            result |= _drag_row(face, point, backward, inputs)
     except ContactError as error:
         result["problem"] = str(error)
     return result
 
 
-def _face(surface: str, inputs: dict[str, float]) -> Counterface:
+def _make_counterface(surface: str, inputs: dict[str, float]) -> Counterface:
     sizes = {name: inputs[column] for name, column in SURFACES[surface].items() if column in inputs}
     # the end of a crown is square where no vertical discrepancy is given
     return Step(**sizes) if surface == "step" else Margin(**{"opening": sizes["gap"]} | sizes)
 
 
-def _dragged(
+def _drag_row(
     face: Counterface, point: OperatingPoint, backward: bool, inputs: dict[str, float]
 ) -> dict[str, Any]:
     point = replace(point, tool=replace(point.tool, frequency=inputs["frequency"]))
-    trace, ring = dragged(
+    trace, ring = drag_in_time(
         face, point, backward, inputs["speed"], damping_ratio=inputs["damping_ratio"]
     )
     felt = (trace.peak_force, ring.energy, ring.share, ring.duration) if ring else (math.nan,) * 4

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from stepblocks.artefacts.meshes.write import write_obj, write_pieces, write_stl
 from stepblocks.contact.energy import Status
-from stepblocks.simulators.scene import Scene, SceneFormat, fill
+from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
 def _write(folder: Path, scene: Scene) -> None:
@@ -34,7 +34,7 @@ def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None
         for file, one in scenes.items()
     ]
     for file in ("CMakeLists.txt", "ReleaseRing.h", "StepBlock.h", "blocks.cpp"):
-        fill(folder / file, name=name, blocks=blocks)
+        write_from_template(folder / file, name=name, blocks=blocks)
 
 
 CHAI3D = SceneFormat(

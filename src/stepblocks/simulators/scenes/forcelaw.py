@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stepblocks.contact.energy import Status
 from stepblocks.simulators import proxy_kernel
 from stepblocks.simulators.renderer import Renderer
-from stepblocks.simulators.scene import Scene, SceneFormat, fill
+from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 Array = NDArray[np.float64]
 _ROWS = 2000
@@ -36,9 +36,9 @@ def _write(folder: Path, scene: Scene) -> None:
         keep = np.unique(np.linspace(0, len(record.hand) - 1, _ROWS).astype(int))
         columns = {"hand_along_drag_m": record.hand[keep], "pulling_force_n": record.pull[keep]}
         name = f"force-{'up' if event.direction > 0 else 'down'}.csv"
-        _table(folder / name, columns | {"normal_load_n": np.full(len(keep), load)})
+        _write_columns(folder / name, columns | {"normal_load_n": np.full(len(keep), load)})
     knots = renderer.knots
-    _table(folder / "path.csv", {column: knots[name] for column, name in _PATH.items()})
+    _write_columns(folder / "path.csv", {column: knots[name] for column, name in _PATH.items()})
     # amplitude of the ring over the force at release: sqrt(C_v), or what a session has taught
     ratios = [
         event.amplitude / event.critical_force
@@ -47,17 +47,19 @@ def _write(folder: Path, scene: Scene) -> None:
     ]
     ring = next(iter(ratios), math.sqrt(scene.point.tool.conversion))
     for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):
-        fill(folder / name, scene=scene, ring=ring, knots=knots, kernel=_kernel())
+        write_from_template(
+            folder / name, scene=scene, ring=ring, knots=knots, kernel=_read_tick_source()
+        )
 
 
-def _kernel() -> str:
+def _read_tick_source() -> str:
     """Source of the compiled tick, as it runs uncompiled."""
     source = inspect.getsource(proxy_kernel)
     tick = source[source.index("@numba") : source.index("@numba.njit(cache=True)\ndef drag")]
     return "".join(line for line in tick.splitlines(keepends=True) if not line.startswith("@numba"))
 
 
-def _table(path: Path, columns: dict[str, Array]) -> None:
+def _write_columns(path: Path, columns: dict[str, Array]) -> None:
     values = np.column_stack(list(columns.values()))
     np.savetxt(path, values, fmt="%.12g", delimiter=",", header=",".join(columns), comments="")
 

@@ -26,12 +26,14 @@ def _write(folder: Path, scene: Scene) -> None:
         "whole": "block.glb",
         "convex_pieces": list(pieces),
         "contact_gap_m": 1e-6 * scene.scale,
-        "engines": {name: _engine(scene, *engine) for name, engine in ENGINE_FROM_PART.items()},
+        "engines": {
+            name: _describe_engine(scene, *engine) for name, engine in ENGINE_FROM_PART.items()
+        },
     }
     write_json(folder / "scene.json", content)
 
 
-def _engine(scene: Scene, axes: str, unit: float, matrix: Any) -> dict[str, Any]:
+def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Any) -> dict[str, Any]:
     return {
         "axes": axes,
         "units_per_metre": unit,
@@ -39,17 +41,17 @@ def _engine(scene: Scene, axes: str, unit: float, matrix: Any) -> dict[str, Any]
         "triggers": [
             {
                 "drag": event.drag,
-                "position": _turned(
+                "position": _turn_point(
                     unit * matrix, event.trigger_position, event.trigger_height, scene.scale
                 ),
-                "direction": _turned(matrix, float(event.direction), 0.0, 1.0),
+                "direction": _turn_point(matrix, float(event.direction), 0.0, 1.0),
             }
             for event in scene.events
         ],
     }
 
 
-def _turned(matrix: Any, x: float, z: float, scale: float) -> list[float]:
+def _turn_point(matrix: Any, x: float, z: float, scale: float) -> list[float]:
     return [float(value) + 0.0 for value in matrix @ np.array([x, 0.0, z]) * scale]
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.artefacts.heightfield import relief
+from stepblocks.artefacts.heightfield import sample_relief
 from stepblocks.contact.energy import Status
 from stepblocks.parts.shapes import Mesh
-from stepblocks.simulators.scene import Scene, SceneFormat, fill
+from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 # pieces that come closer to the drag line than this many radii of the ball collide, the others are
 # seen
@@ -21,21 +21,21 @@ _BASE = 100e-6  # thickness under a height field, unscaled [m]
 def _write(folder: Path, scene: Scene) -> None:
     told: dict[str, Any] = {
         "name": scene.stimulus.id,
-        "blocks": [_block(scene)],
-        "near": _near,
+        "blocks": [_describe_block(scene)],
+        "near": _is_near_drag_line,
         "reach": None,
     }
-    fill(folder / "scene.xml", field=None, **told)
-    fill(
+    write_from_template(folder / "scene.xml", field=None, **told)
+    write_from_template(
         folder / "scene-heightfield.xml",
         "scene.xml",
         **told,
-        field=_height_field(folder / "heightfield.bin", scene),
+        field=_write_height_field(folder / "heightfield.bin", scene),
     )
-    fill(folder / "drag.py")
+    write_from_template(folder / "drag.py")
 
 
-def _block(scene: Scene, y: float = 0.0, prefix: str = "") -> dict[str, Any]:
+def _describe_block(scene: Scene, y: float = 0.0, prefix: str = "") -> dict[str, Any]:
     return {"scene": scene, "y": y, "prefix": prefix}
 
 
@@ -44,7 +44,8 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     wide = 1.2 * max(float(np.ptp(one.whole.vertices[:, 1])) for one in scenes)
     blocks = [
-        _block(one, -number * wide, f"{one.stimulus.id}-") for number, one in enumerate(scenes)
+        _describe_block(one, -number * wide, f"{one.stimulus.id}-")
+        for number, one in enumerate(scenes)
     ]
     forces = [
         one.events[0].critical_force for one in scenes if one.events[0].status is Status.RELEASES
@@ -57,13 +58,20 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     )
     clip = scenes[0].ball_radius / (len(scenes) * wide)  # nearer to a camera nothing is drawn
     told: dict[str, Any] = {"reach": reach, "clip": clip}
-    fill(
-        folder / "scene.xml", name=folder.parent.name, blocks=blocks, near=_near, field=None, **told
+    write_from_template(
+        folder / "scene.xml",
+        name=folder.parent.name,
+        blocks=blocks,
+        near=_is_near_drag_line,
+        field=None,
+        **told,
     )
-    fill(folder / "README.md", "mujoco-blocks.md", name=folder.parent.name, scenes=scenes)
+    write_from_template(
+        folder / "README.md", "mujoco-blocks.md", name=folder.parent.name, scenes=scenes
+    )
 
 
-def _near(piece: Mesh, scene: Scene) -> bool:
+def _is_near_drag_line(piece: Mesh, scene: Scene) -> bool:
     """Whether a piece's bounding box comes close to the line that the ball is dragged along."""
     reach, (low, high) = (
         _REACH * scene.ball_radius,
@@ -72,9 +80,9 @@ def _near(piece: Mesh, scene: Scene) -> bool:
     return bool(low[1] < reach and high[1] > -reach and high[2] > -reach and low[2] < reach)
 
 
-def _height_field(path: Path, scene: Scene) -> dict[str, Any]:
+def _write_height_field(path: Path, scene: Scene) -> dict[str, Any]:
     """Write the binary that MuJoCo reads: rows and columns as int32, then float32 from 0 to 1, row 0 at the smallest y."""
-    field = relief(scene.surface, scene.point.ball_radius)
+    field = sample_relief(scene.surface, scene.point.ball_radius)
     low, rise = float(field.heights.min()), float(np.ptp(field.heights))
     values = ((field.heights - low) / (rise or 1.0)).astype("<f4")
     path.write_bytes(struct.pack("<2i", *values.shape) + values.tobytes())

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from stepblocks.artefacts.meshes.write import write_obj
 from stepblocks.parts.shapes import Mesh
-from stepblocks.simulators.scene import Scene, SceneFormat, fill
+from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 _CM = 1e2
 # `write_obj` writes millimetres: divided by this and multiplied by 100, its numbers are centimetres
@@ -19,7 +19,7 @@ def _write(folder: Path, scene: Scene) -> None:
     smallest = (
         abs(float(z[-1] - z[0])) or abs(float(z.min() - z[0])) or scene.point.ball_radius
     )  # to be felt [m]
-    fill(folder / "scene.scn", scene=scene, alarm=0.1 * scene.scale * _CM * smallest)
+    write_from_template(folder / "scene.scn", scene=scene, alarm=0.1 * scene.scale * _CM * smallest)
 
 
 SOFA = SceneFormat(

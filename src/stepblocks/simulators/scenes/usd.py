@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from stepblocks.simulators.scene import Scene, SceneFormat, fill
+from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
 def _write(folder: Path, scene: Scene) -> None:
@@ -13,7 +13,7 @@ def _write(folder: Path, scene: Scene) -> None:
         .replace("'", "\\'")
     )
     start, height = scene.path.x[0] * 0.1, float(scene.path.z[0])
-    fill(
+    write_from_template(
         folder / "scene.usda",
         scene=scene,
         events=events,

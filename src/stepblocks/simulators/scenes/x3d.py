@@ -1,12 +1,12 @@
 """X3D for H3D: the block in metres with H3D's frictional surface."""
 
-from stepblocks.simulators.scene import SceneFormat, fill
+from stepblocks.simulators.scene import SceneFormat, write_from_template
 
 X3D = SceneFormat(
     name="x3d",
     title="X3D (H3D)",
     unit="metres",
-    write=lambda to, scene: fill(
+    write=lambda to, scene: write_from_template(
         to / "scene.x3d", scene=scene, extent=float(abs(scene.whole.vertices).max())
     ),
     run="`H3DLoad scene.x3d`; other X3D viewers show the block and ignore the haptic surface.",

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.quantities import column_label
+from stepblocks.quantities import format_column_label
 from stepblocks.study import require
 from stepblocks.study.analysis.anova import (
     Check,
     FTest,
     Interval,
     Term,
-    effect_of,
-    f_test,
-    residual_checks,
+    check_residuals,
+    make_term,
+    run_f_test,
 )
-from stepblocks.study.analysis.mixed import MixedFit, mixed_model
+from stepblocks.study.analysis.mixed import MixedFit, fit_mixed_model
 
 ANSWER = "absolute error"  # the measure that answers the paper's question
 MEASURES = ("bias", ANSWER, "spread")
@@ -70,10 +70,10 @@ class Measure:
     @property
     def label(self) -> str:
         """Its name with its unit, as people write it."""
-        return column_label(f"{'ln_' if self.logarithmic else ''}{self.name}_um")
+        return format_column_label(f"{'ln_' if self.logarithmic else ''}{self.name}_um")
 
 
-def measured(frame: Any, name: str) -> tuple[Any, str]:
+def compute_measure(frame: Any, name: str) -> tuple[Any, str]:
     """Return a table with a column ``value`` for a measure, and the column of its blocks, if it has one."""
     # The spread is the logarithm of a participant's standard deviation in a condition, pooled over
     # the blocks, within which the judgements are repeated: what a block's own bias adds is not in
@@ -97,21 +97,21 @@ def measured(frame: Any, name: str) -> tuple[Any, str]:
 
 def analyse_measure(frame: Any, name: str, margin: float = math.nan) -> Measure:
     """Analyse one measure; `margin` [m] is what two conditions may differ by and still count as equivalent."""
-    data, block = measured(frame, name)
-    tested = f_test(data, "value", "condition", block)
-    mixed = mixed_model(data, "value", "condition", "participant", block)
-    checks = residual_checks(mixed.residuals, data["condition"].tolist(), mixed.participant_effects)
+    data, block = compute_measure(frame, name)
+    tested = run_f_test(data, "value", "condition", block)
+    mixed = fit_mixed_model(data, "value", "condition", "participant", block)
+    checks = check_residuals(mixed.residuals, data["condition"].tolist(), mixed.participant_effects)
     asked = math.nan if name == "spread" else margin
     alike = tuple(
-        equivalence(one, mixed.condition.df_error, asked)
+        assess_equivalence(one, mixed.condition.df_error, asked)
         for one in mixed.intervals
         if mixed.condition
     )
-    groups = group_terms(data) if "group" in data else ((), ())
+    groups = compare_groups(data) if "group" in data else ((), ())
     return Measure(name, data, tested, mixed, tuple(checks), alike, *groups)
 
 
-def equivalence(one: Interval, df: float, margin: float = math.nan) -> Equivalence:
+def assess_equivalence(one: Interval, df: float, margin: float = math.nan) -> Equivalence:
     """Test whether two conditions differ by less than a margin, from either side."""
     from scipy.stats import t
 
@@ -123,7 +123,7 @@ def equivalence(one: Interval, df: float, margin: float = math.nan) -> Equivalen
     )
 
 
-def group_terms(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
+def compare_groups(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
     """Compare groups of participants by a split-plot analysis of the participants' means."""
     # Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2. Groups may
     # differ in size.
@@ -141,7 +141,7 @@ def group_terms(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
             f"groups must be at least two of at least two participants each, got {dict(sizes)}"
         )
     level = table.mean(axis=1)
-    between = f_test(level.to_frame("value").assign(group=group), "value", "group")
+    between = run_f_test(level.to_frame("value").assign(group=group), "value", "group")
     if table.shape[1] == 1:
         return between.terms, between.intervals
     own = table.sub(level, axis=0)
@@ -150,5 +150,5 @@ def group_terms(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
     rows, columns = (
         (count - 1.0) * (table.shape[1] - 1) for count in (len(sizes), len(table) - len(sizes) + 1)
     )
-    within = effect_of("condition:group", rows, columns, spare, spare / rows / (left / columns))
+    within = make_term("condition:group", rows, columns, spare, spare / rows / (left / columns))
     return (*between.terms, within), between.intervals

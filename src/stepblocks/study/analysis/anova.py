@@ -74,7 +74,7 @@ class Check:
     advice: str  # what a doubt means for the reader
 
 
-def f_test(
+def run_f_test(
     frame: Any,
     response: str,
     first: str,
@@ -88,7 +88,7 @@ def f_test(
     from statsmodels.stats.anova import anova_lm
 
     names = {letter: name for letter, name in (("a", first), ("b", second)) if name}
-    data, scale, _ = unit_free(frame, response, **names)
+    data, scale, _ = standardise_response(frame, response, **names)
     for letter, name in names.items():
         if data[letter].nunique() < 2:
             raise StudyError(
@@ -117,19 +117,21 @@ def f_test(
     for label, row in table.drop("Residual").iterrows():
         name = ":".join(names[part.split("(")[1][0]] for part in str(label).split(":"))
         df, squares, f = (float(row[column]) for column in ("df", "sum_sq", "F"))
-        terms.append(effect_of(name, df, fit.df_resid, squares * scale**2, f))
+        terms.append(make_term(name, df, fit.df_resid, squares * scale**2, f))
     family = []
     if intervals:
         levels, parameters = (
             sorted(data["a"].unique()),
             (fit.params.to_numpy(), fit.cov_params().to_numpy()),
         )
-        spread, rows = math.sqrt(fit.mse_resid), mean_rows(fit, data, levels)
-        family = tukey_family(levels, rows, parameters, fit.df_resid, spread=spread, scale=scale)
+        spread, rows = math.sqrt(fit.mse_resid), find_mean_rows(fit, data, levels)
+        family = compare_all_pairs(
+            levels, rows, parameters, fit.df_resid, spread=spread, scale=scale
+        )
     return FTest(tuple(terms), float(fit.df_resid), tuple(family))
 
 
-def unit_free(frame: Any, response: str, **names: str) -> tuple[Any, float, float]:
+def standardise_response(frame: Any, response: str, **names: str) -> tuple[Any, float, float]:
     """Rename columns, and take scale and shift, also returned, off the response: a large offset costs the digits of squares."""
     import pandas as pd
 
@@ -142,7 +144,7 @@ def unit_free(frame: Any, response: str, **names: str) -> tuple[Any, float, floa
     return data.assign(y=(values - shift) / (scale or 1.0)), scale, shift
 
 
-def effect_of(name: str, df: float, df_error: float, squares: float, f: float) -> Term:
+def make_term(name: str, df: float, df_error: float, squares: float, f: float) -> Term:
     """Complete a line of an analysis of variance from its statistic."""
     # Steiger, J. H. (2004), Psychological Methods 9, 164-182, doi:10.1037/1082-989X.9.2.164.
     from scipy import stats
@@ -156,7 +158,7 @@ def effect_of(name: str, df: float, df_error: float, squares: float, f: float) -
     )
 
 
-def tukey_family(
+def compare_all_pairs(
     levels: Sequence[str],
     rows: Sequence[Any],
     parameters: tuple[Any, Any],
@@ -188,7 +190,7 @@ def tukey_family(
     return found
 
 
-def mean_rows(fit: Any, data: Any, levels: Sequence[str]) -> list[Any]:
+def find_mean_rows(fit: Any, data: Any, levels: Sequence[str]) -> list[Any]:
     """Rows of the design matrix, one per level of the first factor, averaged over the second with equal weight."""
     letters = [letter for letter in "ab" if letter in data]
     first = data.reset_index(drop=True).drop_duplicates(letters)
@@ -196,7 +198,7 @@ def mean_rows(fit: Any, data: Any, levels: Sequence[str]) -> list[Any]:
     return [exog[first.index[first["a"] == one]].mean(axis=0) for one in levels]
 
 
-def residual_checks(residuals: Any, groups: Sequence[str], participant_effects: Any) -> list[Check]:
+def check_residuals(residuals: Any, groups: Sequence[str], participant_effects: Any) -> list[Check]:
     """Test the residuals of a linear model."""
     from scipy import stats
 

@@ -12,10 +12,10 @@ from stepblocks.study import require
 from stepblocks.study.analysis.anova import (
     Interval,
     Term,
-    effect_of,
-    mean_rows,
-    tukey_family,
-    unit_free,
+    compare_all_pairs,
+    find_mean_rows,
+    make_term,
+    standardise_response,
 )
 
 _ZERO = 1e-6  # a variance below this share of the residual one is at its boundary
@@ -49,7 +49,7 @@ class MixedFit:
     participant_effects: Any  # shape (participants,); predicted deviation of each
 
 
-def mixed_model(
+def fit_mixed_model(
     frame: Any,
     response: str,
     condition: str,
@@ -59,14 +59,14 @@ def mixed_model(
 ) -> MixedFit:
     """Fit conditions, and blocks where given, as fixed and participants as random."""
     # Laird, N. M., Ware, J. H. (1982), Biometrics 38, 963-974, doi:10.2307/2529876.
-    data, scale, shift = unit_free(frame, response, a=condition, b=block, g=participant)
+    data, scale, shift = standardise_response(frame, response, a=condition, b=block, g=participant)
     people, conditions = data["g"].nunique(), sorted(data["a"].unique())
     require(
         people >= 2, f"{participant}: a mixed model needs at least two participants, got {people}"
     )
     require(scale > 0.0, f"{response} must not be the same in all {len(data)} rows")
     fit, said, factor = _fit(data, bool(block), len(conditions) > 1)
-    rows, count = mean_rows(fit, data, conditions), len(fit.fe_params)
+    rows, count = find_mean_rows(fit, data, conditions), len(fit.fe_params)
     beta, covariance = np.asarray(fit.fe_params), np.asarray(fit.cov_params())[:count, :count]
     tested = (
         beta,
@@ -75,7 +75,7 @@ def mixed_model(
     df_error = float((people - 1) * (len(conditions) - 1))
     spread = math.sqrt(float(fit.scale))
     family = (
-        tukey_family(conditions, rows, tested, df_error, spread=spread, scale=scale)
+        compare_all_pairs(conditions, rows, tested, df_error, spread=spread, scale=scale)
         if intervals
         else []
     )
@@ -250,4 +250,4 @@ def _wald(name: str, rows: Sequence[Any], beta: Any, covariance: Any, df_error: 
     f = float(difference @ np.linalg.solve(contrasts @ covariance @ contrasts.T, difference)) / len(
         contrasts
     )
-    return effect_of(name, float(len(contrasts)), df_error, math.nan, f)
+    return make_term(name, float(len(contrasts)), df_error, math.nan, f)

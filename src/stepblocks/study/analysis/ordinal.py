@@ -37,7 +37,7 @@ class OrdinalFit:
     participants: dict[str, float]
 
 
-def ordinal_model(frame: Any, rating: str, condition: str, participant: str) -> OrdinalFit:
+def fit_ordinal_model(frame: Any, rating: str, condition: str, participant: str) -> OrdinalFit:
     """Fit a proportional-odds model in which each participant has an own level."""
     # McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
     import pandas as pd
@@ -70,7 +70,9 @@ def ordinal_model(frame: Any, rating: str, condition: str, participant: str) -> 
         people > number,
         f"more participants than compared conditions must have rated, got {people} for {number}",
     )
-    covariance = cluster_covariance(fit, np.unique(who, return_inverse=True)[1])[:number, :number]
+    covariance = compute_cluster_covariance(fit, np.unique(who, return_inverse=True)[1])[
+        :number, :number
+    ]
     values, errors = fit.params[names].to_numpy(), np.sqrt(np.diag(covariance)).tolist()
     # Hotelling: as many independent values as participants estimate the covariance
     statistic = (
@@ -132,7 +134,7 @@ def fit_proportional_odds(ordered: Any, exog: Any) -> Any:
             ) from error
 
 
-def cluster_covariance(fit: Any, clusters: Any) -> Any:
+def compute_cluster_covariance(fit: Any, clusters: Any) -> Any:
     """Return the covariance of the parameters when only whole clusters are independent."""
     # Liang, K.-Y., Zeger, S. L. (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
     params = np.asarray(fit.params)

@@ -12,7 +12,7 @@ from stepblocks.study.analysis.accuracy import ANSWER, Measure
 from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.ordinal import OrdinalFit
 from stepblocks.study.analysis.psychometric import Z975, Psychometric
-from stepblocks.tables import csv_text
+from stepblocks.tables import format_csv
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,14 +83,14 @@ class StudyResult:
 
     def results_csv(self) -> str:
         """Write the table."""
-        return csv_text(self.table(), float_format="%.8g")
+        return format_csv(self.table(), float_format="%.8g")
 
     def judgements_csv(self) -> str:
         """Write the judgements as they were analysed, lengths in micrometres."""
         frame = self.frame.copy()
         for name in frame.columns.intersection(_IN_UM):
             frame[name] = [f"{value * 1e6:.9g}" for value in frame[name]]
-        return csv_text(frame.rename(columns={name: f"{name}_um" for name in _IN_UM}))
+        return format_csv(frame.rename(columns={name: f"{name}_um" for name in _IN_UM}))
 
     def _repr_html_(self) -> str:
         said = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
