@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import pytest
+
 import stepblocks
 
 
@@ -49,3 +51,9 @@ def test_every_public_function_says_what_it_takes_and_gives():
             ), name
             if inspect.signature(found).parameters:
                 assert "Parameters\n----------" in inspect.getdoc(found), name
+
+
+@pytest.mark.parametrize("old", ["How", "convex_pieces", "registered"])
+def test_an_old_name_still_works_and_says_the_new_one(old):
+    with pytest.warns(DeprecationWarning, match="is now stepblocks"):
+        assert getattr(stepblocks, old).__name__ in stepblocks.__all__

@@ -13,7 +13,7 @@ _HEAD = """<!doctype html>
 
 
 def render_page(room: str, template: str, **values: object) -> str:
-    """Fill a template of a room; ``head`` opens the page and the style that all share, ``format_units`` writes units as people do."""
+    """Fill a template of a room; ``head`` opens the page and the style that all share, ``readable`` writes units as people do."""
     import jinja2
 
     from stepblocks.quantities import format_column_label, format_units

@@ -69,7 +69,7 @@ def design_columns(trials: int, seed: int) -> dict[str, NDArray[Any]]:
     Returns
     -------
     dict
-        Columns as in trials.csv, with ``block`` and ``parse_tip_radius_um``.
+        Columns as in trials.csv, with ``block`` and ``tip_radius_um``.
     """
     generator = np.random.default_rng(seed)
     cells = [

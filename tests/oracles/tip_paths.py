@@ -59,7 +59,7 @@ def groove_path(position, width, ball_radius, rise=0.0, depth=math.inf):
 def groove_angles(width, ball_radius, rise=0.0, depth=math.inf):
     """Critical angles [rad] of a groove with a floor, towards the far shoulder and back.
 
-    The ball either hangs between the two corners (`compute_margin_angles`) or stands on the floor and meets
+    The ball either hangs between the two corners (`margin_angles`) or stands on the floor and meets
     each shoulder as a step; it climbs the smaller of the two angles, since the higher of the two
     rests is the path.
 

@@ -40,7 +40,7 @@ class LabelCheck:
     names: dict[str, int] = field(default_factory=dict)
 
     def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
-        """Take note of one measured trial; `hash_bytes` identifies the samples of its trace."""
+        """Take note of one measured trial; `digest` identifies the samples of its trace."""
         self.labels.extend((trial.row, self.names.setdefault(trial.block, len(self.names)), digest))
         self.numbers.extend(
             (trial.load, trial.speed, *(features.get(name, math.nan) for name in _FEATURES))

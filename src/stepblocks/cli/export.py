@@ -1,4 +1,4 @@
-"""``stepblocks export`` and ``simulate_sensation``: folders that a simulator loads, and a page on which the mouse drags the probe."""
+"""``stepblocks export`` and ``feel``: folders that a simulator loads, and a page on which the mouse drags the probe."""
 
 import argparse
 from pathlib import Path

@@ -88,7 +88,7 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
 def compute_bevelled_margin_angles(
     gap: Real, opening: Real, rise: Real, ball_radius: Real
 ) -> tuple[Real, Real]:
-    """`compute_margin_angles` over a far side that is bevelled back at 45 degrees where it opens wider than its gap."""
+    """`margin_angles` over a far side that is bevelled back at 45 degrees where it opens wider than its gap."""
     gap, rise, ball_radius = _checked(gap=gap, rise=rise, ball_radius=ball_radius)
     opening = np.asarray(opening, dtype=np.float64)[()]
     require_finite("opening", opening, "m")  # below 0 a lip overlaps

@@ -53,7 +53,7 @@ class BenchDesign:
 def convert_to_design(
     block: NDArray[Any], covariates: Mapping[str, NDArray[Any]], spring_constant: float
 ) -> BenchDesign:
-    """Convert the columns of trials.csv, and ``parse_tip_radius_um``, to SI units."""
+    """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units."""
     height, load, speed, radius = (
         np.asarray(covariates[name], dtype=np.float64)
         for name in ("height_um", "load_n", "speed_mm_s", "tip_radius_um")

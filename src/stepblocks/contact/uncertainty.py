@@ -141,7 +141,7 @@ def interval_of(
     uncertainty : mapping of str to float
         Standard uncertainties [SI] by name: of the counterface's dimensions (`height`,
         `edge_radius` of a step; `gap`, `opening`, `rise` of a margin, whose opening follows the gap
-        where it is left out), of `ball_radius`, `friction`, `compute_normal_load`, `stiffness` and
+        where it is left out), of `ball_radius`, `friction`, `normal_load`, `stiffness` and
         `conversion`; what is left out is known. Each is drawn from a normal distribution of its
         own, cut off at 0.
     draws, seed : int

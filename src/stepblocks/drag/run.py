@@ -270,7 +270,7 @@ def drag_over(
         What differs from the paper, or from the stimulus's set: `tip_radius`, `edge_radius`,
         `step_height` [m], `load` [N], `friction` [1], `stiffness` [N/m], `frequency` [Hz],
         `damping_ratio`, a share of critical damping [1] that is else that of the tool's ring;
-        `hardening`, k3 of ``F = k x + k3 x^3`` [N/m^3]; `compute_pull`, a force [N] on a handle of
+        `hardening`, k3 of ``F = k x + k3 x^3`` [N/m^3]; `pull`, a force [N] on a handle of
         `handle_mass` [kg] that else moves at constant speed; fields of `DragSettings`, such as
         `speed` [m/s].
 

@@ -56,7 +56,7 @@ def drag_in_time(
 ) -> tuple[Status, Ring]:
     """Drag in time over a counterface, in the setting of docs/drag.md for figures 3 to 5; without a ring all is not-a-number."""
     # A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its
-    # weight; `compute_pull` [N] pulls the handle with a constant force instead of moving it.
+    # weight; `pull` [N] pulls the handle with a constant force instead of moving it.
     light = {"damping_ratio": 0.01}
     changes = SETTINGS["figures-3-to-5"].changes(point.tool, point.normal_load) if rod else light
     probe = build_probe(point.tool, point.ball_radius, **changes)

@@ -44,7 +44,7 @@ LEVELS = {"line": 1, "parabola": 2, "cubic": 3}
 
 
 def check_profile(x: Array, z: Array, least: int) -> None:
-    """Refuse what is no profile with `take_least_scatter` measured points, in equal steps."""
+    """Refuse what is no profile with `least` measured points, in equal steps."""
     if (count := int(np.isfinite(z).sum())) < least:
         raise MetrologyError(f"profile must have at least {least} measured points, got {count}")
     steps = np.diff(x)

@@ -66,7 +66,7 @@ def measure_masked_step(
 ) -> MaskedStep:
     """Depth of holes, or height of bumps, over a map; missing points take no part."""
     # `exclusion` is the distance to keep to every edge [m]; by default that at which both sides
-    # have settled. `resolve_inside` is the mask of the features; by default they are sought.
+    # have settled. `inside` is the mask of the features; by default they are sought.
     z, measured = scan.height, np.isfinite(scan.height)
     pitch = min(scan.dx, scan.dy)
     if inside is None:

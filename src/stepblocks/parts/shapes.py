@@ -106,7 +106,7 @@ def compute_enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np
 def _lift_vertices(
     raw: cad.door.Tessellation, deflection: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
-    """Lift the vertices of coarse curved faces along their normals until the mesh encloses `compute_volume`."""
+    """Lift the vertices of coarse curved faces along their normals until the mesh encloses `volume`."""
     # chords cut corners: a mesh inscribed in a hole of 2.5 mm at 10 um is 1e-4 of a block too heavy
     curved = np.array([face.kind != "PLANE" for face in raw.faces])
     finest = deflection.min()

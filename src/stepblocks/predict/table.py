@@ -65,7 +65,7 @@ def predict_table(
     ----------
     table : pandas.DataFrame, str or Path
         Table or CSV with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction`` and, where
-        they differ from the paper, ``edge_radius_um``, ``parse_tip_radius_um``, ``stiffness_n_m``,
+        they differ from the paper, ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``,
         ``conversion``, in any unit that the name of the column says; standard uncertainties in
         columns of the same names with ``u_`` before them.
 

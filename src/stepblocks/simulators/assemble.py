@@ -69,7 +69,7 @@ def assemble_scene(
     own_scale: bool = False,
     **contact_options: Any,
 ) -> Scene:
-    """Gather what a scene needs; `under` says what is `resolve_contact`."""
+    """Gather what a scene needs; `under` says what is `under`."""
     if scale is not None and not (math.isfinite(scale) and scale > 0.0):
         raise HapticsError(f"scale must be positive and finite, got {scale:g}")
     surface, point, events = resolve_contact(stimulus, point, **contact_options)

@@ -60,7 +60,7 @@ def compare(
     output : str or Path, optional
         CSV to write.
     **felt : float
-        ``ball_radius`` [m], ``compute_normal_load`` [N], ``friction`` [1]; by default the first of the
+        ``ball_radius`` [m], ``normal_load`` [N], ``friction`` [1]; by default the first of the
         file's grid.
 
     Returns

@@ -73,7 +73,7 @@ def export(
     progress : callable, optional
         Is told of every folder when it is done.
     **felt : float
-        ``compute_normal_load`` [N], ``friction`` [1], ``ball_radius`` [m], ``speed`` [m/s]; the first of
+        ``normal_load`` [N], ``friction`` [1], ``ball_radius`` [m], ``speed`` [m/s]; the first of
         the set's prediction, and 5 mm/s, if left out. A declared tip brings its ball.
 
     Returns

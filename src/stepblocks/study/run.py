@@ -154,7 +154,7 @@ def simulate_study(
     noise : mapping of float, optional
         How many times the response noise each condition has [1]; once for what is not named.
     **felt : float
-        Where the energies are taken: `ball_radius` [m], `compute_normal_load` [N], `friction` [1]; by
+        Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by
         default the first of the file's grid, of its loads the first under which every block rings.
 
     Returns

@@ -63,7 +63,7 @@ class Characteristic:
     """One dimension or tolerance."""
 
     ref: str  # instance
-    kind: str  # ``diameter``, ``linear distance``, ``compute_flatness``
+    kind: str  # ``diameter``, ``linear distance``, ``flatness``
     name: str  # name or description in the file
     value: float  # nominal of a dimension, zone of a tolerance [m or rad]
     lower: float  # signed deviation [m or rad]; nan where the file states none
@@ -212,7 +212,7 @@ def _read_dimension(
 
 
 def _find_linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
-    """Yield what an entity of two parameters links with an instance, which is its parameter `pick_own_values`."""
+    """Yield what an entity of two parameters links with an instance, which is its parameter `own`."""
     for user in file.users(ref):
         pair = file.parameters(user, entity)
         if len(pair) == 2 and pair[own] == ref:

@@ -154,7 +154,7 @@ def record_drag(
     hardening: float = 0.0,
 ) -> RecordedTrial | None:
     """Record a drag in time over a step; None where the tip does not slip over."""
-    # `compute_pull` is a steady force along the drag beside the tip's [N]; `hardening` the cubic stiffness
+    # `pull` is a steady force along the drag beside the tip's [N]; `hardening` the cubic stiffness
     # of the spring [N/m^3].
     from stepblocks.drag.ring import measure_ring
     from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag

@@ -96,7 +96,7 @@ class PlantedEffect(Strict):
         default_factory=dict
     )  # of the law, in SI; else where a search begins
     # part of the model: ``contact_geometry`` (radius of the ball plus that of the edge [m]),
-    # ``friction`` [1], ``compute_normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a
+    # ``friction`` [1], ``normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a
     # force on the pull [N]), ``sensor`` (gain of the tangential channel [1])
     slot: Literal[
         "contact_geometry",

@@ -103,7 +103,7 @@ def _find_steepest_between(
     radius: float,
     tolerance: float,
 ) -> tuple[float, float, float]:
-    """Greatest slope over `best` of the path between two `find_end_faces` (x, h, x, h), where, and the contact there."""
+    """Greatest slope over `best` of the path between two `ends` (x, h, x, h), where, and the contact there."""
     # while one element is touched the path is concave and steepest at its left end: only brackets
     # whose ends touch different elements are halved, and one of the width `tolerance` that still
     # climbs is a jump of infinite slope

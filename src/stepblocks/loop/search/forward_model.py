@@ -77,7 +77,7 @@ class ForwardModel(Protocol):
     @property
     def quantities(
         self,
-    ) -> Sequence[str]: ...  # names of what scatters among trials, those of `compute_responses`
+    ) -> Sequence[str]: ...  # names of what scatters among trials, those of `responses`
     def order(self, trials: Trials) -> Floats: ...  # of the trials in time, shape (n,)
     def cells(self, trials: Trials) -> Sequence[object]: ...  # trials of one cell are replicates
 

@@ -30,7 +30,7 @@ _RATIOS = np.concatenate(
 class Hint:
     """Something that chance alone does not do."""
 
-    kind: str  # ``clusters``, ``spread``, ``change``, ``carry-over`` or ``compare_neighbours``
+    kind: str  # ``heaps``, ``spread``, ``change``, ``carry-over`` or ``neighbours``
     quantity: str  # which quantity of the model differs
     p_value: float  # after Holm over all tests; of heaps the odds by the criterion
     said: str  # one sentence
