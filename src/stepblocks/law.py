@@ -13,16 +13,32 @@ Apply = Callable[[Any, Any, Mapping[str, float]], Any]
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number to be fitted."""
+    """A number to be fitted.
+
+    Attributes
+    ----------
+    name : str
+    unit : str
+    start : float
+        Where a fit begins, the middle of the prior; an amplitude vanishes there.
+    low : float
+    high : float
+    scale : float
+        A change that matters; it sets the step of differences.
+    prior_std : float
+        Of a normal prior about the start.
+    block : str
+        The specimen whose trials alone it moves; empty for all.
+    """
 
     name: str
     unit: str
-    start: float  # where a fit begins, the middle of the prior; an amplitude vanishes there
+    start: float
     low: float
     high: float
-    scale: float  # a change that matters; it sets the step of differences
-    prior_std: float = float("inf")  # of a normal prior about the start
-    block: str = ""  # the specimen whose trials alone it moves; empty for all
+    scale: float
+    prior_std: float = float("inf")
+    block: str = ""
 
     def renamed(self, name: str) -> Parameter:
         """Return the same under another name."""
@@ -31,23 +47,46 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Law:
-    """An effect: one slot of a model changed as a function of nothing or of one covariate."""
+    """An effect: one slot of a model changed as a function of nothing or of one covariate.
 
-    id: str  # what follows a ``~`` tells variants of one effect apart
-    form: str  # the law written out
+    Attributes
+    ----------
+    id : str
+        What follows a ``~`` tells variants of one effect apart.
+    form : str
+        The law written out.
+    parameters : tuple[Parameter, ...]
+    apply : Apply
+    slot : str
+        The part of the model that it changes.
+    covariate : str
+        A column of the table of trials, a quantity of the model, or ``block``.
+    shapes : tuple[Mapping[str, float], ...]
+        Values at which a search looks of the parameters that are no amplitudes.
+    named : bool
+        False for a smooth, which claims no law.
+    rank : int
+        Order of preference among laws that predict the same.
+    said : str
+        What it is in the words of a sentence that ends in its figures.
+    how_to_decide : str
+        What to do on the bench to tell it from its rivals.
+    given : bool
+        False where the covariate only says over what it shows, and its formula holds without a
+        value.
+    """
+
+    id: str
+    form: str
     parameters: tuple[Parameter, ...]
     apply: Apply
-    slot: str  # the part of the model that it changes
-    covariate: str = (
-        "none"  # a column of the table of trials, a quantity of the model, or ``block``
-    )
-    # values at which a search looks of the parameters that are no amplitudes
+    slot: str
+    covariate: str = "none"
     shapes: tuple[Mapping[str, float], ...] = ({},)
-    named: bool = True  # False for a smooth, which claims no law
-    rank: int = 0  # order of preference among laws that predict the same
-    said: str = ""  # what it is in the words of a sentence that ends in its figures
-    how_to_decide: str = ""  # what to do on the bench to tell it from its rivals
-    # False where the covariate only says over what it shows, and its formula holds without a value
+    named: bool = True
+    rank: int = 0
+    said: str = ""
+    how_to_decide: str = ""
     given: bool = True
 
     @property
@@ -61,7 +100,10 @@ class Law:
         return self.slot, self.covariate
 
     def pick_own_values(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Pick the values of its parameters out of those of a fit, where they are called ``law.parameter``."""
+        """Pick the values of its parameters out of those of a fit.
+
+        Where they are called ``law.parameter``.
+        """
         return {p.name: values[f"{self.id}.{p.name}"] for p in self.parameters}
 
 

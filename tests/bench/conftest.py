@@ -1,4 +1,7 @@
-"""Small sessions of known truth, made afresh for each test; and the shared ones where they are at hand."""
+"""Small sessions of known truth, made afresh for each test.
+
+And the shared ones where they are at hand.
+"""
 
 import os
 from pathlib import Path

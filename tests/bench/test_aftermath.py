@@ -1,4 +1,7 @@
-"""After the slip: a bell is taken for a bell, a rubbing tip for a rubbing tip; amplitudes are those at the release."""
+"""After the slip: a bell is taken for a bell, a rubbing tip for a rubbing tip.
+
+Amplitudes are those at the release.
+"""
 
 from dataclasses import replace
 

@@ -1,4 +1,7 @@
-"""Sliding and loading on closed-form traces: the corner of the ramp, its slope, the mains, a start-up ring."""
+"""Sliding and loading on closed-form traces.
+
+The corner of the ramp, its slope, the mains, a start-up ring.
+"""
 
 import numpy as np
 import pytest

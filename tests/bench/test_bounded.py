@@ -1,4 +1,7 @@
-"""Files that say more than they hold: a few kilobytes that would fill a machine cost one trial, and one line."""
+"""Files that say more than they hold.
+
+A few kilobytes that would fill a machine cost one trial, and one line.
+"""
 
 import resource
 import struct
@@ -23,7 +26,10 @@ def empty_compound(path):
 
 
 def squeezed(prefix, zeros):
-    """zlib stream of a prefix and many zeros (RFC 1950): one block of zeros, compressed once and repeated."""
+    """zlib stream of a prefix and many zeros (RFC 1950).
+
+    One block of zeros, compressed once and repeated.
+    """
     size = 2**24
     deflate = zlib.compressobj(9, zlib.DEFLATED, -15)
     head = deflate.compress(prefix) + deflate.flush(zlib.Z_FULL_FLUSH)
@@ -36,7 +42,10 @@ def squeezed(prefix, zeros):
 
 
 def zeros_of_matlab(path):
-    """A version 5 file with one variable of 3 GiB of zeros, in 3 MB (MAT-File Format, table 1-1)."""
+    """A version 5 file with one variable of 3 GiB of zeros, in 3 MB (MAT-File Format.
+
+    Table 1-1).
+    """
     rows, zeros = 3 * 2**27, 3 * 2**30
     flags = struct.pack("<IIII", 6, 8, 6, 0)
     shape = struct.pack("<IIii", 5, 8, rows // 3, 3)

@@ -1,4 +1,7 @@
-"""Thirty kinds of damaged sessions: each ends in one clear line or in a reasoned exclusion, and the rest goes on."""
+"""Thirty kinds of damaged sessions.
+
+Each ends in one clear line or in a reasoned exclusion, and the rest goes on.
+"""
 
 import csv
 import shutil

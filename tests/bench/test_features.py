@@ -1,4 +1,7 @@
-"""Features on records of known truth: no bias from hum, drift, quantisation and start-up; honest uncertainties."""
+"""Features on records of known truth: no bias from hum, drift, quantisation and start-up.
+
+Honest uncertainties.
+"""
 
 import math
 

@@ -1,4 +1,7 @@
-"""A spring that hardens, after Duffing: its ramp bends, its pitch falls as it dies, and each figure is told as it is."""
+"""A spring that hardens, after Duffing.
+
+Its ramp bends, its pitch falls as it dies, and each figure is told as it is.
+"""
 
 import math
 

@@ -1,4 +1,7 @@
-"""Mislabelled trials: found where one contradicts its session, and never where the whole session is unlike the model."""
+"""Mislabelled trials: found where one contradicts its session.
+
+And never where the whole session is unlike the model.
+"""
 
 import math
 
@@ -24,7 +27,10 @@ def features(height, load, speed, mu=MU, radius=R):
 
 
 def session(changes=None, mu=lambda row: MU, radius=R, scatter=0.005):
-    """Check of 60 trials; `changes` gives other features to rows, or says that a trace stands twice."""
+    """Check of 60 trials; `changes` gives other features to rows.
+
+    Or says that a trace stands twice.
+    """
     check, random = LabelCheck(), np.random.default_rng(7)
     for row in range(1, 61):
         block = list(HEIGHTS)[row % 3]

@@ -1,4 +1,7 @@
-"""The public face of a measurement: a table, from a script or a notebook, for any number of processes."""
+"""The public face of a measurement.
+
+A table, from a script or a notebook, for any number of processes.
+"""
 
 import subprocess
 import sys

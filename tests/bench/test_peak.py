@@ -1,4 +1,7 @@
-"""Peak and release: between two samples at a corner, at the top of a rounded peak, and never the highest sample."""
+"""Peak and release: between two samples at a corner, at the top of a rounded peak.
+
+And never the highest sample.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,7 @@
-"""Records of known truth: the rig adds what it says, and the course is the closed form of an independent oracle."""
+"""Records of known truth: the rig adds what it says.
+
+And the course is the closed form of an independent oracle.
+"""
 
 import math
 

@@ -57,7 +57,7 @@ def test_pulls_of_the_ring_s_amplitude_are_those_of_its_stated_uncertainty():
     assert 0.6 < np.std(pulls) < 1.5
 
 
-def test_a_tip_that_comes_down_slowly_counts_by_its_first_dip_below_sliding_wherever_noise_lets_it_lie():
+def test_a_tip_that_comes_down_slowly_counts_by_its_first_dip_wherever_noise_lets_it_lie():
     pulls = []
     for seed in range(10):
         measured, truth = made({}, 10e-6, 0.3, 2e-3, seed)

@@ -1,4 +1,7 @@
-"""Plans of simulated sessions: designs that are balanced and repeatable, effects in closed form, faults in one line."""
+"""Plans of simulated sessions.
+
+Designs that are balanced and repeatable, effects in closed form, faults in one line.
+"""
 
 import math
 

@@ -1,4 +1,7 @@
-"""The truth behind a simulated trial: equations (1) and (2) where nothing is planted, and each effect in its slot."""
+"""The truth behind a simulated trial.
+
+Equations (1) and (2) where nothing is planted, and each effect in its slot.
+"""
 
 import math
 

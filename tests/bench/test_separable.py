@@ -1,4 +1,7 @@
-"""Least squares: the same values and covariances as scipy and the closed forms, at any scale of the columns."""
+"""Least squares: the same values and covariances as scipy and the closed forms.
+
+At any scale of the columns.
+"""
 
 import math
 

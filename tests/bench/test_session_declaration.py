@@ -1,4 +1,7 @@
-"""What a session declares: names with units, patterns, formats by suffix, and nothing outside its folder."""
+"""What a session declares: names with units, patterns, formats by suffix.
+
+And nothing outside its folder.
+"""
 
 import pickle
 from pathlib import Path

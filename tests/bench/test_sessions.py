@@ -1,4 +1,7 @@
-"""Layouts: four formats say the same, any mapping is read, workers change nothing, shared sessions come out right."""
+"""Layouts: four formats say the same, any mapping is read, workers change nothing.
+
+Shared sessions come out right.
+"""
 
 import time
 import tomllib

@@ -1,4 +1,7 @@
-"""Screening: a whole record passes, and each kind of damage is named, whatever the scale of the forces."""
+"""Screening: a whole record passes, and each kind of damage is named.
+
+Whatever the scale of the forces.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,7 @@
-"""Traces in every layout: what independent libraries write is read back to the bit, and damage costs one trial."""
+"""Traces in every layout: what independent libraries write is read back to the bit.
+
+And damage costs one trial.
+"""
 
 import h5py
 import numpy as np

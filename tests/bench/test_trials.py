@@ -61,7 +61,8 @@ def test_a_byte_order_mark_spaces_empty_lines_and_quotes_are_read_over(tmp_path)
 
 def test_other_names_units_and_a_decimal_comma_are_declared(tmp_path):
     head = '[trials]\ndelimiter = ";"\ndecimal = ","\n[trials.columns]\ntrial = "run"\n'
-    head += 'load = { column = "weight", unit = "kN" }\nspeed = { column = "v", unit = "m/s", factor = 0.5 }\n'
+    head += 'load = { column = "weight", unit = "kN" }\n'
+    head += 'speed = { column = "v", unit = "m/s", factor = 0.5 }\n'
     (trial,) = table(tmp_path, "run;weight;v\n9;0,0005;0,004\n", head)
     assert (trial.name, trial.load, trial.speed) == ("9", 0.5, 2e-3)
 

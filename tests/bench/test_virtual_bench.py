@@ -1,4 +1,7 @@
-"""The bench of the tests: it is another bench than the program's, and it does what mechanics says."""
+"""The bench of the tests: it is another bench than the program's.
+
+And it does what mechanics says.
+"""
 
 import ast
 import math

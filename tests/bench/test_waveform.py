@@ -1,4 +1,7 @@
-"""The drag in time fitted to traces of another bench: it finds what that bench was, and says where it was another."""
+"""The drag in time fitted to traces of another bench.
+
+It finds what that bench was, and says where it was another.
+"""
 
 import numpy as np
 import pandas as pd

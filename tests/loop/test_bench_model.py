@@ -1,4 +1,7 @@
-"""The bench's model as the search sees it: what may vary, what may be asked for, which errors are common."""
+"""The bench's model as the search sees it.
+
+What may vary, what may be asked for, which errors are common.
+"""
 
 import numpy as np
 import pytest
@@ -93,7 +96,7 @@ def test_common_errors_run_along_the_settings_and_have_unit_spread(trials):
     )
 
 
-def test_a_sharp_edge_counts_with_the_radius_that_its_scans_leave_open_and_a_blunt_one_is_for_the_search(
+def test_a_sharp_edge_counts_with_the_radius_that_its_scans_leave_open(
     trials,
 ):
     def edge(radius):

@@ -1,4 +1,7 @@
-"""What is known of the gauges beforehand: read with all its mistakes told, and held against what the trials say."""
+"""What is known of the gauges beforehand.
+
+Read with all its mistakes told, and held against what the trials say.
+"""
 
 import math
 
@@ -75,7 +78,8 @@ def test_every_mistake_of_a_certificate_is_told_in_a_line_of_its_own(tmp_path):
 
 
 def test_the_loads_of_an_apparatus_are_known_as_well_as_its_table_says(tmp_path, shifted):
-    rows = "axis,weight_g,force_n,std_n\nnormal,20,0.196,0.002\nnormal,50,0.490,0.003\npull,200,1.945,0.05\n"
+    rows = "axis,weight_g,force_n,std_n\nnormal,20,0.196,0.002\n"
+    rows += "normal,50,0.490,0.003\npull,200,1.945,0.05\n"
     (tmp_path / "drag-rig.loads.csv").write_text(rows)
     session = _session(tmp_path, '[calibration]\nload_table = "drag-rig.loads.csv"\n')
     # the largest of the normal axis; of the pull the handle asks nothing
@@ -169,7 +173,7 @@ def test_a_zero_that_is_known_is_no_finding_and_one_that_is_ruled_out_is_not_nam
     assert "tangential_zero" not in [f.effect.id for f in ruled_out.findings]
 
 
-def test_a_normal_gauge_that_shows_of_the_pull_is_told_from_one_of_another_gain_by_its_usual_size_alone():
+def test_a_normal_gauge_that_shows_of_the_pull_differs_from_another_gain_by_its_usual_size_alone():
     # origin: 0.06 of a pull of 0.16 times the load is 1 % of it
     found = _explained(_planted("normal_cross_talk", normal_cross_talk=0.06), None)
     (finding,) = found.findings

@@ -1,4 +1,7 @@
-"""The loop on simulated benches: verdicts, files, predictions, and the shared sessions where they are at hand."""
+"""The loop on simulated benches.
+
+Verdicts, files, predictions, and the shared sessions where they are at hand.
+"""
 
 import json
 import math
@@ -300,7 +303,7 @@ def test_a_steady_drift_of_friction_is_not_called_running_in() -> None:
 
 
 @pytest.mark.parametrize("edge", [0.3e-6, 20e-6])
-def test_thirty_trials_at_one_load_without_scans_under_a_gauge_that_saturates_end_in_none_or_an_interval_that_holds(
+def test_thirty_trials_at_one_load_that_saturate_end_in_none_or_an_interval_that_holds(
     tmp_path, edge
 ):
     # origin: the truth of another bench, which shares no code with what explains it

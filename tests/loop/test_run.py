@@ -1,4 +1,7 @@
-"""The orchestration: one result from the library and from the command, and no guard asked of a script."""
+"""The orchestration: one result from the library and from the command.
+
+And no guard asked of a script.
+"""
 
 import json
 import subprocess

@@ -1,4 +1,7 @@
-"""A table of features as the search takes it: every number in its channel, every trial that is left out with its reason."""
+"""A table of features as the search takes it.
+
+Every number in its channel, every trial that is left out with its reason.
+"""
 
 import math
 
@@ -120,7 +123,7 @@ def test_a_trial_that_cannot_be_used_is_left_out_for_its_reason(features, change
     assert said.startswith(reason)
 
 
-def test_a_saturated_normal_gauge_leaves_peak_and_energy_what_they_are_and_a_saturated_peak_is_a_bound(
+def test_a_saturated_normal_gauge_leaves_the_peak_and_a_saturated_peak_is_a_bound(
     features,
 ):
     features["status"] = "censored"

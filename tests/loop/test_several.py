@@ -1,4 +1,7 @@
-"""Sessions in one hierarchy: pooled by the rules of random effects, the next predicted before it is run."""
+"""Sessions in one hierarchy: pooled by the rules of random effects.
+
+The next predicted before it is run.
+"""
 
 import numpy as np
 import pytest

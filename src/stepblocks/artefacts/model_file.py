@@ -1,4 +1,7 @@
-"""model.json: an extended model, complete, so that it can be predicted from without the session it came from."""
+"""model.json: an extended model, complete.
+
+So that it can be predicted from without the session it came from.
+"""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -25,11 +28,21 @@ _LARGEST = 20_000_000  # bytes
 
 @dataclass(frozen=True)
 class LearnedFit:
-    """Constants and effects of one model, with what is known of them together."""
+    """Constants and effects of one model, with what is known of them together.
 
-    values: Mapping[str, float]  # by name; those of an effect are called ``law.parameter``
+    Attributes
+    ----------
+    values : Mapping[str, float]
+        By name; those of an effect are called ``law.parameter``.
+    units : tuple[str, ...]
+    covariance : Floats
+        Shape (p, p), in the order of the values.
+    laws : tuple[Law, ...]
+    """
+
+    values: Mapping[str, float]
     units: tuple[str, ...]
-    covariance: Floats  # shape (p, p), in the order of the values
+    covariance: Floats
     laws: tuple[Law, ...] = ()
 
     def active(self, values: Mapping[str, float] | None = None) -> Active:
@@ -42,21 +55,43 @@ class LearnedFit:
 
 @dataclass(frozen=True)
 class LearnedModel:
-    """What a session taught."""
+    """What a session taught.
+
+    Attributes
+    ----------
+    verdict : str
+    tool : Tool
+        The nominal spring, and the ring with which the fit began.
+    tip_radius_um : float
+        Of trials whose tip has no number in its name [um].
+    height_std : float
+        Of a block that nobody has measured [m].
+    scanned : Mapping[str, tuple[float, float]]
+        Heights of blocks and their standard uncertainties [m].
+    blocks : tuple[str, ...]
+        Those that were measured.
+    ranges : tuple[CovariateRange, ...]
+        Where the data lay.
+    quantity_std : Floats
+        Shape (3,), between trials, of ln friction, ln load and ln conversion.
+    channel_std : Floats
+        Shape (7,), between trials, of each channel.
+    nominal : LearnedFit
+    extended : LearnedFit
+        With the effects found.
+    """
 
     verdict: str
-    tool: Tool  # the nominal spring, and the ring with which the fit began
-    tip_radius_um: float  # of trials whose tip has no number in its name [um]
-    height_std: float  # of a block that nobody has measured [m]
-    scanned: Mapping[
-        str, tuple[float, float]
-    ]  # heights of blocks and their standard uncertainties [m]
-    blocks: tuple[str, ...]  # those that were measured
-    ranges: tuple[CovariateRange, ...]  # where the data lay
-    quantity_std: Floats  # shape (3,), between trials, of ln friction, ln load and ln conversion
-    channel_std: Floats  # shape (7,), between trials, of each channel
+    tool: Tool
+    tip_radius_um: float
+    height_std: float
+    scanned: Mapping[str, tuple[float, float]]
+    blocks: tuple[str, ...]
+    ranges: tuple[CovariateRange, ...]
+    quantity_std: Floats
+    channel_std: Floats
     nominal: LearnedFit
-    extended: LearnedFit  # with the effects found
+    extended: LearnedFit
 
 
 def build_model_document(learned: LearnedModel) -> dict[str, Any]:
@@ -177,7 +212,10 @@ def _parse_fit(name: str, part: Mapping[str, Any], laws: Mapping[str, Law]) -> L
 
 @cache
 def _list_constants() -> tuple[Parameter, ...]:
-    """Constants of every session; what a single trial adds is the height of its block, which comes last."""
+    """Constants of every session.
+
+    What a single trial adds is the height of its block, which comes last.
+    """
     columns = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
     return list_constants(
         convert_to_design(np.array(["block"]), {name: np.ones(1) for name in columns}, 1.0)

@@ -34,7 +34,10 @@ _NOTES = (
 def draw_trials(
     session: str | Path, output: str | Path, trials: list[str] | None = None
 ) -> list[Path]:
-    """Draw trials of a session, measured or excluded, the first twelve where none are named; return what was drawn."""
+    """Draw trials of a session, measured or excluded, the first twelve where none are named.
+
+    Return what was drawn.
+    """
     output, declared = Path(output), open_session(session)
     table = open_trials(declared)
     chosen = (

@@ -1,4 +1,7 @@
-"""Whether each trace belongs to its row: a trial that contradicts its session is flagged, a group that does is data."""
+"""Compares each trace with its row.
+
+A trial that contradicts its session is flagged, a group that does is data.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +34,17 @@ _TOGETHER = 0.5  # share of a group
 
 @dataclass
 class LabelCheck:
-    """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere."""
+    """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere.
 
-    labels: array[int] = field(
-        default_factory=lambda: array("Q")
-    )  # row, block and digest of each trial
+    Attributes
+    ----------
+    labels : array[int]
+        Row, block and digest of each trial.
+    numbers : array[float]
+    names : dict[str, int]
+    """
+
+    labels: array[int] = field(default_factory=lambda: array("Q"))
     numbers: array[float] = field(default_factory=lambda: array("d"))
     names: dict[str, int] = field(default_factory=dict)
 
@@ -99,7 +108,10 @@ class LabelCheck:
 
 
 def fit_load_line(load: Array, normal: Array) -> Callable[[Array], Array]:
-    """Return the line that the normal forces of a session lie on against their loads, whatever some of them do."""
+    """Return the line that the normal forces of a session lie on against their loads.
+
+    Whatever some of them do.
+    """
     from scipy.stats import theilslopes
 
     known = np.isfinite(load) & np.isfinite(normal)
@@ -122,7 +134,10 @@ def fit_load_line(load: Array, normal: Array) -> Callable[[Array], Array]:
 def find_shared_faults(
     rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, str]
 ) -> dict[int, str]:
-    """Rows whose faults they share with their like, each with what they have in common: those are data."""
+    """Find rows whose faults they share with their like, each with what they have in common.
+
+    Those are data.
+    """
     # `rows` are the measured ones with their cells. Like are trials that share a label or two, or
     # that follow one another.
     flagged = {row for row, reason in faults.items() if reason.startswith("mislabelled")}
@@ -164,7 +179,10 @@ def find_shared_faults(
 
 
 def _find_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
-    """Trials whose sin(a/2), which is sqrt(H / 2R) by equation (2), fits another block and not their own."""
+    """Find trials whose angle fits another block and not their own.
+
+    Fits another block and not their own.
+    """
     size = np.sin(0.5 * angle)
     known = np.isfinite(size)
     names, counts = np.unique(block[known], return_counts=True)

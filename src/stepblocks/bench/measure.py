@@ -52,22 +52,44 @@ Progress = Callable[[int, int], None]  # told how many of how many trials are do
 
 @dataclass(frozen=True)
 class MeasureSummary:
-    """What a run over a session came to."""
+    """What a run over a session came to.
 
-    total: int  # trials in the table
+    Attributes
+    ----------
+    total : int
+        Trials in the table.
+    excluded : int
+    reasons : dict[str, int]
+        How often each kind of reason came up.
+    notes : tuple[str, ...]
+        What a reader should know of the design.
+    """
+
+    total: int
     excluded: int
-    reasons: dict[str, int]  # how often each kind of reason came up
-    notes: tuple[str, ...]  # what a reader should know of the design
+    reasons: dict[str, int]
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class TrialResult:
-    """What became of one trial."""
+    """What became of one trial.
+
+    Attributes
+    ----------
+    trial : Trial
+    reason : str
+        Why it is excluded or censored; empty where it was measured whole.
+    features : dict[str, Any]
+        Empty where it is excluded.
+    digest : int
+        Two traces share it only if they have the same samples.
+    """
 
     trial: Trial
-    reason: str = ""  # why it is excluded or censored; empty where it was measured whole
-    features: dict[str, Any] = field(default_factory=dict)  # empty where it is excluded
-    digest: int = 0  # two traces share it only if they have the same samples
+    reason: str = ""
+    features: dict[str, Any] = field(default_factory=dict)
+    digest: int = 0
 
     @property
     def status(self) -> str:
@@ -131,7 +153,10 @@ def write_features(
     waveform: bool = False,
     progress: Progress | None = None,
 ) -> MeasureSummary:
-    """Measure every trial of a session into a file, however many there are; see `measure`, which also reads it back."""
+    """Measure every trial of a session into a file, however many there are.
+
+    See `measure`, which also reads it back.
+    """
     folder, output = Path(session), Path(output)
     table = open_trials(
         open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS, *WAVEFORM_COLUMNS))
@@ -182,7 +207,10 @@ def write_features(
 def measure_trial(
     traces: Traces, trial: Trial, tool: Tool | None = None, height: float = math.nan
 ) -> TrialResult:
-    """Read, screen and measure one trial; where its height [m] is given, fit the drag in time too."""
+    """Read, screen and measure one trial.
+
+    Where its height [m] is given, fit the drag in time too.
+    """
     if trial.fault:
         return TrialResult(trial, trial.fault)
     try:
@@ -222,7 +250,10 @@ def measure_or_explain(
 
 
 def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
-    """Learn the tool's frequency [Hz] and decay time [s] from trials spread evenly over the session."""
+    """Estimate frequency [Hz] and decay time [s] of the tool.
+
+    Learn the tool's frequency [Hz] and decay time [s] from trials spread evenly over the session.
+    """
     # which trials depends on their number alone, so that every run and any number of workers
     # measure alike
     stride = max(table.count // _PILOTS, 1)
@@ -234,7 +265,10 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
 def _iterate_results(
     table: TrialTable, jobs: int, heights: dict[int, float]
 ) -> Iterator[TrialResult]:
-    """Results in the order of the table; no more than a few chunks per worker are under way at any time."""
+    """Results in the order of the table.
+
+    No more than a few chunks per worker are under way at any time.
+    """
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
         tool = estimate_tool(traces, table)
         pairs = ((trial, 1e-6 * heights.get(trial.row, math.nan)) for trial in table)

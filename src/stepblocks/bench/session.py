@@ -1,4 +1,7 @@
-"""What a session folder declares: probe, acquisition, where traces, trials and scans lie, and how columns are named."""
+"""What a session folder declares.
+
+Probe, acquisition, where traces, trials and scans lie, and how columns are named.
+"""
 
 from __future__ import annotations
 
@@ -103,18 +106,28 @@ _Gain = Annotated[float | str, BeforeValidator(_require_finite)]
 
 
 class Channel(Strict):
-    """One column of a trace or of the table of trials."""
+    """One column of a trace or of the table of trials.
 
-    column: str | int  # name, or index from 0 where the columns have no names
-    unit: str | None = (
-        None  # of its numbers; by default what the end of the name says (``fx_mn``), else SI
-    )
-    factor: _Gain = (
-        1.0  # gain or sign that the numbers are multiplied with; ``"2.35 N/V"`` of a gauge in volts
-    )
-    # what it reads at none, taken off: in the numbers' own unit, or a quantity such as ``"5 mN"``
+    Attributes
+    ----------
+    column : str | int
+        Name, or index from 0 where the columns have no names.
+    unit : str | None
+        Of its numbers; by default what the end of the name says (``fx_mn``), else SI.
+    factor : _Gain
+        Gain or sign that the numbers are multiplied with; ``"2.35 N/V"`` of a gauge in volts.
+    offset : _Gain
+        What it reads at none, taken off: in the numbers' own unit, or a quantity such as ``"5
+        mN"``.
+    tare : str | None
+        ``"first 0.1 s"``: the mean of what is recorded then counts as none.
+    """
+
+    column: str | int
+    unit: str | None = None
+    factor: _Gain = 1.0
     offset: _Gain = 0.0
-    tare: str | None = None  # ``"first 0.1 s"``: the mean of what is recorded then counts as none
+    tare: str | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -180,7 +193,10 @@ class Channel(Strict):
 
 
 def check_channels(channels: Mapping[str, tuple[Channel, str]]) -> None:
-    """Refuse units, factors, offsets and tares that say nothing, all at once; by place, each channel with its dimension."""
+    """Refuse units, factors, offsets and tares that say nothing, all at once.
+
+    By place, each channel with its dimension.
+    """
     mistakes: list[Mistake] = []
     for place, (channel, dimension) in channels.items():
         with collect_mistakes(mistakes):
@@ -211,29 +227,55 @@ class Channels(Strict):
 
 
 class Probe(_Open):
-    """The explorer."""
+    """The explorer.
 
-    spring_constant: Stiffness  # [N/m]
-    tip_radius: _Length | None = None  # [m]
+    Attributes
+    ----------
+    spring_constant : Stiffness
+        [N/m].
+    tip_radius : _Length | None
+        [m].
+    """
+
+    spring_constant: Stiffness
+    tip_radius: _Length | None = None
 
 
 class Acquisition(_Open):
-    """How the forces were recorded."""
+    """How the forces were recorded.
 
-    sample_rate: Frequency  # [Hz]
-    traces: str  # one file for all trials, or a pattern with ``{trial}``
-    format: TraceFormat | None = None  # by default from the suffix
-    group: str | None = (
-        None  # pattern of the group of a trial in a container; by default the usual ones are tried
-    )
+    Attributes
+    ----------
+    sample_rate : Frequency
+        [Hz].
+    traces : str
+        One file for all trials, or a pattern with ``{trial}``.
+    format : TraceFormat | None
+        By default from the suffix.
+    group : str | None
+        Pattern of the group of a trial in a container; by default the usual ones are tried.
+    channels : Channels
+    delimiter : _Delimiter
+        Of CSV traces.
+    decimal : _Decimal
+    skip_lines : int
+        Before the header of CSV traces.
+    range : _Force | None
+        At which the sensor saturates [N].
+    split : Literal['drags'] | None
+        One record of all trials, cut into drags in the order of the table.
+    """
+
+    sample_rate: Frequency
+    traces: str
+    format: TraceFormat | None = None
+    group: str | None = None
     channels: Channels
-    delimiter: _Delimiter = ","  # of CSV traces
+    delimiter: _Delimiter = ","
     decimal: _Decimal = "."
-    skip_lines: int = Field(default=0, ge=0, le=10_000)  # before the header of CSV traces
-    range: _Force | None = None  # at which the sensor saturates [N]
-    split: Literal["drags"] | None = (
-        None  # one record of all trials, cut into drags in the order of the table
-    )
+    skip_lines: int = Field(default=0, ge=0, le=10_000)
+    range: _Force | None = None
+    split: Literal["drags"] | None = None
 
     @model_validator(mode="after")
     def _can_be_read(self) -> Acquisition:
@@ -289,30 +331,61 @@ class Trials(Strict):
 
 
 class Stimuli(_Open):
-    """The blocks that were crossed."""
+    """The blocks that were crossed.
 
-    set: str | None = None  # name of the stimulus set
-    file: str | None = (
-        None  # its file, from the session; by default ``stimuli/<set>.toml`` beside where one works
-    )
-    scans: str | None = None  # pattern of their scans, with ``{block}``
+    Attributes
+    ----------
+    set : str | None
+        Name of the stimulus set.
+    file : str | None
+        Its file, from the session; by default ``stimuli/<set>.toml`` beside where one works.
+    scans : str | None
+        Pattern of their scans, with ``{block}``.
+    """
+
+    set: str | None = None
+    file: str | None = None
+    scans: str | None = None
 
 
 class Place(NamedTuple):
-    """Where in a file a trial is to be looked for."""
+    """Where in a file a trial is to be looked for.
+
+    Attributes
+    ----------
+    trial : str
+    groups : tuple[str, ...]
+        Names that its group may have, the likeliest first.
+    own_file : bool
+        The file holds this trial alone.
+    is_file : bool
+        The file itself is the group.
+    """
 
     trial: str
-    groups: tuple[str, ...]  # names that its group may have, the likeliest first
-    own_file: bool  # the file holds this trial alone
-    is_file: bool  # the file itself is the group
+    groups: tuple[str, ...]
+    own_file: bool
+    is_file: bool
 
 
 class Session(_Open):
-    """A session folder that was read and found whole."""
+    """A session folder that was read and found whole.
+
+    Attributes
+    ----------
+    folder : Path
+    schema_ : Literal[1]
+    title : str
+        What the laboratory calls it.
+    probe : Probe
+    acquisition : Acquisition
+    trials : Trials
+    stimuli : Stimuli
+    """
 
     folder: Path
     schema_: Literal[1] = Field(alias="schema")
-    title: str = ""  # what the laboratory calls it
+    title: str = ""
     probe: Probe
     acquisition: Acquisition
     trials: Trials = Trials()
@@ -325,7 +398,10 @@ class Session(_Open):
 
 
 def open_session(folder: str | Path) -> Session:
-    """Read ``session.toml`` of a folder and look whether all that it names is there; else `BenchError` with all that is wrong."""
+    """Read ``session.toml`` of a folder and look whether all that it names is there.
+
+    Else `BenchError` with all that is wrong.
+    """
     folder = Path(folder)
     path = folder / "session.toml"
     if not folder.is_dir():
@@ -393,7 +469,10 @@ def fill_pattern(pattern: str, **values: str) -> str:
 
 
 def resolve_inside(folder: Path, relative: str, place: str) -> Path:
-    """Return a path below `folder`, whichever slashes it is written with; nothing may lead out of it."""
+    """Return a path below `folder`, whichever slashes it is written with.
+
+    Nothing may lead out of it.
+    """
     parts = PurePosixPath(relative.replace("\\", "/"))
     if parts.is_absolute() or ".." in parts.parts or "\0" in relative or _DRIVE.match(relative):
         raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")

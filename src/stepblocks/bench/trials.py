@@ -1,4 +1,7 @@
-"""The table of trials: row by row, and under the names and in the units that an analysis asks for."""
+"""The table of trials: row by row.
+
+And under the names and in the units that an analysis asks for.
+"""
 
 from __future__ import annotations
 
@@ -36,28 +39,55 @@ _MOST_COLUMNS = 1000
 
 @dataclass(frozen=True)
 class Trial:
-    """One row of the table of trials; not-a-number and empty where the table has no such column."""
+    """One row of the table of trials; not-a-number and empty where the table has no such column.
 
-    name: str  # as the table writes it
-    row: int  # counted from 1 below the header
-    cells: dict[str, str] = field(default_factory=dict)  # every cell of the row, as written
-    speed: float = math.nan  # of the handle [m/s]
-    load: float = math.nan  # normal load that the weights set [N]
+    Attributes
+    ----------
+    name : str
+        As the table writes it.
+    row : int
+        Counted from 1 below the header.
+    cells : dict[str, str]
+        Every cell of the row, as written.
+    speed : float
+        Of the handle [m/s].
+    load : float
+        Normal load that the weights set [N].
+    block : str
+    fault : str
+        Why the row cannot be used; empty where it can.
+    """
+
+    name: str
+    row: int
+    cells: dict[str, str] = field(default_factory=dict)
+    speed: float = math.nan
+    load: float = math.nan
     block: str = ""
-    fault: str = ""  # why the row cannot be used; empty where it can
+    fault: str = ""
 
 
 @dataclass(frozen=True)
 class TrialTable:
-    """A table of trials that was looked through once."""
+    """A table of trials that was looked through once.
+
+    Attributes
+    ----------
+    session : Session
+    header : tuple[str, ...]
+    key : str
+        Name of the column that names the trial.
+    count : int
+        Of its rows.
+    repeated : dict[int, str]
+        Rows, from 1, whose trial another row has, and what is wrong with that.
+    """
 
     session: Session
     header: tuple[str, ...]
-    key: str  # name of the column that names the trial
-    count: int  # of its rows
-    repeated: dict[
-        int, str
-    ]  # rows, from 1, whose trial another row has, and what is wrong with that
+    key: str
+    count: int
+    repeated: dict[int, str]
 
     @property
     def covariates(self) -> tuple[str, ...]:
@@ -112,7 +142,10 @@ class TrialTable:
 
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
-    """Look through the table of trials once: header, number of rows, duplicates; of a row nothing but its name is held."""
+    """Look through the table of trials once: header, number of rows, duplicates.
+
+    Of a row nothing but its name is held.
+    """
     columns, header = (
         session.trials.columns,
         tuple(cell.strip() for cell in next(_read_lines(session), [])),
@@ -195,7 +228,10 @@ def _read_lines(session: Session) -> Iterator[list[str]]:
 
 
 def read_conditions(session: Session) -> dict[str, tuple[str, pd.Series]]:
-    """Read what an analysis needs beside the forces: by name, the column it takes the place of and one value per trial."""
+    """Read what an analysis needs beside the forces.
+
+    By name, the column it takes the place of and one value per trial.
+    """
     # What the table already has under that name and in that unit is left out.
     import pandas as pd
 
@@ -240,7 +276,11 @@ def read_conditions(session: Session) -> dict[str, tuple[str, pd.Series]]:
 def insert_conditions(
     features: pd.DataFrame, conditions: dict[str, tuple[str, pd.Series]]
 ) -> pd.DataFrame:
-    """Return a table of features of all trials with `conditions` in the places of the columns they come from."""
+    """Return a table of features of all trials with `conditions` in the places.
+
+    Return a table of features of all trials with `conditions` in the places of the columns they
+    come from.
+    """
     table = features.copy()
     for name, (column, values) in conditions.items():
         source, there = escape_formula(column), list(table.columns)

@@ -1,4 +1,6 @@
-"""The whole waveform as evidence: the drag in time fitted to a trace, and the trace held against what the fit would draw.
+"""The whole waveform as evidence.
+
+The drag in time fitted to a trace, and the trace held against what the fit would draw.
 
 The check is posterior predictive (Gelman, Meng and Stern 1996, Statistica Sinica 6:733): parameters
 are drawn from their covariance and noise from the record's, and it asks how often such a record
@@ -70,14 +72,28 @@ WAVEFORM_COLUMNS = (
 
 @dataclass(frozen=True)
 class Waveform:
-    """A drag in time fitted to a trace."""
+    """A drag in time fitted to a trace.
 
-    values: Array  # shape (6,), as in `_NAMES`
-    covariance: Array  # shape (6, 6)
-    # of the first swing below sliding, carried back over half a period, on the declared spring [J]
+    Attributes
+    ----------
+    values : Array
+        Shape (6,), as in `_NAMES`.
+    covariance : Array
+        Shape (6, 6).
+    energy : Estimate
+        Of the first swing below sliding, carried back over half a period, on the declared spring
+        [J].
+    misfit : float
+        Rms of the residuals over the noise [1].
+    p : float
+        How often a record of this drag would miss by as much [1].
+    """
+
+    values: Array
+    covariance: Array
     energy: Estimate
-    misfit: float  # rms of the residuals over the noise [1]
-    p: float  # how often a record of this drag would miss by as much [1]
+    misfit: float
+    p: float
 
     @property
     def features(self) -> dict[str, float]:
@@ -115,7 +131,10 @@ def compute_drag_force(
 def fit_waveform(
     trace: Trace, measured: Measurement, height: float, radius: float, usual: Tool
 ) -> Waveform | None:
-    """Fit a drag in time to a measured trace over a step of known height; None where none comes near it."""
+    """Fit a drag in time to a measured trace over a step of known height.
+
+    None where none comes near it.
+    """
     from scipy.optimize import least_squares
 
     approach, after, load, speed = (
@@ -192,7 +211,10 @@ def fit_waveform(
 
 
 def _compute_predictive_p(slopes: Array, covariance: Array, rms: float, known: float) -> float:
-    """Share of records drawn from posterior and noise, itself estimated, that miss as much; to first order in the parameters."""
+    """Share of records drawn from posterior and noise, itself estimated, that miss as much.
+
+    To first order in the parameters.
+    """
     random = np.random.default_rng(0)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -202,7 +224,10 @@ def _compute_predictive_p(slopes: Array, covariance: Array, rms: float, known: f
 
 
 def predict_energies(features: pd.DataFrame, spring_constant: float) -> dict[str, Any]:
-    """Say how well one drag in time, the medians of the other fifths, foretells the E_v of trials, beside equation (1)."""
+    """Compare one drag in time with equation (1) on energies of held-out trials.
+
+    Foretells the E_v of trials, beside equation (1).
+    """
     whole = (features["status"] == "ok") & (features["vibration_energy_j"] > 0.0)
     good = features[whole & (features["waveform_misfit"] < _NEAR)]
     if len(good) < 2 * _FOLDS:

@@ -1,4 +1,7 @@
-"""Contact's model of a session in the shape that the search asks for: channels, constants, effects, common errors."""
+"""Contact's model of a session in the shape that the search asks for.
+
+Channels, constants, effects, common errors.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -43,22 +46,34 @@ def _cached_design(trials: Trials, spring_constant: float) -> BenchDesign:
 
 @dataclass(frozen=True)
 class SessionModel:
-    """Forward model of a session."""
+    """Forward model of a session.
 
-    tool: Tool  # the nominal spring, and the ring with which the fit begins
-    height_std: float = 1e-6  # of blocks that are not scanned [m]
-    scanned: Mapping[str, tuple[float, float]] | None = (
-        None  # block to height and standard uncertainty [m]
-    )
-    scanned_radius: tuple[float, float] | None = (
-        None  # of the edges from their scans: mean and uncertainty [m]
-    )
-    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # certified or tared
+    Attributes
+    ----------
+    tool : Tool
+        The nominal spring, and the ring with which the fit begins.
+    height_std : float
+        Of blocks that are not scanned [m].
+    scanned : Mapping[str, tuple[float, float]] | None
+        Block to height and standard uncertainty [m].
+    scanned_radius : tuple[float, float] | None
+        Of the edges from their scans: mean and uncertainty [m].
+    known : Mapping[str, tuple[float, float]]
+        Certified or tared.
+    quantities : ClassVar
+        What scatters among trials, by its slot.
+    """
+
+    tool: Tool
+    height_std: float = 1e-6
+    scanned: Mapping[str, tuple[float, float]] | None = None
+    scanned_radius: tuple[float, float] | None = None
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     quantities: ClassVar = (
         "friction",
         "normal_load",
         "conversion",
-    )  # what scatters among trials, by its slot
+    )
 
     def order(self, trials: Trials) -> Floats:
         """Order in time: the run order where it is told, else that of the table."""
@@ -103,7 +118,10 @@ class SessionModel:
         return (*found, *own)
 
     def systematics(self, trials: Trials) -> list[Systematic]:
-        """Errors that the evaluation of traces may share among trials: along height, load, speed and their squares."""
+        """Errors that the evaluation of traces may share among trials.
+
+        Along height, load, speed and their squares.
+        """
         design = _cached_design(trials, self.tool.stiffness)
         height, load, speed = (
             _standardise(np.log(column)) for column in (design.height, design.load, design.speed)
@@ -125,7 +143,10 @@ class SessionModel:
         return apply_instrument_constants(state, None, told) if told else state
 
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
-        """Return every effect that may be asked of a table, knowing what the scans have ruled out."""
+        """Return every effect that may be asked of a table.
+
+        Knowing what the scans have ruled out.
+        """
         laws = list_candidates(
             trials,
             list_covariate_ranges(trials),
@@ -150,7 +171,10 @@ class SessionModel:
     def responses(
         self, trials: Trials, values: Mapping[str, float], effects: Active = ()
     ) -> Floats:
-        """Change of the channels with friction, load and conversion, which scatter from trial to trial."""
+        """Change of the channels with friction, load and conversion.
+
+        Which scatter from trial to trial.
+        """
         return forward.compute_responses(self.state(trials, values, effects))
 
 
@@ -203,7 +227,10 @@ def list_candidates(
     with_imitated: bool = False,
     scanned_radius: float | None = None,
 ) -> tuple[Law, ...]:
-    """Return every effect that may be asked of a table: laws whose covariate varies, and all smooths."""
+    """Return every effect that may be asked of a table.
+
+    Laws whose covariate varies, and all smooths.
+    """
     names = {place.name for place in ranges} | {"none", "block"}
     sharp = scanned_radius is not None and scanned_radius < _SHARP
     ruled_out = _SAME_BY_DEFINITION | {"edge_rounding" if sharp else "tip_radius_error"}

@@ -1,4 +1,7 @@
-"""What is known of the gauges before the trials: certificates in session.toml, and the unloaded samples of every trace."""
+"""What is known of the gauges before the trials.
+
+Certificates in session.toml, and the unloaded samples of every trace.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,10 @@ _KnownBandwidth = Annotated[tuple[Frequency, Frequency], AfterValidator(_to_time
 
 
 class _Calibration(Strict):
-    """Value and standard uncertainty of each constant, by its parameter in the laws; None where not known."""
+    """Value and standard uncertainty of each constant, by its parameter in the laws.
+
+    None where not known.
+    """
 
     tangential_zero: _KnownZero = Field(default=None, serialization_alias="zero_n")
     normal_zero: _KnownZero = Field(default=None, serialization_alias="normal_zero_n")
@@ -71,7 +77,10 @@ class _Session(BaseModel):
 
 
 def read_calibration(session: Path) -> dict[str, tuple[float, float]]:
-    """Read the optional table ``[calibration]`` of a session, all mistakes told at once, each in a line."""
+    """Read the optional table ``[calibration]`` of a session, all mistakes told at once.
+
+    Each in a line.
+    """
     path = session / "session.toml"
     declared = validate_data(
         _Session, tomllib.loads(path.read_text(encoding="utf-8")), path, PipelineError
@@ -83,7 +92,10 @@ def read_calibration(session: Path) -> dict[str, tuple[float, float]]:
 
 
 def _read_load_std(session: Path, name: str) -> float:
-    """Largest standard uncertainty of what the weights of an apparatus put on the tip [N]; it is common to all trials."""
+    """Largest standard uncertainty of what the weights of an apparatus put on the tip [N].
+
+    It is common to all trials.
+    """
     path = resolve_inside(session, name)
     if path is None:
         raise PipelineError(
@@ -99,7 +111,10 @@ def _read_load_std(session: Path, name: str) -> float:
 
 
 def estimate_unloaded_zeros(features: pd.DataFrame) -> dict[str, tuple[float, float]]:
-    """Zeros of both gauges from the samples before contact, where traces have such; their spread counts as creep."""
+    """Zeros of both gauges from the samples before contact, where traces have such.
+
+    Their spread counts as creep.
+    """
     found = {}
     for column, name in (("tangential_zero_n", "zero_n"), ("normal_zero_n", "normal_zero_n")):
         values = features[column].to_numpy(dtype=np.float64) if column in features else np.empty(0)

@@ -1,4 +1,7 @@
-"""The page about a session: what was found, on what grounds, and what is left; one file that opens offline."""
+"""The page about a session: what was found, on what grounds, and what is left.
+
+One file that opens offline.
+"""
 
 import base64
 from collections.abc import Mapping
@@ -49,7 +52,10 @@ def _encode_png(figure: Any) -> str:
 
 
 def _draw_agreement(found: Explanation) -> str:
-    """Draw measured against predicted, energy and peak force, by the nominal model and by the extended one."""
+    """Draw measured against predicted, energy and peak force.
+
+    By the nominal model and by the extended one.
+    """
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
@@ -123,7 +129,10 @@ def _place_values(column: NDArray[Any]) -> tuple[Floats, list[str]]:
 
 
 def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
-    """Draw the change that an effect makes in the channel it moves most, over what it follows, with its 95 % band."""
+    """Draw the change that an effect makes in the channel it moves most, over what it follows.
+
+    With its 95 % band.
+    """
     from matplotlib.figure import Figure
 
     j, change, std = _compute_change(result.found, effect)
@@ -150,7 +159,10 @@ def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, 
 
 
 def _compute_change(found: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
-    """Return the channel that an effect moves most, its change trial by trial, and the standard deviation of that."""
+    """Return the channel that an effect moves most, its change trial by trial.
+
+    And the standard deviation of that.
+    """
     trials, fitted, model = found.problem.trials, found.extended, found.problem.model
     others = [(e, own) for e, own in fitted.active if e is not effect]
 
@@ -172,7 +184,10 @@ def _compute_change(found: Explanation, effect: Law) -> tuple[int, Floats, Float
 
 
 def _find_abscissa(result: LoopResult, effect: Law) -> tuple[Floats, str]:
-    """Return what an effect follows, as numbers, and its name; the height where it follows nothing."""
+    """Return what an effect follows, as numbers, and its name.
+
+    The height where it follows nothing.
+    """
     trials, fitted = result.table.trials, result.found.extended
     if effect.covariate == PEAK_FORCE:
         return np.exp(fitted.predicted[:, trials.channels.index("ln_peak_force")]), PEAK_FORCE

@@ -1,4 +1,7 @@
-"""What a session came to, and result.json: the verdict, what it rests on, and what to measure next."""
+"""What a session came to, and result.json.
+
+The verdict, what it rests on, and what to measure next.
+"""
 
 import itertools
 from collections.abc import Mapping
@@ -42,15 +45,32 @@ _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 
 @dataclass(frozen=True)
 class LoopResult:
-    """All that a session came to."""
+    """All that a session came to.
+
+    Attributes
+    ----------
+    title : str
+    table : SessionTable
+        Trials analysed and excluded.
+    found : Explanation
+        Verdict, findings, fits.
+    within : Holdout
+        Errors on trials held out within blocks.
+    between : Holdout
+        Errors on blocks held out.
+    document : dict[str, Any]
+        Contents of result.json.
+    model : LearnedModel
+        Contents of model.json.
+    """
 
     title: str
-    table: SessionTable  # trials analysed and excluded
-    found: Explanation  # verdict, findings, fits
-    within: Holdout  # errors on trials held out within blocks
-    between: Holdout  # errors on blocks held out
-    document: dict[str, Any]  # contents of result.json
-    model: LearnedModel  # contents of model.json
+    table: SessionTable
+    found: Explanation
+    within: Holdout
+    between: Holdout
+    document: dict[str, Any]
+    model: LearnedModel
 
     @property
     def verdict(self) -> Verdict:
@@ -149,7 +169,10 @@ def build_document(
 
 
 def _list_censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
-    """Trials whose peak is known as a bound alone, and those whose predicted peak stays below it by 3 deviations."""
+    """Trials whose peak is known as a bound alone.
+
+    And those whose predicted peak stays below it by 3 deviations.
+    """
     bound = (
         np.full(len(table.trials), np.nan)
         if table.trials.floor is None
@@ -167,7 +190,11 @@ def _list_censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
 
 
 def _list_detectable(found: Explanation) -> list[dict[str, Any]]:
-    """List the smallest effect of each slot that the last gate would have let through nine times in ten."""
+    """List the smallest effect of each slot.
+
+    List the smallest effect of each slot that the last gate would have let through nine times in
+    ten.
+    """
     trials = found.problem.trials
     laws = [
         law
@@ -239,7 +266,10 @@ def _describe_finding(finding: Finding, fitted: Fit) -> dict[str, Any]:
 def _describe_errors(
     holdouts: tuple[Holdout, Holdout], which: int, floor: list[float]
 ) -> dict[str, Any]:
-    """Errors on held-out trials of the nominal model (0) or the extended one (1), beside the least that noise allows."""
+    """Errors on held-out trials of the nominal model (0) or the extended one (1).
+
+    Beside the least that noise allows.
+    """
     names = ("ln_energy_rms", "ln_peak_force_rms")
     errors: dict[str, Any] = {}
     for ending, holdout in zip(("", "_blocks_left_out"), holdouts, strict=True):
@@ -248,7 +278,10 @@ def _describe_errors(
 
 
 def _estimate_noise_floor(table: SessionTable, adequacy: Mapping[str, Any]) -> list[float]:
-    """Scatter about a regression that trusts no model; replicates may scatter less than that can follow."""
+    """Scatter about a regression that trusts no model.
+
+    Replicates may scatter less than that can follow.
+    """
     residual, dof = compute_flexible_residual(table.trials)
     floor = np.sqrt(np.nansum(residual[:, :2] ** 2, axis=0) / max(dof, 1))
     replicates = [
@@ -314,7 +347,10 @@ def _describe_scans(scans: Scans) -> dict[str, Any]:
 
 
 def propose_experiment(found: Explanation) -> dict[str, Any] | None:
-    """Return settings that separate the rivals best, with the expected gain; None where nothing is open."""
+    """Return settings that separate the rivals best, with the expected gain.
+
+    None where nothing is open.
+    """
     laws = [
         law for f in found.findings if f.rivals for law in (f.effect, *(r[0] for r in f.rivals))
     ]
@@ -353,7 +389,10 @@ def propose_experiment(found: Explanation) -> dict[str, Any] | None:
 
 
 def write_block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
-    """Stimulus file of the block that an experiment asks for, as `stepblocks build` reads it; None where it asks none."""
+    """Stimulus file of the block that an experiment asks for, as `stepblocks build` reads it.
+
+    None where it asks none.
+    """
     if not experiment or "block" not in experiment:
         return None
     block = experiment["block"]

@@ -152,7 +152,10 @@ def analyse_features(
     rules: Rules | None = None,
     known: Known | None = None,
 ) -> LoopResult:
-    """Find what the nominal model lacks for a table of features; of the gauges `known` constants, else any."""
+    """Find what the nominal model lacks for a table of features.
+
+    Of the gauges `known` constants, else any.
+    """
     rules = rules or Rules()
     table = build_session_table(features, spring_constant, tip_radius, scans, known)
     found, holdouts = _explain_and_hold_out(table, rules, jobs)
@@ -164,7 +167,10 @@ def analyse_features(
 def _explain_and_hold_out(
     table: SessionTable, rules: Rules, jobs: int
 ) -> tuple[Explanation, tuple[Holdout, Holdout]]:
-    """Explain all trials, and hold out trials within blocks and whole blocks; every fold chooses its own effects."""
+    """Explain all trials, and hold out trials within blocks and whole blocks.
+
+    Every fold chooses its own effects.
+    """
     model, trials = table.model, table.trials
     inside = split_within_blocks(trials, _WITHIN, rules.seed)
     outside = split_by_block(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []
@@ -203,7 +209,10 @@ def _explain_and_hold_out(
 
 
 def write_loop(result: LoopResult, output: Path) -> None:
-    """Write result.json, model.json, report.html and, where a block is asked for, next-block.toml, each at once."""
+    """Write result.json, model.json, report.html and, where a block is asked for.
+
+    Next-block.toml, each at once.
+    """
     from stepblocks.loop.page import render_loop_page
 
     output.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,7 @@
-"""What a session says, as the search takes it: the table of features as trials with channels, and the scans of the blocks."""
+"""What a session says, as the search takes it.
+
+The table of features as trials with channels, and the scans of the blocks.
+"""
 
 from __future__ import annotations
 
@@ -50,19 +53,35 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class SessionTable:
-    """Trials that can be analysed, and those that cannot."""
+    """Trials that can be analysed, and those that cannot.
+
+    Attributes
+    ----------
+    trials : Trials
+    names : NDArray[np.str_]
+        Shape (n,).
+    excluded : list[tuple[str, str]]
+        Trial and reason; single values far from all others are named with their channel.
+    flagged : list[tuple[str, str]]
+        Measured and used, but unlike their label.
+    regimes : dict[str, int]
+        How many of the trials moved how.
+    static_friction : float
+        Of tips that stuck before the edge, median; not-a-number where none did.
+    model : SessionModel
+        Starts from the data.
+    tip_radius_um : float
+        Of trials whose tip has no number in its name.
+    """
 
     trials: Trials
-    names: NDArray[np.str_]  # shape (n,)
-    # trial and reason; single values far from all others are named with their channel
+    names: NDArray[np.str_]
     excluded: list[tuple[str, str]]
-    flagged: list[tuple[str, str]]  # measured and used, but unlike their label
-    regimes: dict[str, int]  # how many of the trials moved how
-    static_friction: (
-        float  # of tips that stuck before the edge, median; not-a-number where none did
-    )
-    model: SessionModel  # starts from the data
-    tip_radius_um: float  # of trials whose tip has no number in its name
+    flagged: list[tuple[str, str]]
+    regimes: dict[str, int]
+    static_friction: float
+    model: SessionModel
+    tip_radius_um: float
 
 
 def build_session_table(
@@ -152,7 +171,10 @@ _STICKING = 0.1  # share of the trials from which sticking is the rule of a sess
 
 
 def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
-    """Say where the tip moved before the edge otherwise than the model has it: no law of sliding is read off that."""
+    """Say where the tip moved before the edge otherwise than the model has it.
+
+    No law of sliding is read off that.
+    """
     stuck, n = table.regimes.get("stick-slip", 0), len(table.trials)
     if stuck < _STICKING * n:
         return ()

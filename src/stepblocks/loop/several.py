@@ -1,4 +1,7 @@
-"""Several sessions in one hierarchy: what days, tips and operators share, how they differ, and the next before it is run."""
+"""Several sessions in one hierarchy.
+
+What days, tips and operators share, how they differ, and the next before it is run.
+"""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +25,10 @@ _LEVEL = 0.975  # quantile of a 95 % interval
 def pool_parameter(
     name: str, unit: str, sessions: Mapping[str, tuple[float, float]]
 ) -> dict[str, Any]:
-    """Pool one parameter by its value and standard error in each session that has it, as sessions.json shows it."""
+    """Pool one parameter by its value and standard error in each session that has it.
+
+    As sessions.json shows it.
+    """
     # a draw from a distribution over sessions: an empirical-Bayes fit of random effects after Paule
     # and Mandel
     from statsmodels.stats.meta_analysis import combine_effects
@@ -68,7 +74,10 @@ def pool_parameter(
 
 
 def fit_hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Any], LearnedModel]:
-    """Fit the hierarchy of some sessions by name; beside it the model that predicts the next one."""
+    """Fit the hierarchy of some sessions by name.
+
+    Beside it the model that predicts the next one.
+    """
     wanted = dict.fromkeys(
         f.effect.id for result in results.values() for f in result.found.findings
     )

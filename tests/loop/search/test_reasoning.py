@@ -1,4 +1,7 @@
-"""The reasoning on a toy with no physics: silent on noise, right on an effect, frank where it cannot tell."""
+"""The reasoning on a toy with no physics.
+
+Silent on noise, right on an effect, frank where it cannot tell.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace

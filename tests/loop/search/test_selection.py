@@ -1,4 +1,7 @@
-"""The choice among candidates: what pays for its parameters, what has a name, and what is driven to the end of its form."""
+"""The choice among candidates.
+
+What pays for its parameters, what has a name, and what is driven to the end of its form.
+"""
 
 from dataclasses import replace
 

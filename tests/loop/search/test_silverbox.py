@@ -1,4 +1,7 @@
-"""Generality: the same closure finds the hardening spring of a measured electronic oscillator (Silverbox benchmark).
+"""Generality: the same closure finds the hardening spring.
+
+Generality: the same closure finds the hardening spring of a measured electronic oscillator
+(Silverbox benchmark).
 
 Wigren and Schoukens' benchmark: the restoring force holds a cubic term; a linear model misses the
 growing "arrow" record by 14 mV in free run. A spring's force acts between the samples as the drive

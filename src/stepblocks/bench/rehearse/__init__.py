@@ -1,4 +1,7 @@
-"""Records of trials of known truth, as a rig would have written them, in the layouts that laboratories keep."""
+"""Records of trials of known truth, as a rig would have written them.
+
+In the layouts that laboratories keep.
+"""
 
 import math
 from collections.abc import Callable, Iterator
@@ -29,45 +32,100 @@ Write = Callable[[int, Trace], None]  # appends the trace of a trial
 
 @dataclass(frozen=True)
 class Truth:
-    """What a trial is."""
+    """What a trial is.
 
-    load: float  # normal force [N]
-    sliding_force: float  # tangential force while sliding [N]
-    slope: float  # of the loading ramp [N/s]
-    peak_force: float  # tangential force at release [N]
-    amplitude: float  # of the ring at release [N]
-    frequency: float  # of the ring [Hz]
-    decay_time: float  # of the ring [s]
-    # amplitude of the normal force that rings along, per amplitude of the tangential one [1]
+    Attributes
+    ----------
+    load : float
+        Normal force [N].
+    sliding_force : float
+        Tangential force while sliding [N].
+    slope : float
+        Of the loading ramp [N/s].
+    peak_force : float
+        Tangential force at release [N].
+    amplitude : float
+        Of the ring at release [N].
+    frequency : float
+        Of the ring [Hz].
+    decay_time : float
+        Of the ring [s].
+    sympathetic : float
+        Amplitude of the normal force that rings along, per amplitude of the tangential one [1].
+    gap : float
+        Twice the friction that turns with the tip [N]; 0 for a ring without.
+    release_decay : float
+        Time in which the rest of the peak dies [s].
+    """
+
+    load: float
+    sliding_force: float
+    slope: float
+    peak_force: float
+    amplitude: float
+    frequency: float
+    decay_time: float
     sympathetic: float = 0.25
-    gap: float = 0.0  # twice the friction that turns with the tip [N]; 0 for a ring without
-    release_decay: float = 0.4e-3  # time in which the rest of the peak dies [s]
+    gap: float = 0.0
+    release_decay: float = 0.4e-3
 
 
 @dataclass(frozen=True)
 class RecordedTrial:
-    """A record and what is true of it."""
+    """A record and what is true of it.
+
+    Attributes
+    ----------
+    trace : Trace
+    peak_force : float
+        Largest tangential force before the slip [N].
+    amplitude : float
+        First swing below sliding, carried back to the release by the damping of the tool [N].
+    release : float
+        Instant of the peak [s].
+    """
 
     trace: Trace
-    peak_force: float  # largest tangential force before the slip [N]
-    # first swing below sliding, carried back to the release by the damping of the tool [N]
+    peak_force: float
     amplitude: float
-    release: float  # instant of the peak [s]
+    release: float
 
 
 @dataclass(frozen=True)
 class Rig:
-    """What a rig adds."""
+    """What a rig adds.
 
-    sample_rate: float = 10e3  # [Hz]
-    noise: float = 4.5e-3  # standard deviation of white noise [N]
-    quantum: float = 0.5e-3  # step of the converter [N]; 0 for none
-    hum: float = 3e-3  # amplitude of the mains hum [N]
-    mains: float = 50.0  # its frequency [Hz]
-    drift: float = 0.0  # of both channels [N/s]
-    start_up: float = 0.0  # amplitude of the ring when the handle starts [N]
-    bandwidth: float = math.inf  # corner of a first-order sensor [Hz]; inf for an ideal one
-    tail: float = 5.0  # length of the record after the slip, in decay times
+    Attributes
+    ----------
+    sample_rate : float
+        [Hz].
+    noise : float
+        Standard deviation of white noise [N].
+    quantum : float
+        Step of the converter [N]; 0 for none.
+    hum : float
+        Amplitude of the mains hum [N].
+    mains : float
+        Its frequency [Hz].
+    drift : float
+        Of both channels [N/s].
+    start_up : float
+        Amplitude of the ring when the handle starts [N].
+    bandwidth : float
+        Corner of a first-order sensor [Hz]; inf for an ideal one.
+    tail : float
+        Length of the record after the slip, in decay times.
+    """
+
+    sample_rate: float = 10e3
+    noise: float = 4.5e-3
+    quantum: float = 0.5e-3
+    hum: float = 3e-3
+    mains: float = 50.0
+    drift: float = 0.0
+    start_up: float = 0.0
+    bandwidth: float = math.inf
+    tail: float = 5.0
 
     @property
     def oversampling(self) -> int:
@@ -75,7 +133,10 @@ class Rig:
         return 1 if math.isinf(self.bandwidth) else _OVERSAMPLING
 
     def disturb(self, tangential: Array, normal: Array, random: np.random.Generator) -> Trace:
-        """Put on true forces what the rig adds: the sensor's lag, hum, drift, noise, the steps of the converter."""
+        """Put on true forces what the rig adds.
+
+        The sensor's lag, hum, drift, noise, the steps of the converter.
+        """
         from scipy.signal import lfilter
 
         keep = math.exp(-2.0 * math.pi * self.bandwidth / (self.sample_rate * self.oversampling))

@@ -1,4 +1,7 @@
-"""What a simulated session is to be: design, model, scatter, rig and planted effects, read from a TOML file."""
+"""What a simulated session is to be.
+
+Design, model, scatter, rig and planted effects, read from a TOML file.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,10 @@ class Model(Strict):
 
 
 class Design(Strict):
-    """Conditions: the full factorial of heights, loads and speeds, `repeats` times, of which `trials` are drawn."""
+    """Conditions: the full factorial of heights, loads and speeds, `repeats` times.
+
+    Of which `trials` are drawn.
+    """
 
     heights: list[_Length] = Field(min_length=1)
     loads: list[_Load] = Field(min_length=1)
@@ -67,12 +73,24 @@ class Design(Strict):
 
 
 class Scatter(Strict):
-    """Standard deviations from trial to trial, and from block to block."""
+    """Standard deviations from trial to trial, and from block to block.
 
-    energy: _Ratio = 0.05  # of ln E_v [1]
-    friction: _Ratio = 0.005  # [1]
-    load: _Ratio = 0.004  # relative [1]
-    height: _Length = 0.5e-6  # of the blocks [m]
+    Attributes
+    ----------
+    energy : _Ratio
+        Of ln E_v [1].
+    friction : _Ratio
+        [1].
+    load : _Ratio
+        Relative [1].
+    height : _Length
+        Of the blocks [m].
+    """
+
+    energy: _Ratio = 0.05
+    friction: _Ratio = 0.005
+    load: _Ratio = 0.004
+    height: _Length = 0.5e-6
 
 
 class RigPart(Strict):
@@ -89,15 +107,34 @@ class RigPart(Strict):
 
 
 class PlantedEffect(Strict):
-    """A change of one slot of the model: a law of the catalogue, or a named form of one covariate."""
+    """A change of one slot of the model: a law of the catalogue, or a named form of one covariate.
 
-    law: str = ""  # of the catalogue, such as ``running_in``; slot and form are its own then
-    parameters: dict[str, float] = Field(
-        default_factory=dict
-    )  # of the law, in SI; else where a search begins
-    # part of the model: ``contact_geometry`` (radius of the ball plus that of the edge [m]),
-    # ``friction`` [1], ``normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a
-    # force on the pull [N]), ``sensor`` (gain of the tangential channel [1])
+    Attributes
+    ----------
+    law : str
+        Of the catalogue, such as ``running_in``; slot and form are its own then.
+    parameters : dict[str, float]
+        Of the law, in SI; else where a search begins.
+    slot : str, optional
+        Part of the model: ``contact_geometry`` (radius of the ball plus that of the edge [m]),
+        ``friction`` [1], ``normal_load`` [N], ``stiffness`` [N/m], ``conversion`` [1], ``drag`` (a
+        force on the pull [N]), ``sensor`` (gain of the tangential channel [1]).
+    change : Literal['add', 'multiply']
+        As it is, or as 1 + change; a power that multiplies is the factor itself.
+    form : Literal['constant', 'linear', 'power', 'exponential', 'levels']
+    covariate : str
+        A column of the table, ``peak_force_n`` of the nominal model, or ``none``.
+    size : _Finite
+        This and the next in the units of slot and covariate.
+    reference : _Finite
+    span : _Finite
+    exponent : _Finite
+    levels : dict[str, _Finite]
+        Change at each label of a covariate, 0 at one not named.
+    """
+
+    law: str = ""
+    parameters: dict[str, float] = Field(default_factory=dict)
     slot: Literal[
         "contact_geometry",
         "friction",
@@ -108,19 +145,14 @@ class PlantedEffect(Strict):
         "sensor",
         None,
     ] = None
-    # as it is, or as 1 + change; a power that multiplies is the factor itself
     change: Literal["add", "multiply"] = "add"
     form: Literal["constant", "linear", "power", "exponential", "levels"] = "constant"
-    covariate: str = (
-        "none"  # a column of the table, ``peak_force_n`` of the nominal model, or ``none``
-    )
-    size: _Finite = 1.0  # this and the next in the units of slot and covariate
+    covariate: str = "none"
+    size: _Finite = 1.0
     reference: _Finite = 0.0
     span: _Finite = 1.0
     exponent: _Finite = 1.0
-    levels: dict[str, _Finite] = Field(
-        default_factory=dict
-    )  # change at each label of a covariate, 0 at one not named
+    levels: dict[str, _Finite] = Field(default_factory=dict)
 
     def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
         """Return the slot's value after the effect."""
@@ -183,7 +215,23 @@ class PlantedEffect(Strict):
 
 
 class SessionPlan(Strict):
-    """A whole simulated session."""
+    """A whole simulated session.
+
+    Attributes
+    ----------
+    schema_ : Literal[1]
+    title : str
+    source : Literal['equations', 'drag']
+    seed : int
+    format : Literal['csv', 'hdf5']
+    model : Model
+    design : Design
+    scatter : Scatter
+    rig : RigPart
+    effects : tuple[PlantedEffect, ...]
+    load_table : str
+        Of the apparatus, ``*.loads.csv`` beside the plan: which loads there are, and their scatter.
+    """
 
     schema_: Literal[1] = Field(alias="schema")
     title: str = "Simulated session"
@@ -195,7 +243,6 @@ class SessionPlan(Strict):
     scatter: Scatter = Scatter()
     rig: RigPart = RigPart()
     effects: tuple[PlantedEffect, ...] = ()
-    # of the apparatus, ``*.loads.csv`` beside the plan: which loads there are, and their scatter
     load_table: str = ""
 
     def blocks(self) -> list[str]:
@@ -260,7 +307,10 @@ def read_plan(path: Path) -> SessionPlan:
 
 
 def _with_load_table(plan: SessionPlan, path: Path) -> SessionPlan:
-    """Take the loads that the apparatus has for those asked for, and the largest of their uncertainties for the scatter."""
+    """Take the loads that the apparatus has for those asked for.
+
+    And the largest of their uncertainties for the scatter.
+    """
     table = read_table(path)
     if not {"axis", "force_n", "std_n"} <= set(table.columns):
         raise PipelineError(f"load_table must have the columns axis, force_n and std_n [{path}]")

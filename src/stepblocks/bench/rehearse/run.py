@@ -1,4 +1,7 @@
-"""A session as a laboratory would bring it, from equations (1) and (2) or the drag in time, any effect planted."""
+"""A session as a laboratory would bring it, from equations (1) and (2) or the drag in time.
+
+Any effect planted.
+"""
 
 import csv
 import math
@@ -55,14 +58,23 @@ _FIGURES = (
 
 @dataclass(frozen=True)
 class SimulationSummary:
-    """Counts of trials."""
+    """Counts of trials.
+
+    Attributes
+    ----------
+    planned : int
+    locked : int
+        Gave no trace.
+    """
 
     planned: int
-    locked: int  # gave no trace
+    locked: int
 
 
 def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
-    """Write a simulated session: declaration, table of trials, traces, scans, and the truth behind them.
+    """Write a simulated session: declaration, table of trials, traces, scans.
+
+    And the truth behind them.
 
     Parameters
     ----------
@@ -173,7 +185,10 @@ def _record_row(
 
 
 def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
-    """Write a profilometer line across the edge, with its own tilt and offset, as an instrument does."""
+    """Write a profilometer line across the edge, with its own tilt and offset.
+
+    As an instrument does.
+    """
     x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
     z = 1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
     z = (
@@ -272,7 +287,10 @@ def rig_of_state(plan: SessionPlan, state: DragState) -> Rig:
 
 
 def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
-    """Figures of a trial by equations (1) and (2), before gauge and rig; None where nothing catches or rings."""
+    """Figures of a trial by equations (1) and (2), before gauge and rig.
+
+    None where nothing catches or rings.
+    """
     one = np.ones(1)
     shown = compute_channels(state.changed(gain=one, lag=0.0 * one))[0]
     load = float(state.set_load[0] + state.sensed_offset[0])
@@ -294,7 +312,10 @@ def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
 
 
 def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
-    """Return the same trial for the drag in time, with the steady force along the drag beside the tip's [N]."""
+    """Return the same trial for the drag in time.
+
+    With the steady force along the drag beside the tip's [N].
+    """
     moved = [name for name in _NOT_IN_TIME if bool(np.any(getattr(state, name) != 0.0))]
     if moved:
         raise PipelineError(

@@ -1,4 +1,7 @@
-"""One trace: whether it is fit to be measured; where things happen in it, and every figure that it gives."""
+"""One trace: whether it is fit to be measured.
+
+Where things happen in it, and every figure that it gives.
+"""
 
 import math
 from collections.abc import Iterable
@@ -41,15 +44,28 @@ def join_first(names: Iterable[str]) -> str:
 
 @dataclass(frozen=True)
 class Trace:
-    """A record of both forces."""
+    """A record of both forces.
 
-    time: Array  # shape (n,), instants of the samples [s]
-    tangential: Array  # shape (n,), force along the drag F_x [N]
-    normal: Array  # shape (n,), force into the block F_y [N]
+    Attributes
+    ----------
+    time : Array
+        Shape (n,), instants of the samples [s].
+    tangential : Array
+        Shape (n,), force along the drag F_x [N].
+    normal : Array
+        Shape (n,), force into the block F_y [N].
+    """
+
+    time: Array
+    tangential: Array
+    normal: Array
 
 
 def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -> str:
-    """Look for what makes a trace unusable, and say it in one line; empty where there is nothing."""
+    """Look for what makes a trace unusable, and say it in one line.
+
+    Empty where there is nothing.
+    """
     count = trace.time.size
     if count < _FEWEST_SAMPLES:
         few = f"{count} samples are too few (at least {_FEWEST_SAMPLES})"
@@ -118,7 +134,10 @@ def _find_longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
-    """First sample from which the tip lies on the block and slides, and the zeros of both gauges from what was before."""
+    """First sample from which the tip lies on the block and slides.
+
+    And the zeros of both gauges from what was before.
+    """
     unknown = (math.nan, math.nan)  # as of most records, which begin under load
     normal = np.convolve(trace.normal, np.full(5, 0.2), mode="same")
     low, high = np.percentile(normal[2:-2], (0.5, 50.0))
@@ -137,6 +156,9 @@ def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
 
 
 def _mean_std(values: Array) -> float:
-    """Return the standard uncertainty of a mean whose samples hang together, by the means of eighths."""
+    """Return the standard uncertainty of a mean whose samples hang together.
+
+    By the means of eighths.
+    """
     parts = np.array([part.mean() for part in np.array_split(values, 8)])
     return float(np.std(parts, ddof=1) / math.sqrt(8.0))

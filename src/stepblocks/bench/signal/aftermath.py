@@ -1,4 +1,7 @@
-"""After the slip: which kind of ring it is, and its figures carried back to the instant of release."""
+"""After the slip: which kind of ring it is.
+
+And its figures carried back to the instant of release.
+"""
 
 from __future__ import annotations
 
@@ -54,15 +57,30 @@ _NOT_KNOWN = (math.nan, math.nan)
 
 @dataclass(frozen=True)
 class Swing:
-    """First swing after a slip: how far below the sliding level it went, and when."""
+    """First swing after a slip: how far below the sliding level it went, and when.
 
-    depth: Estimate  # level less the force in the trough, and its standard uncertainty [N]
-    instant: float  # when the trough was reached [s]
-    decay_time: Estimate  # of the tool, and its standard uncertainty [s]
-    half: float = 0.0  # of the tool's period [s]
+    Attributes
+    ----------
+    depth : Estimate
+        Level less the force in the trough, and its standard uncertainty [N].
+    instant : float
+        When the trough was reached [s].
+    decay_time : Estimate
+        Of the tool, and its standard uncertainty [s].
+    half : float
+        Of the tool's period [s].
+    """
+
+    depth: Estimate
+    instant: float
+    decay_time: Estimate
+    half: float = 0.0
 
     def amplitude(self, instant: float) -> Estimate:
-        """Amplitude carried back to `instant`, and its standard uncertainty [N]; viscous decay alone takes from it."""
+        """Amplitude carried back to `instant`, and its standard uncertainty [N].
+
+        Viscous decay alone takes from it.
+        """
         (depth, depth_std), (decay, decay_std) = self.depth, self.decay_time
         reach = self.instant - instant
         growth = float(np.exp(reach / decay))
@@ -72,21 +90,39 @@ class Swing:
 
 @dataclass(frozen=True)
 class Aftermath:
-    """Figures of the ring at the release instant, each with its standard uncertainty."""
+    """Figures of the ring at the release instant, each with its standard uncertainty.
 
-    ring: Ring | RubbingRing  # the fit
-    start: float  # instant to which the amplitude is carried back [s]
-    amplitude: Estimate  # [N]
-    frequency: Estimate  # [Hz]
-    decay_time: Estimate  # [s]
-    level: Estimate  # [N]
-    friction_decay: Estimate = (
-        _NOT_KNOWN  # loss of amplitude to friction per time, beside the exponential decay [N/s]
-    )
-    swing: Swing | None = (
-        None  # first after the slip, which tells the amplitude of a ring that is no bell's
-    )
-    sample: float = 0.0  # time between two samples [s]
+    Attributes
+    ----------
+    ring : Ring | RubbingRing
+        The fit.
+    start : float
+        Instant to which the amplitude is carried back [s].
+    amplitude : Estimate
+        [N].
+    frequency : Estimate
+        [Hz].
+    decay_time : Estimate
+        [s].
+    level : Estimate
+        [N].
+    friction_decay : Estimate
+        Loss of amplitude to friction per time, beside the exponential decay [N/s].
+    swing : Swing | None
+        First after the slip, which tells the amplitude of a ring that is no bell's.
+    sample : float
+        Time between two samples [s].
+    """
+
+    ring: Ring | RubbingRing
+    start: float
+    amplitude: Estimate
+    frequency: Estimate
+    decay_time: Estimate
+    level: Estimate
+    friction_decay: Estimate = _NOT_KNOWN
+    swing: Swing | None = None
+    sample: float = 0.0
 
     @property
     def damped(self) -> bool:
@@ -113,7 +149,10 @@ def fit_aftermath(
     *,
     saw: Saw | None = None,
 ) -> Aftermath:
-    """Fit the ring after a slip as that of a bell and, where that fails, as that of a tool whose tip rubs."""
+    """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs.
+
+    As that of a tool whose tip rubs.
+    """
     marks = replace(marks, noise=estimate_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
     if (
@@ -222,7 +261,10 @@ def _fit_best_rubbing(
 def _guess_tools(
     time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> list[Tool]:
-    """Frequency and decay time of the tool: told, from its start-up, from its late ring, from its first swings."""
+    """Frequency and decay time of the tool.
+
+    Told, from its start-up, from its late ring, from its first swings.
+    """
     if tool is not None:
         return [tool]
     if approach.start_up is not None:
@@ -265,7 +307,10 @@ def _find_troughs(
 
 
 def measure_normal_level(time: Array, normal: Array, approach: Approach) -> Estimate:
-    """Return the normal force while sliding, hum and drift apart, and its standard uncertainty [N]."""
+    """Return the normal force while sliding, hum and drift apart.
+
+    And its standard uncertainty [N].
+    """
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
     weights, covariance = fit_with_covariance(_is_still(time[:end], approach), normal[:end])
     return float(weights[0]), float(np.sqrt(covariance[0, 0]))
@@ -278,7 +323,11 @@ def _is_still(t: Array, approach: Approach) -> Array:
 def measure_sympathetic_force(
     time: Array, normal: Array, approach: Approach, after: Aftermath
 ) -> Estimate:
-    """Amplitude at the release of what rings in the normal force with the tangential frequency and decay [N]."""
+    """Amplitude at the release of what rings.
+
+    Amplitude at the release of what rings in the normal force with the tangential frequency and
+    decay [N].
+    """
     begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.ring.origin)))
     still, since = _is_still(time[begin:], approach), time[begin:] - after.start
 

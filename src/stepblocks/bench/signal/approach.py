@@ -1,4 +1,7 @@
-"""Sliding and loading: where they lie, level before the edge, onset and slope of the ramp, with hum, drift and start-up."""
+"""Sliding and loading: where they lie, level before the edge, onset and slope of the ramp.
+
+With hum, drift and start-up.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -31,22 +34,42 @@ _SLIDE_SAMPLES = 40  # fewer samples before the edge say nothing of the sliding 
 
 
 class LandmarkError(Exception):
-    """The trace lacks a part of the course of a trial; the message is the reason for its exclusion."""
+    """The trace lacks a part of the course of a trial.
+
+    The message is the reason for its exclusion.
+    """
 
 
 @dataclass(frozen=True)
 class Landmarks:
-    """Samples between which the parts of a trial lie."""
+    """Samples between which the parts of a trial lie.
 
-    onset: float  # begin of loading, to some samples [s]
-    peak: int  # sample of the largest tangential force before the slip
-    level: float  # tangential force while sliding before the edge, to the noise [N]
-    rise: float  # peak over `level` [N]
-    noise: float  # standard deviation of the white part of the noise of the tangential force [N]
+    Attributes
+    ----------
+    onset : float
+        Begin of loading, to some samples [s].
+    peak : int
+        Sample of the largest tangential force before the slip.
+    level : float
+        Tangential force while sliding before the edge, to the noise [N].
+    rise : float
+        Peak over `level` [N].
+    noise : float
+        Standard deviation of the white part of the noise of the tangential force [N].
+    """
+
+    onset: float
+    peak: int
+    level: float
+    rise: float
+    noise: float
 
 
 def estimate_white_noise(values: Array) -> float:
-    """Return the standard deviation of white noise, from fourth differences: blind to what is slow and to spikes."""
+    """Return the standard deviation of white noise, from fourth differences.
+
+    Blind to what is slow and to spikes.
+    """
     fourth = np.abs(np.diff(values, n=4))
     # the median alone comes in steps where the record is quantised; it only says what is a spike
     quiet = fourth[fourth <= 4.0 * np.median(fourth) / 0.6745]
@@ -80,7 +103,10 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
 
 
 def find_bounded_landmarks(time: Array, force: Array) -> Landmarks:
-    """Find sliding and loading up to the first sample at the top, be that the end of a gauge or of the record."""
+    """Find sliding and loading up to the first sample at the top.
+
+    Be that the end of a gauge or of the record.
+    """
     noise, peak = estimate_white_noise(force), int(np.argmax(force))
     level = float(np.median(force[: max(peak // 4, 1)]))
     rise = float(force[peak]) - level
@@ -116,22 +142,42 @@ def _add_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
 
 @dataclass(frozen=True)
 class Clock:
-    """What a fit of sliding and ramp is told."""
+    """What a fit of sliding and ramp is told.
 
-    mains: float  # mains frequency that is fitted along [Hz]
-    center: float  # instant at which the level holds [s]
-    step: float  # between two samples [s]
-    bend: tuple[float, float] | None = None  # level [N] and first slope [N/s] of a ramp that bends
+    Attributes
+    ----------
+    mains : float
+        Mains frequency that is fitted along [Hz].
+    center : float
+        Instant at which the level holds [s].
+    step : float
+        Between two samples [s].
+    bend : tuple[float, float] | None
+        Level [N] and first slope [N/s] of a ramp that bends.
+    """
+
+    mains: float
+    center: float
+    step: float
+    bend: tuple[float, float] | None = None
 
 
 @dataclass
 class Approach:
-    """What was fitted to a trace up to its peak."""
+    """What was fitted to a trace up to its peak.
 
-    # shape: onset (and start-up ring); weights: level, drift, slope, hum, g of a bent ramp (and
-    # start-up ring)
+    Attributes
+    ----------
+    fit : SeparableFit
+        Shape: onset (and start-up ring); weights: level, drift, slope, hum, g of a bent ramp (and
+        start-up ring).
+    end : int
+        First sample that no longer follows the line of the ramp.
+    clock : Clock
+    """
+
     fit: SeparableFit
-    end: int  # first sample that no longer follows the line of the ramp
+    end: int
     clock: Clock
 
     def __post_init__(self) -> None:
@@ -148,7 +194,10 @@ class Approach:
         )  # g of ``F = u + g u^3`` [1/N^2]
 
     def mean_slope(self, rise: float) -> Estimate:
-        """Slope of the straight line through the ramp up to a share of its rise, and its standard uncertainty [N/s]."""
+        """Slope of the straight line through the ramp up to a share of its rise.
+
+        And its standard uncertainty [N/s].
+        """
         first, gradient = self.fit.shape.size, np.zeros(self.fit.covariance.shape[0])
         gradient[first + 2] = 1.0
         if self.clock.bend is not None:
@@ -171,7 +220,10 @@ class Approach:
 
     @property
     def start_up(self) -> Tool | None:
-        """Frequency [Hz] and decay time [s] of the ring when the handle started, where there is one."""
+        """Frequency [Hz] and decay time [s] of the ring when the handle started.
+
+        Where there is one.
+        """
         return (
             (float(self.fit.shape[1]), float(self.fit.shape[2]))
             if self.fit.shape.size == 3
@@ -201,7 +253,10 @@ class Approach:
         return np.asarray(wave_columns(time, self.mains) @ self.fit.weights[3:5], dtype=float)
 
     def sliding(self, time: Array) -> Array:
-        """Level with hum and, where there is one, the start-up ring [N], on the clock of the fit."""
+        """Level with hum and, where there is one, the start-up ring [N].
+
+        On the clock of the fit.
+        """
         force = self.level + self.hum(time)
         if self.start_up is None:
             return force
@@ -240,7 +295,10 @@ def _approach_columns(time: Array, onset: float, clock: Clock) -> Array:
 
 
 def bend_of_ramp(since: Array, bend: tuple[float, float]) -> Array:
-    """Return what a spring that hardens adds, per g, to a ramp that begins at a level with a slope."""
+    """Return what a spring that hardens adds, per g.
+
+    To a ramp that begins at a level with a slope.
+    """
     level, slope = bend
     return 3.0 * level * (slope * since) ** 2 + (slope * since) ** 3
 
@@ -248,7 +306,10 @@ def bend_of_ramp(since: Array, bend: tuple[float, float]) -> Array:
 def fit_approach(
     time: Array, force: Array, marks: Landmarks, start_up: Tool | None, *, straight: bool = False
 ) -> Approach:
-    """Fit sliding and ramp together, and how the ramp bends where it clearly does and need not be straight."""
+    """Fit sliding and ramp together.
+
+    And how the ramp bends where it clearly does and need not be straight.
+    """
     slide_end = int(np.searchsorted(time, marks.onset))
     mains = find_mains(time[:slide_end], force[:slide_end])
     clock = Clock(mains, float(time[: max(slide_end, 1)].mean()), float(np.median(np.diff(time))))
@@ -321,7 +382,10 @@ def _fit_until(
 
 
 def _find_end_of_line(miss: Array, noise: float) -> int | None:
-    """First sample from which on the force is off the line of the ramp for good; None where it stays on it."""
+    """First sample from which on the force is off the line of the ramp for good.
+
+    None where it stays on it.
+    """
     if not miss.size:
         return None
     window = min(4, miss.size)

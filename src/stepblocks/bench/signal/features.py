@@ -1,4 +1,7 @@
-"""What one trace says: friction, load, ramp, peak, release, ring, energy, each with its standard uncertainty."""
+"""What one trace says: friction, load, ramp, peak, release, ring, energy.
+
+Each with its standard uncertainty.
+"""
 
 import math
 from collections.abc import Callable, Iterable
@@ -58,18 +61,33 @@ _ROUND_SPREAD = (
 
 @dataclass(frozen=True)
 class Peak:
-    """Peak of the tangential force."""
+    """Peak of the tangential force.
 
-    time: float  # release instant [s]
-    force: float  # [N]
-    force_std: float  # [N]
-    corner: bool  # whether the ramp ran into the release in a corner; otherwise the peak is rounded
+    Attributes
+    ----------
+    time : float
+        Release instant [s].
+    force : float
+        [N].
+    force_std : float
+        [N].
+    corner : bool
+        Whether the ramp ran into the release in a corner; otherwise the peak is rounded.
+    """
+
+    time: float
+    force: float
+    force_std: float
+    corner: bool
 
 
 def find_peak(
     time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath
 ) -> Peak:
-    """Find the peak: the corner of ramp and release, both fitted, or the top of a cubic through a rounded one."""
+    """Find the peak: the corner of ramp and release, both fitted.
+
+    Or the top of a cubic through a rounded one.
+    """
     # the highest sample is no measure of it: noise lifts it, and the release falls between two
     # samples
     corner = None
@@ -176,15 +194,33 @@ def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Ap
 
 @dataclass(frozen=True)
 class Loading:
-    """What a record shows up to its peak, with the fits behind it; alone, of a record whose peak is only a lower bound."""
+    """What a record shows up to its peak, with the fits behind it.
 
-    start: float  # instant of the first sample, from which the fits count [s]
+    Alone, of a record whose peak is only a lower bound.
+
+    Attributes
+    ----------
+    start : float
+        Instant of the first sample, from which the fits count [s].
+    approach : Approach
+    peak : Peak
+    load : Estimate
+        Normal force while sliding, and its standard uncertainty [N].
+    zeros : tuple[Estimate, Estimate]
+        Of both gauges while nothing was loaded [N].
+    speed : float
+        Of the handle [m/s]; not-a-number where it is not known.
+    saw : Saw | None
+        What it drew before the edge where it stuck and slipped.
+    """
+
+    start: float
     approach: Approach
     peak: Peak
-    load: Estimate  # normal force while sliding, and its standard uncertainty [N]
-    zeros: tuple[Estimate, Estimate]  # of both gauges while nothing was loaded [N]
-    speed: float  # of the handle [m/s]; not-a-number where it is not known
-    saw: Saw | None = None  # what it drew before the edge where it stuck and slipped
+    load: Estimate
+    zeros: tuple[Estimate, Estimate]
+    speed: float
+    saw: Saw | None = None
 
     @property
     def features(self) -> dict[str, Any]:
@@ -205,24 +241,43 @@ class Loading:
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement(Loading):
-    """Features of one whole trace with the fits behind them."""
+    """Features of one whole trace with the fits behind them.
+
+    Attributes
+    ----------
+    aftermath : Aftermath
+    sympathetic : Estimate
+        Amplitude of the normal force that rings along, and its standard uncertainty [N].
+    shares : tuple[float, float]
+        Of the energy of loading and of vibration in their bands [1].
+    regime : str
+        Snap, climb-down, flight, rubbing or stick-slip.
+    spring_constant : float
+        Of the explorer, as declared [N/m].
+    noise : float
+        White, of the tangential force [N].
+    """
 
     aftermath: Aftermath
-    sympathetic: (
-        Estimate  # amplitude of the normal force that rings along, and its standard uncertainty [N]
-    )
-    shares: tuple[float, float]  # of the energy of loading and of vibration in their bands [1]
-    regime: str  # snap, climb-down, flight, rubbing or stick-slip
-    spring_constant: float  # of the explorer, as declared [N/m]
-    noise: float  # white, of the tangential force [N]
+    sympathetic: Estimate
+    shares: tuple[float, float]
+    regime: str
+    spring_constant: float
+    noise: float
 
     @cached_property
     def features(self) -> dict[str, Any]:
-        """One value for each of `FEATURE_COLUMNS`; not-a-number where the trace does not show it."""
+        """One value for each of `FEATURE_COLUMNS`.
+
+        Not-a-number where the trace does not show it.
+        """
         return _compute_figures(_FIGURES, self)
 
     def sticking(self) -> tuple[float, ...]:
-        """Amplitude and time of sticking, and static friction, from the saw before the edge; else not-a-number."""
+        """Amplitude and time of sticking, and static friction, from the saw before the edge.
+
+        Else not-a-number.
+        """
         if self.saw is None:
             return (math.nan,) * 6
         load, load_std = self.load
@@ -231,7 +286,10 @@ class Measurement(Loading):
         return (*self.saw.amplitude, *self.saw.stick_time, static, spread)
 
     def energy(self) -> tuple[float, float, float]:
-        """Energy of the amplitude at the release on the declared spring, its standard uncertainty [J], their ratio."""
+        """Energy of the amplitude at the release on the declared spring.
+
+        Its standard uncertainty [J], their ratio.
+        """
         amplitude, std = self.aftermath.amplitude
         energy = amplitude**2 / (2.0 * self.spring_constant)
         relative = 2.0 * (std / amplitude if amplitude > 0.0 else float("nan"))
@@ -344,7 +402,10 @@ def measure_trace(
 def measure_censored(
     trace: Trace, spring_constant: float, speed: float, reason: str
 ) -> dict[str, Any]:
-    """Say what a record shows whose gauge saturated or whose tip never slipped: its peak force is a lower bound."""
+    """Say what a record shows whose gauge saturated or whose tip never slipped.
+
+    Its peak force is a lower bound.
+    """
     # Empty where it does not even show a ramp. What saturates after the slip, or only along the
     # normal, leaves the peak whole.
     try:
@@ -384,7 +445,10 @@ def _compute_shares(
 
 
 def compute_band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
-    """Share of the energy of a transient that lies in a band, as in figures 4 and 5 of the paper, by Parseval's theorem."""
+    """Share of the energy of a transient that lies in a band.
+
+    As in figures 4 and 5 of the paper, by Parseval's theorem.
+    """
     # no window: a transient ends by itself, and a window would move energy from the release into
     # the band
     from scipy.signal import periodogram
@@ -400,7 +464,10 @@ def compute_band_share(values: Array, rate: float, band: tuple[float, float]) ->
 
 
 def average_tool(features: Iterable[dict[str, float]]) -> Tool | None:
-    """Frequency [Hz] and decay time [s] of the tool from some trials that show them well, or None."""
+    """Frequency [Hz] and decay time [s] of the tool from some trials that show them well.
+
+    Or None.
+    """
     clear = [
         (row["ring_frequency_hz"], row["decay_time_s"])
         for row in features

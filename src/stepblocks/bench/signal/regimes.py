@@ -1,4 +1,6 @@
-"""What the tip did, told on the waveform before an E_v is quoted: it snapped, climbed down, flew, rubbed, or stuck and slipped.
+"""What the tip did, told on the waveform before an E_v is quoted.
+
+It snapped, climbed down, flew, rubbed, or stuck and slipped.
 
 A tip that sticks and slips before the edge draws a saw: it is loaded along the ramp ``k v`` up to
 static friction, slips, and sticks again as far below the sliding force as it was above. What lies
@@ -41,13 +43,27 @@ _FAINT = 6.0
 
 @dataclass(frozen=True)
 class Saw:
-    """A limit cycle of sticking and slipping before the edge."""
+    """A limit cycle of sticking and slipping before the edge.
 
-    amplitude: Estimate  # from bottom to top [N]
-    stick_time: Estimate  # from a bottom to the next top [s]
-    static: Estimate  # force at which the tip lets go [N]
-    kinetic: Estimate  # force of sliding, about which it slips [N]
-    onset: int  # sample at which the ramp of the edge passes the force of sliding
+    Attributes
+    ----------
+    amplitude : Estimate
+        From bottom to top [N].
+    stick_time : Estimate
+        From a bottom to the next top [s].
+    static : Estimate
+        Force at which the tip lets go [N].
+    kinetic : Estimate
+        Force of sliding, about which it slips [N].
+    onset : int
+        Sample at which the ramp of the edge passes the force of sliding.
+    """
+
+    amplitude: Estimate
+    stick_time: Estimate
+    static: Estimate
+    kinetic: Estimate
+    onset: int
 
     def calmed(self, force: Array) -> Array:
         """Return the force as if the tip had slid up to the edge; the noise stays."""
@@ -143,7 +159,10 @@ def find_extremum(
 
 
 def find_first_swing(motion: Motion) -> tuple[float, float, float]:
-    """Bottom of the first swing below the sliding level after a slip: depth, its standard uncertainty [N], instant [s]."""
+    """Bottom of the first swing below the sliding level after a slip.
+
+    Depth, its standard uncertainty [N], instant [s].
+    """
     # the tip runs forward all through that swing, so that friction is part of the level, whatever
     # comes after it
     time, force, period = motion.time, motion.force, 1.0 / motion.frequency
@@ -171,18 +190,42 @@ def find_first_swing(motion: Motion) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Motion:
-    """What a regime is told from."""
+    """What a regime is told from.
 
-    time: Array  # shape (n,) [s]
-    force: Array  # shape (n,), tangential, hum taken off [N]
-    normal: Array  # shape (n,) [N]
-    peak: int  # sample of the release
-    level: float  # tangential force of sliding [N]
-    load: float  # normal force of sliding [N]
-    slope: float  # k v [N/s]
-    noise: float  # of the tangential force [N]
-    frequency: float  # of the tool [Hz]
-    damping: float = 0.0  # its damping ratio [1]
+    Attributes
+    ----------
+    time : Array
+        Shape (n,) [s].
+    force : Array
+        Shape (n,), tangential, hum taken off [N].
+    normal : Array
+        Shape (n,) [N].
+    peak : int
+        Sample of the release.
+    level : float
+        Tangential force of sliding [N].
+    load : float
+        Normal force of sliding [N].
+    slope : float
+        K v [N/s].
+    noise : float
+        Of the tangential force [N].
+    frequency : float
+        Of the tool [Hz].
+    damping : float
+        Its damping ratio [1].
+    """
+
+    time: Array
+    force: Array
+    normal: Array
+    peak: int
+    level: float
+    load: float
+    slope: float
+    noise: float
+    frequency: float
+    damping: float = 0.0
 
     @cached_property
     def smooth(self) -> Array:
@@ -191,7 +234,10 @@ class Motion:
 
     @cached_property
     def fallen(self) -> int:
-        """First sample after the release at which the force is down at that of sliding, to the noise."""
+        """First sample after the release at which the force is down at that of sliding.
+
+        To the noise.
+        """
         below = np.flatnonzero(
             self.smooth[self.peak : -2] <= self.level + 2.0 * self.noise / math.sqrt(5.0)
         )
@@ -199,7 +245,10 @@ class Motion:
 
 
 def classify_regime(motion: Motion, saw: Saw | None, bell: bool) -> str:
-    """Say what the tip did; `bell` where a damped cosine explains the ring, as of a tool whose tip hangs free."""
+    """Say what the tip did; `bell` where a damped cosine explains the ring.
+
+    As of a tool whose tip hangs free.
+    """
     if saw is not None:
         return "stick-slip"
     if bell:

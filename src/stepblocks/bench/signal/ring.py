@@ -63,18 +63,37 @@ _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 
 @dataclass(frozen=True)
 class Ring:
-    """A damped ring and its uncertainties."""
+    """A damped ring and its uncertainties.
 
-    frequency: Estimate  # [Hz]
-    decay_time: Estimate  # in which the amplitude falls to 1/e [s]
-    level: Estimate  # about which it rings at `origin` [N]
-    origin: float  # instant that the fit counts from [s]
-    mains: float  # mains frequency fitted along [Hz]
-    # shape: frequency, decay time, decay time of the release, of a tool that hardens g A^2 too;
-    # weights: level, drift, hum (2), release, ring (2)
+    Attributes
+    ----------
+    frequency : Estimate
+        [Hz].
+    decay_time : Estimate
+        In which the amplitude falls to 1/e [s].
+    level : Estimate
+        About which it rings at `origin` [N].
+    origin : float
+        Instant that the fit counts from [s].
+    mains : float
+        Mains frequency fitted along [Hz].
+    fit : SeparableFit
+        Shape: frequency, decay time, decay time of the release, of a tool that hardens g A^2 too;
+        weights: level, drift, hum (2), release, ring (2).
+    misfit : float
+        By how many standard errors the residuals miss the noise.
+    about : float
+        Level over amplitude, about which a tool that hardens rings [1].
+    """
+
+    frequency: Estimate
+    decay_time: Estimate
+    level: Estimate
+    origin: float
+    mains: float
     fit: SeparableFit
-    misfit: float  # by how many standard errors the residuals miss the noise
-    about: float = 0.0  # level over amplitude, about which a tool that hardens rings [1]
+    misfit: float
+    about: float = 0.0
 
     def curve(self, time: Array) -> Array:
         """Return the whole fit [N] at the instants `time`."""
@@ -91,7 +110,10 @@ class Ring:
         return propagate_std(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
 
     def amplitude(self, instant: float) -> Estimate:
-        """Amplitude of the ring, carried to an instant by its decay, and its standard uncertainty [N]."""
+        """Amplitude of the ring, carried to an instant by its decay.
+
+        And its standard uncertainty [N].
+        """
         cosine, sine = self.fit.weights[5:7]
         reach, decay = instant - self.origin, self.decay_time[0]
         growth = float(np.exp(-reach / decay))
@@ -132,7 +154,10 @@ def guess_ring(time: Array, values: Array) -> Tool:
 
 
 def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
-    """Fit a damped ring to the samples after a slip; of a tool that hardens, after Duffing, where that is seen."""
+    """Fit a damped ring to the samples after a slip.
+
+    Of a tool that hardens, after Duffing, where that is seen.
+    """
     ring = _fit_damped(
         time, force, origin, mains, noise, np.array([*guess_ring(time, force), _RELEASE_DECAY[1]])
     )
@@ -186,7 +211,10 @@ def _fit_damped(
 
 
 def _columns(since: Array, origin: float, mains: float, shape: Array, about: float = 0.0) -> Array:
-    """Level and drift from the slip on, hum on the clock of the record, rest of the release, ring."""
+    """Level and drift from the slip on, hum on the clock of the record, rest of the release.
+
+    Ring.
+    """
     frequency, decay, release, *cubic = shape.tolist()
     hum = wave_columns(since + origin, mains)
     ring = (
@@ -198,7 +226,10 @@ def _columns(since: Array, origin: float, mains: float, shape: Array, about: flo
 
 
 def _hardening_columns(since: Array, tool: tuple[float, ...], about: float) -> Array:
-    """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1, and its rate over its pulsation."""
+    """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1.
+
+    And its rate over its pulsation.
+    """
     # `tool` is the frequency of small swings about the level, the decay time, and g; `about` the
     # level.
     frequency, decay, cubic = tool
@@ -230,19 +261,34 @@ def _integrate_swing(
 
 @dataclass(frozen=True)
 class RubbingRing:
-    """A ring limited by friction and its uncertainties."""
+    """A ring limited by friction and its uncertainties.
 
-    # shape (7,): level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `origin` over L+
-    # [N], slope there [N/s], drift [N/s]
+    Attributes
+    ----------
+    values : Array
+        Shape (7,): level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `origin` over
+        L+ [N], slope there [N/s], drift [N/s].
+    covariance : Array
+        Shape (7, 7), of `values`.
+    slope : float
+        Of the force while the tip sticks [N/s].
+    origin : float
+        Instant that the fit counts from [s].
+    misfit : float
+        By how many standard errors the residuals miss the noise, see `separable.misfit`.
+    residuals : Array
+        Shape (n,), data minus fit [N].
+    knows_gap : bool
+        Whether the tip ever slipped back, so that the gap shows.
+    """
+
     values: Array
-    covariance: Array  # shape (7, 7), of `values`
-    slope: float  # of the force while the tip sticks [N/s]
-    origin: float  # instant that the fit counts from [s]
-    misfit: (
-        float  # by how many standard errors the residuals miss the noise, see `separable.misfit`
-    )
-    residuals: Array  # shape (n,), data minus fit [N]
-    knows_gap: bool  # whether the tip ever slipped back, so that the gap shows
+    covariance: Array
+    slope: float
+    origin: float
+    misfit: float
+    residuals: Array
+    knows_gap: bool
 
     def curve(self, time: Array) -> Array:
         """Return the fit without hum [N] at the instants `time`, all after `origin`."""
@@ -256,7 +302,10 @@ class RubbingRing:
 def compute_rubbing_force(
     time: Array, level: float, gap: float, tool: Tool, start: tuple[float, float], slope: float
 ) -> Array:
-    """Force of the tool after the slip [N], piece by piece in closed form; 1e6 from where on the tip chatters without end."""
+    """Force of the tool after the slip [N], piece by piece in closed form.
+
+    1e6 from where on the tip chatters without end.
+    """
     # `level` holds while the tip slips forward and is lower by `gap` while it slips back [N];
     # `start` is the force [N] and its rate [N/s] at 0; `slope` is that of the force while the tip
     # sticks [N/s].
@@ -280,7 +329,10 @@ def _rubbing_kernel(
     start: tuple[float, float],
     slope: float,
 ) -> Array:
-    """Go half cycle by half cycle; written for a compiler, nothing checked. See `compute_rubbing_force`."""
+    """Go half cycle by half cycle.
+
+    Written for a compiler, nothing checked. See `compute_rubbing_force`.
+    """
     (level, gap), (frequency, decay), (force, rate) = levels, tool, start
     omega = 2.0 * math.pi * frequency
     result = np.empty_like(time)
@@ -364,7 +416,10 @@ def fit_rubbing_ring(
     *,
     spread: Tool = GUESSED,
 ) -> RubbingRing:
-    """Fit a ring limited by friction, hum taken off before, from a guess of its level and of the tool."""
+    """Fit a ring limited by friction, hum taken off before.
+
+    From a guess of its level and of the tool.
+    """
     from scipy.optimize import least_squares
 
     (frequency, decay), origin = tool, float(time[0])

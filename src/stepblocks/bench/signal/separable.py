@@ -1,4 +1,6 @@
-"""Least squares by variable projection (Golub and Pereyra 1973, doi:10.1137/0710036), with the covariance of all parameters.
+"""Least squares by variable projection (Golub and Pereyra 1973, doi:10.1137/0710036).
+
+With the covariance of all parameters.
 
 A trace is a sum of known shapes whose weights enter linearly; only two or three times and
 frequencies are searched.
@@ -19,14 +21,27 @@ _UNSEEN = 1e-7
 
 @dataclass(frozen=True)
 class SeparableFit:
-    """What a separable fit found."""
+    """What a separable fit found.
 
-    shape: Array  # shape (q,), parameters that enter nonlinearly
-    weights: Array  # shape (p,), of the columns of the basis
-    # shape (q + p, q + p), of `shape` and `weights`, scaled by the scatter of the residuals
+    Attributes
+    ----------
+    shape : Array
+        Shape (q,), parameters that enter nonlinearly.
+    weights : Array
+        Shape (p,), of the columns of the basis.
+    covariance : Array
+        Shape (q + p, q + p), of `shape` and `weights`, scaled by the scatter of the residuals.
+    residuals : Array
+        Shape (n,), data minus model.
+    jacobian : Array
+        Shape (n, q + p), slopes in `shape` and columns of the basis.
+    """
+
+    shape: Array
+    weights: Array
     covariance: Array
-    residuals: Array  # shape (n,), data minus model
-    jacobian: Array  # shape (n, q + p), slopes in `shape` and columns of the basis
+    residuals: Array
+    jacobian: Array
 
     def std(self, index: int) -> float:
         """Return the standard uncertainty of one of `shape` and `weights`, counted on."""
@@ -49,7 +64,10 @@ def fit_separable(
     upper: Array,
     scale: Array,
 ) -> SeparableFit:
-    """Fit ``values = basis(shape) @ weights``; the shape moves in steps of `scale` between its bounds."""
+    """Fit ``values = basis(shape) @ weights``.
+
+    The shape moves in steps of `scale` between its bounds.
+    """
     from scipy.optimize import least_squares
 
     def solve(shape: Array) -> tuple[Array, Array]:
@@ -120,7 +138,10 @@ def compute_numeric_jacobian(
 
 
 def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None = None) -> Array:
-    """Covariance of the parameters, widened by the autocorrelation of the residuals: they carry less than their number."""
+    """Covariance of the parameters, widened by the autocorrelation of the residuals.
+
+    They carry less than their number.
+    """
     # Rows of `known`, in the unit of the data per parameter, count as further exact measurements.
     count, parameters = jacobian.shape
     freedom = max(count - parameters, 1)
@@ -140,7 +161,10 @@ def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None =
 
 
 def compute_correlation_inflation(residuals: Array) -> float:
-    """Factor by which correlation between neighbours widens a variance: ``1 + 2 sum rho_k``, up to what noise can give."""
+    """Factor by which correlation between neighbours widens a variance.
+
+    ``1 + 2 sum rho_k``, up to what noise can give.
+    """
     count, power, total = residuals.size, float(residuals @ residuals), 0.0
     if count < 16 or power == 0.0:
         return 1.0
@@ -154,13 +178,20 @@ def compute_correlation_inflation(residuals: Array) -> float:
 
 
 def propagate_std(gradient: Array, covariance: Array) -> float:
-    """Return the standard uncertainty of a quantity with this gradient in the parameters of a covariance."""
+    """Return the standard uncertainty of a quantity with this gradient in the parameters.
+
+    Return the standard uncertainty of a quantity with this gradient in the parameters of a
+    covariance.
+    """
     variance = float(gradient @ covariance @ gradient)
     return math.sqrt(variance) if variance > 0.0 else 0.0
 
 
 def compute_misfit(residuals: Array, parameters: int, begin: int, noise: float) -> float:
-    """Return by how many standard errors a fit misses its noise: of the whole or of its begin, whichever is worse."""
+    """Return by how many standard errors a fit misses its noise.
+
+    Of the whole or of its begin, whichever is worse.
+    """
     # a fit of a ring that is wrong is wrong where the ring is largest; over the whole record that
     # goes under
     if noise <= 0.0:

@@ -1,4 +1,7 @@
-"""The traces of a session: read in a confined process, as CSV or in any of the formats beside, and one given in SI."""
+"""The traces of a session: read in a confined process, as CSV or in any of the formats beside.
+
+And one given in SI.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -82,7 +85,10 @@ def close_traces(path: Path) -> dict[str, Any]:
 def read_columns(
     path: Path, kind: str, layout: Layout, place: list[Any], names: tuple[str | int, ...]
 ) -> dict[str, Any]:
-    """Read columns of one trial, by their number; without names it is only seen whether the file can be read."""
+    """Read columns of one trial, by their number.
+
+    Without names it is only seen whether the file can be read.
+    """
     where, found = Place(*place), path.stat()
     opened, group_of, column = READERS[kind]
     try:
@@ -103,7 +109,10 @@ def read_columns(
 
 
 class Traces(ExitStack):
-    """Traces of a session, open for reading: one container that stays open, or one file per trial."""
+    """Traces of a session, open for reading.
+
+    One container that stays open, or one file per trial.
+    """
 
     def __init__(self, session: Session) -> None:
         super().__init__()

@@ -41,7 +41,10 @@ def find_hdf5_group(file: Any, place: Place) -> Any:
 
 
 def read_hdf5_column(group: Any, name: str | int) -> Any:
-    """Read one channel of a group of datasets, of a compound table, or of a plain table of numbers."""
+    """Read one channel of a group of datasets, of a compound table.
+
+    Or of a plain table of numbers.
+    """
     import h5py
 
     if isinstance(group, h5py.Dataset):
@@ -57,7 +60,10 @@ def read_hdf5_column(group: Any, name: str | int) -> Any:
 
 
 def _require_own(item: Any, container: Any) -> None:
-    """Refuse what lies in another file, by a link or by storage outside: a session is what its folder holds."""
+    """Refuse what lies in another file, by a link or by storage outside.
+
+    A session is what its folder holds.
+    """
     import h5py
 
     if item.file.filename != container.file.filename or (

@@ -1,4 +1,7 @@
-"""Traces in MATLAB files: a struct or a matrix per trial, or a variable per channel in a file of the trial's own."""
+"""Traces in MATLAB files: a struct or a matrix per trial.
+
+Or a variable per channel in a file of the trial's own.
+"""
 
 import io
 import struct
@@ -21,10 +24,17 @@ _MOST_BYTES = 1 << 30  # of one variable
 
 @dataclass(frozen=True)
 class Variables:
-    """A version 5 file, a row of variables, of which it is known where they lie."""
+    """A version 5 file, a row of variables, of which it is known where they lie.
+
+    Attributes
+    ----------
+    path : Path
+    places : dict[str, tuple[int, int]]
+        First byte and length of each.
+    """
 
     path: Path
-    places: dict[str, tuple[int, int]]  # first byte and length of each
+    places: dict[str, tuple[int, int]]
 
     def load(self, names: tuple[str, ...]) -> Any:
         """Read the first of `names` that is there."""
@@ -89,7 +99,10 @@ def read_mat_column(group: Any, name: str | int) -> Any:
 
 
 def index_variables(path: Path) -> Variables:
-    """Look through a version 5 file for the names of its variables, once: SciPy reads through all of them to find one."""
+    """Look through a version 5 file for the names of its variables, once.
+
+    SciPy reads through all of them to find one.
+    """
     from scipy.io import whosmat
 
     places: dict[str, tuple[int, int]] = {}

@@ -18,7 +18,10 @@ _SMOOTH = 5
 
 
 def cut_drags(trace: Trace, count: int) -> list[slice]:
-    """Find `count` drags: by the lifted tip where it is lifted between them, else by the releases that fall most."""
+    """Find `count` drags: by the lifted tip where it is lifted between them.
+
+    Else by the releases that fall most.
+    """
     from scipy.ndimage import uniform_filter1d
 
     rate = (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])

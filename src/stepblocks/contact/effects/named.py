@@ -1,4 +1,7 @@
-"""Effects that equations (1) and (2) lack and that have a name, slot by slot: of the contact, of the tool, and of its gauges."""
+"""Effects that equations (1) and (2) lack and that have a name, slot by slot.
+
+Of the contact, of the tool, and of its gauges.
+"""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -102,7 +105,10 @@ _GEOMETRY = (
 
 
 def _height_error_law(block: str) -> Law:
-    """Return the effect of a block far from its nominal height; small errors are priors of the nominal model."""
+    """Return the effect of a block far from its nominal height.
+
+    Small errors are priors of the nominal model.
+    """
 
     def apply(state: DragState, blocks: Any, values: Mapping[str, float]) -> DragState:
         return state.changed(height=state.height + values["height_error_m"] * (blocks == block))
@@ -453,5 +459,8 @@ _SENSOR = (
 
 
 def list_named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
-    """Return the laws with names (smooths are in `smooth`); the height error of each of `blocks` among them."""
+    """Return the laws with names (smooths are in `smooth`).
+
+    The height error of each of `blocks` among them.
+    """
     return (*_GEOMETRY, *_FRICTION, *_TOOL, *_CONVERSION, *_SENSOR, *map(_height_error_law, blocks))

@@ -1,4 +1,7 @@
-"""Motion of the tip from breaking loose to its first swing, in units of radius sum, load and the tool's mass."""
+"""Motion of the tip from breaking loose to its first swing, in units of radius sum.
+
+Load and the tool's mass.
+"""
 
 from functools import lru_cache
 from typing import cast
@@ -24,7 +27,10 @@ _softened = njit(cache=True)(compute_softened_force)
 def _climb_kernel(
     height: float, friction: float, stiffness: float, speed: float, damping: float, cubic: float
 ) -> tuple[float, float]:
-    """Peak force over that at which the tip breaks loose; energy of the first swing below sliding over that stored, undamped."""
+    """Peak force over that at which the tip breaks loose.
+
+    Energy of the first swing below sliding over that stored, undamped.
+    """
     # The mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a +
     # atan mu), while it is pressed on; it may fly off, stop on its way, and slip back. Time in
     # 1/omega, positions in R, forces in N, k R / N = stiffness.
@@ -121,7 +127,10 @@ def compute_release(
     damping: Floats,
     cubic: Floats,
 ) -> tuple[Floats, Floats]:
-    """Logarithms of the peak's excess and of the share that rings, of H/R, mu, k R / N, v k / (omega N), damping ratio and g N^2."""
+    """Compute the logarithms of the peak's excess and of the share that rings.
+
+    V k / (omega N), damping ratio and g N^2.
+    """
     asked = np.stack([np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping, cubic])
     excess, share = _cached_climbs(asked.tobytes()).T
     return np.log(excess), np.log(np.maximum(share, _LEAST_SHARE**2))

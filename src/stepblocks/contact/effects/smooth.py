@@ -19,15 +19,31 @@ _PIECES = 4
 
 @dataclass(frozen=True)
 class CovariateRange:
-    """Where a covariate lay in the data: numbers from `low` to `high`, or labels."""
+    """Where a covariate lay in the data: numbers from `low` to `high`, or labels.
 
-    name: str  # a column, or a quantity of the model
+    Attributes
+    ----------
+    name : str
+        A column, or a quantity of the model.
+    low : float
+    high : float
+    log : bool
+        Laid out by its logarithm, as where it spans a decade.
+    labels : tuple[str, ...]
+        Empty for numbers.
+    distinct : int
+        How many different numbers it takes.
+    pair : tuple[CovariateRange, ...]
+        Two that act together, of which it is the product.
+    """
+
+    name: str
     low: float = 0.0
     high: float = 1.0
-    log: bool = False  # laid out by its logarithm, as where it spans a decade
-    labels: tuple[str, ...] = ()  # empty for numbers
-    distinct: int = 100  # how many different numbers it takes
-    pair: tuple[CovariateRange, ...] = ()  # two that act together, of which it is the product
+    log: bool = False
+    labels: tuple[str, ...] = ()
+    distinct: int = 100
+    pair: tuple[CovariateRange, ...] = ()
 
     @property
     def freedom(self) -> int:
@@ -47,14 +63,20 @@ class CovariateRange:
         return np.asarray(np.clip((numbers - low) / (high - low), 0.0, 1.0))
 
     def line(self, column: NDArray[Any]) -> Floats:
-        """Return the one column of a straight line, from -1 to 1 over the range; of a pair the product of two."""
+        """Return the one column of a straight line, from -1 to 1 over the range.
+
+        Of a pair the product of two.
+        """
         if self.pair:
             first, second = self.pair
             return first.line(column[:, 0]) * second.line(column[:, 1])
         return (2.0 * self.unit(column) - 1.0)[:, None]
 
     def basis(self, column: NDArray[Any]) -> Floats:
-        """Columns of the smooth, each zero in the middle of the range: cubic B-splines, or one per label."""
+        """Columns of the smooth, each zero in the middle of the range.
+
+        Cubic B-splines, or one per label.
+        """
         from scipy.interpolate import BSpline
 
         if self.labels:
@@ -135,7 +157,10 @@ _STEP_SHAPES = 12  # places along the run at which a search looks for a sudden c
 
 
 def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
-    """Return every slot over every covariate, as a straight line, a smooth, and along the run as a step."""
+    """Return every slot over every covariate, as a straight line, a smooth.
+
+    And along the run as a step.
+    """
     laws: list[Law] = []
     for where in covariates:
         for name in _BY_BLOCK if where.name == "block" else SLOT_MOVES:
@@ -169,7 +194,10 @@ def _offset_law(where: CovariateRange) -> Law:
 
 
 def _step_law(name: str, where: CovariateRange) -> Law:
-    """Change a slot at one trial: of the radius a chipped tip, of others nothing that has a name."""
+    """Change a slot at one trial.
+
+    Of the radius a chipped tip, of others nothing that has a name.
+    """
     move, chip = SLOT_MOVES[name], name == "radius"
     reach = where.high - where.low
     width = 2e-3 * reach  # a hundredth of the spacing would leave a fit no way to move

@@ -1,1 +1,4 @@
-"""Residuals traced to effects that a model lacks. Knows any forward model, no teeth and no steel."""
+"""Residuals traced to effects that a model lacks. Knows any forward model.
+
+No teeth and no steel.
+"""

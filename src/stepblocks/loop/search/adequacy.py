@@ -1,4 +1,7 @@
-"""Whether the extended model is enough, what no trial of this design can tell apart, and which trials would."""
+"""Whether the extended model is enough, what no trial of this design can tell apart.
+
+And which trials would.
+"""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -58,7 +61,10 @@ def test_residuals(
 
 
 def compute_smooth_p(residual: Floats, columns: Floats) -> float:
-    """F-test of what some columns explain of a residual beside its mean; 1 where that cannot be asked."""
+    """F-test of what some columns explain of a residual beside its mean.
+
+    1 where that cannot be asked.
+    """
     design = np.column_stack([np.ones(len(residual)), columns])
     solution, _, rank, _ = np.linalg.lstsq(design, residual, rcond=None)
     rest = residual - design @ solution
@@ -71,7 +77,11 @@ def compute_smooth_p(residual: Floats, columns: Floats) -> float:
 
 
 def test_pure_error(residual: Floats, cells: Sequence[object], free: int) -> dict[str, Any]:
-    """Test the misfit of a model of so many constants against the scatter among trials of equal settings."""
+    """Test the misfit of a model of so many constants against the scatter among trials.
+
+    Test the misfit of a model of so many constants against the scatter among trials of equal
+    settings.
+    """
     seen = np.isfinite(residual)
     values = residual[seen]
     _, inverse = np.unique(
@@ -91,7 +101,10 @@ def test_pure_error(residual: Floats, cells: Sequence[object], free: int) -> dic
 
 
 def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> dict[str, Any]:
-    """Compare the directions in which effects and constants move the prediction: what the design cannot tell apart."""
+    """Compare the directions in which effects and constants move the prediction.
+
+    What the design cannot tell apart.
+    """
     rows = base.residual.size
     scaled = base.jacobian / np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
     known, _ = np.linalg.qr(scaled)
@@ -171,7 +184,10 @@ def rank_settings(
 
 
 def _order_by_gain(gain: Floats) -> list[int]:
-    """Order by gain; gains within `_TIE` of the best of them are one, and the first of the grid leads: the least load."""
+    """Order by gain; gains within `_TIE` of the best of them are one.
+
+    And the first of the grid leads: the least load.
+    """
     left = np.argsort(-gain, kind="stable")
     order: list[int] = []
     while left.size:

@@ -54,29 +54,54 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Rules:
-    """When to claim what."""
+    """When to claim what.
 
-    alpha: float = 0.01  # chance of a false alarm of one gate, over all candidates
-    margin: float = (
-        8.0  # of the criterion (cost + p ln n), within which two effects count as rivals
-    )
-    most: int = 4  # effects to add
-    draws: int = 500  # of the bootstrap of a gate
-    seed: int = 0  # of the bootstrap
-    fits: int = 10  # laws, and smooths, that are fitted in full at each step
+    Attributes
+    ----------
+    alpha : float
+        Chance of a false alarm of one gate, over all candidates.
+    margin : float
+        Of the criterion (cost + p ln n), within which two effects count as rivals.
+    most : int
+        Effects to add.
+    draws : int
+        Of the bootstrap of a gate.
+    seed : int
+        Of the bootstrap.
+    fits : int
+        Laws, and smooths, that are fitted in full at each step.
+    """
+
+    alpha: float = 0.01
+    margin: float = 8.0
+    most: int = 4
+    draws: int = 500
+    seed: int = 0
+    fits: int = 10
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One effect found."""
+    """One effect found.
+
+    Attributes
+    ----------
+    effect : Law
+    verdict : Verdict
+        What may be claimed of it.
+    gate_p : float
+        Chance that noise opens the gate as wide, over the whole family of candidates.
+    gain : float
+        Fall of the cost (twice the log likelihood) when it is added to the others.
+    rivals : tuple[Rival, ...]
+        Effects that do as well within the margin, the likeliest of them.
+    """
 
     effect: Law
-    verdict: Verdict  # what may be claimed of it
-    gate_p: float  # chance that noise opens the gate as wide, over the whole family of candidates
-    gain: float  # fall of the cost (twice the log likelihood) when it is added to the others
-    rivals: tuple[
-        Rival, ...
-    ] = ()  # effects that do as well within the margin, the likeliest of them
+    verdict: Verdict
+    gate_p: float
+    gain: float
+    rivals: tuple[Rival, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,12 +118,22 @@ class _Grown:
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation(_Grown):
-    """The nominal model, the extended one, what was found and on what grounds."""
+    """The nominal model, the extended one, what was found and on what grounds.
+
+    Attributes
+    ----------
+    nominal : Fit
+    findings : tuple[Finding, ...]
+    verdict : Verdict
+    checks : tuple[tuple[str, str, float], ...]
+        Channel, covariate, p value after Holm.
+    adequate : bool
+    """
 
     nominal: Fit
     findings: tuple[Finding, ...]
     verdict: Verdict
-    checks: tuple[tuple[str, str, float], ...]  # channel, covariate, p value after Holm
+    checks: tuple[tuple[str, str, float], ...]
     adequate: bool
 
 
@@ -121,7 +156,10 @@ def _search_twice(
     rules: Rules,
     deployed: Deployed | None = None,
 ) -> _Grown:
-    """Search, ask what nobody wrote down, and search again where trials that follow one another err together."""
+    """Search, ask what nobody wrote down.
+
+    And search again where trials that follow one another err together.
+    """
     problem = build_problem(model, trials)
     grown = _search(problem, candidates, rules, deployed)
     order, names = model.order(trials), list(model.quantities)
@@ -155,7 +193,10 @@ def _search_twice(
 
 
 def _follows_time(effect: Law, trials: Trials, order: Floats) -> bool:
-    """Whether an effect follows what drifts with the hour: the run itself, or a reading that goes along with it."""
+    """Whether an effect follows what drifts with the hour.
+
+    The run itself, or a reading that goes along with it.
+    """
     numbers = trials.numeric(effect.covariate) if effect.covariate in trials.covariates else None
     if numbers is None or np.ptp(numbers) == 0.0:
         return False
@@ -164,7 +205,10 @@ def _follows_time(effect: Law, trials: Trials, order: Floats) -> bool:
 
 
 def _find_walks(grown: _Grown, names: Sequence[str]) -> set[int]:
-    """Quantities whose law along the hour explains no more than a walk would: neighbours erring together, no law."""
+    """Quantities whose law along the hour explains no more than a walk would.
+
+    Neighbours erring together, no law.
+    """
     problem, current = grown.problem, grown.extended
     trials, order = problem.trials, problem.model.order(problem.trials)
     rows = np.argsort(order, kind="stable")
@@ -241,7 +285,10 @@ def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
 def _add_effect(
     problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[Law]
 ) -> Fit | None:
-    """Add the chosen effect; where a law already stands at its place, the law is too stiff and a smooth replaces it."""
+    """Add the chosen effect; where a law already stands at its place.
+
+    The law is too stiff and a smooth replaces it.
+    """
     added = chosen.effect
     same = [
         e
@@ -263,7 +310,10 @@ def _add_effect(
 
 
 def _exchange_effect(problem: Problem, current: Fit, candidates: Sequence[Law]) -> Fit | None:
-    """Look for one of several effects again in the presence of the others, or drop one that is no longer needed."""
+    """Look for one of several effects again in the presence of the others.
+
+    Or drop one that is no longer needed.
+    """
     for effect in current.effects if len(current.effects) > 1 else ():
         base = fit_without(problem, current, effect)
         if problem.criterion(base) <= problem.criterion(current) + _WORTH:
@@ -350,7 +400,10 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
 
 
 def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
-    """Return the likeliest of some rivals, as many as hold the truth with the effect by `_GROUP`, and those in `always`."""
+    """Return the likeliest of some rivals.
+
+    As many as hold the truth with the effect by `_GROUP`, and those in `always`.
+    """
     odds = np.exp([-0.5 * behind for _, _, behind in rivals])
     before = (1.0 + np.cumsum(odds) - odds) / (1.0 + odds.sum())
     return tuple(
@@ -359,7 +412,10 @@ def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[
 
 
 def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool:
-    """Whether a law of one amplitude is another one whose amplitudes, of one label each, are alike: no rival of its own."""
+    """Whether a law of one amplitude is another one whose amplitudes, of one label each.
+
+    Are alike: no rival of its own.
+    """
     sizes = list(effect.pick_own_values(current.values).values())
     if len(sizes) != 1 or len(wider.parameters) == 1:
         return False
@@ -372,7 +428,10 @@ def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool
 def check_claims(
     found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[object]
 ) -> Explanation:
-    """Leave `effect` to what the scatter of replicates allows and what every fold chose for itself."""
+    """Leave `effect` to what the scatter of replicates allows.
+
+    Leave `effect` to what the scatter of replicates allows and what every fold chose for itself.
+    """
     seen, free = found.problem.trials.seen, len(found.extended.parameters)
     residual = np.where(seen, found.extended.residual.reshape(seen.shape), np.nan)
     misfit = [test_pure_error(column, cells, free)["lack_of_fit_p_value"] for column in residual.T]
@@ -405,7 +464,10 @@ def withdraw_claims(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
 
 
 def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
-    """Say what may be claimed of a law beside the choices of the folds, each made of fewer trials."""
+    """Say what may be claimed of a law beside the choices of the folds.
+
+    Each made of fewer trials.
+    """
     family = finding.effect.id.split("~")[0]
     same = [any(name.split("~")[0] == family for name in names) for names in folds]
     if all(same):
@@ -423,14 +485,29 @@ def _family_name(effect: Law) -> str:
 
 @dataclass(frozen=True)
 class Holdout:
-    """Errors on held-out trials, measured less predicted; not-a-number where a trial was never held out."""
+    """Errors on held-out trials, measured less predicted.
 
-    nominal: Floats  # shape (n, c)
-    extended: Floats  # shape (n, c)
-    selected: tuple[tuple[str, ...], ...]  # effects that each fold chose
+    Not-a-number where a trial was never held out.
+
+    Attributes
+    ----------
+    nominal : Floats
+        Shape (n, c).
+    extended : Floats
+        Shape (n, c).
+    selected : tuple[tuple[str, ...], ...]
+        Effects that each fold chose.
+    """
+
+    nominal: Floats
+    extended: Floats
+    selected: tuple[tuple[str, ...], ...]
 
     def rms(self, channel: int) -> tuple[float, float]:
-        """Root mean square of both errors in one channel; not-a-number where nothing was held out."""
+        """Root mean square of both errors in one channel.
+
+        Not-a-number where nothing was held out.
+        """
         seen = [
             error[np.isfinite(error[:, channel]), channel]
             for error in (self.nominal, self.extended)

@@ -1,4 +1,7 @@
-"""Fit of a forward model with effects: whitened least squares with priors, on all channels at once."""
+"""Fit of a forward model with effects.
+
+Whitened least squares with priors, on all channels at once.
+"""
 
 from __future__ import annotations
 
@@ -30,17 +33,27 @@ _STEP = 1e-3
 
 @dataclass(frozen=True)
 class Problem:
-    """What is fitted: a model on trials, with their noise."""
+    """What is fitted: a model on trials, with their noise.
+
+    Attributes
+    ----------
+    model : ForwardModel
+    trials : Trials
+    noise : Noise
+    common : tuple[Systematic, ...]
+        Errors that trials share beside those that the model names.
+    """
 
     model: ForwardModel
     trials: Trials
     noise: Noise
-    common: tuple[
-        Systematic, ...
-    ] = ()  # errors that trials share beside those that the model names
+    common: tuple[Systematic, ...] = ()
 
     def tighten(self, fitted: Fit) -> Problem:
-        """Take the scatter about a fitted model where that is less than about the flexible regression."""
+        """Take the scatter about a fitted model where.
+
+        Take the scatter about a fitted model where that is less than about the flexible regression.
+        """
         trials = self.trials
         dof = max(len(trials) - len(fitted.parameters), len(trials) // 2)
         residual = np.where(trials.seen, trials.values - fitted.predicted, np.nan)
@@ -60,7 +73,10 @@ class Problem:
         )
 
     def layout(self, effects: Sequence[Law]) -> tuple[Parameter, ...]:
-        """Parameters of model and effects in one row; those of an effect are called ``effect.parameter``."""
+        """Parameters of model and effects in one row.
+
+        Those of an effect are called ``effect.parameter``.
+        """
         of_effects = (p.renamed(f"{e.id}.{p.name}") for e in effects for p in e.parameters)
         return (*self.model.parameters(self.trials), *of_effects)
 
@@ -79,19 +95,40 @@ class Problem:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model."""
+    """A fitted model.
+
+    Attributes
+    ----------
+    effects : tuple[Law, ...]
+    parameters : tuple[Parameter, ...]
+        What was fitted.
+    values : dict[str, float]
+    std : dict[str, float]
+        Standard errors from the curvature.
+    cost : float
+        Sum of squared whitened residuals and prior terms.
+    residual : Floats
+        Shape (n c,), whitened, without the prior terms.
+    departure : Floats
+        Shape (q,), of the parameters with a prior from it, of censored values from their floors.
+    jacobian : Floats
+        Shape (n c + q, p), whitened derivative of the prediction, prior rows below.
+    predicted : Floats
+        Shape (n, c).
+    covariance : Floats
+        Shape (p, p).
+    """
 
     effects: tuple[Law, ...]
-    parameters: tuple[Parameter, ...]  # what was fitted
+    parameters: tuple[Parameter, ...]
     values: dict[str, float]
-    std: dict[str, float]  # standard errors from the curvature
-    cost: float  # sum of squared whitened residuals and prior terms
-    residual: Floats  # shape (n c,), whitened, without the prior terms
-    # shape (q,), of the parameters with a prior from it, of censored values from their floors
+    std: dict[str, float]
+    cost: float
+    residual: Floats
     departure: Floats
-    jacobian: Floats  # shape (n c + q, p), whitened derivative of the prediction, prior rows below
-    predicted: Floats  # shape (n, c)
-    covariance: Floats  # shape (p, p)
+    jacobian: Floats
+    predicted: Floats
+    covariance: Floats
 
     @property
     def active(self) -> Active:

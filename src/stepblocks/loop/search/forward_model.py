@@ -16,18 +16,30 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """Trials with what was set and what was measured."""
+    """Trials with what was set and what was measured.
 
-    covariates: Mapping[str, NDArray[Any]]  # conditions, numbers or labels, each of shape (n,)
-    channels: tuple[str, ...]  # what was measured
-    values: Floats  # shape (n, c); not-a-number where a channel failed
-    std: Floats  # shape (n, c), standard uncertainty of each value from its own measurement
-    block: NDArray[
-        Any
-    ]  # shape (n,), specimen of each trial; errors of a specimen are common to its trials
-    floor: Floats | None = (
-        None  # shape (n, c), what a censored value exceeds; not-a-number elsewhere
-    )
+    Attributes
+    ----------
+    covariates : Mapping[str, NDArray[Any]]
+        Conditions, numbers or labels, each of shape (n,).
+    channels : tuple[str, ...]
+        What was measured.
+    values : Floats
+        Shape (n, c); not-a-number where a channel failed.
+    std : Floats
+        Shape (n, c), standard uncertainty of each value from its own measurement.
+    block : NDArray[Any]
+        Shape (n,), specimen of each trial; errors of a specimen are common to its trials.
+    floor : Floats | None
+        Shape (n, c), what a censored value exceeds; not-a-number elsewhere.
+    """
+
+    covariates: Mapping[str, NDArray[Any]]
+    channels: tuple[str, ...]
+    values: Floats
+    std: Floats
+    block: NDArray[Any]
+    floor: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.block)
@@ -53,7 +65,10 @@ class Trials:
         )
 
     def dummies(self, name: str, most: int) -> list[Floats]:
-        """Return a column of zeros and ones for every label but the first; none where there are more than `most`."""
+        """Return a column of zeros and ones for every label but the first.
+
+        None where there are more than `most`.
+        """
         labels = np.unique(self.covariates[name])[1:]
         return (
             [(self.covariates[name] == label).astype(np.float64) for label in labels]
@@ -64,11 +79,21 @@ class Trials:
 
 @dataclass(frozen=True)
 class Systematic:
-    """An error common to many trials: `column` times an unknown factor of standard deviation `std`."""
+    """An error common to many trials: `column` times an unknown factor of standard deviation `std`.
 
-    channel: str  # empty where it shows in all
-    column: Floats  # shape (n,), or (n, c) where it shows in all channels
-    std: float  # in the unit of the channel
+    Attributes
+    ----------
+    channel : str
+        Empty where it shows in all.
+    column : Floats
+        Shape (n,), or (n, c) where it shows in all channels.
+    std : float
+        In the unit of the channel.
+    """
+
+    channel: str
+    column: Floats
+    std: float
 
 
 class ForwardModel(Protocol):

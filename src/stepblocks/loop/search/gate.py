@@ -1,4 +1,7 @@
-"""Is there anything at all? Score statistics of every candidate, judged together by a bootstrap of their maximum."""
+"""Is there anything at all? Score statistics of every candidate.
+
+Judged together by a bootstrap of their maximum.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,22 +21,43 @@ _UNSEEN = 2e-3
 
 @dataclass(frozen=True)
 class Score:
-    """How a candidate would improve the fit, to first order."""
+    """How a candidate would improve the fit, to first order.
+
+    Attributes
+    ----------
+    effect : Law
+    shape : Mapping[str, float]
+        Values of its other parameters that did best.
+    log_p : float
+        Logarithm of its own p value.
+    gain : float
+        Fall of the cost.
+    step : Floats
+        Of the amplitudes.
+    """
 
     effect: Law
-    shape: Mapping[str, float]  # values of its other parameters that did best
-    log_p: float  # logarithm of its own p value
-    gain: float  # fall of the cost
-    step: Floats  # of the amplitudes
+    shape: Mapping[str, float]
+    log_p: float
+    gain: float
+    step: Floats
 
 
 @dataclass(frozen=True)
 class Gate:
-    """Outcome of the gate: its p value for the whole family, and the scores in order."""
+    """Outcome of the gate: its p value for the whole family, and the scores in order.
+
+    Attributes
+    ----------
+    p_value : float
+    scores : tuple[Score, ...]
+    least_gain : float
+        Of one amplitude, that opens the gate at a level.
+    """
 
     p_value: float
     scores: tuple[Score, ...]
-    least_gain: float = float("inf")  # of one amplitude, that opens the gate at a level
+    least_gain: float = float("inf")
 
 
 @dataclass(frozen=True)
@@ -46,14 +70,20 @@ class _Direction:
 
 
 def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]) -> Floats:
-    """Whitened change of the prediction per unit of each amplitude, in units of its scale, shape (n c, p)."""
+    """Whitened change of the prediction per unit of each amplitude, in units of its scale.
+
+    Shape (n c, p).
+    """
     return problem.noise.whiten(np.stack(_compute_changes(problem, base, effect, shape), axis=2))
 
 
 def _compute_changes(
     problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]
 ) -> list[Floats]:
-    """Change of the prediction per unit of each amplitude, in units of its scale, each of shape (n, c)."""
+    """Change of the prediction per unit of each amplitude, in units of its scale.
+
+    Each of shape (n, c).
+    """
     neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
     columns = []
     for parameter in (p for p in effect.parameters if p.name in effect.amplitudes):
@@ -113,7 +143,10 @@ def _null_basis(base: Fit) -> Floats:
 
 
 def _project(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
-    """Gains of all directions on all vectors, shape (d, m), and the projections on each direction."""
+    """Gains of all directions on all vectors, shape (d, m).
+
+    And the projections on each direction.
+    """
     stacked = np.concatenate([d.basis for d in directions], axis=1)
     last = np.cumsum([d.basis.shape[1] for d in directions])
     parts = np.split(stacked.T @ vectors, last[:-1])
@@ -175,7 +208,10 @@ def score_candidates(
 def compute_detectable(
     problem: Problem, base: Fit, effects: Sequence[Law], needed: float
 ) -> dict[str, float]:
-    """Return the amplitude of each effect of one amplitude that opens the gate nine times in ten."""
+    """Return the amplitude of each effect of one amplitude.
+
+    Return the amplitude of each effect of one amplitude that opens the gate nine times in ten.
+    """
     # the root of its expected gain exceeds that of the gain that opens the gate by 1.28 standard
     # deviations
     asked = [e for e in effects if len(e.amplitudes) == 1]
@@ -190,7 +226,10 @@ def compute_detectable(
 
 
 def _draw_noise(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
-    """Noise of the design: residual vectors of whole trials, shuffled and signed, at unit variance."""
+    """Noise of the design: residual vectors of whole trials, shuffled and signed.
+
+    At unit variance.
+    """
     generator = np.random.default_rng(seed)
     seen = problem.trials.seen
     n, count, total = len(seen), seen.size, len(base.jacobian)
@@ -225,7 +264,10 @@ def choose_candidate(
     tie: float = 6.0,
     keep: Sequence[str] = (),
 ) -> tuple[Trial, list[Trial]] | None:
-    """Fit the candidates that score best and choose among them; beside the choice all of them in order."""
+    """Fit the candidates that score best and choose among them.
+
+    Beside the choice all of them in order.
+    """
     tried: list[Trial] = []
     leading = 0.0
     for score in sorted(_select_candidates(opened.scores, most, keep), key=lambda s: -s.gain):
@@ -265,7 +307,10 @@ def _select_candidates(scores: Sequence[Score], most: int, keep: Sequence[str]) 
 
 
 def _is_at_bound(effect: Law, fitted: Fit) -> bool:
-    """Whether a law was driven to the end of its form: a settling that never settles is a drift, not a running-in."""
+    """Whether a law was driven to the end of its form.
+
+    A settling that never settles is a drift, not a running-in.
+    """
     own = effect.pick_own_values(fitted.values)
     shapes = (
         [p for p in effect.parameters if p.name not in effect.amplitudes] if effect.named else []

@@ -1,4 +1,7 @@
-"""Scatter of trials: how much, of what, and the whitening by it; errors common to many trials have a low-rank covariance."""
+"""Scatter of trials: how much, of what, and the whitening by it.
+
+Errors common to many trials have a low-rank covariance.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,24 +18,45 @@ _INTERACTING = 3  # numeric covariates that get products with one another
 
 @dataclass(frozen=True)
 class Scatter:
-    """Variances of what scatters from trial to trial beside the measurement's own uncertainty."""
+    """Variances of what scatters from trial to trial beside the measurement's own uncertainty.
 
-    # shape (k,), of quantities of the model, each of which moves several channels at once
+    Attributes
+    ----------
+    quantities : Floats
+        Shape (k,), of quantities of the model, each of which moves several channels at once.
+    channels : Floats
+        Shape (c,), of each channel on its own.
+    dof : int
+        Degrees of freedom they were estimated with.
+    """
+
     quantities: Floats
-    channels: Floats  # shape (c,), of each channel on its own
-    dof: int  # degrees of freedom they were estimated with
+    channels: Floats
+    dof: int
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Whitening of residuals."""
+    """Whitening of residuals.
 
-    # shape (n, c, c), inverse Cholesky factor of each trial; rows of missing channels are zero
+    Attributes
+    ----------
+    factors : Floats
+        Shape (n, c, c), inverse Cholesky factor of each trial; rows of missing channels are zero.
+    basis : Floats
+        Shape (n c, s), directions of the common errors after whitening.
+    shrink : Floats
+        Shape (s,), what remains along them.
+    scatter : Scatter
+        What it was built from.
+    precision : float
+        Logarithm of the determinant of the inverse covariance: the larger, the less scatter.
+    """
+
     factors: Floats
-    basis: Floats  # shape (n c, s), directions of the common errors after whitening
-    shrink: Floats  # shape (s,), what remains along them
-    scatter: Scatter  # what it was built from
-    # logarithm of the determinant of the inverse covariance: the larger, the less scatter
+    basis: Floats
+    shrink: Floats
+    scatter: Scatter
     precision: float
 
     def whiten(self, residual: Floats) -> Floats:
@@ -51,7 +75,10 @@ class Noise:
 
 
 def build_flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
-    """Regressors flexible enough to follow any smooth effect, so that their residual is scatter alone."""
+    """Regressors flexible enough to follow any smooth effect.
+
+    So that their residual is scatter alone.
+    """
     n = len(trials)
     labels, inverse = np.unique(trials.block, return_inverse=True)
     first: list[Floats] = [np.ones(n)]
@@ -111,7 +138,10 @@ def compute_flexible_residual(trials: Trials) -> tuple[Floats, int]:
 def compute_replicate_residual(
     trials: Trials, cells: Sequence[object]
 ) -> tuple[Floats, int] | None:
-    """Return the same about the mean of each cell of replicates; None where they are too few to know a scatter by."""
+    """Return the same about the mean of each cell of replicates.
+
+    None where they are too few to know a scatter by.
+    """
     _, inverse, counts = np.unique(
         [str(cell) for cell in cells], return_inverse=True, return_counts=True
     )
@@ -149,7 +179,10 @@ def find_outliers(trials: Trials, threshold: float = 6.0) -> NDArray[np.bool_]:
 
 
 def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int) -> Scatter:
-    """Estimate from residuals which quantity scatters by how much from trial to trial, by maximum likelihood."""
+    """Estimate from residuals which quantity scatters by how much from trial to trial.
+
+    By maximum likelihood.
+    """
     seen = np.isfinite(residual) & np.isfinite(std)
     n, c = residual.shape
     count = responses.shape[2]
@@ -191,7 +224,10 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
 
 
 def take_least_scatter(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
-    """Return of every quantity, and of every channel in all, the least scatter of several estimates."""
+    """Return of every quantity, and of every channel in all.
+
+    The least scatter of several estimates.
+    """
     # what a channel scatters on its own and by a quantity that moves little else is hardly told
     # apart: the least of either part would come to less than any estimate saw
     shown = np.mean(responses**2, axis=0)

@@ -1,4 +1,7 @@
-"""What nobody wrote down: how trials err beside the model, each by itself and beside its neighbours."""
+"""What nobody wrote down: how trials err beside the model.
+
+Each by itself and beside its neighbours.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,22 +31,37 @@ _RATIOS = np.concatenate(
 
 @dataclass(frozen=True)
 class Hint:
-    """Something that chance alone does not do."""
+    """Something that chance alone does not do.
 
-    kind: str  # ``heaps``, ``spread``, ``change``, ``carry-over`` or ``neighbours``
-    quantity: str  # which quantity of the model differs
-    p_value: float  # after Holm over all tests; of heaps the odds by the criterion
-    said: str  # one sentence
-    clusters: tuple[
-        tuple[int, ...], ...
-    ] = ()  # rows of the trials of each heap, where they fall apart
-    gain: float = (
-        0.0  # of the criterion over scatter alone, by which a change and a walk are compared
-    )
+    Attributes
+    ----------
+    kind : str
+        ``heaps``, ``spread``, ``change``, ``carry-over`` or ``neighbours``.
+    quantity : str
+        Which quantity of the model differs.
+    p_value : float
+        After Holm over all tests; of heaps the odds by the criterion.
+    said : str
+        One sentence.
+    clusters : tuple[tuple[int, ...], ...]
+        Rows of the trials of each heap, where they fall apart.
+    gain : float
+        Of the criterion over scatter alone, by which a change and a walk are compared.
+    """
+
+    kind: str
+    quantity: str
+    p_value: float
+    said: str
+    clusters: tuple[tuple[int, ...], ...] = ()
+    gain: float = 0.0
 
 
 def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Floats]:
-    """Estimate for every trial by how much its quantities differ from the model, and the uncertainty, both (n, k)."""
+    """Estimate for every trial by how much its quantities differ from the model.
+
+    And the uncertainty, both (n, k).
+    """
     trials, scatter = problem.trials, problem.noise.scatter
     responses = problem.model.responses(trials, fitted.values, fitted.active)
     seen = trials.seen
@@ -87,7 +105,10 @@ def find_hints(
 
 
 def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
-    """One cause shows in several tests: a walk changes, spreads unequally and has heaps; a heap may look like a change."""
+    """One cause shows in several tests: a walk changes, spreads unequally and has heaps.
+
+    A heap may look like a change.
+    """
     kept = []
     for name in dict.fromkeys(hint.quantity for hint in found):
         own = [hint for hint in found if hint.quantity == name]
@@ -171,7 +192,10 @@ def _test_carry_over(name: str, values: Floats, trials: Trials) -> list[Hint]:
 
 
 def _rank_setting(trials: Trials, label: str) -> Floats | None:
-    """Ranks of a setting that goes from trial to trial as it likes, not of a reading that drifts."""
+    """Ranks of a setting that goes from trial to trial as it likes.
+
+    Not of a reading that drifts.
+    """
     numbers = trials.numeric(label)
     if numbers is None or not 1 < len(np.unique(numbers)) <= 20:
         return None
@@ -180,7 +204,10 @@ def _rank_setting(trials: Trials, label: str) -> Floats | None:
 
 
 def fit_walk(values: Floats) -> tuple[float, float, float]:
-    """Fit a walk beside scatter: twice the log likelihood that it gains, step and scatter (standard deviations)."""
+    """Fit a walk beside scatter: twice the log likelihood that it gains.
+
+    Step and scatter (standard deviations).
+    """
     # The cosine transform diagonalises a walk whose mean is taken off, so that the likelihood costs
     # one transform.
     n = len(values)
@@ -213,7 +240,10 @@ def describe_wandering(name: str, p_value: float = 0.0, gain: float = 0.0) -> Hi
 def build_wandering(
     problem: Problem, fitted: Fit, wanders: Mapping[int, Floats]
 ) -> list[Systematic]:
-    """Directions of the noise in which quantities wander along the run; `wanders` gives the values they were seen in."""
+    """Directions of the noise in which quantities wander along the run.
+
+    `wanders` gives the values they were seen in.
+    """
     trials = problem.trials
     responses = problem.model.responses(trials, fitted.values, fitted.active)
     place = np.argsort(np.argsort(problem.model.order(trials), kind="stable"), kind="stable")
