@@ -16,18 +16,16 @@ from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.law import Law
 from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.finding import write_sentence
-from stepblocks.loop.search.adequacy import compare_directions, rank_settings, test_pure_error
-from stepblocks.loop.search.explain import (
-    Explanation,
-    Finding,
-    Holdout,
-    Rules,
-    Verdict,
-    fit_without,
+from stepblocks.loop.search.adequacy import (
+    compare_directions,
+    compare_with_replicates,
+    rank_settings,
 )
+from stepblocks.loop.search.explain import Explanation, Finding, Rules, Verdict, fit_without
 from stepblocks.loop.search.fit import Fit
 from stepblocks.loop.search.forward_model import Trials
 from stepblocks.loop.search.gate import compute_detectable
+from stepblocks.loop.search.holdout import Holdout
 from stepblocks.loop.search.noise import compute_flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 
@@ -299,7 +297,7 @@ def _describe_adequacy(table: SessionTable, found: Explanation, rules: Rules) ->
         residual = np.where(
             trials.seen[:, j], trials.values[:, j] - found.extended.predicted[:, j], np.nan
         )
-        tests[channel] = test_pure_error(residual, cells, len(found.extended.parameters))
+        tests[channel] = compare_with_replicates(residual, cells, len(found.extended.parameters))
     worst = sorted(found.checks, key=lambda c: c[2])[:8]
     return {
         "adequate": found.adequate and found.last_gate_p > rules.alpha,

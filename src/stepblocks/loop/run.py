@@ -23,12 +23,10 @@ from stepblocks.loop.result import (
     build_learned_model,
     write_block_stimulus,
 )
-from stepblocks.loop.search.explain import (
-    Explanation,
+from stepblocks.loop.search.explain import Explanation, Rules, explain
+from stepblocks.loop.search.holdout import (
     Holdout,
-    Rules,
     check_claims,
-    explain,
     hold_out,
     join_holdouts,
     split_by_block,

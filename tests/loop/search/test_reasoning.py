@@ -12,20 +12,21 @@ import pytest
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.search import adequacy
-from stepblocks.loop.search.adequacy import compare_directions, rank_settings, test_pure_error
-from stepblocks.loop.search.explain import (
-    Rules,
-    Verdict,
-    explain,
-    hold_out,
-    join_holdouts,
-    select_likeliest,
-    split_by_block,
-    split_within_blocks,
+from stepblocks.loop.search.adequacy import (
+    compare_directions,
+    compare_with_replicates,
+    rank_settings,
 )
+from stepblocks.loop.search.explain import Rules, Verdict, explain, select_likeliest
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import Gate, score_candidates
+from stepblocks.loop.search.holdout import (
+    hold_out,
+    join_holdouts,
+    split_by_block,
+    split_within_blocks,
+)
 
 _RULES = Rules(draws=200)
 
@@ -225,14 +226,16 @@ def test_pure_error_is_the_scatter_among_replicates() -> None:
     generator = np.random.default_rng(11)
     cells = [i // 4 for i in range(400)]
     noise = generator.normal(0.0, 0.2, 400)
-    fine = test_pure_error(noise, cells, free=1)
+    fine = compare_with_replicates(noise, cells, free=1)
     assert fine["replicate_std"] == pytest.approx(0.2, rel=0.1)
     assert fine["lack_of_fit_p_value"] > 0.01
     assert (
-        test_pure_error(noise + 0.3 * np.sin(np.array(cells)), cells, free=1)["lack_of_fit_p_value"]
+        compare_with_replicates(noise + 0.3 * np.sin(np.array(cells)), cells, free=1)[
+            "lack_of_fit_p_value"
+        ]
         < 1e-6
     )
-    assert np.isnan(test_pure_error(noise[:4], [0, 1, 2, 3], free=1)["lack_of_fit_p_value"])
+    assert np.isnan(compare_with_replicates(noise[:4], [0, 1, 2, 3], free=1)["lack_of_fit_p_value"])
 
 
 def test_a_condition_that_never_changes_has_no_smooth_though_its_scatter_is_a_rounded_zero():

@@ -37,7 +37,7 @@ def _smooth_columns(trials: Trials, name: str) -> Floats | None:
     return np.stack([x ** (i + 1) for i in range(powers)], axis=1)
 
 
-def test_residuals(
+def check_residuals(
     problem: Problem, fitted: Fit
 ) -> tuple[tuple[tuple[str, str, float], ...], bool]:
     """Test the whitened residual of every channel against a smooth of every covariate."""
@@ -76,7 +76,7 @@ def compute_smooth_p(residual: Floats, columns: Floats) -> float:
     return float(stats.f.sf((whole - left) / (rank - 1) / (left / dof), rank - 1, dof))
 
 
-def test_pure_error(residual: Floats, cells: Sequence[object], free: int) -> dict[str, Any]:
+def compare_with_replicates(residual: Floats, cells: Sequence[object], free: int) -> dict[str, Any]:
     """Test the misfit of a model of so many constants against the scatter among trials.
 
     Test the misfit of a model of so many constants against the scatter among trials of equal

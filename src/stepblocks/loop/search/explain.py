@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.law import Law
-from stepblocks.loop.search.adequacy import test_pure_error, test_residuals
+from stepblocks.loop.search.adequacy import check_residuals
 from stepblocks.loop.search.fit import Fit, Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
 from stepblocks.loop.search.gate import Trial, choose_candidate, score_candidates
@@ -28,17 +27,14 @@ _DRIFTS = (
     0.5  # correlation of a reading with the one before, from which it counts as going with the hour
 )
 _OVER_WALK = 8.0  # of the criterion, by which a law along the hour must beat a walk
-_LACKING = 0.005  # level of the lack of fit against replicates
 # chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
 _GROUP = 0.95
 _WORTH = 4.0  # of the criterion, below which an exchange is not made
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
-Rows = NDArray[np.intp]
 Rival = tuple[
     Law, Fit, float
 ]  # an effect that may stand for another, its fit, and how far its criterion is behind
-Asked = Callable[[Trials], Sequence[Law]]  # candidates of a table
 
 
 class Verdict(StrEnum):
@@ -146,10 +142,10 @@ def explain(
 ) -> Explanation:
     """Find what a model lacks."""
     rules = rules or Rules()
-    return _conclude(_search_twice(model, trials, candidates, rules, deployed), candidates, rules)
+    return _conclude(search_twice(model, trials, candidates, rules, deployed), candidates, rules)
 
 
-def _search_twice(
+def search_twice(
     model: ForwardModel,
     trials: Trials,
     candidates: Sequence[Law],
@@ -337,7 +333,7 @@ def _exchange_effect(problem: Problem, current: Fit, candidates: Sequence[Law]) 
 def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explanation:
     problem, current = grown.problem, grown.extended
     findings = tuple(_judge_effect(grown, e, candidates, rules) for e in current.effects)
-    checks, adequate = test_residuals(problem, current)
+    checks, adequate = check_residuals(problem, current)
     kinds = {f.verdict for f in findings}
     order = (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT)
     verdict = next((kind for kind in order if kind in kinds), Verdict.NONE)
@@ -425,140 +421,6 @@ def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool
     return np.allclose(shown, current.predicted, rtol=1e-9, atol=1e-12, equal_nan=True)
 
 
-def check_claims(
-    found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[object]
-) -> Explanation:
-    """Leave `effect` to what the scatter of replicates allows.
-
-    Leave `effect` to what the scatter of replicates allows and what every fold chose for itself.
-    """
-    seen, free = found.problem.trials.seen, len(found.extended.parameters)
-    residual = np.where(seen, found.extended.residual.reshape(seen.shape), np.nan)
-    misfit = [test_pure_error(column, cells, free)["lack_of_fit_p_value"] for column in residual.T]
-    known = [p for p in misfit if np.isfinite(p)]
-    lacking = bool(known) and min(known) * len(known) < _LACKING
-    folds = [set(names) for holdout in holdouts for names in holdout.selected]
-    findings = tuple(
-        replace(f, verdict=_judge_folds(f, folds)) if f.verdict is Verdict.EFFECT else f
-        for f in found.findings
-    )
-    verdict = found.verdict
-    if verdict is Verdict.EFFECT:
-        doubts = {f.verdict for f in findings} - {Verdict.EFFECT}
-        verdict = (
-            Verdict.UNEXPLAINED
-            if lacking
-            else min(doubts, default=verdict, key=list(Verdict).index)
-        )
-    return replace(
-        found, findings=findings, verdict=verdict, adequate=found.adequate and not lacking
-    )
-
-
-def withdraw_claims(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
-    """Take back every name where something outside the model's reach is known to have gone on."""
-    if not told:
-        return found
-    findings = tuple(replace(f, verdict=Verdict.UNEXPLAINED) for f in found.findings)
-    return replace(found, findings=findings, verdict=Verdict.UNEXPLAINED, told=(*told, *found.told))
-
-
-def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
-    """Say what may be claimed of a law beside the choices of the folds.
-
-    Each made of fewer trials.
-    """
-    family = finding.effect.id.split("~")[0]
-    same = [any(name.split("~")[0] == family for name in names) for names in folds]
-    if all(same):
-        return Verdict.EFFECT
-    # a fold that is blind to it agrees with nothing; one that puts another in its place contradicts
-    # it
-    others = [names for names, agrees in zip(folds, same, strict=True) if not agrees and names]
-    return Verdict.AMBIGUOUS if others else Verdict.UNEXPLAINED
-
-
 def _family_name(effect: Law) -> str:
     """Name without the mark of the variant; specimens are no variants of one another."""
     return effect.id if effect.covariate == "block" else effect.id.split("~")[0]
-
-
-@dataclass(frozen=True)
-class Holdout:
-    """Errors on held-out trials, measured less predicted.
-
-    Not-a-number where a trial was never held out.
-
-    Attributes
-    ----------
-    nominal : Floats
-        Shape (n, c).
-    extended : Floats
-        Shape (n, c).
-    selected : tuple[tuple[str, ...], ...]
-        Effects that each fold chose.
-    """
-
-    nominal: Floats
-    extended: Floats
-    selected: tuple[tuple[str, ...], ...]
-
-    def rms(self, channel: int) -> tuple[float, float]:
-        """Root mean square of both errors in one channel.
-
-        Not-a-number where nothing was held out.
-        """
-        seen = [
-            error[np.isfinite(error[:, channel]), channel]
-            for error in (self.nominal, self.extended)
-        ]
-        nominal, extended = (
-            float(np.sqrt(np.mean(e**2))) if e.size else float("nan") for e in seen
-        )
-        return nominal, extended
-
-
-def split_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]:
-    """Split trials so that each fold holds some of every block."""
-    generator = np.random.default_rng(seed)
-    fold = np.empty(len(trials), dtype=int)
-    offset = 0
-    for block in np.unique(trials.block):
-        rows = generator.permutation(np.flatnonzero(trials.block == block))
-        fold[rows] = (np.arange(len(rows)) + offset) % folds
-        offset += len(rows)
-    return [np.flatnonzero(fold == i) for i in range(folds)]
-
-
-def split_by_block(trials: Trials, most: int) -> list[Rows]:
-    """Split trials so that each fold holds whole blocks, at most so many folds."""
-    _, number = np.unique(trials.block, return_inverse=True)
-    return [np.flatnonzero(number % most == i) for i in range(min(most, int(number.max()) + 1))]
-
-
-def hold_out(
-    model: ForwardModel, trials: Trials, rows: Rows, candidates: Asked, rules: Rules
-) -> Holdout:
-    """Select and fit without one fold, and predict it; the errors of its trials alone."""
-    train, test = trials.take(np.setdiff1d(np.arange(len(trials)), rows)), trials.take(rows)
-    effects = _search_twice(model, train, candidates(train), rules).extended.effects
-    problem = build_problem(model, train)
-    base = fit(problem)
-    best = fit(problem, effects, base.values) if effects else base
-    # a block that was never seen keeps its prior height
-    starts = {p.name: p.start for p in model.parameters(test)}
-    ahead = Problem(model, test, problem.noise)
-    nominal, extended = (
-        test.values - ahead.predict(f.effects, starts | f.values) for f in (base, best)
-    )
-    return Holdout(nominal, extended, (tuple(e.id for e in effects),))
-
-
-def join_holdouts(trials: Trials, folds: Sequence[Rows], parts: Iterable[Holdout]) -> Holdout:
-    """Bring the errors of folds into the order of the trials."""
-    nominal, extended = (np.full(trials.values.shape, np.nan) for _ in range(2))
-    selected: list[tuple[str, ...]] = []
-    for rows, part in zip(folds, parts, strict=True):
-        nominal[rows], extended[rows] = part.nominal, part.extended
-        selected.extend(part.selected)
-    return Holdout(nominal, extended, tuple(selected))

@@ -1,0 +1,157 @@
+"""Errors on trials that took no part in a search, and what they leave of its claims."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.law import Law
+from stepblocks.loop.search.adequacy import compare_with_replicates
+from stepblocks.loop.search.explain import Explanation, Finding, Rules, Verdict, search_twice
+from stepblocks.loop.search.fit import Problem, build_problem, fit
+from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
+from stepblocks.loop.search.structure import Hint
+
+_LACKING = 0.005  # level of the lack of fit against replicates
+
+Rows = NDArray[np.intp]
+Asked = Callable[[Trials], Sequence[Law]]  # candidates of a table
+
+
+def check_claims(
+    found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[object]
+) -> Explanation:
+    """Leave `effect` to what the scatter of replicates allows.
+
+    Leave `effect` to what the scatter of replicates allows and what every fold chose for itself.
+    """
+    seen, free = found.problem.trials.seen, len(found.extended.parameters)
+    residual = np.where(seen, found.extended.residual.reshape(seen.shape), np.nan)
+    misfit = [
+        compare_with_replicates(column, cells, free)["lack_of_fit_p_value"] for column in residual.T
+    ]
+    known = [p for p in misfit if np.isfinite(p)]
+    lacking = bool(known) and min(known) * len(known) < _LACKING
+    folds = [set(names) for holdout in holdouts for names in holdout.selected]
+    findings = tuple(
+        replace(f, verdict=_judge_folds(f, folds)) if f.verdict is Verdict.EFFECT else f
+        for f in found.findings
+    )
+    verdict = found.verdict
+    if verdict is Verdict.EFFECT:
+        doubts = {f.verdict for f in findings} - {Verdict.EFFECT}
+        verdict = (
+            Verdict.UNEXPLAINED
+            if lacking
+            else min(doubts, default=verdict, key=list(Verdict).index)
+        )
+    return replace(
+        found, findings=findings, verdict=verdict, adequate=found.adequate and not lacking
+    )
+
+
+def withdraw_claims(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
+    """Take back every name where something outside the model's reach is known to have gone on."""
+    if not told:
+        return found
+    findings = tuple(replace(f, verdict=Verdict.UNEXPLAINED) for f in found.findings)
+    return replace(found, findings=findings, verdict=Verdict.UNEXPLAINED, told=(*told, *found.told))
+
+
+def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
+    """Say what may be claimed of a law beside the choices of the folds.
+
+    Each made of fewer trials.
+    """
+    family = finding.effect.id.split("~")[0]
+    same = [any(name.split("~")[0] == family for name in names) for names in folds]
+    if all(same):
+        return Verdict.EFFECT
+    # a fold that is blind to it agrees with nothing; one that puts another in its place contradicts
+    # it
+    others = [names for names, agrees in zip(folds, same, strict=True) if not agrees and names]
+    return Verdict.AMBIGUOUS if others else Verdict.UNEXPLAINED
+
+
+@dataclass(frozen=True)
+class Holdout:
+    """Errors on held-out trials, measured less predicted.
+
+    Not-a-number where a trial was never held out.
+
+    Attributes
+    ----------
+    nominal : Floats
+        Shape (n, c).
+    extended : Floats
+        Shape (n, c).
+    selected : tuple[tuple[str, ...], ...]
+        Effects that each fold chose.
+    """
+
+    nominal: Floats
+    extended: Floats
+    selected: tuple[tuple[str, ...], ...]
+
+    def rms(self, channel: int) -> tuple[float, float]:
+        """Root mean square of both errors in one channel.
+
+        Not-a-number where nothing was held out.
+        """
+        seen = [
+            error[np.isfinite(error[:, channel]), channel]
+            for error in (self.nominal, self.extended)
+        ]
+        nominal, extended = (
+            float(np.sqrt(np.mean(e**2))) if e.size else float("nan") for e in seen
+        )
+        return nominal, extended
+
+
+def split_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]:
+    """Split trials so that each fold holds some of every block."""
+    generator = np.random.default_rng(seed)
+    fold = np.empty(len(trials), dtype=int)
+    offset = 0
+    for block in np.unique(trials.block):
+        rows = generator.permutation(np.flatnonzero(trials.block == block))
+        fold[rows] = (np.arange(len(rows)) + offset) % folds
+        offset += len(rows)
+    return [np.flatnonzero(fold == i) for i in range(folds)]
+
+
+def split_by_block(trials: Trials, most: int) -> list[Rows]:
+    """Split trials so that each fold holds whole blocks, at most so many folds."""
+    _, number = np.unique(trials.block, return_inverse=True)
+    return [np.flatnonzero(number % most == i) for i in range(min(most, int(number.max()) + 1))]
+
+
+def hold_out(
+    model: ForwardModel, trials: Trials, rows: Rows, candidates: Asked, rules: Rules
+) -> Holdout:
+    """Select and fit without one fold, and predict it; the errors of its trials alone."""
+    train, test = trials.take(np.setdiff1d(np.arange(len(trials)), rows)), trials.take(rows)
+    effects = search_twice(model, train, candidates(train), rules).extended.effects
+    problem = build_problem(model, train)
+    base = fit(problem)
+    best = fit(problem, effects, base.values) if effects else base
+    # a block that was never seen keeps its prior height
+    starts = {p.name: p.start for p in model.parameters(test)}
+    ahead = Problem(model, test, problem.noise)
+    nominal, extended = (
+        test.values - ahead.predict(f.effects, starts | f.values) for f in (base, best)
+    )
+    return Holdout(nominal, extended, (tuple(e.id for e in effects),))
+
+
+def join_holdouts(trials: Trials, folds: Sequence[Rows], parts: Iterable[Holdout]) -> Holdout:
+    """Bring the errors of folds into the order of the trials."""
+    nominal, extended = (np.full(trials.values.shape, np.nan) for _ in range(2))
+    selected: list[tuple[str, ...]] = []
+    for rows, part in zip(folds, parts, strict=True):
+        nominal[rows], extended[rows] = part.nominal, part.extended
+        selected.extend(part.selected)
+    return Holdout(nominal, extended, tuple(selected))
