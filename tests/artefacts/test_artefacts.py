@@ -39,7 +39,7 @@ def test_what_lies_on_disk_is_what_was_asked_for(shipped_output, set_name, stimu
 @pytest.mark.parametrize("form", MESH_FORMATS)
 @pytest.mark.parametrize("block", SETS["paper-ten"].stimuli, ids=lambda block: block.id)
 def test_ten_steps_are_within_a_nanometre_in_every_mesh_format(shipped_output, form, block):
-    """Independent of the verdicts: the two uppermost levels touching the edge, by vertices alone."""
+    """Independent of the verdicts: the two uppermost levels at the edge, by vertices."""
     vertices, _ = read_mesh(shipped_output / "paper-ten" / block.id / f"{block.id}{form}")
     on_edge = vertices[(np.abs(vertices[:, 0]) < 1e-8) & (vertices[:, 2] > -1e-6)]
     levels = np.unique(np.round(on_edge[:, 2] * 1e10))

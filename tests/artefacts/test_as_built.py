@@ -1,4 +1,5 @@
-"""As-built records: what is written reads back, folders are searched, and one stimulus has one record."""
+"""As-built records: what is written reads back, folders are searched, and one stimulus has one
+record."""
 
 import numpy as np
 import pytest

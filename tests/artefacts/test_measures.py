@@ -1,4 +1,5 @@
-"""What the checks measure with: instruments proven on bodies whose sizes are known by construction, readers beside writers."""
+"""What the checks measure with: instruments proven on bodies whose sizes are known by construction,
+readers beside writers."""
 
 import itertools
 import json
@@ -52,7 +53,8 @@ def box(size=(3e-3, 2e-3, 1e-3), at=(0.0, 0.0, 0.0)):
 
 
 def stairs(height=43e-6):
-    """Two boxes side by side: the lower ends at x = 0, level with z = 0; the upper stands `height` over it."""
+    """Two boxes side by side: the lower ends at x = 0, level with z = 0; the upper stands `height`
+    over it."""
     left, faces = box((5e-3, 4e-3, 2e-3), (-5e-3, -2e-3, -2e-3))
     right, _ = box((5e-3, 4e-3, 2e-3 + height), (0.0, -2e-3, -2e-3))
     return np.concatenate([left, right]), np.concatenate([faces, faces + 8])
@@ -202,7 +204,7 @@ def test_what_is_no_mesh_is_refused_with_its_place(tmp_path, name, content):
 
 
 def crowded(path):
-    """A sound 3MF of half a megabyte that holds four million points (3MF core specification 1.3)."""
+    """A sound 3MF of half a megabyte with four million points (3MF core specification 1.3)."""
     space, package = (
         "http://schemas.microsoft.com/3dmanufacturing",
         "http://schemas.openxmlformats.org/package/2006",

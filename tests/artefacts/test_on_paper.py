@@ -1,4 +1,5 @@
-"""Numbers, lines and callouts as a workshop reads them: exact decimals, limits in order, text in front of the part."""
+"""Numbers, lines and callouts as a workshop reads them: exact decimals, limits in order, text in
+front of the part."""
 
 import itertools
 import math

@@ -1,4 +1,5 @@
-"""The text of a STEP file, its units and its limits, by ISO 10303-21 and -41; every file is written by hand."""
+"""The text of a STEP file, its units and its limits, by ISO 10303-21 and -41; every file is written
+by hand."""
 
 import math
 import time
@@ -220,7 +221,8 @@ def dimensioned(limits):
 
 def bound(ref, name, value):
     measure = f"MEASURE_WITH_UNIT(LENGTH_MEASURE({value}),#1)"
-    return f"{ref}=(LENGTH_MEASURE_WITH_UNIT()MEASURE_REPRESENTATION_ITEM(){measure}REPRESENTATION_ITEM('{name}'));"
+    kinds = "LENGTH_MEASURE_WITH_UNIT()MEASURE_REPRESENTATION_ITEM()"
+    return f"{ref}=({kinds}{measure}REPRESENTATION_ITEM('{name}'));"
 
 
 PLUS_MINUS = "#310=PLUS_MINUS_TOLERANCE(#311,#300);#311=TOLERANCE_VALUE(#312,#313);"
@@ -278,9 +280,12 @@ def test_a_flatness_without_a_width_and_a_parallelism_with_its_datum(tmp_path):
     data = (
         SHAPE
         + face(100, "PLANE", (0.0, 0.0, 0.0))
-        + "#300=FLATNESS_TOLERANCE('flat',$,#301,#101);#301=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(0.),#1);"
-        + "#310=(GEOMETRIC_TOLERANCE('',$,#311,#101)GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE((#312))PARALLELISM_TOLERANCE());"
-        + "#311=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(0.0005),#1);#312=DATUM_SYSTEM('','',$,.F.,(#313));"
+        + "#300=FLATNESS_TOLERANCE('flat',$,#301,#101);"
+        + "#301=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(0.),#1);"
+        + "#310=(GEOMETRIC_TOLERANCE('',$,#311,#101)"
+        + "GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE((#312))PARALLELISM_TOLERANCE());"
+        + "#311=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(0.0005),#1);"
+        + "#312=DATUM_SYSTEM('','',$,.F.,(#313));"
         + "#313=DATUM_REFERENCE_COMPARTMENT('','',$,.F.,#314,$);#314=DATUM('','',$,.F.,'A');"
     )
     flat, parallel = list_tolerances(exchange_of(data, tmp_path))

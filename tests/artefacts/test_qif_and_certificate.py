@@ -1,4 +1,5 @@
-"""What leaves for other programs is valid by their schemas, and what comes from them is read in SI, whoever wrote it."""
+"""What leaves for other programs is valid by their schemas, and what comes from them is read in SI,
+whoever wrote it."""
 
 import math
 from pathlib import Path

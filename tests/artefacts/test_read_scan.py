@@ -1,4 +1,5 @@
-"""Scans of every format give the heights that were put into them; hostile and ambiguous files give one line."""
+"""Scans of every format give the heights that were put into them; hostile and ambiguous files give
+one line."""
 
 import base64
 import hashlib
@@ -118,7 +119,8 @@ def test_the_scale_of_packed_formats_is_read_a_second_time_from_index_and_stored
 
 
 def repacked(path, member, change):
-    """Write an archive anew with one member changed, without checksums, which X3P readers then do not ask for."""
+    """Write an archive anew with one member changed, without checksums, which X3P readers then do
+    not ask for."""
     with zipfile.ZipFile(path) as archive:
         parts = {entry: archive.read(entry) for entry in archive.namelist()}
     parts[member] = change(parts[member])

@@ -46,7 +46,8 @@ def test_energy_and_force_are_those_of_the_paper(event):
 
 
 def test_energy_is_what_a_damped_oscillator_spends():
-    """Integrated by scipy: m x'' + (2m/T) x' + k x = 0 from the velocity that holds E_v; its force is the ring."""
+    """Integrated by scipy: m x'' + (2m/T) x' + k x = 0 from the velocity that holds E_v; its force
+    is the ring."""
     from scipy.integrate import solve_ivp
 
     event = RINGING[4]
@@ -205,7 +206,7 @@ def written(tmp_path):
 
 @pytest.mark.parametrize("kind", ["document", "avatar", "perception", "channel", "band", "effect"])
 def test_every_field_that_the_standard_requires_is_required(tmp_path, kind):
-    """The lists of MPEG's public reference software, which refuses a file that lacks one of them."""
+    """The lists of MPEG's reference software, which refuses a file that lacks one of them."""
     required = {
         "document": "version profile level date description timescale avatars perceptions syncs",
         "avatar": "id lod type",

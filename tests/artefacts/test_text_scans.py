@@ -1,4 +1,5 @@
-"""Profiles and maps from text: units, separators and digits as laboratories write them; what is ambiguous or broken gives one line."""
+"""Profiles and maps from text: units, separators and digits as laboratories write them; what is
+ambiguous or broken gives one line."""
 
 import numpy as np
 import pytest
@@ -139,7 +140,8 @@ TENCOR += "".join(f"{n}\t {10.0 * n}\t {n}.5\t -{n}\n" for n in range(1, 5))
 
 
 def test_points_that_are_only_numbered_stand_apart_by_the_step_that_the_head_states(tmp_path):
-    """As Tencor's profilers export: no unit in the file, heights in angstroms, several columns of heights."""
+    """As Tencor's profilers export: no unit in the file, heights in angstroms, several columns of
+    heights."""
     path = tmp_path / "film.txt"
     path.write_text(TENCOR)
     scan = read_scan(path, "x=um,z=Å", "Raw")

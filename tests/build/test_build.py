@@ -1,4 +1,5 @@
-"""Promises of a build system: only what changed, the same bytes anywhere, nothing of the user's lost, safe to interrupt."""
+"""Promises of a build system: only what changed, the same bytes anywhere, nothing of the user's
+lost, safe to interrupt."""
 
 import json
 import os
@@ -162,7 +163,8 @@ def held(*arguments):
         yield next(results)
         signal.pause()
 make.make_all = held
-for number in (signal.SIGTERM, signal.SIGHUP):  # whoever runs the tests may be deaf to them, as under nohup
+# under nohup the process that runs the tests ignores them
+for number in (signal.SIGTERM, signal.SIGHUP):
     signal.signal(number, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.exit(main(sys.argv[1:]))
@@ -275,14 +277,16 @@ from stepblocks.declare import load_declared
 
 output, *files = map(Path, sys.argv[1:])
 chosen = {"hook-125", "tip-125", "crown-shoulder", "gap-020-lip"}
-parts = [(one.name, part, "") for one in map(load_declared, files) for part in one.stimuli if part.id in chosen]
+every = [(one.name, part, "") for one in map(load_declared, files) for part in one.stimuli]
+parts = [one for one in every if one[1].id in chosen]
 assert len(list(make_all(parts, output, 1))) == len(chosen)
 build_sets(files, output, only="step-010", jobs=1)  # with tables and page of all of them
 """
 
 
 def test_tips_crowns_and_rounded_edges_are_the_same_bytes_from_process_to_process(tmp_path):
-    """The kernel's own three-point arcs and the hull's own order varied by the run; a second process shows it."""
+    """The kernel's own three-point arcs and the hull's own order varied by the run; a second
+    process shows it."""
     rounded = tmp_path / "small.toml"
     rounded.write_text(
         SMALL.replace('to = "20 um"', 'to = "10 um"').replace(

@@ -1,4 +1,5 @@
-"""A name in a file is followed only inside its folder; drafts of dead runs go; a build takes whatever names a user gives it."""
+"""A name in a file is followed only inside its folder; drafts of dead runs go; a build takes
+whatever names a user gives it."""
 
 import base64
 import json

@@ -1,4 +1,5 @@
-"""What is shown of a build is what is true of it: close-ups are closed solids, curves are equations (1) and (2), the page escapes."""
+"""What is shown of a build is what is true of it: close-ups are closed solids, curves are equations
+(1) and (2), the page escapes."""
 
 import base64
 import json

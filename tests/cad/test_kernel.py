@@ -1,4 +1,5 @@
-"""The CAD kernel behind its door: metres in and out, volumes of the textbook, chords with an absolute error, refusals in one line."""
+"""The CAD kernel behind its door: metres in and out, volumes of the textbook, chords with an
+absolute error, refusals in one line."""
 
 import math
 

@@ -1,4 +1,5 @@
-"""What a workshop does to every bench block, by the standards it works to; and letters that fit or are refused."""
+"""What a workshop does to every bench block, by the standards it works to; and letters that fit or
+are refused."""
 
 from dataclasses import replace
 from pathlib import Path

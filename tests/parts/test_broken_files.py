@@ -1,4 +1,5 @@
-"""Promise: a broken stimulus file gives one line with name, rule, value and place, exit code 2, and an untouched output."""
+"""Promise: a broken stimulus file gives one line with name, rule, value and place, exit code 2, and
+an untouched output."""
 
 from pathlib import Path
 

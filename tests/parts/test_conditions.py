@@ -1,4 +1,5 @@
-"""Under what a set is felt: defaults are the paper's, what a set needs it must declare, a probe is a rod."""
+"""Under what a set is felt: defaults are the paper's, what a set needs it must declare, a probe is
+a rod."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,5 @@
-"""A file that asks for an energy gets tolerances that keep it, everywhere they are written; or one line that says why not."""
+"""A file that asks for an energy gets tolerances that keep it, everywhere they are written; or one
+line that says why not."""
 
 import json
 from itertools import product

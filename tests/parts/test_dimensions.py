@@ -1,4 +1,5 @@
-"""Dimensions as people write them: deviations in three forms, ISO 2768-m where none is given, sources kept."""
+"""Dimensions as people write them: deviations in three forms, ISO 2768-m where none is given,
+sources kept."""
 
 import math
 from typing import Annotated

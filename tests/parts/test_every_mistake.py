@@ -1,4 +1,5 @@
-"""Promise: all that is wrong with a file is told in one go, each mistake once, with its place and a remedy."""
+"""Promise: all that is wrong with a file is told in one go, each mistake once, with its place and a
+remedy."""
 
 from pathlib import Path
 

@@ -1,4 +1,5 @@
-"""A kind tests itself by existing: every shipped stimulus of every kind answers the whole interface, each answer beside another."""
+"""A kind tests itself by existing: every shipped stimulus of every kind answers the whole
+interface, each answer beside another."""
 
 import json
 import math

@@ -1,4 +1,5 @@
-"""Promise: a kind that the program does not ship is one class and one line, and goes through every command untouched."""
+"""Promise: a kind that the program does not ship is one class and one line, and goes through every
+command untouched."""
 
 import json
 import math

@@ -1,4 +1,5 @@
-"""Bodies of revolution against the textbook: ball, cone, torus; chords that keep their error; pieces that fill."""
+"""Bodies of revolution against the textbook: ball, cone, torus; chords that keep their error;
+pieces that fill."""
 
 import itertools
 import math

@@ -1,4 +1,5 @@
-"""A scanned margin: its shape within the noise, the gap as injected, the whole way to scene and drag, and what is refused."""
+"""A scanned margin: its shape within the noise, the gap as injected, the whole way to scene and
+drag, and what is refused."""
 
 import json
 import math

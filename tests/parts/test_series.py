@@ -1,4 +1,5 @@
-"""A stanza that stands for many: every combination once, names that tell them apart, mistakes named."""
+"""A stanza that stands for many: every combination once, names that tell them apart, mistakes
+named."""
 
 import pytest
 

@@ -1,4 +1,5 @@
-"""Solids against closed forms that know nothing of the CAD kernel, with every dimension away from the shipped ones."""
+"""Solids against closed forms that know nothing of the CAD kernel, with every dimension away from
+the shipped ones."""
 
 import itertools
 from pathlib import Path
@@ -43,10 +44,10 @@ body.edge_break = { nominal = "0.23 mm", tolerance = "0.1 mm" }
 body.engraving = { height = "1.1 mm", depth = { nominal = "0.12 mm", tolerance = "0.05 mm" } }
 """
 MOUNTINGS = {
-    "tapped": 'body.mounting = { kind = "tapped", thread = "M2.5", spacing = "9 mm", depth = "4 mm" '
-    "}",
-    "clearance": 'body.mounting = { kind = "clearance", thread = "M2", spacing = "9 mm", depth = "2.5 mm" '
-    "}",
+    "tapped": "body.mounting = { kind = 'tapped', thread = 'M2.5', spacing = '9 mm', "
+    "depth = '4 mm' }",
+    "clearance": "body.mounting = { kind = 'clearance', thread = 'M2', spacing = '9 mm', "
+    "depth = '2.5 mm' }",
 }
 
 

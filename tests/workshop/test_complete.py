@@ -1,4 +1,5 @@
-"""A workshop can make every shipped part without asking; what is taken from drawing, STEP file or sheet is missed."""
+"""A workshop can make every shipped part without asking; what is taken from drawing, STEP file or
+sheet is missed."""
 
 import csv
 import re

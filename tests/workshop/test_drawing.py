@@ -1,4 +1,5 @@
-"""Drawings say what was asked for, print every decimal, and nothing on them overlaps or leaves the sheet."""
+"""Drawings say what was asked for, print every decimal, and nothing on them overlaps or leaves the
+sheet."""
 
 import csv
 import itertools

@@ -1,4 +1,5 @@
-"""Pairs of gauge blocks give the step, their stack-up is that of ISO 3650, and the assembly file conforms."""
+"""Pairs of gauge blocks give the step, their stack-up is that of ISO 3650, and the assembly file
+conforms."""
 
 from pathlib import Path
 

@@ -1,4 +1,5 @@
-"""The apparatus as a kit: solids as in closed form, nothing in the way of anything over the travel, statics as by hand."""
+"""The apparatus as a kit: solids as in closed form, nothing in the way of anything over the travel,
+statics as by hand."""
 
 import math
 import re
@@ -113,7 +114,8 @@ def test_the_uncertainty_of_a_load_is_its_budget_in_squares():
 
 @cache
 def leaf_by_elements(length, width, thickness, modulus):
-    """Reaction of one leaf in three dimensions, its ends clamped and moved past each other, and its strain along a face."""
+    """Reaction of one leaf in three dimensions, its ends clamped and moved past each other, and its
+    strain along a face."""
     skfem = pytest.importorskip("skfem")
     from skfem.helpers import ddot, eye, sym_grad, trace
     from skfem.models.elasticity import lame_parameters

@@ -1,4 +1,5 @@
-"""Masks read back record by record: where the etches add up to the step, what is labelled, how wide the monitors are."""
+"""Masks read back record by record: where the etches add up to the step, what is labelled, how wide
+the monitors are."""
 
 import struct
 import sys

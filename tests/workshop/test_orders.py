@@ -1,4 +1,5 @@
-"""What a workshop is sent: files in the folder of the part, routes that reach its tolerance, and never a file outside."""
+"""What a workshop is sent: files in the folder of the part, routes that reach its tolerance, and
+never a file outside."""
 
 import csv
 from pathlib import Path

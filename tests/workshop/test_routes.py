@@ -1,4 +1,5 @@
-"""What a route leaves is felt by equations (1) and (2), conforms by the normal law, and says where each figure comes from."""
+"""What a route leaves is felt by equations (1) and (2), conforms by the normal law, and says where
+each figure comes from."""
 
 import math
 from pathlib import Path

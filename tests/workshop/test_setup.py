@@ -1,4 +1,5 @@
-"""A setup sheet: the stock holds the part, the machine accepts only what it can prove, and a step is not milled."""
+"""A setup sheet: the stock holds the part, the machine accepts only what it can prove, and a step
+is not milled."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,5 @@
-"""A sheet of paper: what is drawn on it measures the part, and every characteristic keeps its number."""
+"""A sheet of paper: what is drawn on it measures the part, and every characteristic keeps its
+number."""
 
 import math
 

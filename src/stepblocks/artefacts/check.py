@@ -105,7 +105,7 @@ def _check_step(stimulus: Part, path: Path) -> Iterator[Verdict]:
     )
 
 
-def volumes_in(path: Path) -> dict[str, Any]:
+def volumes_in(path: Path) -> dict[str, object]:
     """Integrate the volume of each solid by the kernel, in the confined process."""
     from stepblocks.cad import kernel
 
@@ -113,7 +113,7 @@ def volumes_in(path: Path) -> dict[str, Any]:
 
 
 def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
-    """Check the STEP file of a part: it conforms, and holds every characteristic with its limits."""
+    """Check that the STEP file of a part conforms and holds every characteristic."""
     report = check_step(path, require_ap242=True)
     findings = list(report.findings)
     left = [*report.dimensions, *report.tolerances]
@@ -223,7 +223,7 @@ def _check_pieces(part: Part, path: Path) -> Iterator[Verdict]:
     yield Verdict(name, "volume of the pieces", whole, total, limit, "volume", relative=True)
 
 
-def image_in(path: Path, mode: str = "") -> dict[str, Any]:
+def image_in(path: Path, mode: str = "") -> dict[str, object]:
     """Read an image; called in the confined process, as `arrays_in` is."""
     from PIL import Image
 
@@ -231,7 +231,7 @@ def image_in(path: Path, mode: str = "") -> dict[str, Any]:
         return {"pixels": np.asarray(image.convert(mode) if mode else image)}
 
 
-def arrays_in(path: Path) -> dict[str, Any]:
+def arrays_in(path: Path) -> dict[str, object]:
     """Read the heights and positions of an npz."""
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         return {
@@ -274,7 +274,10 @@ def _read_sidecar(path: Path) -> dict[str, Any]:
 def _check_field(
     part: Part, path: Path, heights: NDArray[np.float64], side: dict[str, Any]
 ) -> Iterator[Verdict]:
-    """Compare with the profile at the positions that the sidecar gives, and measure the step between the far thirds."""
+    """Compare a height field with the closed form of the profile.
+
+    The step is measured between the outer thirds.
+    """
     if not isinstance(part, Block):
         raise MetrologyError(f"a height field belongs to a block, got {part.id} [{path}]")
     if heights.ndim != 2 or list(heights.shape) != side["shape"]:
@@ -322,11 +325,11 @@ def _view(part: Part, path: Path) -> Iterator[Verdict]:
         )
 
 
-def view_in(path: Path) -> dict[str, Any]:
+def view_in(path: Path) -> dict[str, object]:
     """Read the bodies that the page turns in 3-D, in the confined process."""
     text = path.read_text(encoding="ascii")
     bodies = json.loads(text.removeprefix("stepblocksView(").removesuffix(");\n"))["bodies"]
-    found: dict[str, Any] = {"count": len(bodies)}
+    found: dict[str, object] = {"count": len(bodies)}
     for number, body in enumerate(bodies):
         whole = f"<u{int(body['bytes_of_a_corner'])}"
         columns = {

@@ -1,10 +1,12 @@
-"""The working surface as a height field: float32 TIFF and npz (16 bits would quantise to 3 nm), with a sidecar."""
+"""Height field of the working surface: float32 TIFF and npz, with a sidecar.
+
+16 bits would quantise heights to 3 nm.
+"""
 
 import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +67,7 @@ def height_field(part: Part) -> NDArray[np.float64]:
 
 
 def _choose_positions(part: Part) -> NDArray[np.float64]:
-    """Positions across the edge, shifted within their cell until none lies on a corner of the profile."""
+    """Choose positions across the edge so that none lies on a corner of the profile."""
     corners = np.array(part.counterface().breakpoints)
     for shift in (0.0, 0.25, -0.25, 0.125, -0.125):
         x = _list_positions(_HALF_X) + shift * SPACING
@@ -94,7 +96,7 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
     np.savez_compressed(
         npz, height_m=heights, x_m=_choose_positions(part), y_m=_list_positions(_HALF_Y)
     )
-    described: dict[str, Any] = {
+    described: dict[str, object] = {
         "stimulus": part.id,
         "files": {
             tiff.name: {"unit": "um", "dtype": "float32"},

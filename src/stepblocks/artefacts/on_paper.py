@@ -1,4 +1,4 @@
-"""How a characteristic stands on paper: its limits on a drawing, and its line on a sheet in the manner of form 3 of AS9102."""
+"""A characteristic on paper: its limits on a drawing, its line on an inspection sheet."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Values = Mapping[
 
 
 def choose_decimals(*lengths: float) -> int:
-    """Return the decimals that print all lengths [m] exactly in millimetres, at least one, at most six."""
+    """Choose the decimals (1 to 6) that print all lengths [m] exactly in millimetres."""
     for decimals in range(1, _MOST_DECIMALS):
         if all(abs(round(length * 1e3, decimals) - length * 1e3) < 1e-9 for length in lengths):
             return decimals
@@ -51,7 +51,10 @@ def format_millimetres(length: float, decimals: int) -> str:
 
 
 def format_limits(nominal: float, lower: float, upper: float, quantity: str = "length") -> str:
-    """Return nominal and deviations as on a drawing: ``0.010 ±0.001``, ``0.000 +0.002/0``, or ``16° ±1°``."""
+    """Format nominal and deviations as on a drawing.
+
+    Examples: ``0.010 ±0.001``, ``0.000 +0.002/0``, ``16° ±1°``.
+    """
     if quantity == "angle":
         value, low, high = (f"{math.degrees(one):.6g}°" for one in (nominal, lower, upper))
         return f"{value} ±{high}" if abs(upper + lower) < 1e-12 else f"{value} +{high}/{low}"

@@ -1,9 +1,11 @@
-"""The ring as files: WAV for a voice coil, MPEG haptics (ISO/IEC 23090-31), and AHAP as a preview that says what it loses."""
+"""Files of the ring: WAV for a voice coil, MPEG haptics (ISO/IEC 23090-31), AHAP.
+
+The AHAP file is a preview that states what it loses.
+"""
 
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +26,10 @@ def find_largest_force(event: VibrationEvent) -> float:
 
 
 def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None:
-    """Write a ring as mono WAV, `full` [N] standing for full scale: 1 in float32, 32767 in int16 where the name ends so."""
+    """Write a ring as mono WAV; `full` [N] stands for full scale.
+
+    Full scale is 1 in float32, and 32767 in int16 where the name ends so.
+    """
     from scipy.io import wavfile
 
     force = compute_ring_force(event, rate)
@@ -42,7 +47,10 @@ def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None
 
 
 def write_hjif(path: Path, event: VibrationEvent) -> None:
-    """Write a ring as MPEG haptics, interchange form: one VectorialWave band, its frequency rounded to whole hertz."""
+    """Write a ring as MPEG haptics (interchange form) in one VectorialWave band.
+
+    Its frequency is rounded to whole hertz.
+    """
     if not math.isfinite(event.amplitude):
         raise HapticsError(
             f"{event.stimulus} {event.drag} does not ring ({event.status.value}) [{path}]"
@@ -59,7 +67,7 @@ def write_hjif(path: Path, event: VibrationEvent) -> None:
     levels = (
         np.exp(-np.arange(math.ceil(7.0 * event.tool.decay_time * _TIMESCALE) + 1) / decay) * factor
     )
-    keyframes: list[dict[str, Any]] = [
+    keyframes: list[dict[str, object]] = [
         {"relative_position": tick, "amplitude_modulation": round(float(level), 9)}
         for tick, level in enumerate(levels)
     ]

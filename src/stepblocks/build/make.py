@@ -7,7 +7,6 @@ from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from stepblocks.atomic import make_draft_folder, sync_folder
 from stepblocks.build.manifest import (
@@ -34,7 +33,7 @@ class Made:
 def make_all(
     wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None
 ) -> Generator[Made]:
-    """Make stimuli, each given with its set and its key, in as many processes as there are cores; yield each when ready."""
+    """Make stimuli in as many processes as there are cores; yield each when it is ready."""
     workers = min(jobs or os.cpu_count() or 1, len(wanted))
     if workers <= 1:
         for set_name, stimulus, key in wanted:
@@ -120,7 +119,7 @@ def _write_artefacts(stimulus: Part, folder: Path) -> None:
     (folder / "specification.json").write_text(specification + "\n", encoding="utf-8")
 
 
-def _move_in(workshop: Path, folder: Path, record: Mapping[str, Any]) -> None:
+def _move_in(workshop: Path, folder: Path, record: Mapping[str, object]) -> None:
     """Replace a stimulus's files one by one; files that this program did not write stay."""
     folder.mkdir(parents=True, exist_ok=True)
     outputs, before = list_outputs(record), list_outputs(load_json(folder / RECORD))

@@ -1,4 +1,7 @@
-"""What was built from what: hashes of inputs, code and outputs. Standard library only, so that doing nothing costs nothing."""
+"""Hashes of inputs, code and outputs of a build.
+
+Uses the standard library only, so that an up-to-date build costs nothing.
+"""
 
 import hashlib
 import json
@@ -75,19 +78,22 @@ def _list_libraries() -> dict[str, str]:
     return found
 
 
-def describe_environment() -> dict[str, Any]:
-    """Say with what this process makes files: Python, platform, C library, whose sine has last bits of its own, and libraries."""
+def describe_environment() -> dict[str, object]:
+    """Describe Python, platform, C library and libraries of this process.
+
+    The C library matters: its sine has last bits of its own.
+    """
     system = " ".join(filter(None, (platform.system(), platform.machine(), *platform.libc_ver())))
     return {"python": platform.python_version(), "platform": system, "libraries": _list_libraries()}
 
 
-def write_sealed(path: Path, content: Mapping[str, Any]) -> None:
-    """Write what this program alone reads back, with a hash of itself: what was altered since is not believed."""
+def write_sealed(path: Path, content: Mapping[str, object]) -> None:
+    """Write JSON with a hash of itself; a file that was altered later is not used."""
     sealed = {**content, "seal": _compute_seal(content)}
     replace_text(path, json.dumps(sealed, indent=1, allow_nan=False) + "\n")
 
 
-def _compute_seal(content: Mapping[str, Any]) -> str:
+def _compute_seal(content: Mapping[str, object]) -> str:
     return hash_bytes(json.dumps(content, sort_keys=True).encode())
 
 
@@ -105,14 +111,14 @@ def load_json(path: Path) -> dict[str, Any]:
     return content if seal == _compute_seal(content) else {}
 
 
-def list_outputs(record: Mapping[str, Any]) -> dict[str, str]:
+def list_outputs(record: Mapping[str, object]) -> dict[str, str]:
     """Return the hashes of the files that a manifest or a record lists."""
     outputs = record.get("outputs")
     return outputs if isinstance(outputs, dict) else {}
 
 
 def load_record(folder: Path) -> dict[str, Any]:
-    """Read the record of a stimulus that was made; empty where it was not, or where the record is not whole."""
+    """Read the record of a stimulus; empty where it was not made or is not whole."""
     record = load_json(folder / RECORD)
     return record if list_outputs(record) else {}
 
@@ -131,7 +137,10 @@ def are_intact(folder: Path, outputs: Mapping[str, str]) -> bool:
 
 
 def find_linked_files(output: Path, outputs: Iterable[str]) -> dict[str, list[list[str]]]:
-    """Find what other commands left beside the outputs of a build: of the whole under the empty name, of a part under ``set/id``."""
+    """Find files that other commands left beside the outputs of a build.
+
+    Those of the whole folder stand under the empty name, those of a part under ``set/id``.
+    """
     parts = [name.removesuffix(f"/{RECORD}") for name in outputs if name.endswith(f"/{RECORD}")]
     found = {"": [[title, name] for title, name in _BESIDE.items() if (output / name).is_file()]}
     for part in sorted(parts):

@@ -1,4 +1,4 @@
-"""The page of an output folder: pictures, dimensions, predictions with their curves, verdicts and the interactive view."""
+"""The page of an output folder: pictures, dimensions, predictions, verdicts, 3-D view."""
 
 import json
 import math
@@ -73,7 +73,7 @@ class Section:
 
 
 def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
-    """Write ``index.html`` and the script of plotly beside it, so that the page works without a network."""
+    """Write ``index.html`` with the script of plotly beside it, for use without a network."""
     from plotly.offline import get_plotlyjs
 
     script, page, source = (
@@ -157,7 +157,10 @@ def _summarise(predictions: Sequence[Prediction]) -> Iterator[str]:
 
 
 def _draw_figure(stimuli: StimulusSet) -> str | None:
-    """Draw step blocks on the curves of equations (1) and (2) at the first tip and largest load, as JSON for plotly."""
+    """Draw step blocks on the curves of equations (1) and (2), as JSON for plotly.
+
+    The curves hold for the first tip and the largest load.
+    """
     blocks = sorted(stimuli.step_block, key=lambda one: one.height.nominal)
     if not blocks:
         return None
@@ -176,7 +179,7 @@ def _draw_figure(stimuli: StimulusSet) -> str | None:
         """Draw a curve up to a height, and mark the blocks on it."""
         for heights, kind in ((curve, "lines"), (marks, "markers")):
             x = heights[heights <= least]
-            trace: dict[str, Any] = {
+            trace: dict[str, object] = {
                 "type": "scatter",
                 "mode": kind,
                 "x": _shorten(x * 1e6),

@@ -1,15 +1,18 @@
-"""Each stimulus to be looked at: a picture rendered without a screen, whole and close up, and what the page turns in 3-D."""
+"""The picture of a stimulus, whole and close up, and its data for the 3-D view."""
 
 import base64
 import json
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.parts.kind import Manifold
+
+Polydata: TypeAlias = Any  # a surface of pyvista [mm]
 Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
 _COLOURS = ("#d3dbe3", "#efdcae")
 _INK = "#1d2a36"
@@ -55,13 +58,13 @@ def draw_part(
         plotter.close()
 
 
-def _make_polydata(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Any:
+def _make_polydata(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Polydata:
     import pyvista as pv
 
     return pv.PolyData.from_regular_faces(vertices * 1e3, triangles)
 
 
-def _cut(mesh: Arrays, cut: Callable[[Any], Any]) -> Any:
+def _cut(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
     """Cut a body in millimetres, closed where it is cut."""
     import manifold3d
 
@@ -74,7 +77,7 @@ def _cut(mesh: Arrays, cut: Callable[[Any], Any]) -> Any:
     )
 
 
-def _cut_box(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) -> Any:
+def _cut_box(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) -> Polydata:
     """Cut out what of a body lies in a box."""
     import manifold3d
 
@@ -84,7 +87,7 @@ def _cut_box(mesh: Arrays, half_width: float, centre: tuple[float, float, float]
     return _cut(mesh, lambda solid: solid ^ box)
 
 
-def _cut_open(meshes: Sequence[Arrays]) -> list[Any]:
+def _cut_open(meshes: Sequence[Arrays]) -> list[Polydata]:
     """Cut parts of several bodies open, so that what is inside can be seen."""
     if len(meshes) == 1:
         return [_make_polydata(*meshes[0])]
@@ -99,11 +102,11 @@ def write_view(
     half_width: float,
     centre: tuple[float, float, float],
 ) -> None:
-    """Write the bodies in millimetres as a call of the page's function ``stepblocksView``: a script loads from a folder."""
+    """Write the bodies [mm] as a call of the page's function ``stepblocksView``."""
     # Coordinates are float32, a nanometre in 20 mm, and corners uint16 where that is enough, in
     # base64: half the size of digits.
 
-    def packed(values: NDArray[Any], kind: str) -> str:
+    def packed(values: NDArray[np.generic], kind: str) -> str:
         return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
     bodies = [
@@ -132,7 +135,7 @@ def write_view(
     )
 
 
-def _show(plotter: Any, bodies: list[Any], caption: str) -> None:
+def _show(plotter: Any, bodies: list[Polydata], caption: str) -> None:
     plotter.set_background("white")
     for index, one in enumerate(bodies):
         if one.n_cells == 0:

@@ -1,4 +1,7 @@
-"""From stimulus files to an output folder, and back; nothing heavy is imported before something has to be built."""
+"""Build stimulus files into an output folder, and check such a folder.
+
+Heavy modules are imported only when something has to be built.
+"""
 
 from __future__ import annotations
 
@@ -186,7 +189,7 @@ def _select(sets: Sequence[StimulusSet], only: str | None) -> list[tuple[str, Pa
 def _find_outdated(
     selected: Sequence[tuple[str, Part]], output: Path, code: str
 ) -> list[tuple[str, Part, str]]:
-    """List the stimuli to build, each with its set and its key, a hash of what it would be built from."""
+    """List the stimuli to build, each with its set and the hash of its inputs."""
     wanted = []
     for name, stimulus in selected:
         folder = output / name / stimulus.id
@@ -200,7 +203,10 @@ def _find_outdated(
 def _write_tables_and_page(
     sets: Sequence[StimulusSet], output: Path, report: BuildReport, learned: LearnedModel | None
 ) -> tuple[dict[str, str], int]:
-    """Write tables and page from the records; return the hash of every file of the folder, and how many stimuli there are."""
+    """Write tables and page from the records.
+
+    Returns the hash of every file of the folder, and the number of stimuli.
+    """
     from stepblocks.build.page import Section, write_page
     from stepblocks.predict.predictions import format_predictions_csv, predict_all
     from stepblocks.predict.sheaths import write_sheath_files
@@ -236,7 +242,7 @@ def _write_tables_and_page(
 
 
 def _remove_stale(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
-    """Remove files that the last build wrote, this one does not know, and that are unchanged; then empty folders."""
+    """Remove unchanged files of the last build that this one does not write."""
     for name in sorted(set(before) - set(now), reverse=True):
         path = find_unchanged(output, name, before[name])
         if path is None:
@@ -293,7 +299,10 @@ def check_output(
 
 
 def _check_table(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
-    """Predict a set again, cell by cell; where a model taught it, its table must be as the manifest says."""
+    """Compare the table of predictions cell by cell with a new prediction.
+
+    With a learned model the table must have the hash of the manifest.
+    """
     from stepblocks.artefacts.verdict import Verdict
     from stepblocks.predict.predictions import format_predictions_csv, predict_all
 

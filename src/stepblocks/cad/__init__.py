@@ -1,4 +1,4 @@
-"""The only importer of cadquery and OCP, which take a second to load: its two doors open when somebody first asks for them."""
+"""The only importer of cadquery and OCP, which are loaded on first use."""
 
 from typing import TYPE_CHECKING
 

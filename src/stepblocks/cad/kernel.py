@@ -1,4 +1,7 @@
-"""The CAD kernel behind a narrow door: this module alone imports cadquery, and thinks in millimetres; all that passes is metres."""
+"""The CAD kernel: all arguments and results are in metres.
+
+This module alone imports cadquery, which works in millimetres.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -45,7 +48,10 @@ def _make_wire(outline: Outline) -> cq.Wire:
 
 
 def _make_arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
-    """Arc through three points about a centre of our own: the kernel's answer varies by 1e-18 from run to run."""
+    """Make an arc through three points about a centre that is computed here.
+
+    The centre that the kernel finds varies by 1e-18 from run to run.
+    """
     a, b = (
         np.subtract(middle.toTuple(), start.toTuple()),
         np.subtract(end.toTuple(), start.toTuple()),
@@ -143,7 +149,10 @@ def compute_volume(body: Body) -> float:
 
 
 def compute_common_volume(a: Body, b: Body, by: Point = (0.0, 0.0, 0.0)) -> float:
-    """Volume that two bodies share [m^3], the first moved, by the kernel's exact intersection; 0 where they only touch."""
+    """Compute the volume that two bodies share [m^3], the first one moved.
+
+    It is 0 where they only touch.
+    """
     a = a.translate(_vector(by))
     (low, high), (other_low, other_high) = _find_corners(a), _find_corners(b)
     if (high <= other_low).any() or (other_high <= low).any():
@@ -169,7 +178,10 @@ def describe_faces(body: Body) -> tuple[Face, ...]:
 
 
 def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
-    """Tessellate with an absolute chordal error per face: cadquery's own is relative, and a 3 mm ball at 1e-3 sags 5 um."""
+    """Tessellate with an absolute chordal error per face.
+
+    The error of cadquery is relative: a ball of 3 mm at 1e-3 sags by 5 um.
+    """
     BRepTools.Clean_s(body.wrapped)
     faces, described = body.Faces(), describe_faces(body)
     along_edges = min(map(deflection, described))

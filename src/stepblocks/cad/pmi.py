@@ -1,4 +1,7 @@
-"""The kernel's door for semantic tolerances in a STEP file; what does not conform yet, `stepblocks.artefacts.step.write` mends."""
+"""Semantic tolerances in a STEP file, as the kernel writes them.
+
+`stepblocks.artefacts.step.write` repairs what does not conform.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -140,7 +143,7 @@ class _Document:
         materials = XCAFDoc_DocumentTool.MaterialTool_s(self.document.Main())
         # another type than POSITIVE_RATIO_MEASURE is dropped without a word
         said = material[0], "", "density measure", "POSITIVE_RATIO_MEASURE"
-        self._bodies: list[tuple[TDF_Label, list[Any]]] = []
+        self._bodies: list[tuple[TDF_Label, list[Body]]] = []
         for name, body in bodies:
             label = self._shapes.AddShape(body.wrapped, False)
             TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))

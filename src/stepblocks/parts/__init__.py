@@ -1,1 +1,1 @@
-"""What is made: one folder per kind, with its declaration, shape, characteristics and volume in closed form."""
+"""Parts: one file per kind, with declaration, shape, characteristics and volume."""

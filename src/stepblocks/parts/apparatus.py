@@ -1,4 +1,4 @@
-"""The apparatus of the paper's figure 2 as a kit (docs/workshop.md): what a file declares of it, and the parts that follow."""
+"""The apparatus of figure 2 of the paper as a kit (docs/workshop.md)."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -31,7 +31,10 @@ _COUNTERWEIGHT = (14e-3, -85e-3)  # its diameter, and where its middle stands al
 
 
 class Flexure(Table):
-    """Two parallel leaves, clamped at both ends, that bend along the drag; four gauges at their roots make a full bridge."""
+    """Two parallel leaves, clamped at both ends, that bend along the drag.
+
+    Four gauges at their roots make a full bridge.
+    """
 
     length: PositiveLength  # of a leaf between its ends [m]
     width: PositiveLength  # along the edge [m]
@@ -90,7 +93,10 @@ class Apparatus(Table):
         yield check_below("flexure.gauge_place", "lie on the half of a leaf", place, 0.5 * length)
 
     def parts(self, weight: float | None = None) -> list[Machined]:
-        """List the parts where they are at the middle of the travel, with a weight on the explorer [kg], the largest if none."""
+        """List the parts at the middle of the travel.
+
+        `weight` [kg] stands on the explorer; the largest one where omitted.
+        """
         top = _FLEXURE_FOOT + self.flexure.length.nominal + 6e-3  # lower face of the carriage
         mass, area = (
             max(self.normal_weights) if weight is None else weight,
@@ -115,7 +121,7 @@ class Apparatus(Table):
         return [*fixed, *moving, *_make_pull(), *_make_damping_rig(self.displacement.value)]
 
     def balance_arm(self, arm: list[Machined]) -> list[Machined]:
-        """Set rod and counterweight so that the arm without its weight has its centre of mass over the pivot."""
+        """Set rod and counterweight so that the arm alone has its centre of mass over the pivot."""
         bar = Round("x", from_millimetres(-98, 0, 18), 4e-3, 60e-3, 0.0, -8e-6)
         rod = _make_part(
             "balance-rod", "Rod of the counterweight", "steel", moving=True, rods=(bar,)
@@ -205,7 +211,10 @@ def _make_bought_part(
 
 
 def _make_frame(top: float) -> list[Machined]:
-    """Make base, seat of the blocks, two portals and the shafts between them; `top` is the lower face of the carriage."""
+    """Make base, seat of the blocks, two portals and the shafts between them.
+
+    `top` is the height of the lower face of the carriage [m].
+    """
     shaft, feet = top * 1e3 + 11.0, [(x, y) for x in (-110.0, 50.0) for y in (-44.0, 44.0)]
     jaws = [(x, y) for x in (-52.0, -20.0) for y in (72.0, 88.0)]
     through = [*feet, (0.0, -10.0), (0.0, 10.0), (70.0, -6.0), (70.0, 6.0), *jaws, (46.0, 80.0)]
@@ -272,7 +281,7 @@ def _make_frame(top: float) -> list[Machined]:
 
 
 def _make_carriage(top: float) -> list[Machined]:
-    """Make the carriage with its linear bearings, and the hook that takes the cord to the height of the tip."""
+    """Make the carriage with its linear bearings and the hook of the cord."""
     low, shaft = top * 1e3, top * 1e3 + 11.0
     bores = [
         make_bore("x", from_millimetres(-63, y, shaft), 15e-3, 46e-3, "H7") for y in (-30.0, 30.0)
@@ -328,7 +337,7 @@ def _make_yoke() -> list[Machined]:
 
 
 def _make_arm() -> list[Machined]:
-    """Make the arm with the clamp for the explorer, and the explorer itself, its tip at the origin."""
+    """Make the arm with its clamp, and the explorer with its tip at the origin."""
     grip = Round("z", from_millimetres(0, 0, 14), 2.35e-3, 8e-3, 10e-6, 0.0)
     boxes = (
         make_box((-46, -4, -5), (-34, 4, 22)),
@@ -375,7 +384,7 @@ def _make_arm() -> list[Machined]:
 
 
 def _make_pull() -> list[Machined]:
-    """Make pulley, its bracket and axle, and the hanger; the cord leaves the pulley at the height of the tip."""
+    """Make pulley, bracket, axle and hanger; the cord is at the height of the tip."""
     cheeks = (
         make_box((64, -8, -30), (80, -4, -2)),
         make_box((64, 4, -30), (80, 8, -2)),
@@ -405,7 +414,7 @@ def _make_pull() -> list[Machined]:
 
 
 def _make_damping_rig(displacement: float) -> list[Machined]:
-    """Make the shank's clamp, the sheath's jaws with a pocket for the sensor, and the slide that lifts the tip and lets go."""
+    """Make clamp and jaws of the damping rig, and the slide that releases the tip."""
     found = []
     for name, title, x0, x1, hole in (
         ("shank-clamp", "Clamp of the shank", -60.0, -44.0, 4e-3),

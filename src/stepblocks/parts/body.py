@@ -1,4 +1,4 @@
-"""What every bench block has in common: the body with its fixing holes and its engraved identity; as solid, pieces and volume."""
+"""The body of a bench block with fixing holes and engraving: solid, pieces, volume."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Engraving(Table):
 
 
 class Body(Table):
-    """The block without its stimulus. The origin lies on the working edge, z = 0 on the lower working face."""
+    """The block without its stimulus; the origin lies on the working edge."""
 
     # the usual one fits a 24 mm vice
     length: PositiveLength = declare_default("20 mm")  # along x, across the working edge [m]
@@ -127,7 +127,10 @@ class Body(Table):
 
 
 class Block(Part):
-    """A bench block whose working faces meet at x = 0: the lower one at z = 0, the other higher or lower by the `rise`."""
+    """A bench block whose working faces meet at x = 0.
+
+    The lower face is at z = 0, the other one higher or lower by the `rise`.
+    """
 
     has_working_faces: ClassVar[bool] = True
 
@@ -143,7 +146,10 @@ class Block(Part):
 
     @abstractmethod
     def top(self, x: float) -> float:
-        """Height of its surface at a position across the edge [m], worked out apart from the counterface, to check by."""
+        """Compute the height of the surface at a position across the edge [m].
+
+        It is worked out apart from the counterface, to check by.
+        """
 
     @property
     def filled(self) -> float:
@@ -170,7 +176,7 @@ class Block(Part):
         return holes + area * body.engraving.depth.nominal
 
     def extruded(self, crest: cad.door.Outline) -> cad.door.Body:
-        """Extrude the section, its outline between the working faces a crest from the right one to the left one."""
+        """Extrude the section; `crest` is its outline from the right face to the left one."""
         body, rise = self.body, self.rise
         half, base, c = 0.5 * body.length.nominal, -body.thickness.nominal, body.edge_break.nominal
         right = dict.fromkeys(
@@ -182,7 +188,11 @@ class Block(Part):
     def body_characteristics(
         self, lower: FaceRule, upper: FaceRule, edge: Rule | None
     ) -> Iterator[Characteristic]:
-        """List what a workshop must hold of the block itself, by its working faces and the wall of its edge, if it has one."""
+        """List the characteristics of the body.
+
+        `lower` and `upper` are the working faces, `edge` is the wall of the edge, if there is
+        one.
+        """
         body = self.body
         half, side, base = (
             0.5 * body.length.nominal,
@@ -347,7 +357,10 @@ def list_half_corners(body: Body, side: float, top: float, crest: Sequence[Point
 
 
 def compute_half_volume(body: Body, extent: float, top: float) -> float:
-    """Volume of the part of a block on one side of its edge: a box with every edge broken but the four at the section."""
+    """Compute the volume of a block on one side of its edge [m^3].
+
+    It is a box with every edge broken but the four at the section.
+    """
     width, c = body.width.nominal, body.edge_break.nominal
     height = top + body.thickness.nominal
 
@@ -368,7 +381,10 @@ def _compute_polygon_area(points: NDArray[np.float64]) -> float:
 
 
 def compute_strip_volume(body: Body, top: float, polygon: list[Point]) -> float:
-    """Volume that a section polygon (x, z) takes out of a half with chamfered sides: contour integral of W(z) x dz."""
+    """Compute the volume that a section polygon (x, z) takes out of a half [m^3].
+
+    The sides are chamfered: a contour integral of W(z) x dz.
+    """
     width, c = body.width.nominal, body.edge_break.nominal
     total = 0.0
     knee = top - c

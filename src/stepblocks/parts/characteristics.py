@@ -1,4 +1,4 @@
-"""What a workshop must hold: the characteristics of a part, numbered once for all files, with the faces that carry them."""
+"""The characteristics of a part, numbered once for all files, with their faces."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class FaceRule:
 
 @dataclass(frozen=True)
 class EdgeRule:
-    """An edge, by the two faces of one solid that meet in it; the longest where they meet in several."""
+    """An edge in which two faces of one solid meet; the longest if there are several."""
 
     first: FaceRule
     second: FaceRule
@@ -80,7 +80,10 @@ class Characteristic:
 
     @property
     def unsigned(self) -> Characteristic:
-        """The distance that a workshop sees, which has no sign: the limits of a length below zero change places."""
+        """The distance without its sign, as a workshop measures it.
+
+        The limits of a negative length change places.
+        """
         negative = self.nominal < 0.0
         return (
             replace(self, nominal=-self.nominal, lower=-self.upper, upper=-self.lower)
@@ -145,7 +148,10 @@ def make_characteristic(
 
 
 def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
-    """State the chamfer of all edges alike, measured at one; sharp edges have no face to carry it."""
+    """State the chamfer of all edges, measured at one of them.
+
+    Sharp edges have no face that carries it.
+    """
     label = "edge break, 45 deg, all edges"
     if edge_break.nominal == 0.0:
         return make_characteristic("edge_break", "note", edge_break, label=label)
@@ -194,6 +200,6 @@ def _make_form_characteristic(
 
 
 def make_location(key: str, label: str, at: float, *faces: Rule) -> Characteristic:
-    """State where a feature lies [m], which follows from symmetry, with the general tolerance of ISO 2768-m."""
+    """State where a feature lies [m], with the general tolerance of ISO 2768-m."""
     deviation = find_general_deviation(at) or 0.0
     return Characteristic(key, label, "distance", at, -deviation, deviation, 0, faces)

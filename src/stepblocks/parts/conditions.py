@@ -1,4 +1,4 @@
-"""Under what the parts of a set are felt: tips, loads, frictions and steps, the tool, the probe that wears a sheath, its rig."""
+"""Conditions of a set: tips, loads, frictions, steps, the tool, the probe and its rig."""
 
 import math
 from dataclasses import replace
@@ -52,7 +52,10 @@ _USUAL = {name: Sourced(value, "force", said) for name, (value, said) in LIMIT_S
 
 
 class LimitsSpec(Table):
-    """Tangential forces beyond which a tip does not slip, each with its source; what is left out is that of `LIMIT_SOURCES`."""
+    """Tangential forces beyond which a tip does not slip, each with its source.
+
+    What is left out is that of `LIMIT_SOURCES`.
+    """
 
     strength: Force = _USUAL["strength"]  # of the tool
     spring: Force = _USUAL["spring"]  # to which it is linear
@@ -61,7 +64,7 @@ class LimitsSpec(Table):
 
 
 class SettingTolerances(Table):
-    """How far what is not on a drawing may be off, to either side; what is left out is taken as known."""
+    """Tolerances of what is not on a drawing, to either side; 0 where it is left out."""
 
     tip_radius: Annotated[float, read_positive("length", or_zero=True)] = (
         0.0  # of `PredictionGrid.tip_radii` [m]
@@ -77,7 +80,7 @@ class SettingTolerances(Table):
 
 
 class PredictionGrid(Table):
-    """Conditions under which each stimulus is predicted: every combination of tip, load and friction."""
+    """Conditions of the prediction: every combination of tip, load and friction."""
 
     tip_radii: Lengths = ()  # R [m]
     normal_loads: Annotated[tuple[_Newtons, ...], _SOME] = (PAPER.normal_load,)  # F_py [N]
@@ -93,7 +96,7 @@ class PredictionGrid(Table):
         return Tool(**dict(self.tool), frequency_deviation=self.tolerances.frequency, limits=limits)
 
     def first_point(self, **other: Any) -> OperatingPoint:
-        """Return the first of the conditions, but for what is other in it; a set of tips alone names no tip radius."""
+        """Return the first of the conditions; keywords replace fields of it."""
         ball = next(iter(self.tip_radii), PAPER.ball_radius)
         return replace(
             OperatingPoint(ball, self.normal_loads[0], self.frictions[0], self.as_tool()), **other
@@ -101,7 +104,7 @@ class PredictionGrid(Table):
 
 
 class Gum(Table):
-    """Gum beside the margin: a soft wall, Kelvin and Voigt's, that the flank of the tool presses in and rubs along."""
+    """Gum beside the margin: a Kelvin-Voigt wall that the flank of the tool presses."""
 
     indentation: Annotated[float, read_positive("length")] = (
         0.2e-3  # by the tool; a gentle touch, assumed [m]
@@ -134,7 +137,7 @@ class Gum(Table):
 
 
 class OrderSpec(Table):
-    """What title blocks and certificates say of the order; what is left out stays blank for a hand to fill in."""
+    """The order, as title blocks and certificates state it; a field left out stays blank."""
 
     author: Said = ""
     date: Annotated[str, Field(pattern=r"^(\d{4}-[01]\d-[0-3]\d)?$")] = ""  # of the drawings
@@ -143,7 +146,10 @@ class OrderSpec(Table):
 
 
 class ProbeSpec(Table):
-    """The probe as a clamped rod with a mass at its tip; its free length follows from the stiffness, the mass from the frequency."""
+    """The probe as a clamped rod with a mass at its tip.
+
+    Its free length follows from the stiffness, the mass from the frequency.
+    """
 
     stiffness: Annotated[Sourced, read_sourced("stiffness")]  # of the tip along the drag
     frequency: Annotated[Sourced, read_sourced("frequency")]  # at which it rings

@@ -1,4 +1,4 @@
-"""What stanzas are made of beside dimensions: tables, names, values with their source, materials, demands on working faces."""
+"""What stanzas are made of: tables, names, sourced values, materials, face demands."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,7 +15,10 @@ Identity = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_le
 
 
 def rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
-    """Make of a check of a whole table, which yields what is broken (nothing or ``""`` where all holds), a validator."""
+    """Make a validator of a check of a whole table.
+
+    The check yields broken rules; nothing or ``""`` where all hold.
+    """
 
     def checked(self: Any) -> Any:
         if broken := [text for text in check(self) if text]:
@@ -26,7 +29,7 @@ def rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
 
 
 def check_rule(holds: bool, field: str, rule: str, limit: float, value: float) -> str:
-    """Say which rule a length breaks, naming field, rule, limit and value; ``""`` where it holds."""
+    """Return the message of a rule that a length breaks; ``""`` where it holds."""
     least, got = format_quantity(limit, "length"), format_quantity(value, "length")
     return "" if holds else f"{field} must {rule} ({least}), got {got}"
 
@@ -51,7 +54,10 @@ def read_positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
 def declare_default(
     nominal: Any = ..., tolerance: str = "", *, otherwise: str = "", source: str = ""
 ) -> Any:
-    """Declare what stands for a field that is left out, and `otherwise` a tolerance where neither file nor ISO 2768-1 has one."""
+    """Declare the default of a field.
+
+    `otherwise` is its tolerance where neither the file nor ISO 2768-1 has one.
+    """
     more: dict[str, Any] = {"otherwise": otherwise} if otherwise else {}
     beside = {"tolerance": tolerance, "source": source, **more}
     told = {"nominal": nominal, **{name: text for name, text in beside.items() if text}}
@@ -76,7 +82,7 @@ class Table(BaseModel):
                 given[name] = {**more, **one} if isinstance(one, dict) else {"nominal": one, **more}
         return given
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Write it out in full for JSON, with the unit in the name of every field."""
         stated = {name: value for name, value in self if value is not None}
         return {
@@ -95,13 +101,16 @@ class Table(BaseModel):
 
 @dataclass(frozen=True)
 class Sourced:
-    """A positive value that must say where it comes from: ``{ value = "1410 kg/m^3", source = "..." }``."""
+    """A positive value with its source.
+
+    In a file: ``{ value = "1410 kg/m^3", source = "..." }``.
+    """
 
     value: float  # in the SI unit of `quantity`
     quantity: str  # one of `stepblocks.quantities.DIMENSIONS`
     source: str  # never empty
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Return plain values for JSON, the unit in the name."""
         unit = DIMENSIONS[self.quantity].replace("**", "").replace("/", "_per_").lower()
         return {f"value_{unit}" if unit else "value": self.value, "source": self.source}
@@ -134,9 +143,9 @@ class Material(Table):
     designation: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[ -&(-~]+$")]
     density: Annotated[Sourced, read_sourced("density")]
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Return plain values for JSON, the unit in the name."""
-        told: dict[str, Any] = {}
+        told: dict[str, object] = {}
         named = {
             "density": ("density_kg_m3", "source"),
             "modulus": ("modulus_pa", "modulus_source"),
@@ -206,7 +215,7 @@ FaceDemands: TypeAlias = dict[
 
 
 def complete_face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
-    """Fill up what a file leaves open from the tolerance band [m] of the height, and mark it as usual."""
+    """Complete the demands on faces from the tolerance band [m] of the height."""
     rough = max(round(band * 1e6 / 20.0, 2), 0.05) / 1e6
     widths = {"flatness": 0.25 * band, "parallelism": 0.5 * band, "roughness": rough}
     zones = {name: Dimension(0.0, width, 0.0, usual=True) for name, width in widths.items()}

@@ -1,10 +1,10 @@
-"""The vibration energy within a share of its nominal, in place of dimensional tolerances: what a file asks, what follows."""
+"""A tolerance of the vibration energy in place of dimensional tolerances."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, TypeAlias
 
 from pydantic import BeforeValidator
 
@@ -43,7 +43,7 @@ class EnergyTolerance(Table):
     friction: Ratio = 0.0  # of mu, spent before the block's share [1]
     normal_load: Ratio = 0.0  # as a share of the load, spent likewise [1]
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Write it out in full for JSON."""
         told = {
             "within": self.within,
@@ -62,7 +62,7 @@ class EnergyBudget(EnergyTolerance):
     worst_high: float
     conditions: int  # combinations of tip, step and friction in which the energy is kept
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Write it out in full for JSON."""
         tips = [{"ball_radius_m": tip.nominal, "deviation_m": tip.upper} for tip in self.tips]
         found = {name: getattr(self, name) for name in ("worst_low", "worst_high", "conditions")}
@@ -79,7 +79,7 @@ EnergyToleranceField = Annotated[EnergyTolerance, _TABLE]
 def check_energy_tolerance(
     energy: EnergyTolerance | None, named: dict[str, Dimension], tip_is_free: bool
 ) -> str:
-    """Say that a dimension is toleranced by an energy that is not given, or an energy tolerances nothing; else ``""``."""
+    """Return what an energy tolerance lacks, or what it leaves without use; else ``""``."""
     left = [name for name, dimension in named.items() if dimension.by_energy]
     if left and energy is None:
         return f"energy_tolerance must be given where {left[0]} has tolerance = 'by energy'"
@@ -100,7 +100,7 @@ def describe_energy_tolerance(energy: EnergyTolerance | None) -> list[list[str]]
 
 
 def resolve_energy_tolerance(part: Part, grid: PredictionGrid, set_name: str) -> Part:
-    """Work out the tolerances of a part that follow from an energy; the part itself where none does."""
+    """Work out the tolerances of a part that follow from an energy, if any."""
     energy: EnergyTolerance | None = getattr(part, "energy_tolerance", None)
     if energy is None or isinstance(energy, EnergyBudget):
         return part

@@ -35,6 +35,7 @@ class Finding(NamedTuple):
     relative: bool = False
 
 
+Manifold: TypeAlias = Any  # a solid of manifold3d [mm]
 MeasuredMesh: TypeAlias = (
     Any  # a mesh read back from disk: `stepblocks.artefacts.meshes.measures.MeshMeasures`
 )
@@ -72,28 +73,36 @@ class Part(Table, ABC):
         return stanzas
 
     @classmethod
-    def expand_stanza(cls, stanza: Mapping[str, Any], folder: Path) -> Iterable[Mapping[str, Any]]:
-        """Follow what a stanza names in the folder of its file; the stanza may then stand for several parts."""
+    def expand_stanza(
+        cls, stanza: Mapping[str, object], folder: Path
+    ) -> Iterable[Mapping[str, object]]:
+        """Read what a stanza names in the folder of its file; it may give several parts."""
         return [stanza]
 
     # what is felt
 
     @property
     def sizes(self) -> dict[str, Dimension]:
-        """Dimensions on which the counterface depends, by its names for them; those that the file leaves out are missing."""
+        """Dimensions on which the counterface depends; those that are left out are missing."""
         named = {name: getattr(self, field) for name, field in self.felt_by.items()}
         return {name: one for name, one in named.items() if one is not None}
 
     @abstractmethod
     def make_counterface(self, **sizes: float) -> Counterface:
-        """Counterface at other values of the `sizes` [m]; within tolerances these may fall below zero."""
+        """Make the counterface at other `sizes` [m]; tolerances may take them below zero."""
 
     def counterface(self, step_height: float | None = None) -> Counterface:
-        """Surface across the drag at nominal size; what is held or worn needs the height of the step under it [m]."""
+        """Make the surface across the drag at nominal size.
+
+        What is held or worn needs the height of the step under it [m].
+        """
         return self.make_counterface(**{name: one.nominal for name, one in self.sizes.items()})
 
     def corners(self, step_height: float | None = None) -> Iterator[Counterface]:
-        """Counterface at nominal size, then at every corner of its tolerances; what has no sizes meets a step that is known."""
+        """Yield the counterface at nominal size, then at every corner of its tolerances.
+
+        What has no sizes meets a step that is known.
+        """
         yield self.counterface(step_height)
         for values in product(*(one.limits for one in self.sizes.values())) if self.sizes else ():
             yield self.make_counterface(**dict(zip(self.sizes, values, strict=True)))
@@ -109,7 +118,7 @@ class Part(Table, ABC):
 
     @property
     def turn_radius(self) -> float | None:
-        """Radius at the working edge of a surface that is turned about the drag [m]; None where it is straight along y."""
+        """Radius of a surface that is turned about the drag [m]; None where it is straight."""
         return None
 
     @property
@@ -138,7 +147,7 @@ class Part(Table, ABC):
         return 0.0
 
     @abstractmethod
-    def hulls(self) -> list[Any]:
+    def hulls(self) -> list[Manifold]:
         """Convex pieces that fill it without overlapping, as manifolds [mm]."""
 
     def chordal_error(self, face: cad.door.Face) -> float:
@@ -171,17 +180,17 @@ class Part(Table, ABC):
         """Figures that follow from what is declared, for people."""
         return []
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Write it out in full for JSON."""
         return {"kind": self.kind_name, **super().record()}
 
-    def lacks(self, conditions: Mapping[str, Any]) -> Iterator[str]:
+    def lacks(self, conditions: Mapping[str, object]) -> Iterator[str]:
         """Say what a set lacks that it needs; `conditions` are the set's own fields."""
         yield from ()
 
 
 class HeldPart(Part):
-    """A tip, or what is worn by its shank: it is felt at sharp steps, whose heights the conditions say."""
+    """A tip or a sheath; it is dragged over sharp steps of the heights of the conditions."""
 
     crossed: ClassVar[bool] = False
 

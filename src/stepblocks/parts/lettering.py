@@ -1,4 +1,4 @@
-"""Outlines of the engraved identity, from the typeface that matplotlib ships, so that every machine cuts the same letters."""
+"""Outlines of the engraved identity, from the typeface that matplotlib ships."""
 
 import math
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""The margin line of a scanned tooth or crown: stations along it, and how tooth and crown run on from it on either side."""
+"""The margin line of a scanned tooth or crown, and stations along it."""
 
 import math
 from collections.abc import Sequence
@@ -30,8 +30,11 @@ def stations_in(
     count: int,
     towards: Sequence[float],
     shows: str,
-) -> dict[str, Any]:
-    """Measure `count` sections across a margin, each x, y, z, curvature, slope, curvature and scatter [SI]; in a confined process."""
+) -> dict[str, object]:
+    """Measure `count` sections across a margin, in a confined process.
+
+    Each has x, y, z, curvature, slope, curvature and scatter [SI].
+    """
     # a scan errs by more than a gap: only slope and curvature of either side are taken from it, by
     # least squares
     import trimesh
@@ -119,7 +122,7 @@ def _read_closed_line(points: Array, path: Path) -> Any:
 def _cut_section(
     mesh: Any, near: NDArray[np.int64], place: Array, along: Array, middle: Array, draw: Array
 ) -> Array:
-    """Outermost points (x to the crown, z out of the tooth) of the section across the margin, shape (n, 2)."""
+    """Find the outermost points (x to the crown, z outwards) of a section, shape (n, 2)."""
     import trimesh
 
     outward = np.cross(along, draw)
@@ -140,7 +143,7 @@ def _cut_section(
 
 
 def _find_sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
-    """Name of the side that is not there, if any; curvature of the tooth, slope and curvature of the crown, scatter."""
+    """Find the missing side, if any; curvature of the tooth, slope of the crown, scatter."""
     # sections share their shape, each at a level of its own, in a frame turned until the tooth, or
     # else the crown, is level
     points, which = (

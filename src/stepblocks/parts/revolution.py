@@ -1,4 +1,4 @@
-"""Bodies of revolution by their half sections: what the solids turn, the pieces approach and the volumes integrate."""
+"""Bodies of revolution by their half sections."""
 
 import itertools
 import math
@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from stepblocks import cad
-from stepblocks.parts.kind import CONTACT_DEFLECTION, Part
+from stepblocks.parts.kind import CONTACT_DEFLECTION, Manifold, Part
 from stepblocks.parts.shapes import make_hull
 
 Point = tuple[float, float]
@@ -40,7 +40,7 @@ class Turned(Part):
 
 
 def compute_revolution_volume(outline: Outline) -> float:
-    """Volume within a turned outline [m^3]: contour integral of pi r^2 dz over its lines and arcs."""
+    """Compute the volume of a turned outline [m^3]: contour integral of pi r^2 dz."""
     total, around = 0.0, list[Any]([*outline, outline[0]])
     here = around[0]
     for item in around[1:]:
@@ -55,7 +55,7 @@ def compute_revolution_volume(outline: Outline) -> float:
 
 
 def _integrate_arc(start: Point, middle: Point, end: Point) -> float:
-    """Integrate r^2 dz with r = c + rho cos t, dz = rho cos t dt from one end of the arc to the other."""
+    """Integrate r^2 dz along an arc, with r = c + rho cos t and dz = rho cos t dt."""
     squares = [p[0] ** 2 + p[1] ** 2 - start[0] ** 2 - start[1] ** 2 for p in (middle, end)]
     (c, _), rho, first, last = _find_circle(start, middle, end, squares)
 
@@ -70,7 +70,10 @@ def _integrate_arc(start: Point, middle: Point, end: Point) -> float:
 def _find_circle(
     start: Point, middle: Point, end: Point, squares: list[float]
 ) -> tuple[Point, float, float, float]:
-    """Centre, radius, first and last angle of an arc; `squares`: by how much middle and end lie further from the origin [m^2]."""
+    """Find centre, radius, first and last angle of an arc.
+
+    `squares`: by how much middle and end lie further from the origin [m^2].
+    """
     # by Cramer's rule: a library's solver gives other last bits on another processor
     (a, b), (c, d) = ((2.0 * (p[0] - start[0]), 2.0 * (p[1] - start[1])) for p in (middle, end))
     double = a * d - b * c
@@ -111,7 +114,7 @@ def list_ring_points(radius: float, height: float) -> list[Point3]:
     return [(radius * math.cos(a), radius * math.sin(a), height) for a in angles]
 
 
-def make_turned_hull(outline: Outline) -> Any:
+def make_turned_hull(outline: Outline) -> Manifold:
     """Turn a convex outline."""
     return make_hull(
         point
@@ -120,7 +123,7 @@ def make_turned_hull(outline: Outline) -> Any:
     )
 
 
-def make_frusta(outline: Outline) -> list[Any]:
+def make_frusta(outline: Outline) -> list[Manifold]:
     """Frusta of a solid of revolution whose radius is a function of height."""
     points = [(r, z) for r, z in list_outline_points(outline, 5e-6) if r > 0.0]
     return [
@@ -130,7 +133,7 @@ def make_frusta(outline: Outline) -> list[Any]:
     ]
 
 
-def make_sectors(cell: Sequence[Point]) -> list[Any]:
+def make_sectors(cell: Sequence[Point]) -> list[Manifold]:
     """Turn a convex cell of the half section into sectors."""
     turns = itertools.pairwise(2.0 * math.pi * sector / SECTORS for sector in range(SECTORS + 1))
     return [

@@ -1,4 +1,4 @@
-"""One stanza that stands for many: values from, to and by step, or listed, in any of its dimensions."""
+"""Series: one stanza that stands for many, with values from, to and by step, or listed."""
 
 import copy
 import itertools
@@ -20,9 +20,9 @@ _PLACEHOLDER = re.compile(
 _UNITS = {"um": 1e6, "nm": 1e9, "mm": 1e3, "deg": 57.29577951308232}
 
 
-def merge_tables(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict[str, Any]:
+def merge_tables(defaults: Mapping[str, object], stanza: Mapping[str, object]) -> dict[str, object]:
     """Lay a stanza over the defaults of its kind, table by table."""
-    result: dict[str, Any] = copy.deepcopy(dict(defaults))
+    result: dict[str, object] = copy.deepcopy(dict(defaults))
     for key, value in stanza.items():
         # both must be tables, and neither of them a dimension
         tables = [
@@ -34,16 +34,16 @@ def merge_tables(defaults: Mapping[str, Any], stanza: Mapping[str, Any]) -> dict
     return result
 
 
-def expand_series(stanza: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def expand_series(stanza: Mapping[str, object]) -> Iterator[dict[str, object]]:
     """Expand the series in a stanza, every combination of them."""
     series = {path: _read_values(path, table) for path, table in _find_series(stanza, ())}
     count = math.prod(map(len, series.values()))
     if count > MAX_SERIES:
         raise ValueError(f"a series must have at most {MAX_SERIES} members, got {count}")
     for combination in itertools.product(*series.values()):
-        one: dict[str, Any] = copy.deepcopy(dict(stanza))
+        one: dict[str, object] = copy.deepcopy(dict(stanza))
         for path, nominal in zip(series, combination, strict=True):
-            table = one
+            table: dict[str, Any] = one
             for key in path[:-1]:
                 table = table[key]
             kept = {key: value for key, value in table[path[-1]].items() if key in _BESIDE}
@@ -53,8 +53,8 @@ def expand_series(stanza: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _find_series(
-    table: Mapping[str, Any], path: tuple[str, ...]
-) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+    table: Mapping[str, object], path: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], dict[str, object]]]:
     for key, value in table.items():
         if isinstance(value, dict):
             if "from" in value or "values" in value:
@@ -63,7 +63,7 @@ def _find_series(
                 yield from _find_series(value, (*path, key))
 
 
-def _read_values(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
+def _read_values(path: tuple[str, ...], table: Mapping[str, object]) -> list[str]:
     name = ".".join(path)
     unknown = set(table) - {"from", "to", "step", "values", *_BESIDE}
     if unknown:
@@ -117,7 +117,7 @@ def _find_quantity(text: object) -> str:
     return "angle"
 
 
-def _fill_identity(stanza: Mapping[str, Any]) -> object:
+def _fill_identity(stanza: Mapping[str, object]) -> object:
     template = stanza.get("id")
     if not isinstance(template, str):
         return template

@@ -75,7 +75,7 @@ def register_kind(kind: type[Part]) -> Iterator[None]:
 
 
 class StimulusSet(Table):
-    """Everything one stimulus file declares; ``stimuli.step_block`` holds its step blocks, and so on by stanza."""
+    """Everything one stimulus file declares."""
 
     name: Identity  # of the set and of its file
     title: Annotated[str, Field(min_length=1, max_length=200)]  # for the page: what it is
@@ -97,12 +97,12 @@ class StimulusSet(Table):
         return self.model_copy(update={"stimuli": tuple(parts)})
 
     def ring_of(self, part: Part) -> RodRing | None:
-        """Return how the probe rings with a part on its shank; None where the part is not worn or there is no probe."""
+        """Predict how the probe rings with a part on its shank; None where it wears none."""
         sleeve = part.sleeve
         return None if sleeve is None or self.probe is None else self.probe.ring(sleeve)
 
     def grid_of(self, part: Part) -> PredictionGrid:
-        """Return the conditions of a part; of a sheath with the stiffness of the probe that wears it."""
+        """Return the conditions of a part; a sheath changes the stiffness of the probe."""
         ring = self.ring_of(part)
         if ring is None:
             return self.prediction
@@ -117,7 +117,10 @@ class StimulusSet(Table):
         if not all(part.crossed for part in self.stimuli) and not self.prediction.step_heights:
             yield "prediction.step_heights must be given for a set with tips or sheaths, got none"
         if any(part.ball is None for part in self.stimuli) and not self.prediction.tip_radii:
-            yield "prediction.tip_radii must be given for a set with blocks, crowns or sheaths, got none"
+            yield (
+                "prediction.tip_radii must be given for a set with blocks, crowns or sheaths, "
+                "got none"
+            )
         given = {"probe": self.probe, "damping_rig": self.damping_rig}
         yield next((line for part in self.stimuli for line in part.lacks(given)), "")
         if not self.stimuli:
@@ -125,7 +128,7 @@ class StimulusSet(Table):
 
 
 def make_file_model() -> type[Table]:
-    """Model of a file: the fields of a set, and a list of tables for each kind under the name of its stanza."""
+    """Make the model of a file: the fields of a set, and a list of tables for each kind."""
     fields: dict[str, Any] = {
         name: (field.annotation, field) for name, field in StimulusSet.model_fields.items()
     }
@@ -135,7 +138,7 @@ def make_file_model() -> type[Table]:
     return create_model("StimulusFile", __base__=Table, **fields)
 
 
-def validate_set(declared: Mapping[str, Any]) -> StimulusSet:
+def validate_set(declared: Mapping[str, object]) -> StimulusSet:
     """Validate what a file declares; tips and steps that it leaves out are those of the paper."""
     values = dict(make_file_model().model_validate(declared))
     parts = tuple(part for stanza in list_kinds() for part in values.pop(stanza))

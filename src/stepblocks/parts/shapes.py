@@ -3,14 +3,13 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks import cad
 from stepblocks.errors import HapticsError
-from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Part
+from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Manifold, Part
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,9 @@ def build_solids(part: Part) -> list[tuple[str, cad.door.Body]]:
 
 
 def build_convex_pieces(part: Part) -> list[Mesh]:
-    """Cut a part into convex pieces, for simulators that turn one concave mesh into its hull and a step into a ramp.
+    """Cut a part into convex pieces for simulators.
+
+    Simulators turn one concave mesh into its hull, and a step into a ramp.
 
     Pieces describe what a probe can touch: fixing holes and engraving are left out. They fill the
     part without overlapping.
@@ -106,7 +107,7 @@ def compute_enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np
 def _lift_vertices(
     raw: cad.door.Tessellation, deflection: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
-    """Lift the vertices of coarse curved faces along their normals until the mesh encloses `volume`."""
+    """Lift vertices of coarse curved faces until the mesh encloses `volume`."""
     # chords cut corners: a mesh inscribed in a hole of 2.5 mm at 10 um is 1e-4 of a block too heavy
     curved = np.array([face.kind != "PLANE" for face in raw.faces])
     finest = deflection.min()
@@ -166,22 +167,22 @@ def require_manifold(mesh: Mesh) -> None:
         raise HapticsError(f"the mesh of {mesh.name} must be wound outwards, got an inward winding")
 
 
-def make_hull(points: Iterable[Sequence[float]]) -> Any:
+def make_hull(points: Iterable[Sequence[float]]) -> Manifold:
     """Convex hull of points [m] as a manifold [mm]."""
     import manifold3d
 
     return manifold3d.Manifold.hull_points(np.asarray(list(points)) * 1e3)
 
 
-def split_solid(solid: Any, axis: str, position: float) -> tuple[Any, Any]:
+def split_solid(solid: Manifold, axis: str, position: float) -> tuple[Manifold, Manifold]:
     """Split a manifold at a plane [m] square to an axis; the part below it comes first."""
     normal = tuple(1.0 if name == axis else 0.0 for name in "xyz")
     above, below = solid.split_by_plane(normal, position * 1e3)
     return below, above
 
 
-def _sort_mesh(name: str, piece: Any) -> Mesh:
-    """Put vertices and triangles in ascending order: the hull's own order varies with its threads."""
+def _sort_mesh(name: str, piece: Manifold) -> Mesh:
+    """Sort vertices and triangles: the order of the hull varies with its threads."""
     mesh = piece.to_mesh64()
     vertices, index = np.unique(
         np.asarray(mesh.vert_properties)[:, :3], axis=0, return_inverse=True

@@ -3,7 +3,7 @@
 import math
 import re
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BeforeValidator
 
@@ -79,7 +79,7 @@ class Dimension:
         """Lower and upper limit of the dimension itself [m or rad]."""
         return self.nominal + self.lower, self.nominal + self.upper
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Return plain values for JSON, the unit in the names."""
         unit = "rad" if self.quantity == "angle" else "m"
         values = {
@@ -93,7 +93,7 @@ class Dimension:
             "default": self.usual,
             "stated": True,
         }
-        told: dict[str, Any] = {f"{name}_{unit}": value for name, value in values.items()}
+        told: dict[str, object] = {f"{name}_{unit}": value for name, value in values.items()}
         told["tolerance"] = next(origin for origin, holds in origins.items() if holds)
         return {**told, "source": self.source} if self.source else told
 
@@ -112,7 +112,7 @@ class Dimension:
 
 
 def find_general_deviation(nominal: float) -> float | None:
-    """Permissible deviation of an untoleranced length [m], ISO 2768-m; None below 0.5 mm and above 400 mm."""
+    """Find the deviation of ISO 2768-m for a length [m]; None below 0.5 mm, above 400 mm."""
     return next((deviation for high, deviation in _LINEAR if 0.5e-3 <= nominal <= high), None)
 
 
@@ -141,7 +141,7 @@ def _read_deviations(raw: object, quantity: str) -> tuple[float, float]:
 
 
 def _read_dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
-    table: dict[str, Any] = raw if isinstance(raw, dict) else {"nominal": raw}
+    table: dict[str, object] = raw if isinstance(raw, dict) else {"nominal": raw}
     if isinstance(given := table.get("nominal"), Dimension):
         return given
     unknown = set(table) - {"nominal", "tolerance", "otherwise", "source"}
@@ -176,7 +176,10 @@ def _read_dimension(raw: object, quantity: str, felt: bool = False) -> Dimension
 def _make_validator(
     quantity: str, rule: str = "", *, above: bool = False, felt: bool = False
 ) -> BeforeValidator:
-    """Make a validator of a dimension; where a rule is given, it must be at least, or above, 0; an angle below 180 degrees."""
+    """Make a validator of a dimension.
+
+    With a rule it must be at least, or above, 0; an angle is below 180 degrees.
+    """
     least = 0.0 if rule else -math.inf
 
     def read(raw: object) -> Dimension:

@@ -1,4 +1,4 @@
-"""Views of the bench blocks and of the block from gauge blocks: front, top, and the details in which microns can be seen."""
+"""Views of bench blocks and of the gauge-block variant, with enlarged details."""
 
 import math
 
@@ -264,7 +264,7 @@ def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
 
 
 def draw_gauge_sheet(block: StepBlock, pair: GaugePair, ordered: dict[str, str]) -> Sheet:
-    """Draw the two-piece block: base, two gauge blocks wrung onto it, and the step that is their difference."""
+    """Draw the gauge-block variant: base, two gauge blocks, and the step between them."""
     height = block.height
     sheet = Sheet([make_characteristic("step_height", "distance", height)])
     deviation, variation = GRADES[pair.grade]
@@ -282,7 +282,8 @@ worst case ±{pair.worst * 1e6:.2f} um, 95 % within ±{pair.expected * 1e6:.2f} 
 permitted: {sheet.limits("step_height")} mm
 
 Wring parts 2 and 3 side by side, long sides together, edges of the upper one not broken.
-The chamfer of a gauge block (0.1 to 0.3 mm) lies at the working edge: order part 3 without it, or lap it off."""
+A gauge block has a chamfer (0.1 to 0.3 mm) at the working edge:
+order part 3 without it, or lap it off."""
     lines = text.splitlines()
     rows = {
         "identity": f"{block.id.upper()}-GAUGE",
@@ -318,7 +319,7 @@ def _draw_gauge_edge(sheet: Sheet, block: StepBlock, pair: GaugePair, room: floa
 
 
 def _draw_gauge_section(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) -> None:
-    """Draw base and blocks as large as they fit, what each is called on the left, apart whatever their thickness."""
+    """Draw base and blocks as large as they fit, with labels on the left."""
     thick = block.body.thickness.nominal * 1e3
     across, tall = 2e3 * SECTION[1] + 10.0, thick + pair.upper * 1e3
     s = max(

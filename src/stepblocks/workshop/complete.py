@@ -1,4 +1,4 @@
-"""Whether a workshop can make a part without asking: every dimension stands on the drawing, in the STEP file, on the sheet."""
+"""Check that every dimension stands on the drawing, in the STEP file, on the sheet."""
 
 import csv
 from collections import Counter
@@ -19,7 +19,7 @@ _SAME = 1e-9  # between a value read back and the one asked for [m or rad]
 def find_missing(
     part: Part, drawing: Path | None = None, step: Path | None = None, sheet: Path | None = None
 ) -> list[str]:
-    """Say what is missing, wrong or there twice, a line each; a file that is left out is not looked at."""
+    """List what is missing, wrong or there twice; a file that is left out is not read."""
     # each file is read by another library than wrote it; a characteristic that states nothing
     # follows from others
     listed = list(part.characteristics())
@@ -77,7 +77,7 @@ def _format_requirement(one: Characteristic) -> str:
 
 
 def _entity_says(entity: Any, one: Characteristic) -> bool:
-    """Compare a dimension by what it measures at its scale and by its deviations, any other text by its words."""
+    """Tell whether a dimension measures, or a text says, what a characteristic states."""
     if entity.dxftype() != "DIMENSION":
         return _format_requirement(one) in entity.dxf.text
     style = entity.override()
@@ -115,6 +115,7 @@ def _find_missing_on_sheet(path: Path, part: Part) -> Iterator[str]:
             says = text and abs(float(text) / scale - one.nominal - value) <= 1e-7
             if not says and (one.kind not in FORM or column == "upper"):
                 limit = (one.nominal + value) * scale
-                yield f"{number}  {one.label} must have the {column} limit {limit:.6g}, got {text!r}"
+                rule = f"must have the {column} limit {limit:.6g}, got {text!r}"
+                yield f"{number}  {one.label} {rule}"
     if len(rows) > number:
         yield f"{len(rows) - number} lines were not asked for"

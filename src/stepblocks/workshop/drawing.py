@@ -95,7 +95,10 @@ def draw_machined_views(
 
 
 def _is_covered(one: Box, boxes: tuple[Box, ...], axes: tuple[int, int], out: str) -> bool:
-    """Tell whether another box stands before it: the top is seen from above, the others from the front and from the left."""
+    """Tell whether another box hides this one.
+
+    The top is seen from above, the other views from the front and from the left.
+    """
     w = "xyz".index(out)
     before = [
         each
@@ -228,7 +231,7 @@ def _write_all(
 
 @contextmanager
 def _pin_ezdxf() -> Iterator[None]:
-    """Let ezdxf write no time and no random identifier, and see only the fonts that matplotlib carries."""
+    """Let ezdxf write no time and no random identifier, and use matplotlib's fonts only."""
     import ezdxf
     from ezdxf.fonts import fonts
 
@@ -251,7 +254,7 @@ def _pin_ezdxf() -> Iterator[None]:
 
 
 @cache
-def _load_fonts() -> tuple[Any, dict[str, Any]]:
+def _load_fonts() -> tuple[Any, dict[str, object]]:
     import matplotlib as mpl
     from ezdxf.fonts.font_manager import FontManager
 

@@ -1,4 +1,7 @@
-"""A step that is the difference of two gauge blocks: the route where no micrometre can be held over a face in one piece."""
+"""A step that is the difference of two gauge blocks.
+
+It is the route where one piece cannot hold the height.
+"""
 
 import math
 from dataclasses import dataclass
@@ -63,7 +66,10 @@ def choose_pair(height: float, grade: str = "0") -> GaugePair:
 
 
 def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
-    """Write base and gauge blocks as a STEP file of three parts; edge and lower face lie as in the one-piece block."""
+    """Write base and gauge blocks as a STEP file of three parts.
+
+    Edge and lower face lie as in the one-piece block.
+    """
     long, wide = SECTION
     rim, floor, half = 5e-3, -pair.lower, 0.5 * long
     base = (

@@ -1,4 +1,4 @@
-"""A kit of the apparatus: every part as STEP, drawing and printable mesh, the assembly moved through its travel, bill and loads."""
+"""A kit of the apparatus: STEP, drawings, printable meshes, assembly, bill, loads."""
 
 import itertools
 import math
@@ -35,7 +35,7 @@ _SCREWS = (
 
 
 def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> tuple[list[Path], list[str]]:
-    """Write everything of a kit; return the files, and what is wrong: parts in the way, dimensions that would be asked for."""
+    """Write everything of a kit; return the files, and a list of what is wrong."""
     parts = kit.parts()
     bodies = {part.id: part.solids()[0] for part in parts}
     written: list[Path] = []
@@ -72,7 +72,7 @@ def _write_part(
 
 
 def find_interferences(kit: Apparatus, bodies: Mapping[str, cad.door.Body]) -> Iterator[str]:
-    """Name every pair of parts that share volume, all of them in the middle of the travel and what moves past what does not."""
+    """Name every pair of parts that share volume, over the whole travel."""
     parts, half = kit.parts(), 0.5 * kit.travel.nominal
     pairs = [(a, b, 0.0) for a, b in itertools.combinations(parts, 2)]
     for index in range(POSITIONS):
@@ -81,7 +81,8 @@ def find_interferences(kit: Apparatus, bodies: Mapping[str, cad.door.Body]) -> I
     for a, b, x in pairs:
         volume = cad.kernel.compute_common_volume(bodies[a.id], bodies[b.id], (x, 0.0, 0.0))
         if volume > _TOUCHING:
-            yield f"{a.id} and {b.id} share {volume * 1e9:.4g} mm3 where the tip is at {x * 1e3:+.2f} mm"
+            where = f"where the tip is at {x * 1e3:+.2f} mm"
+            yield f"{a.id} and {b.id} share {volume * 1e9:.4g} mm3 {where}"
 
 
 def _write_tables(folder: Path, kit: Apparatus, parts: Sequence[Machined]) -> list[Path]:
@@ -141,7 +142,7 @@ class Load:
 
 
 def compute_flexure(kit: Apparatus) -> dict[str, float]:
-    """Stiffness of the two leaves along the drag, and output of the full bridge over its supply for a newton."""
+    """Compute the stiffness of the two leaves, and the output of the bridge for a newton."""
     leaf = kit.flexure
     length, width, thick = (one.nominal for one in (leaf.length, leaf.width, leaf.thickness))
     # clamped at both ends, which stay parallel: twice 12 E I / L^3 (Euler and Bernoulli), less the
@@ -156,7 +157,10 @@ def compute_flexure(kit: Apparatus) -> dict[str, float]:
 
 
 def compute_normal_load(kit: Apparatus, mass: float) -> Load:
-    """Force of a weight [kg] over the tip on a level block: the arm is balanced, so it is the weight's alone."""
+    """Compute the force of a weight [kg] over the tip on a level block.
+
+    The arm is balanced, so the force is that of the weight alone.
+    """
     # tolerances count as rectangular, and so does the friction of the pivot, whose sign is that of
     # the last movement
     gravity, carried = kit.gravity.value, [one for one in kit.parts(mass) if one.id in ON_THE_PIVOT]

@@ -1,10 +1,10 @@
-"""Masks of etched steps: one GDSII layer for each etch, with depth monitors, alignment marks and labels."""
+"""Masks of etched steps: a GDSII layer for each etch, with monitors, marks and labels."""
 
 import math
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import pandas as pd
 import shapely
@@ -22,8 +22,8 @@ STREET = 500.0  # between blocks, where they are cut apart
 # Microfabrication, p. 204)
 MONITORS = (12.0, 40.0, 80.0, 500.0)
 _PINNED = datetime(2000, 1, 1)  # a GDSII header has no zone; equal stimuli give equal bytes
-_MITRED: dict[str, Any] = {"join_style": "mitre", "mitre_limit": 50.0}
-Shape = Any  # a polygon of shapely, or several
+_MITRED: dict[str, object] = {"join_style": "mitre", "mitre_limit": 50.0}
+Shape: TypeAlias = Any  # a polygon of shapely, or several
 
 
 def plan_etches(heights: Sequence[float]) -> dict[float, list[int]]:
@@ -47,7 +47,10 @@ def plan_etches(heights: Sequence[float]) -> dict[float, list[int]]:
 
 
 def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], list[str]]:
-    """Write the masks of blocks and a table of their etches; return both files, and which design rules are broken."""
+    """Write the masks of blocks and a table of their etches.
+
+    Returns both files, and the design rules that are broken.
+    """
     import gdstk
 
     library = gdstk.Library("STEPBLOCKS", unit=1e-6, precision=1e-9)
@@ -92,7 +95,10 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> tuple[list[Path], li
 
 
 def find_rule_faults(shapes: Shape) -> Iterator[str]:
-    """Say where what is open, or what stays between, is narrower than the least width: it vanishes when it is shrunk and grown."""
+    """Find openings, or gaps between them, that are narrower than the least width.
+
+    They vanish when the shape is shrunk and grown.
+    """
     half = 0.5 * LEAST - GRID
     for what, way in (("open", -half), ("kept", half)):
         there_and_back = shapely.buffer(shapely.buffer(shapes, way, **_MITRED), -way, **_MITRED)
@@ -104,11 +110,15 @@ def find_rule_faults(shapes: Shape) -> Iterator[str]:
         for part in getattr(lost, "geoms", [lost]):
             if part.area > 1.0:  # less is the rounding of slanted edges to the grid
                 x, y = part.centroid.coords[0]
-                yield f"what is {what} must be at least {LEAST:g} um wide, got less at ({x:.1f}, {y:.1f}) um"
+                where = f"got less at ({x:.1f}, {y:.1f}) um"
+                yield f"what is {what} must be at least {LEAST:g} um wide, {where}"
 
 
 def _outline_opening(block: StepBlock, place: tuple[float, float], named: bool) -> Shape:
-    """Open what is etched of a block: its lower side with the street, and the groove; a ridge stays; its name where it is first."""
+    """Outline what is etched of a block: its lower side with the street, and the groove.
+
+    A ridge stays; the name is etched where the block comes first.
+    """
     half, side, feature = (
         0.5e6 * block.body.length.nominal,
         0.5e6 * block.body.width.nominal,
@@ -137,7 +147,7 @@ def _outline_letters(text: str, high: float, middle: tuple[float, float]) -> Sha
 
 
 def _outline_marks(layer: int, layers: int, name: str) -> Iterator[Shape]:
-    """Open monitors of one etch in a row of its own, its name, and marks by which later etches find the first."""
+    """Outline monitors and name of one etch, and the marks that align later etches."""
     y = -2600.0 * layer
     yield _outline_letters(name, 300.0, (-2000.0, y + 1000.0))
     for index, wide in enumerate(MONITORS):

@@ -1,4 +1,4 @@
-"""Ways to make a step block, each with what it leaves at the edge: what a user will feel, and how many blocks conform."""
+"""Routes: ways to make a step block, what each leaves, how many blocks conform."""
 
 import math
 import tomllib
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from statistics import NormalDist
-from typing import Annotated, Any
+from typing import Annotated
 
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint
@@ -65,7 +65,7 @@ def load_processes() -> tuple[Process, ...]:
 
 
 def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> list[Route]:
-    """Say of each route whether it reaches the height's tolerance and what is felt, cheapest class first where one is known."""
+    """List the routes of a block, cheapest class first where one is known."""
     if not capability > 0.0:
         raise MachiningError(f"capability must be positive, got {capability:g} m")
     found = (
@@ -79,7 +79,7 @@ def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> l
 def _list_ways(
     block: StepBlock, process: Process, capability: float
 ) -> Iterator[tuple[str, float, str]]:
-    """Name, deviation and note of a process for a block; gauge blocks come in grades, and not for every height."""
+    """Yield name, deviation [m] and note of a process; gauge blocks come in grades."""
     if process.name == "one piece":
         yield process.name, capability, process.note
     elif process.name == "gauge blocks":
@@ -111,7 +111,10 @@ def _make_route(
     note: str,
     point: OperatingPoint,
 ) -> Route:
-    """Predict one way: a burr is climbed as height is, and may stand as high as the upper deviation, which a height allows too."""
+    """Predict one route.
+
+    A burr adds to the height; it may stand as high as the upper deviation.
+    """
     edge, burr = process.edge_spread.value, process.burr_spread.value
     spread = convert_half_widths({"height": deviation, "edge_radius": edge, "burr": burr})
     face = Step(block.height.nominal + process.burr.value, process.edge_radius.value)
@@ -132,14 +135,14 @@ def _make_route(
 
 
 def _compute_share(middle: float, std: float, low: float, high: float) -> float:
-    """Share of a normal law between two limits; what is known for certain lies within them or not."""
+    """Compute the share of a normal law between two limits; certain values are in or out."""
     if std == 0.0:
         return float(low <= middle <= high)
     law = NormalDist(middle, std)
     return law.cdf(high) - law.cdf(low)
 
 
-def make_route_row(name: str, route: Route) -> dict[str, Any]:
+def make_route_row(name: str, route: Route) -> dict[str, object]:
     """Put a route into the columns of ``routes.csv``."""
     made, felt = route.process, route.felt
     lengths = ("edge_radius", "edge_spread", "burr", "burr_spread")

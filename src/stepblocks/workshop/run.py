@@ -1,10 +1,9 @@
-"""Everything a workshop is sent besides the STEP file: drawings, inspection sheets, and the route that reaches a tolerance."""
+"""Everything a workshop gets besides the STEP file: drawings, sheets, routes."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -62,7 +61,7 @@ def order_parts(
     masks: bool = False,
     announce: Callable[[PartOrder], None] | None = None,
 ) -> list[PartOrder]:
-    """Write drawings and sheets of all parts of stimulus files, and say which route reaches each tolerance.
+    """Write drawings and sheets of all parts of stimulus files, and their routes.
 
     Parameters
     ----------
@@ -158,8 +157,8 @@ def _order_part(
     return PartOrder(name, (*written, *sheets), tuple(routes), tuple(missing))
 
 
-def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, Any]]:
-    """Tabulate what each route leaves of each step block: whether its height is reached, what is felt, how many conform."""
+def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, object]]:
+    """Tabulate the routes of step blocks: height reached, energy, conforming share."""
     lines = []
     for order in orders:
         for route in order.routes:

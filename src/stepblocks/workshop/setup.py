@@ -1,9 +1,8 @@
-"""The setup and probing sheet of a bench block: stock, clamping, datums, order of faces, and what is judged on the machine."""
+"""The setup and probing sheet of a bench block: stock, clamping, datums, limits."""
 
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from stepblocks import cad
 from stepblocks.artefacts.on_paper import format_limits, format_millimetres, format_zone
@@ -42,7 +41,7 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
         block.body.thickness,
         dict.fromkeys(route.name for route in routes if route.reaches),
     )
-    values: dict[str, Any] = {
+    values: dict[str, object] = {
         **{
             "block": block,
             "stock": " x ".join(format_millimetres(size, 1) for size in sizes),
@@ -77,7 +76,7 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
 
 
 def compute_stock(block: Block) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Lower and upper corner of the stock [m] in the frame of the block, its size in half millimetres."""
+    """Compute lower and upper corner of the stock [m] in the frame of the block."""
     body = block.body
     sides = body.length.nominal, body.width.nominal, body.thickness.nominal + max(block.rise, 0.0)
     x, y, z = (math.ceil((side + 2.0 * STOCK) / 0.5e-3 - 1e-9) * 0.5e-3 for side in sides)
@@ -86,7 +85,7 @@ def compute_stock(block: Block) -> tuple[tuple[float, float, float], tuple[float
 
 
 def _list_probed(block: Block) -> Iterator[tuple[str, ...]]:
-    """Yield number, name, limits, setup or method, and between what a value on the machine is accepted."""
+    """Yield number, name, limits, where it is measured, and what the machine accepts."""
     guard = GUARD_FACTOR * PROBE
     for number, one in enumerate(block.characteristics(), start=1):
         text = format_limits(one.nominal, one.lower, one.upper, one.quantity)

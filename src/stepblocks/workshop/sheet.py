@@ -1,4 +1,4 @@
-"""A sheet of drawing paper [mm]: lines, texts, dimensions that measure what is drawn and keep their tolerance, the title block."""
+"""A drawing sheet [mm]: lines, texts, dimensions, symbols, title block."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -54,7 +54,7 @@ def choose_scale(wanted: float) -> float:
 
 @dataclass(frozen=True)
 class View:
-    """Where the origin of a view lies on the paper, and its scale, which may differ for lengths and heights."""
+    """Origin of a view on the paper and its scale, which may differ for heights."""
 
     origin: Point
     scale: float
@@ -67,7 +67,7 @@ class View:
 
 
 class Sheet:
-    """One sheet with the characteristics that are to stand on it; `document` is the ezdxf drawing."""
+    """One sheet with the characteristics that it states; `document` is the ezdxf drawing."""
 
     def __init__(self, listed: Iterable[Characteristic]) -> None:
         self.listed = {one.key: (number, one) for number, one in enumerate(listed, start=1)}
@@ -105,7 +105,10 @@ class Sheet:
     def text(
         self, at: Point, text: str, height: float = _TEXT, align: str = "LEFT", key: str = ""
     ) -> None:
-        """Write one line of text; `align` is a name of ezdxf's TextEntityAlignment, `key` says which characteristic it states."""
+        """Write one line of text; `key` says which characteristic it states.
+
+        `align` is a name of ezdxf's TextEntityAlignment.
+        """
         entity = self.space.add_text(
             text, height=height, dxfattribs={"layer": "TEXT", "style": "LETTERS"}
         )
@@ -125,7 +128,7 @@ class Sheet:
         return format_limits(one.nominal, one.lower, one.upper, one.quantity)
 
     def extents(self, start: int = 0) -> tuple[float, float, float, float]:
-        """Return left, lower, right and upper end of all that was drawn since there were `start` entities."""
+        """Return left, lower, right and upper end of all entities from `start` on."""
         from ezdxf import bbox
 
         box = bbox.extents(list(self.space)[start:], fast=False)
@@ -153,7 +156,11 @@ class Sheet:
         """Draw a linear dimension with its tolerance and balloon, its line through `along`."""
         _, one = self.listed[key]
         decimals = choose_decimals(one.nominal, one.lower, one.upper)
-        override: dict[str, Any] = {"dimlfac": 1.0 / scale, "dimdec": decimals, "dimtdec": decimals}
+        override: dict[str, object] = {
+            "dimlfac": 1.0 / scale,
+            "dimdec": decimals,
+            "dimtdec": decimals,
+        }
         if prefix := _PREFIX.get(one.kind, ""):
             override["dimpost"] = prefix
         said = {"dimstyle": "PART", "override": override, "dxfattribs": {"layer": "DIMENSION"}}
@@ -196,7 +203,7 @@ class Sheet:
         self.text(at, str(self.listed[key][0]), 2.2, "MIDDLE_CENTER")
 
     def leader(self, tip: Point, elbow: Point, text: str, key: str = "") -> None:
-        """Draw an arrow to `tip` from a text at `elbow`, on the side away from the tip; ``{}`` are the limits of `key`."""
+        """Draw an arrow to `tip` from a text at `elbow`; ``{}`` are the limits of `key`."""
         if key:
             text = text.format(self.limits(key))
         side = 1.0 if elbow[0] >= tip[0] else -1.0
@@ -223,7 +230,10 @@ class Sheet:
         self.space.add_solid([*corners, corners[-1]], dxfattribs={"layer": "DIMENSION"})
 
     def frame(self, key: str, at: Point, datum: str = "") -> Point:
-        """Draw a feature-control frame as geometry, since viewers do not render the native entity; return its left end."""
+        """Draw a tolerance frame as lines; return its left end.
+
+        Viewers do not render the native entity.
+        """
         _, one = self.listed[key]
         x, y = at
         high, cell = 6.0, 7.0
@@ -271,7 +281,7 @@ class Sheet:
         self.text((x, y - 9.0), letter, 3.0, "MIDDLE_CENTER")
 
     def texture(self, foot: Point, key: str, said: str = "") -> None:
-        """Draw the symbol of a machined surface (ISO 21920-1) on a face, its largest Ra in micrometres under the bar."""
+        """Draw the symbol of a machined surface (ISO 21920-1) with its largest Ra [um]."""
         (x, y), text = foot, f"Ra {self.listed[key][1].upper * 1e6:g}{said}"
         self.polyline([(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)], "DIMENSION", closed=True)
         end = x + 6.0 + compute_text_width(text, _TEXT)
@@ -280,7 +290,7 @@ class Sheet:
         self.balloon(key, (end + 3.6, y + 5.6))
 
     def border(self, title: str, rows: dict[str, str]) -> None:
-        """Draw the frame of the sheet and the title block in its lower right corner, with the symbol of first-angle projection."""
+        """Draw frame, title block and the symbol of first-angle projection."""
         standard = {
             "unit": "mm; scales stand at the views",
             "general tolerances": "ISO 2768-m",
@@ -311,6 +321,6 @@ class Sheet:
         self.line((x + 5.0, y), (x + 11.0, y), "CENTRE")
 
     def notes(self, at: Point, lines: Iterable[tuple[str, str]]) -> None:
-        """Write notes downwards from a point, each with the characteristic that it states, if any."""
+        """Write notes downwards from a point, each with the characteristic that it states."""
         for index, (line, key) in enumerate(lines):
             self.text((at[0], at[1] - 5.0 * index), line, key=key)

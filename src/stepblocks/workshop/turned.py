@@ -87,7 +87,7 @@ def _draw_side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]])
 
 
 def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
-    """Write the caption of the side view under its lowest point and draw the ball enlarged; there are no notes."""
+    """Write the caption of the side view and draw the ball enlarged; return no notes."""
     sheet.text((side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {side.scale:g}:1", 2.5)
     (cx, cy), R = (320.0, 215.0), tip.ball_radius.nominal
     view, height = View((cx - 40.0, cy), choose_scale(22.0 / (R * 1e3))), 3.2 * R
@@ -107,7 +107,7 @@ def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
 
 
 def draw_turned_views(sheet: Sheet, part: Turned) -> list[str]:
-    """Draw the half sections of any turned part, mirrored, its axis along the sheet; return the lines of its notes."""
+    """Draw the half sections of a turned part, mirrored; return the lines of its notes."""
     outlines = [list_outline_points(outline, _CHORD) for outline in part.outlines()]
     low, high = (chosen(z for outline in outlines for _, z in outline) for chosen in (min, max))
     widest = max(r for outline in outlines for r, _ in outline)

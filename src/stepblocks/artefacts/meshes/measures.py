@@ -1,4 +1,4 @@
-"""Dimensions measured on a triangle mesh in float64: levels, walls, spheres, volume, closedness, winding, convexity."""
+"""Dimensions measured on a triangle mesh: levels, walls, spheres, volume, closedness."""
 
 import math
 from dataclasses import dataclass
@@ -52,7 +52,10 @@ class MeshMeasures:
         return int(np.count_nonzero(~np.isin(keys, backward) | (counts != 1)))
 
     def level_beside(self, edge: float, side: int) -> float:
-        """Height of the level face that ends at a line across x, seen to the right (1) or left (-1) of it [m]."""
+        """Measure the height of the level face beside a line across x [m].
+
+        `side` is 1 to the right of the line and -1 to the left of it.
+        """
         normals, areas = self._normals_and_areas
         x, z = self.vertices[self.triangles, 0], self.vertices[self.triangles, 2]
         nearest = (side * (x - edge)).min(axis=1)
@@ -78,7 +81,7 @@ class MeshMeasures:
         return float(self.vertices[label == label[int(np.argmax(x))], 0].min())
 
     def wall_position(self, facing: int, reach: float) -> float:
-        """Position of the deepest upright wall across x near the edge, its normal along +x or -x [m]."""
+        """Find the deepest upright wall across x near the edge [m]; its normal is +x or -x."""
         normals, areas = self._normals_and_areas
         x, z = self.vertices[self.triangles, 0].mean(axis=1), self.vertices[self.triangles, 2]
         # the walls of engraved letters are short
@@ -92,7 +95,10 @@ class MeshMeasures:
         return float(np.average(x[chosen], weights=areas[chosen])) if chosen.any() else math.nan
 
     def sphere(self, radius: float, below: float) -> tuple[float, float, float]:
-        """Fit the ball of a tip on the axis of z, up to a height; return radius, form and chordal error against `radius` [m]."""
+        """Fit the ball of a tip on the z axis, up to a height.
+
+        Returns radius, form and chordal error against `radius` [m].
+        """
         of_ball = (self.vertices[:, 2] <= below + 1e-9) & (self.radii < 1.5 * radius)
         fitted, form = fit_sphere_radius(self.vertices[of_ball])
         on_ball = of_ball[self.triangles].all(axis=1)

@@ -1,10 +1,9 @@
-"""Meshes read back from disk, each through a reader that did not write it: meshio, VTK and lib3mf."""
+"""Readers of mesh files: meshio, VTK and lib3mf, none of which wrote the file."""
 
 import contextlib
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +43,7 @@ def _with_vtk(path: Path) -> Arrays:
 
 
 def _as_text(lines: Sequence[str], first: int) -> Arrays:
-    """Read one object of several in an OBJ, by the number of its first vertex; meshio would join them."""
+    """Read one of several objects in an OBJ; meshio would join them."""
     words = [line.split() for line in lines]
     vertices = np.array([one[1:4] for one in words if one and one[0] == "v"], dtype=np.float64)
     triangles = (
@@ -89,7 +88,7 @@ def read_mesh(path: Path) -> Arrays:
     return found["vertices"], found["triangles"]
 
 
-def mesh_in(path: Path) -> dict[str, Any]:
+def mesh_in(path: Path) -> dict[str, object]:
     """Read a mesh file; called in the confined process, as `pieces_in` is."""
     if (size := path.stat().st_size) > _MAX_BYTES:
         raise MetrologyError(
@@ -116,9 +115,9 @@ def read_pieces(path: Path) -> list[Arrays]:
     ]
 
 
-def pieces_in(path: Path) -> dict[str, Any]:
+def pieces_in(path: Path) -> dict[str, object]:
     """Read the objects of an OBJ."""
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     first, objects = (
         1,
         path.read_text(encoding="ascii").split("\no ")[1:],

@@ -1,4 +1,7 @@
-"""Mesh files, one small writer per format in `MESH_FORMATS`: every byte depends on the mesh alone, no dates, no random identifiers."""
+"""Writers of mesh files, one per format in `MESH_FORMATS`.
+
+Every byte depends on the mesh alone: no dates, no random identifiers.
+"""
 
 import io
 import re

@@ -1,10 +1,9 @@
-"""What anybody's STEP file asks for, and the verdict on it: values typed, units right, every dimension true to the faces it names."""
+"""Check of any STEP file: typed values, sound units, dimensions true to their faces."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from pydantic import TypeAdapter
 
@@ -130,7 +129,7 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
     return TypeAdapter(StepReport).validate_python(found)
 
 
-def report_in(path: Path, require_ap242: bool) -> dict[str, Any]:
+def report_in(path: Path, require_ap242: bool) -> dict[str, object]:
     """Check a file, in the confined process."""
     file = read_exchange(path)
     dimensions, tolerances = list_dimensions(file), list_tolerances(file)
@@ -161,7 +160,7 @@ def report_in(path: Path, require_ap242: bool) -> dict[str, Any]:
 
 
 def list_dimensions(file: Exchange) -> list[Characteristic]:
-    """List the dimensions of a file: sizes of the faces of one side, distances and angles between two."""
+    """List the dimensions of a file: sizes, distances and angles."""
     found = []
     for ref, values in file.named(*_SIZES):
         angular = file.parameters(ref, "ANGULAR_SIZE")
@@ -212,7 +211,7 @@ def _read_dimension(
 
 
 def _find_linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
-    """Yield what an entity of two parameters links with an instance, which is its parameter `own`."""
+    """Yield what an entity of two parameters links with an instance (parameter `own`)."""
     for user in file.users(ref):
         pair = file.parameters(user, entity)
         if len(pair) == 2 and pair[own] == ref:
@@ -220,7 +219,10 @@ def _find_linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[ob
 
 
 def _read_limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float, str]:
-    """Nominal value, signed deviations, and what is wrong with them; limits stand as deviations or as values of their own."""
+    """Read the nominal value, the signed deviations, and what is wrong with them.
+
+    Limits stand as deviations or as values of their own.
+    """
     found: dict[str, Measure] = {}
     for representation in _find_linked(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
         for item in (file.parameters(representation, "SHAPE_DIMENSION_REPRESENTATION") or ("", ()))[
@@ -288,7 +290,7 @@ def list_tolerances(file: Exchange) -> list[Characteristic]:
 
 
 def _read_datums(file: Exchange, reference: object) -> tuple[str, ...]:
-    """Letters behind a datum system or a list of datum references, following references down to DATUM."""
+    """Read the letters behind a datum system or a list of datum references."""
     letters: list[str] = []
     refs = list(find_references(reference))
     for ref in refs:  # which grows on the way

@@ -1,4 +1,4 @@
-"""The instances of a Part 21 file (ISO 10303-21), in time that grows with its length, looked up by name."""
+"""The instances of a Part 21 file (ISO 10303-21), looked up by name in linear time."""
 
 import json
 import re
@@ -34,7 +34,10 @@ def read_number(value: object) -> float | None:
 
 
 class Exchange:
-    """All instances of a file, from their texts; one is parsed where it is asked for: most are shape, thousands of them."""
+    """All instances of a file by their texts; one is parsed when it is asked for.
+
+    Most instances are shape, thousands of them.
+    """
 
     def __init__(self, name: str, schema: tuple[str, ...], raw: dict[str, str]) -> None:
         self.name, self.schema, self._raw = name, schema, raw
@@ -60,7 +63,7 @@ class Exchange:
         return self.parts(ref).get(entity, ())
 
     def named(self, *entities: str) -> Iterator[tuple[str, tuple[Any, ...]]]:
-        """Yield reference and parameters of every instance of the given entities, in the order of the file."""
+        """Yield reference and parameters of every instance of the given entities, in order."""
         for entity in entities:
             for ref in self._holding.get(entity, ()):
                 if entity in self.parts(ref):
@@ -134,7 +137,7 @@ _NAME = re.compile(r"#\d++|[!A-Za-z_][\w-]*+(?=\s*+\()")
 
 
 def _split_instances(text: str) -> tuple[list[str], dict[str, str]]:
-    """Split a file into the statements of its header and its instances, each checked to be whole."""
+    """Split a file into the statements of its header and its whole instances."""
     text = _COMMENT.sub(lambda found: found[1] or "", text) if "/*" in text else text
     statements, at = [], 0
     while found := _STATEMENT.match(text, at):
@@ -160,7 +163,10 @@ def _split_instances(text: str) -> tuple[list[str], dict[str, str]]:
 
 
 def _parse_instance(body: str) -> dict[str, tuple[Any, ...]]:
-    """Read the entities of an instance, one or several in brackets, each with its parameters: as JSON, whose parser is strict."""
+    """Read the entities of an instance with their parameters.
+
+    The text is turned into JSON, whose parser is strict.
+    """
     closing: list[str] = []
     several = body.startswith("(")
 

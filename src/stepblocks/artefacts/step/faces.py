@@ -124,7 +124,10 @@ def _placement(file: Exchange, ref: object) -> tuple[Array, Array, Array]:
 
 
 def is_placed_where_drawn(file: Exchange) -> bool:
-    """Whether every component of an assembly lies where its own coordinates put it, so that two bodies can be compared."""
+    """Tell whether every component of an assembly lies where its coordinates put it.
+
+    Only then can two bodies be compared.
+    """
     for _, values in file.named("ITEM_DEFINED_TRANSFORMATION"):
         first, second = (_placement(file, item) for item in values[2:4])
         if not np.allclose(first, second, rtol=0.0, atol=1e-12):
@@ -228,7 +231,10 @@ def _distance(a: Surface, b: Surface) -> float | None:
 
 
 def _as_steep(cone: Surface, other: Surface) -> bool:
-    """Whether a cone and what is turned about its axis have one distance: a round edge, or a cone of the same angle."""
+    """Tell whether a cone and a surface about its axis have one distance.
+
+    They do for a round edge, or a cone of the same angle.
+    """
     same_way = 1.0 if cone.axis @ other.axis > 0.0 else -1.0
     cones = (
         other.kind == "CONICAL_SURFACE" and abs(cone.sizes[1] - same_way * other.sizes[1]) <= 1e-12
@@ -237,7 +243,10 @@ def _as_steep(cone: Surface, other: Surface) -> bool:
 
 
 def measure_angle(first: list[Surface], second: list[Surface], nominal: float) -> float | None:
-    """Angle between two planes or axes, the one of the two supplementary angles that lies nearer to `nominal` [rad]."""
+    """Measure the angle between two planes or axes [rad].
+
+    Of the two supplementary angles it is the one nearer to `nominal`.
+    """
     kinds = {one.kind for one in (*first, *second)}
     if len(first) != 1 or len(second) != 1 or not (kinds == {"PLANE"} or kinds <= set(_TURNED)):
         return None

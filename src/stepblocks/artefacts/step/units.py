@@ -46,7 +46,7 @@ class Unit:
     factor: float = math.nan  # SI units per unit
 
     def si(self, value: Any) -> Any:
-        """Convert a value, or an array of them; millimetres are divided by 1000, which gives the nearest double."""
+        """Convert a value or an array; millimetres are divided by 1000 (nearest double)."""
         return multiply_by_unit(value, self.factor)
 
 

@@ -1,10 +1,9 @@
-"""STEP AP242 with semantic tolerances, in text beside the part too, and what OpenCASCADE writes against the schema mended."""
+"""STEP AP242 with semantic tolerances; repairs what OpenCASCADE writes wrongly."""
 
 import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -82,8 +81,16 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, doo
     if demands is not None and (said := describe_default_demands(stimulus)):
         notes.append(("defaults", said))
     texture = None if demands is None else demands["roughness"].upper
-    more: dict[str, Any] = {"tolerances": tolerances, "notes": notes, "texture": texture}
-    write_conforming(path, stimulus.id, bodies, stimulus.material, dimensions, **more)
+    write_conforming(
+        path,
+        stimulus.id,
+        bodies,
+        stimulus.material,
+        dimensions,
+        tolerances=tolerances,
+        notes=notes,
+        texture=texture,
+    )
 
 
 def write_conforming(
@@ -114,7 +121,10 @@ def write_conforming(
 
 
 def _choose_pmi_kind(one: Characteristic) -> PmiKind:
-    """Kind that the standard names after the surface: of a ball, of a ring, up to the far side of a ball."""
+    """Choose the kind that the standard names after the surface.
+
+    A ball, a ring, and a distance to the far side of a ball have their own.
+    """
     surfaces = {rule.kind for rule in one.faces if isinstance(rule, FaceRule)}
     ball, ring = "SPHERE" in surfaces, "TORUS" in surfaces
     kinds: dict[str, PmiKind] = {
@@ -257,7 +267,7 @@ def _mend_instance(body: str, waiting: dict[str, list[str]], angular: set[str]) 
 def _add_property(
     data: dict[str, str], names: tuple[str, str, str], of: str, owners: Sequence[str], rule: str
 ) -> None:
-    """Write a property under its kind, name and the name of its value, of a product or of the faces that are toleranced."""
+    """Write a property of a product or of the faces that have a tolerance."""
     kind, name, shown_as = names
     context = _find_holding(data, "GEOMETRIC_REPRESENTATION_CONTEXT(3)")
     if not owners or not context:

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from stepblocks import cad
 from stepblocks.parts.characteristics import (
@@ -27,6 +27,7 @@ from stepblocks.parts.kind import (
     FITTING_DEFLECTION,
     NANOMETRE,
     Finding,
+    Manifold,
     MeasuredMesh,
 )
 from stepblocks.parts.kinds.margin import CrownMargin
@@ -66,7 +67,7 @@ class FinishLine(Table):
 
 
 class CrownOnTooth(CrownMargin, Turned):
-    """A prepared tooth and its crown, both bodies of revolution about the path of draw; usually a molar's."""
+    """A prepared tooth and its crown, bodies of revolution about the path of draw."""
 
     margin_radius: PositiveLength = declare_default(
         "4 mm", "0.02 mm"
@@ -178,7 +179,7 @@ class CrownOnTooth(CrownMargin, Turned):
         outline += [(outer, roof), (0.0, roof)]
         return outline
 
-    def hulls(self) -> list[Any]:
+    def hulls(self) -> list[Manifold]:
         """Frusta of the tooth, the crown's roof, and sectors of its wall in horizontal slices."""
         points = list_outline_points(self.crown_outline(), 5e-6)
         ceiling, roof, outer = points[0][1], points[-1][1], points[-2][0]
@@ -382,7 +383,8 @@ class CrownOnTooth(CrownMargin, Turned):
             self.preparation_height.nominal,
         )
         if not 0.0 < self.taper.nominal < math.radians(45.0):
-            yield f"taper must lie between 0 and 45 deg, got {format_quantity(self.taper.nominal, 'angle')}"
+            got = format_quantity(self.taper.nominal, "angle")
+            yield f"taper must lie between 0 and 45 deg, got {got}"
             return
         top = R - finish.width.nominal - height * math.tan(self.taper.nominal)
         rule = "leave the preparation a top of a tenth of margin_radius"
@@ -424,7 +426,8 @@ class CrownOnTooth(CrownMargin, Turned):
             v,
         )
         if v < 0.0 and finish.kind == "feather-edge":
-            yield f"vertical_discrepancy must not be negative for a feather-edge, got {format_quantity(v, 'length')}"
+            got = format_quantity(v, "length")
+            yield f"vertical_discrepancy must not be negative for a feather-edge, got {got}"
             return
         least = max(g, v) + finish.width.nominal
         yield check_rule(

@@ -1,10 +1,10 @@
-"""Parts of the apparatus: boxes and rods, less bores, so that volume and centre of mass have closed forms that no kernel made."""
+"""Parts of the apparatus: boxes and rods, less bores, with closed forms of volume."""
 
 import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from stepblocks.parts.characteristics import (
     make_location,
 )
 from stepblocks.parts.declared import MaterialField
-from stepblocks.parts.kind import COARSE_DEFLECTION, Finding, HeldPart, MeasuredMesh
+from stepblocks.parts.kind import COARSE_DEFLECTION, Finding, HeldPart, Manifold, MeasuredMesh
 from stepblocks.parts.revolution import Point3
 from stepblocks.parts.shapes import make_hull
 from stepblocks.parts.tolerance import Dimension, find_general_deviation
@@ -80,7 +80,10 @@ class Round:
 def make_distance(
     key: str, label: str, axis: int, start: float, size: Dimension, near: Point3
 ) -> Characteristic:
-    """State a distance of two plane faces held closer than in general; both contain `near` but for its coordinate along the axis."""
+    """State a distance of two plane faces with a tolerance of its own.
+
+    Both contain `near` but for its coordinate along the axis.
+    """
     holds = {k: near[k] for k in range(3) if k != axis}
     faces = (FaceRule("PLANE", axis, at, holds=holds) for at in (start, start + size.nominal))
     return make_characteristic(key, "distance", size, *faces, label=label, method="micrometer")
@@ -89,7 +92,7 @@ def make_distance(
 def make_bore(
     axis: Literal["x", "y", "z"], start: Point3, diameter: float, length: float, fit: str = ""
 ) -> Round:
-    """Describe a bore; H7 is that of ISO 286-2 for 3 to 18 mm, a thread is drilled by its core (ISO 261)."""
+    """Describe a bore; H7 is that of ISO 286-2, a thread is drilled by its core (ISO 261)."""
     fits = {"H7": (12e-6 if diameter <= 6e-3 else 15e-6 if diameter <= 10e-3 else 18e-6, 0.0)}
     upper, lower = fits.get(fit, (0.0, 0.0))
     return Round(
@@ -98,7 +101,7 @@ def make_bore(
 
 
 class Machined(HeldPart):
-    """A part of the apparatus: x along the drag, y along the edge, z up from the tip at the middle of its travel."""
+    """A part of the apparatus: x along the drag, y along the edge, z up from the tip."""
 
     stanza: ClassVar[str] = "machined"
     governing_field: ClassVar[str] = ""
@@ -129,7 +132,10 @@ class Machined(HeldPart):
         ]
 
     def _masses(self) -> list[tuple[float, NDArray[np.float64]]]:
-        """Signed volumes of what it is made of, with their centres; that of half a disc lies 4 r / 3 pi off its diameter."""
+        """List signed volumes [m^3] with their centres [m].
+
+        The centre of half a disc lies 4 r / 3 pi off its diameter.
+        """
         found = [
             (math.prod(b - a for a, b in one.ends), 0.5 * (np.array(one.low) + one.high))
             for one in self.boxes
@@ -154,7 +160,7 @@ class Machined(HeldPart):
             volume for volume, _ in parts
         )
 
-    def hulls(self) -> list[Any]:
+    def hulls(self) -> list[Manifold]:
         return [make_hull(itertools.product(*one.ends)) for one in self.boxes]
 
     @property

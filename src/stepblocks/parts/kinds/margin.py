@@ -1,10 +1,10 @@
-"""The junction of crown and tooth in the terms of Holmes et al. (1989; docs/stimuli.md), as a block, and what crowns share."""
+"""The junction of crown and tooth (Holmes et al. 1989; docs/stimuli.md), as a block."""
 
 import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from stepblocks import cad
 from stepblocks.contact.counterface import Margin
@@ -35,7 +35,14 @@ from stepblocks.parts.declared import (
     declare_default,
     rules_validator,
 )
-from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh, Part, choose_exaggeration
+from stepblocks.parts.kind import (
+    NANOMETRE,
+    Finding,
+    Manifold,
+    MeasuredMesh,
+    Part,
+    choose_exaggeration,
+)
 from stepblocks.parts.shapes import make_hull, split_solid
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
 from stepblocks.quantities import format_quantity
@@ -47,7 +54,10 @@ _CLINICAL_LIMIT = 100e-6
 
 
 class CrownMargin(Part):
-    """What all forms share: x along the path of draw from root to crown, z outwards, the tooth's cavosurface angle at the origin."""
+    """What all forms share: x along the path of draw from root to crown, z outwards.
+
+    The cavosurface angle of the tooth is the origin.
+    """
 
     felt_by: ClassVar = {
         "gap": "marginal_gap",
@@ -130,7 +140,7 @@ class CrownMargin(Part):
 
 
 class MarginBlock(CrownMargin, Block):
-    """A bench block: the tooth's outer surface at z = 0 and x < 0, the crown's at z = h beyond the gap."""
+    """A bench block: the tooth at z = 0 and x < 0, the crown at z = h beyond the gap."""
 
     stanza: ClassVar[str] = "margin_block"
     kind_name: ClassVar[str] = "margin block"
@@ -175,7 +185,7 @@ class MarginBlock(CrownMargin, Block):
         return [cad.kernel.cut(body, make_body_cuts(self.body, self.id, self.rise))]
 
     def volumes(self) -> tuple[float, ...]:
-        """Halves on either side of x = 0 at their own heights, less the gap, corrected at the crown's corner."""
+        """Add the halves on either side of x = 0, less the gap, corrected at the corner."""
         body, half, depth = self.body, 0.5 * self.body.length.nominal, self.gap_depth.nominal
         g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.rise
         volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, h)
@@ -191,7 +201,7 @@ class MarginBlock(CrownMargin, Block):
             volume += -v * (body.width.nominal * (h - g) - narrowed)
         return (volume - self.filled,)
 
-    def hulls(self) -> list[Any]:
+    def hulls(self) -> list[Manifold]:
         body, gap, rise, opening = (
             self.body,
             self.marginal_gap.nominal,
@@ -204,7 +214,7 @@ class MarginBlock(CrownMargin, Block):
         floor, _ = split_solid(under, "z", -self.gap_depth.nominal)
         half, c = 0.5 * body.width.nominal, body.edge_break.nominal
 
-        def prism(section: list[tuple[float, float]]) -> Any:
+        def prism(section: list[tuple[float, float]]) -> Manifold:
             return make_hull(
                 (x, y * (half - max(0.0, z - rise + c)), z) for x, z in section for y in (-1, 1)
             )

@@ -1,4 +1,4 @@
-"""The margin of a scanned tooth or crown, station by station: the scan gives the shape of both sides, the gap is injected."""
+"""The margin of a scanned tooth or crown, station by station, with a declared gap."""
 
 import itertools
 import math
@@ -24,7 +24,7 @@ from stepblocks.parts.declared import (
     declare_default,
     rules_validator,
 )
-from stepblocks.parts.kind import NANOMETRE, Finding, MeasuredMesh
+from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh
 from stepblocks.parts.kinds.margin import ACROSS, CrownMargin
 from stepblocks.parts.shapes import make_hull
 from stepblocks.parts.tolerance import PositiveLength
@@ -94,7 +94,9 @@ class ScannedMargin(CrownMargin):
     )  # from the base to the tooth at the margin [m]
 
     @classmethod
-    def expand_stanza(cls, stanza: Mapping[str, Any], folder: Path) -> Iterator[Mapping[str, Any]]:
+    def expand_stanza(
+        cls, stanza: Mapping[str, object], folder: Path
+    ) -> Iterator[Mapping[str, object]]:
         if "station" in stanza:
             raise ValueError("station is worked out from the mesh, and not a field of a file")
         try:
@@ -153,7 +155,7 @@ class ScannedMargin(CrownMargin):
         )
         return (area * self.width.nominal,)
 
-    def hulls(self) -> list[Any]:
+    def hulls(self) -> list[Manifold]:
         base, side = -self.thickness.nominal, 0.5 * self.width.nominal
         columns = [(a, b) for a, b in itertools.pairwise(self._section()) if b[0] > a[0]]
         return [

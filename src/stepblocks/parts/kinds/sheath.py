@@ -25,7 +25,7 @@ from stepblocks.parts.declared import (
     read_sourced,
     rules_validator,
 )
-from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, MeasuredMesh
+from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, Manifold, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point, Turned, make_sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
 from stepblocks.quantities import format_quantity
@@ -121,7 +121,7 @@ class Sheath(Turned, HeldPart):
             (bore, length),
         ]
 
-    def hulls(self) -> list[Any]:
+    def hulls(self) -> list[Manifold]:
         return make_sectors(self.outline())
 
     def chordal_error(self, face: cad.door.Face) -> float:
@@ -245,15 +245,18 @@ def _validate(model: type[Model], table: object, name: object) -> Model:
         ) from error
 
 
-def _is_open(stanza: Mapping[str, Any]) -> bool:
+def _is_open(stanza: Mapping[str, object]) -> bool:
     """Tell whether the outer diameter of a sheath follows from the mass of another."""
     return isinstance(outer := stanza.get("outer_diameter"), dict) and "mass_of" in outer
 
 
 def _solve_diameter(
-    stanza: Mapping[str, Any], stanzas: Sequence[Mapping[str, Any]]
-) -> dict[str, Any]:
-    """Find the diameter at which a sheath weighs as much as another, rounded to what a drawing states."""
+    stanza: Mapping[str, object], stanzas: Sequence[Mapping[str, object]]
+) -> dict[str, object]:
+    """Find the diameter at which a sheath weighs as much as another one.
+
+    It is rounded to what a drawing states.
+    """
     name = stanza.get("id")
     wish = _validate(_AsHeavy, stanza["outer_diameter"], name)
     other = next((one for one in stanzas if one.get("id") == wish.mass_of), None)

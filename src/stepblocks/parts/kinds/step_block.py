@@ -1,4 +1,4 @@
-"""The step block: one working edge, and beside it a groove or ridge of the same height to measure it by."""
+"""The step block: one working edge, and a groove or ridge of the same height."""
 
 import math
 from collections.abc import Iterator
@@ -44,6 +44,7 @@ from stepblocks.parts.kind import (
     CONTACT_DEFLECTION,
     NANOMETRE,
     Finding,
+    Manifold,
     MeasuredMesh,
     choose_exaggeration,
 )
@@ -115,7 +116,7 @@ class StepBlock(Block):
         return [cad.kernel.cut(body, cuts)]
 
     def _feature(self) -> cad.door.Body:
-        """Groove to cut or ridge to add: from z = 0 to the height of the step, from the lane's boundary to the back side."""
+        """Make the groove to cut or the ridge to add, from z = 0 to the height of the step."""
         feature, back = self.metrology, 0.5 * self.body.width.nominal
         near, y0 = feature.distance.nominal, back - feature.lane.nominal
         x0, depth, top = near, feature.lane.nominal + OVER, self.height.nominal + OVER
@@ -130,7 +131,7 @@ class StepBlock(Block):
         return cad.kernel.make_box((x0, y0, 0.0), (x0 + feature.width.nominal, y0 + depth, top))
 
     def volumes(self) -> tuple[float, ...]:
-        """Two halves, less the rounding, the groove or with the ridge, less what the workshop cuts."""
+        """Add two halves, less the rounding, with or without the feature, less holes."""
         body, H, r, feature = (
             self.body,
             self.height.nominal,
@@ -154,7 +155,7 @@ class StepBlock(Block):
             volume += w * (lane * H - (c * H + 0.5 * H * H if c > 0.0 else 0.0))
         return (volume - self.filled,)
 
-    def hulls(self) -> list[Any]:
+    def hulls(self) -> list[Manifold]:
         body, height, feature = self.body, self.height.nominal, self.metrology
         left = make_hull(list_half_corners(body, -1.0, 0.0, [(0.0, 0.0)]))
         rounding, radius = [(0.0, height)], self.edge_radius.nominal

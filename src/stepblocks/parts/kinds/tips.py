@@ -1,9 +1,9 @@
-"""The probe tip: a ball of radius R on a cone and a shank, straight or bent to a shepherd's hook."""
+"""The probe tip: a ball on a cone and a shank, straight or bent to a shepherd's hook."""
 
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from stepblocks.parts.kind import (
     CONTACT_DEFLECTION,
     Finding,
     HeldPart,
+    Manifold,
     MeasuredMesh,
 )
 from stepblocks.parts.revolution import (
@@ -47,7 +48,7 @@ _BEND_PIECES = 24
 
 
 class Tip(Turned, HeldPart):
-    """What both forms share. The ball touches the origin from above: its centre lies at z = R, the cone widens upwards."""
+    """What both forms share: the ball touches the origin from above, the cone widens upwards."""
 
     drawing_title: ClassVar[str] = "Probe tip"
     governing_field: ClassVar[str] = "ball_radius"
@@ -140,7 +141,7 @@ class Tip(Turned, HeldPart):
             self.energy_tolerance, {"ball_radius": self.ball_radius}, False
         )
         if self.energy_tolerance is not None and self.energy_tolerance.ball_radius is not None:
-            yield "energy_tolerance.ball_radius is for blocks; a tip states it in ball_radius itself"
+            yield "energy_tolerance.ball_radius is for blocks; a tip has its own ball_radius"
         if not 0.0 < half < 0.25 * math.pi:
             yield f"cone_angle must lie between 0 and 45 deg, got {format_quantity(half, 'angle')}"
         yield check_rule(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)
@@ -164,7 +165,7 @@ class StraightTip(Tip):
         end = self.length.nominal
         return [*super().outline()[:-1], (self.shank_radius.nominal, end), (0.0, end)]
 
-    def hulls(self) -> list[Any]:
+    def hulls(self) -> list[Manifold]:
         return [make_turned_hull(self.outline())]
 
     def characteristics(self) -> Iterator[Characteristic]:
@@ -221,7 +222,7 @@ class HookTip(Tip):
             compute_revolution_volume(self.outline()) + bend + wire * self.straight_length.nominal,
         )
 
-    def hulls(self) -> list[Any]:
+    def hulls(self) -> list[Manifold]:
         top, bend, angle = self.cone_end, self.bend_radius.nominal, self.bend_angle.nominal
 
         def section(turn: float, along: float = 0.0) -> list[Point3]:
