@@ -1,4 +1,4 @@
-"""Fill docs/reference.md with the public face, room by room, when the site is built: the stub is the one list of names."""
+"""Fill docs/reference/library.md with every public name, room by room; the stub lists them."""
 
 import ast
 from pathlib import Path
@@ -15,7 +15,7 @@ def names():
 
 def on_page_markdown(markdown, page, **_):
     """Add what mkdocstrings shall describe."""
-    if page.file.src_uri != "reference.md":
+    if page.file.src_uri != "reference/library.md":
         return markdown
     lines, room = [markdown], None
     for module, name in sorted(names()):

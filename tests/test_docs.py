@@ -5,6 +5,7 @@ show, the pages they link.
 import argparse
 import importlib
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,9 @@ from stepblocks.cli import make_parser
 
 ROOT = Path(__file__).resolve().parents[1]
 HOUSE = ROOT / "src" / "stepblocks"
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / f"{name}.md" for name in ("README", "CHANGELOG", "CONTRIBUTING")]
+PAGES += sorted(DOCS.rglob("*.md"))
 ROOMS = sorted(
     path.name for path in HOUSE.iterdir() if path.is_dir() and (path / "__init__.py").exists()
 )
@@ -24,7 +27,7 @@ SUFFIXES = "json|cpp|py|toml|csv|html"  # drag.json is a file, no name of the li
 NAMES = re.compile(
     rf"(?<![\w./-])(?:stepblocks|{'|'.join(ROOMS)})(?:\.(?!(?:{SUFFIXES})\b)\w+)+(?!\w*\.?[/\w])"
 )
-THEIRS = {"stimuli/mine.toml", "stimuli/x.toml"}  # files of the reader's own, in examples
+THEIRS = {"stimuli/mine.toml", "stimuli/x.toml", "tests/ROOM"}  # files of the reader's own, in examples
 SHELLS = ("", "bash", "sh", "console", "text")
 
 
@@ -179,3 +182,75 @@ def test_every_name_of_the_library_that_a_page_shows_is_there(page):
         said |= {f"{module}.{name.split(' as ')[0].strip()}" for name in names.split(",")}
     parts = {name: name.removeprefix("stepblocks.").split(".") for name in said}
     assert [name for name, words in parts.items() if not resolves(["stepblocks", *words])] == []
+
+
+# the hooks of the site and the records of what was measured
+GENERATED = runpy.run_path(str(DOCS / "generated_pages.py"))
+FIGURES = GENERATED["records"].figures()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_figure_that_a_page_quotes_is_the_one_that_was_measured(page):
+    text = page.read_text(encoding="utf-8")
+    quoted = re.findall(r"\[([^\]]+)\]\((?:\.\./|docs/)*verification\.md#([\w-]+)\)", text)
+    wrong = [
+        (said, name, FIGURES.get(name, "no such figure"))
+        for said, name in quoted
+        if FIGURES.get(name, "no such figure") not in " ".join(said.split())
+    ]
+    assert wrong == []
+
+
+def test_figures_have_one_record_each_and_every_record_says_how_it_was_measured():
+    every = GENERATED["records"].load()
+    names = [one["part"] for one in every] + [fig["id"] for one in every for fig in one["figures"]]
+    assert len(names) == len(set(names))
+    for record in every:
+        for key in ("title", "command", "commit", "date", "machine", "versions"):
+            assert record[key], (record["part"], key)
+        rooms = [path.name for path in HOUSE.iterdir()]
+        assert set(record["code"]) <= set(rooms)
+        for table in record["tables"]:
+            assert {len(row) for row in table["rows"]} <= {len(table["columns"])}, table["caption"]
+
+
+def test_the_report_marks_what_is_older_than_the_code():
+    module = GENERATED["records"]
+    record = module.load()[0]
+    now = {**record, "code_hash": module.code_hash(*record["code"])}
+    assert "Older than the code" not in module.section(now)
+    assert "Older than the code" in module.section({**now, "code_hash": "another"})
+
+
+def test_the_glossary_gives_each_term_once_with_a_source():
+    text = (DOCS / "reference" / "glossary.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    terms = [row[0] for row in rows[1:]]
+    assert {len(row) for row in rows} == {3}
+    assert len(terms) == len(set(terms)) >= 60
+
+
+def test_every_page_is_in_the_contents_of_the_site():
+    contents = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    pages = [path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")]
+    assert [page for page in pages if page not in contents] == []
+
+
+def test_messages_are_listed_from_the_source():
+    text = GENERATED["messages_table"]()
+    assert text.count("\n- `") > 300
+    assert "must not exceed" in text
+
+
+def test_the_docs_without_the_report_stay_short():
+    # 35,365 words before the verification report took the figures; at most 60 % of them
+    words = [len(path.read_text(encoding="utf-8").split()) for path in DOCS.rglob("*.md")]
+    assert sum(words) <= 0.6 * 35_365
+
+
+def test_columns_say_their_unit_and_each_is_described():
+    for file in GENERATED["column_files"]():
+        for name, meaning in file["columns"].items():
+            assert meaning, (file["name"], name)
+    assert GENERATED["column_unit"]("pull_force_n") == "N"
+    assert GENERATED["column_unit"]("loading_slope_n_per_s") == "N/s"
