@@ -24,7 +24,7 @@ from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate_drag
 from stepblocks.drag.track import build_step_track
 
 R = 125e-6
-PROBE = replace(PAPER_DRAG, damping_ratio=0.02)  # as in the figures of docs/drag.md
+PROBE = replace(PAPER_DRAG, damping_ratio=0.02)  # as in the figures of docs/explanation/drag.md
 LEAD, RING = 20e-6, 16e-3
 CASES = [(10e-6, 1.0, 0.15), (25e-6, 1.0, 0.15), (50e-6, 0.5, 0.15), (75e-6, 0.2, 0.15)]
 

@@ -3,7 +3,7 @@
 ``make everywhere`` runs all of it (some hours on two cores), in cells of a machine and a folder of
 tests; ``python benchmarks/everywhere.py WORD ...`` those with a word in their name, ``--list``
 names them. What passes is noted in out/everywhere and not run again while source and tests are the
-same, so that a run may be broken off and taken up. Prints the table of docs/portability.md. Exit
+same, so that a run may be broken off and taken up. Prints the table of docs/explanation/reproducibility.md. Exit
 code 1 if a cell fails.
 
 A processor is imitated by what its libraries read when they load: OPENBLAS_CORETYPE picks the

@@ -47,7 +47,7 @@ ONE_SIDED = ("unresolved", "on a bow", "oblique grating", "corner", "by its form
 """Values at the end of their range, or with a form in their budget: an interval holds the truth more often than stated, never less."""
 
 SEVERAL_TERMS = "bow, saddle, twist, cubic"
-"""A form for which flatness is stated too small, by a third of u, as docs/workshop.md says."""
+"""A form for which flatness is stated too small, by a third of u, as docs/explanation/inspection.md says."""
 MOST_REFUSED = 0.01
 """Part of the draws that an evaluation may refuse: type A1 takes several spikes side by side for a defect [1]."""
 

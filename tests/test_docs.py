@@ -27,7 +27,12 @@ SUFFIXES = "json|cpp|py|toml|csv|html"  # drag.json is a file, no name of the li
 NAMES = re.compile(
     rf"(?<![\w./-])(?:stepblocks|{'|'.join(ROOMS)})(?:\.(?!(?:{SUFFIXES})\b)\w+)+(?!\w*\.?[/\w])"
 )
-THEIRS = {"stimuli/mine.toml", "stimuli/x.toml", "tests/ROOM"}  # files of the reader's own, in examples
+THEIRS = {
+    "stimuli/mine.toml",
+    "stimuli/x.toml",
+    "tests/ROOM",
+    "loop/model.json",
+}  # files of the reader's own, in examples
 SHELLS = ("", "bash", "sh", "console", "text")
 
 

@@ -113,7 +113,7 @@ def test_licences_are_listed_and_what_has_a_copyleft_is_named_in_the_docs():
         for line in done.stdout.splitlines()
         if line.endswith("| weak |")
     }
-    page = (ROOT / "docs" / "portability.md").read_text()
+    page = (ROOT / "docs" / "reference" / "stability.md").read_text()
     assert {"npTDMS", "igor2"} <= weak
     assert [name for name in weak if name not in page] == []
 

@@ -87,7 +87,7 @@ def test_a_block_is_named_by_its_height(height, name):
     assert name_block(height) == name
 
 
-# Origin: the forms as docs/bench.md and the field's comments write them.
+# Origin: the forms as docs/explanation/features.md and the field's comments write them.
 @pytest.mark.parametrize(
     ("fields", "change"),
     [

@@ -106,7 +106,7 @@ def test_a_sweep_in_time_agrees_with_its_static_columns_at_low_speed(tmp_path):
     frame = table(tmp_path / "out")
     released = frame[frame.drag_status == "releases"]
     assert len(released) >= 6
-    # the contact of steel gives up to some per cent, see docs/drag.md
+    # the contact of steel gives up to some per cent, see docs/explanation/drag.md
     assert (released.drag_peak_force_n / released.peak_force_n - 1).abs().max() < 0.12
     assert released.drag_ledger_error.max() < 1e-3
 

@@ -32,7 +32,7 @@ def lined(rows):
 
 def test_a_known_weber_fraction_is_recovered_without_bias():
     # Energy in proportion to height, so that the Weber fraction of the energy is that of the
-    # height; 100 fits of 1440 pairs (of 360, as docs/study.md says, it comes out low: a lapse rate
+    # height; 100 fits of 1440 pairs (of 360, as docs/explanation/studies.md says, it comes out low: a lapse rate
     # that cannot be below zero takes what is not its own)
     from scipy.special import ndtr
 

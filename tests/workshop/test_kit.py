@@ -92,7 +92,7 @@ def test_the_arm_is_balanced_about_its_pivot_and_both_loads_go_through_the_tip()
 
 
 def test_loads_agree_with_statics_by_hand_within_a_percent():
-    # docs/workshop.md: 50 g over the tip; 200 g on the cord, less 0.0015 sqrt(2) 3/20 of it, less
+    # docs/how-to/build-the-apparatus.md: 50 g over the tip; 200 g on the cord, less 0.0015 sqrt(2) 3/20 of it, less
     # 0.003 of 0.525 kg
     assert compute_normal_load(KIT, 0.050).force == pytest.approx(0.4903, rel=0.01)
     moving = math.fsum(one.mass for one in PARTS if one.moving)

@@ -167,7 +167,7 @@ class Setting:
 SETTINGS = {
     "figures-3-to-5": Setting(
         "chosen on a step of 100 um so that figures 3 to 5 of the paper come out at once "
-        "(docs/drag.md); the paper states "
+        "(docs/explanation/drag.md); the paper states "
         "neither step, load, mass nor damping of them",
         "on low steps under high loads the ring ends within 4 ms, with less than a "
         "tenth "

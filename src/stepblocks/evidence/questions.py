@@ -54,7 +54,7 @@ def _make_counterface(at: At) -> Counterface:
 def drag_in_time(
     face: Counterface, point: OperatingPoint, rod: bool = False, pull: float = 0.0
 ) -> tuple[Status, Ring]:
-    """Drag in time over a counterface, in the setting of docs/drag.md for figures 3 to 5; without a ring all is not-a-number."""
+    """Drag in time over a counterface, in the setting of docs/explanation/drag.md for figures 3 to 5; without a ring all is not-a-number."""
     # A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its
     # weight; `pull` [N] pulls the handle with a constant force instead of moving it.
     light = {"damping_ratio": 0.01}

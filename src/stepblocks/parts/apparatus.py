@@ -1,4 +1,4 @@
-"""The apparatus of figure 2 of the paper as a kit (docs/workshop.md)."""
+"""The apparatus of figure 2 of the paper as a kit (docs/explanation/inspection.md)."""
 
 import math
 from collections.abc import Iterator, Sequence

@@ -316,7 +316,7 @@ def predict_set(
     -------
     pandas.DataFrame
         One row for each stimulus, tip, step, direction, friction and load, in that order; the
-        columns of ``predictions.csv`` (docs/prediction.md), the unit in each name, with all digits.
+        columns of ``predictions.csv`` (docs/explanation/uncertainty.md), the unit in each name, with all digits.
 
     Raises
     ------

@@ -74,7 +74,7 @@ def predict_table(
     pandas.DataFrame
         The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j``
         and their ends ``_low`` and ``_high``, ``held_probability`` and ``problem``, which says why
-        a row is ``invalid``; beyond one of the limits of docs/model.md its ``status`` names it, and
+        a row is ``invalid``; beyond one of the limits of docs/explanation/model.md its ``status`` names it, and
         there is no energy.
 
     Raises

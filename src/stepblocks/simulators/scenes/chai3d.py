@@ -70,6 +70,6 @@ CHAI3D = SceneFormat(
     verified=(
         "OBJ and STL are read back and measured by the test suite; `blocks.cpp` was compiled "
         "against CHAI3D 3.3 and run without device "
-        "or display for the table of docs/simulators.md; not run on a device."
+        "or display for the table of docs/explanation/simulators.md; not run on a device."
     ),
 )

@@ -127,6 +127,6 @@ MUJOCO = SceneFormat(
         "are "
         "coarser than a step",
     ),
-    verified="run in MuJoCo by the test suite and by the table of docs/simulators.md, pieces and "
+    verified="run in MuJoCo by the test suite and by the table of docs/explanation/simulators.md, pieces and "
     "height field.",
 )
