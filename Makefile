@@ -28,12 +28,17 @@ docs: $(VENV)/ready-dev
 notebooks: $(VENV)/ready-dev graphics
 	$(BIN)/python benchmarks/notebooks.py
 
-# What is handed on: wheel and sdist, installed by itself and begun from an empty folder outside the checkout.
+# Wheel, sdist and a bill of materials. The wheel is built twice, byte for byte the same, installed by itself, and used from an empty folder outside the checkout.
+package: export SOURCE_DATE_EPOCH = $(shell git log -1 --format=%ct 2>/dev/null || echo 1700000000)
 package: $(VENV)/ready-dev
-	rm -rf dist build $(VENV)-package && mkdir dist
+	rm -rf dist build $(VENV)-package && mkdir -p dist/again
+	$(BIN)/python -c 'import setuptools.build_meta as b; b.build_wheel("dist/again")'
+	rm -rf build
 	$(BIN)/python -c 'import setuptools.build_meta as b; b.build_sdist("dist"); b.build_wheel("dist")'
+	cmp dist/*.whl dist/again/*.whl && rm -r dist/again
 	$(PYTHON) -m venv $(VENV)-package
 	$(VENV)-package/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt dist/*.whl
+	wheel=$$(echo dist/*.whl) && $(VENV)-package/bin/python benchmarks/bill_of_materials.py $${wheel%.whl}.cdx.json
 	here=$$(cd $(VENV)-package/bin && pwd) && cd "$$(mktemp -d)" && "$$here/stepblocks" new block mine.toml \
 	  && "$$here/stepblocks" build mine.toml && "$$here/stepblocks" check mine.toml --quiet
 

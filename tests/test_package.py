@@ -2,6 +2,7 @@
 empty folder.
 """
 
+import json
 import os
 import re
 import shutil
@@ -30,17 +31,21 @@ def built(tmp_path_factory):
     shutil.copytree(ROOT / "stimuli", source / "stimuli")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source / name)
-    sdist = made("sdist", source, folder)
+    sdist = build_one("sdist", source, folder)
     with tarfile.open(sdist) as archive:
         archive.extractall(folder / "unpacked", filter="data")
-    return made("wheel", next((folder / "unpacked").iterdir()), folder), sdist
+    return build_one("wheel", next((folder / "unpacked").iterdir()), folder), sdist
 
 
-def made(kind, source, folder):
+def build_one(kind, source, folder):
     pytest.importorskip("setuptools", minversion="77")
     code = f"import sys, setuptools.build_meta as b; print(b.build_{kind}(sys.argv[1]))"
     done = subprocess.run(
-        [sys.executable, "-c", code, str(folder)], cwd=source, capture_output=True, text=True
+        [sys.executable, "-c", code, str(folder)],
+        cwd=source,
+        env={**os.environ, "SOURCE_DATE_EPOCH": "1700000000"},
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
     return folder / done.stdout.split()[-1]
@@ -69,6 +74,41 @@ def test_the_wheel_and_the_sdist_hold_every_file_of_the_package_and_the_shipped_
             if "/src/stepblocks/" in name
         }
     assert ours() - names == set()
+
+
+def test_the_wheel_is_the_same_bytes_when_it_is_built_again_elsewhere(built, tmp_path):
+    wheel, sdist = built
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path / "elsewhere", filter="data")
+    again = build_one("wheel", next((tmp_path / "elsewhere").iterdir()), tmp_path)
+    assert again.read_bytes() == wheel.read_bytes()
+
+
+def test_the_version_is_the_same_wherever_it_stands():
+    version = re.search(r'^version = "(.*)"$', (ROOT / "pyproject.toml").read_text(), re.M)[1]
+    assert f'__version__ = "{version}"' in (HOUSE / "__init__.py").read_text()
+    assert f"version: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    assert f"## {version} (" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_the_bill_of_materials_names_every_package_and_resolves_every_reference(tmp_path):
+    script = ROOT / "benchmarks" / "bill_of_materials.py"
+    for name in ("a.cdx.json", "b.cdx.json"):
+        subprocess.run([sys.executable, script, tmp_path / name], check=True)
+    text = (tmp_path / "a.cdx.json").read_text()
+    assert text == (tmp_path / "b.cdx.json").read_text()
+    bill = json.loads(text)
+    # Origin: CycloneDX 1.5, the required keys of a bill and the form of a serial number
+    assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.5")
+    assert re.fullmatch(r"urn:uuid:[0-9a-f-]{36}", bill["serialNumber"])
+    product = bill["metadata"]["component"]
+    assert product["name"] == "stepblocks"
+    known = {one["bom-ref"] for one in [product, *bill["components"]]}
+    assert len(known) == len(bill["components"]) + 1
+    assert {"cadquery", "numpy", "scipy"} <= {one["name"] for one in bill["components"]}
+    for one in bill["dependencies"]:
+        assert {one["ref"], *one["dependsOn"]} <= known
+    assert all(one["licenses"][0]["license"]["name"] for one in bill["components"])
 
 
 def test_the_wheel_begins_from_an_empty_folder_without_the_checkout(built, tmp_path):

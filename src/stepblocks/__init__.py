@@ -30,7 +30,7 @@ import warnings
 
 import lazy_loader
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 # names of version 0.1, kept for one release
 _RENAMED = {
