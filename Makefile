@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: run run-all example test lint docs notebooks package everywhere fuzz mutations licences graphics clean
+.PHONY: run run-all example test lint docs notebooks package everywhere fuzz mutations report licences graphics clean
 
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
@@ -70,6 +70,10 @@ fuzz: $(VENV)/ready-dev graphics
 # Small mistakes put into a copy of the core, one at a time: do the tests notice? The record in out/ lets a run be broken off.
 mutations: $(VENV)/ready-dev graphics
 	$(BIN)/python benchmarks/mutations.py --jobs 2
+
+# The figures that the docs quote, measured again part by part (hours on two cores); records in docs/records, the page is docs/verification.md.
+report: $(VENV)/ready-all $(VENV)/ready-dev graphics
+	$(BIN)/python benchmarks/report.py $(PARTS)
 
 licences: $(VENV)/ready-dev
 	$(BIN)/python benchmarks/licences.py

@@ -62,6 +62,11 @@ def rows(table: list[list[str]]) -> str:
     return "\n".join([head, "|" + "---|" * len(table[0]), *rest])
 
 
+def source(figure: dict[str, Any]) -> str:
+    """Say where a figure comes from that the last run did not measure again."""
+    return f" (carried over from {figure['older']})" if "older" in figure else ""
+
+
 def section(record: dict[str, Any]) -> str:
     """Write the section of one part."""
     versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
@@ -76,7 +81,7 @@ def section(record: dict[str, Any]) -> str:
     if record["figures"]:
         table = [["figure", "of what"]]
         table += [
-            [f'<a id="{figure["id"]}"></a>{figure["text"]}', figure["says"]]
+            [f'<a id="{figure["id"]}"></a>{figure["text"]}', figure["says"] + source(figure)]
             for figure in record["figures"]
         ]
         lines.append(rows(table))

@@ -1,0 +1,348 @@
+"""Measure the figures of the verification report again, part by part.
+
+python benchmarks/report.py [PART ...] [--list] [--again] [--busy]
+
+Each part runs one benchmark, reads figures and tables from what it prints, and leaves a record in
+out/report. A part whose code has not changed since its record is left out, so a run can be broken
+off and goes on with the next part. At the end the records go to docs/records, and the pages that
+quote a figure get its new text. Parts that measure time are left out on a busy machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import re
+import shlex
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import records
+
+ROOT = records.ROOT
+OUT = ROOT / "out" / "report"
+LIBRARIES = ("numpy", "scipy", "numba", "cadquery", "mujoco")
+SHARED = os.environ.get("STEPBLOCKS_SHARED", str(ROOT.parent / "shared"))
+
+
+@dataclass(frozen=True)
+class Part:
+    """One benchmark, and how its figures are found in what it prints.
+
+    Attributes
+    ----------
+    command
+        Command line; ``{shared}`` is the folder of scans and sessions of others.
+    figures
+        For each figure a pattern, whose groups are put into the text.
+    minutes
+        About how long it takes on two idle cores.
+    timing
+        Whether its figures are times, so that other work on the machine spoils them.
+    """
+
+    name: str
+    command: str
+    figures: dict[str, tuple[str, str]] = field(default_factory=dict)
+    minutes: float = 1.0
+    timing: bool = False
+
+
+PARTS = [
+    Part("exchange", "python benchmarks/ap242.py", {"ap242": (r"LARGEST worst nm", "{} nm")}, 0.5),
+    Part(
+        "install",
+        "python benchmarks/install_size.py",
+        {"install-size": (r"\*\*all \d+\*\* \| \*\*(\d+)\*\*", "{:GB} GB")},
+    ),
+    Part(
+        "renderer",
+        "python benchmarks/renderer_ticks.py",
+        {
+            "tick-median": (r"ten blocks \| \d+ \| (\S+)", "{} µs"),
+            "tick-999": (r"ten blocks \| \d+ \| \S+ \| (\S+)", "{} µs"),
+            "tick-interrupted": (r"ten blocks \| \d+ \| \S+ \| \S+ \| (\S+)", "{} µs"),
+            "tick-worst": (r"ten blocks (?:\| \S+ ){5}\| (\S+)", "{} µs"),
+        },
+        timing=True,
+    ),
+    Part(
+        "inspect-seconds",
+        "python benchmarks/inspect_seconds.py",
+        {
+            "inspect-profile": (r"profile of 4,000 points +\S+ +(\S+)", "{} s"),
+            "inspect-map": (r"1,000, edge +\S+ +(\S+)", "{} s"),
+            "inspect-grating": (r"1,000, grating +\S+ +(\S+)", "{} s"),
+        },
+        timing=True,
+    ),
+    Part(
+        "scans",
+        "python benchmarks/real_scans.py {shared}/real",
+        {
+            "scans-right": (r"(\d+ of \d+) with a step answered", "{}"),
+            "scans-warning": (r"(\d+ of \d+) right answers with a warning", "{}"),
+        },
+        2,
+    ),
+    Part(
+        "drag-paper",
+        "python benchmarks/drag_like_the_paper.py -o out/contact",
+        {
+            "rod-energy": (r"\| rod \| 100 (?:\| \S+ ){4}\| (\S+)", "{} µJ"),
+            "rod-share": (r"\| rod \| 100 (?:\| \S+ ){5}\| (\d+)%", "{} %"),
+            "rod-decay": (r"\| rod \| 100 (?:\| \S+ ){7}\| (\d+)", "{} ms"),
+            "rod-loading": (r"\| rod \| 100 (?:\| \S+ ){8}\| (\d+)%", "{} %"),
+            "rod-ring": (r"\| rod \| 100 (?:\| \S+ ){9}\| (\d+)%", "{} %"),
+            "rod-normal": (r"\| rod \| 100 (?:\| \S+ ){10}\| (\d+)%", "{} %"),
+            "share-median": (r"median (\d+)%", "{} %"),
+            "share-range": (r"5 % to 95 %: (\d+)% to (\d+)%", "{} to {} %"),
+        },
+    ),
+    Part(
+        "mujoco",
+        "python benchmarks/drag_against_mujoco.py",
+        {
+            "mujoco-faster": (r"5e-06 s .*linear 3e7 (\d+), Hertz (\d+)", "{} to {}"),
+            "mujoco-rate": (r"drags per second per core.*: (\d+)", "{}"),
+        },
+        timing=True,
+    ),
+    Part(
+        "sweep",
+        "python benchmarks/sweep_rows_per_second.py",
+        {
+            "sweep-static": (r"static in this process: +(\d+)", "{}"),
+            "sweep-drag": (r"drag +in this process: +(\d+)", "{}"),
+        },
+        2,
+        timing=True,
+    ),
+    Part(
+        "regimes",
+        "python benchmarks/regimes.py 1000",
+        {
+            "regimes-right": (r"right: (\S+)% of", "{} %"),
+            "static-friction": (r"static friction named in (\d+)%", "{} %"),
+        },
+        5,
+    ),
+    Part(
+        "loop-seconds",
+        "python benchmarks/loop_seconds.py --trials 240",
+        {"loop-240": (r"240 trials\D*?([\d.]+) s", "{} s")},
+        2,
+        timing=True,
+    ),
+    Part("coverage", "python benchmarks/softgauge_coverage.py", {}, 90),
+    Part("adaptive", "python benchmarks/study_adaptive_trials.py 100", {}, 20),
+    Part("accuracy", "python benchmarks/study_accuracy.py 2000", {}, 30),
+    Part(
+        "simulators",
+        "python benchmarks/simulators.py",
+        {
+            "sim-renderer": (r"LARGEST renderer", "{} %"),
+            "sim-mujoco": (r"LARGEST MuJoCo", "{} %"),
+        },
+        5,
+    ),
+    Part(
+        "fault-injection",
+        "python benchmarks/faults.py",
+        {"faults": (r"(\d+) faults", "{}")},
+        40,
+    ),
+    Part(
+        "mutations",
+        "python benchmarks/mutations.py --summary",
+        {
+            "mutants": (r"\| all \| (\d+) \|", "{}"),
+            "mutants-noticed": (r"\| all \| \d+ \| (\d+) \|", "{}"),
+        },
+    ),
+]
+
+
+def machine() -> str:
+    """Describe this machine: cores, processor, system, and how busy it was."""
+    load = os.getloadavg()[0]
+    busy = f"load {load:.1f}" if load > 0.7 else "otherwise idle"
+    return f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, {busy}"
+
+
+def versions() -> dict[str, str]:
+    """List Python and the libraries on which figures depend."""
+    found = {"python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def commit() -> str:
+    """Name the commit, with a mark where the checkout differs from it."""
+    command = ["git", "describe", "--always", "--dirty=, changed"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or "unknown"
+
+
+def read_tables(text: str) -> list[dict[str, Any]]:
+    """Find the tables of an output: Markdown, or columns set apart by two spaces."""
+    found: list[list[list[str]]] = [[]]
+    for line in text.splitlines():
+        if line.startswith("|"):
+            cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+            if set("".join(cells)) <= set("-: ") and any(cells):
+                continue
+        else:
+            cells = [cell for cell in re.split(r"\s{2,}", line.strip()) if cell]
+        if found[-1] and len(cells) != len(found[-1][0]):
+            found.append([])
+        if len(cells) > 1:
+            found[-1].append(cells)
+    return [
+        {"caption": "Output", "columns": table[0], "rows": table[1:]}
+        for table in found
+        if len(table) > 1
+    ]
+
+
+def largest(text: str, column: str) -> str:
+    """Find the largest size of the numbers of a column: of its last words, or in its brackets."""
+    for table in read_tables(text):
+        names = [name for name in table["columns"] if column in name]
+        place = table["columns"].index(names[0]) if names else -1
+        if place >= 0:
+            cells = [row[place] for row in table["rows"]]
+            signed = [re.search(r"\(([-+]?[\d.]+) %\)", cell) for cell in cells]
+            sizes = [abs(float(one[1])) for one in signed if one]
+            if sizes:
+                return f"{max(sizes):.2f}"
+    words = text.splitlines()[0].split()
+    at = " ".join(words).split(column)[0].count(" ")
+    sizes = [float(line.split()[at]) for line in text.splitlines()[1:] if len(line.split()) > at]
+    return f"{max(sizes):.1e}".replace("e-0", "e-")
+
+
+def find_figure(text: str, pattern: str, form: str) -> str | None:
+    """Find the text of a figure in an output; ``LARGEST column`` is the largest of a column."""
+    if pattern.startswith("LARGEST "):
+        return form.format(largest(text, pattern.removeprefix("LARGEST ")))
+    found = re.search(pattern, text)
+    if found is None:
+        return None
+    if ":GB" in form:
+        return form.replace("{:GB}", f"{float(found[1]) / 1000.0:.1f}")
+    groups = (f"{int(one):,}" if one.isdigit() and len(one) > 3 else one for one in found.groups())
+    return form.format(*groups)
+
+
+def measure(part: Part, before: dict[str, Any] | None) -> dict[str, Any]:
+    """Run a part and make its record; what its output does not say keeps its older text."""
+    words = shlex.split(part.command.replace("{shared}", SHARED))
+    begun = time.monotonic()
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+    done = subprocess.run(
+        [sys.executable, *words[1:]], cwd=ROOT, env=environment, capture_output=True, text=True
+    )
+    if done.returncode != 0:
+        lines = (done.stdout + done.stderr).strip().splitlines()
+        raise RuntimeError(f"exit code {done.returncode}: {lines[-1] if lines else 'no output'}")
+    if before is None:
+        raise RuntimeError("no record to begin with in docs/records")
+    record = {**before, "figures": [dict(figure) for figure in before["figures"]]}
+    for figure in record["figures"]:
+        if figure["id"] in part.figures:
+            text = find_figure(done.stdout, *part.figures[figure["id"]])
+            if text is None:
+                raise RuntimeError(f"the output does not say {figure['id']}")
+            figure["text"] = text
+            figure.pop("older", None)
+        else:
+            figure.setdefault("older", f"{before['commit']}, {before['date']}")
+    return {
+        **record,
+        "command": part.command.replace("{shared}", "FOLDER"),
+        "code_hash": records.code_hash(*record["code"]),
+        "commit": commit(),
+        "date": time.strftime("%Y-%m-%d"),
+        "machine": machine(),
+        "versions": versions(),
+        "minutes": round((time.monotonic() - begun) / 60.0, 1),
+        "tables": read_tables(done.stdout) if part.name != "exchange" else before["tables"],
+    }
+
+
+def write(path: Path, record: dict[str, Any]) -> None:
+    """Write a record."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(record, indent=1, ensure_ascii=False) + "\n"
+    path.write_text(text, encoding="utf-8")
+
+
+def quote() -> list[str]:
+    """Put the text of every figure where a page quotes it, and list the pages that changed."""
+    texts = records.figures()
+    changed = []
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        old = page.read_text(encoding="utf-8")
+        new = re.sub(
+            r"\[[^\]\[]+\](\((?:\.\./|docs/)*verification\.md#([\w-]+)\))",
+            lambda found: f"[{texts[found[2]]}]{found[1]}" if texts.get(found[2]) else found[0],
+            old,
+        )
+        if new != old:
+            page.write_text(new, encoding="utf-8")
+            changed.append(page.relative_to(ROOT).as_posix())
+    return changed
+
+
+def main() -> int:
+    """Measure what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("parts", nargs="*", help="all when left out")
+    parser.add_argument("--list", action="store_true", help="only say what would be measured")
+    parser.add_argument("--again", action="store_true", help="also parts whose code is the same")
+    parser.add_argument("--busy", action="store_true", help="times, too, on a busy machine")
+    asked = parser.parse_args()
+    unknown = sorted(set(asked.parts) - {part.name for part in PARTS})
+    if unknown:
+        parser.error(f"unknown part {', '.join(unknown)}")
+    failed = 0
+    for part in [one for one in PARTS if one.name in asked.parts or not asked.parts]:
+        path = OUT / f"{part.name}.json"
+        kept = path if path.exists() else records.FOLDER / path.name
+        before = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else None
+        if before and not records.is_older(before) and not asked.again:
+            said = "is as new as the code"
+        elif asked.list:
+            said = f"takes about {part.minutes:g} min"
+        elif part.timing and os.getloadavg()[0] > 0.7 and not asked.busy:
+            said = "measures times, and this machine is busy: left out"
+        else:
+            try:
+                record = measure(part, before)
+            except (RuntimeError, OSError) as error:
+                failed += 1
+                said = f"failed, {error}"
+            else:
+                write(path, record)
+                write(records.FOLDER / path.name, record)
+                said = f"measured in {record['minutes']} min"
+        print(f"{part.name}: {said}", flush=True)
+    for page in quote() if not asked.list else ():
+        print(f"{page}: its figures are new")
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

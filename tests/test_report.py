@@ -1,0 +1,107 @@
+"""The report reads what benchmarks print, and mutants are put where they are said to be."""
+
+import json
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="module")
+def report():
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    try:
+        import report
+
+        yield report
+    finally:
+        sys.path.remove(str(ROOT / "benchmarks"))
+
+
+@pytest.fixture(scope="module")
+def mutations():
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    try:
+        import mutations
+
+        yield mutations
+    finally:
+        sys.path.remove(str(ROOT / "benchmarks"))
+
+
+def test_tables_of_an_output_are_found_in_markdown_and_in_columns(report):
+    text = "| a | b |\n|---|---:|\n| 1 | 2 |\n\nname   value\nfirst thing   3\nsecond   4\n"
+    markdown, columns = report.read_tables(text)
+    assert (markdown["columns"], markdown["rows"]) == (["a", "b"], [["1", "2"]])
+    assert columns["rows"] == [["first thing", "3"], ["second", "4"]]
+
+
+def test_a_figure_is_the_text_that_its_pattern_finds(report):
+    assert report.find_figure("drags per second: 3729", r": (\d+)", "{}") == "3,729"
+    assert report.find_figure("| **all 9** | **2018** |", r"\*\*(2\d+)\*\*", "{:GB} GB") == "2.0 GB"
+    assert report.find_figure("nothing here", r"(\d+)", "{}") is None
+
+
+def test_every_figure_of_a_part_is_one_of_its_record(report):
+    for part in report.PARTS:
+        path = ROOT / "docs" / "records" / f"{part.name}.json"
+        if path.exists():
+            known = {one["id"] for one in json.loads(path.read_text())["figures"]}
+            assert set(part.figures) <= known, part.name
+
+
+def test_a_part_that_fails_leaves_the_record_as_it_was(report, tmp_path):
+    part = report.Part("none", "python -c raise(SystemExit(3))")
+    with pytest.raises(RuntimeError, match="exit code 3"):
+        report.measure(part, {"code": [], "figures": [], "commit": "a", "date": "b"})
+
+
+def test_a_mutant_changes_the_expression_that_it_names_and_nothing_else(mutations):
+    for room in ("drag", "study/analysis"):
+        for mutant in mutations.find_mutants(ROOT, room)[::40]:
+            whole = (ROOT / mutant.path).read_bytes()
+            start, end = mutant.span
+            assert whole[start:end].decode() == mutant.before
+            changed = whole[:start] + mutant.after.encode() + whole[end:]
+            compile(changed, mutant.path, "exec")
+            assert mutant.before != mutant.after
+
+
+def test_the_core_offers_more_mutants_than_are_asked_for_and_each_has_tests(mutations):
+    for room in mutations.ROOMS:
+        found = mutations.find_mutants(ROOT, room)
+        assert len(found) > 60
+        for mutant in found[::100]:
+            assert all((ROOT / name).exists() for name in mutations.tests_of(ROOT, mutant))
+
+
+def test_a_mutant_stands_only_while_its_tests_run(mutations, tmp_path, monkeypatch):
+    house = tmp_path / "src" / "stepblocks" / "drag"
+    house.mkdir(parents=True)
+    (house / "one.py").write_text("def twice(x):\n    return 2 * x\n")
+    folder = tmp_path / "tests" / "drag"
+    folder.mkdir(parents=True)
+    (folder / "test_one.py").write_text(
+        "import runpy\n\n"
+        "def test_twice():\n"
+        "    one = runpy.run_path('src/stepblocks/drag/one.py')\n"
+        "    assert one['twice'](3) == 6\n"
+    )
+    monkeypatch.setattr(mutations, "ROOT", tmp_path)
+    tree = mutations.Tree(tmp_path / "copy")
+    found = mutations.find_mutants(tmp_path, "drag")
+    assert {mutant.after for mutant in found} == {"(2 / x)", "3"}
+    tests = mutations.tests_of(tmp_path, found[0])
+    assert tests == ["tests/drag/test_one.py"]
+    assert tree.run(tests, 60.0) == "passed"
+    for mutant in found:
+        assert tree.run(tests, 60.0, mutant=mutant) == "failed"
+    assert tree.run(tests, 60.0) == "passed"
+
+
+def test_the_site_hooks_know_every_generated_page():
+    hooks = runpy.run_path(str(ROOT / "docs" / "generated_pages.py"))
+    assert all((ROOT / "docs" / page).exists() for page in hooks["PAGES"])
