@@ -49,7 +49,7 @@ def _is_kit(path: Path) -> bool:
 
 
 def matches_pattern(only: str, set_name: str, identity: str) -> bool:
-    """Tell whether a pattern, as ``paper-ten/*`` or ``step-02?``, means a stimulus."""
-    return fnmatch.fnmatchcase(identity, only) or fnmatch.fnmatchcase(
-        f"{set_name}/{identity}", only
-    )
+    """Tell whether a pattern, as ``step-02?`` or ``paper-*/step-02?``, means a stimulus of a set."""
+    of_set, slash, of_part = only.rpartition("/")
+    named = not slash or fnmatch.fnmatchcase(set_name, of_set)
+    return named and fnmatch.fnmatchcase(identity, of_part)

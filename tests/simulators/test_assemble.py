@@ -13,7 +13,7 @@ from stepblocks.errors import HapticsError
 from stepblocks.parts.shapes import compute_enclosed_volume
 from stepblocks.simulators.assemble import assemble_scene, build_plain_step, resolve_contact
 from stepblocks.simulators.devices import find_device, load_devices
-from stepblocks.simulators.scene import SceneFormat, write_json, write_scene
+from stepblocks.simulators.scene import SceneFormat, find_loudest_force, write_json, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli[2]
@@ -92,7 +92,7 @@ def test_what_is_worn_is_felt_on_a_plain_step_too():
 
 
 def test_a_block_is_its_own_surface_and_a_tip_asks_for_a_step():
-    assert resolve_contact(BLOCK, PAPER)[0] is BLOCK
+    assert resolve_contact(BLOCK, PAPER).surface is BLOCK
     with pytest.raises(HapticsError, match="height of the step under the probe must be given"):
         resolve_contact(TIPS["tip-125"], PAPER)
 
@@ -126,7 +126,7 @@ def test_a_new_format_is_one_object_and_gets_all_that_every_folder_has(plain, tm
     )
     write_scene(tmp_path, plain, form)
     names = {path.name for path in tmp_path.iterdir()}
-    full = f"full-scale-{plain.largest_ring_force():.4g}n"
+    full = f"full-scale-{find_loudest_force(plain.events):.4g}n"
     waves = [f"-{rate}khz-{full}{kind}.wav" for rate in (10, 48) for kind in ("", "-int16")]
     rings = {f"ring-up{end}" for end in (*waves, ".hjif", ".ahap", ".json")}
     assert (

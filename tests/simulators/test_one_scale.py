@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from stepblocks.cli import main
-from stepblocks.errors import HapticsError
+from stepblocks.declare import load_set
+from stepblocks.errors import HapticsError, PipelineError
 from stepblocks.simulators.export import export
 
 SET = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
-BLOCKS, ENDS = "step-0[15]0", "step-[01][01]0"  # 10 and 50, 10 and 100 um
+BLOCKS = "step-0[15]0"  # 10 and 50 um
+ENDS = "step-[01][01]0"  # 10 and 100 um
 
 
 def plans(folder):
@@ -25,47 +27,62 @@ def plans(folder):
     }
 
 
-def test_a_device_gives_the_set_the_scale_that_its_neediest_block_needs(tmp_path):
-    export(SET, "forcelaw", tmp_path / "alone", device="touch", only="step-010")
-    export(SET, "forcelaw", tmp_path / "together", device="touch", only=ENDS)
-    alone, together = plans(tmp_path / "alone"), plans(tmp_path / "together")
-    assert len(together) == 2
-    assert {plan["scale"] for plan in together.values()} == {alone["step-010"]["scale"]}
-    assert len({plan["stiffness_n_per_m"] for plan in together.values()}) == 1
-    readme = (tmp_path / "together/paper-ten/step-100/forcelaw-touch/README.md").read_text()
+def test_the_scale_belongs_to_the_set_whatever_is_written_of_it(tmp_path):
+    """Exported apart or together, blocks of 10 and 80 um have one scale and one spring."""
+    for only in ("step-010", "step-080", "step-0[18]0"):
+        export(SET, "forcelaw", tmp_path / only.strip("[]"), device="omega-3", only=only)
+    found = [plan for folder in sorted(tmp_path.iterdir()) for plan in plans(folder).values()]
+    assert len(found) == 4
+    assert len({(plan["scale"], plan["stiffness_n_per_m"]) for plan in found}) == 1
+    readme = (tmp_path / "step-080/paper-ten/step-080/forcelaw-omega-3/README.md").read_text()
     assert "the same for every stimulus of the set" in readme
     assert "CONFOUNDED" not in readme
 
 
+def test_the_full_scale_of_the_wavs_belongs_to_the_set_whatever_is_written_of_it(tmp_path):
+    scales = set()
+    for only in ("step-010", "step-090", "step-0[19]0"):
+        export(SET, "gltf", tmp_path / only.strip("[]"), only=only)
+    for path in tmp_path.rglob("ring-up.json"):
+        scales |= set(json.loads(path.read_text())["full_scale_n"].values())
+    assert len(scales) == 1
+
+
+def test_a_pattern_without_a_slash_means_stimuli_and_not_the_set(tmp_path):
+    margins = str(Path(SET).with_name("crown-margins.toml"))
+    done = export(margins, "gltf", tmp_path, only="crown*")
+    assert {one.name.split("/")[1].split("-")[0] for one in done} == {"crown"}
+    (one,) = export([SET, margins], "gltf", tmp_path, only="crown-*/gap-025")
+    assert one.name == "crown-margins/gap-025"
+
+
 def test_rendered_steps_stand_to_each_other_as_the_blocks_do(tmp_path):
-    """Per block the steps of 10 and 100 um are rendered as 2 and 5 mm: a hand that measures travel is led astray."""
+    """Per block, steps are rendered at several scales: the travel of the hand then misleads."""
     for folder, scale in (("one", []), ("each", ["--scale", "per-block"])):
-        arguments = [
-            "export",
-            SET,
-            "--for",
-            "forcelaw",
-            "--device",
-            "touch",
-            "--only",
-            ENDS,
-            *scale,
-            "-o",
-            str(tmp_path / folder),
-        ]
-        assert main(arguments) == 0
+        arguments = ["export", SET, "--for", "forcelaw", "--device", "touch", *scale]
+        assert main([*arguments, "--only", "step-0[18]0", "-o", str(tmp_path / folder)]) == 0
     steps = {
-        folder: [plans(tmp_path / folder)[f"step-{h:03}"]["scale"] * h * 1e-3 for h in (10, 100)]
+        folder: [plans(tmp_path / folder)[f"step-{h:03}"]["scale"] * h * 1e-3 for h in (10, 80)]
         for folder in ("one", "each")
     }
-    assert steps["one"] == [2.0, 20.0]
-    assert steps["each"] == [2.0, 5.0]
+    assert steps["one"] == [2.0, 16.0]
+    assert steps["each"][1] < 16.0
     place = tmp_path / "each/paper-ten/step-010/forcelaw-touch"
     assert "CONFOUNDED" in (place / "README.md").read_text()
     assert "confounded" in json.loads((place / "event.json").read_text())["scale_is_of"]
 
 
-def test_a_set_that_cannot_have_one_scale_is_told_why(tmp_path):
+@pytest.mark.parametrize("scale", [None, 200.0, "per-block"])
+def test_what_a_device_does_not_render_is_refused_at_every_scale_and_named(tmp_path, scale):
+    """A Touch gives 3.3 N: at 0.3 N the steps of 100 and 90 um take 5.7 and 2.2 N."""
+    with pytest.raises(HapticsError) as caught:
+        export(SET, "forcelaw", tmp_path / "out", device="touch", only="step-*", scale=scale)
+    assert re.search(r"touch does not render step-100: the release force of 5.7\d N", str(caught.value))
+    assert "--only" in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_a_device_loses_at_the_scale_of_the_set_stands_in_the_plan(tmp_path):
     device = tmp_path / "devices.toml"
     figure = '{{ value = "{}", source = "this test", confidence = "assumed" }}'
     device.write_text(
@@ -82,29 +99,41 @@ def test_a_set_that_cannot_have_one_scale_is_told_why(tmp_path):
             )
         )
     )
-    with pytest.raises(HapticsError) as caught:
-        export(SET, "forcelaw", tmp_path / "out", device="short", devices=device, only=ENDS)
-    said = str(caught.value)
-    assert re.search(
-        r"step-010 needs 200, at which the hand must travel [\d.]+ mm, more than its 40 mm \[step-",
-        said,
-    )
-    assert "--scale per-block" in said
-    assert not (tmp_path / "out").exists()
-    assert (
-        len(
-            export(
-                SET,
-                "forcelaw",
-                tmp_path / "out",
-                device="short",
-                devices=device,
-                only=ENDS,
-                scale="per-block",
-            )
-        )
-        == 2
-    )
+    done = export(SET, "forcelaw", tmp_path, device="short", devices=device, only="step-100")
+    assert done[0].plan.scale == 200.0  # which the step of 10 um needs
+    assert re.search(r"the hand must travel [\d.]+ mm, more than its 40 mm", str(done[0].plan))
+
+
+def test_of_two_sets_either_both_are_written_or_none(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "paper-ten").write_text("in the way")
+    four = Path(SET).with_name("paper-four.toml")
+    with pytest.raises(PipelineError, match="the folder cannot be written: Not a directory"):
+        export([four, SET], "gltf", tmp_path / "out", only="*-0[25]0")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["paper-ten"]
+
+
+def test_a_set_of_ones_own_is_exported_as_it_is(tmp_path):
+    stimuli = load_set(SET)
+    (done,) = export(stimuli.with_parts(stimuli.stimuli[:1]), "gltf", tmp_path)
+    assert done.name == "paper-ten/step-010"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"load": 1.0}, "an option must be one of normal_load, .* got 'load'"),
+        ({"normal_load": "1 N"}, "normal_load must be a finite number in SI units, got '1 N'"),
+        ({"friction": float("nan")}, "friction must be a finite number in SI units, got nan"),
+        ({"ring": "loud"}, "--ring must be one of exponential, drag, got 'loud'"),
+        ({"scale": "big"}, "--scale must be a number or per-block, got 'big'"),
+    ],
+)
+def test_wrong_options_of_the_function_are_named(tmp_path, options, message):
+    with pytest.raises(PipelineError, match=message):
+        export(SET, "gltf", tmp_path, **options)
+    with pytest.raises(PipelineError, match="a set must be a path or a StimulusSet"):
+        export([3.0], "gltf", tmp_path)
 
 
 def test_rings_of_a_set_are_as_loud_to_each_other_as_their_forces(tmp_path):

@@ -18,7 +18,13 @@ from stepblocks.contact.critical_angle import (
 from stepblocks.contact.domain import Real, require_points, unwrap_scalar
 from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.path.centre import CentrePath, build_corner_path, build_envelope_path
+from stepblocks.contact.path.centre import (
+    CentrePath,
+    Disc,
+    Line,
+    build_envelope_path,
+    find_outline,
+)
 from stepblocks.errors import ContactError
 
 Array = NDArray[np.float64]
@@ -81,11 +87,15 @@ class Counterface(ABC):
     def section(self, run: float) -> tuple[Array, Array]:
         """Corners (x, z) [m] from `run` before the first to `run` behind the last one; a rounding as its chords."""
 
-    def centre_path(self, ball_radius: float) -> CentrePath:
-        """Path of the centre of a ball, from 5 mm before the edge to 5 mm behind it."""
+    def outline(self) -> tuple[list[Disc], list[Line]]:
+        """Discs and lines whose upper envelope, grown by a ball, is the path of its centre [m]."""
         x, z = self.section(REACH)
         x[0], x[-1] = -REACH, REACH
-        return build_corner_path(np.column_stack([x, z]), ball_radius)
+        return find_outline(np.column_stack([x, z]))
+
+    def centre_path(self, ball_radius: float) -> CentrePath:
+        """Path of the centre of a ball, from 5 mm before the edge to 5 mm behind it."""
+        return build_envelope_path(*self.outline(), ball_radius)
 
 
 @dataclass(frozen=True)
@@ -138,13 +148,13 @@ class Step(Counterface):
             np.concatenate([[0.0, 0.0], z, [height]]),
         )
 
-    def centre_path(self, ball_radius: float) -> CentrePath:
-        """Over the arc a circle of R + r."""
+    def outline(self) -> tuple[list[Disc], list[Line]]:
+        """The arc is a disc, over which the path is a circle of R + r."""
         height, radius = self.height, self.edge_radius
         if radius == 0.0:
-            return super().centre_path(ball_radius)
+            return super().outline()
         lines = [((-REACH, 0.0), (0.0, 0.0)), ((radius, height), (REACH, height))]
-        return build_envelope_path([(radius, height - radius, radius)], lines, ball_radius)
+        return [(radius, height - radius, radius)], lines
 
 
 @dataclass(frozen=True)
@@ -254,9 +264,9 @@ class Profile(Counterface):
     def section(self, run: float) -> tuple[Array, Array]:
         return self.x, self.z
 
-    def centre_path(self, ball_radius: float) -> CentrePath:
-        """Over its own points, at most 2000."""
-        return build_corner_path(np.column_stack([self.x, self.z]), ball_radius)
+    def outline(self) -> tuple[list[Disc], list[Line]]:
+        """Its own points, at most 2000."""
+        return find_outline(np.column_stack([self.x, self.z]))
 
 
 @dataclass(frozen=True)

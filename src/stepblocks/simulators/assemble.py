@@ -1,11 +1,11 @@
-"""From a stimulus to its scene: the surface that is felt, its solids and pieces, turned so that every drag runs along x."""
+"""From a stimulus to its scene: the surface, its solids and pieces, turned so that drags run along x."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import ValidationError
@@ -31,20 +31,39 @@ from stepblocks.simulators.scene import Frame, Scene
 if TYPE_CHECKING:
     from stepblocks.predict.table import LearnedDrag
 
+Ring = Literal["exponential", "drag"]
 _RATE = 96e3  # of the simulated force [Hz]; WAV files are interpolated from it
 _LENGTH = 0.1  # recorded after the release [s]
 
 
-def build_plain_step(height: float, name: str = "step") -> StepBlock:
-    """Make the sharp step that a declared tip is dragged over."""
+@dataclass(frozen=True)
+class Contact:
+    """A stimulus under a tip.
 
-    def exact(**sizes: str) -> dict[str, Any]:
+    Attributes
+    ----------
+    stimulus, surface : Part
+        What was asked for, and what is dragged over: the same, or a plain step under a tip.
+    point : OperatingPoint
+        Ball, load, friction, speed and tool.
+    events : tuple of VibrationEvent
+        Of the drags towards +x and -x.
+    """
+
+    stimulus: Part
+    surface: Part
+    point: OperatingPoint
+    events: Events
+
+
+def build_plain_step(height: float, name: str = "step") -> StepBlock:
+    """Build the sharp step that a declared tip is dragged over."""
+
+    def exact(**sizes: str) -> dict[str, object]:
         return {field: {"nominal": size, "tolerance": "1 um"} for field, size in sizes.items()}
 
     mounting = {"kind": "tapped", "thread": "M2", **exact(spacing="6 mm", depth="2 mm")}
-    body: dict[str, Any] = exact(
-        length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm"
-    )
+    body = exact(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm")
     body |= {"mounting": mounting, "engraving": exact(height="0.5 mm", depth="0.05 mm")}
     groove = {"kind": "groove", **exact(width="0.4 mm", lane="3 mm", distance="1 mm")}
     edge = exact(height=f"{height * 1e6:.9g} um", edge_radius="0 um")
@@ -65,36 +84,44 @@ def assemble_scene(
     *,
     device: Device | None = None,
     scale: float | None = None,
-    ring: str = "exponential",
-    own_scale: bool = False,
-    **contact_options: Any,
+    ring: Ring = "exponential",
+    step_height: float | None = None,
+    learned: LearnedModel | None = None,
 ) -> Scene:
-    """Gather what a scene needs; `under` says what is `under`."""
+    """Assemble the scene of one stimulus, at a scale or at that of its own plan for a device."""
+    contact = resolve_contact(stimulus, point, step_height, learned, ring=ring)
+    return build_scene(contact, device, scale)
+
+
+def build_scene(
+    contact: Contact,
+    device: Device | None = None,
+    scale: float | None = None,
+    *,
+    own_scale: bool = False,
+    full_scale: float = 0.0,
+) -> Scene:
+    """Build the scene of a contact: meshes, pieces and path, turned and magnified."""
     if scale is not None and not (math.isfinite(scale) and scale > 0.0):
         raise HapticsError(f"scale must be positive and finite, got {scale:g}")
-    surface, point, events = resolve_contact(stimulus, point, **contact_options)
-    path = surface.counterface().centre_path(point.ball_radius)
-    if ring == "drag":
-        up, down = (simulate_ring_of(event, path, point) for event in events)
-        events = up, down
-    plan = None if device is None else plan_rendering(device, events[0], point, scale)
+    surface, point = contact.surface, contact.point
+    plan = None if device is None else plan_rendering(device, contact.events[0], point, scale)
     size = plan.scale if plan else scale or 1.0
     frame = _choose_frame(surface)
+    solids = [mesh_solid(surface, *solid) for solid in build_solids(surface)]
     return Scene(
-        stimulus=surface if stimulus.ball is None else stimulus,
+        stimulus=surface if contact.stimulus.ball is None else contact.stimulus,
         surface=surface,
         point=point,
         scale=size,
         frame=frame,
-        whole=_join_meshes(
-            surface.id,
-            [frame.of(mesh_solid(surface, *solid), size) for solid in build_solids(surface)],
-        ),
+        whole=_join_meshes(surface.id, [frame.of(solid, size) for solid in solids]),
         pieces=tuple(frame.of(piece, size) for piece in build_convex_pieces(surface)),
-        path=path.scaled(size),
-        events=events,
+        path=surface.counterface().centre_path(point.ball_radius).scaled(size),
+        events=contact.events,
         plan=plan,
         own_scale=own_scale,
+        full_scale=full_scale,
     )
 
 
@@ -103,9 +130,11 @@ def resolve_contact(
     point: OperatingPoint,
     step_height: float | None = None,
     learned: LearnedModel | None = None,
+    *,
     keep_friction: bool = False,
-) -> tuple[Part, OperatingPoint, Events]:
-    """Say what is dragged over, under what, and how it rings: by the formula, or as a session taught."""
+    ring: Ring = "exponential",
+) -> Contact:
+    """Find what is dragged over and how it rings: by the formula, or by a learned model."""
     surface = stimulus
     if not stimulus.crossed:  # a tip or a sheathed probe, over a plain step
         if step_height is None:
@@ -114,12 +143,20 @@ def resolve_contact(
             )
         surface = build_plain_step(step_height, f"{stimulus.id[:30].rstrip('-')}-step")
     if learned is not None:
-        return apply_learned_model(learned, surface, point, keep_friction=keep_friction)
-    return surface, point, vibration_events(surface.counterface(), point, surface.id)
+        surface, point, events = apply_learned_model(
+            learned, surface, point, keep_friction=keep_friction
+        )
+    else:
+        events = vibration_events(surface.counterface(), point, surface.id)
+    if ring == "drag":
+        path = surface.counterface().centre_path(point.ball_radius)
+        up, down = (simulate_ring_of(event, path, point) for event in events)
+        events = up, down
+    return Contact(stimulus, surface, point, events)
 
 
 def _choose_frame(surface: Part) -> Frame:
-    """Lay what is turned about the drag on its side, its axis below."""
+    """Choose the frame: what is turned about the drag lies on its side, its axis below."""
     if surface.turn_radius is None:
         return Frame(np.eye(3), np.zeros(3), surface.axes)
     turn = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
@@ -138,7 +175,7 @@ def _join_meshes(name: str, meshes: Sequence[Mesh]) -> Mesh:
 def apply_learned_model(
     learned: LearnedModel, surface: Part, point: OperatingPoint, *, keep_friction: bool = False
 ) -> tuple[Part, OperatingPoint, Events]:
-    """Apply what was learnt to a surface, its operating point and its events."""
+    """Apply a learned model to a surface, its operating point and its events."""
     known = _predict_with_model(learned, surface, point, 1)
     taught = replace(
         point, friction=point.friction if keep_friction else known.friction, tool=known.tool
@@ -171,7 +208,7 @@ def _apply_learned_energy(
 def _predict_with_model(
     learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int
 ) -> LearnedDrag:
-    """Ask of the step that this edge is for the ball: as high as itself, or as that of the same critical angle."""
+    """Predict the drag over this edge as over a step: of its height, or of its critical angle."""
     from stepblocks.predict.table import make_learned_drag
 
     face = surface.counterface()
@@ -186,7 +223,10 @@ def _predict_with_model(
 def simulate_ring_of(
     event: VibrationEvent, path: CentrePath, point: OperatingPoint
 ) -> VibrationEvent:
-    """Replace the exponential by the ring of a drag in time: the force below that of sliding, from where it first falls there."""
+    """Replace the exponential by the ring of a drag in time: the force below that of sliding.
+
+    The ring begins where the pulling force first falls to that of sliding.
+    """
     from stepblocks.drag.ring import measure_ring
     from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
     from stepblocks.drag.track import build_track_along_path
@@ -207,12 +247,8 @@ def simulate_ring_of(
     after = np.flatnonzero((time >= trace.release_time) & (pull <= level))
     if len(after) < 2:
         raise HapticsError(
-            f"the pulling force must fall to that of sliding ({level:g} N) to "
-            "ring, "
-            "got "
-            "none "
-            "that "
-            "low"
+            f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that "
+            f"low {name}"
         )
     force, delay = level - pull[after[0] :], float(time[after[0]] - trace.release_time)
     factor = math.sqrt(event.energy / compute_ring_energy(force, _RATE, event.tool))

@@ -1,8 +1,7 @@
 """Force-feedback devices as data, and at which scale each can render a stimulus, and what of it gets lost."""
 
 import math
-import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -187,27 +186,23 @@ def plan_rendering(
 def choose_common_scale(
     device: Device, drags: Sequence[tuple[VibrationEvent, OperatingPoint]]
 ) -> float:
-    """Choose one magnification for a set, lest the hand's travel tell heights: the largest that a drag needs, if all bear it."""
-    own = [plan_rendering(device, *drag) for drag in drags]
-    needy = max(own, key=lambda plan: plan.scale)
-    for alone, drag in zip(own, drags, strict=True):
-        known = {_remove_numbers(reason) for reason in alone.reasons}
-        together = plan_rendering(device, *drag, needy.scale)
-        lost = [reason for reason in together.reasons if _remove_numbers(reason) not in known]
-        if lost and alone.verdict is not Faithfulness.IMPOSSIBLE:  # which no scale would help
-            raise HapticsError(
-                f"the set must have one scale on {alone.device}, got none: "
-                f"{needy.stimulus} "
-                "needs "
-                f"{needy.scale:g}, at which "
-                f"{'; '.join(lost)} [{alone.stimulus}]; leave one of them out (--only), or ask "
-                "for --scale per-block"
-            )
-    return needy.scale
+    """Choose one magnification for a set: the largest that one of its drags needs.
+
+    With one scale the travel of the hand does not tell heights apart. A larger scale never makes a
+    stimulus impossible; what a device then loses of it stands in its plan.
+    """
+    return max(plan_rendering(device, *drag).scale for drag in drags)
 
 
-def _remove_numbers(reason: str) -> str:
-    return re.sub(r"[\d.e+-]+", "#", reason)
+def require_renderable(plans: Iterable[RenderingPlan | None]) -> None:
+    """Refuse what a device does not render, all of it in one message."""
+    refused = [plan for plan in plans if plan and plan.verdict is Faithfulness.IMPOSSIBLE]
+    if refused:
+        why = "; ".join(f"{plan.stimulus}: {', '.join(plan.reasons)}" for plan in refused)
+        raise HapticsError(
+            f"device {refused[0].device} does not render {why}; choose other stimuli (--only), a "
+            "smaller load (--load) or another device"
+        )
 
 
 def _replace_if_not_finite(value: float, otherwise: float) -> float:
@@ -239,55 +234,38 @@ def _choose_scale(device: Device, event: VibrationEvent, point: OperatingPoint) 
 
 
 def _list_refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
-    peak, limit, force = (
-        device.peak_force.value,
-        _value_or_infinity(device.stiffness_limit),
-        plan.critical_force,
-    )
+    """List why a device does not render a plan at all."""
+    peak, force = device.peak_force.value, plan.critical_force
+    limit = _value_or_infinity(device.stiffness_limit)
     rules = {
         f"the load of {load:g} N exceeds its peak force of {peak:g} N": load > peak,
-        f"the release force of {force:.3g} N exceeds its peak force of {peak:g} N: it "
-        "would "
-        "slip "
+        f"the release force of {force:.3g} N exceeds its peak force of {peak:g} N: it would slip "
         "early": force > peak,
-        f"the spring of {plan.stiffness:.4g} N/m exceeds its stiffness limit of "
-        f"{limit:.4g} "
-        "N/m: "
-        "a larger scale is needed": (plan.stiffness > limit * (1.0 + 1e-9)),
+        f"the spring of {plan.stiffness:.4g} N/m exceeds its stiffness limit of {limit:.4g} N/m: "
+        "a larger scale is needed": plan.stiffness > limit * (1.0 + 1e-9),
     }
-    return [said for said, holds in rules.items() if holds]
+    return [reason for reason, holds in rules.items() if holds]
 
 
 def _list_deviations(
     device: Device, plan: RenderingPlan, event: VibrationEvent, load: float
 ) -> list[str]:
-    resolution, peak, rate = (
-        device.position_resolution.value,
-        device.peak_force.value,
-        device.update_rate.value,
-    )
-    held, lasting = (
-        max(load, _replace_if_not_finite(event.critical_force, 0.0)),
-        _value_or_infinity(device.continuous_force),
-    )
+    """List what a device loses of a plan that it renders."""
+    resolution, peak = device.position_resolution.value, device.peak_force.value
+    held = max(load, _replace_if_not_finite(event.critical_force, 0.0))
+    lasting = _value_or_infinity(device.continuous_force)
     travel, most = plan.hand_travel, _value_or_infinity(device.travel)
-    samples, cycle = (
-        f"{plan.ring_samples:.1f} samples a cycle",
-        f"the ring of {event.tool.frequency:g} Hz",
-    )
+    locks = event.status in (Status.LOCKED, Status.TOO_HIGH)
     rules = {
-        f"positions rounded to {resolution * 1e6:g} um err by "
-        f"{100.0 * plan.force_error:.2g} "
-        "% of "
-        "the force": (plan.force_error > FORCE_ERROR * (1.0 + 1e-9)),
-        f"the probe locks: the wall gives way above {peak:g} N": event.status
-        in (Status.LOCKED, Status.TOO_HIGH),
+        f"positions rounded to {resolution * 1e6:g} um err by {100.0 * plan.force_error:.2g} % of "
+        "the force": plan.force_error > FORCE_ERROR * (1.0 + 1e-9),
+        f"the probe locks: the wall gives way above {peak:g} N": locks,
         f"{held:.3g} N exceed its continuous force of {lasting:g} N: short drags only": held
         > lasting,
         f"the hand must travel {travel * 1e3:.3g} mm, more than its {most * 1e3:g} mm": travel
         > most,
-        f"{cycle} gets {samples} at {rate:g} Hz and needs a voice coil": plan.ring_route
-        == "voice coil",
+        f"the ring of {event.tool.frequency:g} Hz gets {plan.ring_samples:.1f} samples a cycle at "
+        f"{device.update_rate.value:g} Hz and needs a voice coil": plan.ring_route == "voice coil",
         "its stiffness limit is unknown": device.stiffness_limit is None,
     }
-    return [said for said, holds in rules.items() if holds]
+    return [reason for reason, holds in rules.items() if holds]

@@ -1,11 +1,10 @@
-"""What every simulator is told of a stimulus, gathered once and magnified once, and what every folder holds."""
+"""A stimulus as a scene: gathered and magnified once, and what every folder of a scene holds."""
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +30,26 @@ from stepblocks.parts.shapes import Mesh
 from stepblocks.quantities import format_units
 from stepblocks.simulators.devices import RenderingPlan
 
+_APPROACH = 30e-6  # from where the tip starts to the notch, unmagnified [m]
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """How a part lies in its scene."""
+    """How a part lies in its scene.
 
-    turn: NDArray[np.float64]  # shape (3, 3), rotation from the part's axes to the scene's
-    shift: NDArray[np.float64]  # shape (3,), what is added then [m], unscaled
-    words: str  # the axes of the scene, as a README says it
+    Attributes
+    ----------
+    turn : ndarray, shape (3, 3)
+        Rotation from the axes of the part to those of the scene.
+    shift : ndarray, shape (3,)
+        What is added afterwards [m], unmagnified.
+    words : str
+        The axes of the scene, as a README names them.
+    """
+
+    turn: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    words: str
 
     def of(self, mesh: Mesh, scale: float) -> Mesh:
         """Turn, shift and magnify a mesh."""
@@ -49,31 +60,48 @@ class Frame:
 
 @dataclass(frozen=True)
 class Scene:
-    """A stimulus at one operating point and one scale."""
+    """A stimulus at one operating point and one scale.
 
-    stimulus: Part  # what was asked for: a block, a crown, or the tip that drags
-    surface: Part  # what is dragged over; a plain step for a tip
-    point: OperatingPoint  # unscaled
-    scale: float  # magnification S of every length below [1]
+    Attributes
+    ----------
+    stimulus, surface : Part
+        What was asked for (a block, a crown, or the tip that drags), and what is dragged over: the
+        same, or a plain step under a tip.
+    point : OperatingPoint
+        Ball, load, friction, speed and tool, unmagnified.
+    scale : float
+        Magnification S of every length below [1].
+    frame : Frame
+        How the part lies in the scene.
+    whole : Mesh
+        The part [m], magnified; tooth and crown are two closed shells of it.
+    pieces : tuple of Mesh
+        Its convex pieces [m], magnified.
+    path : CentrePath
+        Of the ball's centre [m], magnified.
+    events : tuple of VibrationEvent
+        Of the drags towards +x and -x, unmagnified.
+    plan : RenderingPlan or None
+        How the device renders it, where one was named.
+    own_scale : bool
+        Whether the scale is that of this stimulus alone: the travel of the hand then tells stimuli
+        apart.
+    full_scale : float
+        Force at full scale of the WAV files, one for a set [N]; 0 for the largest of the ring.
+    """
+
+    stimulus: Part
+    surface: Part
+    point: OperatingPoint
+    scale: float
     frame: Frame
-    whole: Mesh  # the surface's part [m], magnified; tooth and crown are two closed shells of it
-    pieces: tuple[Mesh, ...]  # its convex pieces [m], magnified
-    path: CentrePath  # of the ball [m], magnified
-    events: Events  # of the drags towards +x and -x, unscaled
-    plan: RenderingPlan | None = None  # where a device was named
-    own_scale: bool = (
-        False  # whether the scale is this block's alone: the hand's travel then tells blocks apart
-    )
-    full_scale: float = (
-        0.0  # force at full scale of the WAV files, one for a set [N]; the ring's own where 0
-    )
-
-    def largest_ring_force(self) -> float:
-        """Return the largest force of any ring [N]; 0 where nothing rings."""
-        return max(
-            (find_largest_force(event) for event in self.events if event.status is Status.RELEASES),
-            default=0.0,
-        )
+    whole: Mesh
+    pieces: tuple[Mesh, ...]
+    path: CentrePath
+    events: Events
+    plan: RenderingPlan | None = None
+    own_scale: bool = False
+    full_scale: float = 0.0
 
     @property
     def ball_radius(self) -> float:
@@ -86,16 +114,34 @@ class Scene:
         return self.point.tool.stiffness / self.scale
 
     @property
+    def ring_ratio(self) -> float:
+        """Amplitude of the ring over the force at the release [1]: sqrt(C_v), or that of a model."""
+        ringing = (event for event in self.events if event.status is Status.RELEASES)
+        own = math.sqrt(self.point.tool.conversion)
+        return next((event.amplitude / event.critical_force for event in ringing), own)
+
+    @property
     def tip_mass(self) -> float:
-        """Mass that rings at the event's frequency on the scene's spring [kg]."""
+        """Mass that rings at the frequency of the event on the spring of the scene [kg]."""
         return self.events[0].tool.effective_mass / self.scale
+
+    @property
+    def tip_damping(self) -> float:
+        """Damping with which that mass rings as long as the event says [N s/m]."""
+        return 2.0 * self.tip_mass / self.events[0].tool.decay_time
 
     @property
     def ball_inertia(self) -> float:
         """Of a solid ball of that mass about its centre [kg m^2]."""
         return 0.4 * self.tip_mass * self.ball_radius * self.ball_radius
 
-    def parameters(self) -> dict[str, Any]:
+    @property
+    def start(self) -> tuple[float, float]:
+        """Where the ball's centre rests before the drag towards +x: x and z [m], magnified."""
+        x = (self.events[0].trigger_position - _APPROACH) * self.scale
+        return x, float(np.interp(x, self.path.x, self.path.z))
+
+    def parameters(self) -> dict[str, object]:
         """Return contact, probe and events as plain values, the unit in every name."""
         return {
             "stimulus": self.stimulus.id,
@@ -109,6 +155,7 @@ class Scene:
             "friction": self.point.friction,
             "stiffness_n_per_m": self.stiffness,
             "tip_mass_kg": self.tip_mass,
+            "tip_damping_n_s_per_m": self.tip_damping,
             "frame": self.frame.words,
             "from_part_rows": self.frame.turn.tolist(),
             "from_part_shift_m": self.frame.shift.tolist(),
@@ -118,22 +165,45 @@ class Scene:
 
 @dataclass(frozen=True)
 class SceneFormat:
-    """A simulator that scenes are written for."""
+    """A simulator that scenes are written for.
 
-    name: str  # as on the command line
-    title: str  # what people call it
-    unit: str  # of the lengths in its files
-    write: Callable[[Path, Scene], None]  # takes folder and scene
-    run: str  # how to run or load it, a line of Markdown
-    settings: tuple[str, ...]  # what is set and why, one line of Markdown each
-    verified: str  # what of it was run or read back by another program, and what was not
-    # takes a folder, scenes of a set that share ball, spring and friction, and what the folder of
-    # each is called: all in one
+    Attributes
+    ----------
+    name, title, unit : str
+        As on the command line; what people call it; of the lengths in its files.
+    write : callable
+        Takes a folder and a scene.
+    run : str
+        How to run or load it, Markdown; code in it is run by the tests as it stands.
+    settings : tuple of str
+        What is set and why, one line of Markdown each.
+    verified : str
+        What of it was run or read back by another program, and what was not.
+    write_set : callable or None
+        Takes a folder, the scenes of a set, and what the folder of each is called: all in one.
+    shares_probe : bool
+        Whether `write_set` needs scenes of one ball, spring and friction.
+    """
+
+    name: str
+    title: str
+    unit: str
+    write: Callable[[Path, Scene], None]
+    run: str
+    settings: tuple[str, ...]
+    verified: str
     write_set: Callable[[Path, Sequence[Scene], str], None] | None = None
+    shares_probe: bool = True
+
+
+def find_loudest_force(events: Events) -> float:
+    """Return the largest force of the rings of both drags [N]; 0 where nothing rings."""
+    ringing = [event for event in events if event.status is Status.RELEASES]
+    return max((find_largest_force(event) for event in ringing), default=0.0)
 
 
 def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
-    """Write what a simulator loads, and what every folder has: README, event, plan and the rings as files."""
+    """Write what a simulator loads, and what every folder has: README, event, plan and rings."""
     form.write(folder, scene)
     write_json(folder / "event.json", scene.parameters())
     if scene.plan is not None:
@@ -151,14 +221,14 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
             name: compute_ring_energy(compute_ring_force(event, rate), rate, event.tool)
             for name, rate in waves.items()
         }
-        told = {
+        content = {
             "full_scale_n": dict.fromkeys(waves, full),
             "energy_j": event.energy,
             "energy_in_file_j": energies,
         }
         write_hjif(folder / f"{stem}.hjif", event)
         write_ahap(folder / f"{stem}.ahap", event)
-        write_json(folder / f"{stem}.json", told)
+        write_json(folder / f"{stem}.json", content)
     names = sorted(
         path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
     )
@@ -167,8 +237,8 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
     )
 
 
-def write_from_template(path: Path, template: str = "", **values: Any) -> None:
-    """Fill a template: that of the file's own name where none is named."""
+def write_from_template(path: Path, template: str = "", **values: object) -> None:
+    """Fill a template, that of the file's own name where none is named, and write the file."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -187,6 +257,6 @@ def write_from_template(path: Path, template: str = "", **values: Any) -> None:
     path.write_text(format_units(text) if path.suffix == ".md" else text, encoding="utf-8")
 
 
-def write_json(path: Path, content: Any) -> None:
+def write_json(path: Path, content: Mapping[str, object]) -> None:
     """Write JSON that every reader takes: no NaN."""
     path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -55,6 +55,11 @@ class CentrePath:
 
 def build_corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
     """Path of the ball's centre over the range of a profile, shape (n, 2) [m]; equal x make a vertical wall."""
+    return build_envelope_path(*find_outline(points), ball_radius)
+
+
+def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
+    """Discs at the corners and lines between them, of a profile of shape (n, 2) [m]."""
     flat = np.asarray(points, dtype=np.float64)
     # every corner becomes a circle, and every circle is compared with every other
     if not (
@@ -65,7 +70,7 @@ def build_corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
         )
     corners = [(float(x), float(z)) for x, z in flat]
     lines = [(a, b) for a, b in itertools.pairwise(corners) if b[0] > a[0]]
-    return build_envelope_path([(x, z, 0.0) for x, z in corners[1:-1]], lines, ball_radius)
+    return [(x, z, 0.0) for x, z in corners[1:-1]], lines
 
 
 def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> CentrePath:

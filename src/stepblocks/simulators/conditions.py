@@ -1,0 +1,63 @@
+"""Which stimuli of which sets, and under what each of them is dragged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeAlias
+
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.declare import load_declared
+from stepblocks.errors import PipelineError
+from stepblocks.parts.kind import Part
+from stepblocks.parts.set import StimulusSet
+from stepblocks.select import find_stimulus_files
+
+Sets: TypeAlias = str | Path | StimulusSet | Sequence[str | Path | StimulusSet]
+OVERRIDES = ("normal_load", "friction", "ball_radius", "speed")
+
+
+def load_sets(given: Sets) -> list[tuple[StimulusSet, str]]:
+    """Load sets from files, folders or as they are, each with where it comes from."""
+    several = [given] if isinstance(given, str | Path | StimulusSet) else list(given)
+    if not all(isinstance(one, str | Path | StimulusSet) for one in several):
+        raise PipelineError(f"a set must be a path or a StimulusSet, got {several!r:.80}")
+    declared = [(one, one.name) for one in several if isinstance(one, StimulusSet)]
+    paths = [one for one in several if not isinstance(one, StimulusSet)]
+    files = find_stimulus_files(paths) if paths or not declared else []
+    return [*declared, *((load_declared(path), str(path)) for path in files)]
+
+
+def check_overrides(overrides: Mapping[str, object]) -> None:
+    """Refuse what is no quantity of an operating point, or no number."""
+    for name, value in overrides.items():
+        if name not in OVERRIDES:
+            raise PipelineError(f"an option must be one of {', '.join(OVERRIDES)}, got {name!r}")
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
+            raise PipelineError(f"{name} must be a finite number in SI units, got {value!r:.40}")
+
+
+def choose_operating_point(
+    stimuli: StimulusSet, part: Part, overrides: Mapping[str, float]
+) -> OperatingPoint:
+    """Choose the first condition of a part's set, changed by the part itself and by `overrides`."""
+    grid, worn = stimuli.grid_of(part), stimuli.ring_of(part)
+    tool = grid.as_tool()
+    if worn is not None:  # how the probe rings with this part on its shank
+        tool = replace(tool, frequency=worn.frequency, decay_time=worn.decay_time)
+    ball = next(iter(grid.tip_radii), None) if part.ball is None else part.ball.nominal
+    if ball is None and "ball_radius" not in overrides:
+        raise PipelineError(
+            "--tip-radius must be given for a set whose prediction names no tip_radii, got none "
+            f"[{stimuli.name}]"
+        )
+    given = {"normal_load": grid.normal_loads[0], "friction": grid.frictions[0]} | dict(overrides)
+    radius = float(given.pop("ball_radius", ball or 0.0) if part.ball is None else ball or 0.0)
+    given.pop("ball_radius", None)
+    return OperatingPoint(radius, tool=tool, tissue=part.tissue(tool), **given)

@@ -1,0 +1,157 @@
+// Unity component for libstepblocks: put libstepblocks.so, stepblocks.dll or libstepblocks.dylib into
+// Assets/Plugins, blocks.txt into Assets/StreamingAssets, and this file anywhere under Assets.
+//
+// Unity's frames are too slow and too uneven for a servo: the loop runs in a thread of its own at
+// `rate`, reads your device through `ReadHand` and gives the force to `WriteForce`. What the scene
+// shows (`Tip`, `Pull`, `Ring`, `Releases`) is a copy of the last tick.
+//
+// Axes: Unity is left-handed with y up. A part's (x, y, z) is Unity's (-x, z, -y); metres in both.
+using System;
+using System.Diagnostics;
+using System.Runtime.InteropServices;
+using System.Threading;
+using UnityEngine;
+
+namespace StepBlocks
+{
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Output
+    {
+        public double forceX, forceY, forceZ;
+        public double ring, pull, load;
+        public double tipX, tipY, tipZ;
+        public double releaseForce, releaseEnergy;
+        public uint events, faults, limited, late;
+        public int block, touching, state, reserved;
+    }
+
+    public enum Parameter
+    {
+        TipRadius, Load, Friction, Stiffness, Wall, Conversion, Frequency, Decay, Damping, Scale, PullLimit
+    }
+
+    public enum Setting { ForceLimit, Ramp, Rise, Watchdog, Vibration }
+
+    public static class Native
+    {
+        const string Library = "stepblocks";
+        public const int AbiVersion = 1;
+
+        [DllImport(Library)] public static extern int sb_abi_version();
+        [DllImport(Library)] public static extern IntPtr sb_create();
+        [DllImport(Library)] public static extern void sb_destroy(IntPtr world);
+        [DllImport(Library)] public static extern IntPtr sb_message(IntPtr world);
+        [DllImport(Library)] public static extern int sb_load(IntPtr world, byte[] path);
+        [DllImport(Library)] public static extern int sb_count(IntPtr world);
+        [DllImport(Library)] public static extern int sb_find(IntPtr world, byte[] name);
+        [DllImport(Library)] public static extern int sb_set(IntPtr world, int block, int parameter, double value);
+        [DllImport(Library)] public static extern int sb_configure(IntPtr world, int setting, double value);
+        [DllImport(Library)] public static extern int sb_choose(IntPtr world, int block);
+        [DllImport(Library)]
+        public static extern int sb_tick(IntPtr world, double[] hand, double[] velocity, double dt, out Output output);
+
+        /// <summary>A text as C takes it: UTF-8 with a zero at its end.</summary>
+        public static byte[] Text(string text)
+        {
+            return System.Text.Encoding.UTF8.GetBytes(text + "\0");
+        }
+    }
+
+    /// <summary>One hand on the blocks of a file.</summary>
+    public sealed class StepBlocks : MonoBehaviour
+    {
+        [Tooltip("File of blocks in StreamingAssets")] public string blocks = "blocks.txt";
+        [Tooltip("Name of the block to begin with; empty for the first")] public string block = "";
+        [Tooltip("Ticks per second")] public double rate = 1000.0;
+        [Tooltip("Largest force that the device may render [N]")] public double forceLimit = 3.0;
+        [Tooltip("In which the force grows after the start [s]")] public double rise = 1.0;
+        public bool vibration = true;
+
+        /// <summary>Reads position [m] and velocity [m/s] of the hand in the axes of the part; set it before Start.</summary>
+        public Action<double[], double[]> ReadHand;
+
+        /// <summary>Gives a force [N] in the axes of the part to the device; set it before Start.</summary>
+        public Action<double, double, double> WriteForce;
+
+        readonly object gate = new object();
+        IntPtr world = IntPtr.Zero;
+        Thread servo;
+        volatile bool running;
+        volatile int wanted = -1;
+        Output shown;
+
+        public Vector3 Tip { get { lock (gate) return ToUnity(shown.tipX, shown.tipY, shown.tipZ); } }
+        public double Pull { get { lock (gate) return shown.pull; } }
+        public double Ring { get { lock (gate) return shown.ring; } }
+        public double ReleaseForce { get { lock (gate) return shown.releaseForce; } }
+        public uint Releases { get { lock (gate) return shown.events; } }
+
+        public static Vector3 ToUnity(double x, double y, double z)
+        {
+            return new Vector3((float)-x, (float)z, (float)-y);
+        }
+
+        void Start()
+        {
+            if (Native.sb_abi_version() != Native.AbiVersion)
+                throw new InvalidOperationException("the native library is of another version");
+            world = Native.sb_create();
+            string path = System.IO.Path.Combine(Application.streamingAssetsPath, blocks);
+            Check(Native.sb_load(world, Native.Text(path)));
+            Check(Native.sb_configure(world, (int)Setting.ForceLimit, forceLimit));
+            Check(Native.sb_configure(world, (int)Setting.Rise, rise));
+            Check(Native.sb_configure(world, (int)Setting.Vibration, vibration ? 1.0 : 0.0));
+            Check(Native.sb_choose(world, block.Length == 0 ? 0 : Check(Native.sb_find(world, Native.Text(block)))));
+            running = true;
+            servo = new Thread(Loop) { IsBackground = true, Priority = System.Threading.ThreadPriority.Highest };
+            servo.Start();
+        }
+
+        /// <summary>Take another block from the next tick on.</summary>
+        public void Choose(string name)
+        {
+            wanted = Check(Native.sb_find(world, Native.Text(name)));
+        }
+
+        void Loop()
+        {
+            double[] hand = new double[3], velocity = new double[3];
+            Stopwatch clock = Stopwatch.StartNew();
+            double before = 0.0, due = 0.0;
+            Output output;
+            while (running)
+            {
+                due += 1.0 / rate;
+                while (running && clock.Elapsed.TotalSeconds < due) Thread.SpinWait(50);
+                double now = clock.Elapsed.TotalSeconds;
+                if (now - due > 0.1) due = now;
+                if (wanted >= 0)
+                {
+                    Native.sb_choose(world, wanted);
+                    wanted = -1;
+                }
+                if (ReadHand != null) ReadHand(hand, velocity);
+                Native.sb_tick(world, hand, velocity, now - before, out output);
+                before = now;
+                if (WriteForce != null) WriteForce(output.forceX, output.forceY, output.forceZ);
+                lock (gate) shown = output;
+            }
+            if (WriteForce != null) WriteForce(0.0, 0.0, 0.0);
+        }
+
+        void OnDestroy()
+        {
+            running = false;
+            if (servo != null) servo.Join();
+            if (world != IntPtr.Zero) Native.sb_destroy(world);
+            world = IntPtr.Zero;
+        }
+
+        int Check(int result)
+        {
+            if (result < 0)
+                throw new InvalidOperationException(Marshal.PtrToStringAnsi(Native.sb_message(world)));
+            return result;
+        }
+    }
+}

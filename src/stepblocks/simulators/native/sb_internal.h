@@ -1,0 +1,53 @@
+/* What the sources of libstepblocks share. Not part of the interface. */
+#ifndef SB_INTERNAL_H
+#define SB_INTERNAL_H
+
+#include "stepblocks.h"
+
+#define SB_NAME_LENGTH 80
+#define SB_MESSAGE_LENGTH 240
+
+/* Path of the ball's centre: one knot per place, slopes at both ends of every piece. What belongs to
+ * a piece stands at the knot where it begins. */
+typedef struct {
+    size_t count;
+    double *x, *z, *first, *last;
+    unsigned char *up, *down; /* whether a knot holds a drag towards +x, -x */
+} sb_path;
+
+typedef struct {
+    char name[SB_NAME_LENGTH];
+    double parameter[SB_BLOCK_PARAMETERS];
+    double *discs, *lines;
+    size_t disc_count, line_count;
+    sb_path path;
+} sb_block;
+
+struct sb_world {
+    sb_block *blocks;
+    int count, room, active;
+    double setting[SB_SETTINGS];
+    /* the tip: place, height of a free one, spring force of the last tick */
+    double x, y, height, pull, ring_time, ring_force, release;
+    size_t piece;
+    int touching, fresh; /* fresh: the next tick puts the tip where the hand is */
+    uint32_t events, faults, limited, late;
+    int held;
+    double gain, ramp; /* 0 to 1, of the force after a start or a fault, and how long it grows [s] */
+    double good[3]; /* last force of a good tick [N] */
+    sb_output last; /* of the last good tick */
+    char message[SB_MESSAGE_LENGTH];
+};
+
+int sb_path_build(sb_path *path, const double *discs, size_t disc_count, const double *lines,
+                  size_t line_count, double ball_radius, double scale);
+void sb_path_free(sb_path *path);
+void sb_block_free(sb_block *block);
+int sb_fail(sb_world *world, int code, const char *format, ...);
+int sb_check_parameter(sb_world *world, int parameter, double value);
+int sb_parameter_named(const char *name, size_t length);
+void sb_start_block(sb_block *block);
+int sb_put_block(sb_world *world, const sb_block *block);
+double sb_read_number(const char *text, const char **end);
+
+#endif

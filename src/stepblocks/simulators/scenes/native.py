@@ -1,0 +1,55 @@
+"""A native library with a C ABI for any engine, and the blocks of a set as a file that it loads."""
+
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+
+from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
+
+BINDING = "stepblocks_native.py"
+
+
+def _write_blocks(folder: Path, scenes: Sequence[Scene]) -> None:
+    sources = files("stepblocks.simulators").joinpath("native")
+    for source in sorted(sources.iterdir(), key=lambda one: one.name):
+        (folder / source.name.removesuffix(".j2")).write_bytes(source.read_bytes())
+    write_from_template(folder / "blocks.txt", scenes=scenes)
+
+
+def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_blocks(folder, scenes)
+
+
+NATIVE = SceneFormat(
+    name="native",
+    title="C, C++, Python, Unity, Unreal: libstepblocks",
+    unit="metres",
+    write=lambda folder, scene: _write_blocks(folder, [scene]),
+    write_set=_write_set,
+    shares_probe=False,
+    run=(
+        "`cmake -B build && cmake --build build`, then `build/drag blocks.txt` drags a virtual hand "
+        "over every block in both directions and prints each peak force beside the formula; "
+        "`build/drag blocks.txt --time` also says how long a tick takes. `-blocks` beside the "
+        "blocks of a set is the same with all of them."
+    ),
+    settings=(
+        "`stepblocks.h` is the whole interface, for C99 and C++: load, friction, tip, spring and "
+        "ring of each block can be changed while it runs",
+        "`sb_tick` allocates nothing; with `SB_FORCE_LIMIT`, `SB_RISE` and `SB_WATCHDOG` it limits "
+        "the force, lets it grow slowly at the start, and switches it off after a late tick until "
+        "the hand has let go; an input that is not a number gives the last good force, ramped to "
+        "zero, and is counted",
+        "`sb_tick_loaded` is for inputs without a height: mouse, gamepad, linear stage",
+        "`stepblocks_native.py` is the same from Python by ctypes, with the standard library alone",
+        "`StepBlocks.cs` is a component for Unity, `StepBlocksComponent.h` and `.cpp` one for Unreal",
+        "the law has no speed of its own: speed acts through the hand's position and "
+        "`damping_n_s_per_m` alone",
+    ),
+    verified=(
+        "built without a warning and held to the Python renderer to 1e-9 by the test suite; the "
+        "component for Unity is compiled against a stub, that for Unreal too; neither was run in "
+        "its engine."
+    ),
+)

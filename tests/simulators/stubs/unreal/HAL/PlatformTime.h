@@ -1,0 +1,6 @@
+#pragma once
+
+struct FPlatformTime
+{
+    static double Seconds() { return 0.0; }
+};
