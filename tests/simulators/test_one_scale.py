@@ -77,7 +77,9 @@ def test_what_a_device_does_not_render_is_refused_at_every_scale_and_named(tmp_p
     """A Touch gives 3.3 N: at 0.3 N the steps of 100 and 90 um take 5.7 and 2.2 N."""
     with pytest.raises(HapticsError) as caught:
         export(SET, "forcelaw", tmp_path / "out", device="touch", only="step-*", scale=scale)
-    assert re.search(r"touch does not render step-100: the release force of 5.7\d N", str(caught.value))
+    assert re.search(
+        r"touch does not render step-100: the release force of 5.7\d N", str(caught.value)
+    )
     assert "--only" in str(caught.value)
     assert not (tmp_path / "out").exists()
 
