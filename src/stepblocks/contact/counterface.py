@@ -149,7 +149,7 @@ class Step(Counterface):
         )
 
     def outline(self) -> tuple[list[Disc], list[Line]]:
-        """The arc is a disc, over which the path is a circle of R + r."""
+        """Take the arc as a disc, over which the path is a circle of R + r."""
         height, radius = self.height, self.edge_radius
         if radius == 0.0:
             return super().outline()
@@ -265,7 +265,7 @@ class Profile(Counterface):
         return self.x, self.z
 
     def outline(self) -> tuple[list[Disc], list[Line]]:
-        """Its own points, at most 2000."""
+        """Take its own points, at most 2000."""
         return find_outline(np.column_stack([self.x, self.z]))
 
 
