@@ -20,7 +20,7 @@ from pathlib import Path
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.quantities import parse_quantity
-from stepblocks.simulators.assemble import assemble_scene
+from stepblocks.simulators.assemble import build_scene, resolve_contact
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.simulators.scene import Scene, write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
@@ -62,7 +62,7 @@ def main() -> None:
 def row(
     folder: Path, surface: object, point: OperatingPoint, arguments: argparse.Namespace
 ) -> None:
-    scene = assemble_scene(surface, point)
+    scene = build_scene(resolve_contact(surface, point))
     event = scene.events[0]
     formula = event.critical_force if event.status == "releases" else None
     cells = [f"{formula:.4f}" if formula else event.status.value]

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from oracles.scenes import corner_path
 from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.path.centre import build_corner_path, build_envelope_path
+from stepblocks.contact.path.centre import build_envelope_path
 from stepblocks.errors import ContactError
 
 R = 90e-6
@@ -14,14 +15,14 @@ STEP = [(-1e-3, 0.0), (0.0, 0.0), (0.0, 30e-6), (1e-3, 30e-6)]
 
 
 def test_over_a_plane_the_centre_runs_a_radius_above_it():
-    level = build_corner_path([(-1e-3, 5e-6), (1e-3, 5e-6)], R)
+    level = corner_path([(-1e-3, 5e-6), (1e-3, 5e-6)], R)
     assert level.z == pytest.approx(np.full(level.x.size, 5e-6 + R))
     assert level.find_notch(+1.0)[2] == level.find_notch(-1.0)[2] == 0.0
 
 
 def test_over_a_slope_the_centre_runs_a_radius_beside_it():
     slope = math.tan(math.radians(20.0))
-    path = build_corner_path([(-1e-3, -1e-3 * slope), (1e-3, 1e-3 * slope)], R)
+    path = corner_path([(-1e-3, -1e-3 * slope), (1e-3, 1e-3 * slope)], R)
     middle = np.abs(path.x) < 0.5e-3
     assert path.z[middle] == pytest.approx(
         path.x[middle] * slope + R / math.cos(math.radians(20.0)), rel=1e-9
@@ -31,7 +32,7 @@ def test_over_a_slope_the_centre_runs_a_radius_beside_it():
 
 def test_a_corner_is_a_disc_of_no_radius():
     lines = [((-1e-3, 0.0), (0.0, 0.0)), ((0.0, 30e-6), (1e-3, 30e-6))]
-    path, same = build_corner_path(STEP, R), build_envelope_path([(0.0, 30e-6, 0.0)], lines, R)
+    path, same = corner_path(STEP, R), build_envelope_path([(0.0, 30e-6, 0.0)], lines, R)
     assert same.find_notch(+1.0) == pytest.approx(path.find_notch(+1.0), abs=1e-12)
     x, z, angle = path.find_notch(+1.0)
     assert angle == pytest.approx(step_angle(30e-6, R), rel=1e-9)
@@ -47,11 +48,11 @@ def test_a_rounding_and_a_ball_exchange_their_radii():
 
 
 def test_a_wall_as_high_as_the_ball_is_vertical():
-    wall = build_corner_path([(-1e-3, 0.0), (0.0, 0.0), (0.0, 2 * R), (1e-3, 2 * R)], R)
+    wall = corner_path([(-1e-3, 0.0), (0.0, 0.0), (0.0, 2 * R), (1e-3, 2 * R)], R)
     assert wall.find_notch(+1.0)[2] == 0.5 * math.pi
 
 
 def test_more_corners_than_can_be_compared_are_refused():
     x = np.linspace(0.0, 1e-3, 2001)
     with pytest.raises(ContactError, match="2 to 2000 finite points"):
-        build_corner_path(np.column_stack([x, 0.0 * x]), R)
+        corner_path(np.column_stack([x, 0.0 * x]), R)

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oracles.scenes import assemble_scene
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
 from stepblocks.parts.shapes import compute_enclosed_volume
-from stepblocks.simulators.assemble import assemble_scene, build_plain_step, resolve_contact
+from stepblocks.simulators.assemble import build_plain_step, resolve_contact
 from stepblocks.simulators.devices import find_device, load_devices
 from stepblocks.simulators.scene import SceneFormat, find_loudest_force, write_json, write_scene
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oracles.scenes import assemble_scene
 from stepblocks.contact import kernels
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.declare import load_set
-from stepblocks.simulators.assemble import assemble_scene
 from stepblocks.simulators.feel import feel
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.simulators.scene import write_scene

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oracles.scenes import corner_path
 from stepblocks.contact.critical_angle import margin_angles, step_angle
 from stepblocks.contact.event import compute_ring_energy, vibration_events
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.path.centre import build_corner_path
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
 from stepblocks.simulators.renderer import Renderer
@@ -223,7 +223,7 @@ def test_friction_along_the_edge_is_coulombs():
 def test_a_measured_profile_is_rendered_like_the_nominal_one():
     x = np.linspace(-2e-4, 2e-4, 401)
     points = [(float(a), 0.0 if a < 0 else 50e-6) for a in x]
-    path = build_corner_path([(-2e-3, 0.0), *points, (2e-3, 50e-6)], R)
+    path = corner_path([(-2e-3, 0.0), *points, (2e-3, 50e-6)], R)
     assert path.find_notch(+1.0)[2] == pytest.approx(step_angle(50e-6, R), abs=2e-3)
 
 
@@ -232,7 +232,7 @@ def test_a_measured_profile_is_rendered_like_the_nominal_one():
 )
 def test_a_malformed_profile_is_refused(points):
     with pytest.raises(ContactError, match="a profile must have"):
-        build_corner_path(points, R)
+        corner_path(points, R)
 
 
 def test_the_renderer_uses_the_constants_of_the_paper():

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oracles.scenes import assemble_scene
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
-from stepblocks.simulators.assemble import assemble_scene
 from stepblocks.simulators.devices import find_device, load_devices
 from stepblocks.simulators.scene import write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS

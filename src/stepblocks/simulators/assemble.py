@@ -78,21 +78,6 @@ def build_plain_step(height: float, name: str = "step") -> StepBlock:
         raise HapticsError(f"the step under a tip is impossible: {rule} [{name}]") from error
 
 
-def assemble_scene(
-    stimulus: Part,
-    point: OperatingPoint,
-    *,
-    device: Device | None = None,
-    scale: float | None = None,
-    ring: Ring = "exponential",
-    step_height: float | None = None,
-    learned: LearnedModel | None = None,
-) -> Scene:
-    """Assemble the scene of one stimulus, at a scale or at that of its own plan for a device."""
-    contact = resolve_contact(stimulus, point, step_height, learned, ring=ring)
-    return build_scene(contact, device, scale)
-
-
 def build_scene(
     contact: Contact,
     device: Device | None = None,

@@ -55,10 +55,10 @@ class Renderer:
     Examples
     --------
     >>> from stepblocks.contact.operating_point import PAPER
-    >>> from stepblocks.contact.path.centre import corner_path
-    >>> renderer = Renderer(corner_path([(-1e-3, 0.0), (1e-3, 0.0)], 125e-6), PAPER)
-    >>> renderer.reset(np.array([0.0, 0.0, 2e-4]))
-    >>> float(np.round(renderer.tick(np.array([0.0, 0.0, 115e-6]), np.zeros(3))[2], 4))
+    >>> from stepblocks.contact.counterface import Step
+    >>> renderer = Renderer(Step(50e-6).centre_path(125e-6), PAPER)
+    >>> renderer.reset(np.array([-1e-3, 0.0, 2e-4]))
+    >>> float(np.round(renderer.tick(np.array([-1e-3, 0.0, 115e-6]), np.zeros(3))[2], 4))
     0.0981
     """
 

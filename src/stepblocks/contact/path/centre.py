@@ -53,13 +53,11 @@ class CentrePath:
         return CentrePath(self.x * scale, self.z * scale, self.slope_start, self.slope_end)
 
 
-def build_corner_path(points: ArrayLike, ball_radius: float) -> CentrePath:
-    """Path of the ball's centre over the range of a profile, shape (n, 2) [m]; equal x make a vertical wall."""
-    return build_envelope_path(*find_outline(points), ball_radius)
-
-
 def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
-    """Discs at the corners and lines between them, of a profile of shape (n, 2) [m]."""
+    """Discs at the corners and lines between them, of a profile of shape (n, 2) [m].
+
+    Equal x make a vertical wall.
+    """
     flat = np.asarray(points, dtype=np.float64)
     # every corner becomes a circle, and every circle is compared with every other
     if not (
