@@ -6,9 +6,9 @@ python benchmarks/mutations.py --sample 20 --seed 7 --seconds 300
 A mutant changes one operator, number or condition of one function in a copy of the checkout. It is
 noticed when a test fails. The full run goes room by room in an order drawn from ``--seed``, keeps
 every outcome in the record and goes on from there the next time; a mutant that the tests of its
-module let pass is tried against all tests of its room. A sample tries few mutants of all rooms
-against the tests of their module alone, within ``--seconds``; its exit code is 1 only where fewer
-than half of those that came to an end are noticed.
+module let pass is tried against all tests of its room (not with ``--near``). A sample tries few
+mutants of all rooms against the tests of their module alone, within ``--seconds``; its exit code is
+1 only where fewer than half of those that came to an end are noticed.
 """
 
 from __future__ import annotations
@@ -314,22 +314,24 @@ class Baseline:
         return sum(part[0] for part in parts), [word for part in parts for word in part[1]]
 
 
-def try_fully(tree: Tree, mutant: Mutant, baseline: Baseline) -> dict[str, object]:
-    """Run the tests of the module, then those of the whole room."""
+def try_one(tree: Tree, mutant: Mutant, baseline: Baseline, near_only: bool) -> dict[str, object]:
+    """Run the tests of the module and, if these pass, those of the whole room."""
     begun = time.monotonic()
     near = tests_of(tree.root, mutant)
     everything = sorted(
         path.relative_to(tree.root).as_posix()
         for path in (tree.root / "tests" / ROOMS[mutant.room]).rglob("test_*.py")
     )
-    rest = [one for one in everything if one not in near]
-    for tests in (near, rest) if near[0].endswith(".py") else (everything,):
+    if not near[0].endswith(".py"):
+        near = everything
+    rest = [] if near_only else [one for one in everything if one not in near]
+    for tests in (near, rest):
         if tests:
             seconds, words = baseline.of(tree, tests)
             outcome = tree.run(tests, 60.0 + 4.0 * seconds, "-x", *words, mutant=mutant)
             if outcome != "passed":
                 break
-    return described(mutant, outcome, begun)
+    return {**described(mutant, outcome, begun), "tests": "module" if near_only else "room"}
 
 
 def described(mutant: Mutant, outcome: str, begun: float) -> dict[str, object]:
@@ -345,7 +347,7 @@ def described(mutant: Mutant, outcome: str, begun: float) -> dict[str, object]:
     }
 
 
-def run_all(mutants: list[Mutant], jobs: int, record: Path) -> None:
+def run_all(mutants: list[Mutant], jobs: int, record: Path, near_only: bool) -> None:
     """Try every mutant that the record lacks, several at a time."""
     record.parent.mkdir(parents=True, exist_ok=True)
     baselines: Baseline = Baseline()
@@ -357,7 +359,7 @@ def run_all(mutants: list[Mutant], jobs: int, record: Path) -> None:
         def one(mutant: Mutant) -> None:
             tree = trees.get()
             try:
-                line = try_fully(tree, mutant, baselines)
+                line = try_one(tree, mutant, baselines, near_only)
             finally:
                 trees.put(tree)
             with record.open("a", encoding="utf-8") as file:
@@ -392,21 +394,25 @@ def sample(mutants: list[Mutant], seconds: float) -> int:
     return int(len(tried) >= 6 and 2 * noticed < len(tried))
 
 
+def read_record(record: Path) -> list[dict[str, str]]:
+    """Read the last outcome of every mutant."""
+    text = record.read_text(encoding="utf-8") if record.exists() else ""
+    lines = [json.loads(line) for line in text.splitlines()]
+    return list({line["key"]: line for line in lines}.values())
+
+
 def summary(record: Path) -> int:
     """Print the share of every room, and each survivor with the reason where it is equivalent."""
-    lines = {}
-    for text in record.read_text(encoding="utf-8").splitlines():
-        line = json.loads(text)
-        lines[line["key"]] = line
+    lines = read_record(record)
     reasons = json.loads(EQUIVALENT.read_text(encoding="utf-8")) if EQUIVALENT.exists() else {}
     print("\n| room | mutants | noticed | equivalent | survive |\n|---|---|---|---|---|")
     for room in [*ROOMS, None]:
-        own = [line for line in lines.values() if room in (None, line["room"])]
+        own = [line for line in lines if room in (None, line["room"])]
         noticed = sum(line["outcome"] == "noticed" for line in own)
         equal = sum(line["outcome"] == "survived" and line["key"] in reasons for line in own)
         rest = len(own) - noticed - equal
         print(f"| {room or 'all'} | {len(own)} | {noticed} | {equal} | {rest} |")
-    for line in lines.values():
+    for line in lines:
         if line["outcome"] == "survived":
             reason = reasons.get(line["key"], "survives")
             print(f"- `{line['key']}` {line['mutant']}: {reason}")
@@ -421,6 +427,9 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--record", type=Path, default=ROOT / "out" / "mutations.jsonl")
+    parser.add_argument(
+        "--near", action="store_true", help="run the tests of the module alone; quicker"
+    )
     parser.add_argument("--sample", type=int, help="so many mutants of all rooms, and no record")
     parser.add_argument("--seconds", type=float, default=300.0, help="that a sample may take")
     parser.add_argument("--summary", action="store_true", help="only print what the record holds")
@@ -439,14 +448,17 @@ def main() -> int:
     if asked.sample:
         pool = [mutant for of_room in chosen for mutant in of_room]
         return sample(draw.sample(pool, asked.sample), asked.seconds)
-    done = set()
-    if asked.record.exists():
-        done = {json.loads(line)["key"] for line in asked.record.read_text().splitlines()}
+    done = {
+        line["key"]
+        for line in read_record(asked.record)
+        if line["outcome"] == "noticed" or line["tests"] == "room" or asked.near
+    }
     # the rooms take turns, so that a run that is broken off has seen them all
     turns = [
         of_room[place] for place in range(asked.count) for of_room in chosen if place < len(of_room)
     ]
-    run_all([mutant for mutant in turns if mutant.key not in done], asked.jobs, asked.record)
+    left = [mutant for mutant in turns if mutant.key not in done]
+    run_all(left, asked.jobs, asked.record, asked.near)
     return summary(asked.record)
 
 

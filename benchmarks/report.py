@@ -56,7 +56,12 @@ class Part:
 
 
 PARTS = [
-    Part("exchange", "python benchmarks/ap242.py", {"ap242": (r"LARGEST worst nm", "{} nm")}, 0.5),
+    Part(
+        "exchange",
+        "python benchmarks/ap242.py",
+        {"ap242": (r"LARGEST (\d\.\d\de-\d\d)  none", "{:.1e} nm")},
+        0.5,
+    ),
     Part(
         "install",
         "python benchmarks/install_size.py",
@@ -135,9 +140,18 @@ PARTS = [
         5,
     ),
     Part(
+        "waveform",
+        "python benchmarks/waveform.py 48 1",
+        {
+            "waveform-fit": (r"fitted +(\d+)", "{} of 48"),
+            "waveform-error": (r"error_of_drag +(0\.\d{3})", "{}"),
+            "waveform-formula": (r"error_of_equation_1 +(0\.\d\d)", "{}"),
+        },
+    ),
+    Part(
         "loop-seconds",
         "python benchmarks/loop_seconds.py --trials 240",
-        {"loop-240": (r"240 trials\D*?([\d.]+) s", "{} s")},
+        {"loop-240": (r"of-240 +240 +(\S+)", "{} s")},
         2,
         timing=True,
     ),
@@ -148,8 +162,11 @@ PARTS = [
         "simulators",
         "python benchmarks/simulators.py",
         {
-            "sim-renderer": (r"LARGEST renderer", "{} %"),
-            "sim-mujoco": (r"LARGEST MuJoCo", "{} %"),
+            "sim-renderer": (
+                r"LARGEST ^\| [\w-]+ \| [\d.]+ \| [\d.]+ \(([-+][\d.]+) %",
+                "{:.2f} %",
+            ),
+            "sim-mujoco": (r"LARGEST ^(?:\| [^|]+){5}\| [\d.]+ \(([-+][\d.]+) %", "{:.2f} %"),
         },
         5,
     ),
@@ -197,7 +214,8 @@ def commit() -> str:
 
 def read_tables(text: str) -> list[dict[str, Any]]:
     """Find the tables of an output: Markdown, or columns set apart by two spaces."""
-    found: list[list[list[str]]] = [[]]
+    found: list[tuple[str, list[list[str]]]] = [("", [])]
+    caption = "Output"
     for line in text.splitlines():
         if line.startswith("|"):
             cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
@@ -205,38 +223,30 @@ def read_tables(text: str) -> list[dict[str, Any]]:
                 continue
         else:
             cells = [cell for cell in re.split(r"\s{2,}", line.strip()) if cell]
-        if found[-1] and len(cells) != len(found[-1][0]):
-            found.append([])
+        if found[-1][1] and len(cells) != len(found[-1][1][0]):
+            found.append(("", []))
         if len(cells) > 1:
-            found[-1].append(cells)
+            found[-1][1].append(cells)
+            found[-1] = (found[-1][0] or caption, found[-1][1])
+        elif cells:
+            caption = cells[0].strip("# :") or caption
     return [
-        {"caption": "Output", "columns": table[0], "rows": table[1:]}
-        for table in found
+        {"caption": caption, "columns": table[0], "rows": table[1:]}
+        for caption, table in found
         if len(table) > 1
     ]
 
 
-def largest(text: str, column: str) -> str:
-    """Find the largest size of the numbers of a column: of its last words, or in its brackets."""
-    for table in read_tables(text):
-        names = [name for name in table["columns"] if column in name]
-        place = table["columns"].index(names[0]) if names else -1
-        if place >= 0:
-            cells = [row[place] for row in table["rows"]]
-            signed = [re.search(r"\(([-+]?[\d.]+) %\)", cell) for cell in cells]
-            sizes = [abs(float(one[1])) for one in signed if one]
-            if sizes:
-                return f"{max(sizes):.2f}"
-    words = text.splitlines()[0].split()
-    at = " ".join(words).split(column)[0].count(" ")
-    sizes = [float(line.split()[at]) for line in text.splitlines()[1:] if len(line.split()) > at]
-    return f"{max(sizes):.1e}".replace("e-0", "e-")
+def largest(text: str, pattern: str, form: str) -> str | None:
+    """Find the largest size of all numbers that a pattern finds."""
+    sizes = [abs(float(one)) for one in re.findall(pattern, text, re.MULTILINE)]
+    return form.format(max(sizes)).replace("e-0", "e-") if sizes else None
 
 
 def find_figure(text: str, pattern: str, form: str) -> str | None:
-    """Find the text of a figure in an output; ``LARGEST column`` is the largest of a column."""
+    """Find the text of a figure in an output; ``LARGEST `` asks for the largest of all matches."""
     if pattern.startswith("LARGEST "):
-        return form.format(largest(text, pattern.removeprefix("LARGEST ")))
+        return largest(text, pattern.removeprefix("LARGEST "), form)
     found = re.search(pattern, text)
     if found is None:
         return None
