@@ -6,7 +6,6 @@ may leave no trace in but where its words say so.
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import signal
@@ -14,9 +13,11 @@ from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 
+import typer
 from faults import LOADED, run, tree
+from typer.core import TyperArgument, TyperCommand, TyperGroup
 
-from stepblocks.cli.arguments import Parser
+from stepblocks.cli import make_command
 from stepblocks.errors import StepblocksError
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -134,60 +135,58 @@ def _lines(lines: list[list[str]]) -> list[tuple[str, bytes]]:
 
 def arguments() -> Kind:
     """Every option of every command with an honest word, and what parses a line."""
-    from stepblocks.cli import make_parser
-
-    parser = make_parser()
 
     def parse(path: Path) -> object:
         try:
-            return parser.parse_args(_words(path))
-        except SystemExit as error:  # --help
-            return error
-
-    def parses(line: list[str]) -> bool:  # not where one option excludes another
-        try:
-            parser.parse_args(line)
-        except StepblocksError:
-            return False
-        return True
+            return _parse(_words(path))
+        except typer.Exit as done:  # --help
+            return done
+        except typer.TyperException as error:
+            raise StepblocksError(error.format_message()) from error
 
     return _lines(
-        [line for words, one in _leaves(parser) for line in _each(words, one) if parses(line)]
+        [line for words, one in _leaves(make_command()) for line in _each(words, one)]
     ), parse
 
 
+def _parse(words: list[str]) -> object:
+    """Read a command line as far as its command would, without running it."""
+    command = make_command()
+    context = command.make_context("stepblocks", words)
+    while isinstance(command, TyperGroup):
+        name, command, words = command.resolve_command(
+            context, [*context._protected_args, *context.args] or [""]
+        )
+        context = command.make_context(name, words, parent=context)
+    return context.params
+
+
 def _leaves(
-    parser: Parser, words: tuple[str, ...] = ()
-) -> Iterator[tuple[tuple[str, ...], Parser]]:
-    if not parser.commands:
-        yield words, parser
-    for name, one in parser.commands.items():
+    command: TyperGroup | TyperCommand, words: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], TyperCommand]]:
+    if isinstance(command, TyperCommand):
+        yield words, command
+        return
+    for name, one in command.commands.items():
         yield from _leaves(one, (*words, name))
 
 
-def _each(words: tuple[str, ...], parser: Parser) -> Iterator[list[str]]:
+def _each(words: tuple[str, ...], command: TyperCommand) -> Iterator[list[str]]:
     """Yield a line for each option of a command, which has what must be given as well."""
-    one_of = [
-        group._group_actions[0] for group in parser._mutually_exclusive_groups if group.required
-    ]
-    must = [action for action in parser._actions if action.required or action in one_of]
-    for action in parser._actions:
-        asked = [other for other in must if other is not action]
-        if action.dest != "help":
-            yield [*words, *(word for other in (*asked, action) for word in _honest(other))]
+    must = [one for one in command.params if one.required]
+    for option in command.params:
+        asked = [other for other in must if other is not option]
+        yield [*words, *(word for other in (*asked, option) for word in _honest(other))]
 
 
-def _honest(action: argparse.Action) -> list[str]:
+def _honest(parameter: object) -> list[str]:
     """Words that give an option, or a place, what it takes."""
-    named = list(action.option_strings[-1:])
-    if action.nargs == 0:
+    named = [] if isinstance(parameter, TyperArgument) else list(parameter.opts[-1:])
+    if getattr(parameter, "is_flag", False):
         return named
-    return [
-        *named,
-        str(next(iter(action.choices)))
-        if action.choices
-        else HONEST.get(str(action.metavar), "one"),
-    ]
+    choices = parameter.type_descriptor.choices
+    value = str(choices[0]) if choices else HONEST.get(str(parameter.metavar), "one")
+    return [*named, value]
 
 
 def commands(work: Path) -> Kind:

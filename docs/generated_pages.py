@@ -139,27 +139,27 @@ def messages_table():
 
 def commands_table():
     """Write a section for each command, as its help says it."""
-    from stepblocks.cli import make_parser
+    from stepblocks.cli import make_command
 
     lines = []
 
-    def walk(parser, words):
-        children = {}
-        options = []
-        for action in parser._actions:
-            if hasattr(action, "choices") and isinstance(action.choices, dict):
-                children = action.choices
-            elif action.help and "==SUPPRESS==" not in action.help:
-                name = ", ".join(action.option_strings) or action.metavar or action.dest
-                options.append(f"| `{name}` | {str(action.help).replace('|', '/')} |")
+    def walk(command, words):
+        children = getattr(command, "commands", {})
         if words and not children:
             lines.append(f"## {' '.join(words)}")
-            lines.append(" ".join((parser.description or "").split()))
+            lines.append(" ".join((command.help or "").split()))
+            options = []
+            for one in command.params:
+                is_option = one.opts[0].startswith("-")
+                name = ", ".join(one.opts) if is_option else one.metavar or one.name
+                default = one.show_default if isinstance(one.show_default, str) else one.default
+                meaning = f"{one.help} (default: {default})" if default else str(one.help)
+                options.append(f"| `{name}` | {meaning.replace('|', '/')} |")
             lines.append("\n".join(["| argument or option | meaning |", "|---|---|", *options]))
         for word, child in children.items():
             walk(child, (*words, word))
 
-    walk(make_parser(), ())
+    walk(make_command(), ())
     return "\n\n".join(lines)
 
 

@@ -2,7 +2,6 @@
 show, the pages they link.
 """
 
-import argparse
 import importlib
 import re
 import runpy
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.cli import make_parser
+from stepblocks.cli import make_command
 
 ROOT = Path(__file__).resolve().parents[1]
 HOUSE = ROOT / "src" / "stepblocks"
@@ -74,14 +73,14 @@ def all_options():
     """The options of every command, by its words."""
     found = {}
 
-    def walk(parser, words):
-        found[words] = set(parser._option_string_actions)
-        for action in parser._actions:
-            if isinstance(action, argparse._SubParsersAction):
-                for word, child in action.choices.items():
-                    walk(child, (*words, word))
+    def walk(command, words):
+        names = {"-h", "--help"}
+        names.update(name for one in command.params for name in one.opts)
+        found[words] = names
+        for word, child in getattr(command, "commands", {}).items():
+            walk(child, (*words, word))
 
-    walk(make_parser(), ())
+    walk(make_command(), ())
     return found
 
 

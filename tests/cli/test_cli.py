@@ -1,5 +1,6 @@
 """The command line answers at once and speaks in one line."""
 
+import ast
 import csv
 import json
 import os
@@ -13,95 +14,152 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.cli import main, make_parser
+from stepblocks.cli import main, make_command
 
 ROOT = Path(__file__).resolve().parents[2]
+HEAVY = {"numpy", "cadquery", "OCP", "pyvista", "matplotlib", "scipy", "pandas"}
 LIGHT = (
-    "import sys; from stepblocks.cli import main\ntry:\n    main(sys.argv[1:])\nexcept "
-    "SystemExit: pass\n"
+    "import sys; from stepblocks.cli import main; main(sys.argv[1:])\n"
+    "print(sorted(set(sys.modules)))"
 )
+
+
+def modules_after(*arguments):
+    done = subprocess.run(
+        [sys.executable, "-c", LIGHT, *arguments], capture_output=True, text=True, check=True
+    )
+    return set(ast.literal_eval(done.stdout.splitlines()[-1]))
 
 
 @pytest.mark.parametrize(
     "arguments",
     [["--help"], ["--version"], ["build", "--help"], ["build", "--jobs", "0"], ["nonsense"], []],
 )
-def test_help_and_usage_errors_import_nothing_heavy(arguments):
-    code = (
-        LIGHT + "print(sorted({'numpy', 'cadquery', 'OCP', 'pydantic', 'pyvista', 'matplotlib', "
-        "'scipy', 'pandas'} & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "[]"
+def test_help_and_wrong_options_import_nothing_heavy(arguments):
+    assert not HEAVY & modules_after(*arguments)
 
 
-def leaves(parser):
-    if not parser.commands:
-        yield parser
-    for one in parser.commands.values():
-        yield from leaves(one)
+def leaves(command, words=("stepblocks",)):
+    """Every command that runs, with its words."""
+    children = getattr(command, "commands", {})
+    if not children:
+        yield " ".join(words), command
+    for word, child in children.items():
+        yield from leaves(child, (*words, word))
 
 
-EVERY = {parser.prog: parser for parser in leaves(make_parser())}
+EVERY = dict(leaves(make_command()))
+
+
+def parse(command, words):
+    """Let a command read its options, without running it."""
+    return EVERY[command].make_context(command, list(words)).params
 
 
 @pytest.mark.parametrize("command", EVERY)
-def test_every_command_has_help_with_examples_that_parse_and_takes_what_all_take(command):
-    parser, help_text = EVERY[command], EVERY[command].format_help()
-    assert "usage: " in help_text
+def test_every_command_has_help_with_examples_that_parse_and_takes_what_all_take(
+    command, capsys, monkeypatch
+):
+    monkeypatch.setenv("COLUMNS", "100")
+    name = command.removeprefix("stepblocks ")
+    assert main([*name.split(), "--help"]) == 0
+    help_text = capsys.readouterr().out
+    assert f"Usage: {command}" in help_text
     assert max(map(len, help_text.splitlines())) <= 100
-    assert {"--quiet", "--json", "--wide", "--force"} <= set(parser._option_string_actions)
-    examples = [line.strip() for line in parser.epilog.splitlines()[1:]]
+    options = {name for one in EVERY[command].params for name in one.opts}
+    assert {"--quiet", "--json", "--wide", "--force"} <= options
+    examples = [line.strip() for line in EVERY[command].epilog.splitlines()[1:]]
     assert examples
     for line in examples:
-        words = shlex.split(line.partition(">")[0])
         assert line.startswith(command)
-        make_parser().parse_args(words[1:])
+        assert line in help_text
+        parse(command, shlex.split(line.partition(">")[0])[len(command.split()) :])
 
 
-def test_the_help_shows_every_command_in_a_group():
-    text = make_parser().format_help()
-    assert all(f"\n  {name} " in text for name in make_parser().commands)
-    assert "more:" not in text
-    words = [
-        line.split()[-2:]
-        for line in subprocess.run(
-            [sys.executable, "-m", "stepblocks", "help", "study", "power"],
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout.splitlines()[:1]
-    ]
-    assert words
+def test_the_help_shows_every_command_in_a_group(capsys):
+    assert main([]) == 2
+    assert "Missing command" in capsys.readouterr().err
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(f"│ {name} " in text for name in make_command().commands)
+    assert "─ Commands " not in text
+    assert main(["help", "study", "power"]) == 0
+    assert "Usage: stepblocks study power" in capsys.readouterr().out
+    assert main(["help", "nonsense"]) == 2
+
+
+def test_an_option_of_several_values_takes_them_in_a_row_or_is_repeated():
+    several = [Path("a"), Path("b")]
+    for words in (["--as-built", "a", "b"], ["--as-built", "a", "--as-built", "b"]):
+        assert parse("stepblocks loop", ["s", *words])["as_built"] == several
+        taken = parse("stepblocks loop", ["s", *words, "--jobs", "2", "-o", "x"])
+        assert (taken["as_built"], taken["jobs"], taken["output"]) == (several, 2, Path("x"))
+    taken = parse("stepblocks study analyse", ["--data", "a", "b", "--json"])
+    assert (taken["data"], taken["folder"], taken["as_json"]) == (several, None, True)
+    taken = parse("stepblocks loop", ["--as-built", "a", "--", "b"])
+    assert (taken["as_built"], taken["session"]) == ([Path("a")], [Path("b")])
+
+
+def test_an_option_may_stand_without_its_value_where_the_help_says_so():
+    assert parse("stepblocks new", ["--shipped"])["shipped"] == Path("stimuli")
+    assert parse("stepblocks new", ["--shipped", "--force"])["shipped"] == Path("stimuli")
+    assert parse("stepblocks new", ["--shipped", "mine"])["shipped"] == Path("mine")
+    assert parse("stepblocks new", ["crown"])["shipped"] is None
 
 
 @pytest.mark.parametrize(
-    ("words", "meant"),
+    ("words", "said"),
     [
-        (["bild"], "did you mean build?"),
-        (["build", "--quite"], "did you mean --quiet?"),
-        (["study", "desing"], "did you mean design?"),
-        (["export", "--for", "x3d", "--tip-radios", "1 um"], "did you mean --tip-radius?"),
-        (["build", "--jobs", "0"], "see stepblocks build --help"),
+        (["bild"], "Did you mean 'build'?"),
+        (["build", "--quite"], "(Possible options: --quiet"),
+        (["study", "desing"], "Did you mean 'design'?"),
+        (["export", "--for", "x3d", "--tip-radios", "1 um"], "(Possible options: --tip-radius)"),
+        (["build", "--jobs", "0"], "(see stepblocks build --help)"),
+        (["build", "-o", "--json"], "needs a value (see stepblocks build --help)"),
+        (["export", "--for", "nonsense"], "'nonsense' is not one of 'mujoco'"),
+        (["export"], "one of --for or --list-devices must be given, got none"),
+        (["export", "--for", "usd", "--list-devices"], "must be given, got 2"),
+        (["export", "--for", "usd", "--scale", "x"], "must be a number or per-block, got 'x'"),
+        (["drag", "25 um", "--speed", "1 mm/s", "--pull", "1 N"], "exclude each other"),
+        (["inspect", "s", "--stimulus", "a", "--standard", "1 um"], "exclude each other"),
+        (["new"], "one of THING or --shipped must be given"),
+        (["study"], "Missing command (see stepblocks study --help)"),
     ],
 )
-def test_a_slip_of_the_pen_is_answered_in_one_line_with_what_was_meant(
-    words, meant, capsys, monkeypatch
-):
-    monkeypatch.setattr(sys, "argv", ["stepblocks", *words])
+def test_a_slip_of_the_pen_is_answered_in_one_line(words, said, capsys):
     assert main(words) == 2
     error = capsys.readouterr().err
+    assert error.startswith("stepblocks: error: ")
     assert error.count("\n") == 1
-    assert meant in error
+    assert said in error
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_knows_commands_and_options(shell, capsys):
     assert main(["completion", shell]) == 0
-    script = capsys.readouterr().out
-    assert all(word in script for word in ("simulate-session", "--tip-radius", "--list-devices"))
+    assert "_STEPBLOCKS_COMPLETE=complete_" in capsys.readouterr().out
+
+    def complete(line):
+        environment = {
+            "_STEPBLOCKS_COMPLETE": f"complete_{shell}",
+            "COMP_WORDS": line,
+            "COMP_CWORD": str(len(line.split(" ")) - 1),
+            "_TYPER_COMPLETE_ARGS": line,
+            "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+        }
+        done = subprocess.run(
+            [sys.executable, "-m", "stepblocks"],
+            env={**os.environ, **environment},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return done.stdout
+
+    assert "simulate-session" in complete("stepblocks s")
+    assert "--tip-radius" in complete("stepblocks export --ti")
+    assert "forcelaw" in complete("stepblocks export --for f")
+    assert "staircase" in complete("stepblocks study adaptive start --method s")
 
 
 def test_a_file_of_ours_is_replaced_one_that_somebody_changed_is_not(tmp_path, capsys):
@@ -272,7 +330,7 @@ def test_a_quantity_that_cannot_be_read_is_said_with_its_option_before_anything_
     place = tmp_path / "new"
     assert main([*arguments, "-o", str(place)]) == 2
     error = capsys.readouterr().err
-    assert f"argument {option}: {said}" in error
+    assert f"error: {option}: {said}" in error
     assert not place.exists()
 
 

@@ -1,4 +1,4 @@
-"""A crash is not a verdict: what nobody foresaw ends with a code of its own, what the disk refuses with one line."""
+"""A crash is not a verdict: an internal error ends with a code of its own, what the disk refuses with one line."""
 
 import csv
 import errno
@@ -10,7 +10,7 @@ import pytest
 
 from stepblocks.artefacts.as_built import read_as_built
 from stepblocks.cli import main
-from stepblocks.cli.outcome import writing
+from stepblocks.cli.outcome import protect_output
 
 FOUR = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-four.toml")
 
@@ -22,7 +22,7 @@ def one_line(capsys):
     return lines[0]
 
 
-def test_a_fault_of_ours_exits_with_70_and_keeps_its_details_in_a_file(
+def test_an_internal_error_exits_with_70_and_keeps_its_details_in_a_file(
     monkeypatch, capsys, tmp_path
 ):
     def fail(*_):
@@ -33,7 +33,7 @@ def test_a_fault_of_ours_exits_with_70_and_keeps_its_details_in_a_file(
     assert main(["predict", FOUR]) == 70
     line = one_line(capsys)
     assert line.startswith(
-        "stepblocks: a fault of ours, not a verdict: ZeroDivisionError: a b (please send "
+        "stepblocks: internal error, not a verdict: ZeroDivisionError: a b (please send "
     )
     (kept,) = tmp_path.iterdir()
     assert str(kept) in line
@@ -167,7 +167,7 @@ def test_a_folder_that_is_not_there_is_named(tmp_path, capsys):
     assert one_line(capsys) == f"stepblocks: error: No such file or directory [{tmp_path / 'none'}]"
 
 
-def test_too_little_memory_is_no_fault_of_ours(monkeypatch, capsys):
+def test_too_little_memory_is_no_internal_error(monkeypatch, capsys):
     def fail(*_):
         raise MemoryError
 
@@ -179,10 +179,10 @@ def test_too_little_memory_is_no_fault_of_ours(monkeypatch, capsys):
 def test_what_a_build_that_failed_had_to_note_is_left_to_the_manifest_of_the_next_one(tmp_path):
     # the note said of a disturbed build what the next one says in its manifest, and an undisturbed
     # one left no note
-    with writing(tmp_path, force=False):  # as far as it came
+    with protect_output(tmp_path, force=False):  # as far as it came
         (tmp_path / "part.step").write_text("part")
     assert "part.step" in (tmp_path / ".stepblocks.json").read_text()
-    with writing(tmp_path, force=False):
+    with protect_output(tmp_path, force=False):
         (tmp_path / "manifest.json").write_text('{"outputs": {"part.step": "its hash"}}')
     assert [path.name for path in tmp_path.iterdir() if path.name != "part.step"] == [
         "manifest.json"

@@ -205,10 +205,9 @@ def test_what_cannot_be_is_said_in_one_line(arguments, message, capsys, tmp_path
 
 def test_help_of_the_study_imports_nothing_heavy():
     code = (
-        "import sys; from stepblocks.cli import main\ntry:\n    main(['study', 'power', "
-        "'--help'])\nexcept SystemExit: pass\n"
-        "print(sorted({'numpy', 'pandas', 'scipy', 'statsmodels', 'joblib', 'matplotlib', "
-        "'pydantic'} & set(sys.modules)))"
+        "import sys; from stepblocks.cli import main; main(['study', 'power', '--help'])\n"
+        "print(sorted({'numpy', 'pandas', 'scipy', 'statsmodels', 'joblib', 'matplotlib'}"
+        " & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
@@ -217,7 +216,10 @@ def test_help_of_the_study_imports_nothing_heavy():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["design", "f", "--seed", "1.5", "-o", "x"], "argument --seed: must be a whole number"),
+        (
+            ["design", "f", "--seed", "1.5", "-o", "x"],
+            "error: --seed: must be a whole number",
+        ),
         (
             ["design", "f", "--seed", "1", "--participants", "0", "-o", "x"],
             "a whole number from 1 to 100000, got '0'",
@@ -239,7 +241,7 @@ def test_help_of_the_study_imports_nothing_heavy():
             ["power", "f", "--seed", "1", "--noise", "5"],
             "must be a length such as '25 um', got '5'",
         ),
-        (["simulate", "d", "f"], "the following arguments are required: --seed"),
+        (["simulate", "d", "f"], "Missing option '--seed'"),
     ],
 )
 def test_an_option_that_cannot_be_read_is_named(arguments, message, capsys):
@@ -321,20 +323,21 @@ def test_a_scale_of_ratings_is_taken(tmp_path, capsys):
 def test_where_it_is_felt_can_be_chosen_and_is_checked(folder, capsys):
     simulate = ["simulate", folder, FOUR, "--seed", 2, "-o", folder / "answers.csv"]
     for options, message in (
-        (["--tip", "0 um"], "ball_radius must be positive and finite, got 0 m"),
+        (["--tip-radius", "0 um"], "ball_radius must be positive and finite, got 0 m"),
         (["--load", "-1 N"], "normal_load must be positive and finite, got -1 N"),
         (["--friction", "0.9"], "must release the probe to be felt by its vibration"),
     ):
         code, _, err = run(capsys, *simulate, *options)
         assert (code, message in err) == (2, True)
     assert (
-        run(capsys, *simulate, "--tip", "0.2 mm", "--load", "1.5 N", "--friction", "10 %")[0] == 0
+        run(capsys, *simulate, "--tip-radius", "0.2 mm", "--load", "1.5 N", "--friction", "10 %")[0]
+        == 0
     )
 
 
 def test_every_kind_of_experiment_can_be_asked_for(capsys):
     from stepblocks.study.experiments import EXPERIMENTS
 
-    with pytest.raises(SystemExit):
-        main(["study", "design", "--help"])
-    assert f"{{{','.join(EXPERIMENTS)},2afc}}" in capsys.readouterr().out
+    assert main(["study", "design", "--help"]) == 0
+    text = "".join(capsys.readouterr().out.split())
+    assert all(name in text for name in (*EXPERIMENTS, "2afc"))

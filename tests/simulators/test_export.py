@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.cli import main, make_parser
+from stepblocks.cli import main, make_command
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.simulators.export import export
@@ -22,9 +22,8 @@ SET = str(ROOT / "stimuli" / "paper-ten.toml")
 
 
 def test_the_command_line_offers_every_simulator():
-    assert make_parser().commands["export"]._option_string_actions["--for"].choices == list(
-        SCENE_FORMATS
-    )
+    (option,) = (one for one in make_command().commands["export"].params if "--for" in one.opts)
+    assert option.type_descriptor.choices == tuple(SCENE_FORMATS)
 
 
 def test_a_folder_is_written_for_a_device_and_runs_from_elsewhere(tmp_path, monkeypatch, capsys):

@@ -1,6 +1,9 @@
-"""Options only: each command hands its arguments to one function of one room; nothing heavy is imported before it runs.
+"""Options only: each command hands its arguments to one function of one room.
 
-Exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, 70 a fault of ours.
+Nothing heavy is imported before a command runs.
+
+Exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, 70 an internal error,
+130 interrupted.
 """
 
 import io
@@ -11,12 +14,31 @@ import tempfile
 import threading
 import traceback
 from collections.abc import Sequence
-from importlib import import_module
-from typing import Any, NoReturn
+from typing import Annotated, NoReturn
+
+import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 
 from stepblocks import __version__
-from stepblocks.cli.arguments import Parser, declare
-from stepblocks.cli.outcome import show, writing
+from stepblocks.cli import (
+    begin,
+    build,
+    check,
+    compare,
+    drag,
+    evidence,
+    export,
+    feel,
+    inspect,
+    loop,
+    predict,
+    session,
+    study,
+    sweep,
+    workshop,
+)
+from stepblocks.cli.command import Group, describe_mistake
 from stepblocks.errors import StepblocksError
 from stepblocks.quantities import format_units
 from stepblocks.workers import kill_workers
@@ -24,12 +46,92 @@ from stepblocks.workers import kill_workers
 __all__ = ["main"]
 
 _GRACE = 5.0  # for what is open to be closed, when asked to end [s]
-# Modules of this package, one per command or family of commands
-_MODULES = ("build", "inspect", "predict", "export", "bench", "study", "help")
+_COMPLETE = "_STEPBLOCKS_COMPLETE"  # set by the shell when it asks for completions
+# One file per command or group, in the order of the help
+_MODULES = (
+    *(begin, build, check, workshop, inspect),
+    *(predict, drag, sweep, evidence),
+    *(export, feel, compare),
+    *(session, loop),
+    study,
+)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(f"stepblocks {__version__}")
+        raise typer.Exit
+
+
+def _take_options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="print the version and exit"
+        ),
+    ] = False,
+) -> None:
+    """Haptic step stimuli: from a declaration to proven artefacts, predictions and the closed loop.
+
+    Start with: stepblocks new block mine.toml && stepblocks build mine.toml
+    """
+
+
+def make_command() -> TyperGroup:
+    """Return the whole command line."""
+    app = typer.Typer(
+        name="stepblocks",
+        cls=Group,
+        add_completion=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        epilog="Exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, "
+        "70 an internal error.",
+        callback=_take_options,
+        subcommand_metavar="COMMAND ...",
+    )
+    for module in _MODULES:
+        app.add_typer(module.app)
+    root = get_command(app)
+    assert isinstance(root, TyperGroup)
+    return root
+
+
+def _run(words: Sequence[str]) -> int:
+    """Run one command, and let what goes wrong rise."""
+    root = make_command()
+    if _COMPLETE in os.environ:
+        from typer.completion import completion_init
+
+        completion_init()
+        root.main([], prog_name="stepblocks", complete_var=_COMPLETE)
+    with root.make_context("stepblocks", list(words)) as context:
+        return int(root.invoke(context))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
+    _prepare_process()
+    try:
+        code = _run(sys.argv[1:] if argv is None else argv)
+        sys.stdout.flush()
+        return code
+    except typer.Exit as done:  # --help, --version
+        return done.exit_code
+    except BrokenPipeError:
+        # who reads our output has seen enough; what is left is flushed into nothing
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
+    except KeyboardInterrupt:
+        print("stepblocks: interrupted", file=sys.stderr)
+        return 130
+    except Exception as error:
+        message, code = _describe_error(error)
+        print(f"stepblocks: {message}", file=sys.stderr)
+        return code
+
+
+def _prepare_process() -> None:
+    """Set streams, threads of the linear algebra, and what a signal to end does."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text
             stream.reconfigure(errors="backslashreplace")
@@ -40,66 +142,39 @@ def main(argv: Sequence[str] | None = None) -> int:
     if threading.current_thread() is threading.main_thread():
         # asked to end, a command takes its workers with it and leaves no draft behind
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-            if signal.getsignal(number) in (
-                signal.SIG_DFL,
-                signal.default_int_handler,
-            ):  # not under nohup
+            is_default = signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
+            if is_default:  # not under nohup
                 signal.signal(number, _end)
-    try:
-        arguments = make_parser().parse_args(argv)
-        with writing(arguments.output, arguments.force) as written:
-            outcome = arguments.run(arguments)
-            written += outcome.kept
-        show(outcome, arguments, written)
-        sys.stdout.flush()
-        return int(outcome.code)
-    except BrokenPipeError:
-        # who reads our output has seen enough; what is left is flushed into nothing
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 128 + signal.SIGPIPE
-    except StepblocksError as error:
-        print(f"stepblocks: error: {format_units(error)}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("stepblocks: interrupted", file=sys.stderr)
-        return 130
-    except (
-        OSError
-    ) as error:  # a full disk, a folder that is read only, a file where a folder should be
-        place = (
-            f" [{str(error.filename).partition('/.partial-')[0]}]"
-            if error.filename is not None
-            else ""
-        )
-        said = (
-            "a folder must stand here, got a file"
-            if isinstance(error, FileExistsError)
-            else error.strerror or error
-        )
-        print(f"stepblocks: error: {said}{place}", file=sys.stderr)
-        return 2
-    except MemoryError:
-        print("stepblocks: error: this needs more memory than there is", file=sys.stderr)
-        return 2
-    except Exception as error:
-        if isinstance(error, ImportError) and "cannot open shared object file" in str(error):
-            print(f"stepblocks: error: a system library is missing: {error}", file=sys.stderr)
-            return 2
-        print(f"stepblocks: a fault of ours, not a verdict: {_fault(error)}", file=sys.stderr)
-        return 70
 
 
-def _fault(error: Exception) -> str:
-    """Keep what a mender needs in a file, and say in one line what happened and where the file is."""
+def _describe_error(error: Exception) -> tuple[str, int]:
+    """Return the line that ends a command, and its exit code."""
+    if isinstance(error, typer.TyperException):
+        return f"error: {describe_mistake(error)}", 2
+    if isinstance(error, StepblocksError):
+        return f"error: {format_units(error)}", error.exit_code
+    if isinstance(error, OSError):  # a full disk, a read-only folder, a file in place of a folder
+        name = str(error.filename).partition("/.partial-")[0]
+        place = "" if error.filename is None else f" [{name}]"
+        is_file = isinstance(error, FileExistsError)
+        what = "a folder must stand here, got a file" if is_file else error.strerror or error
+        return f"error: {what}{place}", 2
+    if isinstance(error, MemoryError):
+        return "error: this needs more memory than there is", 2
+    if isinstance(error, ImportError) and "cannot open shared object file" in str(error):
+        return f"error: a system library is missing: {error}", 2
+    return f"internal error, not a verdict: {_keep_details(error)}", 70
+
+
+def _keep_details(error: Exception) -> str:
+    """Keep the traceback in a file; say in one line what happened and where the file is."""
     message = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    details = f"{sys.version}\n{sys.argv}\n{traceback.format_exc()}"
     try:
         with tempfile.NamedTemporaryFile(
             "w", prefix="stepblocks-fault-", suffix=".txt", delete=False
         ) as file:
-            file.write(
-                f"stepblocks {__version__}, Python "
-                f"{sys.version}\n{sys.argv}\n{traceback.format_exc()}"
-            )
+            file.write(f"stepblocks {__version__}, Python {details}")
     except OSError:
         return message
     return f"{message} (please send {file.name})"
@@ -107,33 +182,8 @@ def _fault(error: Exception) -> str:
 
 def _end(number: int, _: object) -> NoReturn:
     kill_workers()
-    late = threading.Timer(
-        _GRACE, os._exit, (128 + number,)
-    )  # where a library waits for a worker that is no more
+    # where a library waits for a worker that is no more
+    late = threading.Timer(_GRACE, os._exit, (128 + number,))
     late.daemon = True
     late.start()
     raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
-
-
-def make_parser() -> Parser:
-    """Return the parser of the whole command line."""
-    parser = Parser(
-        prog="stepblocks",
-        usage="stepblocks COMMAND ... | COMMAND --help | --version",
-        description="Haptic step stimuli: from a declaration to proven artefacts, predictions and the "
-        "closed loop.",
-        epilog="exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, 70 a fault of "
-        "ours\n"
-        "start with: stepblocks new block mine.toml && stepblocks build mine.toml",
-    )
-    parser.add_argument("--version", action="version", version=f"stepblocks {__version__}")
-    commands = parser.add_subparsers(
-        metavar="COMMAND", required=True, prog="stepblocks", parser_class=Parser
-    )
-    runs, readers = dict[str, Any](), dict[str, Any]()
-    for name in _MODULES:
-        module = import_module(f"stepblocks.cli.{name}")
-        runs |= module.COMMANDS
-        readers |= getattr(module, "READERS", {})
-    parser.groups = declare(commands, runs, readers)
-    return parser

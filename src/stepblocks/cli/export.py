@@ -1,34 +1,128 @@
-"""``stepblocks export`` and ``feel``: folders that a simulator loads, and a page on which the mouse drags the probe."""
+"""``stepblocks export``: folders that a simulator loads."""
 
-import argparse
 from pathlib import Path
+from typing import Annotated, Literal
 
-from stepblocks.cli.arguments import PLACE, given
-from stepblocks.cli.outcome import Outcome, telling
+import typer
+
+from stepblocks.cli.command import command
+from stepblocks.cli.options import (
+    Files,
+    Friction,
+    Load,
+    Only,
+    Quiet,
+    Speed,
+    StepHeight,
+    TipRadius,
+    given,
+    require_one,
+)
+from stepblocks.cli.outcome import Outcome, make_progress
+from stepblocks.errors import PipelineError
+
+app = typer.Typer()
 
 
-def _compare(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.simulators.compare import compare
+@command(
+    app,
+    "export",
+    "export mine.toml --for mujoco",
+    "export --for chai3d --device touch --only step-050",
+    "export --list-devices",
+    panel="simulators",
+)
+def export(
+    *,
+    files: Files = None,
+    simulator: Annotated[
+        Literal["mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "forcelaw", "native"] | None,
+        typer.Option("--for", help="simulator"),
+    ] = None,
+    list_devices: Annotated[
+        bool, typer.Option("--list-devices", help="print the device profiles and stop")
+    ] = False,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="folder to write to")
+    ] = Path("out/scenes"),
+    device: Annotated[
+        str | None,
+        typer.Option(
+            "--device",
+            metavar="NAME",
+            help="force-feedback device; its plans for the set decide its one scale",
+        ),
+    ] = None,
+    devices: Annotated[
+        Path | None,
+        typer.Option("--devices", metavar="FILE", help="device profiles of your own"),
+    ] = None,
+    only: Only = None,
+    scale: Annotated[
+        str | None,
+        typer.Option(
+            "--scale",
+            metavar="S",
+            help="magnification; per-block: each its own",
+            show_default="one that all of the set can have, or 1",
+        ),
+    ] = None,
+    ring: Annotated[
+        Literal["exponential", "drag"] | None,
+        typer.Option(
+            "--ring",
+            help="of the WAV files: a decaying sine, or the ring of the drag in time with the "
+            "same energy",
+            show_default="exponential",
+        ),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            metavar="JSON",
+            help="model.json of stepblocks loop: friction, spring, edge and ring of a session",
+        ),
+    ] = None,
+    speed: Speed = None,
+    step_height: StepHeight = None,
+    tip_radius: TipRadius = None,
+    load: Load = None,
+    friction: Friction = None,
+    quiet: Quiet = False,
+) -> Outcome:
+    """Write scenes for haptic simulators, with contact settings and the vibration as an event.
 
-    asked = given(arguments, *PLACE)
-    found = compare(arguments.record, arguments.to, arguments.output, **asked)
-    score = found["difference_jnd"].iloc[-1]
-    said = f"{score:.2g} just noticeable differences from {arguments.to.name}, all parts together"
-    return Outcome(said, {"realism": found.iloc[:-1].to_dict("records")})
-
-
-def _export(arguments: argparse.Namespace) -> Outcome:
-    if arguments.list_devices:
-        return _devices(arguments.devices)
+    Writes one self-contained folder per block, crown or tip: scene, event, rings, and a README on
+    how to run it.
+    """
+    if list_devices:
+        if simulator is not None:
+            require_one(**{"for": simulator, "list_devices": list_devices})
+        return _list_devices(devices)
+    require_one(**{"for": simulator, "list_devices": None})
     from stepblocks.simulators.export import export
 
-    names = ("device", "devices", "only", "scale", "ring", "model", "speed", "step_height", *PLACE)
-    asked = given(arguments, *names)
-    told = telling(arguments, "written", lines=1000)
-    asked["progress"] = lambda one: told(name=one.name)
-    written = export(arguments.files, arguments.simulator, arguments.output, **asked)
+    options = given(
+        device=device,
+        devices=devices,
+        only=only,
+        scale=_read_scale(scale),
+        ring=ring,
+        model=model,
+        speed=speed,
+        step_height=step_height,
+        ball_radius=tip_radius,
+        normal_load=load,
+        friction=friction,
+    )
+    progress = make_progress("written", quiet=quiet, lines=1000)
+    assert simulator is not None
+    written = export(
+        files or [], simulator, output, progress=lambda one: progress(name=one.name), **options
+    )
     return Outcome(
-        f"{len(written)} folder{'s' if len(written) != 1 else ''} for {arguments.simulator}",
+        f"{len(written)} folder{'s' if len(written) != 1 else ''} for {simulator}",
         notes=[
             f"{one.name}: {one.folder}" + (f"\n  {one.plan}" if one.plan else "") for one in written
         ],
@@ -38,7 +132,17 @@ def _export(arguments: argparse.Namespace) -> Outcome:
     )
 
 
-def _devices(own: Path | None) -> Outcome:
+def _read_scale(text: str | None) -> float | str | None:
+    if text is None or text == "per-block":
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        message = f"--scale: must be a number or per-block, got {text!r:.40}"
+        raise PipelineError(message) from None
+
+
+def _list_devices(own: Path | None) -> Outcome:
     from stepblocks.simulators.devices import load_devices
 
     rows = [
@@ -53,24 +157,5 @@ def _devices(own: Path | None) -> Outcome:
         }
         for one in load_devices(own)
     ]
-    return Outcome(
-        f"{len(rows)} devices; sources stand in simulators/devices.toml", {"devices": rows}
-    )
-
-
-def _feel(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.simulators.feel import feel
-
-    arguments.output = (
-        page.with_suffix(page.suffix or ".html") if (page := arguments.output).name else page
-    )
-    count = feel(arguments.files, arguments.output)
-    if not arguments.no_open:
-        import webbrowser
-
-        webbrowser.open(arguments.output.resolve().as_uri())
-    return Outcome(f"{arguments.output}: {count} blocks", look=arguments.output)
-
-
-READERS = {"S": lambda text: text if text == "per-block" else float(text)}
-COMMANDS = {"export": _export, "compare": _compare, "feel": _feel}
+    summary = f"{len(rows)} devices; sources stand in simulators/devices.toml"
+    return Outcome(summary, {"devices": rows})

@@ -1,56 +1,283 @@
 """``stepblocks inspect``: say whether what came back from the workshop conforms."""
 
-import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from stepblocks.cli.arguments import given
+import typer
+
+from stepblocks.cli.command import command
+from stepblocks.cli.options import (
+    Numbers,
+    Stimuli,
+    given,
+    quantity,
+    read_numbers,
+    refuse_both,
+)
 from stepblocks.cli.outcome import Outcome
 
+if TYPE_CHECKING:
+    from stepblocks.inspect.many import ManyScans
 
-def _run(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.artefacts.scans.read import list_channels
+app = typer.Typer()
+
+_LENGTH, _RATIO = quantity("length"), quantity("ratio")
+_EVALUATION, _INSTRUMENT = "how the scan is evaluated", "the instrument"
+
+
+@command(
+    app,
+    "inspect",
+    "inspect scan.x3p --stimulus step-050 --calibration '0.1 %' -o out/inspect",
+    "inspect scan.csv --stimulus step-050 --stimuli mine.toml --unit um",
+    "inspect standard.nid --standard '500 nm' --tolerance '10 nm'",
+    "inspect profile.csv --unit x=mm,z=um",
+    "inspect scans/ --stimulus step-050 -o out/inspect",
+    panel="stimuli",
+)
+def inspect(
+    *,
+    scans: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="SCAN",
+            help="CSV, XYZ, X3P, SDF, SUR, NID, SPM, PLY, ...; several, a folder or a table of "
+            "them are evaluated together",
+        ),
+    ],
+    stimulus: Annotated[
+        str | None,
+        typer.Option("--stimulus", metavar="ID", help="identity of the part, such as step-050"),
+    ] = None,
+    standard: Annotated[
+        float | None,
+        typer.Option(
+            "--standard",
+            metavar="LENGTH",
+            parser=_LENGTH,
+            help="a depth standard or grating of this certified depth, such as '500 nm'",
+        ),
+    ] = None,
+    stimuli: Stimuli = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="write page, plot, JSON and as-built record here",
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            "--tolerance",
+            metavar="LENGTH",
+            parser=_LENGTH,
+            help="with --standard: uncertainty or tolerance of its certificate",
+        ),
+    ] = None,
+    feature: Annotated[
+        Literal["edge", "groove", "ball"] | None,
+        typer.Option(
+            "--feature",
+            help="of a block edge (default) or groove; of a standard groove (default), edge or "
+            "ball",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            "--unit",
+            "--units",
+            metavar="UNIT",
+            help="unit of what does not say its own, such as um, or by axis x=mm,z=um",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = None,
+    channel: Annotated[
+        str | None,
+        typer.Option(
+            "--channel",
+            metavar="NAME",
+            help="channel of heights, or a part of its name",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = None,
+    list_channels: Annotated[
+        bool,
+        typer.Option(
+            "--list-channels",
+            help="name the channels of the file and stop",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = False,
+    level: Annotated[
+        Literal["line", "parabola", "cubic"] | None,
+        typer.Option(
+            "--level",
+            help="level profiles by this",
+            show_default="what the data carry",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = None,
+    edges: Annotated[
+        Numbers | None,
+        typer.Option(
+            "--edges",
+            metavar="N,N,...",
+            parser=read_numbers,
+            help="only these features of a profile, counted from its start",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = None,
+    along: Annotated[
+        Literal["x", "y"] | None,
+        typer.Option(
+            "--along",
+            help="take the profiles of a map along this axis",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = None,
+    exclusion: Annotated[
+        float | None,
+        typer.Option(
+            "--exclusion",
+            metavar="LENGTH",
+            parser=_LENGTH,
+            help="kept out at every edge, such as '50 um'",
+            show_default="where its flank is",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = None,
+    begin: Annotated[
+        float | None,
+        typer.Option(
+            "--from",
+            metavar="LENGTH",
+            parser=_LENGTH,
+            help="evaluate each profile from here",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = None,
+    end: Annotated[
+        float | None,
+        typer.Option(
+            "--to",
+            metavar="LENGTH",
+            parser=_LENGTH,
+            help="evaluate each profile up to here",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = None,
+    stylus_radius: Annotated[
+        float | None,
+        typer.Option(
+            "--stylus-radius",
+            metavar="LENGTH",
+            parser=_LENGTH,
+            help="radius of the stylus, by which it sees an edge or a ball larger",
+            rich_help_panel=_INSTRUMENT,
+        ),
+    ] = None,
+    stylus_cone: Annotated[
+        float | None,
+        typer.Option(
+            "--stylus-cone",
+            metavar="ANGLE",
+            parser=quantity("angle"),
+            help="full angle of the stylus: it sees no flank steeper than its side",
+            rich_help_panel=_INSTRUMENT,
+        ),
+    ] = None,
+    calibration: Annotated[
+        float | None,
+        typer.Option(
+            "--calibration",
+            metavar="RATIO",
+            parser=_RATIO,
+            help="relative standard uncertainty of the vertical calibration, such as '0.1 %'",
+            rich_help_panel=_INSTRUMENT,
+        ),
+    ] = None,
+    lateral_calibration: Annotated[
+        float | None,
+        typer.Option(
+            "--lateral-calibration",
+            metavar="RATIO",
+            parser=_RATIO,
+            help="the same of its lateral calibration",
+            rich_help_panel=_INSTRUMENT,
+        ),
+    ] = None,
+    resolution: Annotated[
+        float | None,
+        typer.Option(
+            "--resolution",
+            metavar="LENGTH",
+            parser=_LENGTH,
+            help="least difference of height, such as '1 nm'",
+            rich_help_panel=_INSTRUMENT,
+        ),
+    ] = None,
+) -> Outcome:
+    """Evaluate a scan of a machined stimulus and judge it.
+
+    Evaluates a profile or height map and judges it by ISO 14253-1. Exit code 0 conforms, 1 does not
+    conform, 3 not proven, 2 the scan cannot be read or evaluated.
+    """
     from stepblocks.inspect.budget import Instrument
     from stepblocks.inspect.levelling import LEVELS
     from stepblocks.inspect.many import inspect_many, is_table, write_many
-    from stepblocks.inspect.measure import AS_FOUND, EvaluationOptions
+    from stepblocks.inspect.measure import EvaluationOptions
     from stepblocks.inspect.report import write_inspection
     from stepblocks.inspect.run import inspect_scan, inspect_standard
 
-    scan, told = arguments.scans[0], given(arguments, "unit", "channel", "feature")
-    if arguments.list_channels:
-        names = list_channels(scan)
-        return Outcome(
-            "",
-            notes=names or ["one layer of heights, without channels"],
-            record={"channels": names},
-        )
-    instrument = Instrument(
-        arguments.calibration, arguments.resolution or 0.0, arguments.lateral_calibration
+    refuse_both(stimulus=stimulus, standard=standard)
+    scan = scans[0]
+    if list_channels:
+        return _list_channels(scan)
+    how = EvaluationOptions(
+        degree=LEVELS.get(level or ""),
+        edges=edges,
+        along=along,
+        exclusion=exclusion,
+        begin=begin,
+        end=end,
+        stylus_radius=stylus_radius or 0.0,
+        stylus_cone=stylus_cone or 0.0,
     )
-    told["how"] = EvaluationOptions(
-        degree=LEVELS.get(arguments.level or ""), **given(arguments, *vars(AS_FOUND))
-    )
-    told["instrument"] = instrument
-    if len(arguments.scans) > 1 or scan.is_dir() or is_table(arguments.scans):
-        told |= given(
-            arguments, "stimulus", "standard", "tolerance" if arguments.standard else "stimuli"
-        )
-        together = inspect_many(arguments.scans, **told)
-        written = [] if arguments.output is None else write_many(together, arguments.output)
-        tables = {
-            name: one.to_dict("records") for name, one in together.tables.items() if name != "chart"
-        }
-        look = next((path for path in written if path.suffix == ".html"), None)
-        record, code = together.as_record(), together.verdict.exit_code
-        return Outcome("", tables, together.left_out, look, code, record)
-    if arguments.stimulus is None:
-        result = inspect_standard(scan, arguments.standard, arguments.tolerance or 0.0, **told)
+    instrument = Instrument(calibration, resolution or 0.0, lateral_calibration)
+    options = given(how=how, instrument=instrument, unit=unit, channel=channel, feature=feature)
+    if len(scans) > 1 or scan.is_dir() or is_table(scans):
+        options |= given(stimulus=stimulus, standard=standard)
+        options |= given(stimuli=stimuli) if standard is None else given(tolerance=tolerance)
+        together = inspect_many(scans, **options)
+        written = [] if output is None else write_many(together, output)
+        return _summarise_many(together, written)
+    if stimulus is None:
+        result = inspect_standard(scan, standard, tolerance or 0.0, **options)
     else:
-        told |= given(arguments, "stimuli")
-        result = inspect_scan(scan, arguments.stimulus, **told)
-    if arguments.output is not None:
-        write_inspection(result, arguments.output)
+        result = inspect_scan(scan, stimulus, **options, **given(stimuli=stimuli))
+    if output is not None:
+        write_inspection(result, output)
     code = 0 if result.verdict is None else result.verdict.exit_code
     return Outcome("", notes=[str(result)], record=result.as_record(), code=code)
 
 
-COMMANDS = {"inspect": _run}
+def _list_channels(scan: Path) -> Outcome:
+    from stepblocks.artefacts.scans.read import list_channels
+
+    names = list_channels(scan)
+    lines = names or ["one layer of heights, without channels"]
+    return Outcome("", notes=lines, record={"channels": names})
+
+
+def _summarise_many(together: "ManyScans", written: list[Path]) -> Outcome:
+    tables = {
+        name: one.to_dict("records") for name, one in together.tables.items() if name != "chart"
+    }
+    page = next((path for path in written if path.suffix == ".html"), None)
+    record, code = together.as_record(), together.verdict.exit_code
+    return Outcome("", tables, together.left_out, page, code, record)

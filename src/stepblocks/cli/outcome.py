@@ -1,6 +1,5 @@
-"""What a command tells when it is done, how it is shown, and what it may replace."""
+"""What a command reports when it is done, how it is shown, and what it may replace."""
 
-import argparse
 import atexit
 import json
 import os
@@ -10,58 +9,82 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-from stepblocks.build.manifest import hash_file
 from stepblocks.quantities import format_column, format_column_label, format_units
 
-_WIDTH = 100  # columns of a table where nobody asked for more
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+_WIDTH = 100  # columns of a table where the environment names no width
 _MEMORY = ".stepblocks.json"  # in a folder: hashes of the files that commands wrote there
 
 
 @dataclass
 class Outcome:
-    """What a command did and found."""
+    """What a command did and found.
 
-    said: str  # one sentence
-    tables: dict[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)  # rows by title
+    Attributes
+    ----------
+    summary : str
+        One sentence.
+    tables : dict
+        Rows by the title of their table.
+    notes : sequence of str
+        Lines printed before the summary.
+    page : Path, optional
+        The page or picture to open.
+    code : int
+        Exit code.
+    record : object, optional
+        What ``--json`` prints, where it is not all of the above.
+    failures : sequence of str
+        Lines printed to the error stream, whatever was asked.
+    kept : sequence of Path
+        Files of an earlier run that were found whole.
+    """
+
+    summary: str
+    tables: dict[str, Sequence[Mapping[str, object]]] = field(default_factory=dict)
     notes: Sequence[str] = ()
-    look: Path | None = None  # what to open
+    page: Path | None = None
     code: int = 0
-    record: Any = None  # what ``--json`` prints, where it is not all of the above
-    failures: Sequence[str] = ()  # printed whatever was asked, to the error stream
-    kept: Sequence[Path] = ()  # files of an earlier run that were found whole
+    record: object = None
+    failures: Sequence[str] = ()
+    kept: Sequence[Path] = ()
 
 
-def show(outcome: Outcome, arguments: argparse.Namespace, written: Sequence[Path]) -> None:
+def show(
+    outcome: Outcome, written: Sequence[Path], *, quiet: bool, as_json: bool, wide: bool
+) -> None:
     """Print an outcome: as JSON, as nothing, or as tables with what was written where."""
-    if arguments.json:
-        told = outcome.record
-        if told is None:
-            told = {
-                "said": outcome.said,
+    if as_json:
+        record = outcome.record
+        if record is None:
+            record = {
+                "said": outcome.summary,
                 **outcome.tables,
                 "written": [str(path) for path in written],
             }
-        print(json.dumps(told, indent=1, allow_nan=False, default=str))
+        print(json.dumps(record, indent=1, allow_nan=False, default=str))
         return
-    if not arguments.quiet:
+    if not quiet:
         for title, rows in outcome.tables.items():
-            print_table(title, rows, wide=arguments.wide)
+            print_table(title, rows, wide=wide)
         for note in outcome.notes:
             _print(note)
-        if outcome.said:
-            _print(outcome.said, "bold" if outcome.code == 0 else "bold red")
+        if outcome.summary:
+            _print(outcome.summary, "bold" if outcome.code == 0 else "bold red")
         if written:
-            _print(_where(written), "dim")
-        if outcome.look is not None:
-            _print(f"open {outcome.look}", "cyan")
+            _print(_describe_written(written), "dim")
+        if outcome.page is not None:
+            _print(f"open {outcome.page}", "cyan")
     for failure in outcome.failures:
         print(format_units(failure), file=sys.stderr)
 
 
-def _where(written: Sequence[Path]) -> str:
-    """Say files by their folders."""
+def _describe_written(written: Sequence[Path]) -> str:
+    """List a few files by name, and many by their folders."""
     folders = {path.parent for path in written}
     top = Path(os.path.commonpath(folders))
     if len(written) <= 4:
@@ -71,8 +94,8 @@ def _where(written: Sequence[Path]) -> str:
     )
 
 
-def _print(shown: Any, style: str | None = None, width: int | None = None) -> None:
-    """Print something through rich, but by our own stream, whose end `main` knows to meet."""
+def _print(shown: "RenderableType", style: str | None = None, width: int | None = None) -> None:
+    """Print through rich, but by our own stream, whose early end `main` handles."""
     from rich.console import Console
 
     console = Console(width=width, highlight=False, soft_wrap=width is None)
@@ -83,8 +106,8 @@ def _print(shown: Any, style: str | None = None, width: int | None = None) -> No
     sys.stdout.write(captured.get())
 
 
-def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = False) -> None:
-    """Print rows as columns; of what is alike in all of them and of what does not fit, a line tells."""
+def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool = False) -> None:
+    """Print rows as columns; one line names what is alike in all, another what did not fit."""
     from rich.table import Table
     from rich.text import Text
 
@@ -92,59 +115,72 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]], *, wide: bool = F
         return
     cells = {name: format_column([row.get(name) for row in rows]) for name in rows[0]}
     heads = {name: format_column_label(name) for name in cells}
-    alike = (
-        {}
-        if wide or len(rows) < 2
-        else {name: column[0] for name, column in cells.items() if len({*column}) == 1}
-    )
-    room = 10_000 if wide else int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
-    left, names = room + 2, list[str]()
-    for name in (name for name in cells if name not in alike):
-        left -= max(map(len, (*heads[name].split(), *cells[name]))) + 2
-        if left >= 0 or not names:
-            names.append(name)
-    said = (
+    alike = _find_constant_columns(cells) if len(rows) > 1 and not wide else {}
+    width = 10_000 if wide else int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
+    names = _choose_fitting(cells, heads, alike, width)
+    constants = (
         f"{heads[name].replace(',', '')} {value}"
         for name, value in alike.items()
         if value not in ("", "-")
     )
-    same = ", ".join(said)
-    for line in (title, same):
-        if line:
-            _print(line, "bold" if line is title else "dim")
+    if title:
+        _print(title, "bold")
+    if same := ", ".join(constants):
+        _print(same, "dim")
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
     for name in names:
-        head = Text(heads[name].replace(" ", "\n"))
+        is_number = not any(cell.strip("-+.e∞0123456789") for cell in cells[name])
         table.add_column(
-            head,
-            justify="right"
-            if not any(cell.strip("-+.e∞0123456789") for cell in cells[name])
-            else "left",
+            Text(heads[name].replace(" ", "\n")),
+            justify="right" if is_number else "left",
             no_wrap=True,
             vertical="bottom",
         )
     for row in zip(*(cells[name] for name in names), strict=True):
         table.add_row(*map(Text, row))
-    _print(table, width=room)
+    _print(table, width=width)
     if more := len(cells) - len(alike) - len(names):
         print(f"({more} more columns: --wide)", file=sys.stderr)
 
 
-def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Callable[..., None]:
-    """Return what shows how far a command is, called with done, total and a name: a bar on a terminal, elsewhere so many lines."""
-    # What is done is counted where the caller does not.
-    quiet, number = arguments.quiet or arguments.json, count(1)
+def _find_constant_columns(cells: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Return the value of each column that is alike in all rows."""
+    return {name: column[0] for name, column in cells.items() if len({*column}) == 1}
 
-    def in_lines(done: int | None = None, total: int | None = None, name: str = "") -> None:
+
+def _choose_fitting(
+    cells: Mapping[str, Sequence[str]],
+    heads: Mapping[str, str],
+    alike: Mapping[str, str],
+    width: int,
+) -> list[str]:
+    """Choose the columns that fit the width, at least one."""
+    left, names = width + 2, list[str]()
+    for name in (name for name in cells if name not in alike):
+        left -= max(map(len, (*heads[name].split(), *cells[name]))) + 2
+        if left >= 0 or not names:
+            names.append(name)
+    return names
+
+
+def make_progress(label: str, *, quiet: bool, lines: int = 0) -> Callable[..., None]:
+    """Return a function that shows how far a command is.
+
+    It is called with done, total and a name, and draws a bar on a terminal; elsewhere it prints at
+    most so many lines. What is done is counted where the caller does not.
+    """
+    number = count(1)
+
+    def print_line(done: int | None = None, total: int | None = None, name: str = "") -> None:
         done, of = done or next(number), "" if total is None else f"/{total}"
-        some = lines and (
+        is_due = lines and (
             total is None or total <= lines or done % (total // lines) == 0 or done == total
         )
-        if some and not quiet:
-            print(f"[{done}{of}] {did} {name}".rstrip(), file=sys.stderr, flush=True)
+        if is_due and not quiet:
+            print(f"[{done}{of}] {label} {name}".rstrip(), file=sys.stderr, flush=True)
 
     if quiet or not sys.stderr.isatty():
-        return in_lines
+        return print_line
 
     from rich.console import Console
     from rich.progress import (
@@ -162,62 +198,67 @@ def telling(arguments: argparse.Namespace, did: str, *, lines: int = 0) -> Calla
         TextColumn("{task.description}", markup=False),
     )
     bar = Progress(*columns, console=Console(stderr=True), transient=True)
-    task = bar.add_task(did, total=None)
+    task = bar.add_task(label, total=None)
     atexit.register(bar.stop)  # also where the command fails: a terminal must get its cursor back
 
-    def on_terminal(done: int | None = None, total: int | None = None, name: str = "") -> None:
+    def draw_bar(done: int | None = None, total: int | None = None, name: str = "") -> None:
         bar.start()
-        bar.update(task, completed=done or next(number), total=total, description=f"{did} {name}")
+        bar.update(task, completed=done or next(number), total=total, description=f"{label} {name}")
         if bar.finished:
             bar.stop()
 
-    return on_terminal
+    return draw_bar
 
 
 @contextmanager
-def writing(place: Path | None, force: bool) -> Iterator[list[Path]]:
-    """Let a command write to a place, but replace nothing there that is not ours; gives the list of what it wrote."""
-    # To that list the command adds what it found and kept; afterwards it names what was written.
-    # What a build wrote stands in its ``manifest.json``; what another command wrote in
-    # ``.stepblocks.json`` with its hash, so that a table somebody filled in since is theirs.
+def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
+    """Let a command write to a place, but replace no file there that is not ours.
+
+    Gives the list of written files; the command adds to it what it found and kept, and afterwards
+    it names what was written. What a build wrote stands in its ``manifest.json``; what another
+    command wrote, in ``.stepblocks.json`` with its hash, so that a table which somebody filled in
+    since is theirs.
+    """
     from stepblocks.atomic import protect_files
+    from stepblocks.build.manifest import hash_file
 
     written: list[Path] = []
-    if place is None:
+    if not isinstance(place, Path):
         yield written
         return
     folder = place.parent if place.suffix and not place.is_dir() else place
-    before = {path: _stamp(path) for path in _files(place)}
-    built, known = _names(folder / "manifest.json", "outputs"), _names(folder / _MEMORY, "written")
+    before = {path: _read_stamp(path) for path in _list_files(place)}
+    built = _read_hashes(folder / "manifest.json", "outputs")
+    known = _read_hashes(folder / _MEMORY, "written")
 
-    def theirs(path: Path) -> bool:
+    def is_protected(path: Path) -> bool:
         if force or path not in before:
             return False
         name = path.relative_to(folder).as_posix()
         return name not in built and name != "manifest.json" and known.get(name) != hash_file(path)
 
     try:
-        with protect_files(theirs):
+        with protect_files(is_protected):
             yield written
     finally:
-        kept, written[:] = (
-            written[:],
-            sorted(path for path in _files(place) if before.get(path) != _stamp(path)),
+        kept = written[:]
+        written[:] = sorted(
+            path for path in _list_files(place) if before.get(path) != _read_stamp(path)
         )
         _remember(folder, known, [*written, *kept])
 
 
-def _files(place: Path) -> list[Path]:
+def _list_files(place: Path) -> list[Path]:
     found = place.rglob("*") if place.is_dir() else [place]
     return [path for path in found if path.is_file() and path.name != _MEMORY]
 
 
-def _stamp(path: Path) -> tuple[int, int]:
+def _read_stamp(path: Path) -> tuple[int, int]:
     found = path.stat()
     return found.st_mtime_ns, found.st_size
 
 
-def _names(file: Path, key: str) -> dict[str, str]:
+def _read_hashes(file: Path, key: str) -> dict[str, str]:
     """Read hashes of files by their names."""
     try:
         return dict(json.loads(file.read_text(encoding="utf-8"))[key])
@@ -226,16 +267,16 @@ def _names(file: Path, key: str) -> dict[str, str]:
 
 
 def _remember(folder: Path, known: Mapping[str, str], written: Sequence[Path]) -> None:
-    """Keep the hashes of what was written, where no manifest of a build does; what it has come to name is left to it."""
+    """Keep the hashes of what was written, but for the files that a build's manifest names."""
     from stepblocks.atomic import replace_text
+    from stepblocks.build.manifest import hash_file
 
-    built = _names(folder / "manifest.json", "outputs") | {"manifest.json": ""}
+    built = _read_hashes(folder / "manifest.json", "outputs") | {"manifest.json": ""}
     fresh = {path.relative_to(folder).as_posix(): hash_file(path) for path in written}
     every = {**known, **fresh}.items()
     total = {name: one for name, one in every if name not in built and (folder / name).is_file()}
     if known and not total:
         (folder / _MEMORY).unlink()
     elif total != known:
-        replace_text(
-            folder / _MEMORY, json.dumps({"written": dict(sorted(total.items()))}, indent=1) + "\n"
-        )
+        text = json.dumps({"written": dict(sorted(total.items()))}, indent=1) + "\n"
+        replace_text(folder / _MEMORY, text)

@@ -1,237 +1,340 @@
 """``stepblocks study``: the experiments on people, from the design to the report."""
 
-import argparse
-import inspect
-import sys
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal, NamedTuple
+
+import typer
 
 import stepblocks
-from stepblocks.cli.arguments import PLACE, given, quantity
+from stepblocks.cli import adaptive, simulate
+from stepblocks.cli.command import Group, command
+from stepblocks.cli.options import (
+    Blocks,
+    Faces,
+    Friction,
+    Load,
+    NoOpen,
+    Only,
+    TipRadius,
+    given,
+    quantity,
+    whole_number,
+)
 from stepblocks.cli.outcome import Outcome
+from stepblocks.cli.study_options import (
+    Folder,
+    HeightsOption,
+    Names,
+    Participants,
+    Seed,
+    StandardOption,
+    choose_source,
+    read_names,
+    read_pairs,
+)
 from stepblocks.errors import PipelineError
 
+study = typer.Typer(
+    name="study",
+    cls=Group,
+    help="Design, run, simulate and analyse the experiments on people; how many participants.\n\n"
+    "The experiments on people: a design, run sheets, answers, a report; and the power of a study "
+    "before it is run.",
+    subcommand_metavar="COMMAND ...",
+)
+study.add_typer(simulate.app)
+study.add_typer(adaptive.app)
+app = typer.Typer()
+app.add_typer(study, rich_help_panel="people")
 
-def _design(arguments: argparse.Namespace) -> Outcome:
-    plan = stepblocks.design_study(
-        _source(arguments), arguments.output, **_options(arguments, stepblocks.design_study)
+_COUNT = whole_number(1, 100_000)
+_EXPERIMENTS = Literal["estimates", "virtual", "constant", "magnitude", "2afc"]
+
+
+class Scale(NamedTuple):
+    """Lowest and highest rating."""
+
+    low: int
+    high: int
+
+
+def _read_scale(text: str) -> Scale:
+    low, dash, high = text.partition("-")
+    if not (
+        dash and low.isdecimal() and high.isdecimal() and len(text) < 40 and int(low) < int(high)
+    ):
+        raise ValueError(f"must be LOW-HIGH such as 1-7, got {text!r:.40}")
+    return Scale(int(low), int(high))
+
+
+Probes = Annotated[
+    Names | None,
+    typer.Option(
+        "--probes",
+        metavar="A,B,...",
+        parser=read_names,
+        help="conditions, such as kinds of probe",
+        show_default="bare,hard,soft",
+    ),
+]
+Ratings = Annotated[
+    Scale | None,
+    typer.Option(
+        "--ratings",
+        metavar="LOW-HIGH",
+        parser=_read_scale,
+        help="scale of the ratings",
+        show_default="1-7",
+    ),
+]
+
+
+def _read_columns(text: str) -> dict[str, str]:
+    return read_pairs(text, "ours=theirs")
+
+
+@command(study, "design", "study design mine.toml --seed 7 -o study")
+def design(
+    *,
+    file: Blocks = None,
+    heights: HeightsOption = None,
+    experiment: Annotated[
+        _EXPERIMENTS | None,
+        typer.Option(
+            "--experiment",
+            help="estimates is experiment 1 of the paper, virtual is experiment 2",
+            show_default="estimates",
+        ),
+    ] = None,
+    participants: Participants = None,
+    probes: Probes = None,
+    repetitions: Annotated[
+        int | None,
+        typer.Option(
+            "--repetitions",
+            metavar="N",
+            parser=_COUNT,
+            help="of every condition",
+            show_default="3",
+        ),
+    ] = None,
+    standard: StandardOption = None,
+    only: Only = None,
+    seed: Seed,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="folder of the study")
+    ] = Path("out/study"),
+) -> Outcome:
+    """Write design.csv with every trial, and the key of the blinding codes."""
+    options = given(
+        experiment=experiment,
+        participants=participants,
+        probes=probes,
+        repetitions=repetitions,
+        standard=standard,
+        only=only,
     )
+    plan = stepblocks.design_study(choose_source(file, heights), output, seed=seed, **options)
     trials, people = len(plan.trials), int(plan.trials[-1]["participant"])
-    said = (
-        f"{arguments.output / 'design.csv'}: {trials} trials of {people} participants; "
-        f"{plan.balance}"
-    )
+    summary = f"{output / 'design.csv'}: {trials} trials of {people} participants; {plan.balance}"
     record = {
         "trials": trials,
         "participants": people,
         "balance": plan.balance,
         "advice": plan.advice,
     }
-    return Outcome(said, notes=list(filter(None, [plan.advice])), record=record)
+    return Outcome(summary, notes=[plan.advice] if plan.advice else [], record=record)
 
 
-def _sheet(arguments: argparse.Namespace) -> Outcome:
-    number = stepblocks.write_sheets(arguments.folder)
-    said = (
-        f"{arguments.folder / 'sheets'}: {number} run sheets; print "
-        f"{arguments.folder / 'run-sheets.pdf'}"
-    )
-    return Outcome(said, record={"sheets": number})
+@command(study, "sheet", "study sheet study")
+def sheet(*, folder: Folder) -> Outcome:
+    """Write blinded run sheets, to print and as CSV to fill in."""
+    number = stepblocks.write_sheets(folder)
+    pages = folder / "run-sheets.pdf"
+    summary = f"{folder / 'sheets'}: {number} run sheets; print {pages}"
+    return Outcome(summary, record={"sheets": number})
 
 
-def _simulate(arguments: argparse.Namespace) -> Outcome:
-    output = arguments.output or arguments.folder / "answers.csv"
-    options = _options(arguments, stepblocks.simulate_study) | _observed(arguments)
-    number = stepblocks.simulate_study(arguments.folder, arguments.file, output, **options)
-    return Outcome(f"{output}: {number} simulated answers", record={"answers": number})
+@command(study, "run", "study run study mine.toml --participant 1")
+def run(
+    *,
+    folder: Folder,
+    file: Faces = None,
+    participant: Annotated[
+        str,
+        typer.Option("--participant", metavar="NUMBER", help="participant, as in the design"),
+    ],
+    device: Annotated[
+        Literal["mouse", "openhaptics", "dhd", "replay"] | None,
+        typer.Option(
+            "--device",
+            help="what moves the probe over virtual blocks; mouse comes with the loudspeaker",
+            show_default="mouse",
+        ),
+    ] = None,
+    library: Annotated[
+        str | None,
+        typer.Option(
+            "--library", metavar="PATH", help="library of the device, or the HDF5 to replay"
+        ),
+    ] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option(
+            "--scale",
+            metavar="X",
+            help="magnification of all virtual blocks",
+            show_default="100",
+        ),
+    ] = None,
+    ratings: Ratings = None,
+    tip_radius: TipRadius = None,
+    load: Load = None,
+    friction: Friction = None,
+    port: Annotated[
+        int,
+        typer.Option(
+            "--port",
+            metavar="N",
+            parser=whole_number(0, 65535),
+            help="of the page on this machine; 0: a free one",
+        ),
+    ] = 0,
+    no_open: NoOpen = False,
+) -> Outcome:
+    """Lead a participant through the trials, in the browser or with a device.
 
-
-def _analyse(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.prose import write_headline
-
-    data, folder = given(arguments, "data").get("data"), arguments.folder
-    if bool(data) == bool(arguments.answers) or (data and folder):
-        raise PipelineError(
-            "a folder of a study with its answers must be given, or --data with a table of your own"
-        )
-    output = arguments.output or (folder or Path("out/study")) / "report"
-    options = _options(arguments, stepblocks.analyse_study)
-    result = stepblocks.analyse_study(folder, data or arguments.answers, output, **options)
-    notes, said = [*result.notes, *result.remarks], write_headline(result)
-    return Outcome(
-        said, notes=notes, look=output / "report.html", record={"said": said, "notes": notes}
-    )
-
-
-def _share(arguments: argparse.Namespace) -> Outcome:
-    files = stepblocks.share_study(
-        arguments.folder, arguments.answers, arguments.output, **given(arguments, "form")
-    )
-    return Outcome(f"{arguments.output}: {len(files)} files", record={"files": files})
-
-
-def _conduct(arguments: argparse.Namespace) -> Outcome:
+    The same command goes on after a break.
+    """
     from stepblocks.study.conduct import RunServer
 
-    options = _options(arguments, stepblocks.open_run) | given(arguments, *PLACE)
-    run = stepblocks.open_run(arguments.folder, arguments.participant, arguments.file, **options)
-    server = RunServer(run, arguments.port)
-    print(f"{run.path}: {run.answered} of {len(run.planned)} trials are answered")
+    options = given(
+        device=device,
+        library=library,
+        scale=scale,
+        ratings=ratings,
+        ball_radius=tip_radius,
+        normal_load=load,
+        friction=friction,
+    )
+    opened = stepblocks.open_run(folder, participant, file, **options)
+    server = RunServer(opened, port)
+    print(f"{opened.path}: {opened.answered} of {len(opened.planned)} trials are answered")
     print(f"open {server.url}", flush=True)
-    if not arguments.no_open:
+    if not no_open:
         import webbrowser
 
         webbrowser.open(server.url)
-    said = "all trials are answered"
+    summary = "all trials are answered"
     try:
         server.until_done()
     except KeyboardInterrupt:
-        said = "stopped; the same command goes on"
-    return Outcome(said, record={"answered": run.answered, "of": len(run.planned)})
+        summary = "stopped; the same command goes on"
+    record = {"answered": opened.answered, "of": len(opened.planned)}
+    return Outcome(summary, record=record)
 
 
-def _power(arguments: argparse.Namespace) -> Outcome:
-    options = _options(arguments, stepblocks.study_power) | _observed(arguments)
-    table = stepblocks.study_power(_source(arguments), arguments.output, **options)
-    return Outcome("", {"power": table.to_dict("records")})
+@command(study, "analyse", "study analyse study study/answers.csv")
+def analyse(
+    *,
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="DIR", help="folder of the study")
+    ] = None,
+    answers: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="CSV", help="filled-in run sheets, or a folder of them"),
+    ] = None,
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--data",
+            metavar="PATH",
+            help="a table of your own, a folder of them, or a BIDS or psych-DS dataset; without "
+            "DIR",
+        ),
+    ] = None,
+    columns: Annotated[
+        dict[str, str] | None,
+        typer.Option(
+            "--columns",
+            metavar="OURS=YOURS,...",
+            parser=_read_columns,
+            help="your names of columns, such as participant=subject,estimate_um=answer",
+        ),
+    ] = None,
+    experiment: Annotated[
+        _EXPERIMENTS | None,
+        typer.Option(
+            "--experiment", help="kind of the judgements of --data", show_default="estimates"
+        ),
+    ] = None,
+    equivalent: Annotated[
+        float | None,
+        typer.Option(
+            "--equivalent",
+            metavar="LENGTH",
+            parser=quantity("length"),
+            help="conditions that differ by less than this count as equivalent",
+        ),
+    ] = None,
+    groups: Annotated[
+        Path | None,
+        typer.Option(
+            "--groups",
+            metavar="CSV",
+            help="table of participant and group, such as dentists and students, to compare",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="folder of the report",
+            show_default="report in the folder",
+        ),
+    ] = None,
+    ratings: Ratings = None,
+) -> Outcome:
+    """Analyse answers: results.csv and report.html."""
+    from stepblocks.study.prose import write_headline
 
-
-def _start(arguments: argparse.Namespace) -> Outcome:
-    study = stepblocks.start_adaptive(
-        _source(arguments), arguments.output, **_options(arguments, stepblocks.start_adaptive)
-    )
-    said = (
-        f"{study.plan.method} with {len(study.plan.compared)} blocks against the standard, "
-        f"{study.participants} participants"
-    )
-    most = f"at most {study.plan.trials} trials each"
-    return Outcome(
-        f"{arguments.output / 'setup.json'}: {said}, {most}",
-        notes=list(filter(None, [study.advice])),
-    )
-
-
-def _run(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import open_adaptive, record_answer
-
-    session = open_adaptive(arguments.folder).session(arguments.participant)
-    while (pair := session.next_pair()) is not None:
-        asked = (
-            f"trial {pair.trial}: first {pair.first}, then {pair.second}. Second higher? y, n or "
-            "q: "
-        )
-        print(asked, end="", flush=True)
-        line = sys.stdin.readline()
-        text = line.strip().lower()
-        if not line or text == "q":
-            return Outcome(f"stopped after {pair.trial - 1} trials; the same command goes on")
-        if text in ("y", "n"):
-            session = record_answer(
-                arguments.folder, arguments.participant, pair.trial, text == "y"
-            )
-            if session.plan.method == "training":
-                print("right" if session.right else "wrong")
-    return Outcome(str(session))
-
-
-def _undo(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import undo_answer
-
-    return Outcome(str(undo_answer(arguments.folder, arguments.participant)))
-
-
-def _result(arguments: argparse.Namespace) -> Outcome:
-    from stepblocks.study.adaptive import estimate_participants
-
-    then = f"then: stepblocks study analyse {arguments.folder} {arguments.folder / 'answers.csv'}"
-    return Outcome(then, {"thresholds": estimate_participants(arguments.folder).to_dict("records")})
-
-
-def _heights(text: str) -> tuple[float, ...]:
-    """Read heights in micrometres [m]."""
-    return tuple(
-        quantity("length")(part if part.strip(" 0123456789.") else f"{part} um")
-        for part in text.split(",")
-    )
-
-
-def _source(arguments: argparse.Namespace) -> Any:
-    """Return the stimulus file or the heights, of which one must be given."""
-    asked = getattr(arguments, "heights", None)
-    if (arguments.file is None) == (asked is None):
+    if bool(data) == bool(answers) or (data and folder):
         raise PipelineError(
-            "a stimulus FILE or --heights must be given, got " + ("both" if asked else "neither")
+            "a folder of a study with its answers must be given, or --data with a table of your own"
         )
-    return asked or arguments.file
+    place = output or (folder or Path("out/study")) / "report"
+    options = given(
+        columns=columns,
+        experiment=experiment,
+        equivalent=equivalent,
+        groups=groups,
+        ratings=ratings,
+    )
+    result = stepblocks.analyse_study(folder, data or answers or [], place, **options)
+    notes, summary = [*result.notes, *result.remarks], write_headline(result)
+    record = {"said": summary, "notes": notes}
+    return Outcome(summary, notes=notes, page=place / "report.html", record=record)
 
 
-def _options(arguments: argparse.Namespace, function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the options that were given and that a function takes by their names."""
-    takes = inspect.signature(function).parameters.values()
-    return given(arguments, *(one.name for one in takes if one.kind is one.KEYWORD_ONLY))
-
-
-def _observed(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return what ``@observer`` asks for as keywords of the functions that simulate."""
-    from stepblocks.study.simulate import Observer
-
-    observer = Observer(**given(arguments, *vars(Observer())))
-    return {"observer": observer, **given(arguments, *PLACE)}
-
-
-def _names(text: str) -> tuple[str, ...]:
-    """Read names separated by commas."""
-    found = tuple(part.strip() for part in text.split(","))
-    if not all(name and name.replace("-", "").isalnum() for name in found):
-        rule = "must be names of letters, digits and hyphens, separated by commas"
-        raise argparse.ArgumentTypeError(f"{rule}, got {text!r:.60}")
-    return found
-
-
-def _scale(text: str) -> tuple[int, int]:
-    """Read the ends of a scale."""
-    low, dash, high = text.partition("-")
-    if not (
-        dash and low.isdecimal() and high.isdecimal() and len(text) < 40 and int(low) < int(high)
-    ):
-        raise argparse.ArgumentTypeError(f"must be LOW-HIGH such as 1-7, got {text!r:.40}")
-    return int(low), int(high)
-
-
-def _pairs(text: str, what: str) -> dict[str, str]:
-    parts = [part.strip().partition("=") for part in text.split(",")]
-    if not all(name and equals and value for name, equals, value in parts):
-        raise argparse.ArgumentTypeError(f"must be {what}, separated by commas, got {text!r:.60}")
-    return {name: value for name, _, value in parts}
-
-
-def _shares(text: str) -> dict[str, float]:
-    if text.endswith(".toml"):
-        from stepblocks.predict.sheaths import find_damping
-
-        return find_damping(text)
-    return {name: quantity("ratio")(value) for name, value in _pairs(text, "name=share").items()}
-
-
-READERS = {
-    "A,B,...": _names,
-    "A=X,B=Y": _shares,
-    "H,H,...": _heights,
-    "LOW-HIGH": _scale,
-    "OURS=YOURS,...": partial(_pairs, what="ours=theirs"),
-}
-COMMANDS = {
-    "study design": _design,
-    "study sheet": _sheet,
-    "study run": _conduct,
-    "study simulate": _simulate,
-    "study analyse": _analyse,
-    "study power": _power,
-    "study share": _share,
-    "study adaptive start": _start,
-    "study adaptive run": _run,
-    "study adaptive undo": _undo,
-    "study adaptive result": _result,
-}
+@command(study, "share", "study share study study/answers.csv --as bids -o dataset")
+def share(
+    *,
+    folder: Folder,
+    answers: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="CSV", help="run sheets, or a folder of them"),
+    ] = None,
+    form: Annotated[
+        Literal["bids", "psych-ds", "psychopy"] | None,
+        typer.Option("--as", help="form of the dataset", show_default="bids"),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="folder of the dataset")
+    ] = Path("out/dataset"),
+) -> Outcome:
+    """Write the study as BIDS, psych-DS, or conditions files of PsychoPy."""
+    options = given(form=form)
+    files = stepblocks.share_study(folder, answers or [], output, **options)
+    return Outcome(f"{output}: {len(files)} files", record={"files": files})

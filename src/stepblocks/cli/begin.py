@@ -1,0 +1,182 @@
+"""``stepblocks new``, ``help`` and ``completion``: how one begins."""
+
+import sysconfig
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from stepblocks.cli.command import command
+from stepblocks.cli.options import Force, require_one
+from stepblocks.cli.outcome import Outcome
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+app = typer.Typer()
+
+_PANEL = "to begin"
+# columns that a session's table of trials must have; the first row shows how
+_TRIALS = "trial,block,height_um,load_n,speed_mm_s,tip\n1,step-025,25,0.5,5,tip-125\n"
+
+_Thing = Literal["block", "crown", "tip", "study", "session", "sweep"]
+
+
+@command(
+    app,
+    "new",
+    "new block mine.toml",
+    "new crown",
+    "new session bench-1",
+    "new --shipped",
+    panel=_PANEL,
+)
+def new(
+    *,
+    thing: Annotated[_Thing | None, typer.Argument(help="what to begin")] = None,
+    file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="FILE", help="file to write", show_default="my-THING.toml, my-session"
+        ),
+    ] = None,
+    shipped: Annotated[
+        Path | None,
+        typer.Option(
+            "--shipped",
+            metavar="[DIR]",
+            help="copy all shipped stimuli, those of the paper among them, to DIR instead",
+            show_default="stimuli",
+        ),
+    ] = None,
+    force: Force = False,
+) -> Outcome:
+    """Write a commented file to begin with.
+
+    The file is valid as it stands and says what can be changed; a session is a folder.
+    """
+    require_one(THING=thing, shipped=shipped)
+    if thing is None:
+        return _copy_shipped(shipped or Path("stimuli"), force=force)
+    file = file or Path(f"my-{thing}" if thing == "session" else f"my-{thing}.toml")
+    if thing == "session":
+        folder = file.parent if file.name == "session.toml" else file
+        place = folder / "session.toml"
+        text, then = write_beginning(thing, folder)
+        texts = {place: text, folder / "trials.csv": _TRIALS}
+    else:
+        place = file.with_suffix(".toml") if file.name else file
+        text, then = write_beginning(thing, place)
+        texts = {place: text}
+    _write_new(texts, force=force)
+    record = {"written": str(place), "then": then}
+    return Outcome(f"{place}: change it, then run: {then}", record=record)
+
+
+def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
+    from stepblocks.atomic import replace_text
+    from stepblocks.errors import PipelineError
+
+    if there := [str(place) for place in texts if place.exists() and not force]:
+        raise PipelineError(f"there is one already; --force replaces it [{', '.join(there)}]")
+    for place, text in texts.items():
+        place.parent.mkdir(parents=True, exist_ok=True)
+        replace_text(place, text)
+
+
+def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
+    """Copy the shipped stimuli from where a wheel puts them, or from the checkout."""
+    from stepblocks.errors import PipelineError
+
+    installed = Path(sysconfig.get_path("data")) / "share" / "stepblocks" / "stimuli"
+    source = installed if installed.is_dir() else Path(__file__).parents[3] / "stimuli"
+    texts = {
+        folder / path.name: path.read_text(encoding="utf-8")
+        for path in sorted(source.glob("*.toml"))
+    }
+    if not texts:
+        raise PipelineError(
+            f"the shipped stimuli must lie in the installation, found none [{installed}]"
+        )
+    _write_new(texts, force=force)
+    then = f"stepblocks build {folder}"
+    record = {"written": list(map(str, texts)), "then": then}
+    return Outcome(f"{len(texts)} files in {folder}: {then}", record=record)
+
+
+def write_beginning(thing: str, place: Path) -> tuple[str, str]:
+    """Return the text of a file to begin with, and the command that takes it.
+
+    Below it stands, commented out, what its kinds leave to their defaults.
+    """
+    from stepblocks.parts.set import list_kinds
+
+    sections = Path(__file__).with_name("beginnings.txt").read_text(encoding="utf-8").split("==== ")
+    (section,) = (one for one in sections if one.startswith(f"{thing}: "))
+    section = section.replace("{file}", str(place)).replace("{folder}", str(place))
+    head, _, text = section.partition("\n")
+    text, _, shown = text.partition("%usual ")
+    for kind in shown.split():
+        text += (
+            f"# What a {kind} leaves out; to change it for all of them, take the leading '# ' "
+            "away.\n"
+        )
+        defaults = _list_defaults(list_kinds()[kind], f"defaults.{kind}")
+        text += "".join(f"# {line}\n" for line in defaults) + "\n"
+    return text.rstrip() + "\n", head.partition(": ")[2]
+
+
+def _list_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
+    """Write the defaults of a kind as TOML, those of tables below it in tables of their own."""
+    yield f"[{table}]"
+    defaults = {name: field.default for name, field in model.model_fields.items()}
+    for name, default in defaults.items():
+        if isinstance(default, str):
+            yield f'{name} = "{default}"'
+        elif default and isinstance(default, dict):
+            pairs = ", ".join(f'{key} = "{value}"' for key, value in default.items())
+            yield f"{name} = {{ {pairs.replace('otherwise', 'tolerance')} }}"
+    for name in (name for name, default in defaults.items() if default == {}):
+        below = model.model_fields[name].annotation
+        assert isinstance(below, type)
+        yield from _list_defaults(below, f"{table}.{name}")
+
+
+@command(app, "help", "help", "help export", panel=_PANEL)
+def print_help(
+    *,
+    about: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="COMMAND", help="such as build, or study design"),
+    ] = None,
+    context: typer.Context,
+) -> Outcome:
+    """Show how a command is used."""
+    root = context.find_root().command
+    with root.make_context("stepblocks", [*(about or []), "--help"]) as asked:
+        root.invoke(asked)  # prints the help and ends the command
+    return Outcome("")
+
+
+@command(
+    app,
+    "completion",
+    "completion bash > ~/.local/share/bash-completion/completions/stepblocks",
+    "completion zsh > ~/.zfunc/_stepblocks",
+    "completion fish > ~/.config/fish/completions/stepblocks.fish",
+    panel=_PANEL,
+)
+def print_completion(
+    *,
+    shell: Annotated[Literal["bash", "zsh", "fish"], typer.Argument(help="which shell")],
+) -> Outcome:
+    """Print a script that completes commands and options in a shell.
+
+    Put it where the shell reads it at its start.
+    """
+    from typer.completion import get_completion_script
+
+    names = {"prog_name": "stepblocks", "complete_var": "_STEPBLOCKS_COMPLETE"}
+    print(get_completion_script(**names, shell=shell))
+    return Outcome("")

@@ -1,0 +1,52 @@
+"""``stepblocks compare``: a record of a simulator or a bench against its stimulus."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stepblocks.cli.command import command
+from stepblocks.cli.options import Friction, Load, TipRadius, given
+from stepblocks.cli.outcome import Outcome
+
+app = typer.Typer()
+
+
+@command(
+    app,
+    "compare",
+    "compare record.csv --to stimuli/paper-ten.toml/step-050",
+    panel="simulators",
+)
+def compare(
+    *,
+    record: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORD",
+            help="CSV (time_s; force_n or acceleration_m_s2), or HDF5 of a trial of study run",
+        ),
+    ],
+    to: Annotated[
+        Path,
+        typer.Option("--to", metavar="FILE/ID", help="stimulus file and identity"),
+    ],
+    tip_radius: TipRadius = None,
+    load: Load = None,
+    friction: Friction = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="CSV", help="write the parts as a table"),
+    ] = None,
+) -> Outcome:
+    """Compare a recorded force or acceleration with its stimulus.
+
+    Prints the differences in just noticeable differences.
+    """
+    from stepblocks.simulators.compare import compare
+
+    options = given(ball_radius=tip_radius, normal_load=load, friction=friction)
+    found = compare(record, to, output, **options)
+    score = found["difference_jnd"].iloc[-1]
+    summary = f"{score:.2g} just noticeable differences from {to.name}, all parts together"
+    return Outcome(summary, {"realism": found.iloc[:-1].to_dict("records")})

@@ -1,0 +1,241 @@
+"""``stepblocks drag``: a tip over a step or a profile, in time."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from stepblocks.cli.command import command
+from stepblocks.cli.options import Stimuli, given, quantity, refuse_both
+from stepblocks.cli.outcome import Outcome
+
+app = typer.Typer()
+
+_LENGTH, _RATIO = quantity("length"), quantity("ratio")
+
+
+@command(
+    app,
+    "drag",
+    "drag '25 um' --load '0.5 N'",
+    "drag mine.toml/step-050 -o out/drag --backward",
+    "drag profile.csv --pull '0.4 N'",
+    panel="what will be felt",
+)
+def drag(
+    *,
+    stimulus: Annotated[str, typer.Argument(metavar="STIMULUS", help="what to drag over")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="folder to write to")
+    ] = Path("out/drag"),
+    static_friction: Annotated[
+        float | None,
+        typer.Option(
+            "--static-friction",
+            metavar="RATIO",
+            parser=_RATIO,
+            help="coefficient at rest; 0: as while sliding",
+            show_default="0",
+        ),
+    ] = None,
+    handle_mass: Annotated[
+        float | None,
+        typer.Option(
+            "--handle-mass",
+            metavar="MASS",
+            parser=quantity("mass"),
+            help="inertia of a pulled handle",
+            show_default="100 g",
+        ),
+    ] = None,
+    ring_time: Annotated[
+        float | None,
+        typer.Option(
+            "--ring-time",
+            metavar="TIME",
+            parser=quantity("time"),
+            help="time recorded after the release",
+            show_default="40 ms",
+        ),
+    ] = None,
+    sample_rate: Annotated[
+        float | None,
+        typer.Option(
+            "--sample-rate",
+            metavar="FREQUENCY",
+            parser=quantity("frequency"),
+            help="rows of the trace per second",
+            show_default="10 kHz",
+        ),
+    ] = None,
+    tip_radius: Annotated[
+        float | None,
+        typer.Option(
+            "--tip-radius",
+            metavar="LENGTH",
+            parser=_LENGTH,
+            help="radius of the ball R",
+            show_default="the set's first, or 125 um",
+        ),
+    ] = None,
+    edge_radius: Annotated[
+        float | None,
+        typer.Option(
+            "--edge-radius",
+            metavar="LENGTH",
+            parser=_LENGTH,
+            help="radius of a plain step's edge r",
+            show_default="0 um",
+        ),
+    ] = None,
+    step_height: Annotated[
+        float | None,
+        typer.Option(
+            "--step-height",
+            metavar="LENGTH",
+            parser=_LENGTH,
+            help="step under a declared tip",
+            show_default="the set's first",
+        ),
+    ] = None,
+    load: Annotated[
+        float | None,
+        typer.Option(
+            "--load",
+            metavar="FORCE",
+            parser=quantity("force"),
+            help="normal load F_py",
+            show_default="the set's first, or 1 N",
+        ),
+    ] = None,
+    friction: Annotated[
+        float | None,
+        typer.Option(
+            "--friction",
+            metavar="RATIO",
+            parser=_RATIO,
+            help="coefficient of friction mu",
+            show_default="the set's first, or 0.15",
+        ),
+    ] = None,
+    stiffness: Annotated[
+        float | None,
+        typer.Option(
+            "--stiffness",
+            metavar="STIFFNESS",
+            parser=quantity("stiffness"),
+            help="tangential stiffness k",
+            show_default="the set's, or 9.81 N/mm",
+        ),
+    ] = None,
+    frequency: Annotated[
+        float | None,
+        typer.Option(
+            "--frequency",
+            metavar="FREQUENCY",
+            parser=quantity("frequency"),
+            help="natural frequency, which gives the tip's mass",
+            show_default="300 Hz, or of the sheath",
+        ),
+    ] = None,
+    damping_ratio: Annotated[
+        float | None,
+        typer.Option(
+            "--damping-ratio",
+            metavar="RATIO",
+            parser=_RATIO,
+            help="share of critical damping",
+            show_default="0.037, the paper's, or of the sheath",
+        ),
+    ] = None,
+    stimuli: Stimuli = None,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            "--speed",
+            metavar="SPEED",
+            parser=quantity("speed", above_zero=True),
+            help="constant speed of the handle",
+            show_default="5 mm/s",
+        ),
+    ] = None,
+    pull: Annotated[
+        float | None,
+        typer.Option(
+            "--pull",
+            metavar="FORCE",
+            parser=quantity("force", above_zero=True),
+            help="constant pulling force on the handle, in place of a speed",
+        ),
+    ] = None,
+    setting: Annotated[
+        str | None,
+        typer.Option(
+            "--setting",
+            metavar="NAME",
+            help="figures-3-to-5: carry the load as figures 3 to 5 of the paper need it, on a "
+            "carrier behind a round rod",
+        ),
+    ] = None,
+    backward: Annotated[
+        bool,
+        typer.Option(
+            "--backward",
+            help="drag towards falling x: from the crown to the tooth, or down a step",
+        ),
+    ] = False,
+) -> Outcome:
+    """Drag a tip over a step or a profile in time: force traces, release, ring, energy ledger.
+
+    STIMULUS is a step height such as '25 um', a CSV with the columns x_um and z_um, or a declared
+    block, crown margin or tip: ID, SET/ID or FILE.toml/ID.
+    """
+    from stepblocks.drag.run import drag_over
+
+    refuse_both(speed=speed, pull=pull)
+    options = given(
+        static_friction=static_friction,
+        handle_mass=handle_mass,
+        ring_time=ring_time,
+        sample_rate=sample_rate,
+        tip_radius=tip_radius,
+        edge_radius=edge_radius,
+        step_height=step_height,
+        load=load,
+        friction=friction,
+        stiffness=stiffness,
+        frequency=frequency,
+        damping_ratio=damping_ratio,
+        speed=speed,
+        pull=pull,
+    )
+    done = drag_over(stimulus, backward=backward, stimuli=stimuli, setting=setting, **options)
+    done.write(output)
+    notes = list(_describe_drag(done.summary))
+    closes = f"ledger closes to {done.summary['ledger_error']:.1e}"
+    summary = f"{done.summary['status']}; {closes} [{output}]"
+    return Outcome(summary, notes=notes, record=done.summary)
+
+
+def _describe_drag(summary: Mapping[str, Any]) -> list[str]:
+    """Say under which conditions was dragged, and what came out."""
+    from stepblocks.quantities import format_quantity
+
+    settings, probe = summary["settings"], summary["probe"]
+    notes = [
+        f"{summary['subject']}: {format_quantity(settings['normal_load'], 'force')}, "
+        f"mu {settings['friction']:g}, k {probe['stiffness'] * 1e-3:g} N/mm"
+    ]
+    if "setting" in summary:
+        notes.append(f"{summary['setting']['source']}; it fails: {summary['setting']['fails']}")
+    if "peak_force_n" in summary:
+        formula = summary.get("equation_1", {}).get("peak_force_n")
+        beside = f", equation (1) {formula:.4g} N" if formula else ""
+        notes.append(
+            f"peak {summary['peak_force_n']:.4g} N{beside}; "
+            f"rings with {format_quantity(summary['vibration_energy_j'], 'energy')} "
+            f"({summary['ring_share']:.0%} of the stored energy) for "
+            f"{summary['ring_duration_s'] * 1e3:.1f} ms"
+        )
+    return notes

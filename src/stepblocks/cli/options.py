@@ -1,0 +1,212 @@
+"""Options that several commands share, and how their values are read.
+
+An option is an annotated type: a command that takes one names it in its signature and gives the
+default there. An option of several values (``list[...]``) may be repeated, or be followed by all
+of them. A metavar in brackets says that the value may be left out; ``show_default`` is used then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from stepblocks.errors import PipelineError
+from stepblocks.quantities import parse_quantity
+
+_EVERYWHERE = "in every command"
+
+
+def quantity(dimension: str, *, above_zero: bool = False) -> Callable[[str], float]:
+    """Return a reader of quantities of one dimension."""
+
+    def read(text: str) -> float:
+        value = parse_quantity(text, dimension)
+        if above_zero and value <= 0.0:
+            raise ValueError(f"must be positive, got {text}")
+        return value
+
+    return read
+
+
+def whole_number(least: int, most: int) -> Callable[[str | int], int]:
+    """Return a reader of whole numbers within limits."""
+
+    def read(given_value: str | int) -> int:
+        text = str(given_value)  # Typer reads a default, too
+        if not text.isdecimal() or len(text) > 18 or not least <= int(text) <= most:
+            raise ValueError(f"must be a whole number from {least} to {most}, got {text!r:.40}")
+        return int(text)
+
+    return read
+
+
+class Numbers(tuple[int, ...]):
+    """Whole numbers, separated by commas on the command line."""
+
+    __slots__ = ()
+
+
+def read_numbers(text: str) -> Numbers:
+    """Read whole numbers separated by commas."""
+    read = whole_number(1, 100_000)
+    return Numbers(read(part.strip()) for part in text.split(","))
+
+
+def given(**options: Any) -> dict[str, Any]:
+    """Keep the options that were given: the default of the others stands in the called function."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def require_one(**options: object) -> None:
+    """Refuse options that exclude each other, and the lack of all of them."""
+    names = " or ".join(map(_name_option, options))
+    if (count := len(given(**options))) != 1:
+        raise PipelineError(f"one of {names} must be given, got {count or 'none'}")
+
+
+def refuse_both(**options: object) -> None:
+    """Refuse options that exclude each other."""
+    if len(given(**options)) > 1:
+        names = " and ".join(map(_name_option, options))
+        raise PipelineError(f"{names} exclude each other: give one of them")
+
+
+def _name_option(name: str) -> str:
+    return name if name.isupper() else f"--{name.replace('_', '-')}"
+
+
+# What every command takes; a command that needs one of them itself names it in its signature.
+Quiet = Annotated[
+    bool, typer.Option("--quiet", help="print nothing but errors", rich_help_panel=_EVERYWHERE)
+]
+Json = Annotated[
+    bool,
+    typer.Option(
+        "--json", help="print what was done and found as JSON", rich_help_panel=_EVERYWHERE
+    ),
+]
+Wide = Annotated[
+    bool,
+    typer.Option("--wide", help="print all columns of a table", rich_help_panel=_EVERYWHERE),
+]
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force",
+        help="replace files that another program or person wrote",
+        rich_help_panel=_EVERYWHERE,
+    ),
+]
+
+# Stimuli and where they stand
+Files = Annotated[
+    list[Path] | None,
+    typer.Argument(metavar="FILE", help="stimulus files or folders", show_default="stimuli"),
+]
+Blocks = Annotated[
+    Path | None, typer.Argument(metavar="FILE", help="stimulus file with the blocks")
+]
+Faces = Annotated[
+    Path | None,
+    typer.Argument(metavar="FILE", help="stimulus file, for the predicted energies"),
+]
+Stimuli = Annotated[
+    Path | None,
+    typer.Option(
+        "--stimuli",
+        "--set",
+        metavar="FILE",
+        help="stimulus file or folder where it is declared",
+        show_default="stimuli",
+    ),
+]
+Only = Annotated[
+    str | None,
+    typer.Option(
+        "--only",
+        metavar="PATTERN",
+        help="only these stimuli, such as 'step-0?0' or 'paper-ten/*'",
+    ),
+]
+Table = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", metavar="CSV", help="write a table with units in its header"),
+]
+AsBuilt = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--as-built",
+        metavar="RECORD",
+        help="as-built records of inspect, or folders of them, in place of the nominal sizes",
+    ),
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs",
+        "-j",
+        metavar="N",
+        parser=whole_number(1, 1024),
+        help="processes",
+        show_default="one per core",
+    ),
+]
+Waveform = Annotated[
+    bool, typer.Option("--waveform", help="also fit the drag in time to every whole trace")
+]
+NoOpen = Annotated[bool, typer.Option("--no-open", help="open no browser")]
+
+# Conditions of a drag
+TipRadius = Annotated[
+    float | None,
+    typer.Option(
+        "--tip-radius",
+        metavar="LENGTH",
+        parser=quantity("length"),
+        help="radius of the tip",
+        show_default="the first of the set's prediction",
+    ),
+]
+Load = Annotated[
+    float | None,
+    typer.Option(
+        "--load",
+        metavar="FORCE",
+        parser=quantity("force"),
+        help="normal load",
+        show_default="the first of the set's prediction",
+    ),
+]
+Friction = Annotated[
+    float | None,
+    typer.Option(
+        "--friction",
+        metavar="RATIO",
+        parser=quantity("ratio"),
+        help="coefficient of friction",
+        show_default="the first of the set's prediction",
+    ),
+]
+Speed = Annotated[
+    float | None,
+    typer.Option(
+        "--speed",
+        metavar="SPEED",
+        parser=quantity("speed"),
+        help="speed of the handle",
+        show_default="5 mm/s",
+    ),
+]
+StepHeight = Annotated[
+    float | None,
+    typer.Option(
+        "--step-height",
+        metavar="LENGTH",
+        parser=quantity("length"),
+        help="height of the step under a declared tip",
+        show_default="the first of the set's prediction",
+    ),
+]

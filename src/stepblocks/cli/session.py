@@ -1,0 +1,97 @@
+"""``stepblocks simulate-session`` and ``measure``: a bench session, simulated or recorded."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stepblocks.cli.command import command
+from stepblocks.cli.options import Jobs, Quiet, Waveform
+from stepblocks.cli.outcome import Outcome, make_progress
+
+app = typer.Typer()
+
+
+@command(app, "simulate-session", "simulate-session plan.toml -o rehearsal", panel="the bench")
+def simulate_session(
+    *,
+    plan: Annotated[
+        Path,
+        typer.Argument(metavar="SPEC.toml", help="design, model, scatter, rig and effects"),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="session to make")
+    ] = Path("out/session"),
+) -> Outcome:
+    """Simulate a bench session from the equations, with any effect planted.
+
+    Writes a session with traces, scans and the truth behind them, so that a laboratory can ask
+    before it measures whether a design would find an effect.
+    """
+    from stepblocks.bench.rehearse.run import simulate_session
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    summary = simulate_session(plan, output)
+    locked = f", {summary.locked} locked" if summary.locked else ""
+    return Outcome(
+        f"{summary.planned - summary.locked} trials of {summary.planned}{locked} -> {output}",
+        record={
+            "planned": summary.planned,
+            "locked": summary.locked,
+            "session": str(output),
+        },
+    )
+
+
+@command(
+    app,
+    "measure",
+    "measure session",
+    "measure session -o features.csv --plots plots --trials 1,2",
+    panel="the bench",
+)
+def measure(
+    *,
+    session: Annotated[Path, typer.Argument(metavar="SESSION", help="folder with session.toml")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="CSV", help="table of features")
+    ] = Path("out/features.csv"),
+    jobs: Jobs = None,
+    waveform: Waveform = False,
+    plots: Annotated[
+        Path | None,
+        typer.Option("--plots", metavar="DIR", help="also draw trials with what was fitted"),
+    ] = None,
+    trials: Annotated[
+        str | None,
+        typer.Option(
+            "--trials",
+            metavar="LIST",
+            help="trials to draw, separated by commas",
+            show_default="the first twelve",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> Outcome:
+    """Measure the features of every trace of a bench session.
+
+    Reads a bench session and writes one row of features per trial, with standard uncertainties.
+    Trials that cannot be measured stay in the table with status `excluded` and the reason.
+    """
+    from stepblocks.bench.measure import write_features
+
+    progress = make_progress("measured trials", quiet=quiet, lines=10)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    summary = write_features(session, output, progress=progress, jobs=jobs, waveform=waveform)
+    if plots is not None:
+        from stepblocks.bench.figures import draw_trials
+
+        chosen = [name.strip() for name in trials.split(",")] if trials else None
+        draw_trials(session, plots, chosen)
+    reasons = dict(sorted(summary.reasons.items(), key=lambda item: -item[1]))
+    notes = [f"excluded {count}: {reason}" for reason, count in reasons.items()]
+    return Outcome(
+        f"{summary.total - summary.excluded} of {summary.total} trials measured -> {output}",
+        notes=[*notes, *(f"note: {note}" for note in summary.notes)],
+        record={"trials": summary.total, "excluded": reasons, "notes": list(summary.notes)},
+    )

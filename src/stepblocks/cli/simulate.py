@@ -1,0 +1,293 @@
+"""``stepblocks study simulate`` and ``power``: experiments with simulated participants."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+import stepblocks
+from stepblocks.cli.command import command
+from stepblocks.cli.options import (
+    Blocks,
+    Faces,
+    Friction,
+    Load,
+    Numbers,
+    Only,
+    TipRadius,
+    given,
+    quantity,
+    read_numbers,
+    whole_number,
+)
+from stepblocks.cli.outcome import Outcome
+from stepblocks.cli.study_options import (
+    Folder,
+    HeightsOption,
+    Names,
+    Seed,
+    StandardOption,
+    choose_source,
+    read_names,
+    read_pairs,
+)
+
+if TYPE_CHECKING:
+    from stepblocks.study.simulate import Observer
+
+app = typer.Typer()
+
+_OBSERVER = "the simulated participants"
+
+
+def _read_shares(text: str) -> dict[str, float]:
+    if text.endswith(".toml"):
+        from stepblocks.predict.sheaths import find_damping
+
+        return find_damping(text)
+    pairs = read_pairs(text, "name=share")
+    return {name: quantity("ratio")(value) for name, value in pairs.items()}
+
+
+Damping = Annotated[
+    dict[str, float] | None,
+    typer.Option(
+        "--damping",
+        metavar="A=X,B=Y",
+        parser=_read_shares,
+        help="share of the energy that each condition lets through, such as bare=1,soft=0.5; or a "
+        "stimulus file with sheaths",
+        rich_help_panel=_OBSERVER,
+    ),
+]
+Noisier = Annotated[
+    dict[str, float] | None,
+    typer.Option(
+        "--noisier",
+        metavar="A=X,B=Y",
+        parser=_read_shares,
+        help="how many times the response noise each condition has, such as soft=3",
+        rich_help_panel=_OBSERVER,
+    ),
+]
+Weber = Annotated[
+    float | None,
+    typer.Option(
+        "--weber",
+        metavar="RATIO",
+        parser=quantity("ratio"),
+        help="Weber fraction of the energy",
+        show_default="0.2",
+        rich_help_panel=_OBSERVER,
+    ),
+]
+Noise = Annotated[
+    float | None,
+    typer.Option(
+        "--noise",
+        metavar="LENGTH",
+        parser=quantity("length"),
+        help="response noise",
+        show_default="5 um",
+        rich_help_panel=_OBSERVER,
+    ),
+]
+Spread = Annotated[
+    float | None,
+    typer.Option(
+        "--spread",
+        metavar="LENGTH",
+        parser=quantity("length"),
+        help="between participants",
+        show_default="3 um",
+        rich_help_panel=_OBSERVER,
+    ),
+]
+ConditionSpread = Annotated[
+    float | None,
+    typer.Option(
+        "--condition-spread",
+        metavar="LENGTH",
+        parser=quantity("length"),
+        help="between participants in their response to a condition",
+        show_default="0",
+        rich_help_panel=_OBSERVER,
+    ),
+]
+Lapse = Annotated[
+    float | None,
+    typer.Option(
+        "--lapse",
+        metavar="RATIO",
+        parser=quantity("ratio"),
+        help="rate of lapses",
+        show_default="0",
+        rich_help_panel=_OBSERVER,
+    ),
+]
+
+
+def _make_observer(
+    weber: float | None,
+    noise: float | None,
+    spread: float | None,
+    condition_spread: float | None,
+    lapse: float | None,
+) -> "Observer":
+    from stepblocks.study.simulate import Observer
+
+    options = given(
+        weber=weber,
+        response_noise=noise,
+        participant_spread=spread,
+        condition_spread=condition_spread,
+        lapse=lapse,
+    )
+    return Observer(**options)
+
+
+@command(app, "simulate", "study simulate study mine.toml --seed 7")
+def simulate(
+    *,
+    folder: Folder,
+    file: Faces = None,
+    damping: Damping = None,
+    noisier: Noisier = None,
+    weber: Weber = None,
+    noise: Noise = None,
+    spread: Spread = None,
+    condition_spread: ConditionSpread = None,
+    lapse: Lapse = None,
+    seed: Seed,
+    tip_radius: TipRadius = None,
+    load: Load = None,
+    friction: Friction = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="CSV",
+            help="answers to write",
+            show_default="answers.csv in the folder",
+        ),
+    ] = None,
+) -> Outcome:
+    """Let simulated participants fill in the run sheets."""
+    place = output or folder / "answers.csv"
+    options = given(
+        damping=damping,
+        noise=noisier,
+        ball_radius=tip_radius,
+        normal_load=load,
+        friction=friction,
+    )
+    observer = _make_observer(weber, noise, spread, condition_spread, lapse)
+    number = stepblocks.simulate_study(folder, file, place, seed=seed, observer=observer, **options)
+    return Outcome(f"{place}: {number} simulated answers", record={"answers": number})
+
+
+@command(app, "power", "study power mine.toml --damping bare=1,soft=0.5 --seed 7")
+def power(
+    *,
+    file: Blocks = None,
+    heights: HeightsOption = None,
+    experiment: Annotated[
+        Literal["estimates", "constant", "2afc"] | None,
+        typer.Option("--experiment", help="kind of judgement", show_default="estimates"),
+    ] = None,
+    standard: StandardOption = None,
+    probes: Annotated[
+        Names | None,
+        typer.Option(
+            "--probes",
+            metavar="A,B,...",
+            parser=read_names,
+            help="conditions compared",
+            show_default="those of --damping and --noisier",
+        ),
+    ] = None,
+    measure: Annotated[
+        Literal["absolute error", "bias", "spread"] | None,
+        typer.Option("--measure", help="what is tested", show_default="absolute error"),
+    ] = None,
+    participants: Annotated[
+        Numbers | None,
+        typer.Option(
+            "--participants",
+            metavar="N,N,...",
+            parser=read_numbers,
+            help="sizes to simulate",
+            show_default="10",
+        ),
+    ] = None,
+    repetitions: Annotated[
+        Numbers | None,
+        typer.Option(
+            "--repetitions",
+            metavar="N,N,...",
+            parser=read_numbers,
+            help="of every condition",
+            show_default="3",
+        ),
+    ] = None,
+    damping: Damping = None,
+    noisier: Noisier = None,
+    weber: Weber = None,
+    noise: Noise = None,
+    spread: Spread = None,
+    condition_spread: ConditionSpread = None,
+    lapse: Lapse = None,
+    tip_radius: TipRadius = None,
+    load: Load = None,
+    friction: Friction = None,
+    analysis: Annotated[
+        Literal["mixed", "f-test"] | None,
+        typer.Option("--analysis", help="test of the difference", show_default="mixed"),
+    ] = None,
+    runs: Annotated[
+        int | None,
+        typer.Option(
+            "--runs",
+            metavar="N",
+            parser=whole_number(1, 100_000),
+            help="simulated studies per size",
+            show_default="200",
+        ),
+    ] = None,
+    seed: Seed,
+    jobs: Annotated[
+        int,
+        typer.Option("--jobs", "-j", metavar="N", parser=whole_number(1, 1024), help="processes"),
+    ] = 1,
+    only: Only = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="CSV", help="write a table with units in its header"
+        ),
+    ] = None,
+) -> Outcome:
+    """Find the share of simulated studies that find a difference between conditions."""
+    options = given(
+        experiment=experiment,
+        standard=standard,
+        probes=probes,
+        measure=measure,
+        participants=participants,
+        repetitions=repetitions,
+        damping=damping,
+        noise=noisier,
+        analysis=analysis,
+        runs=runs,
+        only=only,
+        ball_radius=tip_radius,
+        normal_load=load,
+        friction=friction,
+    )
+    observer = _make_observer(weber, noise, spread, condition_spread, lapse)
+    source = choose_source(file, heights)
+    table = stepblocks.study_power(
+        source, output, seed=seed, jobs=jobs, observer=observer, **options
+    )
+    return Outcome("", {"power": table.to_dict("records")})

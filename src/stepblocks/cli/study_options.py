@@ -1,0 +1,104 @@
+"""Options that the commands of ``stepblocks study`` share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stepblocks.cli.options import quantity, whole_number
+from stepblocks.errors import PipelineError
+
+
+class Heights(tuple[float, ...]):
+    """Heights [m], separated by commas on the command line."""
+
+    __slots__ = ()
+
+
+def _read_heights(text: str) -> Heights:
+    """Read heights in micrometres, or in the unit that each names."""
+    read = quantity("length")
+    parts = text.split(",")
+    return Heights(read(part if part.strip(" 0123456789.") else f"{part} um") for part in parts)
+
+
+class Names(tuple[str, ...]):
+    """Names, separated by commas on the command line."""
+
+    __slots__ = ()
+
+
+def read_names(text: str) -> Names:
+    """Read names separated by commas."""
+    found = Names(part.strip() for part in text.split(","))
+    if not all(name and name.replace("-", "").isalnum() for name in found):
+        rule = "must be names of letters, digits and hyphens, separated by commas"
+        raise ValueError(f"{rule}, got {text!r:.60}")
+    return found
+
+
+def read_pairs(text: str, what: str) -> dict[str, str]:
+    """Read name=value, separated by commas."""
+    parts = [part.strip().partition("=") for part in text.split(",")]
+    if not all(name and equals and value for name, equals, value in parts):
+        raise ValueError(f"must be {what}, separated by commas, got {text!r:.60}")
+    return {name: value for name, _, value in parts}
+
+
+HeightsOption = Annotated[
+    Heights | None,
+    typer.Option(
+        "--heights",
+        metavar="H,H,...",
+        parser=_read_heights,
+        help="in place of a FILE: heights in micrometres, such as 20,40,60,80",
+    ),
+]
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="folder of the study")]
+Participants = Annotated[
+    int | None,
+    typer.Option(
+        "--participants",
+        metavar="N",
+        parser=whole_number(1, 100_000),
+        help="number of participants",
+        show_default="10",
+    ),
+]
+Participant = Annotated[
+    int,
+    typer.Option(
+        "--participant",
+        metavar="N",
+        parser=whole_number(1, 100_000),
+        help="number of the participant",
+    ),
+]
+Seed = Annotated[
+    int,
+    typer.Option(
+        "--seed",
+        metavar="N",
+        parser=whole_number(0, 10**18 - 1),
+        help="of all random choices",
+    ),
+]
+StandardOption = Annotated[
+    str | None,
+    typer.Option(
+        "--standard",
+        metavar="ID",
+        help="block that all others are compared with (constant)",
+    ),
+]
+
+
+def choose_source(file: Path | None, heights: Heights | None) -> Path | Heights:
+    """Return the stimulus file or the heights, of which one must be given."""
+    if (file is None) == (heights is None):
+        raise PipelineError(
+            "a stimulus FILE or --heights must be given, got " + ("both" if heights else "neither")
+        )
+    source = file or heights
+    assert source is not None
+    return source

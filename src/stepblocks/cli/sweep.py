@@ -1,0 +1,63 @@
+"""``stepblocks sweep``: many predictions at once."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stepblocks.cli.command import command
+from stepblocks.cli.options import Quiet, whole_number
+from stepblocks.cli.outcome import Outcome, make_progress
+
+app = typer.Typer()
+
+
+@command(
+    app,
+    "sweep",
+    "sweep sweep.toml",
+    "sweep sweep.toml -o out/sweep --jobs 4",
+    panel="what will be felt",
+)
+def sweep(
+    *,
+    design: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="the design")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="folder to write to")
+    ] = Path("out/sweep"),
+    jobs: Annotated[
+        int,
+        typer.Option("--jobs", "-j", metavar="N", parser=whole_number(1, 1024), help="processes"),
+    ] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="a running Dask scheduler, such as tcp://host:8786",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> Outcome:
+    """Predict a grid or random design of steps, tips and settings into partitioned Parquet.
+
+    Computes the design into a folder, one Parquet file per partition; finished ones are kept.
+    """
+    from stepblocks.predict.sweep.plan import load_sweep
+    from stepblocks.predict.sweep.run import sweep
+
+    plan = load_sweep(design)
+    progress = make_progress("partitions", quiet=quiet)
+    computed, found = sweep(
+        plan,
+        output,
+        jobs=jobs,
+        scheduler=scheduler,
+        on_partition=lambda _: progress(total=plan.partitions),
+    )
+    counts = f"{computed} computed, {found} found"
+    return Outcome(
+        f"{plan.rows} rows in {plan.partitions} partitions: {counts} [{output}]",
+        record={"rows": plan.rows, "computed": computed, "found": found},
+        kept=[output / "sweep.json", *output.glob("part-*.parquet")],
+    )

@@ -1,0 +1,73 @@
+"""``stepblocks workshop``: have the stimuli made."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stepblocks.cli.command import command
+from stepblocks.cli.options import Files, Only, Quiet, quantity
+from stepblocks.cli.outcome import Outcome, make_progress
+
+app = typer.Typer()
+
+
+@command(
+    app,
+    "workshop",
+    "workshop mine.toml",
+    "workshop --only 'paper-ten/*' --capability '1 um'",
+    panel="stimuli",
+)
+def workshop(
+    *,
+    files: Files = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="folder to write to")
+    ] = Path("out"),
+    only: Only = None,
+    capability: Annotated[
+        float | None,
+        typer.Option(
+            "--capability",
+            metavar="LENGTH",
+            parser=quantity("length"),
+            help="deviation of a height that the workshop holds in one piece; ask it",
+            show_default="2 um, ground",
+        ),
+    ] = None,
+    masks: Annotated[
+        bool,
+        typer.Option(
+            "--masks",
+            help="write the masks of etched steps too, one GDSII file for each set (extra `masks`)",
+        ),
+    ] = False,
+    quiet: Quiet = False,
+) -> Outcome:
+    """Write drawings, inspection sheets and gauge-block variants; say which route reaches what.
+
+    Drawings (DXF, SVG, PDF) and inspection sheets (CSV, PDF) of every part, the two-piece variant
+    of step blocks, setup sheets with the stock, and a table of the ways to make them with what each
+    lets a user feel.
+    """
+    from stepblocks.workshop.run import order_parts, tabulate_routes
+
+    progress = make_progress("drawn", quiet=quiet, lines=1000)
+    orders = order_parts(
+        files or [],
+        output,
+        only=only,
+        capability=capability,
+        masks=masks,
+        announce=lambda one: progress(name=f"{one.name}: {len(one.files)} files"),
+    )
+    missing = [f"MISSING {line}" for order in orders for line in order.missing]
+    count = sum(len(order.files) for order in orders)
+    return Outcome(
+        f"{count} files of {len(orders)} parts in {output}",
+        tables={"Routes": tabulate_routes(orders)},
+        code=1 if missing else 0,
+        failures=missing,
+        record={order.name: [str(path) for path in order.files] for order in orders},
+    )
