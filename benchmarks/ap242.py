@@ -1,4 +1,4 @@
-"""AP242 files of all shipped parts: size, time to write and to check, and the worst dimension against its faces.
+"""Check the AP242 files of all shipped parts: size, times, and the worst dimension off its faces.
 
 Run from the root of the repository: ``python benchmarks/ap242.py``.
 """

@@ -221,7 +221,7 @@ def _claims(found: Explanation, slot: str) -> bool:
 
 
 def judge(found: Explanation, places: set[tuple[str, str]]) -> str:
-    """Right place, a group of at most three with the right place, right beside something else, wrong, or none."""
+    """Name it: right, in a group of at most three, right beside another, wrong, or none."""
     told = {("told", h.quantity) for h in found.told}
     if found.verdict is Verdict.NONE:
         return "none"
@@ -244,7 +244,7 @@ def _recorded(record: Path | None) -> dict[str, dict[str, Any]]:
 def results(
     names: list[str], seeds: range, trials: int, record: Path | None
 ) -> Iterator[dict[str, Any]]:
-    """Results of all sessions, one of each family in turn; those in the record are not run again."""
+    """Run all sessions, one of each family in turn; those in the record are not run again."""
     known = _recorded(record)
     for seed in seeds:
         for name in names:

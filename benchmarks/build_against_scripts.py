@@ -1,4 +1,4 @@
-"""Full build of ``paper-ten`` against bare cadquery and build123d scripts that write ten STEP and STL files, in one run.
+"""Compare a full build of ``paper-ten`` with cadquery and build123d scripts for STEP and STL.
 
     python benchmarks/build_against_scripts.py [--runs 3] [--build123d PYTHON]
 
@@ -27,7 +27,8 @@ CADQUERY = """
 import sys, cadquery as cq
 for h in range(10, 101, 10):
     H = h / 1000
-    block = cq.Workplane("XZ").polyline([(-10, -8), (10, -8), (10, H), (0, H), (0, 0), (-10, 0)]).close().extrude(24, both=False)
+    outline = [(-10, -8), (10, -8), (10, H), (0, H), (0, 0), (-10, 0)]
+    block = cq.Workplane("XZ").polyline(outline).close().extrude(24, both=False)
     block = block.translate((0, 12, 0)).edges("|Z or <Z").chamfer(0.3)
     block = block.faces("<Z").workplane(origin=(0, 0, 0)).pushPoints([(-6, 0), (6, 0)]).hole(2.5, 5)
     block = block.cut(cq.Workplane("XY").box(0.6, 6, 1, centered=False).translate((2, 6, 0)))

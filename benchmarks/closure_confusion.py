@@ -1,4 +1,4 @@
-"""Confusion matrix of the closed loop on simulated sessions: false alarms, named effects, foreign effects, pairs.
+"""Make the confusion matrix of the closed loop on simulated sessions.
 
 Run ``python benchmarks/closure_confusion.py null|named|foreign|pairs [--sessions N] [--trials 45
 120 240] [--jobs 2]``. Sessions have the designs, scatter and height errors (1 um) of the shared
@@ -211,7 +211,7 @@ def judge(found: Explanation, truth: list[Law]) -> str:
 
 
 def removed(found: Explanation, seed: int, truth: tuple[Planted, ...]) -> float | None:
-    """Share of the removable error of ln E_v that the extended model removes, on new trials of the same blocks.
+    """Compute the share of the removable error of ln E_v that the extended model removes.
 
     Removable is what the nominal model misses beyond a model that is told the effects and fits
     their sizes: no model knows the constants better than that many trials with that scatter tell

@@ -1,4 +1,4 @@
-"""The paper's figures 3 to 5 and its constant C_v = 20 %, from the drag in time: tables, and pictures with -o DIR.
+"""Compare the drag in time with figures 3 to 5 of the paper and its constant C_v = 20 %.
 
 Run: python benchmarks/drag_like_the_paper.py [-o out/contact]
 """
@@ -24,7 +24,7 @@ from stepblocks.figure_file import make_figure, save_figure
 R = 125e-6
 LIGHT = replace(PAPER_DRAG, damping_ratio=0.01)
 ROD = replace(PAPER_DRAG, damping_ratio=0.033, normal_stiffness=9.81e3, carrier_mass=20e-3)
-"""A round rod bends alike in both directions: as stiff along the normal, under 10 g of weight and 10 g of holder."""
+"""A round rod: as stiff along the normal as along the drag, under 10 g of weight and of holder."""
 # heights [m], loads [N], frictions, speeds [m/s]
 GRID = (
     [k * 10e-6 for k in range(1, 11)],
@@ -135,7 +135,7 @@ def where_it_goes() -> None:
 
 
 def shares() -> np.ndarray:
-    """Share of the stored energy that rings, shape (heights, loads, frictions, speeds); NaN where the tip locks."""
+    """Compute the share that rings, by heights, loads, frictions, speeds; NaN where a tip locks."""
     share = np.full([len(axis) for axis in GRID], np.nan)
     for place in np.ndindex(*share.shape):
         height, load, friction, speed = (axis[k] for axis, k in zip(GRID, place, strict=True))

@@ -1,9 +1,9 @@
-"""The same answers on every machine: the tests under other processors, threads, Pythons and library versions.
+"""Run the tests under other processors, threads, Pythons and library versions.
 
 ``make everywhere`` runs all of it (some hours on two cores), in cells of a machine and a folder of
 tests; ``python benchmarks/everywhere.py WORD ...`` those with a word in their name, ``--list``
 names them. What passes is noted in out/everywhere and not run again while source and tests are the
-same, so that a run may be broken off and taken up. Prints the table of docs/explanation/reproducibility.md. Exit
+same, so that a run may be broken off and taken up. Prints the table of the report. Exit
 code 1 if a cell fails.
 
 A processor is imitated by what its libraries read when they load: OPENBLAS_CORETYPE picks the
@@ -69,7 +69,7 @@ def no_simd() -> str:
 
 
 def machines() -> list[Machine]:
-    """Few machines on which each setting stands at least once, what CI runs first; where one fails, its settings are split."""
+    """List few machines on which each setting stands at least once; the first two run in CI."""
 
     def threads(count: int, **more: str) -> dict[str, str]:
         return {"OMP_NUM_THREADS": str(count), "OPENBLAS_NUM_THREADS": str(count), **more}
@@ -131,7 +131,7 @@ def _answers(python: str) -> bool:
 
 
 def environment(machine: Machine) -> str | None:
-    """Python of the machine, in an environment of its own where it asks for another; None where it cannot be had."""
+    """Find the Python of a machine, in an environment of its own; None where there is none."""
     here = f"{sys.version_info.major}.{sys.version_info.minor}"
     if not machine.resolution and machine.python in ("", here):
         return sys.executable
@@ -190,7 +190,7 @@ def tested(python: str, cell: str, settings: dict[str, str]) -> tuple[bool, dict
 
 
 def built(python: str, settings: dict[str, str]) -> tuple[bool, dict[str, Any]]:
-    """Build every shipped stimulus; whether that went well, and the hash of each file that names no machine."""
+    """Build every shipped stimulus; return success and the hash of each file without a machine."""
     with tempfile.TemporaryDirectory() as work:
         command = [python, "-m", "stepblocks", "build", "-o", work, "--jobs", "1", "--quiet"]
         done = subprocess.run(

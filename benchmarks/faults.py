@@ -1,4 +1,4 @@
-"""What goes wrong while a command writes: a full disk, a sync or a rename that fails, no memory, a kill, at one point after another.
+"""Inject faults while a command writes: full disk, failed sync or rename, no memory, a kill.
 
 ``python benchmarks/faults.py`` runs the matrix (some minutes); ``python benchmarks/faults.py sweep
 study`` some commands. Each fault must end in one line and exit code 2 (a kill in none), and the
@@ -57,7 +57,7 @@ class Done:
 
 
 def _disturbed(fault: str, point: int) -> list[int]:
-    """Let the call that is asked for fail, or a file end at a size; what is returned counts the calls."""
+    """Let the chosen call fail, or a file end at a size; the result counts the calls."""
     count = [0]
 
     def failing(call: Callable[..., Any]) -> Callable[..., Any]:
@@ -165,7 +165,7 @@ def commands(work: Path) -> dict[str, list[str]]:
 
 
 def tree(folder: Path) -> dict[str, str]:
-    """Hash of every file, also of the note of who wrote what; a folder has none, so that a draft left empty is seen."""
+    """Hash every file; a folder has no hash, so that an empty draft is seen."""
     found = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*")}
     return {
         name: "" if path.is_dir() else hashlib.sha256(path.read_bytes()).hexdigest()
@@ -176,7 +176,7 @@ def tree(folder: Path) -> dict[str, str]:
 def disturbed(
     command: list[str], fault: str, point: int, wanted: dict[str, str], work: Path
 ) -> str:
-    """Run a command with a fault, then again without; what is wrong, empty where nothing is, "none" where it has no such point."""
+    """Run a command with a fault, then without; "none" if it has no such point."""
     folder = work / "out"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()

@@ -1,4 +1,4 @@
-"""Strange files for every reader: each answers, or refuses in our own words; none takes long, much memory, or a traceback.
+"""Feed strange files to every reader: each must answer or refuse in one line, soon and small.
 
 ``python benchmarks/fuzz.py`` mutates 2,000 inputs of each kind; ``python benchmarks/fuzz.py step
 mesh --count 500 --seed 3`` fewer of some. What fails is kept in ``--keep``, one file each. Exit
@@ -74,7 +74,7 @@ Kind = tuple[str, tuple[list[tuple[str, bytes]], Read]]
 
 
 def mutated(whole: bytes, random: np.random.Generator) -> bytes:
-    """One to four changes: bits, bytes, cuts, copies, tokens that have done harm elsewhere, or a number turned into one."""
+    """Make up to four changes: bits, bytes, cuts, copies, dangerous tokens, or a changed number."""
     data = bytearray(whole)
     for _ in range(int(random.integers(1, 5))):
         at = int(random.integers(0, len(data) + 1))
@@ -100,7 +100,7 @@ def mutated(whole: bytes, random: np.random.Generator) -> bytes:
 
 
 def kinds(work: Path, wanted: list[str]) -> Iterator[Kind]:
-    """Honest files of each kind that is asked for, by the name that they must have, and what reads them."""
+    """Make honest files of each kind, by the name that they must have, with their reader."""
     left = set(wanted)
     for source in (_texts, _tables, _traces, _arguments, _parts, _commands):  # the last two build
         if wanted and not left:
@@ -199,7 +199,10 @@ def _tables(work: Path) -> Iterator[Kind]:
     from stepblocks.study.run import design_study, simulate_study
     from stepblocks.study.sheet import read_answers
 
-    table = b"block,height_um,load_n,friction,edge_radius_um,u_height_um\na,25,1,0.15,0,0.1\nb,50,0.5,0.2,3,0.2\n"
+    table = (
+        b"block,height_um,load_n,friction,edge_radius_um,u_height_um\n"
+        b"a,25,1,0.15,0,0.1\nb,50,0.5,0.2,3,0.2\n"
+    )
     yield "tables", ([("t.csv", table)], lambda path: predict_table(path))
     units = [b"25 um", b"9.81 N/mm", b"7850 kg/m^3", b"0.15", b"10 %", b"-3.5e-6 m", b"20 degC"]
 

@@ -1,4 +1,4 @@
-"""Strange words on the command line, for ``benchmarks/fuzz.py``: each option alone as it is parsed, and whole commands.
+"""Make strange words for the command line: each option alone, and whole commands.
 
 A command runs in a fork with a limit of processor time and memory, in a folder of its own that it
 may leave no trace in but where its words say so.
@@ -122,7 +122,7 @@ WHOLE = (
 
 
 def _words(path: Path) -> list[str]:
-    """Words of a command line: the system passes no zero, and what leads out of the folder is the user's own wish."""
+    """Make words of a command line: without zeros, and never out of the folder."""
     words = [
         os.fsdecode(word.replace(b"\0", b"")) for word in path.read_bytes().split(BETWEEN.encode())
     ]
@@ -190,7 +190,7 @@ def _honest(parameter: object) -> list[str]:
 
 
 def commands(work: Path) -> Kind:
-    """Whole commands that take a second or two, and what runs one in a folder that is as it was before the last one."""
+    """List whole commands that take a second or two, and what runs one in a fresh folder."""
     for name in LOADED:
         import_module(name)
     given, here = work / "given", work.resolve() / "here"
@@ -232,7 +232,7 @@ def commands(work: Path) -> Kind:
 
 
 def _named(path: Path, words: list[str], before: Mapping[str, str]) -> bool:
-    """Whether the words name a path or what it lies in; what is read is not to be written, and some words mean a folder."""
+    """Whether the words name a path or its folder: what is read must not be written."""
     path = (
         path.parent if path.name == ".stepblocks.json" else path
     )  # the note of who wrote what lies beside a file

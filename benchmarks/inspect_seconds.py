@@ -1,4 +1,4 @@
-"""How long ``stepblocks inspect`` takes from its start to the verdict, the confined reader's start included.
+"""Measure how long ``stepblocks inspect`` takes from its start to the verdict.
 
 Run from the root of the repository: ``python benchmarks/inspect_seconds.py``. A profile of 4,000
 points is to take about 1 s and a map of 1,000 x 1,000 about 5 s. Judged is the processor time of
@@ -26,7 +26,7 @@ ROUNDS = 3
 
 
 def least(compiled: Path, *words: str) -> tuple[float, float]:
-    """Least wall time and least processor time of a command over some rounds [s]; its code is compiled into a folder."""
+    """Find the least wall and processor time of a command over some rounds [s]."""
     environment = {
         name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"
     }
@@ -47,7 +47,7 @@ def least(compiled: Path, *words: str) -> tuple[float, float]:
 
 
 def write(folder: Path) -> dict[str, tuple[Path, str]]:
-    """Write the scans: a profile across an edge, a map of an edge and one of a grating of holes, as arrays of X3P."""
+    """Write the scans: a profile over an edge, a map of an edge, and one of a grating of holes."""
     import x3pio
 
     random = np.random.default_rng(1)

@@ -1,4 +1,4 @@
-"""What `pip install .` puts on a disk: every distribution of the main job, its size, and who demands it.
+"""List what `pip install .` puts on a disk: each distribution, its size, and who needs it.
 
 python benchmarks/install_size.py ["stepblocks[sim]"] [--least MB]
 python benchmarks/install_size.py cadquery trimesh manifold3d numpy pyvista

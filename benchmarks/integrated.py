@@ -1,4 +1,4 @@
-"""What the loop says of sessions whose contact is integrated, in all its regimes, and how well it then foretells E_v.
+"""Explain sessions whose contact is integrated, and measure how well E_v is then predicted.
 
 Run as ``python benchmarks/integrated.py [SESSIONS [TRIALS]]`` (default 3 of 96). Every session is
 integrated by rigid contact in ``tests/oracles/virtual_bench.py``, which shares no code with the

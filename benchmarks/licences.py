@@ -1,4 +1,4 @@
-"""Licences of everything that is installed beside us: ``make licences``, or ``python benchmarks/licences.py``.
+"""List the licences of everything that is installed: ``make licences``.
 
 One line each; those with a copyleft are marked. Exit code 1 where one is GPL or AGPL, which nothing
 of ours may need.

@@ -1,4 +1,4 @@
-"""Time of `stepblocks loop` from a folder of traces to the report, by the wall and in processor seconds.
+"""Measure `stepblocks loop` from a folder of traces to the report, wall and processor seconds.
 
 ``python benchmarks/loop_seconds.py SESSION ...`` takes sessions that are there, ``--trials 240
 4000`` makes some of so many trials by ``tests/oracles/virtual_session.py``, friction that runs in

@@ -1,4 +1,4 @@
-"""Run the tutorials as notebooks, each in an empty folder; with their outputs they lie in out/tutorials afterwards.
+"""Run the tutorials as notebooks, each in an empty folder, and keep them in out/tutorials.
 
 python benchmarks/notebooks.py [NAME ...]
 """

@@ -1,4 +1,4 @@
-"""Name every function that no command and no public name calls: run the tests of commands and list what stayed cold.
+"""List every function that no command and no public name calls.
 
 Run ``python benchmarks/reached.py`` under Python 3.12 or newer (``sys.monitoring`` tells of a
 function's first call and then costs nothing). Confined readers, workers and commands in processes
@@ -62,7 +62,7 @@ def called_by(tests: list[Path]) -> set[str]:
 
 
 def functions_of(path: Path) -> dict[str, ast.FunctionDef]:
-    """Functions and methods of a file by their qualified names; those within functions are left to these."""
+    """Name the functions and methods of a file; those within functions belong to these."""
     found = {}
     for node in ast.parse(path.read_text()).body:
         if isinstance(node, ast.FunctionDef):

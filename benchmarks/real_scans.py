@@ -1,4 +1,4 @@
-"""What the program says of real scans beside what others found in them, read and evaluated as ``stepblocks inspect`` does.
+"""Inspect real scans and compare the answers with what others found in them.
 
 Run from the root of the repository: ``python benchmarks/real_scans.py FOLDER``, FOLDER a place
 below which the files of the table lie under their own names; files that are not there are left out.
@@ -29,7 +29,7 @@ NM, UM, MM = 1e-9, 1e-6, 1e-3
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a scan: its feature, and where the value comes from (public repository, licence, how)."""
+    """What is known of a scan: its feature, and the source of its value."""
 
     feature: str  # groove, edge, ball; none; reader
     low: float = (
@@ -111,7 +111,7 @@ def shown(value: float) -> str:
 
 
 def asked(path: Path, known: Known) -> InspectionResult:
-    """Inspect a file; one without a step is asked for an edge, and where that is refused for grooves."""
+    """Inspect a file; one without a step is asked for an edge, and if refused for grooves."""
     features = ("edge", "groove") if known.feature == "none" else (known.feature,)
     for feature in features[:-1]:
         with suppress(MetrologyError):

@@ -1,4 +1,4 @@
-"""Regimes and the E_v of each, on records of the tests' own bench, which integrates the motion by rigid contact.
+"""Measure how well regimes and their E_v are found, on records of the bench of the tests.
 
 Run as ``python benchmarks/regimes.py [TRIALS [REGIME [SEED]]]`` (default 400, a third of them with
 static friction twice the kinetic one; where a regime is named, its trials alone, of twenty times as
@@ -30,7 +30,7 @@ TOOL = (300.0, 1.0 / (0.025 * 2.0 * np.pi * 300.0))
 
 
 def rows(trials, regime=None, seed=1):
-    """One row per trial: what was found beside what is true; of one regime alone where it is named."""
+    """Make one row per trial, found beside true, of all regimes or of one."""
     trials *= 20 if regime else 1
     random = np.random.default_rng(int(seed))
     for name, (bench, speeds, share) in SERIES.items():

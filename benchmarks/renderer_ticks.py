@@ -1,4 +1,4 @@
-"""Tick times of the reference renderer, and the energy of the ring it renders against E_v: python benchmarks/renderer_ticks.py.
+"""Measure the ticks of the reference renderer, and the energy of its ring against E_v.
 
 Every tick is timed on its own, called from Python as a servo loop would, over drags of the ten
 blocks there and back. Each drag is repeated: the first figures are of all ticks, interruptions by

@@ -1,4 +1,4 @@
-"""Peak force of every block in every simulator beside the formula: python benchmarks/simulators.py [--load '1 N'] [--friction 0.15].
+"""Measure the peak force of every block in every simulator beside the formula.
 
 A cell is what that program printed when its exported folder was run here; what cannot be run here
 says so. Programs that do not come with the extra `[sim]` are named on the command line: an

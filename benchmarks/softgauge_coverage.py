@@ -1,4 +1,4 @@
-"""Mean error and coverage of every evaluation of scans, over software gauges whose truth is known in closed form.
+"""Measure mean error and coverage of every evaluation of scans over software gauges.
 
 Run from the root of the repository: ``python benchmarks/softgauge_coverage.py [DRAWS [NOISE]]``,
 NOISE a part of the label of the cases to run. One line per value and kind of noise: mean error over
@@ -44,12 +44,12 @@ Draw = Callable[[np.random.Generator], Iterator[tuple[str, float, Measured]]]
 UM, NM = 1e-6, 1e-9
 EXACT = Instrument(0.0, 0.0, 0.0)
 ONE_SIDED = ("unresolved", "on a bow", "oblique grating", "corner", "by its form")
-"""Values at the end of their range, or with a form in their budget: an interval holds the truth more often than stated, never less."""
+"""Values at the end of their range, or with a form in their budget: they hold more often."""
 
 SEVERAL_TERMS = "bow, saddle, twist, cubic"
-"""A form for which flatness is stated too small, by a third of u, as docs/explanation/inspection.md says."""
+"""A form for which flatness is stated too small, by a third of u."""
 MOST_REFUSED = 0.01
-"""Part of the draws that an evaluation may refuse: type A1 takes several spikes side by side for a defect [1]."""
+"""Share of draws that may be refused: A1 takes several spikes side by side for a defect [1]."""
 
 
 def value(name: str, got: Estimate) -> Measured:
@@ -126,7 +126,7 @@ def tip(radius: float, rough: float, length: float) -> Draw:
 
 
 def cap(length: float) -> Draw:
-    """Draw the outermost 6.5 degrees of a ball of 0.5 mm, whose form of 10 nm is correlated over so much of its 70 um by 95 um."""
+    """Draw the outermost 6.5 degrees of a ball of 0.5 mm with a form of 10 nm of such a length."""
     x, y = np.arange(-32, 33) * 1.1 * UM, np.arange(-43, 44) * 1.1 * UM
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
@@ -212,7 +212,7 @@ def stylus(angle: float, radius: float) -> Draw:
 
 
 def bowed(height: float, bow: float) -> Draw:
-    """Draw an edge, or a film, on a part that is bowed by so much over its length, its apex anywhere."""
+    """Draw an edge, or a film, on a part bowed by so much over its length, its apex anywhere."""
     x = np.arange(2000) * UM
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
@@ -286,7 +286,7 @@ def uneven(jitter: float) -> Draw:
 
 
 def sheets(count: int, own: float) -> Draw:
-    """Draw sheets of their own heights under debris, on rows that a scanner shifts; true is their mean where they were evaluated."""
+    """Draw sheets of their own heights under debris, on shifted rows; true is their mean."""
 
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
         true = sheets_gauge(200, count, 3.5 * NM, own, random)

@@ -1,4 +1,4 @@
-"""Bias, absolute error and spread: how often each finds noise, bias, or what is not there. Prints a table.
+"""Count how often bias, absolute error and spread find a change, and one that is not there.
 
 Run as ``python benchmarks/study_accuracy.py [RUNS] [JOBS]``. Ten participants, three blocks of 50,
 70 and 90 um, three repetitions, two conditions; participants differ by 3 um in level and, in the

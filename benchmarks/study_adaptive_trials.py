@@ -1,4 +1,4 @@
-"""What a Weber fraction costs in trials: QUEST+ and a staircase against constant stimuli, on the ten blocks of the paper.
+"""Count the trials that a Weber fraction costs by QUEST+, staircase and constant stimuli.
 
     python benchmarks/study_adaptive_trials.py [observers]
 

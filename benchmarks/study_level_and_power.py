@@ -1,4 +1,4 @@
-"""Level and power of both analyses by long simulation, beside the noncentral F distribution. Prints a table.
+"""Simulate level and power of both analyses beside the noncentral F distribution.
 
 Run as ``PYTHONPATH=tests python benchmarks/study_level_and_power.py [RUNS] [JOBS]``.
 """

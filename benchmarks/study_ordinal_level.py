@@ -1,4 +1,4 @@
-"""How often the ordinal model finds an effect of the vibration that is none: 10 participants, 10 ratings with and 10 without.
+"""Count how often the ordinal model finds an effect that is none: 10 participants, 10 ratings.
 
     python benchmarks/study_ordinal_level.py [runs]
 

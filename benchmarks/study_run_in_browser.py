@@ -1,4 +1,4 @@
-"""A whole run of experiment 2, driven in headless Chromium from start to analysed report, killed twice on the way.
+"""Drive a whole run of experiment 2 in headless Chromium, killed twice on the way.
 
 Run as ``PYTHONPATH=tests python benchmarks/study_run_in_browser.py [PARTICIPANTS]``: ten blocks,
 two conditions, three repetitions, sixty trials each. Prints what was shown, what is left on the

@@ -1,4 +1,4 @@
-"""How late the ticks of the servo loop come, and whether its log holds what the renderer says. Prints a table.
+"""Measure how late the ticks of the servo loop come, and whether its log is the renderer's.
 
 Run as ``python benchmarks/study_servo.py [SECONDS] [SLICES]``: the loop alone, and with a page that
 posts a mouse as a browser does; before each, for as long, a bare loop in C that does nothing but
@@ -37,10 +37,15 @@ BARE = """
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <time.h>
-static double now(void) { struct timespec t; clock_gettime(CLOCK_MONOTONIC, &t); return t.tv_sec + 1e-9 * t.tv_nsec; }
+static double now(void) {
+  struct timespec t; clock_gettime(CLOCK_MONOTONIC, &t);
+  return t.tv_sec + 1e-9 * t.tv_nsec;
+}
 int main(int count, char **given) {
-  int n = atoi(given[1]); double *late = malloc(n * sizeof *late); struct sched_param first = { 20 };
-  mlockall(MCL_CURRENT | MCL_FUTURE); prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0); sched_setscheduler(0, SCHED_FIFO, &first);
+  int n = atoi(given[1]); double *late = malloc(n * sizeof *late);
+  struct sched_param first = { 20 };
+  mlockall(MCL_CURRENT | MCL_FUTURE); prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0);
+  sched_setscheduler(0, SCHED_FIFO, &first);
   double start = now() + 0.01;
   for (int i = 0; i < n; ++i) {
     double due = start + 1e-3 * i, wake = due - 60e-6;
@@ -133,7 +138,7 @@ def by_hand(server: RunServer, seconds: float) -> None:
 
 
 def checked(run: Run) -> tuple[np.ndarray, float, float]:
-    """Return how late its ticks came [s], how far a logged force is from the renderer's [N], and the ring's share of E_v."""
+    """Return lateness [s], deviation of logged forces [N], and the share of E_v in the ring."""
     servo = run._running
     servo.stop()
     record, renderer = servo.record(), servo.renderer

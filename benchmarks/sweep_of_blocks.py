@@ -1,4 +1,4 @@
-"""Build sets of growing size (a sweep of H and r): time per block and memory must not grow with the number of blocks.
+"""Build sets of growing size: time per block and memory must not grow with their number.
 
     python benchmarks/sweep_of_blocks.py [--sizes 50 100 200] [--jobs 2]
 

@@ -67,7 +67,7 @@ def draw(random: np.random.Generator, rubbing: bool) -> Truth:
 
 
 def expected(truth: Truth, drift: float, onset: float, release: float) -> dict[str, float]:
-    """Say what is true; a drift moves the zero, and forces count from the zero in the middle of sliding."""
+    """Give the true values; forces count from the zero in the middle of sliding."""
     zero = drift * onset / 2.0
     return {
         "sliding_friction": (truth.sliding_force + zero) / (truth.load + zero),
@@ -120,7 +120,7 @@ def study(
 
 
 def dragged(count: int, seed: int = 7) -> dict[str, tuple[float, float, float, float, float]]:
-    """Do the same for peak and energy of drags in time, whose peaks are round and whose tips may fly."""
+    """Do the same for drags in time, whose peaks are round and whose tips may fly."""
     random = np.random.default_rng(seed)
     names = ("peak_force_n", "vibration_energy_j")
     errors: dict[str, list[float]] = {name: [] for name in names}

@@ -1,4 +1,4 @@
-"""The drag in time fitted to whole traces of a session of the tests' own bench: seconds, and what it foretells.
+"""Fit the drag in time to whole traces of a session of the bench of the tests.
 
 Run as ``python benchmarks/waveform.py [TRIALS [JOBS]]`` (default 240 on two). The session is
 integrated by rigid contact, so that no ring is a pure exponential; the error of ln E_v counts

@@ -7,6 +7,7 @@ request leaves.
 
 import json
 import re
+import runpy
 import shlex
 from pathlib import Path
 
@@ -17,7 +18,9 @@ from oracles.browser import browser_without_network
 from oracles.softgauge import correlated_noise, edge_gauge
 from stepblocks.cli import main
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "first-hour.md"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE = DOCS / "first-hour.md"
+HOOKS = runpy.run_path(str(DOCS / "generated_pages.py"))
 
 
 def path_of(user):
@@ -52,6 +55,23 @@ def walk(user, folder, monkeypatch):
             )
             == wanted
         ), what
+    assert_columns_are_described(folder)
+
+
+def assert_columns_are_described(folder):
+    """Hold every table that a walk wrote to the page of files and columns."""
+    files = HOOKS["column_files"]()
+    described = [set(file["columns"]) for file in files]
+    for path in sorted(folder.rglob("*.csv")):
+        if "traces" in path.parts:  # the columns are those that session.toml declares
+            continue
+        columns = path.read_text(encoding="utf-8").splitlines()[0].split(",")
+        plain = {
+            name if any(name in one for one in described) else HOOKS["column_base"](name)[0]
+            for name in columns
+        }
+        nearest = min((plain - one for one in described), key=len)
+        assert nearest == set(), f"{path.name} has columns that no page describes"
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Peak force of an exported USD scene in Newton: python newton_drag.py FOLDER [--warp] (needs newton[importers,sim])."""
+"""Measure the peak force of an exported USD scene in Newton: newton_drag.py FOLDER [--warp]."""
 
 from __future__ import annotations
 
