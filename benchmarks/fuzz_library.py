@@ -3,8 +3,9 @@
 ``python benchmarks/fuzz_library.py --count 40 --seed 3`` calls each public function and class that
 takes arguments with honest values, one or two of which are replaced by strange ones: units off by
 10^3 and 10^6, NaN, empty, huge, of another dimension or type, read-only, masked, sparse, xarray,
-pandas with odd indexes. Each call runs in a child of its own with 10 s and 2 GiB. Anything but a
-result or a `StepblocksError` is a fault; exit code 1 if there is one. ``--only NAME`` for some.
+pandas with odd indexes. Each call runs in a child of its own with 10 s of processor and 2 GiB.
+Anything but a result, a `StepblocksError` or an `OSError` that names a file is a fault; exit code 1
+if there is one. ``--only NAME`` for some.
 """
 
 from __future__ import annotations
@@ -180,7 +181,8 @@ def call_in_child(call: Call, work: Path) -> str:
     if child == 0:
         os.close(read)
         resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-        signal.alarm(SECONDS)
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
+        signal.alarm(20 * SECONDS)
         os.chdir(tempfile.mkdtemp(dir=work))
         said = ""
         function, arguments, keywords = call
@@ -196,6 +198,8 @@ def call_in_child(call: Call, work: Path) -> str:
                     list(found)
         except sb.StepblocksError as error:
             said = "" if "\n" not in str(error).strip() or "mistakes" in str(error) else "lines"
+        except OSError as error:
+            said = "" if error.filename else repr(error)
         except BaseException as error:  # all else is what this program is for
             place = traceback.extract_tb(error.__traceback__)[-1]
             said = f"{type(error).__name__}: {str(error)[:120]} [{place.filename}:{place.lineno}]"
@@ -207,7 +211,8 @@ def call_in_child(call: Call, work: Path) -> str:
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
-        return f"took over {SECONDS} s" if number == signal.SIGALRM else f"signal {number}"
+        late = number in (signal.SIGALRM, signal.SIGXCPU)
+        return f"took over {SECONDS} s" if late else f"signal {number}"
     return said
 
 

@@ -48,4 +48,10 @@ def __getattr__(name: str) -> object:
         message = f"stepblocks.{name} is now stepblocks.{_RENAMED[name]}; it goes in version 2"
         warnings.warn(message, DeprecationWarning, stacklevel=2)
         name = _RENAMED[name]
-    return _load(name)
+    found = _load(name)
+    if callable(found) and not isinstance(found, type):
+        from stepblocks.guard import guard
+
+        found = guard(found, name)
+    globals()[name] = found  # one object, so that it can be pickled by its name
+    return found

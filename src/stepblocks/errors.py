@@ -49,3 +49,7 @@ class StudyError(StepblocksError):
 
 class PipelineError(StepblocksError):
     """A run that cannot start or go on: output folder, selection, options."""
+
+
+class UsageError(StepblocksError, TypeError):
+    """A public function was called with values or keywords that it cannot use."""
