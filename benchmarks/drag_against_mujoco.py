@@ -20,7 +20,8 @@ import numpy as np
 
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate_drag
+from stepblocks.drag.probe import PAPER_DRAG, DragSettings
+from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track
 
 R = 125e-6

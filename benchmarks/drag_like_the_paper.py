@@ -16,8 +16,9 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import PAPER
+from stepblocks.drag.probe import PAPER_DRAG, DragSettings, Probe
 from stepblocks.drag.ring import RING_BAND, compute_band_share, compute_phase_spectrum, measure_ring
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, DragTrace, Probe, simulate_drag
+from stepblocks.drag.simulate import DragTrace, simulate_drag
 from stepblocks.drag.track import build_step_track
 from stepblocks.figure_file import make_figure, save_figure
 

@@ -202,12 +202,10 @@ def test_draws_over_a_margin_whose_sides_bend_lie_close_to_the_dilation_of_each(
     [
         (lambda: Profile(np.zeros(3), np.zeros(2)), "one equal length"),
         (lambda: Profile(np.zeros(1), np.zeros(1)), "at least 2 points"),
-        (lambda: Profile(np.array([1.0, 0.0]), np.zeros(2)).centre_path(R), "do not descend"),
+        (lambda: Profile(np.array([1.0, 0.0]), np.zeros(2)), "must not decrease"),
         (lambda: Step(-1e-6).angles(R), "height must be finite and not negative"),
-        (
-            lambda: Step([1e-6, math.nan]).angles(R),
-            "height must be finite and not negative, got nan m",
-        ),
+        (lambda: Step(math.nan), "height must be finite and not negative, got nan m"),
+        (lambda: Step([1e-6, 2e-6]), r"height must be one number \[m\], got list"),
         (
             lambda: Margin(-1e-6, 0.0, 0.0).angles(R),
             "gap must be finite and not negative, got -1e-06 m",

@@ -20,7 +20,8 @@ from stepblocks.contact.forward import (
     list_constants,
 )
 from stepblocks.contact.state import CHANNELS, DragState, compute_channels
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate_drag
+from stepblocks.drag.probe import PAPER_DRAG, DragSettings
+from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track
 from stepblocks.errors import ContactError
 from stepblocks.law import Law

@@ -13,8 +13,10 @@ from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_set
-from stepblocks.drag.run import drag_over, resolve_subject
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate_drag
+from stepblocks.drag.probe import PAPER_DRAG, DragSettings
+from stepblocks.drag.run import drag_over
+from stepblocks.drag.simulate import simulate_drag
+from stepblocks.drag.subject import resolve_subject
 from stepblocks.drag.track import build_track
 from stepblocks.errors import PipelineError
 from stepblocks.predict.predictions import predict_by_formula

@@ -11,6 +11,7 @@ from oracles.tip_paths import step_path
 from stepblocks.contact.critical_angle import margin_angles, step_angle
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.contact.operating_point import Tool
+from stepblocks.drag.probe import PAPER_DRAG, DragSettings, build_probe
 from stepblocks.drag.ring import (
     LOADING_BAND,
     RING_BAND,
@@ -18,7 +19,7 @@ from stepblocks.drag.ring import (
     compute_phase_spectrum,
     measure_ring,
 )
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, build_probe, simulate_drag
+from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_profile_track, build_step_track
 from stepblocks.errors import ContactError
 

@@ -8,6 +8,7 @@ import pytest
 
 from stepblocks.contact.energy import Status, release_at
 from stepblocks.drag.kernels import COLUMNS
+from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.ring import (
     LOADING_BAND,
     RING_BAND,
@@ -16,7 +17,7 @@ from stepblocks.drag.ring import (
     measure_ring,
 )
 from stepblocks.drag.run import Drag
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, DragTrace
+from stepblocks.drag.simulate import DragTrace
 from stepblocks.errors import ContactError
 
 LOAD, MU, PEAK, RELEASE, RATE = 0.5, 0.2, 0.9, 20e-3, 10e3

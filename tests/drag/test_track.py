@@ -7,7 +7,8 @@ import pytest
 
 from oracles.tip_paths import groove_path, step_path
 from stepblocks.contact.counterface import Margin, Profile, Step
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate_drag
+from stepblocks.drag.probe import PAPER_DRAG, DragSettings
+from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track, build_track, build_track_along_path
 
 R = 125e-6

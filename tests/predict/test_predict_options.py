@@ -8,8 +8,9 @@ import pytest
 
 from stepblocks.cli import main
 from stepblocks.declare import load_set
+from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.ring import measure_ring
-from stepblocks.drag.simulate import PAPER_DRAG, DragSettings, simulate_drag
+from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"

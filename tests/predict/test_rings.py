@@ -10,8 +10,9 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_set
+from stepblocks.drag.probe import DragSettings, build_probe
 from stepblocks.drag.ring import measure_ring
-from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
+from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_track
 from stepblocks.errors import PipelineError
 from stepblocks.predict import predictions

@@ -85,7 +85,7 @@ def test_a_shank_too_thick_for_its_ring_and_a_sheath_too_long_for_its_shank_are_
 
 
 def test_a_drag_with_a_sheath_rings_as_the_probe_in_that_sheath():
-    from stepblocks.drag.run import resolve_subject
+    from stepblocks.drag.subject import resolve_subject
 
     hard = next(part for part in SET.stimuli if part.id == "sheath-hard")
     ring = SET.probe.ring(hard.sleeve)

@@ -107,7 +107,8 @@ def compute_drag_force(
 ) -> Array:
     """Tangential force of a drag with these values at some instants [N]."""
     from stepblocks.drag.kernels import COLUMNS
-    from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
+    from stepblocks.drag.probe import DragSettings, build_probe
+    from stepblocks.drag.simulate import simulate_drag
     from stepblocks.drag.track import build_step_track
 
     friction, stiffness, frequency, damping, radius, onset = map(float, values)

@@ -1,5 +1,7 @@
 """What a slider meets: the surface across which a tip is dragged, in the plane of the drag."""
 
+from __future__ import annotations
+
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -15,17 +17,28 @@ from stepblocks.contact.critical_angle import (
     margin_angles,
     step_angle,
 )
-from stepblocks.contact.domain import Real, require_points, unwrap_scalar
+from stepblocks.contact.domain import (
+    MOST_LENGTH,
+    Real,
+    Scanned,
+    convert_field,
+    read_lengths,
+    read_number,
+    require_points,
+    unwrap_scalar,
+)
 from stepblocks.contact.energy import Release, Status, release_at
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import (
     CentrePath,
     Disc,
+    FeatureRange,
     Line,
     build_envelope_path,
     find_outline,
 )
 from stepblocks.errors import ContactError
+from stepblocks.quantities import format_quantity
 
 Array = NDArray[np.float64]
 SIDE = 0.5e-3  # of a margin that was scanned [m]
@@ -100,12 +113,24 @@ class Counterface(ABC):
 
 @dataclass(frozen=True)
 class Step(Counterface):
-    """A step up at x = 0, its edge rounded: the arc begins at the riser and ends at x = `edge_radius`."""
+    """A step up at x = 0, its edge rounded: the arc begins at the riser and ends at x = `edge_radius`.
 
-    height: float  # H [m]
-    edge_radius: float = 0.0  # r [m]; 0 is the sharp edge
+    Attributes
+    ----------
+    height : float
+        H [m]; a text such as ``"25 um"`` is read.
+    edge_radius : float
+        r [m]; 0 is the sharp edge.
+    """
+
+    height: float
+    edge_radius: float = 0.0
     ways = ("up",)  # nothing catches on the way down
     _dimensions = ("height", "edge_radius")
+
+    def __post_init__(self) -> None:
+        for name in self._dimensions:
+            convert_field(self, name, "length", MOST_LENGTH, low=0.0)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -159,17 +184,35 @@ class Step(Counterface):
 
 @dataclass(frozen=True)
 class Margin(Counterface):
-    """Tooth, gap and crown in the terms of Holmes et al. (1989): bevelled back at 45 degrees where it opens beyond the gap."""
+    """Tooth, gap and crown in the terms of Holmes et al. (1989), bevelled at 45 degrees where it opens beyond the gap.
 
-    gap: float  # marginal gap g between the walls [m]
-    # along the drag from the tooth's corner to the crown's [m]; below 0 a lip overlaps the tooth
+    Attributes
+    ----------
+    gap : float
+        Marginal gap g between the walls [m].
+    opening : float
+        Along the drag from the corner of the tooth to that of the crown [m]; below 0 a lip overlaps
+        the tooth.
+    rise : float
+        Height of the crown over the tooth, the horizontal marginal discrepancy [m], of either sign.
+    depth : float
+        Of the gap where it begins [m]; by default deeper than any tip sinks.
+    fall : float
+        Slope at which the floor of the gap falls from there [1].
+    """
+
+    gap: float
     opening: float
-    # height of the crown over the tooth, the horizontal marginal discrepancy [m], of either sign
     rise: float
-    depth: float = 1e-3  # of the gap where it begins [m]; deeper than any tip sinks
-    fall: float = 0.0  # how steeply its floor falls from there [1]
+    depth: float = 1e-3
+    fall: float = 0.0
     ways = ("tooth-to-crown", "crown-to-tooth")
     _dimensions = ("gap", "opening", "rise")
+
+    def __post_init__(self) -> None:
+        convert_field(self, "gap", "length", MOST_LENGTH, low=0.0)
+        for name in ("opening", "rise"):
+            convert_field(self, name, "length", MOST_LENGTH, low=-MOST_LENGTH)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -206,11 +249,23 @@ class Margin(Counterface):
 
 @dataclass(frozen=True)
 class Groove(Counterface):
-    """A V-groove between level shoulders of equal height, from x = 0 to x = `width`."""
+    """A V-groove between level shoulders of equal height, from x = 0 to x = `width`.
 
-    width: float  # between the shoulders [m]
-    flank: float  # inclination of either flank [rad]
+    Attributes
+    ----------
+    width : float
+        Between the shoulders [m].
+    flank : float
+        Inclination of either flank, an angle between 0.001 and pi/2 [rad].
+    """
+
+    width: float
+    flank: float
     _dimensions = ("width", "flank")
+
+    def __post_init__(self) -> None:
+        convert_field(self, "width", "length", MOST_LENGTH)
+        convert_field(self, "flank", "angle", 0.5 * math.pi, low=1e-3)
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """From between the shoulders, ``sin a = g / 2R``; a ball that sinks onto the flanks leaves along them."""
@@ -226,22 +281,92 @@ class Groove(Counterface):
         return x, np.array([0.0, 0.0, -half * math.tan(self.flank), 0.0, 0.0])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Profile(Counterface):
-    """Any profile, declared by its corners or scanned: joined by straight lines, level beyond both ends."""
+    """Any profile, declared by its corners or scanned: joined by straight lines, level beyond both ends.
 
-    x: Array  # shape (n,); positions [m], not descending; equal ones are a riser
-    z: Array  # shape (n,); heights [m]
+    Attributes
+    ----------
+    x : ndarray
+        Positions [m], shape (n,), not descending; two equal ones are a riser.
+    z : ndarray
+        Heights [m], shape (n,).
+    feature : tuple of float, optional
+        Where the edge lies that is asked about, as a range of x [m]. Without it the place with the
+        greatest critical angle answers, in the equations and in the drag in time.
+
+    Examples
+    --------
+    >>> Profile([-1e-3, 0.0, 0.0, 1e-3], [0.0, 0.0, 25e-6, 25e-6])
+    Profile(4 points over 2 mm, heights over 25 um)
+    """
+
+    x: Array
+    z: Array
+    feature: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
+        for name in ("x", "z"):
+            object.__setattr__(self, name, read_lengths(name, getattr(self, name)))
         require_points(self.x, self.z)
+        falls = np.flatnonzero(np.diff(self.x) < 0.0)
+        if falls.size:
+            n = int(falls[0]) + 1
+            raise ContactError(
+                f"profile positions must not decrease, point {n} lies at {self.x[n]:g} m "
+                f"behind {self.x[n - 1]:g} m; sort the points"
+            )
+        if self.x[-1] == self.x[0]:
+            raise ContactError("profile must extend along x, got a single position")
+        if self.feature is not None:
+            first, last = (read_number("feature", one, "length") for one in self.feature)
+            if not self.x[0] <= first < last <= self.x[-1]:
+                raise ContactError(
+                    f"feature must be a range of x within the profile ({self.x[0]:g} to "
+                    f"{self.x[-1]:g} m), got {first:g} to {last:g} m"
+                )
+            object.__setattr__(self, "feature", (first, last))
+
+    def __repr__(self) -> str:
+        run, span = float(self.x[-1] - self.x[0]), float(np.ptp(self.z))
+        return (
+            f"Profile({self.x.size} points over {format_quantity(run, 'length')}, heights over "
+            f"{format_quantity(span, 'length')})"
+        )
+
+    @classmethod
+    def from_scan(cls, scan: Scanned, feature: tuple[float, float] | None = None) -> Profile:
+        """Take over a scanned profile; points that were not measured are bridged by straight lines.
+
+        Parameters
+        ----------
+        scan : object with `position` and `height`
+            Such as what `read_scan` returns: arrays of shape (n,) [m], NaN where nothing was
+            measured.
+        feature : tuple of float, optional
+            Where the edge lies [m].
+
+        Raises
+        ------
+        ContactError
+            If fewer than half of the points were measured.
+        """
+        known = np.isfinite(scan.height)
+        if 2 * int(known.sum()) < known.size:
+            raise ContactError(
+                f"at least half of the points of a scan must be measured, got {int(known.sum())} "
+                f"of {known.size}"
+            )
+        return cls(scan.position[known], scan.height[known], feature)
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
         balls, which = np.unique(np.asarray(ball_radius, dtype=np.float64), return_inverse=True)
-        found = np.array(
-            [_find_steepest_angles(self.x, self.z, float(ball), "flat") for ball in balls]
-        )[which]
+        slopes = [
+            _find_steepest_angles(self.x, self.z, float(ball), "flat", self.feature)
+            for ball in balls
+        ]
+        found = np.array(slopes)[which]
         forward, backward = (
             unwrap_scalar(found[..., way].reshape(np.shape(ball_radius))) for way in (0, 1)
         )
@@ -267,6 +392,12 @@ class Profile(Counterface):
     def outline(self) -> tuple[list[Disc], list[Line]]:
         """Take its own points, at most 2000."""
         return find_outline(np.column_stack([self.x, self.z]))
+
+    def centre_path(self, ball_radius: float) -> CentrePath:
+        path = super().centre_path(ball_radius)
+        if self.feature is None:
+            return path
+        return replace(path, feature=FeatureRange(*self.feature, ball_radius))
 
 
 @dataclass(frozen=True)
@@ -360,11 +491,19 @@ def find_scanned_angle(
 
 
 def _find_steepest_angles(
-    x: Array, z: Array, ball: float, edges: Literal["strict", "flat"]
+    x: Array,
+    z: Array,
+    ball: float,
+    edges: Literal["strict", "flat"],
+    feature: tuple[float, float] | None = None,
 ) -> tuple[float, float]:
     """Critical angles over a profile by exact dilation [rad], forward and backward."""
     # compiled kernels, loaded where they are used
     from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 
     path = build_profile_path(x, z, ball, edges=edges)
-    return find_steepest_catch(path).angle, find_steepest_catch(path.mirrored()).angle
+    back = None if feature is None else (-feature[1], -feature[0])
+    return (
+        find_steepest_catch(path, feature).angle,
+        find_steepest_catch(path.mirrored(), back).angle,
+    )

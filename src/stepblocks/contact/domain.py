@@ -1,14 +1,55 @@
 """The domain of the formulas: one wording for every value that lies outside it, alone or in an array."""
 
 import math
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.errors import ContactError
+from stepblocks.errors import ContactError, QuantityError
+from stepblocks.quantities import DIMENSIONS, parse_quantity
 
 Real = Any  # a float or an array of them: what is given decides what comes out
+MOST_LENGTH = 1.0  # of anything on a bench [m]; more was read in a wrong unit
+MOST_BALL = 0.05  # of the radius of a tip, magnified models included [m]
+
+
+def convert_field(
+    owner: object, name: str, dimension: str, high: float, low: float | None = None
+) -> None:
+    """Read a field of a frozen dataclass as a number in SI, or as a text with its unit, and hold it to its bounds.
+
+    Without `low` it must be positive.
+    """
+    unit = DIMENSIONS[dimension]
+    value = read_number(name, getattr(owner, name), dimension)
+    if low is None:
+        require_positive(name, value, unit)
+    elif low == 0.0:
+        require_not_negative(name, value, unit)
+    else:
+        require_finite(name, value, unit)
+    least = -math.inf if low is None else low
+    if not least <= value <= high:
+        rule = f"lie between {low:g} and {high:g}" if low is not None else f"be at most {high:g}"
+        hint = "; lengths are in metres: 25 um is 25e-6" if dimension == "length" else ""
+        raise ContactError(f"{name} must {rule} {unit}".rstrip() + f", got {value:g}{hint}")
+    object.__setattr__(owner, name, value)
+
+
+def read_number(name: str, value: object, dimension: str) -> float:
+    """Read a number in SI, or a text with its unit such as ``"25 um"``."""
+    if isinstance(value, str):
+        try:
+            return parse_quantity(value, dimension)
+        except QuantityError as error:
+            raise ContactError(f"{name} {error}") from error
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+        unit = DIMENSIONS[dimension] or "1"
+        raise ContactError(f"{name} must be one number [{unit}], got {type(value).__name__}")
+    if isinstance(value, (complex, np.complexfloating)):
+        raise ContactError(f"{name} must be a real number, got {value}")
+    return float(value)
 
 
 def require_positive(name: str, value: Real, unit: str = "") -> None:
@@ -56,3 +97,40 @@ def _require(name: str, value: Real, unit: str, good: Any, rule: str) -> None:
     if not good.all():
         first = np.asarray(value)[np.logical_not(good)].flat[0]
         raise ContactError(f"{name} must be {rule}, got {first:g}{unit and ' ' + unit}")
+
+
+def read_lengths(name: str, values: object) -> NDArray[np.float64]:
+    """Read a row of finite lengths on a bench as an array [m]."""
+    try:
+        found: NDArray[np.float64] = np.ascontiguousarray(
+            np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
+        )
+    except (TypeError, ValueError) as error:
+        kind = type(values).__name__
+        raise ContactError(f"profile {name} must be numbers [m], got {kind}: {error}") from error
+    if found.ndim == 1 and found.size:
+        wrong = np.flatnonzero(~np.isfinite(found))
+        if wrong.size:
+            raise ContactError(
+                f"profile {name} must be finite, point {int(wrong[0])} of {found.size} is "
+                f"{found[wrong[0]]}; Profile.from_scan bridges points that were not measured"
+            )
+        most = float(np.abs(found).max())
+        if most > MOST_LENGTH:
+            raise ContactError(
+                f"profile {name} must lie within {MOST_LENGTH:g} m, got {most:g} m; lengths are in "
+                "metres: 25 um is 25e-6"
+            )
+    return found
+
+
+class Scanned(Protocol):
+    """A profile as an instrument measured it."""
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Positions [m]."""
+
+    @property
+    def height(self) -> NDArray[np.float64]:
+        """Heights [m], NaN where nothing was measured."""

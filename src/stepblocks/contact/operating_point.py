@@ -3,7 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from stepblocks.contact.domain import require_not_negative, require_positive
+from stepblocks.contact.domain import MOST_BALL, convert_field, read_number, require_not_negative
+from stepblocks.contact.laws import ContactLaw, FrictionLaw
 from stepblocks.errors import ContactError
 
 _BAND_SHARE, _HALF_BAND = (
@@ -34,32 +35,49 @@ class Limits:
 
 @dataclass(frozen=True)
 class Tool:
-    """The explorer as a spring that rings, and what is felt of it; every default is the paper's, limits it has none."""
+    """The explorer as a spring that rings; the defaults are those of the paper, which states no limits.
 
-    # of its ring the paper says 250 to 350 Hz (figure 5) and "approximately 250 Hz", where less
-    # than half of a line would lie in that band: its middle, a deviation that reaches both ends,
-    # and the decay of a Lorentzian line with the 86 % of figure 5
-    stiffness: float = 9.81e3  # tangential, k of equation (1) [N/m]
-    conversion: float = (
-        0.20  # share C_v of the stored energy that becomes vibration, by the paper's regression [1]
-    )
-    ring_duration: float = 16e-3  # over which the vibration energy is spent [s]
-    detection_threshold: float = 0.08e-6  # vibration power that a fingertip just detects [W]
-    frequency: float = 300.0  # of the ring [Hz]
-    decay_time: float = math.tan(0.5 * math.pi * _BAND_SHARE) / (
-        math.tau * _HALF_BAND
-    )  # of its amplitude, to 1/e [s]
-    frequency_deviation: float = _HALF_BAND  # how far the frequency may be off to either side [Hz]
-    limits: Limits = (
-        Limits()
-    )  # beyond which the tip does not slip; sets and tables bring `SHIPPED_LIMITS` or their own
+    Of its ring the paper says 250 to 350 Hz (figure 5) and "approximately 250 Hz", where less than
+    half of a line would lie in that band. The defaults are its middle, a deviation that reaches
+    both ends, and the decay of a Lorentzian line with the 86 % of figure 5.
+
+    Attributes
+    ----------
+    stiffness : float
+        Tangential, k of equation (1) [N/m].
+    conversion : float
+        Share C_v of the stored energy that becomes vibration, 0 to 1 [1].
+    ring_duration : float
+        Time over which the vibration energy is spent [s].
+    detection_threshold : float
+        Vibration power that a fingertip just detects [W].
+    frequency : float
+        Of the ring [Hz].
+    decay_time : float
+        Of its amplitude, to 1/e [s].
+    frequency_deviation : float
+        How far the frequency may be off to either side [Hz].
+    limits : Limits
+        Forces beyond which the tip does not slip; sets and tables bring `SHIPPED_LIMITS`.
+    """
+
+    stiffness: float = 9.81e3
+    conversion: float = 0.20
+    ring_duration: float = 16e-3
+    detection_threshold: float = 0.08e-6
+    frequency: float = 300.0
+    decay_time: float = math.tan(0.5 * math.pi * _BAND_SHARE) / (math.tau * _HALF_BAND)
+    frequency_deviation: float = _HALF_BAND
+    limits: Limits = Limits()
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name == "frequency_deviation":
-                require_not_negative(name, value, "Hz")
-            elif name != "limits":
-                require_positive(name, value)
+        convert_field(self, "stiffness", "stiffness", 1e12)
+        convert_field(self, "conversion", "ratio", 1.0)
+        convert_field(self, "ring_duration", "time", 1e4)
+        convert_field(self, "detection_threshold", "power", 1e3)
+        convert_field(self, "frequency", "frequency", 1e7)
+        convert_field(self, "decay_time", "time", 1e6)
+        convert_field(self, "frequency_deviation", "frequency", 1e7, low=0.0)
 
     @property
     def effective_mass(self) -> float:
@@ -87,20 +105,53 @@ class Tissue:
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Ball, load, friction, speed and tool; equations (1) and (2) know nothing of the speed and the tissue, the drag in time does."""
+    """Ball, load, friction, speed and tool of a drag.
 
-    ball_radius: float  # R of the probe tip [m]
-    normal_load: float  # F_py [N]
-    friction: float  # coefficient mu [1]
+    Equations (1) and (2) know nothing of the speed, the tissue and the contact, the drag in time
+    does.
+
+    Attributes
+    ----------
+    ball_radius : float
+        R of the probe tip [m].
+    normal_load : float
+        F_py [N].
+    friction : float
+        Coefficient mu at the release [1]. It may be given as a `FrictionLaw`: the equations take
+        its value at rest, the drag in time all of it.
+    tool : Tool
+        The explorer as a spring that rings.
+    speed : float
+        Of the handle along the drag [m/s].
+    tissue : Tissue
+        What the tool rubs along beside the edge.
+    friction_law : FrictionLaw, optional
+        The law that was given as `friction`.
+    contact : ContactLaw, optional
+        Contact of tip and surface; that of steel on steel by default.
+    """
+
+    ball_radius: float
+    normal_load: float
+    friction: float
     tool: Tool = Tool()
-    speed: float = 5e-3  # of the handle along the drag [m/s]
-    tissue: Tissue = Tissue()  # that the tool rubs along beside the edge
+    speed: float = 5e-3
+    tissue: Tissue = Tissue()
+    friction_law: FrictionLaw | None = None
+    contact: ContactLaw | None = None
 
     def __post_init__(self) -> None:
-        require_positive("ball_radius", self.ball_radius, "m")
-        require_positive("normal_load", self.normal_load, "N")
-        require_not_negative("friction", self.friction)
-        require_positive("speed", self.speed, "m/s")
+        given: object = self.friction
+        if isinstance(given, FrictionLaw):
+            object.__setattr__(self, "friction_law", given)
+        convert_field(self, "ball_radius", "length", MOST_BALL)
+        convert_field(self, "normal_load", "force", 1e4)
+        convert_field(self, "speed", "speed", 100.0)
+        if self.friction_law is not None:
+            at_rest = self.friction_law.coefficient(0.0, self.normal_load, 0.0, 0.0)
+            object.__setattr__(self, "friction", at_rest)
+        require_not_negative("friction", read_number("friction", self.friction, "ratio"))
+        convert_field(self, "friction", "ratio", 1e3, low=0.0)
 
 
 # The blunt tip and the spring of the paper. It states a band of loads and no friction: 1 N and

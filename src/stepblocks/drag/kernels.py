@@ -1,13 +1,14 @@
-"""The compiled integrator of a drag, a leapfrog with a fixed step; nothing is checked here, see `stepblocks.drag.simulate`."""
+"""The compiled integrator of a drag: a leapfrog with a fixed step; `stepblocks.drag.simulate` checks its input."""
 
 import math
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
-from numba import njit
+from numba import cfunc, njit
+from numpy.typing import NDArray
 
-Array = Any
-# What each row of a trace holds
+Array = NDArray[np.float64]
+# columns of the rows of a trace
 COLUMNS = (
     "time_s",
     "fx_n",
@@ -20,11 +21,29 @@ COLUMNS = (
     "normal_n",
     "friction_n",
 )
-# Energies [J]: work put in by the handle or the pulling force, changes of what is stored, and what
-# is lost
+# Energies [J]: the work of the handle or of the pulling force, the changes of what is stored, and
+# what is lost
 _STORED = ("kinetic", "spring", "lift", "contact", "bristle")
 _LOST = ("friction_loss", "damping_loss", "impact_loss", "tissue_loss")
 LEDGER = ("handle_work", *_STORED, *_LOST)
+# columns of the rows of the places that the tip has passed, before the ledger at that time
+PASSED = ("place", "pull_n", "time_s", "x_m", "low_n", "low_time_s", "passed_s")
+# points and weights of Gauss and Legendre on 0 to 1, for the energy of a contact law of the user
+_POINTS, _WEIGHTS = (0.5 * one for one in np.polynomial.legendre.leggauss(16))
+_POINTS = _POINTS + 0.5
+
+
+# Stand in the call of `integrate` where the user gives no law; they are never called
+@cfunc("float64(float64, float64, float64, float64)", cache=True)
+def no_friction(speed: float, load: float, place: float, time: float) -> float:
+    """No friction."""
+    return 0.0
+
+
+@cfunc("float64(float64)", cache=True)
+def no_force(indentation: float) -> float:
+    """No force."""
+    return 0.0
 
 
 @njit(cache=True, inline="always")
@@ -38,15 +57,35 @@ def _press(
     stiffness: float,
     power: float,
     loss: float,
-) -> tuple[float, float, float, float, float]:
-    """Force of one contact pressed in by `gap` > 0: x and y of its elastic part, all of it, its loss, stored energy."""
+    force_law: Callable[[float], float],
+) -> tuple[float, float, float, float]:
+    """Force of one contact pressed in by `gap` > 0: x and y of its elastic part, all of it, its loss."""
     # the gradient of a potential of the indentation along the normal conserves energy on a curved
     # path too; the loss is Hunt and Crossley's; q is 1 / sqrt(1 + s^2)
     dent = gap * q
-    force = stiffness * dent if power == 1.0 else stiffness * dent * math.sqrt(dent)
-    stored = force * dent * (0.5 if power == 1.0 else 0.4)
+    if power == 1.0:
+        force = stiffness * dent
+    elif power == 1.5:
+        force = stiffness * dent * math.sqrt(dent)
+    else:
+        force = force_law(dent)
     lossy = max(force * loss * q * (s * vx - vy), -force)
-    return -force * (s * q - gap * s * bend * q * q * q), force * q, force + lossy, lossy, stored
+    return -force * (s * q - gap * s * bend * q * q * q), force * q, force + lossy, lossy
+
+
+@njit(cache=True)
+def _contact_energy(
+    dent: float, stiffness: float, power: float, force_law: Callable[[float], float]
+) -> float:
+    """Elastic energy of one contact pressed in by `dent` along its normal [J]."""
+    if dent <= 0.0:
+        return 0.0
+    if power > 0.0:
+        return stiffness * dent ** (power + 1.0) / (power + 1.0)
+    total = 0.0
+    for k in range(_POINTS.size):
+        total += _WEIGHTS[k] * force_law(dent * _POINTS[k])
+    return total * dent
 
 
 @njit(cache=True, inline="always")
@@ -59,7 +98,7 @@ def _grip(
     give: float,
     damping: float,
 ) -> tuple[float, float]:
-    """Friction, and new stretch of the tangential spring that `travel` carried along: it sticks truly, and yields at `limit`."""
+    """Friction, and the new stretch of the tangential spring: it sticks below `limit` and yields there."""
     stretch = bristle + travel
     force = stiffness * stretch + damping * rate
     if force > limit:
@@ -77,11 +116,17 @@ def integrate(
     contact: tuple[float, ...],
     start: tuple[float, ...],
     pace: tuple[float, int, int],
-) -> tuple[Array, int, Array, Array]:
-    """Integrate a drag into rows, their count, the peak (force, time, x, 1 where it was too great) and the ledger."""
-    nodes, table, kinks, ends = (
-        track  # knots, the cubics between them, which knots are kinks, the branches there
-    )
+    places: tuple[Array, ...],
+    friction_law: Callable[[float, float, float, float], float],
+    force_law: Callable[[float], float],
+) -> tuple[Array, int, Array, Array, Array, int]:
+    """Integrate a drag.
+
+    Returns the rows and their count, the greatest pull (force, time, x, 1 where it was too great),
+    the ledger, and the rows of the places that the tip passed and their count.
+    """
+    # knots, the cubics between them, which knots are kinks, the branches there
+    nodes, table, kinks, ends = track
     # the fields of `Probe` and `DragSettings` in their order
     k, mass, ratio, kn, power, loss, ky, carrier_mass, cubic = probe
     (
@@ -102,36 +147,39 @@ def integrate(
         wall_c,
         wall_most,
     ) = settings
-    mu_s, kt, limit = (
-        # friction at rest, stiffness of the bristles, force past which the tip counts as locked
-        contact
-    )
-    x, y, near, rest = (
-        # within `near` of a kink both sides are touched; `rest` is the stretch in steady sliding
-        start
-    )
+    # friction at rest, stiffness of the bristles, force past which the tip counts as locked, and
+    # whether the friction is a function of the user
+    mu_s, kt, limit, own_friction = contact
+    # within `near` of a kink both sides are touched; `rest` is the stretch in steady sliding
+    x, y, near, rest = start
     dt, steps, every = pace
+    # of each place that catches: where its slope begins to fall, where the tip has passed it, where
+    # its approach begins, 1 where no pull lifts a rigid tip
+    top_at, passed_at, approach, locks = places
     c, cy, ct = (
         2.0 * ratio * math.sqrt(k * mass),
         2.0 * ratio * math.sqrt(ky * mass),
         0.3 * math.sqrt(kt * mass),
     )
-    # in steady sliding at the speed of the handle, or at rest where a force pulls that
+    # in steady sliding at the speed of the handle, or at rest where a force pulls it
     driven, carried = speed > 0.0, ky > 0.0
     vx, vy, vh, vc = speed, 0.0, speed, 0.0
     walled = wall_k > 0.0
-    stretch = (
-        wall_most / wall_k if walled and driven else 0.0
-    )  # of the soft wall that the tool carries along
+    # of the soft wall that the tool carries along
+    stretch = wall_most / wall_k if walled and driven else 0.0
     level = mu_k * load + wall_most
     hand = x + rest if driven else x
     carrier = y - load / ky if carried else 0.0
     rows = np.empty((steps // every + 2, 10))
     ledger, peak = np.zeros(10), np.array([-np.inf, 0.0, x, 0.0])
+    passed = np.zeros((8 * passed_at.size + 16, 17))
+    passes, place, behind = 0, 0, False
+    # of the place ahead: the least pull since the approach began and the greatest one after it
+    low, low_t, top, top_t, top_x, pass_t = np.inf, 0.0, -np.inf, 0.0, x, 0.0
+    slipped_t = np.inf
     kinked, varied, give = kinks.size > 0, mu_s != mu_k or viscous > 0.0, 1.0 / kt
-    kicks = np.empty(
-        (2, 5)
-    )  # of the first half step and of a whole one: h / m, and the damper at the step's middle
+    # of the first half step and of a whole one: h / m, and the damper at the middle of the step
+    kicks = np.empty((2, 5))
     for k_step in range(2):
         h = 0.5 * dt if k_step == 0 else dt
         ax, ay = 0.5 * c * h / mass, 0.5 * cy * h / mass
@@ -150,7 +198,6 @@ def integrate(
     on_right = False
     first = True
     count = 0
-    released = False
     for n in range(steps):
         # ---- where on the track, and which kink is near
         while i < last and x >= nodes[i + 1]:
@@ -161,7 +208,7 @@ def integrate(
         k1, k2, k3 = table[i, 1], table[i, 2], table[i, 3]
         gap = table[i, 0] + d * (k1 + d * (k2 + d * k3)) - y
         sx = k1 + d * (2.0 * k2 + 3.0 * d * k3)
-        fx1 = fy1 = n1 = d1 = u1 = fx2 = fy2 = n2 = d2 = u2 = s2 = 0.0
+        fx1 = fy1 = n1 = d1 = fx2 = fy2 = n2 = d2 = s2 = gap2 = 0.0
         q1 = q2 = 1.0
         stored_before = 0.5 * kt * (here * here + there * there)
         if kinked:
@@ -171,10 +218,8 @@ def integrate(
                 j -= 1
             step = x - nodes[kinks[j]]
             if (step >= 0.0) != on_right and not first:
-                here, there = (
-                    there,
-                    here,
-                )  # the tip has passed the kink: the branches change their parts
+                # the tip has passed the kink: the branches change their parts
+                here, there = there, here
             on_right = step >= 0.0
             if abs(step) < near:
                 c0, s0, b0 = ends[j, 0 if on_right else 1]
@@ -182,17 +227,23 @@ def integrate(
                 if gap2 > 0.0:
                     s2 = s0 + 2.0 * step * b0
                     q2 = 1.0 / math.sqrt(1.0 + s2 * s2)
-                    fx2, fy2, n2, d2, u2 = _press(gap2, s2, 2.0 * b0, q2, vx, vy, kn, power, loss)
+                    fx2, fy2, n2, d2 = _press(
+                        gap2, s2, 2.0 * b0, q2, vx, vy, kn, power, loss, force_law
+                    )
         if gap > 0.0:
             q1 = 1.0 / math.sqrt(1.0 + sx * sx)
-            fx1, fy1, n1, d1, u1 = _press(
-                gap, sx, 2.0 * k2 + 6.0 * d * k3, q1, vx, vy, kn, power, loss
+            fx1, fy1, n1, d1 = _press(
+                gap, sx, 2.0 * k2 + 6.0 * d * k3, q1, vx, vy, kn, power, loss, force_law
             )
         # ---- friction of both contacts; a contact that has parted lets go of its bristle
+        t = n * dt
         t1 = t2 = 0.0
         rate1, rate2 = q1 * (vx + sx * vy), q2 * (vx + s2 * vy)
         mu1 = mu2 = mu_k
-        if varied:
+        if own_friction > 0.0:
+            mu1 = friction_law(rate1, n1, x, t)
+            mu2 = friction_law(rate2, n2, x, t)
+        elif varied:
             mu1 = mu_k + (mu_s - mu_k) * math.exp(-abs(rate1) / v_s) + viscous * abs(rate1)
             mu2 = mu_k + (mu_s - mu_k) * math.exp(-abs(rate2) / v_s) + viscous * abs(rate2)
         travel = 0.0 if first else dt
@@ -243,43 +294,90 @@ def integrate(
             0.5 * (vc + old_c),
         )
         tug = c * (mh - mx) if driven else c * (old_h - old_x)
-        # ---- what a strain gauge reads, and whether the run is over
-        gauge, t = spring + tug, n * dt
-        if not released and gauge > peak[0]:
+        # ---- what a strain gauge reads, and which place is caught or passed
+        gauge = spring + tug
+        if gauge > peak[0]:
             peak[0], peak[1], peak[2] = gauge, t, x
-        slipped = gauge - level < 0.75 * (peak[0] - level)
-        released = released or (slipped and peak[0] > mu_s * load + wall_most + 0.02 * load)
         if gauge > limit:
             peak[3] = 1.0
-        leaves = x + dt * vx >= nodes[-1] or x + dt * vx <= nodes[0]
-        ended = leaves or gauge > limit or n == steps - 1 or (released and t - peak[1] > after)
-        # ---- the ledger, by the very velocities that the step uses; the last kick counts to its
-        # middle only
-        w = 0.5 * h if ended else h
-        if driven:
-            ledger[0] += (spring + tug) * mh * w
-            ledger[7] += tug * (mh - mx) * w
-        else:
-            ledger[0] += pull * mh * w
-            ledger[7] += (tug * (mh - mx) + hand_damping * old_h * mh) * w
-        ledger[7] += cy * (old_c - old_y) * (mc - my) * w if carried else cy * my * my * w
-        grip = 0.5 * kt * (here * here + there * there)
-        ledger[6] -= (grip_x * mx + grip_y * my) * w + grip - stored_before
-        if walled:
-            held = 0.5 * wall_k * (stretch * stretch - wall_before * wall_before)
-            ledger[5] += held
-            ledger[9] += wall * mx * w - held
-        ledger[8] -= (loss_x * mx + loss_y * my) * w
-        if first or ended:
-            sign = -1.0 if first else 1.0
-            kinetic = 0.5 * mass * (mx * mx + my * my) + 0.5 * carrier_mass * mc * mc
-            ledger[1] += sign * (kinetic if driven else kinetic + 0.5 * hand_mass * mh * mh)
-            ledger[2] += sign * (0.5 * k * (hand - x) ** 2 + 0.25 * cubic * (hand - x) ** 4)
-            ledger[3] += sign * (
-                load * carrier + 0.5 * ky * (carrier - y) ** 2 if carried else load * y
+        while place > 0 and not behind and x < top_at[place - 1] - 0.1 * near:
+            place -= 1  # the tip has fallen back: it must climb again
+            low, top = np.inf, -np.inf
+        passing, over = False, False
+        if place < passed_at.size:
+            if x < approach[place]:
+                behind, low, low_t, top = False, gauge, t, -np.inf
+            elif gauge < low and not behind:
+                low, low_t, top = gauge, t, -np.inf
+            elif gauge > top:
+                top, top_t, top_x = gauge, t, x
+            if not behind and x > passed_at[place]:
+                behind, pass_t = True, t
+            # done where the pull has fallen, where it never rose, or at the next place
+            if behind:
+                passing = (
+                    gauge - level < 0.75 * (top - level)
+                    or top == -np.inf
+                    or (place + 1 < passed_at.size and x >= approach[place + 1])
+                    or locks[place] > 0.0
+                )
+        if passing:
+            over = locks[place] > 0.0 or passes == passed.shape[0] - 1
+            r = passed[passes]
+            r[0], r[1], r[2], r[3], r[4], r[5], r[6] = (
+                place,
+                top,
+                top_t,
+                top_x,
+                low,
+                low_t,
+                pass_t,
             )
-            ledger[4] += sign * (u1 + u2)
-            ledger[5] += sign * grip
+            slipped_t = top_t if top > -np.inf else pass_t
+            place += 1
+            passes += 1
+            behind, low, top = False, np.inf, -np.inf
+        leaves = x + dt * vx >= nodes[-1] or x + dt * vx <= nodes[0]
+        finished = place == passed_at.size and t - slipped_t > after
+        ended = leaves or gauge > limit or n == steps - 1 or finished or over
+        # ---- the ledger, by the very velocities that the step uses; where the run ends the last
+        # kick counts to its middle only, and so does a kick at which the ledger is noted
+        for part in range(2):
+            if part == 1 and ended:
+                break
+            w = 0.5 * h
+            if driven:
+                ledger[0] += (spring + tug) * mh * w
+                ledger[7] += tug * (mh - mx) * w
+            else:
+                ledger[0] += pull * mh * w
+                ledger[7] += (tug * (mh - mx) + hand_damping * old_h * mh) * w
+            ledger[7] += cy * (old_c - old_y) * (mc - my) * w if carried else cy * my * my * w
+            ledger[6] -= (grip_x * mx + grip_y * my) * w
+            ledger[9] += wall * mx * w
+            ledger[8] -= (loss_x * mx + loss_y * my) * w
+            if part == 1:
+                break
+            grip = 0.5 * kt * (here * here + there * there)
+            ledger[6] -= grip - stored_before
+            held = 0.5 * wall_k * (stretch * stretch - wall_before * wall_before)
+            ledger[9] -= held
+            ledger[5] += held
+            if first or ended or passing:
+                kinetic = 0.5 * mass * (mx * mx + my * my) + 0.5 * carrier_mass * mc * mc
+                stored = np.zeros(10)
+                stored[1] = kinetic if driven else kinetic + 0.5 * hand_mass * mh * mh
+                stored[2] = 0.5 * k * (hand - x) ** 2 + 0.25 * cubic * (hand - x) ** 4
+                stored[3] = load * carrier + 0.5 * ky * (carrier - y) ** 2 if carried else load * y
+                stored[4] = _contact_energy(gap * q1, kn, power, force_law)
+                stored[4] += _contact_energy(gap2 * q2, kn, power, force_law)
+                stored[5] = grip
+                if first:
+                    ledger -= stored
+                if passing:
+                    passed[passes - 1, 7:] = ledger + stored
+                if ended:
+                    ledger += stored
         if countdown == 0 or ended:
             countdown = every
             r = rows[count]
@@ -295,4 +393,4 @@ def integrate(
         hand += dt * vh
         carrier += dt * vc
         first = False
-    return rows, count, peak, ledger
+    return rows, count, peak, ledger, passed, passes

@@ -5,178 +5,135 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from stepblocks.atomic import replace_text
-from stepblocks.contact.counterface import Counterface, Profile, Step
+from stepblocks.contact.counterface import Counterface, Profile
+from stepblocks.contact.domain import Scanned, read_number
 from stepblocks.contact.energy import Release, Status
+from stepblocks.contact.laws import ContactLaw, FrictionLaw
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
-from stepblocks.declare import load_declared
-from stepblocks.drag.kernels import COLUMNS
-from stepblocks.drag.ring import Ring, draw_force, draw_spectra, measure_ring
-from stepblocks.drag.simulate import (
-    SETTINGS,
-    DragSettings,
-    DragTrace,
-    Setting,
-    build_probe,
-    simulate_drag,
+from stepblocks.drag.events import (
+    DragEvent,
+    build_event_table,
+    drag_face,
+    find_texture_floor,
+    list_events,
 )
-from stepblocks.drag.track import build_track
-from stepblocks.errors import ContactError, PipelineError, QuantityError
-from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet
-from stepblocks.quantities import format_quantity, parse_quantity
-from stepblocks.select import find_stimulus_files, matches_pattern
-from stepblocks.tables import read_si_columns, read_table, write_table
-from stepblocks.text_file import format_file_name
+from stepblocks.drag.kernels import COLUMNS
+from stepblocks.drag.probe import SETTINGS, DragSettings, Probe, Setting
+from stepblocks.drag.ring import Ring, measure_ring
+from stepblocks.drag.simulate import DragTrace
+from stepblocks.drag.subject import OF_TOOL, change_point, resolve_subject
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.tables import write_table
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
-# what may be given beside the subject [SI]: where it goes in an operating point, in its tool, in
-# the probe; else in the settings
-_OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}
-_OF_TOOL = ("stiffness", "frequency")
+# What of the probe and of the settings may be given beside the subject, and each dimension
 _OF_PROBE = ("damping_ratio", "hardening")
-_ELSEWHERE = (
-    *_OF_POINT,
-    *_OF_TOOL,
-    *_OF_PROBE,
-    "edge_radius",
-    "step_height",
-    "pull",
-    "handle_mass",
-)
-_WANTED = "stimulus must be a step height such as '25 um', a CSV"
+_OF_SETTINGS = {
+    "speed": "speed",
+    "handle_damping": "",
+    "static_friction": "ratio",
+    "stribeck_speed": "speed",
+    "viscous_friction": "",
+    "lead": "length",
+    "ring_time": "time",
+    "sample_rate": "frequency",
+    "resolution": "ratio",
+}
+_DIMENSIONS = {
+    "tip_radius": "length",
+    "edge_radius": "length",
+    "step_height": "length",
+    "load": "force",
+    "friction": "ratio",
+    "stiffness": "stiffness",
+    "frequency": "frequency",
+    "damping_ratio": "ratio",
+    "hardening": "",
+    "pull": "force",
+    "handle_mass": "mass",
+    **_OF_SETTINGS,
+}
 _GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
 
-@dataclass(frozen=True)
-class Subject:
-    """What is dragged over, and under what."""
-
-    name: str  # for the heading and the summary
-    face: Counterface
-    point: OperatingPoint
-    place: str = ""  # file of a profile, for messages
-
-
-def resolve_subject(
-    given: str | Path | Counterface,
-    values: Mapping[str, float],
-    backward: bool = False,
-    where: Path | None = None,
-) -> Subject:
-    """Understand what is to be dragged over; `values` [SI] take the place of what the paper or the set says."""
-    if isinstance(given, Counterface):
-        return Subject("a counterface", given, _changed(PAPER, values))
-    if (path := Path(given)).suffix.lower() == ".csv":
-        if "edge_radius" in values:
-            raise PipelineError(
-                f"--edge-radius is for a plain step; a profile has its own [{path}]"
-            )
-        frame = read_table(path)
-        columns = read_si_columns(
-            frame, {name: ([name], "length", None) for name in ("x", "z")}, path
+def _read_values(given: Mapping[str, object]) -> dict[str, float]:
+    """Read the keywords of a drag as numbers in SI; a text with its unit is read too."""
+    unknown = [name for name in given if name not in _DIMENSIONS]
+    if unknown:
+        near = get_close_matches(unknown[0], _DIMENSIONS, 1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise PipelineError(
+            f"{', '.join(unknown)} must be one of {', '.join(_DIMENSIONS)}, contact, tool, "
+            f"x_range{hint}"
         )
-        try:
-            shape = Profile(columns["x"], columns["z"])
-            return Subject(format_file_name(path.name), shape, _changed(PAPER, values), f"[{path}]")
-        except ContactError as error:
-            raise PipelineError(f"{error} [{path}]") from error
-    try:
-        height = parse_quantity(str(given), "length")
-    except QuantityError:
-        return _declared(*_find(str(given), where), values, backward)
-    face = Step(height, values.get("edge_radius", 0.0))
-    return Subject(f"a step of {format_quantity(height, 'length')}", face, _changed(PAPER, values))
+    values: dict[str, float] = {}
+    for name, value in given.items():
+        if isinstance(value, FrictionLaw):
+            values[name] = cast(float, value)
+        else:
+            values[name] = read_number(name, value, _DIMENSIONS[name] or "ratio")
+    return values
 
 
-def _declared(
-    stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool
-) -> Subject:
-    """Drag over a part, or with it, under the first tip, load, friction and step of its set unless `values` differ."""
-    grid = stimuli.grid_of(part)
-    own = {
-        "edge_radius": "--edge-radius is for a plain step; a stimulus declares its own",
-        "tip_radius": "--tip-radius must not be given for a tip, it declares its own"
-        if part.ball is not None
-        else "",
-        "step_height": "--step-height is for a declared tip; a block declares its own"
-        if part.crossed
-        else "",
-    }
-    for name, rule in own.items():
-        if rule and name in values:
-            raise PipelineError(f"{rule} [{stimuli.name}/{part.id}]")
-    ball = grid.tip_radii[0] if part.ball is None else part.ball.nominal
-    height = None if part.crossed else values.get("step_height", grid.step_heights[0])
-    tool = grid.as_tool()
-    if ring := stimuli.ring_of(part):
-        tool = ring.as_tool(tool)
-    point = OperatingPoint(
-        ball, grid.normal_loads[0], grid.frictions[0], tool, tissue=part.tissue(tool)
-    )
-    face, name = part.counterface(height), part.id
-    if height is not None:
-        probe = name if part.ball is not None else f"probe in {name}"
-        name = f"{probe} over a step of {format_quantity(height, 'length')}"
-    elif len(face.ways) > 1:
-        name = f"{name}, {face.ways[backward]}"
-    return Subject(name, face, _changed(point, values))
-
-
-def _changed(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
-    of_tool: dict[str, Any] = {name: values[name] for name in _OF_TOOL if name in values}
-    moved: dict[str, Any] = {
-        field: values[name] for name, field in _OF_POINT.items() if name in values
-    }
-    return replace(point, tool=replace(point.tool, **of_tool), **moved)
-
-
-def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
-    """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
-    head, _, identity = text.rpartition("/")
-    if head.endswith(".toml"):
-        files, wanted = [Path(head)], identity
-    elif where is None and not Path("stimuli").is_dir():
-        raise PipelineError(f"{_WANTED}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
-    else:
-        files, wanted = find_stimulus_files(where), text
-    sets = [load_declared(file) for file in files]
-    found = [
-        (one, part)
-        for one in sets
-        for part in one.stimuli
-        if matches_pattern(wanted, one.name, part.id)
-    ]
-    if len(found) > 1:
-        names = ", ".join(f"{one.name}/{part.id}" for one, part in found)
-        raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
-    if not found:
-        places = ", ".join(map(str, files))
-        raise PipelineError(f"{_WANTED}, or declared in {places}, got {text!r}")
-    return found[0]
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Drag:
-    """A drag in time, beside what equation (1) says of it."""
+    """A drag in time, beside what equation (1) says of it.
+
+    Attributes
+    ----------
+    title : str
+        What was dragged over.
+    trace : DragTrace
+        Rows, release and energy ledger.
+    formula : Release
+        Equations (1) and (2) for the same edge.
+    tool : Tool
+        The spring that rings.
+    setting : Setting, optional
+        By which the load is carried.
+    backward : bool
+        Whether towards falling x.
+    within : tuple of float, optional
+        Range of x that was asked about [m].
+    """
 
     title: str
     trace: DragTrace
     formula: Release
     tool: Tool = PAPER.tool
-    setting: Setting | None = None  # by which its load is carried
+    setting: Setting | None = None
+    backward: bool = False
+    within: tuple[float, float] | None = None
+    ball_radius: float = PAPER.ball_radius
+
+    def __repr__(self) -> str:
+        pull = f", {self.trace.peak_force:.4g} N" if self.trace.status is Status.RELEASES else ""
+        return f"Drag({self.title!r}, {self.trace.status}{pull}, {len(self.events)} events)"
 
     @cached_property
     def ring(self) -> Ring | None:
-        """The vibration after the release; None where there was none."""
+        """The vibration after the release that was asked about; None where there was none."""
         return measure_ring(self.trace) if self.trace.status is Status.RELEASES else None
+
+    @cached_property
+    def events(self) -> tuple[DragEvent, ...]:
+        """Every place that the tip came to, in the order of the drag."""
+        return list_events(self.trace, self.backward, self.within)
+
+    @property
+    def event_table(self) -> pd.DataFrame:
+        """The events as a table, one row each, the unit in each column's name."""
+        return build_event_table(self.events)
 
     @property
     def frame(self) -> pd.DataFrame:
@@ -185,50 +142,92 @@ class Drag:
 
         return pd.DataFrame(self.trace.rows, columns=list(COLUMNS))
 
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Plot the pull against time with a mark at every event.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to; by default new axes.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from stepblocks.drag.figures import plot_force
+        from stepblocks.figure_file import make_figure
+
+        axes = plot_force(self.trace, make_figure()[1] if ax is None else ax)
+        axes.set_xlabel("time [ms]")
+        axes.set_title(self.title, fontsize=10)
+        return axes
+
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """What ``drag.json`` says, units in the names."""
-        trace, ring = self.trace, self.ring
-        told: dict[str, Any] = {
+        """What ``drag.json`` says of the release that was asked about, units in the names."""
+        trace = self.trace
+        summary: dict[str, Any] = {
             "subject": self.title,
             "status": str(trace.status),
             "ledger_j": trace.ledger,
             "ledger_error": trace.ledger_error,
             "time_step_s": trace.time_step,
-            "probe": asdict(trace.probe),
-            "settings": asdict(trace.settings),
+            "probe": _list_fields(trace.probe),
+            "settings": _list_fields(trace.settings),
             "tool_frequency_hz": self.tool.frequency,
             "tool_frequency_deviation_hz": self.tool.frequency_deviation,
+            "events": [_replace_nan(asdict(one)) for one in self.events],
+            "other_releases": sum(
+                one.belongs_to != "feature" and one.status == "releases" for one in self.events
+            ),
         }
+        if trace.reason:
+            summary["reason"] = trace.reason
+        if self.within is not None:
+            summary["x_range_m"] = list(self.within)
         if self.setting is not None:
-            told["setting"] = asdict(self.setting)
-        if ring is not None:
-            told |= {
-                "peak_force_n": trace.peak_force,
-                "release_time_s": trace.release_time,
-                "stored_energy_j": trace.stored_energy,
-                "vibration_energy_j": ring.energy,
-                "ring_share": ring.share,
-                "ring_duration_s": ring.duration,
-                "ring_decay_time_s": None if math.isnan(ring.decay_time) else ring.decay_time,
-                "ring_frequency_hz": ring.frequency,
-                "loading_share_0_100_hz": ring.loading_share,
-                "vibration_share_250_350_hz": ring.ring_band_share,
-            }
-        by = self.formula
-        if by.status is not Status.NO_CATCH:
-            told["equation_1"] = {"status": str(by.status)}
+            summary["setting"] = asdict(self.setting)
+        if floor := find_texture_floor(self.events, self.ball_radius):
+            summary["texture_angle_deg"] = math.degrees(floor[0])
+            summary["texture_hides_step_m"] = floor[1]
+        return summary | self._summarise_release() | self._summarise_formula()
+
+    def _summarise_release(self) -> dict[str, Any]:
+        trace, ring = self.trace, self.ring
+        if ring is None:
+            return {}
+        return {
+            "peak_force_n": trace.peak_force,
+            "release_time_s": trace.release_time,
+            "stored_energy_j": trace.stored_energy,
+            "vibration_energy_j": ring.energy,
+            "ring_share": ring.share,
+            "ring_duration_s": ring.duration,
+            "ring_decay_time_s": None if math.isnan(ring.decay_time) else ring.decay_time,
+            "ring_frequency_hz": ring.frequency,
+            "loading_share_0_100_hz": ring.loading_share,
+            "vibration_share_250_350_hz": ring.ring_band_share,
+        }
+
+    def _summarise_formula(self) -> dict[str, Any]:
+        by, ring = self.formula, self.ring
+        if by.status is Status.NO_CATCH:
+            return {}
+        formula: dict[str, Any] = {"status": str(by.status)}
         if by.status is Status.RELEASES:
-            told["equation_1"] |= {
-                "peak_force_n": by.pull_force,
-                "vibration_energy_j": by.vibration_energy,
-            }
-        return told
+            formula |= {"peak_force_n": by.pull_force, "vibration_energy_j": by.vibration_energy}
+        summary: dict[str, Any] = {"equation_1": formula}
+        if ring is not None and by.status is Status.RELEASES:
+            summary["peak_force_over_equation_1"] = self.trace.peak_force / by.pull_force
+        return summary
 
     def write(self, folder: Path) -> None:
-        """Leave ``trace.csv``, ``drag.json``, ``force.png`` and, after a release, ``spectra.png``."""
+        """Write ``trace.csv``, ``events.csv``, ``drag.json``, ``force.png`` and, after a release, ``spectra.png``."""
+        from stepblocks.drag.figures import draw_force, draw_spectra
+
         folder.mkdir(parents=True, exist_ok=True)
         write_table(self.frame, folder / "trace.csv")
+        write_table(self.event_table, folder / "events.csv")
         draw_force(self.trace, folder / "force.png", self.title)
         if self.trace.status is Status.RELEASES:
             draw_spectra(self.trace, folder / "spectra.png", self.title)
@@ -239,26 +238,48 @@ class Drag:
     def _repr_html_(self) -> str:
         import pandas as pd
 
-        rows = {name: value for name, value in self.summary.items() if not isinstance(value, dict)}
+        rows = {
+            name: value
+            for name, value in self.summary.items()
+            if not isinstance(value, (dict, list))
+        }
         return str(pd.Series(rows, dtype=object).to_frame().to_html(header=False))
 
 
+def _list_fields(given: Probe | DragSettings) -> dict[str, object]:
+    """Return the fields as plain values for JSON; a law by its name, and none where there is none."""
+    found = {field.name: getattr(given, field.name) for field in fields(given)}
+    law = found.pop("contact_law", None) or found.pop("friction_law", None)
+    found.pop("friction_law", None)
+    if law is None:
+        found.pop("ball_radius", None)
+        return found
+    return found | {"law": repr(law)}
+
+
+def _replace_nan(record: dict[str, Any]) -> dict[str, Any]:
+    return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in record.items()}
+
+
 def drag_over(
-    subject: str | Path | Counterface,
+    subject: str | Path | Counterface | Scanned,
     *,
     backward: bool = False,
     stimuli: Path | None = None,
     setting: str | None = None,
-    **values: float,
+    x_range: tuple[float, float] | None = None,
+    contact: ContactLaw | None = None,
+    tool: Tool | None = None,
+    **values: float | str | FrictionLaw,
 ) -> Drag:
-    """Drag a tip over something in time, until it has slipped and rung.
+    """Drag a tip over something in time, until it has passed every edge and rung.
 
     Parameters
     ----------
-    subject : str, Path or Counterface
+    subject : str, Path, Counterface or scanned profile
         A step height such as ``"25 um"``; a CSV with the columns x and z, the unit in their names;
-        a declared stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``; or a counterface, such as a
-        part's.
+        a declared stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``; a counterface, such as a
+        part's; or a profile that `read_scan` returned.
     backward : bool
         Towards falling x: from the crown to the tooth, or down a step.
     stimuli : Path, optional
@@ -266,59 +287,91 @@ def drag_over(
     setting : str, optional
         ``"figures-3-to-5"``: the load carried as those of the paper need it, and its load, friction
         and damping unless given.
-    **values : float
-        What differs from the paper, or from the stimulus's set: `tip_radius`, `edge_radius`,
-        `step_height` [m], `load` [N], `friction` [1], `stiffness` [N/m], `frequency` [Hz],
-        `damping_ratio`, a share of critical damping [1] that is else that of the tool's ring;
-        `hardening`, k3 of ``F = k x + k3 x^3`` [N/m^3]; `pull`, a force [N] on a handle of
-        `handle_mass` [kg] that else moves at constant speed; fields of `DragSettings`, such as
-        `speed` [m/s].
+    x_range : tuple of float, optional
+        Where on a profile the edge lies that is asked about [m]; by default the edge with the
+        greatest critical angle answers. All other events stand in `Drag.events` either way.
+    contact : ContactLaw, optional
+        `Hertz`, `LinearContact` or `ContactFunction`; by default steel on steel by Hertz.
+    tool : Tool, optional
+        Stiffness, frequency (and so its mass) and decay of the explorer.
+    **values : float, str or FrictionLaw
+        What differs from the paper, or from the stimulus's set, in SI or as a text with its unit:
+        `tip_radius`, `edge_radius`, `step_height` [m], `load` [N], `friction` [1] or a law such as
+        `Stribeck`, `stiffness` [N/m], `frequency` [Hz], `damping_ratio`, a share of critical
+        damping [1] that is else that of the tool's ring; `hardening`, k3 of ``F = k x + k3 x^3``
+        [N/m^3]; `pull`, a force [N] on a handle of `handle_mass` [kg] that else moves at constant
+        speed; `speed` [m/s], `static_friction` [1], `stribeck_speed` [m/s], `viscous_friction`
+        [s/m], `handle_damping` [N s/m], `lead` [m], `ring_time` [s], `sample_rate` [Hz] and
+        `resolution` [steps per period].
 
     Returns
     -------
     Drag
-        Traces as a table in `frame`, the release beside equation (1) in `summary`; `write` leaves
-        them in a folder.
+        Traces as a table in `frame`, every catch in `events`, the release that was asked about
+        beside equation (1) in `summary`; `write` puts them in a folder.
 
     Raises
     ------
     PipelineError
-        If the subject cannot be understood, or a value is given that it declares itself.
+        If the subject cannot be understood, a keyword is unknown, or a value is given that the
+        subject declares itself.
     ContactError
-        If the tip can never climb, or the settings make no sense or need more steps than can be
-        afforded.
+        If the tip can never climb, if a value makes no sense or needs more steps than can be
+        afforded, or if the energy ledger does not close.
 
     Examples
     --------
     >>> done = drag_over("25 um", load=0.5, speed=20e-3)
     >>> done.summary["status"], done.summary["ledger_error"] < 1e-3
     ('releases', True)
+    >>> [event.belongs_to for event in done.events]
+    ['feature']
     """
     if setting is not None and setting not in SETTINGS:
         raise PipelineError(f"setting must be one of {', '.join(SETTINGS)}, got {setting!r}")
     named = SETTINGS[setting] if setting else None
     usual = {"load": named.normal_load, "friction": named.friction} if named else {}
-    given = usual | values
-    settings = {name: value for name, value in given.items() if name not in _ELSEWHERE}
+    given = usual | _read_values(values)
+    settings = {name: given[name] for name in _OF_SETTINGS if name in given}
     if pull := given.get("pull"):
         settings |= {
             "speed": 0.0,
             "pulling_force": pull,
             "handle_mass": given.get("handle_mass", 0.1),
+            "handle_damping": settings.get("handle_damping", _GUIDE_DAMPING),
         }
-        settings["handle_damping"] = _GUIDE_DAMPING
-    found = resolve_subject(subject, given, backward, stimuli)
-    point = found.point
+    elif "handle_mass" in given or "handle_damping" in given:
+        raise PipelineError("handle_mass and handle_damping are for a handle that a pull moves")
+    found = resolve_subject(subject, given, backward, stimuli, _start_point(tool, contact))
+    point, face = found.point, found.face
+    if tool is not None and point.tool != tool:
+        point = change_point(
+            replace(point, tool=tool), {n: given[n] for n in OF_TOOL if n in given}
+        )
+    point = replace(point, contact=contact)
+    if x_range is not None:
+        if not isinstance(face, Profile):
+            raise PipelineError(f"x_range is for a profile; {found.name} has one edge")
+        face = replace(face, feature=x_range)
+    within = face.feature if isinstance(face, Profile) else None
     try:
-        track = build_track(found.face, point.ball_radius, backward)
-        formula = found.face.release(point, backward)
+        formula = face.release(point, backward)
+        changes = named.changes(point.tool, point.normal_load) if named else {}
+        changes |= {name: given[name] for name in _OF_PROBE if name in given}
+        trace = drag_face(face, point, backward, settings=settings, probe=changes)
     except ContactError as error:
         raise (PipelineError(f"{error} {found.place}") if found.place else error) from error
-    changes = named.changes(point.tool, point.normal_load) if named else {}
-    changes |= {name: given[name] for name in _OF_PROBE if name in given}
-    trace = simulate_drag(
-        track,
-        build_probe(point.tool, point.ball_radius, **changes),
-        DragSettings.under(point, **settings),
+    return Drag(
+        f"Drag over {found.name}",
+        trace,
+        formula,
+        point.tool,
+        named,
+        backward=backward,
+        within=within,
+        ball_radius=point.ball_radius,
     )
-    return Drag(f"Drag over {found.name}", trace, formula, point.tool, named)
+
+
+def _start_point(tool: Tool | None, contact: ContactLaw | None) -> OperatingPoint:
+    return replace(PAPER, tool=tool or PAPER.tool, contact=contact)

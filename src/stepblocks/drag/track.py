@@ -1,15 +1,15 @@
 """The path of a tip as the integrator needs it: cubic pieces between nodes, and the kinks where two contacts share the load."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stepblocks.contact.counterface import Counterface, Step
+from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.domain import require_not_negative, require_positive
-from stepblocks.contact.path.centre import Array, CentrePath
+from stepblocks.contact.path.centre import Array, CentrePath, FeatureRange
 from stepblocks.contact.path.profile import build_profile_path, find_interval_slopes
 from stepblocks.errors import ContactError
 
@@ -68,12 +68,21 @@ class Track(CentrePath):
         return float(self.x[found[0]]), float(self.x[found[-1]])
 
 
+def find_asked_range(track: Track) -> tuple[float, float] | None:
+    """Return where along a track the edge lies that is asked about [m]; None: the steepest one."""
+    return None if track.feature is None else (track.feature.first, track.feature.last)
+
+
 @lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
 def build_track(face: Counterface, ball_radius: float, backward: bool = False) -> Track:
     """Track over a counterface: up a step in closed form, over anything else by dilating its section."""
     if isinstance(face, Step) and not backward:
         return build_step_track(face.height, ball_radius, face.edge_radius)
-    return build_profile_track(*face.section(4.0 * ball_radius), ball_radius, backward=backward)
+    track = build_profile_track(*face.section(4.0 * ball_radius), ball_radius, backward=backward)
+    if not isinstance(face, Profile) or face.feature is None:
+        return track
+    first, last = (-face.feature[1], -face.feature[0]) if backward else face.feature
+    return replace(track, feature=FeatureRange(first, last, ball_radius))
 
 
 def build_track_along_path(path: CentrePath, ball_radius: float, backward: bool = False) -> Track:
@@ -81,7 +90,15 @@ def build_track_along_path(path: CentrePath, ball_radius: float, backward: bool 
     path = path.mirrored() if backward else path
     turns = np.arctan(path.slope_start[1:]) - np.arctan(path.slope_end[:-1])
     kinks = np.flatnonzero(turns > _SHARED) + 1
-    return Track(path.x, path.z - ball_radius, path.slope_start, path.slope_end, kinks, ball_radius)
+    return Track(
+        path.x,
+        path.z - ball_radius,
+        path.slope_start,
+        path.slope_end,
+        kinks,
+        ball_radius,
+        feature=path.feature,
+    )
 
 
 def build_profile_track(

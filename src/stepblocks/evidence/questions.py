@@ -12,8 +12,9 @@ from typing import Any
 from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.drag.probe import SETTINGS, DragSettings, build_probe
 from stepblocks.drag.ring import Ring, measure_ring
-from stepblocks.drag.simulate import SETTINGS, DragSettings, build_probe, simulate_drag
+from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_track
 
 # Conditions that a published figure may name, and their dimension; words have none

@@ -377,14 +377,10 @@ def drag_in_time(
     face: Counterface, point: OperatingPoint, backward: bool, speed: float, **probe: float
 ) -> tuple[DragTrace, Ring | None]:
     """Drag in time, with what of the probe is other than the tool says, and measure the ring of a tip that releases."""
+    from stepblocks.drag.events import drag_face
     from stepblocks.drag.ring import measure_ring
-    from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
-    from stepblocks.drag.track import build_track
 
-    own = build_probe(point.tool, point.ball_radius, **probe)
-    trace = simulate_drag(
-        build_track(face, point.ball_radius, backward), own, DragSettings.under(point, speed=speed)
-    )
+    trace = drag_face(face, point, backward, settings={"speed": speed}, probe=probe)
     return trace, measure_ring(trace, spectra=False) if trace.status is Status.RELEASES else None
 
 

@@ -212,17 +212,17 @@ def simulate_ring_of(
 
     The ring begins where the pulling force first falls to that of sliding.
     """
+    from stepblocks.drag.probe import DragSettings, build_probe
     from stepblocks.drag.ring import measure_ring
-    from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
-    from stepblocks.drag.track import build_track_along_path
+    from stepblocks.drag.simulate import simulate_drag
+    from stepblocks.drag.track import build_track_along_path, find_asked_range
 
     if event.status is not Status.RELEASES:
         return event
-    probe = build_probe(point.tool, point.ball_radius)
+    probe = build_probe(point.tool, point.ball_radius, point.contact)
     settings = DragSettings.under(point, sample_rate=_RATE, ring_time=_LENGTH)
-    trace = simulate_drag(
-        build_track_along_path(path, point.ball_radius, event.direction < 0), probe, settings
-    )
+    track = build_track_along_path(path, point.ball_radius, event.direction < 0)
+    trace = simulate_drag(track, probe, settings, find_asked_range(track))
     name = f"[{event.stimulus} {event.drag}]"
     if trace.status is not Status.RELEASES:
         raise HapticsError(

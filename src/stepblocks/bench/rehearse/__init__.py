@@ -217,8 +217,9 @@ def record_drag(
     """Record a drag in time over a step; None where the tip does not slip over."""
     # `pull` is a steady force along the drag beside the tip's [N]; `hardening` the cubic stiffness
     # of the spring [N/m^3].
+    from stepblocks.drag.probe import DragSettings, build_probe
     from stepblocks.drag.ring import measure_ring
-    from stepblocks.drag.simulate import DragSettings, build_probe, simulate_drag
+    from stepblocks.drag.simulate import simulate_drag
     from stepblocks.drag.track import build_track
 
     tool, omega = point.tool, 2.0 * math.pi * point.tool.frequency

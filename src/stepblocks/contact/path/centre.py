@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,36 +22,68 @@ _MOST_KNOTS = 20_000  # of all circles together; a scan has hundreds of them
 _CATCH = 1e-6  # a change of slope that counts as a notch
 
 
+class FeatureRange(NamedTuple):
+    """Where the edge lies that is asked about."""
+
+    first: float  # of the positions that a ball touches [m]
+    last: float
+    ball_radius: float  # m
+
+
 @dataclass(frozen=True)
 class CentrePath:
-    """Path of one point of a ball as pieces between knots, each with slopes of its own at both ends."""
+    """Path of one point of a ball as pieces between knots, each with slopes of its own at both ends.
 
-    x: Array  # shape (n,); knots [m], ascending
-    # shape (n,); height of that point: of the centre, unless a subclass says otherwise [m]
+    Attributes
+    ----------
+    x : ndarray
+        Knots [m], ascending, shape (n,).
+    z : ndarray
+        Height of that point [m], shape (n,); the centre, unless a subclass says otherwise.
+    slope_start, slope_end : ndarray
+        Slope dz/dx where each piece begins and ends [1], shape (n - 1,).
+    feature : FeatureRange, optional
+        Where a catch is looked for; everywhere without it.
+    """
+
+    x: Array
     z: Array
-    slope_start: Array  # shape (n - 1,); slope dz/dx where each piece begins [1]
-    slope_end: Array  # shape (n - 1,); and where it ends
+    slope_start: Array
+    slope_end: Array
+    feature: FeatureRange | None = field(default=None, kw_only=True)
 
     def find_notch(self, direction: float) -> tuple[float, float, float]:
         """Find where the probe catches: x, z and the critical angle, 0 for none."""
-        if direction > 0:
-            index = int(np.argmax(self.slope_start))
-            rise, knot = self.slope_start[index], index
-        else:
-            index = int(np.argmin(self.slope_end))
-            rise, knot = -self.slope_end[index], index + 1
-        angle = 0.5 * math.pi if rise >= STEEPEST else math.atan(max(float(rise), 0.0))
+        slope, knots = (
+            (self.slope_start, slice(0, -1)) if direction > 0 else (-self.slope_end, slice(1, None))
+        )
+        if self.feature is not None:
+            reach = self.feature.ball_radius * slope / np.hypot(1.0, slope)
+            touched = self.x[knots] + math.copysign(1.0, direction) * reach
+            inside = (touched >= self.feature.first) & (touched <= self.feature.last)
+            slope = np.where(inside, slope, -np.inf)
+        index = int(np.argmax(slope))
+        rise, knot = float(slope[index]), index + (direction <= 0)
+        angle = 0.5 * math.pi if rise >= STEEPEST else math.atan(max(rise, 0.0))
         return float(self.x[knot]), float(self.z[knot]), angle if angle > _CATCH else 0.0
 
     def mirrored(self) -> CentrePath:
         """Return the path as it is met on the way back."""
+        one = self.feature
         return CentrePath(
-            -self.x[::-1], self.z[::-1], -self.slope_end[::-1], -self.slope_start[::-1]
+            -self.x[::-1],
+            self.z[::-1],
+            -self.slope_end[::-1],
+            -self.slope_start[::-1],
+            feature=one and FeatureRange(-one.last, -one.first, one.ball_radius),
         )
 
     def scaled(self, scale: float) -> CentrePath:
         """Return the path magnified; slopes, and with them all forces, stay."""
-        return CentrePath(self.x * scale, self.z * scale, self.slope_start, self.slope_end)
+        feature = self.feature and FeatureRange(*(scale * one for one in self.feature))
+        return CentrePath(
+            self.x * scale, self.z * scale, self.slope_start, self.slope_end, feature=feature
+        )
 
 
 def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:

@@ -144,16 +144,24 @@ class Catch(NamedTuple):
     angle: float
 
 
-def find_steepest_catch(path: TipPath) -> Catch:
-    """Find the critical angle of a path, its steepest rise towards growing x, exact whatever its positions."""
+def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None) -> Catch:
+    """Find the steepest rise of a path towards growing x, exact whatever its positions.
+
+    `within` holds the search to a range of the positions that the tip touches [m].
+    """
     rise = np.diff(path.height) / np.diff(path.position)
     finite = rise[np.isfinite(rise)]
     # the mean slope of an interval is never more than its greatest, a little less guards against
     # rounding: only steeper ones count
     floor = float(finite.max()) * (1.0 - 1e-9) - 1e-9 if finite.size else 0.0
-    slopes = find_interval_slopes(path, floor)
+    slopes = find_interval_slopes(path, -math.inf if within is not None else floor)
     if np.isnan(slopes[:, 0]).all():
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
+    if within is not None:
+        inside = (slopes[:, 2] >= within[0]) & (slopes[:, 2] <= within[1])
+        if not inside.any():
+            return Catch(math.nan, math.nan, 0.0)  # the tip touches nothing there
+        slopes = slopes[inside]
     return _catch(*slopes[np.nanargmax(slopes[:, 0])])
 
 

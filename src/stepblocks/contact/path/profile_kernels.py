@@ -11,6 +11,7 @@ from numba import njit
 Array = Any
 _CHUNK = 512
 _JUMP = 1e6  # slope of 89.99994 deg
+_SAME = 1e-6  # share by which slopes may differ along one line, from the rounding of its points
 
 
 @njit(cache=True)
@@ -125,12 +126,10 @@ def _find_steepest_between(
         h, u, e = find_best_contact(middle, e0, e1, elements, radius)
         if e >= 0:
             s = _compute_slope(middle, u, radius)
-            if (
-                s >= best
-                # right brackets come first, so that among equals the leftmost stays: the break
-                # itself
-            ):
-                best, where, touch = s, middle, u
+            # right brackets come first, so that among equals the leftmost stays: the break itself;
+            # slopes along one line differ by their last bits
+            if s >= best - _SAME * min(abs(best), 1e12):
+                best, where, touch = max(s, best), middle, u
         stack[depth], marks[depth] = (x0, h0, middle, h), (e0, e)
         stack[depth + 1], marks[depth + 1] = (middle, h, x1, h1), (e, e1)
         depth += 2
@@ -167,9 +166,9 @@ def find_steepest_in_each(
         best, where, touch = _find_steepest_between(
             ends, (a, b), found[k, 0], elements, radius, tolerance
         )
-        if best > found[k, 0]:
+        if best > found[k, 0] + _SAME * min(abs(found[k, 0]), 1e12):
             found[k, 0], found[k, 1], found[k, 2] = best, where, touch
-        if right_slope[k + 1] > found[k, 0]:
+        if right_slope[k + 1] > found[k, 0] + _SAME * min(abs(found[k, 0]), 1e12):
             found[k, 0], found[k, 1], found[k, 2] = (
                 right_slope[k + 1],
                 positions[k + 1],

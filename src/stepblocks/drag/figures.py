@@ -1,0 +1,79 @@
+"""Pictures of a drag: both forces against time, with a mark at every event, and their spectra."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepblocks.contact.energy import Status
+from stepblocks.drag.ring import (
+    LOADING_BAND,
+    RING_BAND,
+    compute_band_share,
+    compute_phase_spectrum,
+)
+from stepblocks.drag.simulate import DragTrace
+from stepblocks.figure_file import make_figure, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_BLUE, _RED, _GREY = "#1f4e79", "#b03030", "#808080"
+
+
+def plot_force(trace: DragTrace, axes: "Axes", channel: str = "fx_n") -> "Axes":
+    """Plot one force against time: the release that was asked about in red, other events in grey."""
+    label = {"fx_n": "tangential $F_x$ [N]", "fy_n": "normal $F_y$ [N]"}.get(channel, channel)
+    axes.plot(trace.column("time_s") * 1e3, trace.column(channel), lw=0.8, color=_BLUE)
+    axes.set_ylabel(label)
+    for number, one in enumerate(trace.passages):
+        if one.status is Status.RELEASES and number != trace.asked:
+            axes.axvline(one.time * 1e3, color=_GREY, lw=0.5, ls=":")
+    if trace.status is Status.RELEASES:
+        axes.axvline(trace.release_time * 1e3, color=_RED, lw=0.8, ls="--")
+    return axes
+
+
+def draw_force(trace: DragTrace, path: Path, title: str) -> None:
+    """Draw both forces against time, as figure 3 of the paper does, and mark the release."""
+    figure, axes = make_figure(2, 1, sharex=True, height=4.6)
+    for axis, name in zip(axes, ("fx_n", "fy_n"), strict=True):
+        plot_force(trace, axis, name)
+    if trace.status is Status.RELEASES:
+        axes[0].annotate(
+            f"release, $F_{{px}}$ = {trace.peak_force:.3g} N",
+            (trace.release_time * 1e3, trace.peak_force),
+            (8, 2),
+            textcoords="offset points",
+            va="top",
+            fontsize=8,
+            color=_RED,
+        )
+    axes[1].set_xlabel("time [ms]")
+    axes[0].set_title(title, fontsize=10)
+    save_figure(figure, path)
+
+
+def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
+    """Draw the spectra of the loading and of the vibration phase of both forces, as figures 4 and 5 do."""
+    figure, axes = make_figure(2, 2, sharex=True, height=5.0)
+    for row, (channel, label) in enumerate((("fx_n", "$F_x$"), ("fy_n", "$F_y$"))):
+        for axis, (phase, band) in zip(
+            axes[row], (("loading", LOADING_BAND), ("vibration", RING_BAND)), strict=True
+        ):
+            frequency, energy = compute_phase_spectrum(trace, phase, channel)
+            shown = frequency <= 600.0
+            axis.plot(
+                frequency[shown],
+                energy[shown] / max(float(energy[shown].max()), 1e-300),
+                lw=0.9,
+                color=_BLUE,
+            )
+            axis.axvspan(*band, color="#f0c040", alpha=0.25, lw=0)
+            share = compute_band_share(frequency, energy, band)
+            axis.set_title(
+                f"{phase}, {label}: {share:.0%} in {band[0]:.0f}-{band[1]:.0f} Hz", fontsize=9
+            )
+            axis.set_ylabel("relative energy")
+    for axis in axes[1]:
+        axis.set_xlabel("frequency [Hz]")
+    figure.suptitle(title, fontsize=10)
+    save_figure(figure, path)

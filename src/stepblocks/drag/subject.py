@@ -1,0 +1,155 @@
+"""What a drag goes over, and under what: a height, a file, a declared stimulus or a counterface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+from stepblocks.contact.counterface import Counterface, Profile, Step
+from stepblocks.contact.domain import Scanned
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.declare import load_declared
+from stepblocks.errors import ContactError, PipelineError, QuantityError
+from stepblocks.parts.kind import Part
+from stepblocks.parts.set import StimulusSet
+from stepblocks.quantities import format_quantity, parse_quantity
+from stepblocks.select import find_stimulus_files, matches_pattern
+from stepblocks.tables import read_si_columns, read_table
+from stepblocks.text_file import format_file_name
+
+# What of an operating point and of its tool may be given beside the subject
+OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}
+OF_TOOL = ("stiffness", "frequency")
+_WANTED = "stimulus must be a step height such as '25 um', a CSV"
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is dragged over, and under what."""
+
+    name: str  # for the heading and the summary
+    face: Counterface
+    point: OperatingPoint
+    place: str = ""  # file of a profile, for messages
+
+
+def resolve_subject(
+    given: str | Path | Counterface | Scanned,
+    values: Mapping[str, float],
+    backward: bool = False,
+    where: Path | None = None,
+    point: OperatingPoint = PAPER,
+) -> Subject:
+    """Find out what is to be dragged over; `values` [SI] replace what `point` or the set says."""
+    if not isinstance(given, (str, Path)):
+        face = given if isinstance(given, Counterface) else _read_profile(given)
+        for name in ("edge_radius", "step_height"):
+            if name in values:
+                raise PipelineError(f"{name} is for a plain step; {face!r} has its own shape")
+        return Subject("a counterface", face, change_point(point, values))
+    if (path := Path(given)).suffix.lower() == ".csv":
+        if "edge_radius" in values:
+            raise PipelineError(
+                f"--edge-radius is for a plain step; a profile has its own [{path}]"
+            )
+        frame = read_table(path)
+        columns = read_si_columns(
+            frame, {name: ([name], "length", None) for name in ("x", "z")}, path
+        )
+        try:
+            shape = Profile(columns["x"], columns["z"])
+            return Subject(
+                format_file_name(path.name), shape, change_point(point, values), f"[{path}]"
+            )
+        except ContactError as error:
+            raise PipelineError(f"{error} [{path}]") from error
+    try:
+        height = parse_quantity(str(given), "length")
+    except QuantityError:
+        return _declared(*_find(str(given), where), values, backward)
+    face = Step(height, values.get("edge_radius", 0.0))
+    return Subject(
+        f"a step of {format_quantity(height, 'length')}", face, change_point(point, values)
+    )
+
+
+def _read_profile(given: object) -> Profile:
+    """Take over a scanned profile, or refuse what is none."""
+    if not (hasattr(given, "position") and hasattr(given, "height")):
+        raise PipelineError(
+            f"{_WANTED}, a counterface such as Step(25e-6), or a scanned profile, got "
+            f"{type(given).__name__}"
+        )
+    return Profile.from_scan(cast(Scanned, given))
+
+
+def _declared(
+    stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool
+) -> Subject:
+    """Drag over a part, or with it, under the first tip, load, friction and step of its set unless `values` differ."""
+    grid = stimuli.grid_of(part)
+    own = {
+        "edge_radius": "--edge-radius is for a plain step; a stimulus declares its own",
+        "tip_radius": "--tip-radius must not be given for a tip, it declares its own"
+        if part.ball is not None
+        else "",
+        "step_height": "--step-height is for a declared tip; a block declares its own"
+        if part.crossed
+        else "",
+    }
+    for name, rule in own.items():
+        if rule and name in values:
+            raise PipelineError(f"{rule} [{stimuli.name}/{part.id}]")
+    ball = grid.tip_radii[0] if part.ball is None else part.ball.nominal
+    height = None if part.crossed else values.get("step_height", grid.step_heights[0])
+    tool = grid.as_tool()
+    if ring := stimuli.ring_of(part):
+        tool = ring.as_tool(tool)
+    point = OperatingPoint(
+        ball, grid.normal_loads[0], grid.frictions[0], tool, tissue=part.tissue(tool)
+    )
+    face, name = part.counterface(height), part.id
+    if height is not None:
+        probe = name if part.ball is not None else f"probe in {name}"
+        name = f"{probe} over a step of {format_quantity(height, 'length')}"
+    elif len(face.ways) > 1:
+        name = f"{name}, {face.ways[backward]}"
+    return Subject(name, face, change_point(point, values))
+
+
+def change_point(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
+    """Return the point with the given values; a new coefficient replaces a law of friction."""
+    of_tool = {name: values[name] for name in OF_TOOL if name in values}
+    moved: dict[str, Any] = {
+        field: values[name] for name, field in OF_POINT.items() if name in values
+    }
+    if "friction" in moved:
+        moved["friction_law"] = None
+    return replace(point, tool=replace(point.tool, **of_tool), **moved)  # type: ignore[arg-type]
+
+
+def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
+    """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
+    head, _, identity = text.rpartition("/")
+    if head.endswith(".toml"):
+        files, wanted = [Path(head)], identity
+    elif where is None and not Path("stimuli").is_dir():
+        raise PipelineError(f"{_WANTED}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
+    else:
+        files, wanted = find_stimulus_files(where), text
+    sets = [load_declared(file) for file in files]
+    found = [
+        (one, part)
+        for one in sets
+        for part in one.stimuli
+        if matches_pattern(wanted, one.name, part.id)
+    ]
+    if len(found) > 1:
+        names = ", ".join(f"{one.name}/{part.id}" for one, part in found)
+        raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
+    if not found:
+        places = ", ".join(map(str, files))
+        raise PipelineError(f"{_WANTED}, or declared in {places}, got {text!r}")
+    return found[0]
