@@ -18,11 +18,21 @@ from .contact.counterface import (
     Margin as Margin,
     Profile as Profile,
     Step as Step,
-    energy_change as energy_change,
 )
 from .contact.critical_angle import margin_angles as margin_angles, step_angle as step_angle
 from .contact.energy import Release as Release, Status as Status, release_at as release_at
+from .contact.energy_change import energy_change as energy_change
 from .contact.event import vibration_events as vibration_events
+from .contact.laws import (
+    ContactFunction as ContactFunction,
+    ContactLaw as ContactLaw,
+    Coulomb as Coulomb,
+    FrictionFunction as FrictionFunction,
+    FrictionLaw as FrictionLaw,
+    Hertz as Hertz,
+    LinearContact as LinearContact,
+    Stribeck as Stribeck,
+)
 from .contact.operating_point import PAPER as PAPER, OperatingPoint as OperatingPoint, Tool as Tool
 from .contact.uncertainty import interval_of as interval_of
 from .declare import load_set as load_set

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.counterface import Margin, Profile, Step, energy_change, find_scanned_angle
+from stepblocks.contact.counterface import Margin, Profile, Step, find_scanned_angle
 from stepblocks.contact.critical_angle import step_angle
 from stepblocks.contact.energy import release_at
+from stepblocks.contact.energy_change import energy_change
 from stepblocks.contact.operating_point import OperatingPoint
 
 POINT = OperatingPoint(125e-6, 0.7, 0.15)

@@ -7,8 +7,9 @@ from pathlib import Path
 from stepblocks.artefacts.qif_read import match_results, read_qif_results
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
-from stepblocks.contact.counterface import Step, energy_change, find_scanned_angle
+from stepblocks.contact.counterface import Step, find_scanned_angle
 from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.energy_change import energy_change
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import (
     Component,

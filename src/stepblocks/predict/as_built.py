@@ -7,8 +7,9 @@ from functools import cache
 from typing import Any
 
 from stepblocks.artefacts.as_built import AsBuilt
-from stepblocks.contact.counterface import energy_change, find_scanned_angle
+from stepblocks.contact.counterface import find_scanned_angle
 from stepblocks.contact.energy import Release, release_at
+from stepblocks.contact.energy_change import energy_change
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
