@@ -9,8 +9,7 @@ Everything that a command does is also a function. The public names, in the orde
   `Verdict`, `order_parts`;
 - contact: `Counterface`, `Step`, `Margin`, `Groove`, `Profile`, under an `OperatingPoint` with its
   `Tool`; the paper's is `PAPER`;
-- laws of friction and contact: `FrictionLaw` with `Coulomb`, `Stribeck`, `FrictionFunction`;
-  `ContactLaw` with `Hertz`, `LinearContact`, `ContactFunction`;
+- laws of friction and contact: `FrictionLaw`, `Stribeck`, `ContactLaw`, `Hertz`, `LinearContact`;
 - predict: `step_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`,
   `energy_change`, `predict_set`, `predict_table`, `predict_trials`, `sweep`, `drag_over`,
   `vibration_events`;

@@ -24,10 +24,7 @@ from .contact.energy import Release as Release, Status as Status, release_at as 
 from .contact.energy_change import energy_change as energy_change
 from .contact.event import vibration_events as vibration_events
 from .contact.laws import (
-    ContactFunction as ContactFunction,
     ContactLaw as ContactLaw,
-    Coulomb as Coulomb,
-    FrictionFunction as FrictionFunction,
     FrictionLaw as FrictionLaw,
     Hertz as Hertz,
     LinearContact as LinearContact,

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from stepblocks.contact.domain import MOST_BALL, convert_field, read_number, require_not_negative
+from stepblocks.contact.domain import MOST_BALL, convert_field, require_not_negative
 from stepblocks.contact.laws import ContactLaw, FrictionLaw
 from stepblocks.errors import ContactError
 
@@ -148,9 +148,8 @@ class OperatingPoint:
         convert_field(self, "normal_load", "force", 1e4)
         convert_field(self, "speed", "speed", 100.0)
         if self.friction_law is not None:
-            at_rest = self.friction_law.coefficient(0.0, self.normal_load, 0.0, 0.0)
+            at_rest = self.friction_law.find_at_rest(self.normal_load)
             object.__setattr__(self, "friction", at_rest)
-        require_not_negative("friction", read_number("friction", self.friction, "ratio"))
         convert_field(self, "friction", "ratio", 1e3, low=0.0)
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,8 +17,7 @@ _LEVEL = math.radians(0.02)  # slopes that differ by less are one
 _AHEAD = 0.05  # the approach to a place begins at least so many radii before its foot
 
 
-@dataclass(frozen=True)
-class CatchPlaces:
+class CatchPlaces(NamedTuple):
     """The places in the order of the drag, as arrays of shape (n,); x is that of the tip's axis.
 
     Attributes
@@ -46,16 +44,17 @@ class CatchPlaces:
     start: Array
     contact: Array
 
-    def find_asked(self, within: tuple[float, float] | None = None) -> int | None:
-        """Return the place with the greatest angle, of those whose edge lies `within` a range [m]."""
-        angle = self.angle
-        if within is not None:
-            inside = (self.contact >= within[0]) & (self.contact <= within[1])
-            angle = np.where(inside, angle, -np.inf)
-        # of equal angles, to what a double can tell, the first counts
-        if angle.size == 0 or not math.isfinite(angle.max()):
-            return None
-        return int(np.flatnonzero(angle >= angle.max() * (1.0 - 1e-7))[0])
+
+def find_asked_place(places: CatchPlaces, within: tuple[float, float] | None) -> int | None:
+    """Find the place with the greatest angle, of those whose edge lies `within` a range [m]."""
+    angle = places.angle
+    if within is not None:
+        inside = (places.contact >= within[0]) & (places.contact <= within[1])
+        angle = np.where(inside, angle, -np.inf)
+    if not np.isfinite(angle).any():
+        return None
+    # of equal angles, to what a double can tell, the first counts
+    return int(np.flatnonzero(angle >= angle.max() * (1.0 - 1e-7))[0])
 
 
 def find_catch_places(track: Track, least: float = LEAST_ANGLE) -> CatchPlaces:

@@ -24,9 +24,9 @@ def plot_force(trace: DragTrace, axes: "Axes", channel: str = "fx_n") -> "Axes":
     label = {"fx_n": "tangential $F_x$ [N]", "fy_n": "normal $F_y$ [N]"}.get(channel, channel)
     axes.plot(trace.column("time_s") * 1e3, trace.column(channel), lw=0.8, color=_BLUE)
     axes.set_ylabel(label)
-    for number, one in enumerate(trace.passages):
-        if one.status is Status.RELEASES and number != trace.asked:
-            axes.axvline(one.time * 1e3, color=_GREY, lw=0.5, ls=":")
+    for number, one in enumerate(trace.events):
+        if one.status == "releases" and number != trace.asked:
+            axes.axvline(one.released_s * 1e3, color=_GREY, lw=0.5, ls=":")
     if trace.status is Status.RELEASES:
         axes.axvline(trace.release_time * 1e3, color=_RED, lw=0.8, ls="--")
     return axes

@@ -28,21 +28,12 @@ _LOST = ("friction_loss", "damping_loss", "impact_loss", "tissue_loss")
 LEDGER = ("handle_work", *_STORED, *_LOST)
 # columns of the rows of the places that the tip has passed, before the ledger at that time
 PASSED = ("place", "pull_n", "time_s", "x_m", "low_n", "low_time_s", "passed_s")
-# points and weights of Gauss and Legendre on 0 to 1, for the energy of a contact law of the user
-_POINTS, _WEIGHTS = (0.5 * one for one in np.polynomial.legendre.leggauss(16))
-_POINTS = _POINTS + 0.5
 
 
-# Stand in the call of `integrate` where the user gives no law; they are never called
+# Stands in the call of `integrate` where the friction is no function; it is never called
 @cfunc("float64(float64, float64, float64, float64)", cache=True)
 def no_friction(speed: float, load: float, place: float, time: float) -> float:
     """No friction."""
-    return 0.0
-
-
-@cfunc("float64(float64)", cache=True)
-def no_force(indentation: float) -> float:
-    """No force."""
     return 0.0
 
 
@@ -57,35 +48,14 @@ def _press(
     stiffness: float,
     power: float,
     loss: float,
-    force_law: Callable[[float], float],
 ) -> tuple[float, float, float, float]:
     """Force of one contact pressed in by `gap` > 0: x and y of its elastic part, all of it, its loss."""
     # the gradient of a potential of the indentation along the normal conserves energy on a curved
     # path too; the loss is Hunt and Crossley's; q is 1 / sqrt(1 + s^2)
     dent = gap * q
-    if power == 1.0:
-        force = stiffness * dent
-    elif power == 1.5:
-        force = stiffness * dent * math.sqrt(dent)
-    else:
-        force = force_law(dent)
+    force = stiffness * (dent * math.sqrt(dent) if power == 1.5 else dent**power)
     lossy = max(force * loss * q * (s * vx - vy), -force)
     return -force * (s * q - gap * s * bend * q * q * q), force * q, force + lossy, lossy
-
-
-@njit(cache=True)
-def _contact_energy(
-    dent: float, stiffness: float, power: float, force_law: Callable[[float], float]
-) -> float:
-    """Elastic energy of one contact pressed in by `dent` along its normal [J]."""
-    if dent <= 0.0:
-        return 0.0
-    if power > 0.0:
-        return stiffness * dent ** (power + 1.0) / (power + 1.0)
-    total = 0.0
-    for k in range(_POINTS.size):
-        total += _WEIGHTS[k] * force_law(dent * _POINTS[k])
-    return total * dent
 
 
 @njit(cache=True, inline="always")
@@ -118,7 +88,6 @@ def integrate(
     pace: tuple[float, int, int],
     places: tuple[Array, ...],
     friction_law: Callable[[float, float, float, float], float],
-    force_law: Callable[[float], float],
 ) -> tuple[Array, int, Array, Array, Array, int]:
     """Integrate a drag.
 
@@ -227,14 +196,10 @@ def integrate(
                 if gap2 > 0.0:
                     s2 = s0 + 2.0 * step * b0
                     q2 = 1.0 / math.sqrt(1.0 + s2 * s2)
-                    fx2, fy2, n2, d2 = _press(
-                        gap2, s2, 2.0 * b0, q2, vx, vy, kn, power, loss, force_law
-                    )
+                    fx2, fy2, n2, d2 = _press(gap2, s2, 2.0 * b0, q2, vx, vy, kn, power, loss)
         if gap > 0.0:
             q1 = 1.0 / math.sqrt(1.0 + sx * sx)
-            fx1, fy1, n1, d1 = _press(
-                gap, sx, 2.0 * k2 + 6.0 * d * k3, q1, vx, vy, kn, power, loss, force_law
-            )
+            fx1, fy1, n1, d1 = _press(gap, sx, 2.0 * k2 + 6.0 * d * k3, q1, vx, vy, kn, power, loss)
         # ---- friction of both contacts; a contact that has parted lets go of its bristle
         t = n * dt
         t1 = t2 = 0.0
@@ -369,8 +334,8 @@ def integrate(
                 stored[1] = kinetic if driven else kinetic + 0.5 * hand_mass * mh * mh
                 stored[2] = 0.5 * k * (hand - x) ** 2 + 0.25 * cubic * (hand - x) ** 4
                 stored[3] = load * carrier + 0.5 * ky * (carrier - y) ** 2 if carried else load * y
-                stored[4] = _contact_energy(gap * q1, kn, power, force_law)
-                stored[4] += _contact_energy(gap2 * q2, kn, power, force_law)
+                dents = max(gap * q1, 0.0) ** (power + 1.0) + max(gap2 * q2, 0.0) ** (power + 1.0)
+                stored[4] = kn * dents / (power + 1.0)
                 stored[5] = grip
                 if first:
                     ledger -= stored

@@ -7,14 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from stepblocks.contact.domain import require_not_negative, require_positive
-from stepblocks.contact.laws import (
-    ContactLaw,
-    Coulomb,
-    FrictionLaw,
-    Hertz,
-    Stribeck,
-    find_indentation,
-)
+from stepblocks.contact.laws import ContactLaw, FrictionLaw, Hertz
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.errors import ContactError
 
@@ -34,7 +27,7 @@ class Probe:
     contact_stiffness : float
         Of the contact along its normal [N/m^p].
     contact_power : float
-        p: 1.5 for Hertz, 1 for a linear contact, 0 where `contact_law` says the force [1].
+        p: 1.5 for Hertz, 1 for a linear contact, at least 1 [1].
     contact_loss : float
         Share of the contact force that is lost per speed of approach, after Hunt and Crossley
         [s/m]; assumed.
@@ -44,10 +37,6 @@ class Probe:
         Mass that is lifted with the carrier [kg]; used where `normal_stiffness` is not 0.
     hardening : float
         k3 of ``F = k x + k3 x^3``, Duffing's spring [N/m^3].
-    contact_law : ContactLaw, optional
-        A law that is no power law.
-    ball_radius : float
-        For that law [m].
     """
 
     stiffness: float
@@ -59,8 +48,6 @@ class Probe:
     normal_stiffness: float = 0.0
     carrier_mass: float = 0.0
     hardening: float = 0.0
-    contact_law: ContactLaw | None = None
-    ball_radius: float = PAPER.ball_radius
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "mass", "contact_stiffness"):
@@ -73,10 +60,9 @@ class Probe:
             "hardening",
         ):
             require_not_negative(name, getattr(self, name))
-        powers = (1.0, 1.5) if self.contact_law is None else (0.0,)
-        if self.contact_power not in powers:
+        if not 1.0 <= self.contact_power <= 4.0:
             raise ContactError(
-                f"contact_power must be 1 (linear) or 1.5 (Hertz), got {self.contact_power:g}"
+                f"contact_power must lie between 1 (linear) and 4, got {self.contact_power:g}"
             )
         if self.normal_stiffness > 0.0 and self.carrier_mass <= 0.0:
             raise ContactError("carrier_mass must be positive where normal_stiffness is not 0")
@@ -88,8 +74,6 @@ class Probe:
 
     def find_indentation(self, force: float) -> float:
         """Find the indentation at which the contact bears a force [m]."""
-        if self.contact_law is not None:
-            return find_indentation(self.contact_law, self.ball_radius, force)
         return float((force / self.contact_stiffness) ** (1.0 / self.contact_power))
 
     def stretch(self, force: float) -> float:
@@ -195,17 +179,7 @@ class DragSettings:
         law, load = point.friction_law, point.normal_load
         if law is None or "friction" in changes:
             return settings
-        if isinstance(law, Coulomb):
-            return replace(settings, friction=law.sliding)
-        if isinstance(law, Stribeck):
-            return replace(
-                settings,
-                friction=law.sliding,
-                static_friction=law.static,
-                stribeck_speed=law.stribeck_speed,
-                viscous_friction=law.viscous,
-            )
-        sliding, rest = (law.coefficient(v, load, 0.0, 0.0) for v in (settings.speed, 0.0))
+        sliding, rest = law.coefficient(settings.speed, load, 0.0, 0.0), law.find_at_rest(load)
         static = rest if rest > sliding else 0.0
         return replace(settings, friction=sliding, static_friction=static, friction_law=law)
 
@@ -224,20 +198,8 @@ def build_probe(
     tool: Tool, ball_radius: float, contact: ContactLaw | None = None, /, **changes: Any
 ) -> Probe:
     """Return the probe that rings as a tool does; its contact is that of steel on steel by default."""
-    law = contact or Hertz()
-    stiffness, power = law.power_law(ball_radius)
-    if power > 0.0:
-        probe = Probe(tool.stiffness, tool.effective_mass, tool.damping_ratio, stiffness, power)
-    else:
-        probe = Probe(
-            tool.stiffness,
-            tool.effective_mass,
-            tool.damping_ratio,
-            contact_stiffness=1.0,  # has no meaning beside a law
-            contact_power=0.0,
-            contact_law=law,
-            ball_radius=ball_radius,
-        )
+    contact_law = (contact or Hertz()).power_law(ball_radius)
+    probe = Probe(tool.stiffness, tool.effective_mass, tool.damping_ratio, *contact_law)
     return replace(probe, **changes)
 
 

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.simulate import DragTrace
 from stepblocks.errors import ContactError
 
@@ -17,8 +16,6 @@ RING_BAND = (250.0, 350.0)
 _PAPER_RING = PAPER.tool.ring_duration
 _QUIET = 0.05  # of the first swing: below it the ring has ended
 _FEWEST = 3  # samples of a ring that the next place cuts short
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -59,86 +56,55 @@ class Ring:
     ring_band_share: float = math.nan
 
 
-@dataclass(frozen=True)
-class _Window:
-    """The part of a trace that belongs to one release."""
-
-    time: Floats  # from the release to the next one, or to the end [s]
-    force: Floats  # the pull [N]
-    period: float  # of the tool's ring [s]
-    level: float  # pull of sliding [N]
-    rate: float  # of the samples [Hz]
-    whole: bool  # whether nothing else catches the tip within the paper's 16 ms
-
-    @property
-    def settled(self) -> float:
-        """Mean pull over the last whole periods, so that a ring that still goes on averages out [N]."""
-        span = 0.25 * float(self.time[-1] - self.time[0])
-        periods = max(np.floor(span / self.period), 1.0)
-        count = max(round(periods * self.period * self.rate), 2)
-        return float(self.force[-count - 1 : -1].mean())
-
-    @property
-    def fallen(self) -> int:
-        """Number of the first sample at which the pull is down at that of sliding."""
-        below = np.flatnonzero(self.force <= self.level)
-        return int(below[0]) if below.size else 0
-
-
-def _cut_window(trace: DragTrace, passage: int) -> _Window:
-    """Cut the part of a trace that belongs to one passage; -1 stands for the release of the trace."""
-    time, force = trace.column("time_s"), trace.column("fx_n")
-    after = trace.passages[passage + 1 :] if trace.passages and passage >= 0 else ()
-    begin = trace.passages[passage].time if passage >= 0 else trace.release_time
-    # the next place ends the ring once it holds the tip
-    caught = [one.time for one in after if one.status is not Status.RUN_OVER]
-    inside = time >= begin
-    whole = True
-    if caught:
-        inside &= time <= caught[0]
-        whole = caught[0] - begin > _PAPER_RING
-    if np.count_nonzero(inside) < _FEWEST:
-        inside = (time >= begin) & (np.cumsum(time >= begin) <= _FEWEST)
-    return _Window(
-        time[inside],
-        force[inside],
-        1.0 / trace.probe.frequency,
-        trace.settings.sliding_force,
-        trace.settings.sample_rate,
-        whole,
+def _cut_ring(trace: DragTrace, event: int) -> DragTrace:
+    """Cut what belongs to one release: its pull, from the release to the next one or to the end."""
+    if event < 0:
+        return replace(trace, rows=trace.rows[trace.column("time_s") >= trace.release_time])
+    one = trace.events[event]
+    later = [other.released_s for other in trace.events[event + 1 :] if other.status == "releases"]
+    time = trace.column("time_s")
+    first = int(np.searchsorted(time, one.released_s))
+    last = max(int(np.searchsorted(time, later[0])), first + _FEWEST) if later else len(time)
+    return replace(
+        trace, rows=trace.rows[first:last], peak_force=one.pull_n, release_time=one.released_s
     )
 
 
-def measure_ring(trace: DragTrace, *, spectra: bool = True, passage: int | None = None) -> Ring:
-    """Measure the ring of the release that was asked about, or of another passage.
+def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = None) -> Ring:
+    """Measure the ring of the release that was asked about, or of another event.
 
     The three spectral figures take longer than the drag itself.
     """
-    asked = passage is None
-    number = trace.asked if passage is None else passage
-    status = trace.status if passage is None else trace.passages[number].status
-    if status is not Status.RELEASES:
-        raise ContactError(f"a trace that is {status} has no ring")
-    window = _cut_window(trace, number)
-    if asked and window.whole and window.time[-1] - window.time[0] < _PAPER_RING:
+    if event is None and trace.status is not Status.RELEASES:
+        raise ContactError(f"a trace that is {trace.status} has no ring")
+    cut = _cut_ring(trace, trace.asked if event is None else event)
+    time, swing = cut.column("time_s"), cut.column("fx_n")
+    if event is None and trace.column("time_s")[-1] - trace.release_time < _PAPER_RING:
         raise ContactError(
             f"a ring needs {_PAPER_RING:g} s after the release, got "
-            f"{window.time[-1] - trace.release_time:g} s"
+            f"{time[-1] - trace.release_time:g} s"
         )
-    begin = trace.release_time if number < 0 else trace.passages[number].time
-    pull = trace.peak_force if number < 0 else trace.passages[number].pull
+    level = trace.settings.sliding_force
     # the lowest point of the first swing lies within one period of the release, after the fall
     # itself
-    first = window.force[: max(np.searchsorted(window.time, begin + 2.0 * window.period), 3)]
-    amplitude = max(window.level - float(first.min()), 0.0)
-    loud = np.flatnonzero(np.abs(window.force - window.settled) > _QUIET * amplitude)
-    duration = float(window.time[loud[-1]] - begin) if loud.size else 0.0
-    level, probe = window.level, trace.probe
-    hard = probe.hardening > 0.0
-    energy = probe.energy(level - amplitude, level) if hard else probe.energy(amplitude)
-    share = energy / probe.energy(pull)
-    _require_energy(trace, number, energy)
-    ring = Ring(amplitude, level, energy, share, duration, _find_decay_time(window))
+    end = cut.release_time + 2.0 / trace.probe.frequency
+    first = swing[: max(np.searchsorted(time, end), _FEWEST)]
+    amplitude = max(level - float(first.min()), 0.0)
+    loud = np.flatnonzero(np.abs(swing - _find_settled(cut)) > _QUIET * amplitude)
+    duration = float(time[loud[-1]] - cut.release_time) if loud.size else 0.0
+    hard = trace.probe.hardening > 0.0
+    energy = trace.probe.energy(level - amplitude, level) if hard else trace.probe.energy(amplitude)
+    # what the spring, the fall of the load and the handle can give
+    fall, travel = cut.column("y_m")[0] - cut.column("y_m").min(), np.ptp(cut.column("handle_m"))
+    given = cut.stored_energy + trace.settings.normal_load * fall + abs(cut.peak_force) * travel
+    if energy > 1.02 * given:
+        raise ContactError(
+            f"the ring at {cut.release_time:.6g} s has {energy:.3g} J, but is given {given:.3g} J: "
+            "its energy ledger fails; raise the resolution"
+        )
+    ring = Ring(
+        amplitude, level, energy, energy / cut.stored_energy, duration, _find_decay_time(cut)
+    )
     if not spectra:
         return ring
     frequencies, power = compute_phase_spectrum(trace, "vibration")
@@ -154,27 +120,6 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, passage: int | None 
     )
 
 
-def _require_energy(trace: DragTrace, number: int, energy: float) -> None:
-    """Refuse a ring that has more energy than the spring, the fall of the load and the handle can give."""
-    begin = trace.release_time if number < 0 else trace.passages[number].time
-    pull = trace.peak_force if number < 0 else trace.passages[number].pull
-    rows = trace.rows[trace.column("time_s") >= begin]
-    if not len(rows):
-        return
-    soon = rows[: max(int(np.searchsorted(rows[:, 0], begin + 2.0 / trace.probe.frequency)), 2)]
-    height, handle = soon[:, COLUMNS.index("y_m")], soon[:, COLUMNS.index("handle_m")]
-    fallen = trace.settings.normal_load * max(float(height[0] - height.min()), 0.0)
-    work = max(pull, 0.0) * float(np.ptp(handle))
-    speed = float(np.abs(np.gradient(handle, soon[:, 0])).max()) if len(soon) > 2 else 0.0
-    moving = 0.5 * (trace.probe.mass + trace.settings.handle_mass) * speed**2
-    given = trace.probe.energy(pull) + fallen + work + moving
-    if energy > 1.02 * given:
-        raise ContactError(
-            f"the ring at {begin:.6g} s has {energy:.3g} J, but only {given:.3g} J are given to it: "
-            "the energy ledger of the drag fails; raise the resolution"
-        )
-
-
 def compute_phase_spectrum(
     trace: DragTrace, phase: str, channel: str = "fx_n"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -185,12 +130,13 @@ def compute_phase_spectrum(
     rate = trace.settings.sample_rate
     if phase not in ("loading", "vibration"):
         raise ContactError(f"phase must be loading or vibration, got {phase!r}")
-    window = _cut_window(trace, trace.asked)
-    begin = float(window.time[window.fallen])
+    cut = _cut_ring(trace, trace.asked)
+    begin = _find_fall(cut)
     # the loading begins where the place before lets go
-    start = trace.passages[trace.asked - 1].time if trace.asked > 0 else -math.inf
-    loading = (time < trace.release_time) & (time > start)
-    ringing = (time >= begin) & (time < begin + _PAPER_RING) & (time <= window.time[-1])
+    before = trace.events[trace.asked - 1].released_s if trace.asked > 0 else -math.inf
+    loading = (time < trace.release_time) & (time > before)
+    end = min(begin + _PAPER_RING, math.nextafter(float(cut.column("time_s")[-1]), math.inf))
+    ringing = (time >= begin) & (time < end)
     part = values[loading if phase == "loading" else ringing]
     if part.size < 16:
         raise ContactError(f"the {phase} phase has {part.size} samples, at least 16 are needed")
@@ -199,15 +145,13 @@ def compute_phase_spectrum(
     return np.asarray(frequency), np.asarray(density * part.size / rate)
 
 
-def _find_decay_time(window: _Window) -> float:
+def _find_decay_time(cut: DragTrace) -> float:
     """Time after the fall in which the greatest deviation of each half period sinks to 1/e of the first [s]."""
-    force = window.force[window.fallen :]
-    half = max(round(0.5 * window.rate * window.period), 2)
-    if force.size < half:
-        return math.nan
-    swings = (
-        np.abs(force[: force.size // half * half] - window.settled).reshape(-1, half).max(axis=1)
-    )
+    force = cut.column("fx_n")[cut.column("time_s") >= _find_fall(cut)]
+    rate = cut.settings.sample_rate
+    half = max(round(0.5 * rate / cut.probe.frequency), 2)
+    swings = np.abs(force[: force.size // half * half] - _find_settled(cut))
+    swings = swings.reshape(-1, half).max(axis=1)
     below = np.flatnonzero(swings <= swings[:1] / math.e)
     if below.size == 0 or below[0] == 0:
         return math.nan
@@ -215,7 +159,22 @@ def _find_decay_time(window: _Window) -> float:
     # between two half periods the swings fall exponentially
     fall = math.log(swings[last - 1] / max(swings[last], 1e-300))
     part = math.log(swings[last - 1] * math.e / swings[0]) / max(fall, 1e-300)
-    return (last - 1 + min(part, 1.0)) * half / window.rate
+    return (last - 1 + min(part, 1.0)) * half / rate
+
+
+def _find_settled(cut: DragTrace) -> float:
+    """Mean pull over the last whole periods, so that a ring that still goes on averages out [N]."""
+    time, force = cut.column("time_s"), cut.column("fx_n")
+    span = 0.25 * (time[-1] - cut.release_time)
+    periods = max(np.floor(span * cut.probe.frequency), 1.0)
+    count = max(round(periods / cut.probe.frequency * cut.settings.sample_rate), 2)
+    return float(force[-count - 1 : -1].mean())
+
+
+def _find_fall(cut: DragTrace) -> float:
+    """First time after the release at which the pull is down at that of sliding [s]."""
+    below = np.flatnonzero(cut.column("fx_n") <= cut.settings.sliding_force)
+    return float(cut.column("time_s")[below[0]]) if below.size else cut.release_time
 
 
 def compute_band_share(

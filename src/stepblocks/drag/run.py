@@ -15,20 +15,15 @@ from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface, Profile
 from stepblocks.contact.domain import Scanned, read_number
 from stepblocks.contact.energy import Release, Status
+from stepblocks.contact.kernels import compute_height_at_angle
 from stepblocks.contact.laws import ContactLaw, FrictionLaw
-from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
-from stepblocks.drag.events import (
-    DragEvent,
-    build_event_table,
-    drag_face,
-    find_texture_floor,
-    list_events,
-)
+from stepblocks.contact.operating_point import PAPER, Tool
+from stepblocks.drag.events import drag_face, list_events
 from stepblocks.drag.kernels import COLUMNS
-from stepblocks.drag.probe import SETTINGS, DragSettings, Probe, Setting
+from stepblocks.drag.probe import SETTINGS, Setting
 from stepblocks.drag.ring import Ring, measure_ring
-from stepblocks.drag.simulate import DragTrace
-from stepblocks.drag.subject import OF_TOOL, change_point, resolve_subject
+from stepblocks.drag.simulate import DragEvent, DragTrace
+from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.tables import write_table
 
@@ -117,8 +112,10 @@ class Drag:
     ball_radius: float = PAPER.ball_radius
 
     def __repr__(self) -> str:
-        pull = f", {self.trace.peak_force:.4g} N" if self.trace.status is Status.RELEASES else ""
-        return f"Drag({self.title!r}, {self.trace.status}{pull}, {len(self.events)} events)"
+        return (
+            f"Drag({self.title!r}, {self.trace.status}, {self.trace.peak_force:.4g} N, "
+            f"{len(self.trace.events)} events)"
+        )
 
     @cached_property
     def ring(self) -> Ring | None:
@@ -126,14 +123,12 @@ class Drag:
         return measure_ring(self.trace) if self.trace.status is Status.RELEASES else None
 
     @cached_property
-    def events(self) -> tuple[DragEvent, ...]:
-        """Every place that the tip came to, in the order of the drag."""
-        return list_events(self.trace, self.backward, self.within)
+    def events(self) -> pd.DataFrame:
+        """Every place that the tip came to, one row each; the columns are the fields of `DragEvent`."""
+        import pandas as pd
 
-    @property
-    def event_table(self) -> pd.DataFrame:
-        """The events as a table, one row each, the unit in each column's name."""
-        return build_event_table(self.events)
+        found = [asdict(one) for one in list_events(self.trace, self.backward, self.within)]
+        return pd.DataFrame(found, columns=[field.name for field in fields(DragEvent)])
 
     @property
     def frame(self) -> pd.DataFrame:
@@ -165,60 +160,56 @@ class Drag:
     @cached_property
     def summary(self) -> dict[str, Any]:
         """What ``drag.json`` says of the release that was asked about, units in the names."""
-        trace = self.trace
+        trace, ring, by = self.trace, self.ring, self.formula
+        others = self.events[self.events.belongs_to != "feature"]
         summary: dict[str, Any] = {
             "subject": self.title,
             "status": str(trace.status),
             "ledger_j": trace.ledger,
             "ledger_error": trace.ledger_error,
             "time_step_s": trace.time_step,
-            "probe": _list_fields(trace.probe),
-            "settings": _list_fields(trace.settings),
+            "probe": asdict(trace.probe),
+            "settings": {
+                name: repr(one) if isinstance(one, FrictionLaw) else one
+                for name, one in vars(trace.settings).items()
+                if one is not None
+            },
             "tool_frequency_hz": self.tool.frequency,
             "tool_frequency_deviation_hz": self.tool.frequency_deviation,
-            "events": [_replace_nan(asdict(one)) for one in self.events],
-            "other_releases": sum(
-                one.belongs_to != "feature" and one.status == "releases" for one in self.events
-            ),
+            "events": json.loads(self.events.to_json(orient="records", double_precision=15)),
+            "other_releases": int((others.status == "releases").sum()),
         }
         if trace.reason:
             summary["reason"] = trace.reason
-        if self.within is not None:
-            summary["x_range_m"] = list(self.within)
         if self.setting is not None:
             summary["setting"] = asdict(self.setting)
-        if floor := find_texture_floor(self.events, self.ball_radius):
-            summary["texture_angle_deg"] = math.degrees(floor[0])
-            summary["texture_hides_step_m"] = floor[1]
-        return summary | self._summarise_release() | self._summarise_formula()
-
-    def _summarise_release(self) -> dict[str, Any]:
-        trace, ring = self.trace, self.ring
-        if ring is None:
-            return {}
-        return {
-            "peak_force_n": trace.peak_force,
-            "release_time_s": trace.release_time,
-            "stored_energy_j": trace.stored_energy,
-            "vibration_energy_j": ring.energy,
-            "ring_share": ring.share,
-            "ring_duration_s": ring.duration,
-            "ring_decay_time_s": None if math.isnan(ring.decay_time) else ring.decay_time,
-            "ring_frequency_hz": ring.frequency,
-            "loading_share_0_100_hz": ring.loading_share,
-            "vibration_share_250_350_hz": ring.ring_band_share,
-        }
-
-    def _summarise_formula(self) -> dict[str, Any]:
-        by, ring = self.formula, self.ring
-        if by.status is Status.NO_CATCH:
-            return {}
-        formula: dict[str, Any] = {"status": str(by.status)}
+        if len(others):
+            # a step of this height has the critical angle of the steepest place of the texture
+            angle = float(others.critical_angle_deg.max())
+            hidden = compute_height_at_angle(math.radians(angle), self.ball_radius)
+            summary |= {"texture_angle_deg": angle, "texture_hides_step_m": float(hidden)}
+        if ring is not None:
+            summary |= {
+                "peak_force_n": trace.peak_force,
+                "release_time_s": trace.release_time,
+                "stored_energy_j": trace.stored_energy,
+                "vibration_energy_j": ring.energy,
+                "ring_share": ring.share,
+                "ring_duration_s": ring.duration,
+                "ring_decay_time_s": None if math.isnan(ring.decay_time) else ring.decay_time,
+                "ring_frequency_hz": ring.frequency,
+                "loading_share_0_100_hz": ring.loading_share,
+                "vibration_share_250_350_hz": ring.ring_band_share,
+            }
+        if by.status is not Status.NO_CATCH:
+            summary["equation_1"] = {"status": str(by.status)}
         if by.status is Status.RELEASES:
-            formula |= {"peak_force_n": by.pull_force, "vibration_energy_j": by.vibration_energy}
-        summary: dict[str, Any] = {"equation_1": formula}
-        if ring is not None and by.status is Status.RELEASES:
-            summary["peak_force_over_equation_1"] = self.trace.peak_force / by.pull_force
+            summary["equation_1"] |= {
+                "peak_force_n": by.pull_force,
+                "vibration_energy_j": by.vibration_energy,
+            }
+            if ring is not None:
+                summary["peak_force_over_equation_1"] = trace.peak_force / by.pull_force
         return summary
 
     def write(self, folder: Path) -> None:
@@ -227,7 +218,7 @@ class Drag:
 
         folder.mkdir(parents=True, exist_ok=True)
         write_table(self.frame, folder / "trace.csv")
-        write_table(self.event_table, folder / "events.csv")
+        write_table(self.events, folder / "events.csv")
         draw_force(self.trace, folder / "force.png", self.title)
         if self.trace.status is Status.RELEASES:
             draw_spectra(self.trace, folder / "spectra.png", self.title)
@@ -244,21 +235,6 @@ class Drag:
             if not isinstance(value, (dict, list))
         }
         return str(pd.Series(rows, dtype=object).to_frame().to_html(header=False))
-
-
-def _list_fields(given: Probe | DragSettings) -> dict[str, object]:
-    """Return the fields as plain values for JSON; a law by its name, and none where there is none."""
-    found = {field.name: getattr(given, field.name) for field in fields(given)}
-    law = found.pop("contact_law", None) or found.pop("friction_law", None)
-    found.pop("friction_law", None)
-    if law is None:
-        found.pop("ball_radius", None)
-        return found
-    return found | {"law": repr(law)}
-
-
-def _replace_nan(record: dict[str, Any]) -> dict[str, Any]:
-    return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in record.items()}
 
 
 def drag_over(
@@ -293,7 +269,8 @@ def drag_over(
     contact : ContactLaw, optional
         `Hertz`, `LinearContact` or `ContactFunction`; by default steel on steel by Hertz.
     tool : Tool, optional
-        Stiffness, frequency (and so its mass) and decay of the explorer.
+        Stiffness, frequency (and so its mass) and decay of the explorer, in the place of the set's
+        and of `stiffness` and `frequency`.
     **values : float, str or FrictionLaw
         What differs from the paper, or from the stimulus's set, in SI or as a text with its unit:
         `tip_radius`, `edge_radius`, `step_height` [m], `load` [N], `friction` [1] or a law such as
@@ -324,7 +301,7 @@ def drag_over(
     >>> done = drag_over("25 um", load=0.5, speed=20e-3)
     >>> done.summary["status"], done.summary["ledger_error"] < 1e-3
     ('releases', True)
-    >>> [event.belongs_to for event in done.events]
+    >>> done.events.belongs_to.tolist()
     ['feature']
     """
     if setting is not None and setting not in SETTINGS:
@@ -342,13 +319,8 @@ def drag_over(
         }
     elif "handle_mass" in given or "handle_damping" in given:
         raise PipelineError("handle_mass and handle_damping are for a handle that a pull moves")
-    found = resolve_subject(subject, given, backward, stimuli, _start_point(tool, contact))
-    point, face = found.point, found.face
-    if tool is not None and point.tool != tool:
-        point = change_point(
-            replace(point, tool=tool), {n: given[n] for n in OF_TOOL if n in given}
-        )
-    point = replace(point, contact=contact)
+    found = resolve_subject(subject, given, backward, stimuli)
+    point, face = replace(found.point, contact=contact, tool=tool or found.point.tool), found.face
     if x_range is not None:
         if not isinstance(face, Profile):
             raise PipelineError(f"x_range is for a profile; {found.name} has one edge")
@@ -371,7 +343,3 @@ def drag_over(
         within=within,
         ball_radius=point.ball_radius,
     )
-
-
-def _start_point(tool: Tool | None, contact: ContactLaw | None) -> OperatingPoint:
-    return replace(PAPER, tool=tool or PAPER.tool, contact=contact)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact.energy import Status
 from stepblocks.drag import kernels
-from stepblocks.drag.catches import CatchPlaces, find_catch_places
+from stepblocks.drag.catches import CatchPlaces, find_asked_place, find_catch_places
 from stepblocks.drag.probe import DragSettings, Probe
 from stepblocks.drag.track import Track
 from stepblocks.errors import ContactError
@@ -23,42 +23,57 @@ _RISE = 0.1  # of the rise that a place asks for, below which the tip was not ca
 
 
 @dataclass(frozen=True)
-class Passage:
-    """One place on the track that the tip came to.
+class DragEvent:
+    """One place that the tip came to; the fields are the columns of ``events.csv``.
 
     Attributes
     ----------
     place : int
-        Number of the place on the track.
-    status : Status
-        ``RELEASES``; ``RUN_OVER`` where the tip came in flight and was not caught; ``LOCKED``.
-    x, contact : float
-        Position of the tip's axis and of the edge that it touches, along the track [m].
-    angle : float
-        Critical angle [rad].
-    needed : float
-        Pull that lifts a rigid tip slowly over the place [N]; infinite where none does.
-    caught_time, time : float
+        Number of the place in the order of the track.
+    status : str
+        ``"releases"``; ``"run-over"`` where the tip came in flight and was not caught; ``"locked"``
+        where no pull lifts a rigid tip.
+    belongs_to : str
+        ``"feature"``: what was asked about, or the place with the greatest critical angle;
+        ``"before"`` and ``"after"`` it: the texture, or another edge.
+    x_m, contact_x_m : float
+        Position of the tip's axis and of the edge that it touches [m].
+    critical_angle_deg : float
+        Slope of the path of the tip there.
+    formula_pull_n : float
+        Equation (1) for the same angle; infinite where it holds the tip.
+    caught_s, released_s : float
         When the pull begins to rise, and when it is greatest [s].
-    pull : float
-        Greatest pull [N]; NaN where the pull never rose.
+    pull_n : float
+        That greatest pull; NaN where the pull never rose.
     ledger_error : float
-        Open share of the energy ledger since the passage before [1].
+        Open share of the energy ledger since the event before [1].
+    stored_energy_j, vibration_energy_j : float
+        Energy of the spring at the release, and of the ring.
+    ring_share : float
+        One over the other [1].
+    ring_decay_s : float
+        Time in which the swings fall to 1/e; NaN where the next place comes before.
     """
 
     place: int
-    status: Status
-    x: float
-    contact: float
-    angle: float
-    needed: float
-    caught_time: float
-    time: float
-    pull: float
+    status: str
+    belongs_to: str
+    x_m: float
+    contact_x_m: float
+    critical_angle_deg: float
+    formula_pull_n: float
+    caught_s: float
+    released_s: float
+    pull_n: float
     ledger_error: float
+    stored_energy_j: float = math.nan
+    vibration_energy_j: float = math.nan
+    ring_share: float = math.nan
+    ring_decay_s: float = math.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DragTrace:
     """What a drag recorded.
 
@@ -79,8 +94,8 @@ class DragTrace:
         Of the integration [s].
     probe, settings : Probe, DragSettings
         What was dragged, and how.
-    passages : tuple of Passage
-        Every place that the tip came to, in the order in which it did.
+    events : tuple of DragEvent
+        Every place that the tip came to, in the order in which it did; positions along the track.
     asked : int
         Which of them was asked about; -1 for none.
     reason : str
@@ -95,15 +110,9 @@ class DragTrace:
     time_step: float
     probe: Probe
     settings: DragSettings
-    passages: tuple[Passage, ...] = ()
+    events: tuple[DragEvent, ...] = ()
     asked: int = -1
     reason: str = ""
-
-    def __repr__(self) -> str:
-        return (
-            f"DragTrace({self.status}, {len(self.rows)} rows, {len(self.passages)} places, "
-            f"{self.peak_force:.4g} N)"
-        )
 
     @property
     def stored_energy(self) -> float:
@@ -161,11 +170,11 @@ def simulate_drag(
         )
     places = find_catch_places(track)
     needed = _compute_needed_pulls(places, settings)
-    own, pressed = settings.friction_law, probe.contact_law
+    own = settings.friction_law
     y = float(np.interp(x, track.x, track.z)) - probe.find_indentation(settings.normal_load)
     rows, count, peak, ledger, passed, passes = kernels.integrate(
         (track.x, track.cubics, track.kinks, track.branches),
-        tuple(float(one) for one in astuple(probe)[:9]),
+        tuple(map(float, astuple(probe))),
         tuple(float(getattr(settings, field.name)) for field in fields(settings)[:-1]),
         (float(mu_s), bristle, limit, float(own is not None)),
         (x, y, 0.1 * track.ball_radius, probe.stretch(settings.sliding_force)),
@@ -177,10 +186,10 @@ def simulate_drag(
             np.isinf(needed).astype(np.float64),
         ),
         kernels.no_friction if own is None else own.compile(),
-        kernels.no_force if pressed is None else pressed.compile(probe.ball_radius),
     )
     if not np.isfinite(rows[:count]).all():
-        raise ContactError("a law of friction or contact returned no number during the drag")
+        raise ContactError("the law of friction returned no number during the drag")
+    events = tuple(_list_events(passed[:passes], places, needed, settings))
     trace = DragTrace(
         rows=rows[:count].copy(),
         status=Status.NO_CATCH,
@@ -190,92 +199,73 @@ def simulate_drag(
         time_step=dt,
         probe=probe,
         settings=settings,
-        passages=tuple(_list_passages(passed[:passes], places, needed, settings)),
+        events=events,
     )
-    if trace.ledger_error > _OPEN or any(one.ledger_error > _OPEN for one in trace.passages):
+    open_share = max([trace.ledger_error, *(one.ledger_error for one in events)])
+    if open_share > _OPEN:
         raise ContactError(
-            f"the energy ledger of the drag does not close ({trace.ledger_error:.1%} is open); "
-            "raise the resolution or drag faster"
+            f"the energy ledger of the drag does not close, {open_share:.1%} is open; raise the "
+            "resolution"
         )
-    return _answer_asked(trace, places, needed, within, overloaded=bool(peak[3]))
+    wanted = find_asked_place(places, within)
+    least = 1.02 * mu_s * settings.normal_load + settings.tissue_friction
+    if wanted is None or needed[wanted] <= least:
+        return trace
+    return _answer_for(trace, wanted, places, needed)
 
 
-def _list_passages(
+def _list_events(
     passed: NDArray[np.float64],
     places: CatchPlaces,
     needed: NDArray[np.float64],
     settings: DragSettings,
-) -> Iterator[Passage]:
+) -> Iterator[DragEvent]:
     """Read the rows of the kernel: which place, whether it held the tip, and its own ledger."""
     before = np.zeros(10)
     for row in passed:
-        number = int(row[0])
-        pull, low = float(row[1]), float(row[4])
-        rise = _RISE * (needed[number] - settings.sliding_force)
-        status = Status.RELEASES if pull - low > rise else Status.RUN_OVER
-        if math.isinf(needed[number]):
-            status = Status.LOCKED
-        yield Passage(
-            place=number,
-            status=status,
-            x=float(places.x[number]),
-            contact=float(places.contact[number]),
-            angle=float(places.angle[number]),
-            needed=float(needed[number]),
-            caught_time=float(row[5]),
-            time=float(row[2] if math.isfinite(pull) else row[6]),
-            pull=pull if math.isfinite(pull) else math.nan,
+        n, pull, time, low, low_time, behind = int(row[0]), *map(float, row[[1, 2, 4, 5, 6]])
+        caught = pull - low > _RISE * (needed[n] - settings.sliding_force)
+        yield DragEvent(
+            place=n,
+            status="locked" if math.isinf(needed[n]) else "releases" if caught else "run-over",
+            belongs_to="",
+            x_m=float(places.x[n]),
+            contact_x_m=float(places.contact[n]),
+            critical_angle_deg=math.degrees(places.angle[n]),
+            formula_pull_n=float(needed[n]),
+            caught_s=low_time,
+            released_s=time if math.isfinite(pull) else behind,
+            pull_n=pull if math.isfinite(pull) else math.nan,
             ledger_error=_open_share(row[7:] - before),
         )
         before = row[7:]
 
 
-def _answer_asked(
-    trace: DragTrace,
-    places: CatchPlaces,
-    needed: NDArray[np.float64],
-    within: tuple[float, float] | None,
-    overloaded: bool,
+def _answer_for(
+    trace: DragTrace, wanted: int, places: CatchPlaces, needed: NDArray[np.float64]
 ) -> DragTrace:
     """Give the trace the status and the figures of the place that was asked about."""
-    wanted = places.find_asked(within)
-    if wanted is None or needed[wanted] <= (
-        1.02 * trace.settings.friction_at_rest * trace.settings.normal_load
-        + trace.settings.tissue_friction
-    ):
-        return trace
-    met = [n for n, one in enumerate(trace.passages) if one.place == wanted]
-    held = [n for n in met if trace.passages[n].status is not Status.RUN_OVER]
+    met = [n for n, one in enumerate(trace.events) if one.place == wanted]
     if not met:
-        blocked = [one for one in trace.passages if one.status is Status.LOCKED]
-        reason = f"the tip does not pass x = {places.x[wanted] * 1e3:.4g} mm"
-        if blocked:
-            reason = f"the tip is locked before, at x = {blocked[0].x * 1e3:.4g} mm"
-        elif overloaded:
-            reason += f": the pull grows to {trace.peak_force:.4g} N"
-        elif trace.settings.speed == 0.0:
-            reason += (
-                f": a pull of {trace.settings.pulling_force:.4g} N acts, it takes "
-                f"{needed[wanted]:.4g} N"
-            )
-        return replace(trace, status=Status.LOCKED, reason=reason)
-    asked = (held or met)[0]
-    one = trace.passages[asked]
-    reason = ""
-    if one.status is Status.LOCKED:
         reason = (
-            f"no pull lifts a rigid tip over {math.degrees(one.angle):.4g} deg; the contact of the "
-            f"drag gives way at {one.pull:.4g} N"
+            f"the tip does not pass x = {places.x[wanted] * 1e3:.4g} mm, which takes "
+            f"{needed[wanted]:.4g} N; the pull grows to {trace.peak_force:.4g} N"
         )
-    elif one.status is Status.RUN_OVER:
-        reason = "the tip comes over it in flight and is not caught"
+        return replace(trace, status=Status.LOCKED, reason=reason)
+    asked = next((n for n in met if trace.events[n].status != "run-over"), met[0])
+    one = trace.events[asked]
+    reasons = {
+        "locked": f"no pull lifts a rigid tip over {one.critical_angle_deg:.4g} deg; the elastic "
+        f"contact gives way at {one.pull_n:.4g} N",
+        "run-over": "the tip comes over it in flight and is not caught",
+    }
     return replace(
         trace,
-        status=one.status,
-        peak_force=trace.peak_force if math.isnan(one.pull) else one.pull,
-        release_time=one.time,
+        status=Status(one.status),
+        peak_force=trace.peak_force if math.isnan(one.pull_n) else one.pull_n,
+        release_time=one.released_s,
         asked=asked,
-        reason=reason,
+        reason=reasons.get(one.status, ""),
     )
 
 
@@ -301,27 +291,14 @@ def _find_time_step(probe: Probe, settings: DragSettings, limit: float) -> tuple
     # the normal force to be resolved: the climb's, or that of a blow with all of the spring's
     # energy
     stored = 0.5 * (limit / 3.0) ** 2 / probe.stiffness
-    climb = max(min(limit, 20.0 * settings.normal_load), 0.0)
-    if probe.contact_law is None:
-        p, stiffness = probe.contact_power, probe.contact_stiffness
-        blow = stiffness * float(((p + 1.0) * stored / stiffness) ** (p / (p + 1.0)))
-        force = max(climb, blow)
-        normal = p * force / probe.find_indentation(force)
-        under_load = p * settings.normal_load / probe.find_indentation(settings.normal_load)
-    else:
-        depths = [probe.find_indentation(one) for one in (settings.normal_load, climb)]
-        under_load, normal = (_compute_tangent(probe, depth) for depth in depths)
-        normal = 2.0 * max(normal, under_load)  # a blow goes deeper than the climb
+    climb = min(limit, 20.0 * settings.normal_load)
+    p, stiffness = probe.contact_power, probe.contact_stiffness
+    blow = stiffness * float(((p + 1.0) * stored / stiffness) ** (p / (p + 1.0)))
+    force = max(climb, blow)
+    normal = p * force / probe.find_indentation(force)
+    under_load = p * settings.normal_load / probe.find_indentation(settings.normal_load)
     # Mindlin: the tangential stiffness of a contact is 2 (1 - nu) / (2 - nu) = 0.82 of the normal
     # one, at nu = 0.3
     tangential = 0.82 * under_load
     fastest = math.sqrt((2.0 * normal + 2.0 * tangential + probe.stiffness) / probe.mass)
     return 2.0 * math.pi / (fastest * settings.resolution), tangential
-
-
-def _compute_tangent(probe: Probe, depth: float) -> float:
-    """Stiffness of a contact law at an indentation [N/m]."""
-    assert probe.contact_law is not None
-    ends = (probe.contact_law.force(side * depth, probe.ball_radius) for side in (0.99, 1.01))
-    low, high = ends
-    return (high - low) / (0.02 * depth)

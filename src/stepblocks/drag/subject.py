@@ -40,15 +40,14 @@ def resolve_subject(
     values: Mapping[str, float],
     backward: bool = False,
     where: Path | None = None,
-    point: OperatingPoint = PAPER,
 ) -> Subject:
-    """Find out what is to be dragged over; `values` [SI] replace what `point` or the set says."""
+    """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
     if not isinstance(given, (str, Path)):
         face = given if isinstance(given, Counterface) else _read_profile(given)
         for name in ("edge_radius", "step_height"):
             if name in values:
                 raise PipelineError(f"{name} is for a plain step; {face!r} has its own shape")
-        return Subject("a counterface", face, change_point(point, values))
+        return Subject("a counterface", face, change_point(PAPER, values))
     if (path := Path(given)).suffix.lower() == ".csv":
         if "edge_radius" in values:
             raise PipelineError(
@@ -61,7 +60,7 @@ def resolve_subject(
         try:
             shape = Profile(columns["x"], columns["z"])
             return Subject(
-                format_file_name(path.name), shape, change_point(point, values), f"[{path}]"
+                format_file_name(path.name), shape, change_point(PAPER, values), f"[{path}]"
             )
         except ContactError as error:
             raise PipelineError(f"{error} [{path}]") from error
@@ -71,7 +70,7 @@ def resolve_subject(
         return _declared(*_find(str(given), where), values, backward)
     face = Step(height, values.get("edge_radius", 0.0))
     return Subject(
-        f"a step of {format_quantity(height, 'length')}", face, change_point(point, values)
+        f"a step of {format_quantity(height, 'length')}", face, change_point(PAPER, values)
     )
 
 

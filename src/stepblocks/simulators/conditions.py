@@ -60,6 +60,9 @@ def choose_operating_point(
     given = {"normal_load": grid.normal_loads[0], "friction": grid.frictions[0]} | dict(overrides)
     radius = float(given.pop("ball_radius", ball or 0.0) if part.ball is None else ball or 0.0)
     given.pop("ball_radius", None)
-    return OperatingPoint(
-        radius, given["normal_load"], given["friction"], tool=tool, tissue=part.tissue(tool)
+    return replace(
+        OperatingPoint(radius, given["normal_load"], given["friction"]),
+        tool=tool,
+        tissue=part.tissue(tool),
+        speed=given.get("speed", 5e-3),
     )
