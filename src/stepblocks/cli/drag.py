@@ -194,7 +194,7 @@ def drag(
     from stepblocks.drag.run import drag_over
 
     refuse_both(speed=speed, pull=pull)
-    options = given(
+    options: dict[str, Any] = given(
         static_friction=static_friction,
         handle_mass=handle_mass,
         ring_time=ring_time,
