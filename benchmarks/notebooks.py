@@ -3,6 +3,7 @@
 python benchmarks/notebooks.py [NAME ...]
 """
 
+import shutil
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,11 +18,13 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def main() -> None:
     output = ROOT / "out" / "tutorials"
-    output.mkdir(parents=True, exist_ok=True)
+    shutil.copytree(ROOT / "docs" / "images", output / "images", dirs_exist_ok=True)
     for source in sorted((ROOT / "docs" / "tutorials").glob("*.md")):
         if sys.argv[1:] and source.stem not in sys.argv[1:]:
             continue
         notebook = jupytext.read(source)
+        for cell in notebook.cells:
+            cell.source = cell.source.replace("](../images/", "](images/")
         with TemporaryDirectory() as folder:
             # the kernel is spoken to through files of ours, not through ports that anybody on the
             # machine reads

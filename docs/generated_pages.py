@@ -137,29 +137,39 @@ def messages_table():
     return "\n\n".join(lines)
 
 
+COMMON = {"--quiet", "--json", "--wide", "--force"}  # named once, at the head of the page
+
+
+def option_row(context, option):
+    """Write the row of an argument or option."""
+    record = option.get_help_record(context)
+    if record is None:  # an argument, whose help stands in the description
+        return f"| `{option.make_metavar(context)}` | {getattr(option, 'help', '') or ''} |"
+    name, meaning = record
+    name = re.sub(r" <(?:list\[)?\w+\]?>$", "", name)
+    return f"| `{name}` | {' '.join(meaning.split())} |"
+
+
 def commands_table():
     """Write a section for each command, as its help says it."""
+    from click import Context
     from stepblocks.cli import make_command
 
     lines = []
 
-    def walk(command, words):
-        children = getattr(command, "commands", {})
-        if words and not children:
-            lines.append(f"## {' '.join(words)}")
-            lines.append(" ".join((command.help or "").split()))
-            options = []
-            for one in command.params:
-                is_option = one.opts[0].startswith("-")
-                name = ", ".join(one.opts) if is_option else one.metavar or one.name
-                default = one.show_default if isinstance(one.show_default, str) else one.default
-                meaning = f"{one.help} (default: {default})" if default else str(one.help)
-                options.append(f"| `{name}` | {meaning.replace('|', '/')} |")
-            lines.append("\n".join(["| argument or option | meaning |", "|---|---|", *options]))
-        for word, child in children.items():
-            walk(child, (*words, word))
+    def walk(command, words, parent):
+        context = Context(command, info_name=command.name, parent=parent)
+        if hasattr(command, "commands"):
+            for word, child in command.commands.items():
+                walk(child, (*words, word), context)
+            return
+        lines.append(f"## {' '.join(words)}")
+        lines.append(" ".join((command.help or "").split()))
+        own = [one for one in command.params if not {*one.opts} & COMMON and not one.hidden]
+        rows = [option_row(context, one) for one in own]
+        lines.append("\n".join(["| argument or option | meaning |", "|---|---|", *rows]))
 
-    walk(make_command(), ())
+    walk(make_command(), (), None)
     return "\n\n".join(lines)
 
 
