@@ -153,6 +153,7 @@ def option_row(context, option):
 def commands_table():
     """Write a section for each command, as its help says it."""
     from click import Context
+
     from stepblocks.cli import make_command
 
     lines = []
