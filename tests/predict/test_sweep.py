@@ -1,7 +1,7 @@
 """A sweep's rows depend on the plan alone: not on partitions, workers, interruptions or a worker's death."""
 
-import os
-import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,8 @@ from stepblocks.errors import PipelineError
 from stepblocks.predict.figures import compute_margin_map
 from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.predict.sweep.plan import load_sweep
-from stepblocks.predict.sweep.run import draw_inputs, sweep
+from stepblocks.predict.sweep.rows import draw_inputs
+from stepblocks.predict.sweep.run import sweep
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 pq = pytest.importorskip("pyarrow.parquet")
@@ -82,8 +83,9 @@ friction = [0.1, 0.15, 0.3]
 normal_load = ["0.5 N", "1 N"]
 """
     plan = plan_of(tmp_path, text)
-    rows = [draw_inputs(plan, k) for k in range(plan.rows)]
-    assert len({(r["height"], r["friction"], r["normal_load"]) for r in rows}) == plan.rows == 60
+    drawn = draw_inputs(plan, range(plan.rows))
+    rows = set(zip(drawn["height"], drawn["friction"], drawn["normal_load"], strict=True))
+    assert len(rows) == plan.rows == 60
     sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
     assert set(frame.status) == {"releases", "locked", "beyond-hand"}
@@ -95,7 +97,7 @@ def test_draws_of_one_point_scatter_by_their_uncertainty(tmp_path):
         '[parameters]\nheight = "30 um"\nfriction = 0.2\n[draws]\ncount = 4000\nheight = "0.5 um"\n'
     )
     plan = plan_of(tmp_path, text)
-    heights = np.array([draw_inputs(plan, k)["height"] for k in range(plan.rows)])
+    heights = draw_inputs(plan, range(plan.rows))["height"]
     assert heights.mean() == pytest.approx(30e-6, abs=4 * 0.5e-6 / 4000**0.5)
     assert heights.std() == pytest.approx(0.5e-6, rel=0.05)
 
@@ -122,42 +124,86 @@ def test_an_interrupted_sweep_resumes_from_what_is_finished(tmp_path):
         sweep(plan, tmp_path / "out", on_partition=interrupt)
     stamps = {p.name: p.stat().st_mtime_ns for p in (tmp_path / "out").glob("part-*.parquet")}
     assert len(stamps) == 5
-    assert sweep(plan, tmp_path / "out") == (7, 5)
+    assert tuple(sweep(plan, tmp_path / "out")) == (7, 5)
     assert all((tmp_path / "out" / name).stat().st_mtime_ns == t for name, t in stamps.items())
-    assert sweep(plan, tmp_path / "out") == (0, 12)
+    assert tuple(sweep(plan, tmp_path / "out")) == (0, 12)
     sweep(plan, tmp_path / "whole")
     for path in sorted((tmp_path / "whole").glob("part-*.parquet")):
         assert path.read_bytes() == (tmp_path / "out" / path.name).read_bytes()
 
 
-@pytest.mark.filterwarnings("ignore")
-def test_a_worker_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
-    distributed = pytest.importorskip("distributed")
+def test_a_process_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=60, size=6, mode="drag"))
     sweep(plan, tmp_path / "alone")
-    killed = []
-    cluster = distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+
+    def kill_workers(_):
+        from stepblocks.workers import kill_workers
+
+        kill_workers()
+
+    with pytest.raises(PipelineError, match="run it again, and it goes on"):
+        sweep(plan, tmp_path / "by-two", jobs=2, on_partition=kill_workers)
+    computed, found = sweep(plan, tmp_path / "by-two", jobs=2)
+    assert found >= 1
+    assert computed + found == plan.partitions == 30
+    whole, again = (
+        {path.name: path.read_bytes() for path in (tmp_path / name).glob("part-*")}
+        for name in ("alone", "by-two")
     )
-    with cluster:
+    assert whole == again
 
-        def kill_one(number):
-            if not killed:
-                pid = next(iter(cluster.workers.values())).process.process.pid
-                os.kill(pid, signal.SIGKILL)
-                killed.append(pid)
 
-        computed, _ = sweep(
-            plan, tmp_path / "cluster", scheduler=cluster.scheduler_address, on_partition=kill_one
-        )
-    assert killed
-    assert computed == plan.partitions == 30
-    names = sorted(p.name for p in (tmp_path / "alone").glob("part-*.parquet"))
-    assert names == sorted(p.name for p in (tmp_path / "cluster").glob("part-*.parquet"))
-    for name in names:
-        assert (tmp_path / "alone" / name).read_bytes() == (
-            tmp_path / "cluster" / name
-        ).read_bytes()
+def test_a_script_needs_no_main_guard_for_several_processes(tmp_path):
+    (tmp_path / "sweep.toml").write_text(RANDOM.format(rows=4, size=2, mode="static"))
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import stepblocks as sb\nprint(tuple(sb.sweep('sweep.toml', 'out', jobs=2)))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "(6, 0)\n"
+
+
+def test_readers_of_tables_take_the_folder_as_it_is(tmp_path):
+    import pandas as pd
+    from pyarrow import dataset
+
+    done = sweep(plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static")), tmp_path / "out")
+    frame = pd.read_parquet(tmp_path / "out")
+    assert len(frame) == dataset.dataset(tmp_path / "out").count_rows() == 12
+    pd.testing.assert_frame_equal(done.read(), frame)
+    pd.testing.assert_frame_equal(done.read(["height_m"]), frame[["height_m"]])
+    with pytest.raises(PipelineError, match="columns must be of row, draw, "):
+        done.read(["height"])
+
+
+def test_a_result_draws_its_table_and_says_what_it_is(tmp_path):
+    done = sweep(plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static")), tmp_path / "out")
+    axes = done.plot()
+    assert done.plot(y="peak_force_n", ax=axes) is axes
+    assert axes.get_xlabel() == "height, m"
+    assert "12 rows in 3 partitions, 3 computed, 0 found" in repr(done)
+
+
+@pytest.mark.parametrize("jobs", [0, -1, "2", 1.0, True, 10**9])
+def test_a_number_of_processes_that_cannot_be_is_refused(jobs, tmp_path):
+    plan = plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static"))
+    with pytest.raises(PipelineError, match="jobs must be a whole number from 1 to 1024"):
+        sweep(plan, tmp_path / "out", jobs=jobs)
+    with pytest.raises(PipelineError, match="plan must be a SweepPlan or a path, got dict"):
+        sweep({}, tmp_path / "out")
+
+
+def test_random_inputs_fill_their_ranges_evenly_and_do_not_hang_together(tmp_path):
+    plan = plan_of(tmp_path, RANDOM.format(rows=20_000, size=100, mode="static"))
+    drawn = draw_inputs(plan, range(0, plan.rows, 1))
+    height, friction = drawn["height"][::3], drawn["friction"][::3]
+    assert friction.mean() == pytest.approx(0.15, abs=4 * 0.1 / 12**0.5 / 20_000**0.5)
+    assert (drawn["normal_load"] == 0.3).mean() == pytest.approx(0.5, abs=0.02)
+    assert abs(np.corrcoef(height, friction)[0, 1]) < 4 / 20_000**0.5
+    again = draw_inputs(plan, range(1000, 1010))
+    assert all((again[name] == drawn[name][1000:1010]).all() for name in drawn)
 
 
 def flipped(content):
@@ -178,7 +224,7 @@ def test_a_part_that_is_empty_cut_or_damaged_is_made_anew(damage, tmp_path):
     assert main(command) == 0
     assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == whole
     part.write_bytes(damage(whole[part.name]))
-    assert sweep(plan, tmp_path / "out") == (1, 3)
+    assert tuple(sweep(plan, tmp_path / "out")) == (1, 3)
 
 
 def test_rows_of_another_version_of_the_program_are_not_mixed_with_ours(tmp_path, monkeypatch):
@@ -352,4 +398,4 @@ def test_the_command_writes_the_table_and_says_what_it_did(tmp_path, capsys):
     assert main(["sweep", str(path), "-o", str(tmp_path / "out")]) == 0
     assert "12 rows in 3 partitions: 3 computed, 0 found" in capsys.readouterr().out
     assert main(["sweep", str(tmp_path / "no.toml"), "-o", str(tmp_path / "x")]) == 2
-    assert Path(tmp_path / "out" / "sweep.json").is_file()
+    assert Path(tmp_path / "out" / "_sweep.json").is_file()

@@ -29,14 +29,6 @@ def sweep(
         int,
         typer.Option("--jobs", "-j", metavar="N", parser=whole_number(1, 1024), help="processes"),
     ] = 1,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="a running Dask scheduler, such as tcp://host:8786",
-        ),
-    ] = None,
     quiet: Quiet = False,
 ) -> Outcome:
     """Predict a grid or random design of steps, tips and settings into partitioned Parquet.
@@ -44,20 +36,14 @@ def sweep(
     Computes the design into a folder, one Parquet file per partition; finished ones are kept.
     """
     from stepblocks.predict.sweep.plan import load_sweep
-    from stepblocks.predict.sweep.run import sweep
+    from stepblocks.predict.sweep.run import PLAN_FILE, sweep
 
     plan = load_sweep(design)
     progress = make_progress("partitions", quiet=quiet)
-    computed, found = sweep(
-        plan,
-        output,
-        jobs=jobs,
-        scheduler=scheduler,
-        on_partition=lambda _: progress(total=plan.partitions),
-    )
-    counts = f"{computed} computed, {found} found"
+    done = sweep(plan, output, jobs=jobs, on_partition=lambda _: progress(total=plan.partitions))
+    counts = f"{done.computed} computed, {done.found} found"
     return Outcome(
         f"{plan.rows} rows in {plan.partitions} partitions: {counts} [{output}]",
-        record={"rows": plan.rows, "computed": computed, "found": found},
-        kept=[output / "sweep.json", *output.glob("part-*.parquet")],
+        record={"rows": plan.rows, "computed": done.computed, "found": done.found},
+        kept=[output / PLAN_FILE, *output.glob("part-*.parquet")],
     )

@@ -64,6 +64,7 @@ PARAMETERS: dict[str, _Parameters] = {
 
 
 _MOST_ROWS = 10**10
+_ROWS_OF_PARTITION = {"static": 100_000, "drag": 1000}  # some ten seconds at most
 _MOST_ROWS_OF_PARTITION = 1_000_000  # a worker holds one partition in memory
 _MOST_VALUES = 10_000
 _LARGEST_FILE = 1_000_000  # bytes
@@ -231,7 +232,7 @@ def _resolve_plan(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -
     with collect_mistakes(mistakes):
         size = _read_count(
             "rows_per_partition",
-            head.get("rows_per_partition", 1000),
+            head.get("rows_per_partition", _ROWS_OF_PARTITION[mode]),
             "sweep",
             _MOST_ROWS_OF_PARTITION,
         )

@@ -1,52 +1,96 @@
-"""Run a sweep: a plan in, partitioned Parquet out, on this machine or on a cluster that exists."""
+"""Run a sweep: a plan in, partitioned Parquet out.
 
-# A partition is a pure function of the plan and its number, written beside its place and renamed:
-# workers may die, runs may be interrupted, and what is finished stays. The rows do not depend on
-# how they are partitioned.
+A partition is a pure function of the plan and its number, written beside its place and renamed:
+a run may be interrupted, and what is finished stays. Rows do not depend on how they are divided.
+"""
 
 from __future__ import annotations
 
 import io
 import json
-import math
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, replace
-from itertools import islice
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from stepblocks.atomic import lock_folder, replace_bytes, replace_text
-from stepblocks.contact.counterface import Counterface, Margin, Step
-from stepblocks.contact.energy import Status
-from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
-from stepblocks.errors import ContactError, PipelineError
-from stepblocks.predict.predictions import drag_in_time
-from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan, load_sweep
+from stepblocks.errors import PipelineError
+from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
 
 if TYPE_CHECKING:
-    from distributed import Client
+    import pandas as pd
+    import pyarrow as pa
+    from matplotlib.axes import Axes
 
-_PLAN_FILE = "sweep.json"
-_UNITS = {
-    "length": "_m",
-    "force": "_n",
-    "stiffness": "_n_m",
-    "speed": "_m_s",
-    "frequency": "_hz",
-    "ratio": "",
-    "direction": "",
-}
-_STATIC = ("status", "critical_angle_rad", "peak_force_n", "vibration_energy_j")
-_DRAG = (
-    "status",
-    "peak_force_n",
-    "vibration_energy_j",
-    "share",
-    "ring_s",
-    "ledger_error",
-)  # after ``drag_``
+PLAN_FILE = "_sweep.json"  # readers of Parquet pass over a name that begins so
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """A sweep on disk; unpacks into `computed` and `found`.
+
+    Attributes
+    ----------
+    folder : Path
+        Holds the partitions, ``part-00000000.parquet`` and on. pandas, polars, Dask and DuckDB
+        read the folder, or ``part-*.parquet`` in it, as it is.
+    plan : SweepPlan
+        What was computed.
+    computed, found : int
+        Partitions that this run wrote, and those that were there.
+    """
+
+    folder: Path
+    plan: SweepPlan
+    computed: int
+    found: int
+
+    def __iter__(self) -> Iterator[int]:
+        return iter((self.computed, self.found))
+
+    def __repr__(self) -> str:
+        return (
+            f"SweepResult({self.plan.rows} rows in {self.plan.partitions} partitions, "
+            f"{self.computed} computed, {self.found} found, {str(self.folder)!r})"
+        )
+
+    def read(self, columns: list[str] | None = None) -> pd.DataFrame:
+        """Read the table, or some of its columns; units stand at the end of their names."""
+        import pyarrow.parquet as pq
+
+        known = pq.read_schema(_find_path(self.folder, 0)).names
+        if unknown := [name for name in columns or () if name not in known]:
+            raise PipelineError(f"columns must be of {', '.join(known)}, got {unknown[0]!r}")
+        paths = [_find_path(self.folder, k) for k in range(self.plan.partitions)]
+        return pq.read_table(paths, columns=columns).to_pandas()
+
+    def plot(
+        self, x: str | None = None, y: str = "vibration_energy_j", ax: Axes | None = None
+    ) -> Axes:
+        """Draw a column against another, by default the energy against the height or the gap.
+
+        Parameters
+        ----------
+        x, y : str
+            Columns of the table.
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib Axes
+        """
+        from matplotlib import pyplot
+
+        from stepblocks.quantities import format_column_label, format_units
+
+        x = x or ("height_m" if self.plan.surface == "step" else "marginal_gap_m")
+        table = self.read([x, y])
+        axes = pyplot.subplots()[1] if ax is None else ax
+        axes.plot(table[x], table[y], ".", markersize=3.0)
+        axes.set_xlabel(format_units(format_column_label(x)))
+        axes.set_ylabel(format_units(format_column_label(y)))
+        return axes
 
 
 def sweep(
@@ -54,55 +98,83 @@ def sweep(
     output: str | Path,
     *,
     jobs: int = 1,
-    scheduler: str | None = None,
     on_partition: Callable[[int], None] | None = None,
-) -> tuple[int, int]:
-    """Predict a grid or a random design into partitioned Parquet: every partition that is not yet there.
+) -> SweepResult:
+    """Predict a grid or a random design into partitioned Parquet.
+
+    Computes every partition that is not yet there.
 
     Parameters
     ----------
     plan : SweepPlan, str or Path
         What to compute, or its TOML file.
     output : str or Path
-        Where the partitions go, ``part-00000000.parquet`` and on. A folder of another plan is
-        refused.
+        Where the partitions go. A folder of another plan is refused.
     jobs : int
-        Local processes; 1 computes in this one, without Dask.
-    scheduler : str, optional
-        Address of a Dask scheduler whose workers see `output` under the same path.
+        Processes; a script needs no main guard.
     on_partition : callable, optional
         Called with the number of each partition when it is finished.
 
     Returns
     -------
-    computed, found : int
-        Partitions written by this run, and those that were there.
+    SweepResult
+        Folder, plan, and how many partitions were computed and found; it reads and draws its table.
 
     Raises
     ------
     PipelineError
-        If the plan cannot be read, the folder belongs to another one, an extra is not installed, or
-        the scheduler does not answer.
+        If the plan cannot be read, the folder belongs to another one, pyarrow is not installed, or
+        a process was ended from outside.
     """
-    plan = plan if isinstance(plan, SweepPlan) else load_sweep(Path(plan))
+    if not isinstance(jobs, int) or isinstance(jobs, bool) or not 1 <= jobs <= 1024:
+        raise PipelineError(f"jobs must be a whole number from 1 to 1024, got {jobs!r}")
+    if not isinstance(plan, SweepPlan):
+        if not isinstance(plan, str | Path):
+            raise PipelineError(f"plan must be a SweepPlan or a path, got {type(plan).__name__}")
+        plan = load_sweep(Path(plan))
     folder = Path(output)
-    _require_extra(dask=scheduler is not None or jobs > 1)
+    _require_pyarrow()
     report = on_partition or (lambda _: None)
     with lock_folder(folder):
         _claim_folder(plan, folder)
         missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
-        for (
-            k
-        ) in missing:  # what is damaged is ours, whatever it holds now: the plan beside it says so
+        for k in missing:  # a damaged file is ours, whatever it holds: the plan beside it says so
             _find_path(folder, k).unlink(missing_ok=True)
-        if scheduler is None and jobs <= 1:
+        if jobs == 1 or len(missing) < 2:
             for k in missing:
-                write_partition(plan, k, folder)
-                report(k)
-        elif missing:
-            with _open_client(jobs, scheduler) as client:
-                _submit(client, plan, folder, missing, report)
-    return len(missing), plan.partitions - len(missing)
+                report(write_partition(plan, k, folder))
+        else:
+            _compute_in_processes(plan, missing, folder, jobs, report)
+    return SweepResult(folder, plan, len(missing), plan.partitions - len(missing))
+
+
+def _compute_in_processes(
+    plan: SweepPlan, missing: list[int], folder: Path, jobs: int, report: Callable[[int], None]
+) -> None:
+    from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    from stepblocks.workers import die_with_parent
+
+    calls = (delayed(write_partition)(plan, k, folder.absolute()) for k in missing)
+    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", initializer=die_with_parent)
+    try:
+        for number in parallel(calls):
+            report(number)
+    except TerminatedWorkerError as error:
+        raise PipelineError(
+            f"a process of the sweep was ended from outside; run it again, and it goes on [{folder}]"
+        ) from error
+
+
+def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
+    """Compute one partition and put its file in place; return its number."""
+    from stepblocks.predict.sweep.rows import compute_table
+
+    replace_bytes(
+        _find_path(folder, number), _format_parquet(compute_table(plan, _list_rows(plan, number)))
+    )
+    return number
 
 
 def _list_rows(plan: SweepPlan, number: int) -> range:
@@ -111,7 +183,7 @@ def _list_rows(plan: SweepPlan, number: int) -> range:
 
 
 def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
-    """Tell whether a partition is there, and to the byte what is written for the rows that it holds, which have checksums."""
+    """Tell whether a partition is there, and to the byte what is written for its rows."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -120,86 +192,30 @@ def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
         table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
     except (OSError, ValueError, pa.ArrowException):
         return False
-    return bool(
-        table.num_rows == len(_list_rows(plan, number)) and _format_parquet(table) == content
-    )
+    count = len(_list_rows(plan, number))
+    return bool(table.num_rows == count and _format_parquet(table) == content)
 
 
-def _format_parquet(table: Any) -> bytes:
+def _format_parquet(table: pa.Table) -> bytes:
     import pyarrow.parquet as pq
 
     stream = io.BytesIO()
-    pq.write_table(table, stream, compression="zstd", write_page_checksum=True)
+    texts = [field.name for field in table.schema if field.type == "string"]
+    pq.write_table(
+        table, stream, compression="zstd", use_dictionary=texts, write_page_checksum=True
+    )
     return stream.getvalue()
 
 
-def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
-    """Compute one partition and put its file in place; returns the number of its rows."""
-    import pyarrow as pa
-
-    rows = [compute_row(plan, row) for row in _list_rows(plan, number)]
-    texts = ("stimulus", "direction", "status", "drag_status", "problem")
-    kinds = {"row": pa.int64(), "draw": pa.int64(), **dict.fromkeys(texts, pa.string())}
-    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in rows[0]])
-    replace_bytes(
-        _find_path(folder, number), _format_parquet(pa.Table.from_pylist(rows, schema=schema))
-    )
-    return len(rows)
-
-
-def _submit(
-    client: Any, plan: SweepPlan, folder: Path, missing: list[int], report: Callable[[int], None]
-) -> None:
-    """Keep a few partitions per worker in flight, so that neither scheduler nor workers hold more than that."""
-    from distributed import as_completed
-
-    waiting: Iterator[int] = iter(missing)
-    ahead = 4 * max(len(client.scheduler_info()["workers"]), 1)
-
-    def submit(number: int) -> Any:
-        key = f"stepblocks-{plan.digest[:16]}-{number}"
-        return client.submit(
-            write_partition, plan, number, folder.absolute(), key=key, pure=False, retries=5
-        )
-
-    flying = as_completed([submit(k) for k in islice(waiting, ahead)], loop=client.loop)
-    for future in flying:
-        future.result()
-        report(int(future.key.rsplit("-", 1)[1]))
-        following = next(waiting, None)
-        if following is not None:
-            flying.add(submit(following))
-
-
-def _open_client(jobs: int, scheduler: str | None) -> Client:
-    import dask
-    from distributed import Client, LocalCluster
-
-    if scheduler is not None:
-        try:
-            return Client(scheduler, timeout="10s")
-        except (OSError, ValueError) as error:
-            raise PipelineError(f"scheduler {scheduler!r} does not answer: {error}") from error
-    # a worker that dies is no fault of its partition: let it be tried again elsewhere
-    dask.config.set({"distributed.scheduler.allowed-failures": 20})
-    cluster = LocalCluster(
-        n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None
-    )
-    return Client(cluster, set_as_default=False)
-
-
 def _claim_folder(plan: SweepPlan, folder: Path) -> None:
-    """Write the resolved plan into the folder, or make sure that the one that lies there is the same."""
-    path = folder / _PLAN_FILE
-    text = json.dumps(
-        {"digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}, indent=1, sort_keys=True
-    )
+    """Write the resolved plan into the folder, or make sure that the same one lies there."""
+    path = folder / PLAN_FILE
     if path.exists():
         try:
             known = json.loads(path.read_text(encoding="utf-8")).get("digest")
         except (OSError, ValueError, AttributeError) as error:
             raise PipelineError(
-                f"{_PLAN_FILE} cannot be read; choose another folder [{folder}]"
+                f"{PLAN_FILE} cannot be read; choose another folder [{folder}]"
             ) from error
         if known != plan.digest:
             whose = "another sweep, or of another version of stepblocks"
@@ -209,104 +225,20 @@ def _claim_folder(plan: SweepPlan, folder: Path) -> None:
         return
     if any(folder.glob("part-*.parquet")):
         raise PipelineError(
-            f"folder holds partitions without {_PLAN_FILE}; choose another folder [{folder}]"
+            f"folder holds partitions without {PLAN_FILE}; choose another folder [{folder}]"
         )
-    replace_text(path, text + "\n")
+    record = {"digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}
+    replace_text(path, json.dumps(record, indent=1, sort_keys=True) + "\n")
 
 
 def _find_path(folder: Path, number: int) -> Path:
     return folder / f"part-{number:08d}.parquet"
 
 
-def _require_extra(dask: bool) -> None:
+def _require_pyarrow() -> None:
     from importlib.util import find_spec
 
-    for name in ("pyarrow", *(("distributed",) if dask else ())):
-        if find_spec(name) is None:
-            raise PipelineError(
-                f"a sweep needs {name}: install the extra with pip install 'stepblocks[sweep]'"
-            )
-
-
-def draw_inputs(plan: SweepPlan, row: int) -> dict[str, float]:
-    """Draw the inputs [SI] of one row; they depend on the plan and the row's number alone."""
-    left = point = row // plan.draws
-    inputs: dict[str, float] = {}
-    random = np.random.default_rng([plan.seed, point])
-    for name in PARAMETERS[plan.surface]:
-        if name in plan.ranges:
-            inputs[name] = float(random.uniform(plan.ranges[name][0], plan.ranges[name][1]))
-        elif name in plan.values:
-            choices = plan.values[name]
-            if plan.kind == "grid":
-                left, index = divmod(left, len(choices))
-            else:
-                index = int(random.integers(len(choices)))
-            inputs[name] = choices[index]
-    spreads = dict(plan.spreads)
-    if plan.stimuli:
-        index = left if plan.kind == "grid" else int(random.integers(len(plan.stimuli)))
-        chosen = plan.stimuli[index]
-        inputs |= {"stimulus": index} | chosen["values"]
-        spreads = chosen["spreads"] | spreads
-    spreads |= {name: share * inputs[name] for name, share in plan.shares.items()}
-    if spreads:
-        noise = np.random.default_rng([plan.seed, row, 1])
-        signed = ("horizontal_discrepancy", "vertical_discrepancy")
-        for name in PARAMETERS[plan.surface]:
-            if name in spreads:
-                moved = inputs[name] + spreads[name] * float(noise.standard_normal())
-                inputs[name] = moved if name in signed else max(moved, 0.0)
-    return inputs
-
-
-def compute_row(plan: SweepPlan, row: int) -> dict[str, Any]:
-    """Compute a row of the table; one outside the equations has its reason in ``problem``, no figures."""
-    inputs = draw_inputs(plan, row)
-    result: dict[str, Any] = {"row": row, "draw": row % plan.draws}
-    if plan.stimuli:
-        result["stimulus"] = plan.stimuli[int(inputs["stimulus"])]["id"]
-    for name, (dimension, _) in PARAMETERS[plan.surface].items():
-        result[name + _UNITS[dimension]] = inputs.get(name, math.nan)
-    if plan.surface == "margin":
-        result["direction"] = DIRECTIONS[int(inputs["direction"])]
-    result |= dict.fromkeys(_STATIC, math.nan) | {"status": "invalid", "problem": ""}
-    if plan.mode == "drag":
-        result |= {f"drag_{name}": math.nan for name in _DRAG} | {"drag_status": "invalid"}
-    try:
-        face = _make_counterface(plan.surface, inputs)
-        tool = Tool(inputs["stiffness"], inputs["conversion"], limits=Limits(**plan.limits))
-        point = OperatingPoint(
-            inputs["tip_radius"], inputs["normal_load"], inputs["friction"], tool
+    if find_spec("pyarrow") is None:
+        raise PipelineError(
+            "a sweep needs pyarrow: install the extra with pip install 'stepblocks[sweep]'"
         )
-        backward = bool(inputs.get("direction", 0.0))
-        release = face.release(point, backward)
-        found = str(release.status), release.angle, release.pull_force, release.vibration_energy
-        result |= zip(_STATIC, found, strict=True)
-        if plan.mode == "drag" and (
-            release.status.is_beyond_limit or release.status in (Status.TOO_HIGH, Status.NO_CATCH)
-        ):
-            result["drag_status"] = str(release.status)
-        elif plan.mode == "drag":
-            result |= _drag_row(face, point, backward, inputs)
-    except ContactError as error:
-        result["problem"] = str(error)
-    return result
-
-
-def _make_counterface(surface: str, inputs: dict[str, float]) -> Counterface:
-    sizes = {name: inputs[column] for name, column in SURFACES[surface].items() if column in inputs}
-    # the end of a crown is square where no vertical discrepancy is given
-    return Step(**sizes) if surface == "step" else Margin(**{"opening": sizes["gap"]} | sizes)
-
-
-def _drag_row(
-    face: Counterface, point: OperatingPoint, backward: bool, inputs: dict[str, float]
-) -> dict[str, Any]:
-    point = replace(point, tool=replace(point.tool, frequency=inputs["frequency"]))
-    trace, ring = drag_in_time(
-        face, point, backward, inputs["speed"], damping_ratio=inputs["damping_ratio"]
-    )
-    felt = (trace.peak_force, ring.energy, ring.share, ring.duration) if ring else (math.nan,) * 4
-    found = str(trace.status), *felt, trace.ledger_error
-    return {f"drag_{name}": one for name, one in zip(_DRAG, found, strict=True)}
