@@ -1,10 +1,10 @@
-"""How real a recorded step is: what was felt or played against what the stimulus should give, in just noticeable differences."""
+"""How real a recorded step is: how far from its stimulus, in just noticeable differences."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from stepblocks.contact.event import (
 from stepblocks.declare import load_declared
 from stepblocks.errors import HapticsError
 from stepblocks.predict.perception import PAPER_OBSERVER
+from stepblocks.simulators.conditions import check_overrides, choose_operating_point
 from stepblocks.tables import read_si_columns, read_table, write_table
 
 if TYPE_CHECKING:
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _LENGTH = 5.0  # of the ring that is compared, in time constants
+_BEFORE = 0.1  # in which the peak force before the release is sought [s]
+_SAMPLES = 4.0  # least samples of a record in a cycle of the ring
+_TREND = 6  # terms of the polynomial that stands for the pull behind the release
+_EXPLAINED = 0.5  # least share of a tail that the fitted ring must explain
 _HAPTIC = "doi 10.1109/HAPTIC.2006.1627110"
 # Just noticeable differences as shares of the value, and where they stand. That of a decay was not
 # found for rings this short: an assumption, twice that of the energy which it changes
@@ -46,20 +51,29 @@ JND = {
 
 
 def compare(
-    record: str | Path, stimulus: str | Path, output: str | Path | None = None, **felt: float
+    record: str | Path | pd.DataFrame,
+    stimulus: str | Path | VibrationEvent,
+    output: str | Path | None = None,
+    *,
+    backward: bool = False,
+    **overrides: float,
 ) -> pd.DataFrame:
     """Compare a recorded step with its stimulus.
 
     Parameters
     ----------
-    record : str or Path
-        CSV with ``time_s`` and ``force_n`` (on the hand along the drag, from before the release) or
-        ``acceleration_m_s2`` (of the tool), or the HDF5 of a trial as ``study run`` writes it.
-    stimulus : str or Path
-        Stimulus file and identity, such as ``stimuli/paper-ten.toml/step-050``.
+    record : str, Path or DataFrame
+        CSV or table with ``time_s`` and ``force_n`` (on the hand along the drag, from before the
+        release) or ``acceleration_m_s2`` (of the tool); or the HDF5 of a trial as ``study run``
+        writes it.
+    stimulus : str, Path or VibrationEvent
+        Stimulus file and identity, such as ``stimuli/paper-ten.toml/step-050``, or the event that
+        the record should show.
     output : str or Path, optional
         CSV to write.
-    **felt : float
+    backward : bool
+        Whether the record is of the drag towards -x.
+    **overrides : float
         ``ball_radius`` [m], ``normal_load`` [N], ``friction`` [1]; by default the first of the
         file's grid.
 
@@ -68,7 +82,7 @@ def compare(
     DataFrame
         Peak force, energy, frequency, decay and band of the ring [SI], in just noticeable
         differences (``difference_jnd``), and one ``score``, the root of the sum of their squares:
-        below 1 the two can hardly be told apart.
+        below 1 the two can hardly be told apart. A record of acceleration has no peak force.
 
     Raises
     ------
@@ -77,39 +91,56 @@ def compare(
     """
     import pandas as pd
 
-    event = _predict_event(Path(stimulus), felt)
-    force, rate = _read_record(Path(record), event)
-    start = (
-        int(np.argmin(np.diff(np.abs(force)))) + 1
-    )  # the ring begins behind the sharpest fall of the force's size
-    tail = force[start : start + math.ceil(_LENGTH * event.tool.decay_time * rate)]
-    if len(tail) < 16 or not np.ptp(tail) > 0.0:
+    check_overrides(overrides)
+    event = (
+        stimulus
+        if isinstance(stimulus, VibrationEvent)
+        else _predict_event(Path(stimulus), overrides, backward)
+    )
+    place = "table" if isinstance(record, pd.DataFrame) else str(record)
+    force, rate, has_pull = _read_record(record, event)
+    start = _find_release(force, rate, event)
+    length = math.ceil(_LENGTH * event.tool.decay_time * rate)
+    tail = force[start : start + length]
+    if len(tail) < 0.8 * length:
         raise HapticsError(
-            f"a record must hold {_LENGTH:g} time constants of a ring, got {len(tail)} samples "
-            f"[{record}]"
+            f"a record must go on for {1e3 * length / rate:.3g} ms after the release, got "
+            f"{1e3 * len(tail) / rate:.3g} ms [{place}]"
         )
-    meant = compute_ring_force(event, rate)[: len(tail)]
-    got, ideal = (
-        _measure_ring(tail - tail[-len(tail) // 5 :].mean(), rate, event),
-        _measure_ring(meant, rate, event),
-    )
-    got["peak force"], ideal["peak force"] = (
-        float(np.abs(force[:start]).max()),
-        event.critical_force,
-    )
-    rows: list[tuple[Any, ...]] = []
-    for name, (share, source) in JND.items():
-        apart = abs(math.log(max(got[name], 1e-12) / ideal[name])) / math.log1p(share)
-        rows.append((name, got[name], ideal[name], apart, share, source))
-    score = math.sqrt(sum(row[3] ** 2 for row in rows))
-    columns = ["part", "recorded", "ideal", "difference_jnd", "jnd_ratio", "source"]
-    table = pd.DataFrame([*rows, ("score", None, None, score, None, None)], columns=columns)
+    found, explained = _measure_ring(tail, rate, event)
+    if explained < _EXPLAINED:
+        raise HapticsError(
+            f"a record must hold a ring near {event.tool.frequency:g} Hz after the release, got "
+            f"none: a decaying sine explains {100.0 * explained:.0f} % of what follows [{place}]"
+        )
+    ideal, _ = _measure_ring(compute_ring_force(event, rate)[: len(tail)], rate, event)
+    if has_pull:
+        before = force[max(0, start - math.ceil(_BEFORE * rate)) : start]
+        found["peak force"] = float(np.abs(before).max(initial=0.0))
+        ideal["peak force"] = event.critical_force
+    rows = [
+        {
+            "part": name,
+            "recorded": found[name],
+            "ideal": ideal[name],
+            "difference_jnd": abs(math.log(max(found[name], 1e-12) / ideal[name]))
+            / math.log1p(share),
+            "jnd_ratio": share,
+            "source": source,
+        }
+        for name, (share, source) in JND.items()
+        if name in found
+    ]
+    table = pd.DataFrame(rows)
+    score = float(np.linalg.norm(table["difference_jnd"]))
+    table.loc[len(table)] = {"part": "score", "difference_jnd": score}
     if output is not None:
         write_table(table, Path(output), "%.6g")
     return table
 
 
-def _predict_event(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
+def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) -> VibrationEvent:
+    """Predict the event of a stimulus that is named by its file and identity."""
     declared = load_declared(stimulus.parent)
     part = next((one for one in declared.stimuli if one.id == stimulus.name), None)
     if part is None:
@@ -117,75 +148,127 @@ def _predict_event(stimulus: Path, felt: dict[str, float]) -> VibrationEvent:
         raise HapticsError(
             f"the stimulus must be one of {known}, got {stimulus.name!r} [{stimulus.parent}]"
         )
-    point = declared.grid_of(part).first_point(**felt)
-    event = vibration_events(part.counterface(), point, part.id)[0]
+    point = choose_operating_point(declared, part, overrides)
+    step = next(iter(declared.prediction.step_heights), None)
+    event = vibration_events(part.counterface(step), point, part.id)[int(backward)]
     if event.status is not Status.RELEASES:
         rule = "the stimulus must release the probe to be compared"
-        raise HapticsError(f"{rule}, it is {event.status.value} [{stimulus}]")
+        other = "" if backward else "; --backward takes the drag towards -x"
+        raise HapticsError(f"{rule}, it is {event.status.value}{other} [{stimulus}]")
     return event
 
 
-def _read_record(path: Path, event: VibrationEvent) -> tuple[Array, float]:
-    """Force along the drag [N], of an acceleration by the tool's effective mass, and the rate of its samples [Hz]."""
-    if path.suffix in (".h5", ".hdf5"):
+def _read_record(
+    record: str | Path | pd.DataFrame, event: VibrationEvent
+) -> tuple[Array, float, bool]:
+    """Read force along the drag [N], rate of its samples [Hz], and whether it holds the pull."""
+    if isinstance(record, str | Path) and Path(record).suffix in (".h5", ".hdf5"):
         import h5py
 
         try:
-            with h5py.File(path) as file:
-                return -np.asarray(file["force_x_n"][:], dtype=np.float64), float(
-                    file.attrs["rate_hz"]
-                )
+            with h5py.File(record) as file:
+                force = np.asarray(file["force_x_n"][:], dtype=np.float64)
+                return force, float(file.attrs["rate_hz"]), True
         except (OSError, ValueError, KeyError) as error:
-            raise HapticsError(f"the record cannot be read: {error} [{path}]") from error
-    frame = read_table(path)
-    wanted: dict[str, Any] = {"time": (["time"], "time", None)}
-    if "acceleration_m_s2" not in frame:
+            raise HapticsError(f"the record cannot be read: {error} [{record}]") from error
+    if isinstance(record, str | Path):
+        frame, place = read_table(Path(record)), str(record)
+    else:
+        frame, place = record, "table"
+    accelerates = "acceleration_m_s2" in frame
+    wanted: dict[str, tuple[list[str], str, float | None]] = {"time": (["time"], "time", None)}
+    if not accelerates:
         wanted["force"] = (["force"], "force", None)
-    columns = read_si_columns(frame, wanted, path)
-    time = columns["time"]
-    steps = np.diff(time)
-    if len(time) < 16 or not (steps > 0.0).all():
-        raise HapticsError(f"time_s must rise in at least 16 rows, got {len(time)} [{path}]")
-    rate = 1.0 / float(np.median(steps))
-    if "acceleration_m_s2" in frame:
-        return frame["acceleration_m_s2"].to_numpy(
-            dtype=np.float64
-        ) * event.tool.effective_mass, rate
-    return columns["force"], rate
+    columns = read_si_columns(frame, wanted, place)
+    steps = np.diff(columns["time"])
+    if len(steps) < 15 or not (steps > 0.0).all():
+        raise HapticsError(f"time_s must rise in at least 16 rows, got {len(steps) + 1} [{place}]")
+    step = float(np.median(steps))
+    if step * event.tool.frequency * _SAMPLES > 1.0:
+        raise HapticsError(
+            f"time_s must rise by at most {1e3 / (_SAMPLES * event.tool.frequency):.2g} ms to show "
+            f"a ring of {event.tool.frequency:g} Hz, got steps of {1e3 * step:.3g} ms; a column in "
+            f"milliseconds is called time_ms [{place}]"
+        )
+    if accelerates:
+        values = frame["acceleration_m_s2"].to_numpy(dtype=np.float64)
+        force = values * event.tool.effective_mass
+    else:
+        force = columns["force"]
+    if not np.isfinite(force).all():
+        raise HapticsError(f"the record must have finite samples, got others [{place}]")
+    return force, 1.0 / step, not accelerates
 
 
-def _measure_ring(force: Array, rate: float, event: VibrationEvent) -> dict[str, Any]:
-    """Energy, frequency, decay and band of a ring, by least squares of a decaying sine and by its spectrum."""
+def _find_release(force: Array, rate: float, event: VibrationEvent) -> int:
+    """Find where the ring begins: where the changes of the force resemble those of the ideal most.
+
+    The fall of the pull at the release is a change at the same place, and no part of the ring.
+    """
+    from scipy.signal import correlate
+
+    ideal = compute_ring_force(event, rate)[: max(len(force) - 1, 2)]
+    changes = np.diff(force)
+    likeness = np.abs(correlate(changes, np.diff(ideal), "full"))[len(ideal) - 2 :]
+    start, cycle = int(np.argmax(likeness)), math.ceil(rate / event.tool.frequency)
+    near = slice(max(start - cycle, 0), start + cycle)
+    sharpest = near.start + int(np.argmax(np.abs(changes[near])))
+    after = np.abs(changes[sharpest + 1 : sharpest + 1 + cycle])
+    if abs(changes[sharpest]) > 2.0 * after.max(initial=0.0):
+        return sharpest + 1
+    return start
+
+
+def _measure_ring(
+    force: Array, rate: float, event: VibrationEvent
+) -> tuple[dict[str, float], float]:
+    """Measure energy, frequency, decay and band of a ring by a decaying sine and by its spectrum.
+
+    The second value is the share of the ring and its noise that the sine explains. What changes
+    slowly beside the ring, as the pull of a moving hand does, is taken off. The first cycle is
+    left out, for there the pull falls; the energy is carried back to where the sine begins.
+    """
     from scipy.optimize import least_squares
 
-    tool, time = event.tool, np.arange(len(force)) / rate
+    tool, first = event.tool, math.ceil(rate / event.tool.frequency)
+    time, force = np.arange(first, len(force)) / rate, force[first:]
+    slow = np.vander(time / time[-1], _TREND)
 
-    def shape(p: Any) -> Any:
-        wave = math.tau * p[0] * time
-        return np.exp(-time / np.exp(p[1]))[:, np.newaxis] * np.column_stack(
-            [np.sin(wave), np.cos(wave)]
-        )
+    def shape(p: Array) -> Array:
+        wave, decay = math.tau * p[0] * time, np.exp(-time / np.exp(p[1]))
+        return np.column_stack([slow, decay * np.sin(wave), decay * np.cos(wave)])
 
-    def misfit(p: Any) -> Any:
-        columns = shape(p)
-        return force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0]
+    def solve(p: Array) -> Array:
+        return np.asarray(np.linalg.lstsq(shape(p), force, rcond=None)[0])
 
-    starts = [
-        (tool.frequency * share, math.log(tool.decay_time)) for share in (0.7, 0.85, 1.0, 1.15, 1.3)
-    ]
     best = min(
-        (least_squares(misfit, start, x_scale=(10.0, 0.1)) for start in starts),
+        (
+            least_squares(
+                lambda p: force - shape(p) @ solve(p),
+                (tool.frequency * share, math.log(tool.decay_time)),
+                x_scale=(10.0, 0.1),
+                bounds=((0.3 * tool.frequency, -12.0), (3.0 * tool.frequency, 3.0)),
+            )
+            for share in (0.7, 0.85, 1.0, 1.15, 1.3)
+        ),
         key=lambda one: float(one.cost),
     )
-    power = np.abs(np.fft.rfft(force, 2 ** math.ceil(math.log2(len(force)) + 2))) ** 2
+    *trend, sine, cosine = solve(best.x)
+    ring = force - slow @ np.array(trend)
+    # the zero of the sine that is nearest to the release
+    turn, decay = math.tau * best.x[0], float(np.exp(best.x[1]))
+    start = -math.remainder(math.atan2(cosine, sine), math.pi) / turn
+    carried = math.exp(2.0 * (time[0] - start) / decay)
+    explained = 1.0 - 2.0 * best.cost / max(float(np.sum(ring**2)), 1e-300)
+    power = np.abs(np.fft.rfft(ring, 2 ** math.ceil(math.log2(len(ring)) + 2))) ** 2
     band = np.fft.rfftfreq(2 * (len(power) - 1), 1.0 / rate)
-    low, high = (
-        share / 300.0 * tool.frequency for share in (250.0, 350.0)
-    )  # the paper's 250 to 350 Hz
+    # the paper's 250 to 350 Hz
+    low, high = (edge / 300.0 * tool.frequency for edge in (250.0, 350.0))
     inside = (band >= low) & (band <= high)
-    return {
-        "ring energy": compute_ring_energy(force, rate, tool),
+    figures = {
+        "ring energy": compute_ring_energy(ring, rate, tool) * carried,
         "ring frequency": float(best.x[0]),
-        "ring decay": float(np.exp(best.x[1])),
-        "energy in the ring's band": float(power[inside].sum() / power.sum()),
+        "ring decay": decay,
+        "energy in the ring's band": float(power[inside].sum() / max(power.sum(), 1e-300)),
     }
+    return figures, explained

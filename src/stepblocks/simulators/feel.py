@@ -1,109 +1,112 @@
-"""The page on which a mouse drags the probe over a block: one file, no network."""
+"""The page on which a mouse or gamepad drags a probe over a block: one file, no network."""
 
+import base64
+import hashlib
 import json
-import math
-from collections.abc import Sequence
+from importlib.resources import files as package_files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface
-from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
-from stepblocks.select import find_stimulus_files
+from stepblocks.parts.kind import Part
+from stepblocks.parts.set import StimulusSet
+from stepblocks.simulators.conditions import Sets, choose_operating_point, load_sets
 
-_EVERY = 12  # knots of a circle that the page does without
 _WIDE = 1e-3  # of the drawn profile on either side of the edge [m]
-_KINK = 1e-3  # change of slope that is a corner of the path [1]
+_LIMITERS = {
+    "strength": "the tool bears",
+    "spring": "the spring is linear to",
+    "gauge": "the gauge shows",
+    "hand": "a hand pulls",
+}
 
 
-def feel(files: str | Path | Sequence[str | Path], page: str | Path) -> int:
-    """Write the page on which the blocks of some sets are felt with the first tip and the tool of the first set.
+def feel(files: Sets, page: str | Path) -> int:
+    """Write the page on which all stimuli of some sets are felt, each as its file declares it.
+
+    Tip, load, friction, tool, ring and limits are the first of each set's prediction. Tips and
+    sheaths drag over the steps of their set.
 
     Parameters
     ----------
-    files, page : str, Path or sequence of them
-        Stimulus files, or folders of them; HTML file to write.
+    files : str, Path, StimulusSet or sequence of them
+        Stimulus files, folders of them, or sets.
+    page : str or Path
+        HTML file to write.
 
     Returns
     -------
     int
-        Number of blocks.
+        Number of stimuli on the page.
 
     Raises
     ------
     StepblocksError
-        If a file is wrong, none has a block, or the page cannot be written.
+        If a file is wrong or the page cannot be written.
     """
-    sets = [load_declared(path) for path in find_stimulus_files(files)]
-    found = [
-        (stimuli, s)
-        for stimuli in sets
-        for s in stimuli.stimuli
-        if s.crossed and s.turn_radius is None
+    stimuli = [
+        _describe_stimulus(declared, part, place)
+        for declared, place in load_sets(files)
+        for part in declared.stimuli
     ]
-    if not found:
-        raise PipelineError(
-            "stepblocks feel needs at least one step_block or margin_block, got none"
-        )
-    point = found[0][0].prediction.first_point()
-    radius, tool = point.ball_radius, point.tool
-    blocks = [
-        {"name": block.id, **_describe_block(block.counterface(), radius)} for _, block in found
-    ]
+    templates = package_files("stepblocks.simulators").joinpath("templates")
+    scripts = [templates.joinpath(name).read_text("utf-8") for name in ("feel_law.js", "feel.js")]
+    script = "\n" + "".join(scripts)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    names = [str(one["name"]) for one in stimuli]
     text = render_page(
         "simulators",
         "feel.html",
-        blocks=blocks,
-        first=next(
-            (one["name"] for one in blocks if one["name"].endswith("-050")), blocks[0]["name"]
-        ),
-        # names are lower-case words by the rules of the stimulus file; "<" is escaped all the same
-        data=json.dumps(blocks, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
-        stiffness_n_per_m=tool.stiffness,
-        ring=math.sqrt(tool.conversion),
-        frequency_hz=tool.frequency,
-        decay_s=tool.decay_time,
-        ball_radius_m=radius,
+        stimuli=stimuli,
+        first=names.index("step-050") if "step-050" in names else 0,
+        script=script,
+        script_hash=f"'sha256-{digest}'",
+        # "<" ends no script, whatever a set is called
+        data=json.dumps(stimuli, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
     )
     try:
         Path(page).parent.mkdir(parents=True, exist_ok=True)
         replace_text(Path(page), text)
     except OSError as error:
         raise PipelineError(f"the page cannot be written: {error.strerror} [{page}]") from error
-    return len(blocks)
+    return len(stimuli)
 
 
-def _describe_block(face: Counterface, radius: float) -> dict[str, Any]:
-    """Return what the page draws, and the path without most knots of its circles; notches and ends of lines stay."""
-    path, edges = face.centre_path(radius), np.array(face.breakpoints)
-    trigger, _, angle = path.find_notch(+1.0)
+def _describe_stimulus(stimuli: StimulusSet, part: Part, place: str) -> dict[str, object]:
+    """Describe a stimulus for the page: its conditions, and the outline of each variant."""
+    point = choose_operating_point(stimuli, part, {})
+    limiter, limit = point.tool.limits.first
+    steps = (None,) if part.crossed else stimuli.prediction.step_heights
+    return {
+        "name": part.id,
+        "set": stimuli.name,
+        "file": place,
+        "radius": point.ball_radius,
+        "load": point.normal_load,
+        "friction": point.friction,
+        "stiffness": point.tool.stiffness,
+        "conversion": point.tool.conversion,
+        "frequency": point.tool.frequency,
+        "decay": point.tool.decay_time,
+        "limit": min(limit, 1e300),
+        "limiter": _LIMITERS[limiter],
+        "variants": [_describe_outline(part.counterface(step), step) for step in steps],
+    }
+
+
+def _describe_outline(face: Counterface, step: float | None) -> dict[str, object]:
+    """Describe discs and lines of a counterface [m], and the profile that is drawn."""
+    discs, lines = face.outline()
+    edges = np.array(face.breakpoints)
     across = np.linspace(edges[0], edges[-1], 30)
     x = np.unique(np.concatenate([[-_WIDE, _WIDE], edges - 1e-12, edges + 1e-12, across]))
-    before, after = path.slope_end[:-1], path.slope_start[1:]  # of the inner knots
-    corners = np.flatnonzero(np.abs(after - before) > _KINK) + 1
-    flat = np.flatnonzero((after == 0.0) != (before == 0.0)) + 1
-    kept = np.unique(
-        np.concatenate([np.arange(0, len(path.x), _EVERY), corners, flat, [len(path.x) - 1]])
-    )
-    held = [
-        (float(path.x[i]), before[i - 1], after[i - 1])
-        for i in corners
-        if after[i - 1] > before[i - 1]
-    ]
     return {
-        "angle": angle,
-        "trigger": trigger,
+        "label": "" if step is None else f"{step * 1e6:g} µm",
+        "discs": discs,
+        "lines": [(*start, *stop) for start, stop in lines],
         "profile": np.column_stack([x, face.heights(x)]).tolist(),
-        "x": path.x[kept].tolist(),
-        "z": path.z[kept].tolist(),
-        "first": path.slope_start[kept[:-1]].tolist(),
-        "last": path.slope_end[kept[1:] - 1].tolist(),
-        "notches": [
-            {"x": x, "up": bool(rise > _KINK), "down": bool(fall < -_KINK)}
-            for x, fall, rise in held
-        ],
     }
