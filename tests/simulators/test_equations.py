@@ -160,13 +160,16 @@ def test_the_ring_of_the_exported_law_starts_with_the_share_of_the_formula(expor
 
 @pytest.fixture(scope="module")
 def in_node(tmp_path_factory):
-    """The script of the page without its window: what is above the first line that touches the document."""
+    """The law of the page without its window, and what the page knows of the ten blocks."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("no node")
     folder = tmp_path_factory.mktemp("page")
     feel([ROOT / "stimuli" / "paper-ten.toml"], folder / "feel.html")
-    script = (folder / "feel.html").read_text().split("<script>")[1].split("const $ =")[0]
+    page = (folder / "feel.html").read_text()
+    stimuli = page.split('<script id="stimuli" type="application/json">')[1].split("</script>")[0]
+    script = page.split("<script>")[1].split("// The page:")[0]
+    script += f"const STIMULI = {stimuli}, RATE = 10000;\n"
     script += Path(__file__).with_name("drag_across.js").read_text()
 
     def run(expression):
@@ -185,11 +188,15 @@ def test_the_page_states_the_force_of_the_formula_and_where_it_ends(in_node):
         for load in (0.3, 1.0, 1.9)
         for mu in (0.0, 0.15, 0.3, 0.5)
     ]
-    told = in_node(f"{json.dumps(grid)}.map(([i, load, mu]) => release(BLOCKS[i], load, mu))")
+    paths = "STIMULI.map(one => buildPath(one.variants[0], one.radius))"
+    told = in_node(
+        f"(paths => {json.dumps(grid)}.map(([i, load, friction]) => predict(paths[i], 1, "
+        f"{{...STIMULI[i], load, friction}}).force))({paths})"
+    )
     for (index, load, friction), force in zip(grid, told, strict=True):
         angle = kernels.compute_angle_on_step(TEN[index].height.nominal, 125e-6)
         if angle + math.atan(friction) >= 0.5 * math.pi:
-            assert force is None  # Infinity is no JSON
+            assert force is None  # NaN is no JSON
         else:
             assert force == pytest.approx(
                 kernels.compute_pull_force(load, angle, friction), rel=1e-9
@@ -197,7 +204,7 @@ def test_the_page_states_the_force_of_the_formula_and_where_it_ends(in_node):
 
 
 def test_the_pages_probe_slips_at_the_force_of_the_formula(in_node):
-    found = in_node("[0, 4, 8].map(i => dragAcross(i, 0.6, 0.22))")
+    found = in_node("[0, 4, 8].map(i => dragAcross(i, {load: 0.6, friction: 0.22, limit: 1e3}))")
     for index, drag in zip((0, 4, 8), found, strict=True):
         point = OperatingPoint(125e-6, 0.6, 0.22)
         assert drag["peak"] == pytest.approx(released(TEN[index].height.nominal, point), rel=5e-3)
@@ -207,11 +214,10 @@ def test_the_pages_probe_slips_at_the_force_of_the_formula(in_node):
 def test_the_pages_probe_stays_where_the_formula_locks(in_node):
     # R (1 - sin(atan mu)) = 79 um at mu 0.4
     assert 80e-6 > kernels.compute_locking_height(125e-6, 0.4) > 70e-6
-    assert [drag["events"] for drag in in_node("[6, 7].map(i => dragAcross(i, 1.0, 0.4))")] == [
-        1,
-        0,
-    ]
+    drags = in_node("[6, 7].map(i => dragAcross(i, {load: 1, friction: 0.4, limit: 1e3}))")
+    assert [drag["events"] for drag in drags] == [1, 0]
 
 
 def test_the_page_rings_with_the_share_of_the_formula(in_node):
-    assert in_node("[RING, K, R]") == pytest.approx([math.sqrt(0.2), 9.81e3, 125e-6])
+    shares = "[STIMULI[0].conversion, STIMULI[0].stiffness, STIMULI[0].radius]"
+    assert in_node(shares) == pytest.approx([0.2, 9.81e3, 125e-6])
