@@ -9,10 +9,9 @@ BIN := $(VENV)/bin
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
 
-# All that the program makes: the build with its drawings, the apparatus as a kit, the page to feel, a rehearsed loop, the evidence, the scene of every simulator.
+# All that the program makes: the build with its drawings, the page to feel, a rehearsed loop, the evidence, the scene of every simulator.
 run-all: run $(VENV)/ready-all
 	$(BIN)/stepblocks workshop --masks
-	$(BIN)/stepblocks workshop stimuli/apparatus.toml
 	$(BIN)/stepblocks feel --no-open
 	$(MAKE) --no-print-directory example
 	$(BIN)/stepblocks evidence

@@ -128,11 +128,7 @@ def _texts(work: Path) -> Iterator[Kind]:
     yield (
         "stimuli",
         (
-            [
-                (path.name, path.read_bytes())
-                for path in sorted((ROOT / "stimuli").glob("*.toml"))
-                if path.stem != "apparatus"
-            ],
+            [(path.name, path.read_bytes()) for path in sorted((ROOT / "stimuli").glob("*.toml"))],
             load_declared,
         ),
     )

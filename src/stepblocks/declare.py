@@ -13,9 +13,7 @@ from stepblocks.mistakes import (
     format_mistakes,
     list_mistakes,
     shorten_value,
-    validate_data,
 )
-from stepblocks.parts.apparatus import Kit
 from stepblocks.parts.series import MAX_SERIES, expand_series, merge_tables
 from stepblocks.parts.set import (
     StimulusSet,
@@ -51,10 +49,6 @@ def load_set(path: str | Path) -> StimulusSet:
     """
     path = Path(path)
     raw, known = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES), list_kinds()
-    if "apparatus" in raw:
-        raise StimulusError(
-            f"apparatus is no stimulus: stepblocks workshop makes it, not build [{path}]"
-        )
     name = raw.pop("set", path.stem)
     mistakes: list[Mistake] = []
     if (schema := raw.pop("schema", SCHEMA)) != SCHEMA:
@@ -98,18 +92,6 @@ def load_set(path: str | Path) -> StimulusSet:
     if mistakes:
         raise StimulusError(format_mistakes(mistakes, path))
     return found
-
-
-def load_kit(path: Path) -> Kit | None:
-    """Read a file with apparatus; None where it declares none."""
-    raw = read_document(path, "a file with apparatus", StimulusError, MAX_FILE_BYTES)
-    if "apparatus" not in raw:
-        return None
-    if raw.pop("schema", SCHEMA) != SCHEMA or raw.pop("set", path.stem) != path.stem:
-        raise StimulusError(
-            f"schema must be {SCHEMA} and set the name of the file, {path.stem!r} [{path}]"
-        )
-    return validate_data(Kit, raw, path, StimulusError)
 
 
 def load_declared(path: str | Path) -> StimulusSet:

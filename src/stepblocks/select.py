@@ -16,7 +16,7 @@ def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) 
         what, found = "a stimulus file or a folder of them", [argument]
         if argument.is_dir():
             what = "a folder with stimulus files (*.toml)"
-            found = [path for path in sorted(argument.glob("*.toml")) if not _is_kit(path)]
+            found = sorted(argument.glob("*.toml"))
         if not found or not is_file(found[0]):
             other = "name files or folders as FILE" if not several else _describe_nearby(argument)
             raise PipelineError(f"expected {what}; {other} [{argument}]")
@@ -38,14 +38,6 @@ def _describe_nearby(path: Path) -> str:
     )
     near = get_close_matches(str(path), there, 1, 0.6)
     return f"did you mean {near[0]}?" if near else f"'stepblocks new block {path}' writes one"
-
-
-def _is_kit(path: Path) -> bool:
-    """Tell apparatus from stimuli: it is made where it is named, not with all that lies in a folder."""
-    if not is_file(path):
-        return False
-    with path.open("rb") as file:
-        return b"\n[[apparatus]]" in file.read(1_000_000)
 
 
 def matches_pattern(only: str, set_name: str, identity: str) -> bool:

@@ -148,18 +148,6 @@ def compute_volume(body: Body) -> float:
     return float(body.Volume()) / _MM**3
 
 
-def compute_common_volume(a: Body, b: Body, by: Point = (0.0, 0.0, 0.0)) -> float:
-    """Compute the volume that two bodies share [m^3], the first one moved.
-
-    It is 0 where they only touch.
-    """
-    a = a.translate(_vector(by))
-    (low, high), (other_low, other_high) = _find_corners(a), _find_corners(b)
-    if (high <= other_low).any() or (other_high <= low).any():
-        return 0.0
-    return sum(float(solid.Volume()) for solid in a.intersect(b).Solids()) / _MM**3
-
-
 def _find_corners(shape: Any) -> NDArray[np.float64]:
     box = shape.BoundingBox()
     return np.array([[box.xmin, box.ymin, box.zmin], [box.xmax, box.ymax, box.zmax]]) / _MM

@@ -12,7 +12,6 @@ from stepblocks.atomic import write_atomically
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
-from stepblocks.parts.kinds.machined import Box, Machined
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
@@ -24,7 +23,7 @@ from stepblocks.workshop.blocks import (
     draw_step_block_views,
 )
 from stepblocks.workshop.gauge_route import GaugePair
-from stepblocks.workshop.sheet import FONT, HEIGHT, TOP_OF_TITLE, WIDTH, Point, Sheet, choose_scale
+from stepblocks.workshop.sheet import FONT, HEIGHT, TOP_OF_TITLE, WIDTH, Sheet
 from stepblocks.workshop.turned import (
     draw_crown_views,
     draw_hook_tip_views,
@@ -36,79 +35,7 @@ from stepblocks.workshop.turned import (
 FORMATS = ("dxf", "svg", "pdf")
 _NOTHING_SAID = OrderSpec()
 _MOST_ROWS = 40  # of notes over the title block
-_ROOM = (150.0, 150.0)  # for the three views [mm]
-_GAP = 32.0  # between views [mm]
 _CAPITAL = 0.729  # height of a capital of the font over its size
-
-
-def draw_machined_views(
-    sheet: Sheet, part: Machined, room: Point = _ROOM, foot: float = 110.0
-) -> list[str]:
-    """Draw a part; where its bores lie is said in words, by their numbers."""
-    low, high = part.extent
-    size = [1e3 * (b - a) for a, b in zip(low, high, strict=True)]
-    scale = choose_scale(
-        min((room[0] - _GAP) / (size[0] + size[1]), (room[1] - _GAP) / (size[1] + size[2]))
-    )
-    left, base = 45.0, foot + size[1] * scale + _GAP
-    # which axes lie along the sheet, the corner of each view, and the axis that looks out of it
-    views = {
-        "front": (0, 2, left, base, "y"),
-        "top": (0, 1, left, base - _GAP - size[1] * scale, "z"),
-        "left": (1, 2, left + size[0] * scale + _GAP, base, "x"),
-    }
-    for name, (u, v, x, y, out) in views.items():
-        k = 1e3 * scale
-        for one in part.boxes:
-            corner = x + (one.low[u] - low[u]) * k, y + (one.low[v] - low[v]) * k
-            far = (
-                corner[0] + (one.high[u] - one.low[u]) * k,
-                corner[1] + (one.high[v] - one.low[v]) * k,
-            )
-            sheet.rectangle(
-                corner, far, "HIDDEN" if _is_covered(one, part.boxes, (u, v), out) else "OUTLINE"
-            )
-        for cylinder in (*part.rods, *part.bores):
-            left_of, under = x - low[u] * k, y - low[v] * k
-            if cylinder.axis == out:
-                middle = left_of + cylinder.start[u] * k, under + cylinder.start[v] * k
-                sheet.circle(middle, 0.5 * cylinder.diameter * k)
-            else:
-                ends = zip(cylinder.ends[u], cylinder.ends[v], strict=True)
-                corner, far = ((left_of + a * k, under + b * k) for a, b in ends)
-                sheet.rectangle(corner, far, "HIDDEN" if cylinder in part.bores else "OUTLINE")
-        sheet.text((x, y - 5.0), f"{name} {scale:g}:1", 2.0)
-    wide, deep, tall = (length * scale for length in size)
-    top = base - _GAP - deep
-    for key, start, end, along in (  # over all, as far as it has plane ends
-        ("length", (left, top), (left + wide, top), (left, top - 12.0)),
-        ("width", (left, top), (left, top + deep), (left - 12.0, top)),
-        ("height", (left, base), (left, base + tall), (left - 12.0, base)),
-    ):
-        if key in sheet.listed:
-            sheet.dimension(key, start, end, along, scale, upright=key != "length")
-    notes = [f"{part.standard}." if part.standard else "Break all edges by 0.3 mm; no burr."]
-    threads = sorted({one.thread for one in part.bores if one.thread})
-    return notes + [
-        f"Threads: {', '.join(threads)}, tapped where the bore is said to be for them."
-    ] * bool(threads)
-
-
-def _is_covered(one: Box, boxes: tuple[Box, ...], axes: tuple[int, int], out: str) -> bool:
-    """Tell whether another box hides this one.
-
-    The top is seen from above, the other views from the front and from the left.
-    """
-    w = "xyz".index(out)
-    before = [
-        each
-        for each in boxes
-        if (each.high[w] > one.high[w] if out == "z" else each.low[w] < one.low[w])
-    ]
-    return any(
-        all(each.low[k] <= one.low[k] and each.high[k] >= one.high[k] for k in axes)
-        for each in before
-    )
 
 
 # who draws a kind on a sheet and returns lines for its notes; without views everything is said in
@@ -121,7 +48,6 @@ VIEWS: Mapping[type, Callable[[Sheet, Any], list[str]]] = {
     HookTip: draw_hook_tip_views,
     Sheath: draw_sheath_views,
     Turned: draw_turned_views,  # any other turned kind
-    Machined: draw_machined_views,
 }
 
 
@@ -142,31 +68,6 @@ def write_gauge_drawing(
         FORMATS,
         lambda: draw_gauge_sheet(block, pair, _list_order_fields(order)),
     )
-
-
-def write_assembly_drawing(
-    folder: Path, name: str, parts: Sequence[Machined], order: OrderSpec
-) -> list[Path]:
-    """Draw the parts of an assembly where they are, each by its boxes and rods."""
-    boxes, rods = (
-        [one for part in parts for one in getattr(part, kind)] for kind in ("boxes", "rods")
-    )
-    whole = parts[0].model_copy(
-        update={"boxes": tuple(boxes), "rods": tuple(rods), "bores": (), "between": ()}
-    )
-    mass = f"{math.fsum(part.mass for part in parts) * 1e3:.4g} g"
-
-    def draw() -> Sheet:
-        sheet = Sheet([])
-        draw_machined_views(sheet, whole, (330.0, 245.0), 35.0)
-        sheet.border(
-            "Assembly",
-            {"identity": name.upper(), "material": "by part", "mass": mass}
-            | _list_order_fields(order),
-        )
-        return sheet
-
-    return _write_all(folder, f"{name}.assembly", FORMATS, draw)
 
 
 def _list_order_fields(order: OrderSpec) -> dict[str, str]:

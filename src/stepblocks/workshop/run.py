@@ -10,9 +10,8 @@ import pandas as pd
 from stepblocks.artefacts.on_paper import make_sheet_table, write_sheet_pdf
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import lock_folder, resolve_inside
-from stepblocks.declare import load_declared, load_kit
+from stepblocks.declare import load_declared
 from stepblocks.errors import MachiningError, PipelineError
-from stepblocks.parts.apparatus import Apparatus, Kit
 from stepblocks.parts.body import Block
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
@@ -23,7 +22,6 @@ from stepblocks.tables import write_table
 from stepblocks.workshop.complete import find_missing
 from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import choose_pair, write_gauge_assembly
-from stepblocks.workshop.kit import write_kit
 from stepblocks.workshop.masks import write_masks
 from stepblocks.workshop.routes import Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
@@ -94,10 +92,11 @@ def order_parts(
     orders = []
     with lock_folder(Path(output)):
         for path in find_stimulus_files(files):
-            declared = load_kit(path) or load_declared(path)
-            parts = declared.apparatus if isinstance(declared, Kit) else declared.stimuli
+            declared = load_declared(path)
             chosen = [
-                one for one in parts if only is None or matches_pattern(only, path.stem, one.id)
+                one
+                for one in declared.stimuli
+                if only is None or matches_pattern(only, path.stem, one.id)
             ]
             for one in chosen:
                 orders.append(
@@ -127,16 +126,13 @@ def _make_folder(output: Path, name: str) -> Path:
 
 
 def _order_part(
-    name: str, part: Part | Apparatus, output: Path, capability: float, declared: StimulusSet | Kit
+    name: str, part: Part, output: Path, capability: float, declared: StimulusSet
 ) -> PartOrder:
     folder, said = _make_folder(output, name), declared.order
-    if isinstance(part, Apparatus):
-        files, wrong = write_kit(folder, part, said)
-        return PartOrder(name, tuple(files), (), tuple(wrong))
     written = [*write_drawing(folder, part, order=said), folder / f"{part.id}.plan.qif"]
     write_qif(written[-1], part, said)
     routes: list[Route] = []
-    if isinstance(part, StepBlock) and isinstance(declared, StimulusSet):
+    if isinstance(part, StepBlock):
         routes = find_routes(part, capability, declared.prediction.first_point())
         written.append(folder / f"{part.id}.routes.csv")
         write_table(pd.DataFrame([make_route_row(name, route) for route in routes]), written[-1])
