@@ -15,6 +15,7 @@ from stepblocks.errors import ContactError
 
 Floats = NDArray[np.float64]
 Edges = Literal["strict", "flat"]
+_MOST_POSITIONS = 4_000_000  # of the path; it takes 100 bytes for each
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,13 @@ def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def _positions(x: Floats, width: float, reach: float, edges: Edges) -> Floats:
-    pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * width)), 1).astype(int)
+    pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * width)), 1)
+    if pieces.sum() > _MOST_POSITIONS:
+        raise ContactError(
+            f"profile of {x[-1] - x[0]:.3g} m with {x.size} points is too long for a ball of "
+            f"{0.5 * width:.3g} m; cut it out around the edge"
+        )
+    pieces = pieces.astype(int)
     number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     where = np.unique(
         np.append(

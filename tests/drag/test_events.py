@@ -1,0 +1,277 @@
+"""A drag is a list of events: each catch with its place, its pull, its energies, and whose it is."""
+
+import json
+import math
+import pickle
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from oracles.rigid_drag import RigidPath, events_of, rigid_drag
+from stepblocks.cli import main
+from stepblocks.contact.counterface import Groove, Margin, Profile, Step
+from stepblocks.contact.critical_angle import step_angle
+from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.event import vibration_events
+from stepblocks.contact.laws import LinearContact
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.drag.run import drag_over
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.predict.predictions import predict_one
+
+R = PAPER.ball_radius
+X = np.arange(-0.8e-3, 0.8e-3, 0.5e-6)
+
+
+def steps(*edges):
+    """A profile of sharp steps, each (x, height)."""
+    return Profile(X, sum(np.where(edge < X, height, 0.0) for edge, height in edges))
+
+
+WAVY = Profile(X, np.where(X > 0, 25e-6, 0.0) + 0.5e-6 * np.sin(2.0 * np.pi * X / 1e-4))
+
+
+def test_the_step_answers_and_not_the_first_ripple_before_it():
+    # Expected value: equation (1) at the steepest place of the path.
+    done = drag_over(WAVY)
+    formula = done.summary["equation_1"]["peak_force_n"]
+    assert formula == pytest.approx(1.0, abs=0.01)
+    assert done.summary["peak_force_n"] == pytest.approx(formula, rel=0.02)
+    feature = done.events[done.events.belongs_to == "feature"]
+    assert len(feature) == 1
+    assert abs(feature.contact_x_m.iloc[0]) < 2e-6
+    texture = done.events[done.events.belongs_to != "feature"]
+    assert {"before", "after"} == set(texture.belongs_to)
+    assert (texture.pull_n.dropna() < 0.6).all()
+    # a ripple of 0.5 um every 100 um has slopes of 1.8 degrees: it hides steps of R (1 - cos a)
+    assert done.summary["texture_angle_deg"] == pytest.approx(1.8, abs=0.1)
+    hidden = done.summary["texture_hides_step_m"]
+    assert step_angle(hidden, R) == pytest.approx(
+        math.radians(done.summary["texture_angle_deg"]), rel=1e-9
+    )
+
+
+def test_ripples_lie_a_wavelength_apart_and_ask_the_pull_of_their_slope():
+    # Expected values: slope 2 pi A / L of a sine; equation (1).
+    waves = Profile(X, 1e-6 * np.sin(2.0 * np.pi * X / 1e-4))
+    events = drag_over(waves, speed=1e-3).events
+    assert len(events) >= 14
+    assert np.diff(events.x_m)[1:] == pytest.approx(1e-4, rel=0.03)
+    angle = math.atan(2.0 * math.pi * 1e-6 / 1e-4)
+    events = events[1:]  # the first begins where the profile does
+    assert np.radians(events.critical_angle_deg.to_numpy()) == pytest.approx(angle, rel=0.02)
+    assert events.formula_pull_n.to_numpy() == pytest.approx(
+        release_at(angle, 1.0, 0.15).pull_force, rel=0.02
+    )
+    assert events.pull_n.median() == pytest.approx(events.formula_pull_n.median(), rel=0.05)
+
+
+@pytest.mark.parametrize(("first", "second"), [(15e-6, 20e-6), (20e-6, 40e-6), (15e-6, 25e-6)])
+def test_of_two_steps_the_higher_answers_and_both_are_listed(first, second):
+    face = steps((0.0, first), (50e-6, second))
+    done = drag_over(face)
+    assert done.events.status.tolist() == ["releases", "releases"]
+    assert done.events.belongs_to.tolist() == ["before", "feature"]
+    assert done.events.contact_x_m.to_numpy() == pytest.approx([0.0, 50e-6], abs=1e-6)
+    assert done.events.pull_n.iloc[1] == done.summary["peak_force_n"]
+    assert done.summary["vibration_energy_j"] > 0.0
+    assert done.summary["other_releases"] == 1
+    predicted = predict_one(face, PAPER)
+    assert predicted.release.pull_force == done.summary["equation_1"]["peak_force_n"]
+    assert predicted.in_time.peak_force == pytest.approx(done.summary["peak_force_n"], rel=1e-9)
+    assert predicted.in_time.energy == pytest.approx(done.summary["vibration_energy_j"], rel=1e-9)
+
+
+def test_equation_drag_and_export_speak_of_the_same_edge():
+    face = steps((-0.4e-3, 30e-6), (0.3e-3, 18e-6))
+    whole, narrow = face, Profile(face.x, face.z, feature=(0.2e-3, 0.4e-3))
+    for one, height in ((whole, 30e-6), (narrow, 18e-6)):
+        formula = one.release(PAPER)
+        assert formula.angle == pytest.approx(step_angle(height, R), rel=1e-6)
+        event = vibration_events(Profile(face.x[::4], face.z[::4], one.feature), PAPER)[0]
+        assert event.critical_angle == pytest.approx(formula.angle, rel=1e-4)
+        done = drag_over(one)
+        answer = done.events[done.events.belongs_to == "feature"]
+        assert answer.critical_angle_deg.iloc[0] == pytest.approx(
+            math.degrees(formula.angle), rel=1e-4
+        )
+        assert done.trace.peak_force == pytest.approx(formula.pull_force, rel=0.03)
+    given = drag_over(whole, x_range=(0.2e-3, 0.4e-3))
+    assert given.trace.peak_force == drag_over(narrow).trace.peak_force
+    assert given.events.belongs_to.tolist() == ["before", "feature"]
+
+
+def test_a_range_on_the_way_back_is_that_of_the_surface():
+    face = Profile(
+        -steps((-0.4e-3, 30e-6), (0.3e-3, 18e-6)).x[::-1],
+        steps((-0.4e-3, 30e-6), (0.3e-3, 18e-6)).z[::-1],
+    )
+    back = drag_over(face, x_range=(-0.4e-3, -0.2e-3), backward=True)
+    assert back.events.contact_x_m[back.events.belongs_to == "feature"].tolist() == pytest.approx(
+        [-0.3e-3], abs=1e-6
+    )
+    assert back.formula.angle == pytest.approx(step_angle(18e-6, R), rel=1e-6)
+
+
+def test_a_pulled_handle_with_mass_meets_the_edge_itself():
+    done = drag_over("25 um", pull=1.2)
+    # the frame, not the transient of the start, has the greatest pull before the release
+    frame = done.frame[done.frame.time_s <= done.summary["release_time_s"] + 1e-3]
+    assert done.summary["peak_force_n"] == pytest.approx(frame.fx_n.max(), rel=5e-3)
+    assert done.summary["peak_force_n"] > done.summary["equation_1"]["peak_force_n"]
+    assert 0.0 < done.summary["ring_share"] < 1.0
+
+
+def test_a_pull_that_is_too_weak_is_no_release():
+    done = drag_over("25 um", pull=0.5, handle_mass=0.1)
+    assert done.trace.status is Status.LOCKED
+    assert "peak_force_n" not in done.summary
+    assert "does not pass" in done.summary["reason"]
+    assert done.frame.x_m.iloc[-1] < -R * math.sin(step_angle(25e-6, R)) + 2e-6
+
+
+def test_where_the_equation_holds_the_tip_so_does_the_drag():
+    # 100 um at mu 0.3: a + atan mu is more than a right angle.
+    done = drag_over("100 um", friction=0.3)
+    assert done.formula.status is Status.LOCKED
+    assert done.trace.status is Status.LOCKED
+    assert "gives way" in done.summary["reason"]
+    assert done.ring is None
+
+
+@pytest.mark.parametrize("pitch", [0.25e-6, 0.5e-6, 1e-6, 2e-6])
+def test_a_slope_of_45_degrees_releases_however_densely_it_is_sampled(pitch):
+    x = np.arange(-0.4e-3, 0.4e-3, pitch)
+    done = drag_over(Profile(x, np.clip(x, 0.0, 100e-6)))
+    assert done.trace.status is Status.RELEASES
+    formula = release_at(math.radians(45.0), 1.0, 0.15).pull_force
+    assert done.summary["equation_1"]["peak_force_n"] == pytest.approx(formula, rel=1e-5)
+    assert done.trace.peak_force == pytest.approx(formula, rel=0.04)
+
+
+@pytest.mark.parametrize(
+    ("face", "backward"),
+    [
+        (Groove(100e-6, 0.6), False),
+        (Groove(100e-6, 0.6), True),
+        (Margin(50e-6, 50e-6, 12e-6), False),
+        (Margin(50e-6, 50e-6, -12e-6), True),
+    ],
+)
+def test_grooves_and_margins_have_one_event_either_way(face, backward):
+    done = drag_over(face, backward=backward)
+    assert done.events.belongs_to.tolist() == ["feature"]
+    formula = face.release(PAPER, backward)
+    assert done.events.critical_angle_deg.iloc[0] == pytest.approx(
+        math.degrees(formula.angle), rel=1e-3
+    )
+    assert done.trace.peak_force == pytest.approx(formula.pull_force, rel=0.08)
+
+
+def test_a_groove_is_the_same_both_ways():
+    there, back = (drag_over(Groove(90e-6, 0.5), backward=way) for way in (False, True))
+    assert there.trace.peak_force == pytest.approx(back.trace.peak_force, rel=1e-6)
+    # the catch mirrors about the middle of the groove
+    assert there.events.x_m.iloc[0] + back.events.x_m.iloc[0] == pytest.approx(90e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("height", [10e-6, 25e-6, 50e-6])
+def test_a_rigid_tip_integrated_from_event_to_event_gives_the_same_release(height):
+    # Origin: `oracles.rigid_drag`, its own path, contact, impacts and integrator.
+    corners = np.array([-0.4e-3, 0.0, 1e-9, 0.5e-3]), np.array([0.0, 0.0, height, height])
+    done = drag_over(Profile(*corners), contact=LinearContact(3e8))
+    probe, path = done.trace.probe, RigidPath(*corners, R)
+    rows = rigid_drag(
+        path,
+        load=1.0,
+        friction=0.15,
+        speed=5e-3,
+        stiffness=probe.stiffness,
+        mass=probe.mass,
+        damping_ratio=probe.damping_ratio,
+        loss=probe.contact_loss,
+        start=float(done.frame.x_m[0]),
+        end=0.4e-3,
+    )
+    (expected,) = events_of(
+        rows, path, level=0.15, stiffness=probe.stiffness, frequency=probe.frequency
+    )
+    assert done.summary["peak_force_n"] == pytest.approx(expected["pull_n"], rel=0.02)
+    assert done.summary["vibration_energy_j"] == pytest.approx(expected["ring_j"], rel=0.05)
+
+
+def test_each_event_closes_its_own_ledger_and_rings_with_less_than_it_was_given():
+    events = drag_over(steps((-0.3e-3, 22e-6), (0.0, 31e-6), (0.2e-3, 16e-6))).events
+    assert len(events) == 3
+    assert (events.ledger_error < 1e-3).all()
+    assert (events.vibration_energy_j <= events.stored_energy_j).all()
+    assert events.ring_share.to_numpy() == pytest.approx(
+        (events.vibration_energy_j / events.stored_energy_j).to_numpy()
+    )
+    assert events.stored_energy_j.to_numpy() == pytest.approx(
+        (0.5 * events.pull_n**2 / PAPER.tool.stiffness).to_numpy()
+    )
+    assert (events.caught_s < events.released_s).all()
+
+
+def test_the_command_writes_every_event_as_csv_and_json(tmp_path, capsys):
+    path = tmp_path / "two.csv"
+    face = steps((0.0, 15e-6), (50e-6, 20e-6))
+    pd.DataFrame({"x_um": face.x * 1e6, "z_um": face.z * 1e6}).to_csv(path, index=False)
+    assert main(["drag", str(path), "-o", str(tmp_path / "out")]) == 0
+    table = pd.read_csv(tmp_path / "out" / "events.csv")
+    record = json.loads((tmp_path / "out" / "drag.json").read_text())
+    assert table.status.tolist() == [one["status"] for one in record["events"]]
+    assert table.pull_n.to_numpy() == pytest.approx([one["pull_n"] for one in record["events"]])
+    assert len(table) == 2
+
+
+def test_a_scanned_profile_is_dragged_over_as_it_was_read():
+    height = WAVY.z.copy()
+    height[[100, 101, 900]] = math.nan  # not measured
+    scan = SimpleNamespace(position=WAVY.x, height=height)
+    assert drag_over(scan).trace.peak_force == pytest.approx(
+        drag_over(WAVY).trace.peak_force, rel=1e-3
+    )
+    with pytest.raises(ContactError, match="at least half of the points"):
+        drag_over(SimpleNamespace(position=WAVY.x, height=np.where(X > -0.7e-3, np.nan, 0.0)))
+    with pytest.raises(PipelineError, match="scanned profile, got dict"):
+        drag_over({"x": 1})
+
+
+def test_a_drag_plots_on_axes_is_short_to_print_and_can_be_pickled():
+    done = drag_over("25 um", speed=20e-3)
+    axes = done.plot()
+    assert done.plot(axes) is axes
+    assert axes.get_xlabel() == "time [ms]"
+    assert repr(done).startswith("Drag('Drag over a step of 25 um', releases, ")
+    assert len(repr(done)) < 120
+    assert len(repr(done.trace)) < 120
+    again = pickle.loads(pickle.dumps(done))
+    assert again.summary == done.summary
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"lod": 0.3}, "did you mean load"),
+        ({"edge_radius": 20e-6}, "edge_radius is for a plain step"),
+        ({"step_height": 20e-6}, "step_height is for a plain step"),
+        ({"handle_mass": 0.1}, "for a handle that a pull moves"),
+        ({"load": "3 m"}, "load must be a force"),
+        ({"load": [1.0, 2.0]}, r"load must be one number \[N\], got list"),
+        ({"x_range": (0.0, 1e-4)}, "x_range is for a profile"),
+        ({"setting": "none"}, "setting must be one of"),
+    ],
+)
+def test_a_wrong_keyword_is_refused_by_name_and_rule(options, message):
+    with pytest.raises((PipelineError, ContactError), match=message):
+        drag_over(Step(25e-6), **options)
+
+
+def test_a_text_with_its_unit_is_read_wherever_a_number_is():
+    assert drag_over("25 um", load="0.5 N", speed="20 mm/s").trace.peak_force == (
+        drag_over("25 um", load=0.5, speed=20e-3).trace.peak_force
+    )
