@@ -1,4 +1,4 @@
-# Two commands: `make run` sets everything up and runs the main job, `make test` sets everything up and passes the tests.
+# `make run` sets everything up and runs the main job, `make test` sets everything up and runs the tests.
 
 VENV ?= .venv
 PYTHON ?= python3
@@ -9,7 +9,8 @@ BIN := $(VENV)/bin
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
 
-# All that the program makes: the build with its drawings, the page to feel, a rehearsed loop, the evidence, the scene of every simulator.
+# All that the program makes: build, drawings, page to feel, a simulated session, evidence,
+# and the scene of every simulator.
 run-all: run $(VENV)/ready-all
 	$(BIN)/stepblocks workshop --masks
 	$(BIN)/stepblocks feel --no-open
@@ -18,16 +19,17 @@ run-all: run $(VENV)/ready-all
 	for name in mujoco chai3d sofa usd gltf x3d forcelaw; do $(BIN)/stepblocks export --for $$name --quiet || exit 1; done
 	$(BIN)/stepblocks build
 
-# The site of the documentation, in out/site; a warning is a fault.
+# The site of the documentation, in out/site; a warning is an error.
 docs: $(VENV)/ready-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo open out/site/index.html
 
-# The tutorials as notebooks, run from empty folders; with their outputs they lie in out/tutorials.
+# Run the tutorials as notebooks from empty folders; the result is in out/tutorials.
 notebooks: $(VENV)/ready-dev graphics
 	$(BIN)/python benchmarks/notebooks.py
 
-# Wheel, sdist and a bill of materials. The wheel is built twice, byte for byte the same, installed by itself, and used from an empty folder outside the checkout.
+# Wheel, sdist and a bill of materials. The wheel is built twice and must have the same bytes. It is
+# installed by itself and used from an empty folder outside the checkout.
 package: export SOURCE_DATE_EPOCH = $(shell git log -1 --format=%ct 2>/dev/null || echo 1700000000)
 package: $(VENV)/ready-dev
 	rm -rf dist build $(VENV)-package && mkdir -p dist/again
@@ -41,7 +43,7 @@ package: $(VENV)/ready-dev
 	here=$$(cd $(VENV)-package/bin && pwd) && cd "$$(mktemp -d)" && "$$here/stepblocks" new block mine.toml \
 	  && "$$here/stepblocks" build mine.toml && "$$here/stepblocks" check mine.toml --quiet
 
-# A simulated session with an effect that it does not declare, made from its recipe, and what the loop says of it.
+# Simulate a session with an effect that it does not declare, and run the loop on it.
 example: $(VENV)/ready
 	rm -rf out/session
 	$(BIN)/stepblocks simulate-session examples/undeclared.toml -o out/session
@@ -57,20 +59,23 @@ lint: $(VENV)/ready-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# The same answers under other processors, threads, Pythons and library versions; `make everywhere STAGES=Nehalem` for some.
+# Run the tests under other processors, threads, Pythons and library versions;
+# `make everywhere STAGES=Nehalem` runs some.
 everywhere: $(VENV)/ready-dev graphics
 	$(BIN)/python benchmarks/everywhere.py $(STAGES)
 
-# Strange files for every reader, and faults at every point of what is written.
+# Feed strange files to every reader, and inject faults at every point of writing.
 fuzz: $(VENV)/ready-dev graphics
 	$(BIN)/python benchmarks/fuzz.py
 	$(BIN)/python benchmarks/faults.py
 
-# Small mistakes put into a copy of the core, one at a time: do the tests notice? The record in out/ lets a run be broken off.
+# Put small mistakes into a copy of the core, one at a time, and see whether the tests notice.
+# A run can be interrupted: the record in out/ keeps what is done.
 mutations: $(VENV)/ready-dev graphics
 	$(BIN)/python benchmarks/mutations.py --jobs 2
 
-# The figures that the docs quote, measured again part by part (hours on two cores); records in docs/records, the page is docs/verification.md.
+# Measure the figures that the docs quote again, part by part (hours on two cores);
+# `make report PARTS="scans drag-paper"` measures some. Records go to docs/records.
 report: $(VENV)/ready-all $(VENV)/ready-dev graphics
 	$(BIN)/python benchmarks/report.py $(PARTS)
 
@@ -91,7 +96,7 @@ $(VENV)/ready-dev: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
-# The CAD kernel and the renderer load OpenGL from the system, also without a screen.
+# The CAD kernel and the renderer load OpenGL from the system, even without a screen.
 graphics:
 	@[ "$$(uname)" != Linux ] || $(PYTHON) -c 'import ctypes; ctypes.CDLL("libGL.so.1"); ctypes.CDLL("libEGL.so.1")' 2>/dev/null \
 	  || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && apt-get update -qq \

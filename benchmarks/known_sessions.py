@@ -1,6 +1,6 @@
-"""What the loop says of a folder of sessions whose truth is told: one line each.
+"""Run the loop on a folder of sessions whose truth is known, and print one line each.
 
-Run ``python benchmarks/taught.py ../shared/bench/taught [-o out/taught] [--only NAME ...]``.
+Run ``python benchmarks/known_sessions.py FOLDER [-o out/known-sessions] [--only NAME ...]``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int)
     options = parser.parse_args()
     sessions = sorted(path.parent for path in options.folder.glob("*/session.toml"))
-    with tempfile.TemporaryDirectory(prefix="stepblocks-taught-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="stepblocks-sessions-") as scratch:
         for session in sessions:
             if options.only and session.name not in options.only:
                 continue
