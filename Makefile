@@ -12,7 +12,7 @@ run: $(VENV)/ready graphics
 # All that the program makes: build, drawings, page to feel, a simulated session, evidence,
 # and the scene of every simulator.
 run-all: run $(VENV)/ready-all
-	$(BIN)/stepblocks workshop --masks
+	$(BIN)/stepblocks workshop
 	$(BIN)/stepblocks feel --no-open
 	$(MAKE) --no-print-directory example
 	$(BIN)/stepblocks evidence
@@ -89,7 +89,7 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/ready-all: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[masks,sim,sweep]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[sim,sweep]'
 	@touch $@
 
 $(VENV)/ready-dev: $(VENV)/ready

@@ -36,13 +36,6 @@ def workshop(
             show_default="2 um, ground",
         ),
     ] = None,
-    masks: Annotated[
-        bool,
-        typer.Option(
-            "--masks",
-            help="write the masks of etched steps too, one GDSII file for each set (extra `masks`)",
-        ),
-    ] = False,
     quiet: Quiet = False,
 ) -> Outcome:
     """Write drawings, inspection sheets and gauge-block variants; say which route reaches what.
@@ -59,7 +52,6 @@ def workshop(
         output,
         only=only,
         capability=capability,
-        masks=masks,
         announce=lambda one: progress(name=f"{one.name}: {len(one.files)} files"),
     )
     missing = [f"MISSING {line}" for order in orders for line in order.missing]

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
 import pandas as pd
@@ -11,7 +10,7 @@ from stepblocks.artefacts.on_paper import make_sheet_table, write_sheet_pdf
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import lock_folder, resolve_inside
 from stepblocks.declare import load_declared
-from stepblocks.errors import MachiningError, PipelineError
+from stepblocks.errors import PipelineError
 from stepblocks.parts.body import Block
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
@@ -22,7 +21,6 @@ from stepblocks.tables import write_table
 from stepblocks.workshop.complete import find_missing
 from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
 from stepblocks.workshop.gauge_route import choose_pair, write_gauge_assembly
-from stepblocks.workshop.masks import write_masks
 from stepblocks.workshop.routes import Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
 
@@ -56,7 +54,6 @@ def order_parts(
     *,
     only: str | None = None,
     capability: str | float | None = None,
-    masks: bool = False,
     announce: Callable[[PartOrder], None] | None = None,
 ) -> list[PartOrder]:
     """Write drawings and sheets of all parts of stimulus files, and their routes.
@@ -72,8 +69,6 @@ def order_parts(
     capability : str or float, optional
         Largest deviation of a height that the workshop holds in one piece, such as ``"1 um"``, or
         in metres; 2 um, ground and not lapped, where omitted.
-    masks : bool, optional
-        Whether to write the masks of etched steps too (GDSII; needs gdstk).
 
     Returns
     -------
@@ -87,8 +82,6 @@ def order_parts(
     """
     held = GROUND if capability is None else capability
     held = parse_quantity(held, "length") if isinstance(held, str) else held
-    if masks and find_spec("gdstk") is None:
-        raise MachiningError("masks need gdstk: pip install 'stepblocks[masks]'")
     orders = []
     with lock_folder(Path(output)):
         for path in find_stimulus_files(files):
@@ -104,12 +97,6 @@ def order_parts(
                 )
                 if announce is not None:
                     announce(orders[-1])
-            blocks = [one for one in chosen if isinstance(one, StepBlock)]
-            if masks and blocks:
-                written, faults = write_masks(
-                    _make_folder(Path(output), path.stem) / f"{path.stem}.masks.gds", blocks
-                )
-                orders.append(PartOrder(f"{path.stem}/masks", tuple(written), (), tuple(faults)))
     if not orders:
         raise PipelineError(f"selection must match at least one stimulus, got {only!r}")
     return orders
