@@ -55,8 +55,12 @@ from .parts.shapes import (
     mesh_solid as mesh_solid,
 )
 from .parts.tolerance import Dimension as Dimension
+from .predict.dataset import (
+    plot_predictions as plot_predictions,
+    to_dataset as to_dataset,
+)
 from .predict.predictions import predict_set as predict_set
-from .predict.sweep.run import sweep as sweep
+from .predict.sweep.run import SweepResult as SweepResult, sweep as sweep
 from .predict.table import predict_table as predict_table, predict_trials as predict_trials
 from .quantities import format_quantity as format_quantity, parse_quantity as parse_quantity
 from .simulators.compare import compare as compare

@@ -154,5 +154,5 @@ def test_files_that_cannot_be_read_or_written_are_named(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_model_whose_figures_are_out_of_all_measure_is_refused_and_never_ok_without_an_energy():
-    with pytest.raises(PipelineError, match="model is damaged: it gives no finite"):
+    with pytest.raises(PipelineError, match="is not finite: its conditions or the model"):
         predict_trials(_table(), replace(taught_model(), channel_std=np.full(7, 1e300)))

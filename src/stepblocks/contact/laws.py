@@ -70,6 +70,8 @@ class Stribeck(FrictionLaw):
         Rise of the coefficient per speed [s/m].
     """
 
+    _numbers: tuple[float, ...]
+
     def __init__(
         self, sliding: float, static: float, speed: float = 1e-3, viscous: float = 0.0
     ) -> None:
@@ -81,6 +83,13 @@ class Stribeck(FrictionLaw):
                 sliding + (static - sliding) * math.exp(-abs(v) / speed) + viscous * abs(v)
             )
         )
+        object.__setattr__(self, "_numbers", (sliding, static, speed, viscous))
+
+    def __reduce__(self) -> tuple[type[Stribeck], tuple[float, ...]]:
+        return Stribeck, self._numbers  # a function within a function cannot be pickled
+
+    def __repr__(self) -> str:
+        return f"Stribeck{self._numbers}"
 
 
 class ContactLaw(ABC):

@@ -217,9 +217,12 @@ def predict_with_model(
                 slots.locked() | wrong, np.nan, np.exp(mean[:, channel] + shift * std[:, channel])
             )
             result[prefix + name.format(end)] = value
-            if not np.isfinite(value[~(slots.locked() | wrong)]).all():
+            infinite = ~np.isfinite(value) & ~(slots.locked() | wrong)
+            if infinite.any():
+                trial = table["trial"].to_numpy()[infinite][0]
                 raise PipelineError(
-                    f"model is damaged: it gives no finite {prefix}{name.format(end)} [model.json]"
+                    f"{prefix}{name.format(end)} of trial {trial!r} is not finite: its conditions "
+                    "or the model lie beyond all bounds [model.json]"
                 )
     return pd.DataFrame(result), state
 
@@ -325,8 +328,8 @@ def make_learned_drag(
         condition.tool,
         stiffness=float(state.stiffness[0]),
         conversion=float(state.conversion[0]),
-        frequency=math.exp(shown["ln_ring_frequency"]),
-        decay_time=math.exp(shown["ln_decay_time"]),
+        frequency=float(np.exp(shown["ln_ring_frequency"])),
+        decay_time=float(np.exp(shown["ln_decay_time"])),
     )
     edge_radius = max(float(state.radius[0]) - condition.ball_radius, 0.0)
     # the value, and the ends of its interval
@@ -347,7 +350,7 @@ def apply_model(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
     """Predict a set with the constants of a session: its friction, spring and conversion instead of the file's."""
     values, grid = learned.extended.values, stimuli.prediction
     stiffness = learned.tool.stiffness * values["stiffness_ratio"]
-    spring = {"stiffness": stiffness, "conversion": math.exp(values["ln_conversion"])}
+    spring = {"stiffness": stiffness, "conversion": float(np.exp(values["ln_conversion"]))}
     taught = {"frictions": (values["friction"],), "tool": grid.tool.model_copy(update=spring)}
     return stimuli.model_copy(update={"prediction": grid.model_copy(update=taught)})
 

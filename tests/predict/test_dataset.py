@@ -1,0 +1,83 @@
+"""Predictions as labelled arrays with units, and as a plot."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import stepblocks
+from stepblocks.errors import StepblocksError
+
+pytest.importorskip("xarray")
+STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
+
+
+@pytest.fixture(scope="module")
+def table():
+    return stepblocks.predict_set(STIMULI / "paper-ten.toml", dragged=False)
+
+
+def test_a_dataset_holds_every_row_under_its_conditions(table):
+    found = stepblocks.to_dataset(table)
+    assert dict(found.sizes) == {"stimulus": 10, "friction": 3, "normal_load_n": 4}
+    for row in table.itertuples():
+        one = found.sel(
+            stimulus=row.stimulus, friction=row.friction, normal_load_n=row.normal_load_n
+        )
+        assert float(one.pull_force_n) == pytest.approx(row.pull_force_n, nan_ok=True, rel=0.0)
+        assert str(one.status.values) == row.status
+
+
+def test_variables_bear_their_units(table):
+    found = stepblocks.to_dataset(table)
+    assert found.pull_force_n.attrs == {"long_name": "pull force", "units": "N"}
+    assert found.felt_energy_uj.attrs["units"] == "µJ"
+    assert found.normal_load_n.attrs["units"] == "N"
+    assert "units" not in found.status.attrs
+
+
+@pytest.mark.parametrize("name", ["crown-margins", "probe-tips", "paper-four", "sheaths"])
+def test_every_shipped_set_fills_its_dimensions(name):
+    table = stepblocks.predict_set(STIMULI / f"{name}.toml", dragged=False)
+    found = stepblocks.to_dataset(table)
+    assert np.prod(list(found.sizes.values())) == len(table)
+    assert (
+        np.sort(found.critical_angle_deg.values.ravel()).tolist()
+        == np.sort(table.critical_angle_deg).tolist()
+    )
+
+
+def test_a_table_of_single_rows_has_one_dimension():
+    table = pd.DataFrame({"height_um": [25.0, 25.0], "load_n": 1.0, "friction": 0.15})
+    found = stepblocks.to_dataset(stepblocks.predict_table(table))
+    assert dict(found.sizes) == {"row": 2}
+    assert found.height_um.attrs["units"] == "µm"
+
+
+def test_without_xarray_the_extra_is_named(table, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(StepblocksError, match=r"pip install 'stepblocks\[xarray\]'"):
+        stepblocks.to_dataset(table)
+
+
+def test_a_plot_has_a_line_for_each_condition_on_the_axes_given(table):
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    assert stepblocks.plot_predictions(table, ax=axes) is axes
+    assert len(axes.lines) == 12  # three frictions under four loads
+    assert axes.get_ylabel() == "felt energy, µJ"
+    heights = axes.lines[0].get_xdata()
+    assert list(heights) == pytest.approx(list(range(10, 101, 10)))
+    assert stepblocks.plot_predictions(table.iloc[:1]).get_xlabel() == "step height, µm"
+
+
+def test_what_is_no_table_or_no_column_is_refused(table):
+    with pytest.raises(StepblocksError, match="table must be a pandas DataFrame, got list"):
+        stepblocks.to_dataset([1])
+    with pytest.raises(StepblocksError, match="'energy' must be a column of the table"):
+        stepblocks.plot_predictions(table, y="energy")
+    with pytest.raises(StepblocksError, match="did you mean dragged"):
+        stepblocks.predict_set(STIMULI / "paper-ten.toml", draged=True)
