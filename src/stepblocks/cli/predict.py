@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import AsBuilt, Speed, Table, Wide, given, whole_number
+from stepblocks.cli.options import AsBuilt, Speed, Table, Wide, given
 from stepblocks.cli.outcome import Outcome
 
 if TYPE_CHECKING:
@@ -71,16 +71,6 @@ def predict(
             help="write how well neighbouring blocks can be told apart",
         ),
     ] = None,
-    equally_felt: Annotated[
-        int | None,
-        typer.Option(
-            "--equally-felt",
-            metavar="N",
-            parser=whole_number(1, 100_000),
-            help="write to -o NEW.toml a set of N blocks that are equally spaced in predicted "
-            "sensation instead",
-        ),
-    ] = None,
     wide: Wide = False,
 ) -> Outcome:
     """Predict critical angle, forces and vibration energy of sets, tables or unseen trials.
@@ -89,8 +79,6 @@ def predict(
     of a table (CSV with units in its header); or unseen trials by the model of a measured session.
     """
     files = files or []
-    if equally_felt is not None:
-        return _write_equally_felt(files, equally_felt, output)
     if model or any(path.suffix.lower() == ".csv" for path in files):
         return _predict_table(files, output, model)
     from stepblocks.atomic import replace_text
@@ -174,20 +162,6 @@ def _write_perception(
     tables = [compare_neighbours(one, by_name[one.name]) for one in sets]
     write_table(pd.concat(tables, ignore_index=True), path)
     return f"{path}: {sum(map(len, tables))} pairs of neighbours"
-
-
-def _write_equally_felt(files: list[Path], count: int, output: Path | None) -> Outcome:
-    from stepblocks.errors import PipelineError
-    from stepblocks.predict.perception import write_equally_spaced_set
-
-    if len(files) != 1 or output is None:
-        raise PipelineError("--equally-felt needs one stimulus file and -o NEW.toml")
-    heights, spacing, by = write_equally_spaced_set(files[0], count, output)
-    return Outcome(
-        f"neighbours are {spacing:.1f} just noticeable differences apart, by the {by}",
-        notes=[f"{output}: {', '.join(f'{height * 1e6:.2f}' for height in heights)} um"],
-        record={"heights_m": list(heights), "spacing_jnd": spacing, "felt_by": by},
-    )
 
 
 def _predict_table(files: list[Path], output: Path | None, model: Path | None) -> Outcome:
