@@ -1,6 +1,9 @@
-"""The scene for MuJoCo shows what is felt: its camera rides with the tip and looks at it, and one scene holds all of a set."""
+"""The scene for MuJoCo as it is delivered: camera, keyframe, sensors, README, one for all of a set."""
 
 import json
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,17 +57,73 @@ def test_one_scene_holds_all_blocks_of_a_set_and_each_tip_slips_at_the_force_of_
     )
     events = [scene["events"][0] for scene in told]
     start = np.array([event["trigger_position_m"] - 30e-6 * scale for event in events])
-    data.qpos[0::2] = start
-    data.qpos[1::2] = [event["trigger_height_m"] - told[0]["ball_radius_m"] for event in events]
-    data.ctrl[0::2], data.ctrl[1::2] = start, -load
+    mujoco.mj_resetDataKeyframe(model, data, model.key("before").id)
+    assert data.qpos[0::2] == pytest.approx(start)
     mujoco.mj_step(model, data, 500)
     greatest = max(event["critical_force_n"] for event in events)
     steps, peak = 15_000, np.zeros(2)
     for pulled in np.linspace(0.0, 30e-6 * scale + 1.15 * greatest / stiffness, steps):
-        data.ctrl[0::2] = start + pulled
+        data.ctrl[0::2] = pulled
         mujoco.mj_step(model, data)
         peak = np.maximum(peak, data.actuator_force[0::2])
     assert peak == pytest.approx([event["critical_force_n"] for event in events], rel=0.01)
     limits = model.actuator_ctrlrange
     assert limits[0, 1] > 1.15 * greatest / stiffness
     assert limits[1, 0] == pytest.approx(-2.0 * load)
+
+
+@pytest.fixture(scope="module")
+def delivered(tmp_path_factory):
+    """The folder of the block of 50 um, as the command writes it."""
+    pytest.importorskip("mujoco")
+    (done,) = export(SET, "mujoco", tmp_path_factory.mktemp("scene"), only="step-050")
+    return done.folder
+
+
+def test_the_readme_runs_as_it_stands_and_gives_the_force_of_the_formula(delivered):
+    """Equations (1) and (2) at 0.3 N, mu 0.15, R 125 um: 0.5563 N."""
+    code = re.search(r"```python\n(.*?)```", (delivered / "README.md").read_text(), re.DOTALL)[1]
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", code],
+        cwd=delivered,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert float(done.stdout.split()[1]) == pytest.approx(0.5563, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["scene.xml", "scene-heightfield.xml"])
+def test_the_tip_starts_outside_the_block_and_rests_there_under_its_load(delivered, name):
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(delivered / name))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)  # as a viewer opens it, before any keyframe
+    assert all(contact.dist > -1e-7 for contact in data.contact)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_step(model, data, 1000)
+    assert data.sensor("tip_x").data[0] == pytest.approx(-130e-6, abs=1e-7)
+    assert data.sensor("tip_z").data[0] == pytest.approx(125e-6, abs=2e-7)
+    assert data.sensor("press").data[0] == pytest.approx(-0.3)
+    assert data.sensor("pull").data[0] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_the_tip_by_itself_rings_as_long_as_the_event_says(delivered):
+    """Lifted off and let go: frequency and decay of the swing beside event.json."""
+    import mujoco
+
+    event = json.loads((delivered / "event.json").read_text())["events"][0]
+    model = mujoco.MjModel.from_xml_path(str(delivered / "scene.xml"))
+    data = mujoco.MjData(model)
+    home = float(data.qpos[0])
+    data.qpos[:] = home + 5e-5, 2e-3
+    swing = np.empty(5000)
+    for n in range(len(swing)):
+        mujoco.mj_step(model, data)
+        swing[n] = data.qpos[0] - home
+    turns = np.flatnonzero((swing[1:-1] > swing[:-2]) & (swing[1:-1] > swing[2:])) + 1
+    step = model.opt.timestep
+    assert 1.0 / (np.diff(turns).mean() * step) == pytest.approx(event["frequency_hz"], rel=0.01)
+    decay = (turns[-1] - turns[0]) * step / np.log(swing[turns[0]] / swing[turns[-1]])
+    assert decay == pytest.approx(event["decay_s"], rel=0.02)

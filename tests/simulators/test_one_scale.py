@@ -1,6 +1,7 @@
-"""A set has one magnification, one spring and one full scale, so that nothing but the step tells its blocks apart."""
+"""A set has one magnification, spring and full scale: nothing but the step tells blocks apart."""
 
 import json
+import math
 import os
 import re
 import shutil
@@ -13,6 +14,7 @@ import pytest
 from stepblocks.cli import main
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError, PipelineError
+from stepblocks.simulators.compare import compare
 from stepblocks.simulators.export import export
 
 SET = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
@@ -187,14 +189,32 @@ def test_a_set_for_chai3d_brings_a_program_that_switches_its_blocks(tmp_path):
     found = subprocess.run(
         command, input="1\n2\nv\n2\nq\n", capture_output=True, text=True, check=True
     ).stdout
-    felt = re.findall(
+    drags = re.findall(
         r"block (\d), vibration (\w+)\npeak ([\d.]+) N, formula ([\d.]+), releases (\d), crossed",
         found,
     )
-    assert [(number, ring, releases) for number, ring, _, _, releases in felt] == [
+    assert [(number, ring, releases) for number, ring, _, _, releases in drags] == [
         ("1", "on", "1"),
         ("2", "on", "1"),
         ("2", "off", "0"),
     ]
-    for *_, peak, formula, _ in felt:
+    for *_, peak, formula, _ in drags:
         assert float(peak) == pytest.approx(float(formula), rel=0.01)
+    # the ring follows what was released: sqrt(C_v) F_px of equation (1), whatever the load
+    for load in (0.1, 0.3, 1.0):
+        log = tmp_path / "log.csv"
+        done = subprocess.run(
+            [*command, "--load", str(load), "--log", log],
+            input="1\nq\n",
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        force = load * math.tan(math.acos(1 - 10 / 125) + math.atan(0.15))
+        released, amplitude = map(
+            float, re.findall(r"released at (\S+) N, .* ring (\S+) N", done)[0]
+        )
+        assert released == pytest.approx(force, rel=0.02)
+        assert amplitude == pytest.approx(math.sqrt(0.2) * force, rel=0.02)
+        scores = compare(log, f"{SET}/step-010", normal_load=load).set_index("part")
+        assert scores["difference_jnd"]["score"] < 1.0

@@ -3,7 +3,6 @@
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,23 +18,23 @@ _BASE = 100e-6  # thickness under a height field, unscaled [m]
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    told: dict[str, Any] = {
+    common: dict[str, object] = {
         "name": scene.stimulus.id,
         "blocks": [_describe_block(scene)],
         "near": _is_near_drag_line,
         "reach": None,
     }
-    write_from_template(folder / "scene.xml", field=None, **told)
+    write_from_template(folder / "scene.xml", field=None, **common)
     write_from_template(
         folder / "scene-heightfield.xml",
         "scene.xml",
-        **told,
+        **common,
         field=_write_height_field(folder / "heightfield.bin", scene),
     )
     write_from_template(folder / "drag.py")
 
 
-def _describe_block(scene: Scene, y: float = 0.0, prefix: str = "") -> dict[str, Any]:
+def _describe_block(scene: Scene, y: float = 0.0, prefix: str = "") -> dict[str, object]:
     return {"scene": scene, "y": y, "prefix": prefix}
 
 
@@ -57,14 +56,14 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
         + 2.0 * scenes[0].ball_radius
     )
     clip = scenes[0].ball_radius / (len(scenes) * wide)  # nearer to a camera nothing is drawn
-    told: dict[str, Any] = {"reach": reach, "clip": clip}
+    common: dict[str, object] = {"reach": reach, "clip": clip}
     write_from_template(
         folder / "scene.xml",
         name=folder.parent.name,
         blocks=blocks,
         near=_is_near_drag_line,
         field=None,
-        **told,
+        **common,
     )
     write_from_template(
         folder / "README.md", "mujoco-blocks.md", name=folder.parent.name, scenes=scenes
@@ -80,7 +79,7 @@ def _is_near_drag_line(piece: Mesh, scene: Scene) -> bool:
     return bool(low[1] < reach and high[1] > -reach and high[2] > -reach and low[2] < reach)
 
 
-def _write_height_field(path: Path, scene: Scene) -> dict[str, Any]:
+def _write_height_field(path: Path, scene: Scene) -> dict[str, object]:
     """Write the binary that MuJoCo reads: rows and columns as int32, then float32 from 0 to 1, row 0 at the smallest y."""
     field = sample_relief(scene.surface, scene.point.ball_radius)
     low, rise = float(field.heights.min()), float(np.ptp(field.heights))
@@ -102,15 +101,27 @@ MUJOCO = SceneFormat(
     write=_write,
     write_set=_write_set,
     run=(
-        "`pip install mujoco`, then `python -m mujoco.viewer --mjcf=scene.xml` to "
-        "look at "
-        "it "
-        "(the "
-        "camera `tip` rides with the tip) and "
-        "`python drag.py` (towards +x) or `python drag.py --down`, from any directory; "
-        "`--heightfield` drags over `scene-heightfield.xml` instead of the convex pieces of "
-        "`scene.xml`. "
-        "`-blocks` beside the blocks of a set is one scene with all of them."
+        "`pip install mujoco`, then `python drag.py` (towards +x) or `python drag.py --down`, from "
+        "any directory; `--heightfield` drags over `scene-heightfield.xml` instead of the convex "
+        "pieces of `scene.xml`. To look at it: `python -m mujoco.viewer --mjcf=scene.xml` (the "
+        "camera `tip` rides with the tip). `-blocks` beside the blocks of a set is one scene with "
+        "all of them.\n\n"
+        "In a program of your own start from the keyframe `before`, in which the tip rests before "
+        "the step under its load, and pull the far end of the spring:\n\n"
+        "```python\n"
+        "import json\n\n"
+        "import mujoco\n\n"
+        'model = mujoco.MjModel.from_xml_path("scene.xml")\n'
+        "data = mujoco.MjData(model)\n"
+        'mujoco.mj_resetDataKeyframe(model, data, model.key("before").id)\n'
+        'scale = json.load(open("event.json"))["scale"]\n'
+        "peak = 0.0\n"
+        "for step in range(60_000):  # further for a higher step or load\n"
+        '    data.actuator("spring").ctrl = 5e-4 * scale * step * model.opt.timestep\n'
+        "    mujoco.mj_step(model, data)\n"
+        '    peak = max(peak, data.sensor("pull").data[0])\n'
+        'print(f"peak {peak:.4f} N")\n'
+        "```"
     ),
     settings=(
         "convex pieces: one concave mesh would become its convex hull and the step a ramp",
@@ -120,8 +131,11 @@ MUJOCO = SceneFormat(
         "with the defaults the tip falls through",
         "ccd_tolerance 1 nm times S: its default of 1 um is a tenth of a step",
         "the tip's mass and inertia are explicit; mass and spring ring at the event's frequency",
-        "the joint's damping spends the tip's own ring; to hear the event of the formula, play "
-        "the `ring-up` WAV at the release",
+        "the joint's damping gives the tip the decay of `event.json`; friction ends its ring sooner "
+        "while it slides. It swings with the energy that the slip leaves it, not with E_v: to feel "
+        "the ring of the formula play the `ring-up` WAV at the release",
+        "sensors: `pull` and `press` are the forces of spring and load, `tip_x`, `tip_z` and "
+        "`tip_velocity` the ball, `ring` its acceleration",
         "`heightfield.bin` is MuJoCo's own binary in float32; its PNG path has 8 bits, "
         "which "
         "are "

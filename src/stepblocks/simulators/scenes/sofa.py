@@ -37,7 +37,8 @@ SOFA = SceneFormat(
         "same "
         "number in kg/s^2",
         "one collision model per convex piece; friction through FrictionContactConstraint",
-        "the scene's probe is a ball on a particle",
+        "the scene's probe is a ball on a particle; the hand starts F/k below it, so that the spring "
+        "presses with the load",
     ),
     verified="parsed by lxml, and its meshes read and measured by trimesh, in the test suite; not run "
     "here in SOFA.",

@@ -12,7 +12,7 @@ def _write(folder: Path, scene: Scene) -> None:
         .replace("\\", "\\\\")
         .replace("'", "\\'")
     )
-    start, height = scene.path.x[0] * 0.1, float(scene.path.z[0])
+    start, height = scene.start
     write_from_template(
         folder / "scene.usda",
         scene=scene,
@@ -39,8 +39,11 @@ USD = SceneFormat(
         "solvers in metres may merge what is closer than their tolerance; magnify with "
         "`--scale` "
         "if they do",
+        "the drive of the joint is the spring of the tool along x; along z it presses with the load, "
+        "its far end F/k below the tip",
         "the vibration events are JSON in the customData of /World",
     ),
-    verified="opened with usd-core, units, hulls and offsets read back, in the test suite; not run "
+    verified="passes all validators of usd-core, UsdPhysics' among them; units, hulls and offsets are read "
+    "back in the test suite; not run "
     "here in a physics engine.",
 )
