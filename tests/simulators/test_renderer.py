@@ -13,7 +13,7 @@ from stepblocks.contact.critical_angle import margin_angles, step_angle
 from stepblocks.contact.event import compute_ring_energy, vibration_events
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
-from stepblocks.errors import ContactError
+from stepblocks.errors import ContactError, HapticsError
 from stepblocks.simulators.renderer import Renderer
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -270,3 +270,35 @@ def test_a_tick_takes_less_than_five_microseconds():
         times.append(time.perf_counter_ns() - start)
     assert renderer.events == 1
     assert np.median(times) < 5_000
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize("where", ["position", "velocity"])
+def test_an_input_that_is_no_number_gives_the_last_good_force_then_none_and_is_counted(bad, where):
+    renderer = Renderer(TEN[4].counterface().centre_path(R), POINT, rate=1e3)
+    hand, still = np.array([-3e-4, 0.0, R - 1e-4]), np.zeros(3)
+    renderer.reset(np.add(hand, [0.0, 0.0, 1e-3]))
+    good = renderer.tick(hand, still).copy()
+    wrong = np.array([bad, 0.0, 0.0])
+    given = (wrong, still) if where == "position" else (hand, wrong)
+    forces = [renderer.tick(*given).copy() for _ in range(15)]
+    assert list(forces[0]) == list(good)
+    sizes = [float(np.linalg.norm(force)) for force in forces]
+    assert all(after <= before for before, after in itertools.pairwise(sizes))
+    assert not any(sizes[11:])
+    assert renderer.faults == 15
+    back = [float(np.linalg.norm(renderer.tick(hand, still))) for _ in range(15)]
+    assert back[0] == 0.0
+    assert all(after >= before for before, after in itertools.pairwise(back))
+    assert renderer.tick(hand, still) == pytest.approx(good)
+
+
+@pytest.mark.parametrize(
+    "wrong", [np.zeros(2), np.zeros((3, 1)), np.zeros(4), [0.0, 0.0, 0.0], None]
+)
+def test_a_position_of_a_wrong_shape_is_refused(wrong):
+    renderer = Renderer(TEN[4].counterface().centre_path(R), POINT)
+    with pytest.raises(HapticsError, match=r"must be arrays of shape \(3,\)"):
+        renderer.tick(wrong, np.zeros(3))
+    with pytest.raises(HapticsError, match=r"must be arrays of shape \(3,\)"):
+        renderer.tick(np.zeros(3), wrong)

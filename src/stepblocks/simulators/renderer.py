@@ -1,4 +1,4 @@
-"""The reference renderer: what experiment 2 of the paper needs, for any device that reports a position and takes a force."""
+"""The reference renderer: experiment 2 of the paper, for any device with position and force."""
 
 import math
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from stepblocks.simulators import proxy_kernel as kernel
 
 Array = NDArray[np.float64]
 _APPROACH = 40e-6  # before the notch, and the least travel behind it, unscaled [m]
+_FADE = 0.01  # of the force after an input that is not a number [s]
 _KINK = 1e-3  # change of slope that is a notch of the path, not the chords of a circle [1]
 
 
@@ -82,6 +83,7 @@ class Renderer:
         self.stiffness = point.tool.stiffness / scale
         self.wall = self.stiffness if wall is None else wall
         self.force: Array = np.zeros(3)
+        self._good: Array = np.zeros(3)  # last force that was meant [N]
         ring = math.sqrt(point.tool.conversion) if event else 0.0
         held = (self.stiffness, self.wall, point.friction, damping, self.period)
         self._settings = np.array(
@@ -103,11 +105,32 @@ class Renderer:
             np.clip(np.searchsorted(self.path.x, x, side="right") - 1, 0, len(self.path.x) - 2)
         )
         self._states[0] = (x, position[1], position[2], 0.0, -1.0, 0.0, 0.0, piece, 0, False)
-        self.force[:] = 0.0
+        self.force[:] = self._good[:] = 0.0
+        self._share, self.faults = 1.0, 0
 
     def tick(self, position: Array, velocity: Array) -> Array:
-        """Return the force on the hand [N] at its position [m] and velocity [m/s], shape (3,) each; the next tick overwrites it."""
+        """Return the force on the hand [N] at its position [m] and velocity [m/s].
+
+        Shape (3,) each; the next tick overwrites the force. A position or velocity that is not a
+        number is counted in `faults` and moves nothing: the last good force fades to zero over 10
+        ms, and grows again as slowly afterwards.
+        """
+        if getattr(position, "shape", None) != (3,) or getattr(velocity, "shape", None) != (3,):
+            raise HapticsError(
+                f"position and velocity must be arrays of shape (3,), got {position!r:.60} and "
+                f"{velocity!r:.60}"
+            )
+        step = self.period / _FADE
+        if not math.isfinite(sum(position.tolist()) + sum(velocity.tolist())):
+            self.faults += 1
+            self.force[:] = self._share * self._good
+            self._share = max(self._share - step, 0.0)
+            return self.force
         kernel.tick(position, velocity, self.force, self._states, self._settings, self.knots)
+        self._good[:] = self.force
+        if self._share < 1.0:
+            self.force *= self._share
+            self._share = min(self._share + step, 1.0)
         return self.force
 
     def drag(
@@ -118,7 +141,10 @@ class Renderer:
         speed: float = 1e-3,
         resolution: float = 0.0,
     ) -> Drag:
-        """Drag over the notch by a virtual hand that keeps its load [N], as the bench does, on a device of a resolution [m]."""
+        """Drag over the notch by a virtual hand that keeps its load [N], as the bench does.
+
+        The device rounds positions to its resolution [m].
+        """
         # travel behind the notch [m] and speed [m/s] in the magnified frame, towards +x or -x
         notch, height, _ = self.path.find_notch(direction)
         approach, step = _APPROACH * self.scale, direction * speed * self.period

@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ _BASE = 100e-6  # thickness under a height field, unscaled [m]
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    common: dict[str, object] = {
+    common: dict[str, Any] = {
         "name": scene.stimulus.id,
         "blocks": [_describe_block(scene)],
         "near": _is_near_drag_line,
@@ -56,7 +57,7 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
         + 2.0 * scenes[0].ball_radius
     )
     clip = scenes[0].ball_radius / (len(scenes) * wide)  # nearer to a camera nothing is drawn
-    common: dict[str, object] = {"reach": reach, "clip": clip}
+    common: dict[str, Any] = {"reach": reach, "clip": clip}
     write_from_template(
         folder / "scene.xml",
         name=folder.parent.name,
