@@ -115,9 +115,8 @@ def compare(
         )
     ideal, _ = _measure_ring(compute_ring_force(event, rate)[: len(tail)], rate, event)
     if has_pull:
-        before = force[max(0, start - math.ceil(_BEFORE * rate)) : start]
-        found["peak force"] = float(np.abs(before).max(initial=0.0))
-        ideal["peak force"] = event.critical_force
+        before = np.abs(force[max(0, start - math.ceil(_BEFORE * rate)) : start])
+        found["peak force"], ideal["peak force"] = before.max(initial=0.0), event.critical_force
     rows = [
         {
             "part": name,
@@ -132,7 +131,7 @@ def compare(
         if name in found
     ]
     table = pd.DataFrame(rows)
-    score = float(np.linalg.norm(table["difference_jnd"]))
+    score = np.linalg.norm(table["difference_jnd"])
     table.loc[len(table)] = {"part": "score", "difference_jnd": score}
     if output is not None:
         write_table(table, Path(output), "%.6g")

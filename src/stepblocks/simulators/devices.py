@@ -31,8 +31,10 @@ _UNITS = {
     "stiffness": "n_per_m",
     "critical_force": "n",
     "force_step": "n",
+    "force_error": "relative",
+    "ring_energy": "j",
+    "ring_samples": "per_cycle",
 }
-_UNITS |= {"force_error": "relative", "ring_energy": "j", "ring_samples": "per_cycle"}
 
 
 class Figure(BaseModel, frozen=True, extra="forbid"):

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from stepblocks.simulators.scene import Scene, SceneFormat
 
 Scale = float | Literal["per-block"] | None
-_RINGS = ("exponential", "drag")
 
 
 @dataclass(frozen=True)
@@ -117,8 +116,8 @@ def export(
 
     if simulator not in SCENE_FORMATS:
         raise PipelineError(f"--for must be one of {', '.join(SCENE_FORMATS)}, got {simulator!r}")
-    if ring not in _RINGS:
-        raise PipelineError(f"--ring must be one of {', '.join(_RINGS)}, got {ring!r}")
+    if ring not in ("exponential", "drag"):
+        raise PipelineError(f"--ring must be one of exponential, drag, got {ring!r}")
     if isinstance(scale, str) and scale != "per-block":
         raise PipelineError(f"--scale must be a number or per-block, got {scale!r}")
     check_overrides(overrides)
@@ -162,6 +161,7 @@ def _write_set(folder: Path, scenes: list[Scene], form: SceneFormat, name: str) 
     """Write what holds all stimuli of a set, where the format has it and their probes allow it."""
     alike = {(one.ball_radius, one.stiffness, one.point.friction) for one in scenes}
     if form.write_set and len(scenes) > 1 and (len(alike) == 1 or not form.shares_probe):
+        folder.mkdir(parents=True)
         form.write_set(folder, scenes, name)
 
 

@@ -54,15 +54,14 @@ def feel(files: Sets, page: str | Path) -> int:
         for part in declared.stimuli
     ]
     templates = package_files("stepblocks.simulators").joinpath("templates")
-    scripts = [templates.joinpath(name).read_text("utf-8") for name in ("feel_law.js", "feel.js")]
-    script = "\n" + "".join(scripts)
+    names = "feel_law.js", "feel.js"
+    script = "\n" + "".join(templates.joinpath(name).read_text("utf-8") for name in names)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    names = [str(one["name"]) for one in stimuli]
     text = render_page(
         "simulators",
         "feel.html",
         stimuli=stimuli,
-        first=names.index("step-050") if "step-050" in names else 0,
+        first=next((i for i, one in enumerate(stimuli) if one["name"] == "step-050"), 0),
         script=script,
         script_hash=f"'sha256-{digest}'",
         # "<" ends no script, whatever a set is called

@@ -18,19 +18,20 @@ def _write(folder: Path, scene: Scene) -> None:
 def _write_set(folder: Path, scenes: Sequence[Scene], beside: str) -> None:
     """Write a program that switches the blocks of a set."""
     if not any(scene.stimulus.ball for scene in scenes):  # a tip drags over a step of its own
-        folder.mkdir(parents=True, exist_ok=True)
         files = {f"../{scene.stimulus.id}/{beside}/block.obj": scene for scene in scenes}
         _write_program(folder, folder.parent.name, files)
 
 
 def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None:
     """Write a program that takes a device, or drags by a virtual hand."""
-    far = {
-        file: 0.5 if one.events[0].status is Status.NO_CATCH else 10.0
-        for file, one in scenes.items()
-    }
     blocks = [
-        {"file": file, "pull": far[file] * one.point.normal_load, "scene": one}
+        {
+            "file": file,
+            # of the virtual hand where the formula knows no release [N]
+            "pull": (0.5 if one.events[0].status is Status.NO_CATCH else 10.0)
+            * one.point.normal_load,
+            "scene": one,
+        }
         for file, one in scenes.items()
     ]
     for file in ("CMakeLists.txt", "ReleaseRing.h", "StepBlock.h", "blocks.cpp"):

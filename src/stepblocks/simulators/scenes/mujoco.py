@@ -41,7 +41,6 @@ def _describe_block(scene: Scene, y: float = 0.0, prefix: str = "") -> dict[str,
 
 def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     """Write one scene with all blocks of a set side by side; each has its tip."""
-    folder.mkdir(parents=True, exist_ok=True)
     wide = 1.2 * max(float(np.ptp(one.whole.vertices[:, 1])) for one in scenes)
     blocks = [
         _describe_block(one, -number * wide, f"{one.stimulus.id}-")

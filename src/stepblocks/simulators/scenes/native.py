@@ -6,8 +6,6 @@ from pathlib import Path
 
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
-BINDING = "stepblocks_native.py"
-
 
 def _write_blocks(folder: Path, scenes: Sequence[Scene]) -> None:
     sources = files("stepblocks.simulators").joinpath("native")
@@ -16,17 +14,12 @@ def _write_blocks(folder: Path, scenes: Sequence[Scene]) -> None:
     write_from_template(folder / "blocks.txt", scenes=scenes)
 
 
-def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    _write_blocks(folder, scenes)
-
-
 NATIVE = SceneFormat(
     name="native",
     title="C, C++, Python, Unity, Unreal: libstepblocks",
     unit="metres",
     write=lambda folder, scene: _write_blocks(folder, [scene]),
-    write_set=_write_set,
+    write_set=lambda folder, scenes, _: _write_blocks(folder, scenes),
     shares_probe=False,
     run=(
         "`cmake -B build && cmake --build build`, then `build/drag blocks.txt` drags a virtual hand "
