@@ -200,7 +200,7 @@ def main() -> None:
     table = share_map()
     if folder is None:
         return
-    from stepblocks.drag.ring import draw_force, draw_spectra
+    from stepblocks.drag.figures import draw_force, draw_spectra
     from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map
 
     draw_force(shown, folder / "drag-force.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")

@@ -226,10 +226,11 @@ def measure_trial(
     features = measured.features
     if math.isfinite(height):
         radius = probe.tip_radius or PAPER.ball_radius
-        usual = (PAPER.tool.frequency, PAPER.tool.decay_time) if tool is None else tool
-        fitted = fit_waveform(
-            trace, measured, height, radius, PointTool(probe.spring_constant, *usual)
+        frequency, decay_time = tool or (PAPER.tool.frequency, PAPER.tool.decay_time)
+        probe_tool = PointTool(
+            stiffness=probe.spring_constant, frequency=frequency, decay_time=decay_time
         )
+        fitted = fit_waveform(trace, measured, height, radius, probe_tool)
         features = features | (fitted.features if fitted else {})
     return TrialResult(trial, "", features, int.from_bytes(samples.digest()))
 
