@@ -16,7 +16,7 @@ run-all: run $(VENV)/ready-all
 	$(BIN)/stepblocks feel --no-open
 	$(MAKE) --no-print-directory example
 	$(BIN)/stepblocks evidence
-	for name in mujoco chai3d sofa usd gltf x3d forcelaw; do $(BIN)/stepblocks export --for $$name --quiet || exit 1; done
+	for name in mujoco chai3d sofa usd gltf x3d forcelaw native; do $(BIN)/stepblocks export --for $$name --quiet || exit 1; done
 	$(BIN)/stepblocks build
 
 # The site of the documentation, in out/site; a warning is an error.

@@ -11,7 +11,7 @@ from stepblocks.contact.state import CHANNELS
 
 @pytest.fixture(scope="session")
 def taught(tmp_path_factory):
-    """A model as `stepblocks loop` writes it: friction 0.2, an edge of 14 um, a spring 2 % stiffer, C_v 0.25, 280.4 Hz, 20 ms."""
+    """A model of the loop: mu 0.2, edge 14 um, spring +2 %, C_v 0.25, 280.4 Hz, 20 ms."""
 
     def part(names, values, effects):
         return {

@@ -1,4 +1,4 @@
-"""The scene for MuJoCo as it is delivered: camera, keyframe, sensors, README, one for all of a set."""
+"""The scene for MuJoCo as it is delivered: camera, keyframe, sensors, README, whole sets."""
 
 import json
 import re

@@ -110,7 +110,7 @@ def test_what_cannot_be_compared_is_said(tmp_path):
 
 
 def ring_of_event(event, rate=RATE, seconds=0.12, mass=1.0):
-    """The ring as event.json says it: amplitude exp(-t/decay) sin(2 pi frequency t), over a mass."""
+    """The ring as event.json says it: amplitude exp(-t/decay) sin(2 pi frequency t)."""
     time = np.arange(0.0, seconds, 1.0 / rate)
     decay, turn = event.tool.decay_time, math.tau * event.tool.frequency
     return time, event.amplitude * np.exp(-time / decay) * np.sin(turn * time) / mass

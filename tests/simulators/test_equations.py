@@ -1,4 +1,4 @@
-"""Equations (1) and (2) as they leave the house, in C, in Python and in the page's JavaScript, beside the one home they have."""
+"""Equations (1) and (2) in C, in Python and in JavaScript, beside the one home they have."""
 
 import json
 import math
@@ -85,7 +85,7 @@ def in_c(exported, tmp_path_factory):
 
 
 def in_the_notch(scene, factor):
-    """Hands that press the proxy with the load into the notch, pull with half the release force, then with a multiple of it."""
+    """Hands that press into the notch, pull with half the release force, then with a multiple."""
     event, k = scene.events[0], scene.stiffness
     x, z = event.trigger_position * scene.scale, event.trigger_height * scene.scale
     down, stretch = z - scene.point.normal_load / k, released(scene.surface.height.nominal) / k
@@ -118,7 +118,7 @@ def test_the_renderer_holds_below_the_formula_and_slips_above_it(exported, facto
 
 
 def tour(scene):
-    """A seeded tour of a hand that never lets go: across the notch in both directions, under changing load."""
+    """A seeded tour of a hand: across the notch in both directions, under changing load."""
     generator, k = np.random.default_rng(3), scene.stiffness
     x = scene.events[0].trigger_position * scene.scale
     reach = 1.5 * released(scene.surface.height.nominal) / k
@@ -135,7 +135,7 @@ def tour(scene):
 
 
 def test_c_python_and_renderer_give_the_same_forces_on_any_tour(exported, law, in_c):
-    """Three implementations, one force; the renderer's is compiled and reads the path in full digits."""
+    """Three implementations, one force; the renderer's reads the path in full digits."""
     _, scene = exported
     hands, force_law = tour(scene), law["ForceLaw"]()
     python = np.array(

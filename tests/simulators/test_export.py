@@ -102,7 +102,7 @@ def test_what_is_not_asked_for_is_the_first_of_the_sets_prediction(tmp_path):
 
 
 def test_a_sheath_changes_how_the_probe_rings(tmp_path):
-    """The event rings as the sheathed rod does; the soft sheath, of more loss, ends its ring sooner."""
+    """The event rings as the sheathed rod does; the soft sheath ends its ring sooner."""
     stimuli, decays = load_set(ROOT / "stimuli" / "sheaths.toml"), {}
     for part, done in zip(
         stimuli.stimuli, export([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path), strict=True

@@ -244,7 +244,8 @@ def test_blind_trials_tell_nothing_but_the_feel_and_keep_the_score(whole):
     assert said.startswith("Feel A and B")
     more = whole.execute_script(
         "const found = answer.map(i => buildPath(STIMULI[i].variants[0], radius()))"
-        ".map(one => predict(one, 1, tool).angle); return found[0] === found[1] ? -1 : found[0] > found[1] ? 0 : 1"
+        ".map(one => predict(one, 1, tool).angle);"
+        "return found[0] === found[1] ? -1 : found[0] > found[1] ? 0 : 1"
     )
     whole.find_element("id", "say-b" if more == 1 else "say-a").click()
     assert whole.find_element("id", "score").text.startswith("1 of 1 right; A was ")

@@ -106,7 +106,7 @@ def test_some_device_renders_a_block_faithfully():
 @pytest.mark.parametrize("name", FACTS)
 @pytest.mark.parametrize("index", [0, 2, 4, 7])
 def test_the_scale_is_the_smallest_round_one_that_keeps_force_and_spring(name, index):
-    """By hand from the rules of docs/explanation/simulators.md: half of k q / S below 1 % of the smaller force, k / S within the limit."""
+    """By hand: half of k q / S below 1 % of the smaller force, k / S within the limit."""
     found = plan(name, TEN[index])
     resolution, _, limit = FACTS[name]
 

@@ -1,4 +1,4 @@
-"""The compiled tick: at every moment the proxy keeps the law of friction, on any path and for any hand."""
+"""The compiled tick: the proxy keeps the law of friction, on any path and for any hand."""
 
 import math
 
@@ -48,7 +48,7 @@ def hands(path, seed, count=600):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_proxy_never_leaves_the_cone_of_friction(renderer, seed):
-    """On one side of the proxy at least, the force along the path is no more than mu times the force on it."""
+    """On one side at least, the force along the path is no more than mu times that on it."""
     renderer.reset(np.array([0.0, 0.0, 1e-3]))
     for hand in hands(renderer.path, seed):
         pull, _, down = renderer.tick(hand, np.zeros(3)) * [-1.0, 1.0, 1.0]
@@ -74,7 +74,7 @@ def test_the_force_is_that_of_the_springs(renderer, seed):
 
 
 def test_a_mirrored_world_gives_mirrored_forces():
-    """The margin seen from the other side: every force along the drag changes its sign, none across it."""
+    """The margin from the other side: forces along the drag change their sign, none across."""
     face = Margin(50e-6, 50e-6, 30e-6)
     x, z = face.section(4e-3)
     there = Renderer(Profile(x, z).centre_path(R), POINT)
@@ -146,7 +146,7 @@ def test_a_release_writes_force_ring_and_count_into_the_state():
 
 
 def test_falling_into_a_notch_is_no_release():
-    """A hand from the air lands in the groove and is pulled out of it within the tick: nothing was held, nothing rings."""
+    """A hand lands in the groove and is pulled out within the tick: nothing held, no ring."""
     face = Margin(90e-6, 90e-6, 0.0)
     renderer = Renderer(face.centre_path(R), POINT)
     x, z, _ = renderer.path.find_notch(+1.0)
@@ -166,6 +166,6 @@ def test_a_hand_beyond_the_path_is_held_at_its_end(renderer, place, at_end):
 
 
 def test_the_records_of_the_kernel_hold_plain_numbers_only():
-    """What compiled code is handed must not be Python objects: those would be counted, and a servo tick must not wait."""
+    """Compiled code takes no Python objects: they are counted, and a servo tick must not wait."""
     for record in (proxy_kernel.PATH, proxy_kernel.SETTING, proxy_kernel.STATE):
         assert not record.hasobject

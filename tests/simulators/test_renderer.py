@@ -1,4 +1,4 @@
-"""The reference renderer follows the formula, gives no energy away and knows the paper's two conditions."""
+"""The reference renderer follows the formula and gives no energy away, with and without ring."""
 
 import itertools
 import math
@@ -164,7 +164,7 @@ def test_without_the_event_the_spring_is_the_same_and_nothing_rings():
 
 
 def test_the_wall_gives_no_energy_back_that_it_did_not_get():
-    """Work of the hand on closed tours in contact, seeded; a servo that holds its force over a tick leaks k dx^2 / 2."""
+    """Work of the hand on closed tours; a servo that holds its force leaks k dx^2 / 2 a tick."""
     generator = np.random.default_rng(5)
     for block in (TEN[1], TEN[6]):
         renderer = Renderer(block.counterface().centre_path(R), POINT, event=False)
@@ -240,7 +240,7 @@ def test_the_renderer_uses_the_constants_of_the_paper():
 
 
 def test_a_tick_allocates_nothing():
-    """Counted by numba's own allocator: a thousand ticks take no more than ten; what is left is the call from Python."""
+    """By numba's allocator: a thousand ticks take no more than ten."""
     from numba.core.runtime import _nrt_python as allocator
 
     renderer = Renderer(TEN[4].counterface().centre_path(R), POINT)

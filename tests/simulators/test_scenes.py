@@ -120,7 +120,7 @@ def test_the_height_field_of_mujoco_has_its_row_0_at_the_smallest_y(folders):
     ],
 )
 def test_mujoco_feels_a_crown_as_the_section_through_its_axis(tmp_path, name, arguments):
-    """Gap of 50 um between equal shoulders: sin a = g / 2R; crown overextended by 40 um: cos a = 1 - h / R."""
+    """Gap of 50 um: sin a = g / 2R; crown overextended by 40 um: cos a = 1 - h / R."""
     pytest.importorskip("mujoco")
     crown = next(s for s in MARGINS if s.id == name)
     folder = write("mujoco", tmp_path / "scene", assemble_scene(crown, POINT))
@@ -301,7 +301,7 @@ def test_x3d_holds_the_closed_block_in_metres(folders, scenes):
 
 @pytest.mark.browser
 def test_x3d_is_drawn_by_x_ite_without_a_complaint(folders, tmp_path):
-    """X_ITE of npm in Chromium: the picture is not one colour, and its console says nothing wrong."""
+    """X_ITE of npm in Chromium: the picture has colours, its console no complaint."""
     library = os.environ.get("X_ITE", "/nowhere")
     if not Path(library).is_file():
         pytest.skip("X_ITE names no x_ite.min.js")

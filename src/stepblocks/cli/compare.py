@@ -34,6 +34,9 @@ def compare(
     tip_radius: TipRadius = None,
     load: Load = None,
     friction: Friction = None,
+    backward: Annotated[
+        bool, typer.Option("--backward", help="the record is of the drag towards -x")
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="CSV", help="write the parts as a table"),
@@ -46,7 +49,7 @@ def compare(
     from stepblocks.simulators.compare import compare
 
     options = given(ball_radius=tip_radius, normal_load=load, friction=friction)
-    found = compare(record, to, output, **options)
+    found = compare(record, to, output, backward=backward, **options)
     score = found["difference_jnd"].iloc[-1]
     summary = f"{score:.2g} just noticeable differences from {to.name}, all parts together"
     return Outcome(summary, {"realism": found.iloc[:-1].to_dict("records")})

@@ -1,4 +1,4 @@
-"""From a stimulus to its scene: the surface, its solids and pieces, turned so that drags run along x."""
+"""From a stimulus to its scene: surface, solids and pieces, turned so that drags run along x."""
 
 from __future__ import annotations
 

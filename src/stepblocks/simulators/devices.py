@@ -1,11 +1,11 @@
-"""Force-feedback devices as data, and at which scale each can render a stimulus, and what of it gets lost."""
+"""Force-feedback devices as data: at which scale each renders a stimulus, and what it loses."""
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, Field
 
@@ -38,9 +38,19 @@ _UNITS = {
 
 
 class Figure(BaseModel, frozen=True, extra="forbid"):
-    """One figure of a device."""
+    """One figure of a device.
 
-    value: float  # in SI
+    Attributes
+    ----------
+    value : float
+        In SI units.
+    source : str
+        Where it stands.
+    confidence : str
+        ``datasheet``, ``code`` (of a public driver), ``remembered`` or ``assumed``.
+    """
+
+    value: float
     source: Annotated[str, Field(min_length=1, max_length=200)]
     confidence: Literal["datasheet", "code", "remembered", "assumed"]
 
@@ -62,20 +72,34 @@ Force = Annotated[Figure, _figure("force")]
 
 
 class Device(BaseModel, frozen=True, extra="forbid"):
-    """A force-feedback device; a figure that nobody stated is None."""
+    """A force-feedback device; a figure that is not known is None.
+
+    Attributes
+    ----------
+    id, name, maker : str
+        As on the command line; what people call it; who makes it.
+    position_resolution, travel : Figure
+        Smallest step of the measured position; shortest side of the workspace [m].
+    peak_force, continuous_force : Figure
+        Largest force, and the largest that it can hold [N].
+    stiffness_limit : Figure
+        Stiffest spring that it renders stably [N/m].
+    update_rate : Figure
+        Of the servo loop [Hz].
+    actuated_axes, sensed_axes : int
+        Degrees of freedom.
+    """
 
     id: Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]
     name: Annotated[str, Field(min_length=1, max_length=60)]
     maker: Annotated[str, Field(min_length=1, max_length=60)]
-    position_resolution: Length  # smallest step of the measured position [m]
-    peak_force: Force  # N
-    continuous_force: Force | None = None  # that it can hold [N]
-    stiffness_limit: Annotated[Figure, _figure("stiffness")] | None = (
-        None  # stiffest spring rendered stably [N/m]
-    )
-    update_rate: Annotated[Figure, _figure("frequency")]  # of the servo loop [Hz]
-    travel: Length | None = None  # shortest side of the workspace [m]
-    actuated_axes: Annotated[int, Field(ge=1, le=12)]  # degrees of freedom
+    position_resolution: Length
+    peak_force: Force
+    continuous_force: Force | None = None
+    stiffness_limit: Annotated[Figure, _figure("stiffness")] | None = None
+    update_rate: Annotated[Figure, _figure("frequency")]
+    travel: Length | None = None
+    actuated_axes: Annotated[int, Field(ge=1, le=12)]
     sensed_axes: Annotated[int, Field(ge=1, le=12)]
 
 
@@ -114,26 +138,48 @@ class Faithfulness(StrEnum):
 
 @dataclass(frozen=True)
 class RenderingPlan:
-    """How a device renders a stimulus."""
+    """How a device renders a stimulus.
+
+    Attributes
+    ----------
+    device, stimulus : str
+        What renders what.
+    scale : float
+        Magnification S of ball and step [1].
+    ball_radius, stiffness : float
+        S R [m]; k/S [N/m].
+    critical_force : float
+        F_px, the same at any scale [N]; not-a-number where the probe does not release.
+    ring_energy : float
+        Of the ring to inject, never scaled [J].
+    force_step, force_error : float
+        Of the rendered force, k q / S [N]; half of it over the smaller of load and release force
+        [1].
+    hand_travel : float
+        How far the hand pulls before the release, S F_px / k [m].
+    ring_route, ring_samples : str, float
+        ``motors``, ``voice coil``, or ``none`` where nothing rings; samples in a cycle of the ring
+        in the servo loop [1].
+    verdict, reasons : Faithfulness, tuple of str
+        What the device makes of it, and why, one clause each.
+    """
 
     device: str
     stimulus: str
-    scale: float  # magnification S of ball and step [1]
-    ball_radius: float  # S R [m]
-    stiffness: float  # k/S [N/m]
-    critical_force: (
-        float  # F_px, the same at any scale [N]; not-a-number where the probe does not release
-    )
-    ring_energy: float  # of the ring to inject, never scaled [J]
-    force_step: float  # of the rendered force, k q / S [N]
-    force_error: float  # half of it over the smaller of load and release force [1]
-    hand_travel: float  # how far the hand pulls before the release, S F_px / k [m]
-    ring_route: str  # "motors", "voice coil" or "none" where nothing rings
-    ring_samples: float  # per cycle of the ring in the device's servo loop [1]
+    scale: float
+    ball_radius: float
+    stiffness: float
+    critical_force: float
+    ring_energy: float
+    force_step: float
+    force_error: float
+    hand_travel: float
+    ring_route: str
+    ring_samples: float
     verdict: Faithfulness = Faithfulness.FAITHFUL
-    reasons: tuple[str, ...] = ()  # why, one clause each; empty where it renders faithfully
+    reasons: tuple[str, ...] = ()
 
-    def as_record(self) -> dict[str, Any]:
+    def as_record(self) -> dict[str, object]:
         """Return plain values for JSON, the unit in every name; None for what is not a number."""
         record = replace_nan_by_none(
             asdict(self) | {"verdict": self.verdict.value, "reasons": list(self.reasons)}
@@ -152,7 +198,10 @@ class RenderingPlan:
 def plan_rendering(
     device: Device, event: VibrationEvent, point: OperatingPoint, scale: float | None = None
 ) -> RenderingPlan:
-    """Plan how a device renders one drag; without a scale by the smallest at which it follows the formula."""
+    """Plan how a device renders one drag.
+
+    Without a scale the plan takes the smallest at which the device follows the formula.
+    """
     chosen = _choose_scale(device, event, point) if scale is None else scale
     k, q = point.tool.stiffness / chosen, device.position_resolution.value
     samples = device.update_rate.value / point.tool.frequency

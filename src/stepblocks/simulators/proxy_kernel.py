@@ -1,4 +1,4 @@
-"""One servo tick, compiled: no allocation, no search beyond the pieces that the proxy really crosses.
+"""One servo tick, compiled: no allocation, no search beyond the pieces that the proxy crosses.
 
 The proxy is the ball's centre on its path; the hand pulls it through the spring. It stays where it
 is as long as the spring's force lies within the friction cone, and slides to the next point where
@@ -59,7 +59,7 @@ def _compute_slope(x: float, piece: int, path: Records) -> Any:
 def _compute_drive(
     direction: float, x: float, z: float, slope: float, hand: Hand, setting: Any
 ) -> Any:
-    """Force that is left to move the proxy in a direction, times the cosine of the slope; positive where it slides."""
+    """Force left to move the proxy, times the cosine of the slope; above 0 it slides."""
     pull, down = direction * setting.stiffness * (hand[0] - x), setting.wall * (z - hand[1])
     rise = direction * slope
     return pull * (1.0 - setting.friction * rise) - down * (rise + setting.friction)
@@ -107,7 +107,7 @@ def _slide(direction: float, x: float, piece: int, hand: Hand, setting: Any, pat
 
 @numba.njit(cache=True)
 def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> Any:
-    """Walk from a free proxy at (x, z) straight to the hand; stop where the path is met. Third value: whether it was."""
+    """Walk from a free proxy at (x, z) straight to the hand, to where the path is met, if it is."""
     hand_x, hand_z = hand
     span = hand_x - x
     while True:
@@ -149,7 +149,7 @@ def _is_pressed(x: float, piece: int, hand: Hand, setting: Any, path: Records) -
 
 @numba.njit(cache=True)
 def _move(state: Any, landed: bool, hand: Hand, setting: Any, path: Records) -> None:
-    """Slide in either direction; leaving a notch uphill is the event, unless the proxy fell into it just now."""
+    """Slide in either direction; leaving a notch uphill is the event, unless it has just landed."""
     x, piece, caught = state.x, state.piece, path.up
     at_start, at_end = x == path.x[piece], x == path.x[piece + 1]
     right = piece + 1 if at_end and piece + 2 < len(path.x) else piece
@@ -183,7 +183,7 @@ def tick(
     settings: Records,
     path: Records,
 ) -> None:
-    """Advance the proxy of one record `states` by one tick of the hand (x, y, z), and write the force on the hand."""
+    """Advance the proxy of one record `states` by a tick of the hand; write the force on it."""
     state, setting = states[0], settings[0]
     hand = (min(max(position[0], path.x[0]), path.x[-1]), position[2])
     landed = not state.touching or not _is_pressed(state.x, state.piece, hand, setting, path)
@@ -226,7 +226,7 @@ def drag(
     settings: Records,
     path: Records,
 ) -> None:
-    """Drive `tick` with a hand that moves steadily along x and keeps its load; rows: hand, spring, force along x."""
+    """Drive `tick` with a hand of steady speed and load; rows: hand, spring, force along x."""
     start, read, force = position[0], position.copy(), position * 0.0
     velocity = np.array([step / settings[0].period, 0.0, 0.0])
     for index in range(record.shape[1]):

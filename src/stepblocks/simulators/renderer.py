@@ -19,15 +19,29 @@ _KINK = 1e-3  # change of slope that is a notch of the path, not the chords of a
 
 @dataclass(frozen=True, eq=False)
 class Drag:
-    """One drag over an edge, all along the drag; shape (n,) each."""
+    """One drag over an edge.
 
-    time: Array  # [s]
-    hand: Array  # position [m]
-    pull: Array  # force in the spring [N]; positive where the hand pulls
-    force: Array  # on the hand [N]: the spring's, and the ring's
-    peak: float  # largest spring force [N]
-    events: int  # releases
-    crossed: bool  # whether the proxy left the notch
+    Attributes
+    ----------
+    time, hand : ndarray, shape (n,)
+        Of each tick [s]; position of the hand along the drag [m].
+    pull, force : ndarray, shape (n,)
+        In the spring, positive where the hand pulls; on the hand, of spring and ring [N].
+    peak : float
+        Largest force in the spring [N].
+    events : int
+        Releases.
+    crossed : bool
+        Whether the proxy left the notch.
+    """
+
+    time: Array
+    hand: Array
+    pull: Array
+    force: Array
+    peak: float
+    events: int
+    crossed: bool
 
 
 class Renderer:
@@ -171,7 +185,7 @@ class Renderer:
 
     @property
     def pull(self) -> float:
-        """Force in the tool's spring, without the ring [N]; positive where the hand pulls towards +x."""
+        """Force in the spring without the ring [N]; positive where the hand pulls towards +x."""
         return float(self._states["pull"][0])
 
     @property

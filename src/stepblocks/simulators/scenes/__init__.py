@@ -1,4 +1,4 @@
-"""The simulators that scenes are written for, one file each; a new one is offered and tested by standing here."""
+"""The simulators that scenes are written for, one file each; what stands here is offered."""
 
 from stepblocks.simulators.scene import SceneFormat
 from stepblocks.simulators.scenes.chai3d import CHAI3D

@@ -1,4 +1,4 @@
-"""CHAI3D: meshes in millimetres, parameters as JSON and as a C++ header, and the decaying ring that CHAI3D lacks."""
+"""CHAI3D: meshes in millimetres, a program, and the decaying ring that CHAI3D lacks."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

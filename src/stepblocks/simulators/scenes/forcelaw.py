@@ -1,4 +1,4 @@
-"""The force law alone: a table, and a function without dependencies, for interfaces that take no geometry."""
+"""The force law alone: a table and a function, for interfaces that take no geometry."""
 
 import inspect
 import math

@@ -1,4 +1,4 @@
-"""glTF: the block as GLB in metres with y up, and a JSON that says what Unity, Unreal and the web make of its axes."""
+"""glTF: the block as GLB, and a JSON with its axes in Unity, Unreal and the web."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""MuJoCo: an MJCF scene of convex pieces, one with a height field, and a script that drags the tip over either."""
+"""MuJoCo: a scene of convex pieces, one with a height field, and a script that drags the tip."""
 
 import struct
 from collections.abc import Sequence
@@ -80,7 +80,7 @@ def _is_near_drag_line(piece: Mesh, scene: Scene) -> bool:
 
 
 def _write_height_field(path: Path, scene: Scene) -> dict[str, object]:
-    """Write the binary that MuJoCo reads: rows and columns as int32, then float32 from 0 to 1, row 0 at the smallest y."""
+    """Write MuJoCo's binary: rows and columns as int32, then float32 from the smallest y."""
     field = sample_relief(scene.surface, scene.point.ball_radius)
     low, rise = float(field.heights.min()), float(np.ptp(field.heights))
     values = ((field.heights - low) / (rise or 1.0)).astype("<f4")
@@ -131,8 +131,9 @@ MUJOCO = SceneFormat(
         "with the defaults the tip falls through",
         "ccd_tolerance 1 nm times S: its default of 1 um is a tenth of a step",
         "the tip's mass and inertia are explicit; mass and spring ring at the event's frequency",
-        "the joint's damping gives the tip the decay of `event.json`; friction ends its ring sooner "
-        "while it slides. It swings with the energy that the slip leaves it, not with E_v: to feel "
+        "the joint's damping gives the tip the decay of `event.json`; friction ends its ring "
+        "sooner while it slides. It swings with the energy that the slip leaves it, not with "
+        "E_v: to feel "
         "the ring of the formula play the `ring-up` WAV at the release",
         "sensors: `pull` and `press` are the forces of spring and load, `tip_x`, `tip_z` and "
         "`tip_velocity` the ball, `ring` its acceleration",
@@ -141,6 +142,6 @@ MUJOCO = SceneFormat(
         "are "
         "coarser than a step",
     ),
-    verified="run in MuJoCo by the test suite and by the table of docs/explanation/simulators.md, pieces and "
-    "height field.",
+    verified="run in MuJoCo by the test suite and by the table of "
+    "docs/explanation/simulators.md, pieces and height field.",
 )

@@ -22,8 +22,8 @@ NATIVE = SceneFormat(
     write_set=lambda folder, scenes, _: _write_blocks(folder, scenes),
     shares_probe=False,
     run=(
-        "`cmake -B build && cmake --build build`, then `build/drag blocks.txt` drags a virtual hand "
-        "over every block in both directions and prints each peak force beside the formula; "
+        "`cmake -B build && cmake --build build`, then `build/drag blocks.txt` drags a virtual "
+        "hand over every block in both directions and prints each peak force beside the formula; "
         "`build/drag blocks.txt --time` also says how long a tick takes. `-blocks` beside the "
         "blocks of a set is the same with all of them."
     ),
@@ -36,7 +36,8 @@ NATIVE = SceneFormat(
         "zero, and is counted",
         "`sb_tick_loaded` is for inputs without a height: mouse, gamepad, linear stage",
         "`stepblocks_native.py` is the same from Python by ctypes, with the standard library alone",
-        "`StepBlocks.cs` is a component for Unity, `StepBlocksComponent.h` and `.cpp` one for Unreal",
+        "`StepBlocks.cs` is a component for Unity, `StepBlocksComponent.h` and `.cpp` one for "
+        "Unreal",
         "the law has no speed of its own: speed acts through the hand's position and "
         "`damping_n_s_per_m` alone",
     ),

@@ -1,4 +1,4 @@
-"""SOFA: a scene in centimetres, the unit of its Geomagic driver, with contact distances below the step."""
+"""SOFA: a scene in centimetres, with contact distances below the step."""
 
 from pathlib import Path
 
@@ -37,9 +37,9 @@ SOFA = SceneFormat(
         "same "
         "number in kg/s^2",
         "one collision model per convex piece; friction through FrictionContactConstraint",
-        "the scene's probe is a ball on a particle; the hand starts F/k below it, so that the spring "
-        "presses with the load",
+        "the scene's probe is a ball on a particle; the hand starts F/k below it, so that the "
+        "spring presses with the load",
     ),
-    verified="parsed by lxml, and its meshes read and measured by trimesh, in the test suite; not run "
-    "here in SOFA.",
+    verified="parsed by lxml, and its meshes read and measured by trimesh, in the test "
+    "suite; not run here in SOFA.",
 )

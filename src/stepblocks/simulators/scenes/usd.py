@@ -1,4 +1,4 @@
-"""USD: a stage in metres with z up, convex pieces and UsdPhysics; for Isaac, Newton and whatever else reads USD."""
+"""USD: a stage in metres with convex pieces and UsdPhysics; for Isaac, Newton and others."""
 
 import json
 from pathlib import Path
@@ -39,11 +39,12 @@ USD = SceneFormat(
         "solvers in metres may merge what is closer than their tolerance; magnify with "
         "`--scale` "
         "if they do",
-        "the drive of the joint is the spring of the tool along x; along z it presses with the load, "
-        "its far end F/k below the tip",
+        "the drive of the joint is the spring of the tool along x; along z it presses with the "
+        "load, its far end F/k below the tip",
         "the vibration events are JSON in the customData of /World",
     ),
-    verified="passes all validators of usd-core, UsdPhysics' among them; units, hulls and offsets are read "
-    "back in the test suite; not run "
+    verified="passes all validators of usd-core, UsdPhysics' among them; units, hulls and "
+    "offsets are "
+    "read back in the test suite; not run "
     "here in a physics engine.",
 )

@@ -18,14 +18,14 @@ X3D = SceneFormat(
     write=_write,
     run="`H3DLoad scene-h3d.x3d`; `scene.x3d` is the same block for every other X3D viewer.",
     settings=(
-        "`scene-h3d.x3d` has H3D's FrictionalSurface with absolute stiffness k/S and the static and "
-        "dynamic friction of the condition; X3D itself has no such node",
+        "`scene-h3d.x3d` has H3D's FrictionalSurface with absolute stiffness k/S and the static "
+        "and dynamic friction of the condition; X3D itself has no such node",
         "coordinates are decimal text with 12 digits, counter-clockwise seen from outside",
         "the size of the avatar sets the near plane: with X3D's default a block of 20 mm is not "
         "drawn",
         "the proxy radius is the haptics device's in H3D (`DeviceInfo`, `proxyRadius`): set it to "
         "the ball's",
     ),
-    verified="parsed by lxml, measured as a mesh by trimesh and drawn by X_ITE in the test suite; not "
-    "run here in H3D.",
+    verified="parsed by lxml, measured as a mesh by trimesh and drawn by X_ITE in the test suite; "
+    "not run here in H3D.",
 )
