@@ -102,7 +102,7 @@ def test_groups_of_unequal_size_are_compared_as_afex_does(found):
 
 
 def test_two_conditions_are_equivalent_within_the_farther_end_of_the_90_percent_interval():
-    one = Interval("a", "b", -1.0, -3.0, 1.0, 0.4, -0.2, 0.5)
+    one = Interval("a", "b", -1.0, -3.0, 1.0, 0.4, -0.2, 0.5, 18.0)
     bound = assess_equivalence(one, 18.0).bound
     assert bound == pytest.approx(
         1.0 + 1.734064 * 0.5, rel=1e-6

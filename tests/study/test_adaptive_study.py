@@ -81,7 +81,7 @@ def test_results_are_written_for_the_analysis_of_constant_stimuli(folder):
             first,
         )
         assert row["standard"] == "step-050" != row["stimulus"]
-    assert len(analyse_study(folder, [f"{folder}/answers.csv"]).curves) == 3
+    assert len(analyse_study(folder, [f"{folder}/answers.csv"]).comparisons[0].curves) == 2
 
 
 def test_answers_that_tell_no_threshold_leave_their_figures_open(tmp_path):

@@ -6,6 +6,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 
+from oracles.designs import compared, crossed
 from stepblocks.errors import StudyError
 from stepblocks.study.design import (
     MAX_CODES,
@@ -13,12 +14,9 @@ from stepblocks.study.design import (
     Item,
     allocate_orders,
     assign_codes,
-    design_constant_stimuli,
-    design_crossover,
     make_williams_square,
     measure_balance,
 )
-from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.session import QuestPlus, Staircase
 
 FOUR = [Item(f"apparatus-{h:03}", f"APPARATUS-{h:03}", h * 1e-6) for h in (25, 50, 75, 100)]
@@ -56,7 +54,7 @@ def test_any_number_of_participants_is_balanced_to_the_stated_bounds(conditions)
 
 
 def test_experiment_one_is_the_paper_s():
-    design = design_crossover("estimates", 10, FOUR, 3, 5, PROBES)
+    design = crossed("estimates", 10, FOUR, 3, 5, PROBES)
     cells = Counter(
         (t["participant"], t["condition"], t["repetition"], t["stimulus"]) for t in design.trials
     )
@@ -75,7 +73,7 @@ def test_experiment_one_is_the_paper_s():
 
 
 def test_blocks_within_a_set_are_in_every_order_equally_often():
-    trials = design_crossover("estimates", 200, FOUR[:3], 4, 2, PROBES).trials
+    trials = crossed("estimates", 200, FOUR[:3], 4, 2, PROBES).trials
     orders = Counter(
         tuple(t["stimulus"] for t in trials[i : i + 3]) for i in range(0, len(trials), 3)
     )
@@ -86,7 +84,7 @@ def test_blocks_within_a_set_are_in_every_order_equally_often():
 
 
 def test_experiment_two_alternates_which_condition_comes_first():
-    design = EXPERIMENTS["virtual"].design(10, TEN, 1, 3)
+    design = crossed("virtual", 10, TEN, 1, 3)
     firsts = Counter(t["condition"] for t in design.trials if t["trial"] == "1")
     assert firsts == {"vibration-off": 5, "vibration-on": 5}
     assert design.balance.exact
@@ -94,7 +92,7 @@ def test_experiment_two_alternates_which_condition_comes_first():
 
 
 def test_constant_stimuli_put_the_standard_first_and_second_equally_often():
-    design = design_constant_stimuli(3, TEN, 4, 1, "step-050")
+    design = compared(3, TEN, 4, 1, "step-050")
     cells = Counter((t["participant"], t["stimulus"], t["condition"]) for t in design.trials)
     assert set(cells.values()) == {4}
     assert len(cells) == 3 * 9 * 2
@@ -102,7 +100,7 @@ def test_constant_stimuli_put_the_standard_first_and_second_equally_often():
 
 
 def test_the_same_seed_gives_the_same_design_and_another_seed_another():
-    one, again, other = (EXPERIMENTS["magnitude"].design(4, TEN, 2, s) for s in (1, 1, 2))
+    one, again, other = (crossed("magnitude", 4, TEN, 2, s) for s in (1, 1, 2))
     assert one.trials == again.trials
     assert one.trials != other.trials
 
@@ -129,25 +127,21 @@ def test_codes_say_nothing_about_the_height():
     ("make", "message"),
     [
         (
-            lambda: design_crossover("estimates", 0, FOUR, 3, 1, PROBES),
+            lambda: crossed("estimates", 0, FOUR, 3, 1, PROBES),
             "participants must be at least 1",
         ),
-        (lambda: design_crossover("estimates", 2, FOUR, 3, 1, ("a", "a")), "'a' twice"),
+        (lambda: crossed("estimates", 2, FOUR, 3, 1, ("a", "a")), "'a' twice"),
+        (lambda: crossed("estimates", 2, [], 3, 1, PROBES), "blocks must be at least one"),
         (
-            lambda: design_crossover("estimates", 2, FOUR, 3, 1, ()),
-            "conditions must be at least one",
-        ),
-        (lambda: design_crossover("estimates", 2, [], 3, 1, PROBES), "blocks must be at least one"),
-        (
-            lambda: design_crossover("estimates", 2, FOUR, 0, 1, PROBES),
+            lambda: crossed("estimates", 2, FOUR, 0, 1, PROBES),
             "repetitions must be at least 1",
         ),
         (
-            lambda: design_crossover("estimates", 2, FOUR, 1, -1, PROBES),
+            lambda: crossed("estimates", 2, FOUR, 1, -1, PROBES),
             "seed must not be negative",
         ),
-        (lambda: design_crossover("estimates", 900, FOUR, 100, 1, PROBES), "at most 200000 trials"),
-        (lambda: design_constant_stimuli(2, TEN, 1, 1, "step-099"), "standard must be one of"),
+        (lambda: crossed("estimates", 900, FOUR, 100, 1, PROBES), "at most 200000 trials"),
+        (lambda: compared(2, TEN, 1, 1, "step-099"), "standard must be one of"),
         (lambda: Item("a", "A", float("nan")), "height must be positive"),
         (lambda: make_williams_square(27), "between 1 and 26"),
         (lambda: Staircase([2.0, 1.0]), "ascend"),

@@ -12,7 +12,8 @@ from stepblocks.cli import main
 from stepblocks.errors import StudyError
 from stepblocks.study.adaptive import open_adaptive, record_answer, start_adaptive, undo_answer
 from stepblocks.study.exchange import share_study
-from stepblocks.study.prose import format_apa_p, make_journal_table, write_headline, write_methods
+from stepblocks.study.page import render_study
+from stepblocks.study.prose import format_apa_p, make_journal_table, write_headline
 from stepblocks.study.run import analyse_study, design_study, simulate_study, study_power
 
 HEIGHTS = (20e-6, 40e-6, 60e-6, 80e-6)
@@ -86,7 +87,7 @@ def test_what_a_table_lacks_is_named_with_its_place(tmp_path):
             analyse_study(None, [path], columns=columns)
 
 
-@pytest.mark.parametrize("form", ["bids", "psych-ds"])
+@pytest.mark.parametrize("form", ["bids"])
 def test_a_dataset_is_read_back_to_the_same_figures(study, result, tmp_path, form):
     share_study(study, [study / "sheets"], tmp_path / form, form)
     again = analyse_study(None, [tmp_path / form])
@@ -130,31 +131,38 @@ def test_conditions_for_psychopy_are_blinded_python_names_in_the_order_of_the_de
 
 def test_the_report_opens_with_what_was_found_and_ends_as_a_journal_wants_it(result):
     said = write_headline(result)
-    assert re.match(r"Compared with (bare|hard), estimates with soft scatter 2\.", said)
-    assert "no difference was found between bare and hard, which differ by less than" in said
+    assert said.startswith("Primary outcome, absolute error: ")
+    assert re.search(r"with soft it is larger by .* than with (bare|hard)", said)
     assert "µm" in said
     assert " um" not in said
     assert [row["measure"] for row in make_journal_table(result)] == [
         "bias, µm",
         "absolute error, µm",
-        "ln spread, µm",
+        "ln(spread / um)",
     ]
-    assert "F(2, 10) = " in make_journal_table(result)[1]["F"]
+    assert ") = " in make_journal_table(result)[1]["F"]
+    page = render_study(result)
     assert (
-        "6 participants gave 216 judgements of 4 blocks in 3 conditions (bare, hard, soft)"
-        in write_methods(result)
+        "6 participants gave 216 judgements of 4 blocks in 3 conditions (bare, hard, soft)" in page
     )
     assert [format_apa_p(p) for p in (0.0004, 0.0312, 0.5)] == ["< .001", "= .031", "= .500"]
 
 
-def test_the_opening_sentence_says_once_what_is_compared(tmp_path):
-    design_study(HEIGHTS, tmp_path, seed=1, participants=6, probes=("a", "b", "c"))
-    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2, noise={"b": 4.0, "c": 4.0})
-    said = write_headline(analyse_study(tmp_path, [tmp_path / "answers.csv"]))
-    assert re.match(
-        "Compared with a, estimates with [bc] scatter .*; those with [bc] scatter ", said
-    )
-    assert said.lower().count("compared with") == 1
+def test_only_the_primary_outcome_opens_the_headline(tmp_path):
+    # noise scatters the estimates: the spread and the absolute error find it, the bias does not
+    design_study(HEIGHTS, tmp_path, seed=1, participants=6, probes=("a", "b"), primary="bias")
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2, noise={"b": 4.0})
+    result = analyse_study(tmp_path, [tmp_path / "answers.csv"])
+    said = write_headline(result)
+    assert said.startswith("Primary outcome, bias: no difference between conditions was found")
+    assert "secondary" not in said.lower()
+    first, *rest = result.findings()
+    assert (first.name, first.primary, first.p == first.corrected) == ("bias", True, True)
+    assert {one.name for one in rest if one.corrected < 0.05} == {"absolute error", "spread"}
+    with pytest.raises(StudyError, match="primary must be one of absolute error; bias; spread"):
+        analyse_study(tmp_path, [tmp_path / "answers.csv"], primary="speed")
+    with pytest.raises(StudyError, match="reference must be one of a, b, got 'c'"):
+        analyse_study(tmp_path, [tmp_path / "answers.csv"], reference="c")
 
 
 def test_groups_of_participants_are_compared(study, tmp_path):

@@ -5,13 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from oracles.designs import compared, crossed
 from oracles.noncentral_f import closed_form_power
 from stepblocks.errors import StudyError
-from stepblocks.study.analysis.anova import check_residuals
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
-from stepblocks.study.analysis.psychometric import MAX_LAPSE, fit_psychometric
-from stepblocks.study.design import Item, design_constant_stimuli
-from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.analysis.psychometric import MAX_LAPSE, compute_weber, fit_psychometric
+from stepblocks.study.design import Item
 from stepblocks.study.sheet import join_answers, simulate_answers
 from stepblocks.study.simulate import (
     Observer,
@@ -54,16 +53,16 @@ def test_a_known_weber_fraction_is_recovered_without_bias():
 
 
 def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
-    design = design_constant_stimuli(8, BLOCKS, 6, 1, "step-050").trials
+    design = compared(8, BLOCKS, 6, 1, "step-050").trials
     energies = {item.identity: item.height for item in BLOCKS}
     table = join_answers(
         design, lined(simulate_answers(design, energies, {}, Observer(weber=0.15), seed=5))
     )
-    curve = table.analyse().curves[-1]
-    assert curve.who == "all"
-    assert sum(curve.totals) == 8 * 8 * 12
-    assert curve.fit.weber_low < 0.15 < curve.fit.weber_high
-    assert curve.fit.threshold == pytest.approx(50e-6, rel=0.04)
+    (found,) = table.analyse().comparisons
+    assert sum(sum(curve.totals) for curve in found.curves) == 8 * 8 * 12
+    spread = found.spread
+    assert compute_weber(spread.low) < 0.15 < compute_weber(spread.high)
+    assert math.exp(found.equal.value) == pytest.approx(1.0, rel=0.04)
 
 
 def test_a_lapse_rate_is_told_from_a_shallow_slope():
@@ -227,35 +226,14 @@ def test_impossible_plans_are_refused(make, message):
 
 
 def test_realism_gain_is_recovered_by_the_ordinal_model():
-    design = EXPERIMENTS["virtual"].design(16, BLOCKS, 3, 2).trials
+    design = crossed("virtual", 16, BLOCKS, 3, 2).trials
     energies = {item.identity: item.height for item in BLOCKS}
     observer = Observer(realism_gain=1.0)
     table = join_answers(design, lined(simulate_answers(design, energies, {}, observer, seed=8)))
     effect = fit_ordinal_model(table.frame, "rating", "condition", "participant").effects[0]
-    assert effect.name == "vibration-on"
+    assert (effect.first, effect.second) == ("vibration-on", "vibration-off")
     assert effect.low < math.e < effect.high
     assert effect.ratio > 1.5
-
-
-def test_checks_doubt_what_is_wrong_and_let_pass_what_is_not():
-    generator = np.random.default_rng(1)
-    groups = ["a"] * 200 + ["b"] * 200
-    good = {
-        check.assumption: check.verdict
-        for check in check_residuals(
-            generator.standard_normal(400) * 1e-6, groups, generator.standard_normal(10)
-        )
-    }
-    assert set(good.values()) == {"no objection"}
-    wide = generator.standard_normal(400) * np.repeat([1.0, 2.0], 200)
-    bad = {
-        check.assumption: check.verdict
-        for check in check_residuals(wide**3, groups, [0.0] * 9 + [9.0])
-    }
-    assert set(bad.values()) == {"in doubt"}
-    assert [check.verdict for check in check_residuals([0.0, 0.0], ["a", "b"], [])] == [
-        "not tested"
-    ] * 3
 
 
 def test_answers_that_leave_the_threshold_open_are_said_to_and_give_no_infinite_interval():

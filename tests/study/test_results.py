@@ -5,9 +5,9 @@ import io
 
 import pytest
 
+from oracles.designs import compared, crossed
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item, design_constant_stimuli, design_crossover
-from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.design import Item
 from stepblocks.study.page import render_study
 from stepblocks.study.sheet import join_answers, simulate_answers
 from stepblocks.study.simulate import Observer
@@ -26,12 +26,12 @@ def result_of(design):
 
 @pytest.fixture(scope="module")
 def estimates():
-    return result_of(design_crossover("estimates", 4, BLOCKS, 2, 1, ("bare", "soft <b>")))
+    return result_of(crossed("estimates", 4, BLOCKS, 2, 1, ("bare", "soft <b>")))
 
 
 @pytest.fixture(scope="module")
 def virtual():
-    return result_of(EXPERIMENTS["virtual"].design(5, BLOCKS, 2, 1))
+    return result_of(crossed("virtual", 5, BLOCKS, 2, 1))
 
 
 def row_of(result, analysis, quantity, measure="bias"):
@@ -104,13 +104,14 @@ def test_judgements_keep_every_column_and_say_the_unit_of_lengths(virtual):
 
 
 def test_who_cannot_be_fitted_is_named_with_the_reason():
-    rows = design_constant_stimuli(2, BLOCKS, 2, 1, "step-050").trials
+    rows = compared(2, BLOCKS, 2, 1, "step-050").trials
     sure = Observer(weber=0.0)
     answers = [row | {"line": "line"} for row in simulate_answers(rows, ENERGIES, {}, sure, seed=2)]
     result = join_answers(rows, answers).analyse()
-    assert [curve.fit for curve in result.curves] == [None, None, None]
+    (found,) = result.comparisons
+    assert [curve.fit for curve in found.curves] == [None, None]
     named = result.table()["quantity"].tolist()
-    assert named[-1].startswith("participant all: not fitted, ")
+    assert any(name.startswith("participant 1: not fitted, ") for name in named)
     assert render_study(result).count("<svg") == 1
 
 

@@ -35,7 +35,12 @@ def test_without_options_a_study_is_experiment_one_of_the_paper(tmp_path):
     # ten participants, three probes, four blocks, three repetitions
     assert (design.experiment, len(design.trials)) == ("estimates", 10 * 3 * 4 * 3)
     assert {trial["condition"] for trial in design.trials} == {"bare", "hard", "soft"}
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["design.csv", "key.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "design.csv",
+        "key.csv",
+        "plan.json",
+        "preregistration.md",
+    ]
 
 
 def test_a_pattern_chooses_the_blocks(tmp_path):

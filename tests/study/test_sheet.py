@@ -5,8 +5,9 @@ import io
 
 import pytest
 
+from oracles.designs import compared, crossed
 from stepblocks.errors import PipelineError
-from stepblocks.study.design import DESIGN_COLUMNS, Item, design_constant_stimuli, design_crossover
+from stepblocks.study.design import DESIGN_COLUMNS, Item
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.sheet import blind_rows, format_key, list_answer_columns, write_new_files
 
@@ -15,18 +16,18 @@ BY_CODE = {"VTK": BLOCKS[2], "ABE": BLOCKS[0]}
 
 
 def test_every_trial_is_a_row_that_tells_all():
-    design = design_crossover("estimates", 2, BLOCKS, 2, 1, ("bare", "soft"))
+    design = crossed("estimates", 2, BLOCKS, 2, 1, ("bare", "soft"))
     assert len(design.trials) == 2 * 2 * 3 * 2
     for row in design.trials:
-        assert tuple(row) == DESIGN_COLUMNS
-        item = design.blocks[row["code"]]
+        assert tuple(row) == (*DESIGN_COLUMNS, "factor_probe")
+        item = design.blocks[row["participant"]][row["code"]]
         assert (row["stimulus"], row["engraved"]) == (item.identity, item.engraved)
         assert float(row["height_um"]) == pytest.approx(item.height * 1e6, rel=1e-8)
         assert row["standard"] == row["standard_code"] == row["standard_height_um"] == ""
 
 
 def test_in_a_pair_the_standard_is_named_and_the_sheet_keeps_its_place():
-    rows = design_constant_stimuli(1, BLOCKS, 1, 1, "step-025").trials
+    rows = compared(1, BLOCKS, 1, 1, "step-025").trials
     assert {row["standard"] for row in rows} == {"step-025"}
     for row, shown in zip(rows, blind_rows(rows), strict=True):
         places = {"standard-first": "first_code", "standard-second": "second_code"}
@@ -43,15 +44,15 @@ def test_what_is_to_be_written_down_stands_at_the_end_of_a_sheet(experiment):
 
 
 def test_the_key_is_in_the_order_of_its_codes():
-    assert list(csv.reader(io.StringIO(format_key(BY_CODE)))) == [
-        ["code", "engraved", "stimulus", "height_um"],
-        ["ABE", "STEP-010", "step-010", "10"],
-        ["VTK", "STEP-050", "step-050", "50"],
+    assert list(csv.reader(io.StringIO(format_key({"1": BY_CODE})))) == [
+        ["participant", "code", "engraved", "stimulus", "height_um"],
+        ["1", "ABE", "STEP-010", "step-010", "10"],
+        ["1", "VTK", "STEP-050", "step-050", "50"],
     ]
 
 
 def test_the_key_of_a_comparison_names_the_standard_too():
-    key = format_key(design_constant_stimuli(1, BLOCKS, 1, 1, "step-025").blocks)
+    key = format_key(compared(1, BLOCKS, 1, 1, "step-025").blocks)
     assert {row["stimulus"] for row in csv.DictReader(io.StringIO(key))} == {
         b.identity for b in BLOCKS
     }

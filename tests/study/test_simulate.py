@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from oracles.designs import compared, crossed
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item, design_constant_stimuli, design_crossover
+from stepblocks.study.design import Item
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_study
 from stepblocks.study.sheet import (
@@ -27,14 +28,12 @@ from stepblocks.tables import format_csv
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(30, 75, 5)]
 ENERGIES = {item.identity: item.height for item in BLOCKS}  # in proportion to the height
 STILL = Observer(weber=0.0, response_noise=0.0, participant_spread=0.0)
-OPTIONS = {"probes": ("bare", "soft"), "standard": "step-050"}
 
 
 def designed(name, participants=4, repetitions=2):
-    kind = EXPERIMENTS[name]
-    return kind.design(
-        participants, BLOCKS, repetitions, 1, **{need: OPTIONS[need] for need in kind.needs}
-    )
+    if EXPERIMENTS[name].paired:
+        return compared(participants, BLOCKS, repetitions, 1, "step-050")
+    return crossed(name, participants, BLOCKS, repetitions, 1)
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
@@ -64,7 +63,7 @@ def test_the_same_seed_gives_the_same_answers_and_another_seed_others(name):
 
 
 def test_without_noise_estimates_are_the_heights_and_a_damper_takes_its_share():
-    rows = design_crossover("estimates", 2, BLOCKS, 1, 1, ("bare", "soft")).trials
+    rows = crossed("estimates", 2, BLOCKS, 1, 1, ("bare", "soft")).trials
     for row, answer in zip(
         rows, simulate_answers(rows, ENERGIES, {"soft": 0.5}, STILL, 3), strict=True
     ):
@@ -75,7 +74,7 @@ def test_without_noise_estimates_are_the_heights_and_a_damper_takes_its_share():
 
 
 def test_without_noise_the_higher_of_two_is_always_named():
-    rows = design_constant_stimuli(1, BLOCKS, 1, 1, "step-050").trials
+    rows = compared(1, BLOCKS, 1, 1, "step-050").trials
     for row, answer in zip(rows, simulate_answers(rows, ENERGIES, {}, STILL, 3), strict=True):
         higher = float(row["height_um"]) > 50.0
         assert answer["second_is_higher"] == (
@@ -84,10 +83,10 @@ def test_without_noise_the_higher_of_two_is_always_named():
 
 
 def test_without_noise_magnitudes_grow_with_the_square_root_of_the_energy():
-    rows = EXPERIMENTS["magnitude"].design(3, BLOCKS, 1, 1).trials
+    rows = crossed("magnitude", 3, BLOCKS, 1, 1).trials
     answers = simulate_answers(rows, ENERGIES, {}, STILL, 3)
     table = join_answers(rows, [row | {"line": "line"} for row in answers])
-    law = table.analyse().power_law
+    (law,) = table.analyse().power_laws
     assert law.exponent == pytest.approx(0.5, abs=0.01)  # three digits are written down
     assert all(
         correlation == pytest.approx(1.0, abs=1e-3) for _, _, correlation in law.by_participant

@@ -1,6 +1,15 @@
-"""Who feels it: the experiments on people, from the design to the report."""
+"""The experiments on people, from the design to the report."""
+
+from typing import TYPE_CHECKING
 
 from stepblocks.errors import StudyError
+
+__all__ = ["Table", "require"]
+
+if TYPE_CHECKING:
+    from pandas import DataFrame as Table
+else:
+    Table = object  # pandas is imported where a table is made
 
 
 def require(holds: object, rule: str) -> None:

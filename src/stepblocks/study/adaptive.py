@@ -146,12 +146,12 @@ def start_adaptive(
         }
     setup |= {
         "standard": codes[standard],
-        "blocks": {code: items[code].told() for code in sorted(items)},
+        "blocks": {code: items[code].describe() for code in sorted(items)},
     }
     study = _study(Path(folder), setup)
     write_new_files(
         study.folder,
-        {_SETUP: json.dumps(setup, indent=1) + "\n", "key.csv": format_key(study.blocks)},
+        {_SETUP: json.dumps(setup, indent=1) + "\n", "key.csv": format_key({"all": study.blocks})},
     )
     return replace(study, advice=describe_coarse_levels(found, standard))
 

@@ -1,16 +1,19 @@
-"""One participant's run of a design, trial by trial: what is next, what was answered; on the disk before the next trial is shown."""
+"""One participant's run of a design: trial after trial, each on the disk before the next."""
 
 # Whatever happens, the trial that was running is asked again, those that were answered stay, and
 # the order is the design's.
 
+import itertools
 import json
 import math
 import os
 import secrets
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import cached_property
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -20,12 +23,21 @@ import numpy as np
 
 from stepblocks.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import PipelineError, StepblocksError, StudyError
 from stepblocks.page_file import render_page
+from stepblocks.quantities import parse_quantity
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study import require
-from stepblocks.study.design import WHEN, Blocks, find_designed_blocks
-from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, read_number
+from stepblocks.study.design import (
+    FACTOR,
+    REAL,
+    VIRTUAL_FACTORS,
+    WHEN,
+    Blocks,
+    find_designed_blocks,
+)
+from stepblocks.study.experiments import EXPERIMENTS, RATINGS, Row, read_number
 from stepblocks.study.hands import HANDS, Hand, Mouse
 from stepblocks.study.servo import RATE, Limits, Servo, raise_priority, write_motion
 from stepblocks.study.sheet import blind_rows, list_answer_columns, read_answers, read_design
@@ -33,9 +45,14 @@ from stepblocks.tables import format_csv
 
 _SLOW = 1.0  # s
 _LARGEST = 20_000  # bytes of a request
+_MOST_REQUESTS = 400  # of the page in one second; it asks 60 times
 _POLICY = (
-    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'"
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'nonce-{}'; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+# Columns of a run's file beside those of a run sheet: when the trial was shown and answered (UTC),
+# the time between, and what the participant noted
+_TIMES = ("shown_utc", "answered_utc", "reaction_s", "comment")
 _PULL = 400  # pixels to the right of the edge that are there on every screen
 _LINGER = 1.5  # the page still shows that the run is done [s]
 MAGNIFICATION = 100.0  # of a virtual block: the hand of a mouse travels centimetres [1]
@@ -43,112 +60,179 @@ MAGNIFICATION = 100.0  # of a virtual block: the hand of a mouse travels centime
 
 @dataclass
 class Run:
-    """A participant's run; `state`, `begin` and `record_answer` are what a page needs of it."""
+    """A participant's run; `state`, `begin`, `answer` and `undo` are what a page needs of it.
+
+    Attributes
+    ----------
+    folder : Path
+        Of the study.
+    participant : str
+        Whose run it is.
+    design : sequence of mapping
+        Rows of design.csv.
+    blocks : Blocks or None
+        Of virtual blocks.
+    hand : Hand or None
+        What moves the probe over virtual blocks; a mouse where none is given.
+    scale : float
+        Magnification of all virtual blocks alike [1].
+    ratings : tuple of int
+        Lowest and highest rating.
+    practice : int
+        Trials with feedback before the first, which are not recorded.
+    """
 
     folder: Path
     participant: str
     design: Sequence[Row]
-    blocks: Blocks | None  # of virtual blocks
-    hand: Hand | None = None  # of virtual blocks; a mouse where none is given
-    scale: float = MAGNIFICATION  # of all blocks alike
+    blocks: Blocks | None
+    hand: Hand | None = None
+    scale: float = MAGNIFICATION
     ratings: tuple[int, int] = RATINGS
+    practice: int = 0
 
     def __post_init__(self) -> None:
         self.planned = [row for row in self.design if row["participant"] == self.participant]
         known = ", ".join(dict.fromkeys(row["participant"] for row in self.design))
         require(self.planned, f"participant must be one of {known}, got {self.participant!r}")
-        experiment = self.planned[0]["experiment"]
-        self.kind, self.virtual = EXPERIMENTS[experiment], self.blocks is not None
+        self.experiment = self.planned[0]["experiment"]
+        self.kind, self.virtual = EXPERIMENTS[self.experiment], self.blocks is not None
+        require(
+            0 <= self.practice <= len(self.planned),
+            f"practice must be from 0 to {len(self.planned)} trials, got {self.practice}",
+        )
         runs = self.folder / "runs"
         path = resolve_inside(runs, f"participant-{self.participant}.csv")
         if path is None:
             raise StudyError(f"participant must be a plain name, got {self.participant!r}")
         self.path, self._guard = path, threading.RLock()
         self._running: Servo | None = None
+        self._shown, self.feedback = time.time(), ""
         with ExitStack() as held:
             held.enter_context(lock_folder(path.with_suffix("")))
-            self.answered = self._resume(experiment)
+            self._rows = self._resume()
             self._held = held.pop_all()
+        self.practice = 0 if self._rows else self.practice
 
-    def _resume(self, experiment: str) -> int:
-        """Return how many trials are answered; a last line that a crash cut short is dropped."""
-        columns = list_answer_columns(experiment)
+    def _resume(self) -> list[dict[str, str]]:
+        """Return the answered trials; a last line that a crash cut short is dropped."""
         if not self.path.exists():
-            replace_text(self.path, ",".join(columns) + "\n")
-            return 0
-        text = self.path.read_text(encoding="utf-8")
-        if not text.endswith("\n"):
-            text = text[: text.rfind("\n") + 1]
-            replace_text(self.path, text or ",".join(columns) + "\n")
-        rows, most = (
-            read_answers(self.path, experiment) if text.count("\n") > 1 else [],
-            len(self.planned),
-        )
+            return []
+        text = self.path.read_text(encoding="utf-8-sig")
+        whole = text if text.endswith("\n") else text[: text.rfind("\n") + 1]
+        if whole != text:
+            replace_text(self.path, whole or self._header())
+        rows = read_answers(self.path, self.experiment)
         for row, planned in zip(rows, self.planned, strict=False):
             if row["trial"] != planned["trial"]:
                 said = f"trial must be {planned['trial']} here, as planned"
                 raise StudyError(f"{said}, got {row['trial']} [{row['line']}]")
+        most = len(self.planned)
         require(len(rows) <= most, f"at most {most} trials are planned, got more [{self.path}]")
-        return len(rows)
+        if whole.partition("\n")[0] + "\n" != self._header():
+            self._write(rows)  # a spreadsheet saved it with other separators or decimals
+        return rows
+
+    def _header(self) -> str:
+        return ",".join((*list_answer_columns(self.experiment), *_TIMES)) + "\n"
+
+    def _write(self, rows: Sequence[Row]) -> None:
+        columns = self._header().strip().split(",")
+        lines = [{name: row.get(name, "") for name in columns} for row in rows]
+        replace_text(self.path, format_csv(lines, columns))
+
+    @property
+    def answered(self) -> int:
+        """Return how many trials are answered."""
+        return len(self._rows)
 
     @property
     def now(self) -> Row | None:
         """Return the trial that is next, with all that it hides; None when the run is done."""
+        if self.practice:
+            return self.planned[-self.practice]
         return self.planned[self.answered] if self.answered < len(self.planned) else None
 
-    def state(self) -> dict[str, Any]:
-        """Say what a page may show: neither identity nor height, and of a virtual block not even its condition."""
-        row, running = self.now, self._running is not None
-        said = {
+    def _is_virtual(self, row: Row | None) -> bool:
+        return self.virtual and row is not None and row.get(f"{FACTOR}block") != REAL
+
+    def state(self) -> dict[str, object]:
+        """Say what a page may show: no identity or height, and of a virtual block no condition."""
+        row, virtual = self.now, self._is_virtual(self.now)
+        found: dict[str, object] = {
             "participant": self.participant,
             "of": len(self.planned),
             "answers": list(self.kind.answers),
-        }
-        said |= {
-            "virtual": self.virtual,
+            "virtual": virtual,
             "ratings": list(self.ratings),
             "done": row is None,
-            "running": running,
+            "running": self._running is not None,
+            "practice": self.practice,
+            "feedback": self.feedback,
+            "answered": self.answered,
         }
         if row is not None:
+            found["set"] = sum(
+                one["repetition"] != two["repetition"] or one["condition"] != two["condition"]
+                for one, two in itertools.pairwise(self.planned[: self.answered + 1])
+                if not self.kind.paired or one["repetition"] != two["repetition"]
+            )
             hidden = (
                 "participant",
                 *self.kind.answers,
-                *(("condition", "code") if self.virtual else ()),
+                *(("condition", "code") if virtual else ()),
             )
-            said |= {
-                name: text for name, text in blind_rows([row])[0].items() if name not in hidden
-            }
-        return said
+            blind = blind_rows([row])[0]
+            found |= {name: text for name, text in blind.items() if name not in hidden}
+        return found
+
+    def _set_point(self, row: Row) -> OperatingPoint:
+        """Return where a virtual block is felt, as the trial's factors say."""
+        assert self.blocks is not None
+        levels = {
+            name: parse_quantity(row[f"{FACTOR}{name}"], dimension)
+            for name, dimension in VIRTUAL_FACTORS.items()
+            if dimension and f"{FACTOR}{name}" in row
+        }
+        point = self.blocks.point
+        tool = replace(
+            point.tool,
+            frequency=levels.get("frequency", point.tool.frequency),
+            decay_time=levels.get("decay", point.tool.decay_time),
+            conversion=point.tool.conversion * levels.get("amplitude", 1.0) ** 2,
+        )
+        return replace(point, tool=tool, normal_load=levels.get("load", point.normal_load))
 
     def begin(self) -> None:
         """Start the servo loop of a virtual block; one that still runs is ended and begun anew."""
         with self._guard:
             row = self.now
-            if row is None or self.blocks is None:
+            if row is None or self.blocks is None or not self._is_virtual(row):
                 return
             self.end()
-            face, point = self.blocks.faces[row["stimulus"]], self.blocks.point
+            face, point = self.blocks.faces[row["stimulus"]], self._set_point(row)
             path = face.centre_path(point.ball_radius)
-            renderer = Renderer(
-                path, point, scale=self.scale, rate=RATE, event=row["condition"] == "vibration-on"
-            )
+            event = "vibration-off" not in row["condition"].split("/")
+            renderer = Renderer(path, point, scale=self.scale, rate=RATE, event=event)
             renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
             if self.hand is None or isinstance(self.hand, Mouse):
                 self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))
             self.hand.begin()
             # without motors a machine that is slow for a moment needs no new start
             limits = Limits() if self.hand.motors else Limits(dead=_SLOW)
-            self._running = Servo(renderer, self.hand, limits=limits)
+            self._running, self._point = Servo(renderer, self.hand, limits=limits), point
             self._running.start()
+            self._shown = time.time()
 
-    def felt(self) -> dict[str, Any]:
-        """Return where the probe is [m], what rings (releases, amplitude of the last over the study's largest), what is in doubt."""
+    def sense(self) -> dict[str, object]:
+        """Return where the probe is [m], what rings, and what is in doubt."""
+        # `loudness` is the amplitude of the last release over the largest of the study
         servo = self._running
         if servo is None or self.blocks is None:
             return {"x": 0.0, "events": 0, "loudness": 0.0}
-        tool, renderer = self.blocks.point.tool, servo.renderer
-        loudness = abs(renderer.release_force) / self.strongest
+        tool, renderer = self._point.tool, servo.renderer
+        louder = math.sqrt(tool.conversion / self.blocks.point.tool.conversion)
+        loudness = min(louder * abs(renderer.release_force) / self.strongest, 1.0)
         rung = {"frequency": tool.frequency, "decay": tool.decay_time, "loudness": loudness}
         doubts = {
             "over": servo.ended != "",
@@ -158,7 +242,7 @@ class Run:
 
     @cached_property
     def strongest(self) -> float:
-        """Return the largest release force of the study's blocks [N]: they share one full scale of sound, and of the page."""
+        """Return the largest release force of the study's blocks [N], the full scale of sound."""
         if self.blocks is None:
             return 1.0
         releases = [face.release(self.blocks.point) for face in self.blocks.faces.values()]
@@ -168,7 +252,7 @@ class Run:
 
     @property
     def reach(self) -> float:
-        """Return how far the hand must pull before the last of the blocks releases, in the magnified frame [m]."""
+        """Return how far a hand pulls, magnified, before the last block releases [m]."""
         return (
             0.0
             if self.blocks is None
@@ -183,35 +267,77 @@ class Run:
         ended, self._running = self._running.ended, None
         return ended
 
-    def answer(self, trial: str, texts: Mapping[str, str]) -> None:
-        """Take the answer to the trial that is next: checked, its motion written, then itself, both on the disk before this returns."""
+    def answer(
+        self, trial: str, texts: Mapping[str, str], reaction: float = math.nan, comment: str = ""
+    ) -> None:
+        """Check the answer to the trial that is next, and write it, after its motion, to the disk.
+
+        Parameters
+        ----------
+        trial : str
+            Its number.
+        texts : mapping of str
+            By column of the answers.
+        reaction : float
+            Time from the question to the answer as the page measured it [s]; by default since the
+            trial was shown.
+        comment : str
+            Note of the participant.
+        """
         with self._guard:
-            row = self.now
+            row, now = self.now, time.time()
             if row is None or trial != row["trial"]:
                 raise StudyError(f"trial must be the one that is next, got {trial!r}")
             given = {name: texts.get(name, "").strip() for name in self.kind.answers}
-            top = LARGEST_ESTIMATE * max(read_number(one["height_um"]) for one in self.design)
-            self.kind.read(row, given, top, self.ratings)  # says what cannot be read
-            if self.virtual:
-                if (servo := self._running) is None:
-                    raise StudyError(f"trial {trial} must be felt before it is answered")
+            values = self.kind.read(row, given, self.ratings)  # refuses what cannot be read
+            if self._is_virtual(row):
+                servo = self._running
+                if servo is None or not (servo.record()["held"] > 0.0).any():
+                    raise StudyError(f"trial {trial} must be touched before it is answered")
                 servo.stop()
+                told = {name: row[name] for name in (*WHEN, "stimulus", "height_um")}
                 name = f"trial-{int(trial):04}.h5"
-                told = {name: row[name] for name in (*WHEN, "stimulus", "height_um")} | {
-                    "scale": self.scale
-                }
-                write_motion(self.path.with_suffix("") / name, servo, told)
+                if not self.practice:
+                    write_motion(
+                        self.path.with_suffix("") / name, servo, told | {"scale": self.scale}
+                    )
                 self._running = None
-            line = format_csv([blind_rows([row])[0] | given]).splitlines()[1]
-            with self.path.open("ab", buffering=0) as file:
-                before = file.tell()
-                try:
-                    file.write(f"{line}\n".encode())
-                    os.fsync(file.fileno())
-                except BaseException:
-                    file.truncate(before)  # the same trial is asked again
-                    raise
-            self.answered += 1
+            if self.practice:
+                self.practice -= 1
+                self.feedback = _give_feedback(row, values)
+                self._shown = now
+                return
+            seconds = reaction if 0.0 <= reaction < math.inf else now - self._shown
+            stamps = [_format_time(one) for one in (self._shown, now)]
+            cells = (*stamps, f"{seconds:.3f}", " ".join(comment.split())[:500])
+            line = blind_rows([row])[0] | given | dict(zip(_TIMES, cells, strict=True))
+            line.pop("setting", None)
+            self._append(line)
+            self._rows.append(line)
+            self.feedback, self._shown = "", now
+
+    def _append(self, row: Row) -> None:
+        """Write a line and wait until the disk has it."""
+        text = format_csv([row], self._header().strip().split(",")).partition("\n")[2]
+        if not self.path.exists():
+            replace_text(self.path, self._header())
+        with self.path.open("ab", buffering=0) as file:
+            before = file.tell()
+            try:
+                file.write(text.encode())
+                os.fsync(file.fileno())
+            except BaseException:
+                file.truncate(before)  # the same trial is asked again
+                raise
+
+    def undo(self) -> None:
+        """Take the last answer back; its trial is asked again."""
+        with self._guard:
+            require(self._rows, "an answer must be given before it can be taken back, got none")
+            self.end()
+            self._write(self._rows[:-1])
+            self._rows.pop()
+            self._shown = time.time()
 
     def close(self) -> None:
         """Let go of the hand and of the run."""
@@ -219,6 +345,19 @@ class Run:
         if self.hand is not None:
             self.hand.close()
         self._held.close()
+
+
+def _format_time(seconds: float) -> str:
+    moment = datetime.fromtimestamp(seconds, UTC)
+    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _give_feedback(row: Row, values: Mapping[str, float]) -> str:
+    """Say after a practice trial what was right."""
+    height, standard = (read_number(row[name]) for name in ("height_um", "standard_height_um"))
+    if "higher" in values:
+        return "right" if bool(values["higher"]) == (height > standard) else "wrong"
+    return f"the step is {height:g} um high" if "error" in values else ""
 
 
 def open_run(
@@ -230,6 +369,7 @@ def open_run(
     library: str = "",
     scale: float = MAGNIFICATION,
     ratings: tuple[int, int] = RATINGS,
+    practice: int = 0,
     **felt: float,
 ) -> Run:
     """Open a participant's run of a design, where it was left.
@@ -253,6 +393,8 @@ def open_run(
         Magnification of all blocks [1].
     ratings : tuple of int
         Lowest and highest rating.
+    practice : int
+        Trials with feedback before the first; they are not recorded.
     **felt : float
         As in `simulate_study`.
 
@@ -276,7 +418,7 @@ def open_run(
         find_designed_blocks(design, source, felt) if design[0]["experiment"] == "virtual" else None
     )
     hand = HANDS[device](library) if blocks is not None and device in HANDS else None
-    return Run(Path(folder), participant, design, blocks, hand, scale, ratings)
+    return Run(Path(folder), participant, design, blocks, hand, scale, ratings, practice)
 
 
 class RunServer(ThreadingHTTPServer):
@@ -287,7 +429,17 @@ class RunServer(ThreadingHTTPServer):
     def __init__(self, run: Run, port: int = 0) -> None:
         super().__init__(("127.0.0.1", port), _Handler)
         self.experiment, self.token = run, secrets.token_urlsafe(16)
-        self.url = f"http://127.0.0.1:{self.server_address[1]}/"
+        self.nonce = secrets.token_urlsafe(16)
+        self.port = self.server_address[1]
+        self.url = f"http://127.0.0.1:{self.port}/"
+        self._second, self._asked = 0, 0
+
+    def is_too_busy(self) -> bool:
+        """Count a request; whether there were more in this second than a page asks."""
+        second = int(time.monotonic())
+        self._asked = self._asked + 1 if second == self._second else 1
+        self._second = second
+        return self._asked > _MOST_REQUESTS
 
     def until_done(self) -> None:
         """Serve until the last answer is given."""
@@ -301,24 +453,31 @@ class RunServer(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
+    """Answers the page of a run and nobody else."""
+
+    # The policy: requests name this machine and port as their host; one that changes something
+    # comes from this page (origin and token); all are small and not too many; the page loads
+    # nothing, runs its own script only, and stands in no frame.
     server: RunServer
     protocol_version = "HTTP/1.1"
+    timeout = 30.0
 
-    def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing: the terminal is the experimenter's."""
+    def log_message(self, format: str, *args: object) -> None:
+        """Write nothing: the terminal is the experimenter's."""
 
     def do_GET(self) -> None:
         run = self.server.experiment
-        if not self._ours(None):
+        if not self._is_allowed():
             return
         if self.path == "/":
-            told = {
-                "participant": run.participant,
-                "virtual": run.virtual,
-                "token": self.server.token,
-            }
             page = render_page(
-                "study", "run.html", metres=max(1e-4, 1.2 * run.reach / _PULL), **told
+                "study",
+                "run.html",
+                metres=max(1e-4, 1.2 * run.reach / _PULL),
+                participant=run.participant,
+                virtual=run.virtual,
+                token=self.server.token,
+                nonce=self.server.nonce,
             )
             self._send(200, page, "text/html; charset=utf-8")
         elif self.path == "/state":
@@ -327,45 +486,65 @@ class _Handler(BaseHTTPRequestHandler):
             self._json(404, {"error": "there is nothing here"})
 
     def do_POST(self) -> None:
-        run, size = self.server.experiment, int(self.headers.get("Content-Length") or 0)
-        content = self.rfile.read(min(size, _LARGEST))
-        # a page of somebody else in the same browser knows no token
-        if not self._ours(self.headers.get("X-Stepblocks")):
+        if not self._is_allowed():
             return
         try:
-            asked = json.loads(content) if size <= _LARGEST else None
+            content = self.rfile.read(int(self.headers["Content-Length"]))
+            asked = json.loads(content)
             if not isinstance(asked, dict):
                 raise ValueError("a JSON object is expected")
-            if self.path == "/hand":
-                if isinstance(run.hand, Mouse):
-                    run.hand.post(min(max(float(asked["x"]), -1.0), 1.0), bool(asked["held"]))
-                return self._json(200, run.felt())
-            if self.path == "/begin":
-                run.begin()
-            elif self.path == "/answer":
-                run.answer(
-                    str(asked["trial"]),
-                    {str(name): str(text) for name, text in asked["answers"].items()},
-                )
-                if run.now is None:
-                    threading.Timer(_LINGER, self.server.shutdown).start()
-            else:
-                return self._json(404, {"error": "there is nothing here"})
-            self._json(200, run.state())
+            found = self._act(self.server.experiment, asked)
+            self._json(200 if found is not None else 404, found or {"error": "nothing is here"})
         except StepblocksError as error:
             self._json(422, {"error": str(error)})
         except (ValueError, KeyError, TypeError, AttributeError):
             self._json(400, {"error": "the request is not one of this page"})
 
-    def _ours(self, token: str | None) -> bool:
-        """Whether a request is meant for this machine, and where it changes something, comes from this page."""
-        local = (self.headers.get("Host") or "").rpartition(":")[0] in ("127.0.0.1", "localhost")
-        if local and (
-            self.command == "GET" or secrets.compare_digest(token or "", self.server.token)
-        ):
-            return True
-        self._json(403, {"error": "only the page of this run may ask this"})
-        return False
+    def _act(self, run: Run, asked: Mapping[str, Any]) -> dict[str, object] | None:
+        """Do what the page asks; None for what it cannot ask."""
+        if self.path == "/hand":
+            if isinstance(run.hand, Mouse):
+                run.hand.post(min(max(float(asked["x"]), -1.0), 1.0), bool(asked["held"]))
+            return run.sense()
+        if self.path == "/begin":
+            run.begin()
+        elif self.path == "/undo":
+            run.undo()
+        elif self.path == "/answer":
+            run.answer(
+                str(asked["trial"]),
+                {str(name): str(text) for name, text in asked["answers"].items()},
+                float(asked.get("reaction_s", math.nan)),
+                str(asked.get("comment", "")),
+            )
+            if run.now is None:
+                threading.Timer(_LINGER, self.server.shutdown).start()
+        else:
+            return None
+        return run.state()
+
+    def _is_allowed(self) -> bool:
+        """Whether a request keeps the policy; one that does not is answered and cut off."""
+        hosts = [f"{name}:{self.server.port}" for name in ("127.0.0.1", "localhost")]
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        size = self.headers.get("Content-Length", "0" if self.command == "GET" else "")
+        token = self.headers.get("X-Stepblocks", "")
+        ours = self.command == "GET" or secrets.compare_digest(
+            token.encode(), self.server.token.encode()
+        )
+        status, rule = 0, ""
+        if host not in hosts or origin not in (None, f"http://{host}") or not ours:
+            status, rule = 403, "only the page of this run may ask this"
+        elif not size.isdecimal() or self.headers.get("Transfer-Encoding"):
+            status, rule = 411, "a request must say its length"
+        elif int(size[:12]) > _LARGEST:
+            status, rule = 413, f"a request must have at most {_LARGEST} bytes"
+        elif self.server.is_too_busy():
+            status, rule = 429, f"at most {_MOST_REQUESTS} requests in a second are answered"
+        if status:
+            self.close_connection = True
+            self._json(status, {"error": rule})
+        return not status
 
     def _json(self, status: int, content: object) -> None:
         self._send(status, json.dumps(content), "application/json")
@@ -378,7 +557,11 @@ class _Handler(BaseHTTPRequestHandler):
             "Content-Length": str(len(body)),
             "Cache-Control": "no-store",
         }
-        for name, value in (headers | {"Content-Security-Policy": _POLICY}).items():
+        headers |= {"Content-Security-Policy": _POLICY.format(self.server.nonce)}
+        headers |= {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
+        if self.close_connection:
+            headers["Connection"] = "close"
+        for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)

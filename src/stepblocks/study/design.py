@@ -1,4 +1,4 @@
-"""The experiments as lists of trials: their blocks and where they are felt, orders of conditions, balanced, and blinding codes."""
+"""Experiments as lists of trials: blocks, crossed factors, balanced orders, blinding codes."""
 
 import itertools
 import math
@@ -31,9 +31,10 @@ _ALPHABET = (
 )
 MAX_CODES = len(_ALPHABET) ** 2  # blocks that one study can tell apart
 
-# Columns of design.csv, which tells all
 WHEN = ("participant", "trial", "condition", "repetition")
 _BLOCK = ("stimulus", "engraved", "code", "height_um")
+FACTOR = "factor_"  # begins the column of each declared factor
+# Columns of design.csv, which hides nothing; those of declared factors follow
 DESIGN_COLUMNS = (
     "experiment",
     *WHEN,
@@ -41,13 +42,24 @@ DESIGN_COLUMNS = (
     "standard",
     *(f"standard_{name}" for name in _BLOCK[1:]),
 )
+ORDERS = ("standard-first", "standard-second")  # conditions of a comparison
+# Factors that `study run` can change from trial to trial of virtual blocks, and their dimension;
+# "" where the levels are words
+VIRTUAL_FACTORS = {
+    "vibration": "",
+    "block": "",
+    "amplitude": "ratio",
+    "frequency": "frequency",
+    "decay": "time",
+    "load": "force",
+}
+REAL, VIRTUAL = "real", "simulated"  # levels of the factor "block"
+_SHUFFLES = 500
 
 _NAMED = (("stimulus", "height_um"), ("standard", "standard_height_um"))  # columns of a design
 
 Orders = NDArray[np.int64]
-Sets = Sequence[
-    tuple[int, Sequence[tuple[str, str]]]
-]  # repetition, and codes of blocks with their condition
+Factors = Mapping[str, Sequence[str]]
 
 
 def make_williams_square(conditions: int) -> Orders:
@@ -110,11 +122,19 @@ def measure_balance(orders: Orders) -> Balance:
 
 @dataclass(frozen=True)
 class Item:
-    """A block that is judged."""
+    """A block that is judged.
 
-    identity: str  # of the stimulus
-    engraved: str  # the identity as it stands on the block
-    height: float  # of its step [m]
+    Attributes
+    ----------
+    identity, engraved : str
+        Of the stimulus, and as it stands on the block.
+    height : float
+        Of its step [m].
+    """
+
+    identity: str
+    engraved: str
+    height: float
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.height) and self.height > 0.0):
@@ -122,7 +142,7 @@ class Item:
                 f"height must be positive and finite, got {self.height:g} m [block {self.identity}]"
             )
 
-    def told(self) -> dict[str, str]:
+    def describe(self) -> dict[str, str]:
         """Say which block it is, for who loads the blocks."""
         return {
             "stimulus": self.identity,
@@ -132,7 +152,7 @@ class Item:
 
 
 def assign_codes(items: Sequence[Item], generator: np.random.Generator) -> dict[str, Item]:
-    """Give every block a code of two random letters and a check letter, which says nothing about the block."""
+    """Give every block a code of two random letters and a check letter."""
     require(
         len(items) <= MAX_CODES, f"a study must have at most {MAX_CODES} blocks, got {len(items)}"
     )
@@ -148,15 +168,32 @@ def assign_codes(items: Sequence[Item], generator: np.random.Generator) -> dict[
 
 @dataclass(frozen=True)
 class Design:
-    """A whole experiment."""
+    """A whole experiment.
 
-    experiment: str  # a name of `stepblocks.study.experiments.EXPERIMENTS`
-    trials: Sequence[
-        Mapping[str, str]
-    ]  # rows of design.csv, by participant, in the order in which they are run
-    blocks: Mapping[str, Item]  # by code
-    balance: Balance  # of the order of conditions over participants
-    advice: str = ""  # on levels that are too coarse to tell a threshold
+    Attributes
+    ----------
+    experiment : str
+        A name of `stepblocks.study.experiments.EXPERIMENTS`.
+    trials : sequence of mapping
+        Rows of design.csv, by participant, in the order in which they are run.
+    blocks : mapping
+        Block by participant and code. Codes differ between participants, and a standard has as
+        many as there are blocks to compare it with.
+    balance : Balance
+        Of the order of conditions over participants.
+    advice : str
+        On levels that are too coarse for a threshold.
+    """
+
+    experiment: str
+    trials: Sequence[Mapping[str, str]]
+    blocks: Mapping[str, Mapping[str, Item]]
+    balance: Balance
+    advice: str = ""
+
+    def __repr__(self) -> str:
+        size = f"{len(self.blocks)} participants, {len(self.trials)} trials"
+        return f"<Design {self.experiment}: {size}>"
 
 
 def make_trial_row(
@@ -166,110 +203,132 @@ def make_trial_row(
     code: str,
     standard: str = "",
 ) -> dict[str, str]:
-    """Write a trial as its row of design.csv: when (in `WHEN`), and the codes of its block and its standard."""
+    """Write a trial as its row of design.csv: when (in `WHEN`), and its codes."""
     cells = [experiment, *map(str, when)]
     for one in (code, standard):
-        told = blocks[one].told() | {"code": one} if one else {}
-        cells += [told.get(name, "") for name in _BLOCK]
+        found = blocks[one].describe() | {"code": one} if one else {}
+        cells += [found.get(name, "") for name in _BLOCK]
     return dict(zip(DESIGN_COLUMNS, cells, strict=True))
 
 
-def design_crossover(
+def design_trials(
     experiment: str,
     participants: int,
     items: Sequence[Item],
     repetitions: int,
     seed: int,
-    probes: Sequence[str],
+    *,
+    factors: Factors,
+    between: Sequence[str] = (),
+    standard: str = "",
 ) -> Design:
-    """Design an experiment in which every participant judges every block under every condition, conditions balanced."""
-    blocks, generator = _prepare(participants, probes, items, repetitions, seed)
-    orders = allocate_orders(participants, len(probes), generator)
-    cells = [[(code, name) for code in blocks] for name in probes]
-    sets = [
-        [(time + 1, cells[one]) for one in order for time in range(repetitions)] for order in orders
-    ]
-    return Design(
-        experiment, _shuffled(experiment, sets, blocks, generator), blocks, measure_balance(orders)
+    """Cross declared factors with the blocks; with a standard, compare each block with it.
+
+    Every participant meets all levels of a factor but of those that are named as `between`, of
+    which each meets one. Settings follow each other in balanced orders; within a setting, each
+    repetition is a set of its own order, in which no block comes twice in a row.
+    """
+    settings, groups, generator = _check_size(
+        participants, items, repetitions, seed, factors, between, standard
     )
+    inner = [name for name in factors if name not in between]
+    group = generator.permutation(participants) % len(groups)
+    orders = np.zeros((participants, len(settings)), dtype=np.int64)
+    for index, count in enumerate(np.bincount(group, minlength=len(groups))):
+        orders[group == index] = allocate_orders(int(count), len(settings), generator)
+    base = [item for item in items if item.identity == standard]
+    others = [item for item in items if item.identity != standard]
+    trials, blocks = list[dict[str, str]](), dict[str, dict[str, Item]]()
+    for person in range(participants):
+        codes = assign_codes([*others, *base * len(others)], generator)
+        own, aliases = list(codes)[: len(others)], list(codes)[len(others) :]
+        blocks[str(person + 1)], last, number = codes, "", itertools.count(1)
+        for index, time in itertools.product(orders[person], range(repetitions)):
+            levels = dict(zip(inner, settings[index], strict=True))
+            levels |= dict(zip(between, groups[group[person]], strict=True))
+            name = "/".join(settings[index])
+            cells = list(itertools.product(own, ORDERS if base else [name]))
+            facing = {order: generator.permutation(aliases) for order in ORDERS if base}
+            for code, condition in _shuffle(cells, last, generator):
+                when = (person + 1, next(number), condition, time + 1)
+                alias = str(facing[condition][own.index(code)]) if base else ""
+                row = make_trial_row(experiment, when, codes, code, alias)
+                trials.append(
+                    row | {f"{FACTOR}{factor}": level for factor, level in levels.items()}
+                )
+                last = code
+    return Design(experiment, trials, blocks, measure_balance(orders))
 
 
-def design_constant_stimuli(
-    participants: int, items: Sequence[Item], repetitions: int, seed: int, standard: str
-) -> Design:
-    """Design a comparison with a standard by constant stimuli, in two intervals."""
-    orders = ("standard-first", "standard-second")
-    blocks, generator = _prepare(participants, orders, items, repetitions, seed)
-    base = next((code for code, item in blocks.items() if item.identity == standard), None)
-    if base is None:
-        raise StudyError(
-            f"standard must be one of the blocks {', '.join(i.identity for i in items)}, got "
-            f"{standard!r}"
-        )
-    pairs = [(code, order) for code in blocks if code != base for order in orders]
-    require(
-        len(pairs) >= 4,
-        f"constant stimuli need at least two blocks besides the standard, got {len(pairs) // 2}",
-    )
-    sets = [[(repetition, pairs) for repetition in range(1, repetitions + 1)]] * participants
-    trials = _shuffled("constant", sets, blocks, generator, base)
-    return Design(
-        "constant", trials, blocks, measure_balance(np.zeros((participants, 1), dtype=np.int64))
-    )
+def _shuffle(
+    cells: Sequence[tuple[str, str]], last: str, generator: np.random.Generator
+) -> list[tuple[str, str]]:
+    """Order a set so that no block follows itself, where that can be."""
+    for _ in range(_SHUFFLES):
+        found = [cells[index] for index in generator.permutation(len(cells))]
+        if all(one != two for one, two in itertools.pairwise([last, *(code for code, _ in found)])):
+            break
+    return found
 
 
-def _shuffled(
-    experiment: str,
-    sets: Sequence[Sets],
-    blocks: Mapping[str, Item],
-    generator: np.random.Generator,
-    base: str = "",
-) -> list[dict[str, str]]:
-    """Make trials of each participant's sets, each set in an order of its own."""
-    trials = []
-    for participant, own in enumerate(sets, start=1):
-        number = itertools.count(1)
-        for repetition, cells in own:
-            for code, condition in (cells[index] for index in generator.permutation(len(cells))):
-                when = (participant, next(number), condition, repetition)
-                trials.append(make_trial_row(experiment, when, blocks, code, base))
-    return trials
-
-
-def _prepare(
-    participants: int, conditions: Sequence[str], items: Sequence[Item], repetitions: int, seed: int
-) -> tuple[dict[str, Item], np.random.Generator]:
-    """Refuse what is impossible; return the blocks by their codes and the source of all chance."""
-    for name, values in (
-        ("conditions", list(conditions)),
-        ("blocks", [item.identity for item in items]),
-    ):
-        require(values, f"{name} must be at least one, got none")
-        twice = sorted({value for value in values if values.count(value) > 1})
-        if twice:
-            raise StudyError(f"{name} must differ from each other, got {twice[0]!r} twice")
-        if not all(value.strip() == value and value for value in values):
-            raise StudyError(f"{name} must have names without spaces around them, got {values}")
+def _check_size(
+    participants: int,
+    items: Sequence[Item],
+    repetitions: int,
+    seed: int,
+    factors: Factors,
+    between: Sequence[str],
+    standard: str,
+) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], np.random.Generator]:
+    """Refuse what is impossible; return settings, groups and the source of all chance."""
+    known = [item.identity for item in items]
+    for name, values in {**factors, "blocks": known}.items():
+        said = "conditions" if name == "probe" else name
+        require(values, f"{said} must be at least one, got none")
+        twice = sorted({value for value in values if list(values).count(value) > 1})
+        require(not twice, f"{said} must differ from each other, got {''.join(twice[:1])!r} twice")
+        plain = all(value and value.strip() == value and "/" not in value for value in values)
+        require(plain, f"{said} must have names without slash or outer spaces, got {list(values)}")
+        require(name.replace("-", "_").isidentifier(), f"a factor must be one word, got {name!r}")
+    unknown = [name for name in between if name not in factors]
+    require(not unknown, f"between must name factors ({', '.join(factors)}), got {unknown}")
+    if standard:
+        require(standard in known, f"standard must be one of {', '.join(known)}, got {standard!r}")
+        count = len(known) - 1
+        require(count >= 2, f"comparisons need two blocks beside the standard, got {count}")
     require(repetitions >= 1, f"repetitions must be at least 1, got {repetitions}")
     require(seed >= 0, f"seed must not be negative, got {seed}")
-    total = participants * len(conditions) * len(items) * repetitions
+    settings = list(itertools.product(*(v for n, v in factors.items() if n not in between)))
+    groups = list(itertools.product(*(factors[name] for name in between)))
+    require(
+        participants >= len(groups),
+        f"participants must be at least {len(groups)}, one for each group, got {participants}",
+    )
+    total = participants * len(settings) * len(items) * repetitions * (2 if standard else 1)
     require(total <= MAX_TRIALS, f"a design must have at most {MAX_TRIALS} trials, got {total}")
-    require(participants >= 1, f"participants must be at least 1, got {participants}")
-    generator = np.random.default_rng(seed)
-    return assign_codes(items, generator), generator
+    return settings, groups, np.random.default_rng(seed)
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """The blocks of a study and where they are felt."""
+    """The blocks of a study and where they are felt.
+
+    Attributes
+    ----------
+    items : tuple of Item
+        The blocks.
+    faces : mapping of Counterface
+        By identity.
+    point : OperatingPoint
+        The first of the set's grid under which every block rings, as far as nothing else is given.
+    """
 
     items: tuple[Item, ...]
-    faces: Mapping[str, Counterface]  # by identity
-    # the first of the set's grid under which every block rings, as far as nothing else is asked for
+    faces: Mapping[str, Counterface]
     point: OperatingPoint
 
     def energies(self) -> dict[str, float]:
-        """Predict the felt energy [J] of each block, the drag's where one differs from the formula; each must release the probe."""
+        """Predict the energy of vibration [J] of each block; each must release the probe."""
         found = dict(zip(self.faces, _felt(self.faces.values(), self.point), strict=True))
         for name, face in self.faces.items():
             if not found[name] > 0.0:
@@ -290,15 +349,17 @@ def _rise(energies: Sequence[float]) -> bool:
 
 def choose_blocks(
     source: str | Path | Sequence[float],
-    felt: Mapping[str, Any] = MappingProxyType({}),
+    felt: Mapping[str, float] = MappingProxyType({}),
     only: str | None = None,
 ) -> Blocks:
-    """Choose the blocks of a study: those of a stimulus file, or sharp steps of some heights [m], felt as in the paper."""
+    """Choose the blocks of a study: those of a stimulus set, or sharp steps of some heights [m]."""
     if not isinstance(source, str | Path):
         named = {f"step-{height * 1e6:03.6g}": height for height in source}
         items = tuple(Item(name, name.upper(), height) for name, height in named.items())
         return Blocks(
-            items, {name: Step(height) for name, height in named.items()}, replace(PAPER, **felt)
+            items,
+            {name: Step(height) for name, height in named.items()},
+            replace(PAPER, **dict[str, Any](felt)),
         )
     stimuli = load_declared(Path(source))
     blocks = [
@@ -325,7 +386,7 @@ def choose_blocks(
 def find_designed_blocks(
     design: Sequence[Mapping[str, str]], where: str | Path | None, felt: Mapping[str, float]
 ) -> Blocks:
-    """Find the blocks of a design, standards included, in a stimulus file; without one they are sharp steps."""
+    """Find the blocks of a design in a stimulus file; without one they are sharp steps."""
     named = [(row[name], row[height]) for row in design for name, height in _NAMED]
     heights = {name: float(height) / 1e6 for name, height in named if name}
     blocks = choose_blocks(sorted(set(heights.values())) if where is None else where, felt)
@@ -343,7 +404,7 @@ def find_designed_blocks(
 def describe_coarse_levels(
     blocks: Blocks, standard: str, observer: Observer = TYPICAL_OBSERVER
 ) -> str:
-    """Say where too few blocks lie so near to a standard that answers can differ; empty where a fit can be expected."""
+    """Say where too few blocks are so near to a standard that answers can differ."""
     try:
         energies = blocks.energies()
     except PipelineError:

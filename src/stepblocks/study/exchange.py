@@ -1,4 +1,4 @@
-"""Studies of others and for others: tables with columns of their own, BIDS, psych-DS and the conditions files of PsychoPy."""
+"""Tables of other studies, and studies for others: BIDS and the conditions files of PsychoPy."""
 
 import json
 import re
@@ -9,10 +9,12 @@ from pathlib import Path
 
 from stepblocks.errors import StudyError
 from stepblocks.study import require, sheet
+from stepblocks.study.design import FACTOR
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS, Row, read_number
 from stepblocks.tables import format_csv
 
-FORMATS = ("bids", "psych-ds", "psychopy")
+FORMATS = ("bids", "psychopy")
+HEIGHTS = (0.1, 5000.0)  # of the steps of blocks; what lies outside is in another unit [um]
 _UNITS = {"um": 1.0, "mm": 1e3, "m": 1e6}  # micrometres in one
 _DEFAULTS = {
     "estimates": "",
@@ -34,6 +36,7 @@ _SAID = {
     "second_is_higher": "whether the second block of the pair was called higher, y or n",
     "magnitude_ratio": "number given to the felt magnitude",
     "group": "group of the participant",
+    "reaction_s": "time from the question to the answer, seconds",
 }
 
 
@@ -57,12 +60,14 @@ def read_foreign_judgements(
             raise StudyError(f"columns must be named for {', '.join(_SAID)}, got {mine!r}")
     needed = [named.get("participant", "participant")]
     rows = [row for path in sheet.find_sheets(tables) for row in sheet.read_rows(path, needed)]
+    _refuse_duplicates(rows, needed[0])
     keys: Counter[tuple[str, ...]] = Counter()
     planned = []
     for row in rows:
         one = {mine: text for mine in _SAID if (text := _cell(row, mine, named)) is not None} | {
             "line": row["line"]
         }
+        one |= {name: text for name, text in row.items() if name.startswith(FACTOR)}
         one.setdefault("condition", _DEFAULTS[experiment])
         needed = ["participant", "condition", "height_um", *kind.answers]
         lacking = [
@@ -73,13 +78,34 @@ def read_foreign_judgements(
         wanted, at = f"{', '.join(needed)} (name yours by --columns)", f"[{row['line']}]"
         require(not lacking, f"a table must have {wanted}, got no {', '.join(lacking)} {at}")
         height = read_number(one["height_um"])
-        require(height > 0.0, f"height_um must be a positive number, got {one['height_um']!r} {at}")
+        low, high = HEIGHTS
+        for name in ("height_um", "standard_height_um"):
+            require(
+                low <= read_number(one.get(name, one["height_um"])) <= high,
+                f"{name} must be a number from {low:g} to {high:g} um, got {one.get(name)!r}; is the "
+                f"unit of its column right? {at}",
+            )
         one.setdefault("stimulus", f"step-{height:03.6g}")
         one.setdefault("standard_height_um", one["height_um"])
         own, cell = (one["participant"],), (one["participant"], one["condition"], one["stimulus"])
         keys.update([own, cell])
         planned.append({"trial": str(keys[own]), "repetition": str(keys[cell])} | one)
     return sheet.join_rows(experiment, [(row, row) for row in planned], ratings)
+
+
+def _refuse_duplicates(rows: Sequence[Row], participant: str) -> None:
+    """Refuse rows that stand twice: all of a participant's, or any where rows are numbered."""
+    first, people = dict[tuple[str, ...], str](), dict[str, list[bool]]()
+    for row in rows:
+        key = tuple(text for name, text in row.items() if name != "line")
+        people.setdefault(row[participant], []).append(key in first)
+        numbered = {"trial", "repetition", "time"} & {*row}
+        said = f"a row must not stand twice [{row['line']}; first {first.get(key, '')}]"
+        require(not (numbered and key in first), said)
+        first.setdefault(key, row["line"])
+    for who, seen in people.items():
+        said = f"participant {who}'s {len(seen) // 2} rows must not stand twice"
+        require(sum(seen) * 2 < len(seen) or len(seen) < 6, said)
 
 
 def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
@@ -89,13 +115,17 @@ def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
         ours = f"{stem}_{end}" if end else mine
         text = row.get(named.get(ours, ours))
         if text is not None:
-            text = "" if text == "n/a" else text
             return text if factor == 1.0 or not text else f"{read_number(text) * factor:.12g}"
     return None
 
 
 def share_study(
-    folder: str | Path, answers: Sequence[str | Path], output: str | Path, form: str = "bids"
+    folder: str | Path,
+    answers: Sequence[str | Path],
+    output: str | Path,
+    form: str = "bids",
+    authors: str = "",
+    licence: str = "",
 ) -> list[str]:
     """Write a study in a form that others read.
 
@@ -107,10 +137,12 @@ def share_study(
         CSV files of answers, or folders of them; none for ``"psychopy"``, which has the conditions
         before they are run.
     output : str or Path
-        Folder to write; `analyse_study` without a design reads ``"bids"`` and ``"psych-ds"`` back
-        to the same judgements.
+        Folder to write; `analyse_study` without a design reads ``"bids"`` back to the same
+        judgements.
     form : str
-        ``"bids"`` (BIDS 1.9, behavioural), ``"psych-ds"`` (0.4) or ``"psychopy"``.
+        ``"bids"`` (BIDS 1.9, behavioural) or ``"psychopy"``.
+    authors, licence : str
+        Of the dataset, for its description.
 
     Returns
     -------
@@ -146,7 +178,7 @@ def share_study(
             name
             for name in _SAID
             if name in design[0] and (kind.paired or not name.startswith("standard"))
-        ]
+        ] + [name for name in design[0] if name.startswith(FACTOR)]
         people = sheet.group_by_participant(
             {name: row[name] for name in columns} | {name: answer[name] for name in kind.answers}
             for row in design
@@ -160,21 +192,32 @@ def share_study(
         require(
             not alike, f"participants must differ in letters and digits, got {list(people)[:5]}"
         )
-        files = (_bids if form == "bids" else _psych_ds)(experiment, people, labels)
+        files = _bids(experiment, people, labels, {"Authors": authors, "License": licence})
     sheet.write_new_files(Path(output), files)
     return sorted(files)
 
 
 def _bids(
-    experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[str, str]
+    experiment: str,
+    people: Mapping[str, Sequence[Row]],
+    labels: Mapping[str, str],
+    credit: Mapping[str, str],
 ) -> dict[str, str]:
     columns, title = list(next(iter(people.values()))[0]), EXPERIMENTS[experiment].title
     said = {
-        name: {"Description": _SAID[name], **({"Units": "um"} if name.endswith("_um") else {})}
+        name: {
+            "Description": _SAID.get(name, "level of a declared factor"),
+            **({"Units": "um"} if name.endswith("_um") else {}),
+        }
         for name in columns
     }
-    described = {"Name": title, "BIDSVersion": "1.9.0", "DatasetType": "raw"}
+    described: dict[str, object] = {"Name": title, "BIDSVersion": "1.9.0", "DatasetType": "raw"}
     made = {"GeneratedBy": [{"Name": "stepblocks", "Version": version("stepblocks")}]}
+    described |= {
+        name: [one.strip() for one in text.split(",")] if name == "Authors" else text
+        for name, text in credit.items()
+        if text
+    }
     listed = "".join(f"sub-{label}\t{who}\n" for who, label in labels.items())
     files = {
         "dataset_description.json": json.dumps(described | made, indent=1),
@@ -193,28 +236,4 @@ def _bids(
         files[f"sub-{labels[who]}/beh/sub-{labels[who]}_task-{experiment}_beh.tsv"] = (
             "\n".join(lines) + "\n"
         )
-    return files
-
-
-def _psych_ds(
-    experiment: str, people: Mapping[str, Sequence[Row]], labels: Mapping[str, str]
-) -> dict[str, str]:
-    columns, title = list(next(iter(people.values()))[0]), EXPERIMENTS[experiment].title
-    described = {
-        "@context": "https://schema.org/",
-        "@type": "Dataset",
-        "name": title,
-        "description": _ROWS,
-    }
-    variables = [
-        {"@type": "PropertyValue", "name": name, "description": _SAID[name]} for name in columns
-    ]
-    files = {
-        "dataset_description.json": json.dumps(
-            {**described, "variableMeasured": variables}, indent=1
-        )
-    }
-    files["README.md"] = f"# {title}\n\n{_ROWS} Lengths are in micrometres.\n"
-    for who, rows in people.items():
-        files[f"data/study-{experiment}_subject-{labels[who]}_data.csv"] = format_csv(rows, columns)
     return files

@@ -1,22 +1,30 @@
-"""The kinds of experiment: what each asks, and how its answers are read, simulated and analysed."""
+"""The kinds of experiment: what each asks, how answers are read, simulated and analysed."""
 
 # A new design of a study is one more entry of `EXPERIMENTS` with its functions.
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.study import require
+from stepblocks.study import Table, require
 from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure
+from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
-from stepblocks.study.analysis.psychometric import fit_psychometric
-from stepblocks.study.analysis.results import Curve, PowerLaw
-from stepblocks.study.design import Design, design_constant_stimuli, design_crossover
+from stepblocks.study.analysis.population import (
+    Grid,
+    Population,
+    compare_between,
+    compare_within,
+)
+from stepblocks.study.analysis.psychometric import compute_weber, fit_psychometric
+from stepblocks.study.analysis.repeated import compare_participants
+from stepblocks.study.analysis.results import Comparisons, Curve, PowerLaw
+from stepblocks.study.design import FACTOR, ORDERS
 from stepblocks.study.simulate import (
     Observer,
     estimate_heights,
@@ -28,31 +36,58 @@ Row = Mapping[str, str]
 Texts = Sequence[tuple[str, ...]]
 
 
-LARGEST_ESTIMATE = 20.0  # times the highest block [1]; what is above is a slip of the pen
+LARGEST_ESTIMATE = 10_000.0  # um; the same for every study, so that it reveals no height
 RATINGS = (1, 7)  # lowest and highest
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """One kind of experiment."""
+    """One kind of experiment.
 
-    title: str  # of the report
-    sheet_title: str  # of the run sheets, which must not tell too much
-    answers: tuple[str, ...]  # columns that are written down
-    design: Callable[
-        ..., Design
-    ]  # of participants, blocks, repetitions, seed, and by name what it `needs`
-    # of a planned trial, its answer, the largest estimate [um] and the ends of the ratings: columns
-    # of the tidy table, in SI
-    read: Callable[[Row, Row, float, tuple[int, int]], dict[str, Any]]
-    # of the trials (the design, with what `simulate_answers` adds), observer and generator: texts
-    # for `answers`
-    simulate: Callable[[Any, Observer, np.random.Generator], Texts]
-    # of the tidy table and the margin within which conditions count as equivalent [m]: fields of
-    # `StudyResult`
-    analyse: Callable[[Any, float], dict[str, Any]]
-    needs: tuple[str, ...] = ()  # options beside the size: "probes", "standard"
-    paired: bool = False  # each block is compared with a standard, given before or after it
+    Attributes
+    ----------
+    title, sheet_title : str
+        Of the report, and of the run sheets, which must not reveal what is varied.
+    answers : tuple of str
+        Columns that a participant fills in.
+    value : str
+        Column of the tidy table that holds the answer.
+    factors : mapping
+        Factors with their levels, where a design declares none.
+    read : callable
+        Takes a planned trial, its answer, and the ends of the ratings; returns columns of the
+        tidy table, in SI.
+    simulate : callable
+        Takes trials, observer and generator; returns texts for `answers`.
+    analyse : callable
+        Takes the tidy table and the margin within which conditions count as equivalent [m];
+        returns fields of `StudyResult`.
+    takes : tuple of str
+        Options of `design_study` that the design follows.
+    paired : bool
+        Whether each block is compared with a standard.
+    """
+
+    title: str
+    sheet_title: str
+    answers: tuple[str, ...]
+    value: str
+    factors: Mapping[str, Sequence[str]]
+    read: Callable[[Row, Row, tuple[int, int]], dict[str, float]]
+    simulate: Callable[[Table, Observer, np.random.Generator], Texts]
+    analyse: Callable[[Table, float], dict[str, Any]]
+    takes: tuple[str, ...] = ("factors",)
+    paired: bool = False
+
+
+def refuse_unused_options(experiment: str, given: Mapping[str, object]) -> None:
+    """Refuse options that a kind of experiment does not follow, with the kinds that do."""
+    for name in given:
+        follow = [kind for kind, one in EXPERIMENTS.items() if name in one.takes]
+        require(
+            experiment in follow,
+            f"{name} is an option of {', '.join(follow)}, not of {experiment}",
+        )
 
 
 def read_number(text: str) -> float:
@@ -64,13 +99,12 @@ def read_number(text: str) -> float:
     return value if math.isfinite(value) and "_" not in text else math.nan
 
 
-def _read_estimate(
-    planned: Row, answer: Row, top: float, ratings: tuple[int, int]
-) -> dict[str, Any]:
+def _read_estimate(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
     estimate = read_number(answer["estimate_um"])
     require(
-        0.0 <= estimate <= top,
-        f"estimate_um must be a number from 0 to {top:g}, got {answer['estimate_um']!r}",
+        0.0 <= estimate <= LARGEST_ESTIMATE,
+        f"estimate_um must be a number from 0 to {LARGEST_ESTIMATE:g}, got "
+        f"{answer['estimate_um']!r}",
     )
     return {
         "estimate": estimate / 1e6,
@@ -78,11 +112,9 @@ def _read_estimate(
     }
 
 
-def _read_virtual(
-    planned: Row, answer: Row, top: float, ratings: tuple[int, int]
-) -> dict[str, Any]:
+def _read_virtual(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
     values, rating = (
-        _read_estimate(planned, answer, top, ratings),
+        _read_estimate(planned, answer, ratings),
         read_number(answer["realism_rating"]),
     )
     low, high = ratings
@@ -94,7 +126,7 @@ def _read_virtual(
     return values | {"rating": int(rating)}
 
 
-def _simulate_estimates(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
+def _simulate_estimates(trials: Table, observer: Observer, generator: np.random.Generator) -> Texts:
     by_height = dict(zip(trials["height"], trials["undamped"], strict=True))
     known = (np.array(list(by_height)), np.array(list(by_height.values())))
     return [
@@ -102,7 +134,7 @@ def _simulate_estimates(trials: Any, observer: Observer, generator: np.random.Ge
     ]
 
 
-def _simulate_virtual(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
+def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Generator) -> Texts:
     estimates = _simulate_estimates(trials, observer, generator)
     own = generator.standard_normal(trials["person"].max() + 1)
     felt = (
@@ -115,13 +147,18 @@ def _simulate_virtual(trials: Any, observer: Observer, generator: np.random.Gene
     ]
 
 
-def _analyse_estimates(frame: Any, margin: float) -> dict[str, Any]:
+def _analyse_estimates(frame: Table, margin: float) -> dict[str, Any]:
     if frame["condition"].nunique() < 2:
         raise StudyError("errors of estimates are compared between conditions; this study has one")
     found, lacking = [], list[str]()
     for name in MEASURES:
         try:
-            found.append(analyse_measure(frame, name, margin))
+            one = analyse_measure(frame, name, margin)
+            found.append(one)
+            if one.left:
+                lacking.append(
+                    f"Without {name}, for answers that never vary: {', '.join(one.left)}."
+                )
         except StudyError as error:
             if name != "spread":
                 raise
@@ -129,9 +166,11 @@ def _analyse_estimates(frame: Any, margin: float) -> dict[str, Any]:
     return {"measures": tuple(found), "remarks": tuple(lacking)}
 
 
-def _read_comparison(
-    planned: Row, answer: Row, top: float, ratings: tuple[int, int]
-) -> dict[str, Any]:
+def _read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
+    require(
+        planned["condition"] in ORDERS,
+        f"condition must be one of {', '.join(ORDERS)}, got {planned['condition']!r}",
+    )
     text = answer["second_is_higher"].lower()
     if text not in ("y", "n", "yes", "no", "1", "0"):
         raise StudyError(f"second_is_higher must be y or n, got {answer['second_is_higher']!r}")
@@ -140,7 +179,9 @@ def _read_comparison(
     return {"higher": higher, "standard": read_number(planned["standard_height_um"]) / 1e6}
 
 
-def _simulate_comparisons(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
+def _simulate_comparisons(
+    trials: Table, observer: Observer, generator: np.random.Generator
+) -> Texts:
     answers = []
     for energy, standard, order in zip(
         trials["energy"], trials["standard_energy"], trials["condition"], strict=True
@@ -150,12 +191,68 @@ def _simulate_comparisons(trials: Any, observer: Observer, generator: np.random.
     return answers
 
 
-def _analyse_comparisons(frame: Any, margin: float) -> dict[str, Any]:
-    curves = [_curve(str(name), own) for name, own in frame.groupby("participant", sort=False)]
-    return {"curves": (*curves, _curve("all", frame)) if len(curves) > 1 else tuple(curves)}
+def _analyse_comparisons(frame: Table, margin: float) -> dict[str, Any]:
+    import pandas as pd
+
+    require(
+        frame["standard"].nunique() == 1,
+        "pairs of one study must have one standard, got "
+        f"{', '.join(f'{value * 1e6:g} um' for value in sorted(frame['standard'].unique()))}",
+    )
+    standard = float(frame["standard"].iloc[0])
+    names = [name for name in frame if name == "group" or FACTOR in str(name)]
+    settings = (
+        frame[names].astype(str).agg("/".join, axis=1) if names else pd.Series("", frame.index)
+    )
+    found, profiles = list[Comparisons](), dict[str, tuple[list[str], Population, Grid]]()
+    for setting, own in frame.groupby(settings):
+        people = own.groupby("participant", sort=False)
+        curves = tuple(_fit_curve(str(name), one) for name, one in people)
+        one = Comparisons(str(setting), curves, standard, None, None)
+        tables = own.pivot_table(
+            index="participant", columns="height", values="higher", aggfunc=["sum", "count"]
+        ).fillna(0.0)
+        if len(curves) > 1 and tables["sum"].shape[1] > 2:
+            levels = np.log(tables["sum"].columns.to_numpy(float) / standard)
+            grid = Grid(levels, tables["sum"], tables["count"])
+            model = Population(grid.likelihood, (grid.middles, grid.spreads), lapses=True)
+            means = [model.predict_participants(index) for index in (0, 1)]
+            listed = zip(tables.index, *means, strict=True)
+            shrunk = tuple(
+                (str(who), standard * math.exp(middle), compute_weber(wide))
+                for who, middle, wide in listed
+            )
+            equal, spread = model.estimate(0), model.estimate(1)
+            one = replace(one, equal=equal, spread=spread, people=shrunk)
+            profiles[str(setting)] = (list(tables.index), model, grid)
+        found.append(one)
+    pairs = list(itertools.combinations(profiles, 2))
+    quantities = {"spread of comparisons": 1, "point of subjective equality": 0} if pairs else {}
+    contrasts = {
+        quantity: tuple(_compare_settings(index, *pair, profiles) for pair in pairs)
+        for quantity, index in quantities.items()
+    }
+    return {"comparisons": tuple(found), "contrasts": contrasts}
 
 
-def _curve(who: str, own: Any) -> Curve:
+def _compare_settings(
+    index: int, first: str, second: str, profiles: Mapping[str, tuple[list[str], Population, Grid]]
+) -> Interval:
+    """Compare a logarithm between two settings: within participants where they met both."""
+    (people, one, grid), (others, other, same) = profiles[first], profiles[second]
+    both = sorted(set(people) & set(others))
+    axis, axis_same = ((found.middles, found.spreads)[index] for found in (grid, same))
+    if len(both) > 1 and axis.shape == axis_same.shape and np.allclose(axis, axis_same):
+        own = one.profile(index)[[people.index(who) for who in both]]
+        facing = other.profile(index)[[others.index(who) for who in both]]
+        made = compare_within(own, facing, axis)
+        ends, p = (made.value, made.low, made.high), made.p
+    else:
+        ends, p = compare_between(one.estimate(index), other.estimate(index))
+    return Interval(first, second, *ends, p, math.nan, math.nan, len(both) - 1.0)
+
+
+def _fit_curve(who: str, own: Table) -> Curve:
     by_level = own.groupby("height")["higher"].agg(["sum", "count"])
     levels, hits, totals = (
         tuple(column.tolist()) for column in (by_level.index, by_level["sum"], by_level["count"])
@@ -167,9 +264,7 @@ def _curve(who: str, own: Any) -> Curve:
     return Curve(who, levels, hits, totals, fit, reason)
 
 
-def _read_magnitude(
-    planned: Row, answer: Row, top: float, ratings: tuple[int, int]
-) -> dict[str, Any]:
+def _read_magnitude(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
     magnitude = read_number(answer["magnitude_ratio"])
     require(
         magnitude > 0.0,
@@ -178,15 +273,19 @@ def _read_magnitude(
     return {"magnitude": magnitude}
 
 
-def _simulate_magnitudes(trials: Any, observer: Observer, generator: np.random.Generator) -> Texts:
+def _simulate_magnitudes(
+    trials: Table, observer: Observer, generator: np.random.Generator
+) -> Texts:
     reach, person = trials["energy"].to_numpy(), trials["person"].to_numpy()
     felt = simulate_sensation(reach, observer, generator)
     modulus = np.exp(0.5 * generator.standard_normal(person.max() + 1))[person]
     return [(f"{value:.3g}",) for value in modulus * (felt / reach.mean()) ** 0.5 * 10.0]
 
 
-def fit_power_law(frame: Any, magnitude: str, level: str, participant: str) -> PowerLaw:
-    """Fit ``magnitude = constant * level ** exponent`` to each participant; each keeps an own modulus."""
+def fit_power_law(
+    frame: Table, magnitude: str, level: str, participant: str, condition: str = ""
+) -> PowerLaw:
+    """Fit ``magnitude = constant * level ** exponent`` to each participant, who keeps a modulus."""
     # Stevens, S. S. (1957), Psychological Review 64, 153-181, doi:10.1037/h0046162.
     from scipy import stats
 
@@ -204,7 +303,20 @@ def fit_power_law(frame: Any, magnitude: str, level: str, participant: str) -> P
     slopes = [slope for _, slope, _ in found]
     mean, error = float(np.mean(slopes)), float(np.std(slopes, ddof=1)) / len(slopes) ** 0.5
     reach = float(stats.t.ppf(0.975, len(slopes) - 1)) * error
-    return PowerLaw(mean, mean - reach, mean + reach, tuple(found))
+    return PowerLaw(mean, mean - reach, mean + reach, tuple(found), condition)
+
+
+def _analyse_magnitudes(frame: Table, margin: float) -> dict[str, Any]:
+    import pandas as pd
+
+    laws = [
+        fit_power_law(own, "magnitude", "height", "participant", str(name))
+        for name, own in frame.groupby("condition")
+    ]
+    table = pd.DataFrame(
+        {law.condition: {who: e for who, e, _ in law.by_participant} for law in laws}
+    )
+    return {"power_laws": tuple(laws), "exponents": compare_participants(table)}
 
 
 ALIASES = {"2afc": "constant"}
@@ -213,44 +325,48 @@ EXPERIMENTS: dict[str, Experiment] = {
         title="Errors of height estimates",
         sheet_title="Height estimates",
         answers=("estimate_um",),
-        design=partial(design_crossover, "estimates"),
+        value="estimate",
+        factors={"probe": ("bare", "hard", "soft")},
         read=_read_estimate,
         simulate=_simulate_estimates,
         analyse=_analyse_estimates,
-        needs=("probes",),
+        takes=("probes", "factors", "equivalent"),
     ),
     "virtual": Experiment(
         title="Virtual blocks: errors and realism",
         sheet_title="Virtual blocks: height and realism",
         answers=("estimate_um", "realism_rating"),
-        design=partial(design_crossover, "virtual", probes=("vibration-off", "vibration-on")),
+        value="estimate",
+        factors={"vibration": ("vibration-off", "vibration-on")},
         read=_read_virtual,
         simulate=_simulate_virtual,
         analyse=lambda frame, margin: (
             _analyse_estimates(frame, margin)
             | {"ordinal": fit_ordinal_model(frame, "rating", "condition", "participant")}
         ),
+        takes=("factors", "equivalent", "ratings"),
     ),
     "constant": Experiment(
         title="Comparison with a standard",
         sheet_title="Which of the two is higher",
         answers=("second_is_higher",),
-        design=design_constant_stimuli,
+        value="higher",
+        factors={},
         read=_read_comparison,
         simulate=_simulate_comparisons,
         analyse=_analyse_comparisons,
-        needs=("standard",),
+        takes=("probes", "factors", "standard"),
         paired=True,
     ),
     "magnitude": Experiment(
         title="Magnitude estimation",
         sheet_title="Magnitude estimation",
         answers=("magnitude_ratio",),
-        design=partial(design_crossover, "magnitude", probes=("free-modulus",)),
+        value="magnitude",
+        factors={"modulus": ("free-modulus",)},
         read=_read_magnitude,
         simulate=_simulate_magnitudes,
-        analyse=lambda frame, margin: {
-            "power_law": fit_power_law(frame, "magnitude", "height", "participant")
-        },
+        analyse=_analyse_magnitudes,
+        takes=("probes", "factors"),
     ),
 }

@@ -1,176 +1,117 @@
-"""What a study says in words: the sentence that its report opens with, the paragraph on methods, and the table of a journal."""
+"""What a study says in words: the sentence that its report opens with, and a journal's table."""
 
 import math
 from collections.abc import Iterator
-from importlib.metadata import version
 
 from stepblocks.quantities import format_units
-from stepblocks.study.analysis.accuracy import ANSWER, Measure
+from stepblocks.study.analysis.accuracy import Measure
 from stepblocks.study.analysis.anova import Interval
-from stepblocks.study.analysis.results import StudyResult
+from stepblocks.study.analysis.psychometric import compute_weber
+from stepblocks.study.analysis.repeated import compute_bayes_factor
+from stepblocks.study.analysis.results import Finding, StudyResult
 
 _LEVEL = 0.05
 
 
 def write_headline(result: StudyResult) -> str:
-    """Say what was found in one sentence, or one for the estimates and one for the ratings."""
-    said = [*_estimates(result), *_others(result)]
+    """Say what the primary outcome is; the others only where it shows a difference."""
+    # Only the primary test may claim a difference first, so that the level of the headline is 5 %.
+    said = [*_describe_levels(result)]
+    for finding in result.findings():
+        text = _describe_finding(result, finding)
+        if finding.primary:
+            said.append(f"primary outcome, {finding.name}: {text}")
+            if not finding.p < _LEVEL:
+                break
+        elif finding.corrected < _LEVEL:
+            said.append(f"secondary, corrected for their number, {finding.name}: {text}")
     return format_units(" ".join(f"{text[0].upper()}{text[1:]}." for text in said))
 
 
-def _facing(measure: Measure, first: str, second: str) -> Interval:
-    """Difference between two conditions, first minus second, by the mixed model."""
-    one = next(one for one in measure.mixed.intervals if {one.first, one.second} == {first, second})
-    if one.first == first:
-        return one
-    ends = (-one.difference, -one.high, -one.low)
-    return Interval(first, second, *ends, one.p, -one.effect_size, one.error)
+def _describe_finding(result: StudyResult, finding: Finding) -> str:
+    """Say what one planned test found."""
+    p = f"p {format_apa_p(finding.corrected)}"
+    if (measure := result.measure(finding.name)) is not None:
+        return _describe_measure(measure, finding, result.reference, p)
+    if finding.name == "realism" and result.ordinal:
+        ratios = "; ".join(
+            f"{one.ratio:.2g} (95 % {one.low:.2g} to {one.high:.2g}) with {one.first} over {one.second}"
+            for one in result.ordinal.effects
+            if result.reference in ("", one.first, one.second)
+        )
+        return f"odds ratios of a higher rating of realism: {ratios} ({p})"
+    names = {
+        f"{quantity}, {one.first} over {one.second}": (one, math.exp)
+        for quantity, family in result.contrasts.items()
+        for one in family
+    } | {f"exponent, {one.first} minus {one.second}": (one, float) for one in result.exponents}
+    one, convert = names[finding.name]
+    middle, low, high = (convert(value) for value in (one.difference, one.low, one.high))
+    times = " times" if convert is math.exp else ""
+    return f"{middle:.3g}{times} (95 % {low:.3g} to {high:.3g}, {p})"
 
 
-def _estimates(result: StudyResult) -> Iterator[str]:
-    absolute, bias, spread = (result.measure(name) for name in (ANSWER, "bias", "spread"))
-    if absolute is None or bias is None:
-        return
-    best, *others = sorted(absolute.mixed.means, key=lambda mean: mean[1])
-    clauses = list[str]()
-    for name, _, _ in others:
-        said = []
-        scatter = None if spread is None else _facing(spread, name, best[0])
-        if scatter is not None and scatter.p < _LEVEL:
-            ratio, low, high = (
-                math.exp(v) for v in (scatter.difference, scatter.low, scatter.high)
-            )
-            said.append(f"scatter {ratio:#.2g} times as much (95 % {low:#.2g} to {high:#.2g})")
-        farther, moved = _facing(absolute, name, best[0]), _facing(bias, name, best[0])
-        if farther.p < _LEVEL:
-            said.append(f"are farther from the height by {_um(farther)}")
-        if moved.p < _LEVEL:
-            said.append(
-                f"are {'higher' if moved.difference > 0.0 else 'lower'} by "
-                f"{_um(moved, abs(moved.difference))}"
-            )
-        if said:
-            listed = f"{', '.join(said[:-1])}{' and ' if said[:-1] else ''}{said[-1]}"
-            clauses.append(
-                f"{'those' if clauses else f'compared with {best[0]}, estimates'} with {name} "
-                f"{listed}"
-            )
-    by_pair = {frozenset((one.first, one.second)): one for one in bias.equivalence}
-    for one in absolute.equivalence:
-        families = [
-            _facing(part, one.first, one.second).p
-            for part in (absolute, bias, spread)
-            if part is not None
-        ]
-        if min(families) >= _LEVEL:
-            bound = max(one.bound, by_pair[frozenset((one.first, one.second))].bound)
-            clauses.append(
-                f"no difference was found between {one.first} and {one.second}, which "
-                "differ "
-                "by "
-                f"less than {bound * 1e6:.2g} um"
-            )
-    yield "; ".join(clauses)
-
-
-def _um(one: Interval, shown: float | None = None) -> str:
-    low, high = (
-        sorted((abs(one.low), abs(one.high))) if one.low * one.high > 0.0 else (one.low, one.high)
+def _describe_measure(measure: Measure, finding: Finding, reference: str, p: str) -> str:
+    pairs = [one for one in measure.paired if reference in ("", one.first, one.second)]
+    if finding.corrected < _LEVEL:
+        found = [_describe_pair(measure, one) for one in pairs if one.p < _LEVEL]
+        return "; ".join(found or ["conditions differ, no single pair does"]) + f" ({p})"
+    bounds = [one.bound for one in measure.equivalence if reference in ("", one.first, one.second)]
+    bound = max(bounds, default=math.nan)
+    less = f"a factor of {math.exp(bound):.2g}" if measure.logarithmic else f"{bound * 1e6:.2g} um"
+    factors = [compute_bayes_factor(one.difference / one.error, one.df + 1.0) for one in pairs]
+    ends = " to ".join(f"{value:.2g}" for value in sorted({min(factors), max(factors)}))
+    return (
+        f"no difference between conditions was found ({p}); they differ by less than {less}; no "
+        f"difference is {ends} times as likely as one"
+        if factors
+        else f"no difference between conditions was found ({p})"
     )
-    difference = one.difference if shown is None else shown
-    return f"{difference * 1e6:.2g} um (95 % {low * 1e6:.2g} to {high * 1e6:.2g})"
 
 
-def _others(result: StudyResult) -> Iterator[str]:
-    for effect in result.ordinal.effects if result.ordinal else ():
-        ends = f"(95 % {effect.low:.2g} to {effect.high:.2g})"
-        yield f"the odds of a higher rating of realism are {effect.ratio:.2g} times those without {effect.name} {ends}"
-    for curve in result.curves[-1:]:
-        fit = curve.fit
-        if fit is None:
-            yield f"the comparisons of {curve.who} tell no threshold: {curve.reason}"
-            continue
+def _describe_pair(measure: Measure, one: Interval) -> str:
+    """Say how the condition with the larger value differs from the other."""
+    sign = 1.0 if one.difference > 0.0 else -1.0
+    names = (one.first, one.second)[:: int(sign)]
+    ends = (sign * one.difference, *sorted((sign * one.low, sign * one.high)))
+    if measure.logarithmic:
+        ratio, low, high = (math.exp(value) for value in ends)
+        size = f"a factor of {ratio:#.2g} (95 % {low:#.2g} to {high:#.2g})"
+    else:
+        size = f"{ends[0] * 1e6:.2g} um (95 % {ends[1] * 1e6:.2g} to {ends[2] * 1e6:.2g})"
+    return f"with {names[0]} it is larger by {size} than with {names[1]}"
+
+
+def _describe_levels(result: StudyResult) -> Iterator[str]:
+    """Say what comparisons and magnitudes measured, which claims no difference."""
+    for found in result.comparisons:
+        where = f"with {found.setting}, " if found.setting else ""
+        if found.equal and found.spread:
+            middle, low, high = (
+                found.standard * math.exp(value) * 1e6
+                for value in (found.equal.value, found.equal.low, found.equal.high)
+            )
+            weber, least, most = (
+                100.0 * compute_weber(value)
+                for value in (found.spread.value, found.spread.low, found.spread.high)
+            )
+            yield (
+                f"{where}a block of {middle:.3g} um feels as high as the standard (95 % {low:.3g} "
+                f"to {high:.3g}), and a height must differ by {weber:.2g} % to be told apart "
+                f"(95 % {least:.2g} to {most:.2g}), means over {len(found.people)} participants"
+            )
+        for curve in found.curves if not found.equal else ():
+            yield f"{where}comparisons of participant {curve.who}: {curve.reason or 'see the table'}"
+    for law in result.power_laws:
+        where = f"with {law.condition}, " if len(result.power_laws) > 1 else ""
         yield (
-            f"a block of {fit.threshold * 1e6:.3g} um feels as high as the standard (95 % "
-            f"{fit.threshold_low * 1e6:.3g} to "
-            f"{fit.threshold_high * 1e6:.3g}), and a height must differ by "
-            f"{fit.weber * 100.0:.2g} % to be told apart "
-            f"(95 % {fit.weber_low * 100.0:.2g} to {fit.weber_high * 100.0:.2g})"
+            f"{where}the perceived magnitude grows with the height to the power of "
+            f"{law.exponent:.2g} (95 % {law.low:.2g} to {law.high:.2g})"
         )
-    if law := result.power_law:
-        yield f"the felt magnitude grows with the height to the power of {law.exponent:.2g} (95 % {law.low:.2g} to {law.high:.2g})"
-
-
-def write_methods(result: StudyResult) -> str:
-    """Write the paragraph on the analysis, with what was run and in which version."""
-    frame = result.frame
-    people, conditions = frame["participant"].nunique(), frame["condition"].nunique()
-    said = [
-        f"{people} participants gave {len(frame)} judgements of {frame['stimulus'].nunique()} "
-        "blocks in "
-        f"{conditions} condition{'s' if conditions > 1 else ''} "
-        f"({', '.join(sorted(frame['condition'].unique()))})."
-    ]
-    if result.measures:
-        names = ", ".join(one.name for one in result.measures).capitalize()
-        said.append(
-            "The error of an estimate is the estimate less the height of the block. "
-            f"{names} "
-            "were "
-            "analysed; the absolute error "
-            "answers whether heights are estimated less accurately, the bias, which noise "
-            "leaves "
-            "where it is, is the mean signed "
-            "error, and the spread the logarithm of a participant's standard deviation "
-            "about "
-            "the "
-            "mean of each block. Each was tested "
-            "by an analysis of variance, condition by block, with Tukey's family of intervals, "
-            "which takes judgements of one "
-            "participant for independent, and by a linear mixed model, which does not: it was "
-            "fitted by restricted maximum "
-            "likelihood with condition, block and their interaction as fixed effects and "
-            "random "
-            "intercepts of participants and of "
-            "participants by condition; its test has (participants - 1)(conditions - 1) "
-            "degrees "
-            "of freedom, its intervals hold "
-            "together with 95 %. Equivalence was tested by two one-sided tests at the 5 % "
-            "level "
-            "on the contrasts of the mixed model."
-        )
-    if any(one.groups for one in result.measures):
-        said.append(
-            "Groups of participants were compared by a split-plot analysis of the "
-            "participants' "
-            "means."
-        )
-    if result.ordinal:
-        said.append(
-            "Ratings were analysed by a proportional-odds model with a level for each "
-            "participant "
-            "and errors clustered by participant, "
-            "and tested by an F-test over participants."
-        )
-    if result.curves:
-        said.append(
-            "Cumulative normals in the logarithm of the height with one lapse rate for "
-            "both "
-            "ends "
-            "were fitted by maximum likelihood; "
-            "the Weber fraction is the step from the middle to three quarters of the rise."
-        )
-    if result.power_law:
-        said.append(
-            "A power law was fitted to each participant; its mean exponent has an interval by "
-            "Student's t."
-        )
-    tools = ", ".join(f"{name} {version(name)}" for name in ("stepblocks", "statsmodels", "scipy"))
-    return " ".join([*said, f"Computed with {tools}."])
 
 
 def make_journal_table(result: StudyResult) -> list[dict[str, str]]:
-    """Lay out means and tests as the Publication Manual of the APA (7th ed., 6.36, 6.43, 7.21) asks for."""
+    """Lay out means and tests as the APA's Publication Manual (7th ed., 6.36, 6.43, 7.21) asks."""
     rows = []
     for measure in result.measures:
         factor, shift = (1.0, math.log(1e6)) if measure.logarithmic else (1e6, 0.0)
@@ -180,17 +121,15 @@ def make_journal_table(result: StudyResult) -> list[dict[str, str]]:
         row = {"measure": measure.label}
         for name, own in means:
             row[name] = f"{own.mean() * factor + shift:.2f} ({own.std() * factor:.2f})"
-        if (term := measure.mixed.condition) is not None:
+        if (term := measure.corrected) is not None:
             ends = f"[{term.eta_low:.2f}, {term.eta_high:.2f}]".replace("0.", ".")
-            row["F"] = f"F({term.df:g}, {term.df_error:g}) = {term.f:.2f}"
-            row |= {
-                "p": format_apa_p(term.p),
-                "eta": f"{term.eta_squared:.2f}".lstrip("0") + f" {ends}",
-            }
+            row["F"] = f"F({term.df:.3g}, {term.df_error:.3g}) = {term.f:.2f}"
+            eta = f"{term.eta_squared:.2f}".lstrip("0")
+            row |= {"p": format_apa_p(term.p), "eta": f"{eta} {ends}"}
         rows.append(row)
     return rows
 
 
 def format_apa_p(p: float) -> str:
-    """Write a probability as the APA asks for: three digits without the zero that it cannot exceed."""
+    """Write a probability as the APA asks for: three digits without the zero before the point."""
     return "< .001" if p < 0.001 else f"= {p:.3f}".replace("0.", ".", 1)

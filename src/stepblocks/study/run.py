@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import itertools
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -12,19 +14,30 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import replace_text
-from stepblocks.errors import PipelineError
+from stepblocks.errors import PipelineError, StudyError
+from stepblocks.page_file import render_page
+from stepblocks.quantities import parse_quantity
 from stepblocks.study import require, sheet
 from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import (
+    REAL,
+    VIRTUAL,
+    VIRTUAL_FACTORS,
     Design,
     choose_blocks,
     describe_coarse_levels,
+    design_trials,
     find_designed_blocks,
 )
 from stepblocks.study.exchange import read_foreign_judgements
-from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS
-from stepblocks.study.page import render_sheets_pdf, render_study
+from stepblocks.study.experiments import (
+    ALIASES,
+    EXPERIMENTS,
+    RATINGS,
+    refuse_unused_options,
+)
+from stepblocks.study.page import render_run_sheets, render_study, write_figures
 from stepblocks.study.simulate import (
     TYPICAL_OBSERVER,
     Observer,
@@ -46,8 +59,12 @@ def design_study(
     experiment: str = "estimates",
     participants: int = 10,
     repetitions: int = 3,
-    probes: Sequence[str] = ("bare", "hard", "soft"),
+    probes: Sequence[str] = (),
+    factors: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    between: Sequence[str] = (),
     standard: str = "",
+    primary: str = "",
+    reference: str = "",
     only: str | None = None,
 ) -> Design:
     """Design a study with the blocks of a set, or of some heights.
@@ -57,16 +74,26 @@ def design_study(
     source : str, Path or sequence of float
         Stimulus file, or heights [m] of blocks that are not ours.
     folder : str or Path
-        Where design.csv and key.csv go.
+        Where design.csv, key.csv, plan.json and preregistration.md go.
     experiment : str
         ``"estimates"`` (experiment 1), ``"virtual"`` (experiment 2), ``"constant"`` stimuli, which
         is also ``"2afc"``, or ``"magnitude"`` estimation.
     participants, repetitions : int
         How many, and how often each judges each block in each condition.
     probes : sequence of str
-        Conditions of ``"estimates"``.
+        Levels of the factor ``probe``; bare, hard and soft for ``"estimates"``.
+    factors : mapping of sequence of str
+        Declared factors with their levels; all are crossed. Of ``"virtual"`` blocks: vibration
+        (vibration-off, vibration-on), amplitude [1], frequency [Hz], decay [s], load [N], with
+        units, and block (real, simulated).
+    between : sequence of str
+        Factors of which each participant meets one level.
     standard : str
         Block that all others are compared with, of ``"constant"``.
+    primary : str
+        Primary outcome, such as ``"absolute error"``; by default the first of the experiment.
+    reference : str
+        Condition that the others are compared with in the report's first sentence.
     only : str, optional
         Pattern of the blocks that take part.
 
@@ -78,23 +105,90 @@ def design_study(
     Raises
     ------
     StepblocksError
-        If the set has no step blocks, the design is impossible, or another design stands there
-        already.
+        If the set has no step blocks, the design is impossible, an option is not one of the
+        experiment, or another design stands there already.
     """
     experiment = ALIASES.get(experiment, experiment)
     if experiment not in EXPERIMENTS:
         raise PipelineError(
             f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}"
         )
+    kind = EXPERIMENTS[experiment]
+    given = {"probes": probes, "factors": factors, "standard": standard}
+    refuse_unused_options(experiment, {name: one for name, one in given.items() if one})
+    require(standard or not kind.paired, "a comparison must have a standard, got none")
     blocks = choose_blocks(source, only=only)
-    kind, options = EXPERIMENTS[experiment], {"probes": probes, "standard": standard}
-    needed = {name: options[name] for name in kind.needs}
-    design = kind.design(participants, blocks.items, repetitions, seed, **needed)
-    files = {"design.csv": format_csv(design.trials), "key.csv": sheet.format_key(design.blocks)}
-    sheet.write_new_files(Path(folder), files)
-    return (
-        replace(design, advice=describe_coarse_levels(blocks, standard)) if kind.paired else design
+    declared = ({"probe": tuple(probes)} if probes else {}) | dict(factors)
+    for name, levels in factors.items() if experiment == "virtual" else ():
+        check_virtual_factor(name, levels)
+    declared = declared or dict(kind.factors)
+    design = design_trials(
+        experiment,
+        participants,
+        blocks.items,
+        repetitions,
+        seed,
+        factors=declared,
+        between=between,
+        standard=standard,
     )
+    conditions = sorted({row["condition"] for row in design.trials})
+    require(
+        not reference or reference in conditions,
+        f"reference must be one of {', '.join(conditions)}, got {reference!r}",
+    )
+    plan = {"schema": 1, "primary": primary, "reference": reference}
+    text = render_page(
+        "study",
+        "preregistration.txt",
+        design=design,
+        kind=kind,
+        factors=declared,
+        between=between,
+        standard=standard,
+        blocks=blocks.items,
+        repetitions=repetitions,
+        seed=seed,
+        **plan,
+    )
+    files = {
+        "design.csv": format_csv(design.trials),
+        "key.csv": sheet.format_key(design.blocks),
+        "plan.json": json.dumps(plan, indent=1) + "\n",
+        "preregistration.md": html.unescape(text),
+    }
+    sheet.write_new_files(Path(folder), files)
+    advice = describe_coarse_levels(blocks, standard) if kind.paired else ""
+    return replace(design, advice=advice)
+
+
+def check_virtual_factor(name: str, levels: Sequence[str]) -> None:
+    """Refuse a factor of virtual blocks that the program cannot change, or levels of no meaning."""
+    require(
+        name in VIRTUAL_FACTORS,
+        f"a factor of virtual blocks must be one of {', '.join(VIRTUAL_FACTORS)}, got {name!r}",
+    )
+    words = {"vibration": ("vibration-off", "vibration-on"), "block": (REAL, VIRTUAL)}
+    for level in levels:
+        if name in words:
+            said = f"{name} must be one of {', '.join(words[name])}, got {level!r}"
+            require(level in words[name], said)
+        else:
+            require(parse_quantity(level, VIRTUAL_FACTORS[name]) > 0.0, f"{name} must be positive")
+
+
+def _read_plan(folder: str | Path | None) -> dict[str, str]:
+    """Read what a design names as primary outcome and reference; designs before it name none."""
+    path = Path(folder or ".") / "plan.json"
+    if folder is None or not path.exists():
+        return {}
+    try:
+        plan = json.loads(path.read_text(encoding="utf-8"))
+        return {name: str(plan[name]) for name in ("primary", "reference")}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StudyError(
+            f"plan.json must be as 'study design' wrote it: {error!r:.60} [{path}]"
+        ) from error
 
 
 def write_sheets(folder: str | Path) -> int:
@@ -103,7 +197,7 @@ def write_sheets(folder: str | Path) -> int:
     Parameters
     ----------
     folder : str or Path
-        Holds design.csv; run-sheets.pdf and ``sheets/participant-N.csv`` go there.
+        Holds design.csv; run-sheets.html and ``sheets/participant-N.csv`` go there.
 
     Returns
     -------
@@ -127,7 +221,7 @@ def write_sheets(folder: str | Path) -> int:
         for person, rows in sheets.items()
     }
     title = EXPERIMENTS[design[0]["experiment"]].sheet_title
-    sheet.write_new_files(folder, texts | {"run-sheets.pdf": render_sheets_pdf(title, sheets)})
+    sheet.write_new_files(folder, texts | {"run-sheets.html": render_run_sheets(title, sheets)})
     return len(sheets)
 
 
@@ -168,7 +262,8 @@ def simulate_study(
         If a block has no energy there, or a name is unknown.
     """
     design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
-    known = sorted({row["condition"] for row in design})
+    levels = (part for row in design for part in sheet.name_setting(row).split("/"))
+    known = sorted({row["condition"] for row in design} | {*levels} - {""})
     for said, given in (("damping", damping), ("noise", noise)):
         unknown = sorted(set(given or {}) - set(known))
         if unknown:
@@ -192,6 +287,8 @@ def analyse_study(
     ratings: tuple[int, int] = RATINGS,
     equivalent: float = math.nan,
     groups: str | Path | None = None,
+    primary: str = "",
+    reference: str = "",
 ) -> StudyResult:
     """Analyse filled-in run sheets, or judgements that were not planned here.
 
@@ -218,6 +315,9 @@ def analyse_study(
     groups : str or Path, optional
         CSV with ``participant`` and ``group``, such as dentists and students, which are then
         compared; without a design a column ``group`` of the table does as well.
+    primary, reference : str
+        Primary outcome and the condition that others are compared with, as in `design_study`; of a
+        design its own.
 
     Returns
     -------
@@ -230,6 +330,7 @@ def analyse_study(
     StepblocksError
         If the answers do not belong to the design or cannot carry the analysis.
     """
+    plan = _read_plan(folder)
     if folder is None:
         found = read_foreign_judgements(answers, columns, experiment, ratings)
     else:
@@ -240,10 +341,15 @@ def analyse_study(
             for row in sheet.read_answers(path, design[0]["experiment"])
         ]
         found = sheet.join_answers(design, rows, ratings)
-    result = found.assign_groups(groups).analyse(equivalent)
+    options = {"equivalent": not math.isnan(equivalent), "ratings": ratings != RATINGS}
+    refuse_unused_options(found.experiment, {name: one for name, one in options.items() if one})
+    named = {"primary": primary, "reference": reference}
+    plan |= {name: text for name, text in named.items() if text}
+    result = found.assign_groups(groups).analyse(equivalent, **plan)
     if output is not None:
         page, output = render_study(result), Path(output)
         output.mkdir(parents=True, exist_ok=True)
+        write_figures(result, output / "figures")
         replace_text(output / "judgements.csv", result.judgements_csv())
         replace_text(output / "results.csv", result.results_csv())
         replace_text(output / "report.html", page)

@@ -1,4 +1,4 @@
-"""A design and its answers as files: plan and key for who loads the blocks, blinded sheets, and the tidy table made of both."""
+"""A design and its answers as files: plan, key, blinded sheets, and the table of judgements."""
 
 from __future__ import annotations
 
@@ -10,20 +10,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from stepblocks.atomic import replace_bytes
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
-from stepblocks.study import require
+from stepblocks.study import Table, require
+from stepblocks.study.analysis.people import describe_unlike_participants
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import DESIGN_COLUMNS, WHEN, Item
-from stepblocks.study.experiments import EXPERIMENTS, LARGEST_ESTIMATE, RATINGS, Row, read_number
+from stepblocks.study.design import DESIGN_COLUMNS, FACTOR, WHEN, Item
+from stepblocks.study.experiments import EXPERIMENTS, RATINGS, Row, read_number
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import format_csv
 
+_MISSING = ("NA", "N/A", "n/a", "#N/A", "<NA>")  # as R, BIDS, spreadsheets and pandas write it
+TIMES = ("reaction_s",)  # columns beside the answers that `study run` writes, numbers
 _MAX_BYTES = 100_000_000
 _MAX_ROWS = 300_000
 _KEY = ("code", "engraved", "stimulus", "height_um")
@@ -51,8 +53,16 @@ def blind_rows(rows: Iterable[Row]) -> list[dict[str, str]]:
             first, second = pair if row["condition"] == "standard-first" else pair[::-1]
         columns = list_answer_columns(row["experiment"])
         cells = (row["participant"], row["trial"], first, second, *[""] * (len(columns) - 4))
-        blinded.append(dict(zip(columns, cells, strict=True)))
+        sheet = dict(zip(columns, cells, strict=True))
+        if EXPERIMENTS[row["experiment"]].paired and (levels := name_setting(row)):
+            sheet = {"participant": row["participant"], "setting": levels} | sheet
+        blinded.append(sheet)
     return blinded
+
+
+def name_setting(row: Row) -> str:
+    """Return the levels of a trial's declared factors."""
+    return "/".join(level for name, level in row.items() if name.startswith(FACTOR))
 
 
 def group_by_participant(rows: Iterable[Row]) -> dict[str, list[Row]]:
@@ -63,9 +73,14 @@ def group_by_participant(rows: Iterable[Row]) -> dict[str, list[Row]]:
     return found
 
 
-def format_key(items: Mapping[str, Item]) -> str:
-    """Tell the block behind each code, for who labels and loads the blocks."""
-    return format_csv([{"code": code, **items[code].told()} for code in sorted(items)], _KEY)
+def format_key(blocks: Mapping[str, Mapping[str, Item]]) -> str:
+    """List the block behind each participant's codes, for who loads the blocks."""
+    rows = [
+        {"participant": who, "code": code, **items[code].describe()}
+        for who, items in blocks.items()
+        for code in sorted(items)
+    ]
+    return format_csv(rows, ("participant", *_KEY))
 
 
 def write_new_files(folder: Path, texts: Mapping[str, str | bytes]) -> None:
@@ -106,12 +121,16 @@ def simulate_answers(
         pd.factorize(trials[name])[0] for name in ("participant", "condition")
     )
     trials["height"] = trials["height_um"].astype(float) * 1e-6
-    shares = [damping.get(condition, 1.0) for condition in trials["condition"]]
+    levels = [{row["condition"], *name_setting(row).split("/")} for row in design]
+    shares, noisier = (
+        [math.prod(given.get(level, 1.0) for level in own) for own in levels]
+        for given in (damping, noise)
+    )
     trials["undamped"], trials["standard_energy"] = (
         trials[name].map(energies) for name in ("stimulus", "standard")
     )
     trials["energy"] = trials["undamped"] * shares
-    trials["noisier"] = [noise.get(condition, 1.0) for condition in trials["condition"]]
+    trials["noisier"] = noisier
     kind = EXPERIMENTS[design[0]["experiment"]]
     answers = kind.simulate(trials, observer, np.random.default_rng(seed))
     filled = zip(blind_rows(design), answers, strict=True)
@@ -120,19 +139,26 @@ def simulate_answers(
 
 @dataclass(frozen=True)
 class Judgements:
-    """A checked table of judgements."""
+    """A checked table of judgements.
+
+    Attributes
+    ----------
+    experiment : str
+        Its kind.
+    frame : DataFrame
+        One row per answered trial: participant, trial, condition, repetition, stimulus (texts),
+        height [m]; and by experiment estimate and error [m], rating [1], higher (whether the
+        comparison was called higher than the standard), standard [m], magnitude [1].
+    missing : tuple of (str, str)
+        Participant and trial of every missing answer of participants who stay in the table.
+    left : tuple of str
+        Participants without any answer in a condition of their design: not in the table.
+    """
 
     experiment: str
-    # One row per answered trial: participant, trial, condition, repetition, stimulus (texts),
-    # height [m]; and by experiment estimate and error [m], rating [1], higher (whether the
-    # comparison was called higher than the standard), standard [m], magnitude [1]
-    frame: Any
-    missing: tuple[
-        Key, ...
-    ]  # every answer that is missing from a participant who stays in the table
-    left: tuple[
-        str, ...
-    ]  # participants without an answer in a whole condition or more: not in the table
+    frame: Table
+    missing: tuple[Key, ...]
+    left: tuple[str, ...]
 
     def notes(self) -> list[str]:
         """Say what was done about what is missing."""
@@ -153,7 +179,12 @@ class Judgements:
                 "models are fitted to the others, "
                 "which is right if they are missing at random."
             )
-        return said
+        conditions = self.frame["condition"].unique()
+        for name, own in self.frame.groupby("participant", sort=False):
+            lacking = sorted(set(conditions) - set(own["condition"]))
+            if lacking:
+                said.append(f"Participant {name} has no judgement with {', '.join(lacking)}.")
+        return said + describe_unlike_participants(self.frame, EXPERIMENTS[self.experiment].value)
 
     def assign_groups(self, path: str | Path | None) -> Judgements:
         """Say of which group each participant is, by a table of participants and groups."""
@@ -170,10 +201,23 @@ class Judgements:
         )
         return replace(self, frame=self.frame.assign(group=self.frame["participant"].map(group)))
 
-    def analyse(self, margin: float = math.nan) -> StudyResult:
-        """Analyse the study as its design asks for; conditions that differ by less than a margin [m] count as equivalent."""
+    def analyse(
+        self, margin: float = math.nan, primary: str = "", reference: str = ""
+    ) -> StudyResult:
+        """Analyse the study; conditions that differ by less than `margin` [m] are equivalent."""
+        known = sorted(self.frame["condition"].unique())
+        require(
+            not reference or reference in known,
+            f"reference must be one of {', '.join(known)}, got {reference!r}",
+        )
         found = EXPERIMENTS[self.experiment].analyse(self.frame, margin)
-        return StudyResult(self.experiment, tuple(self.notes()), self.frame, **found)
+        result = StudyResult(self.experiment, tuple(self.notes()), self.frame, **found)
+        tests = [one.name for one in result.findings()]
+        require(
+            not primary or primary in tests,
+            f"primary must be one of {'; '.join(tests)}, got {primary!r}",
+        )
+        return replace(result, primary=primary, reference=reference)
 
 
 def read_design(path: Path) -> list[dict[str, str]]:
@@ -208,8 +252,8 @@ def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
 
 
 def read_answers(path: Path, experiment: str) -> list[dict[str, str]]:
-    """Read filled-in run sheets."""
-    return read_rows(path, list_answer_columns(experiment))
+    """Read filled-in run sheets; one in which no trial is answered yet has no rows."""
+    return read_rows(path, list_answer_columns(experiment), empty=True)
 
 
 def join_answers(
@@ -246,13 +290,14 @@ def join_rows(
     import pandas as pd
 
     kind, planned = EXPERIMENTS[experiment], asked or _by_trial([row for row, _ in pairs])
-    top = LARGEST_ESTIMATE * max(read_number(row["height_um"]) for row in planned.values())
-    answered: dict[Key, dict[str, Any]] = {}
+    answered: dict[Key, dict[str, float]] = {}
     found = list(mistakes)
     for row, answer in pairs:
         with collect_mistakes(found, answer["line"]):
             if all(answer[name] for name in kind.answers):
-                answered[row["participant"], row["trial"]] = kind.read(row, answer, top, ratings)
+                times = {name: read_number(answer[name]) for name in TIMES if answer.get(name)}
+                values = kind.read(row, answer, ratings) | times
+                answered[row["participant"], row["trial"]] = values
     if found:
         files = ", ".join(dict.fromkeys(place.rpartition(", line ")[0] for place, _ in found))
         raise StudyError(
@@ -265,17 +310,22 @@ def join_rows(
     left = dict.fromkeys(row["participant"] for row in short)
     stayed = {key: row for key, row in planned.items() if key[0] not in left}
     missing = tuple(key for key in stayed if key not in answered)
-    kept = [name for name in (*WHEN, "stimulus", "group") if name in next(iter(planned.values()))]
+    columns = next(iter(planned.values()))
+    kept = [name for name in (*WHEN, "stimulus", "group") if name in columns]
+    kept += [name for name in columns if name.startswith(FACTOR)]
     frame = pd.DataFrame(
-        {name: row[name] for name in kept}
-        | {"height": read_number(row["height_um"]) / 1e6}
-        | answered[key]
+        {
+            **{name: row[name] for name in kept},
+            "height": read_number(row["height_um"]) / 1e6,
+            **answered[key],
+        }
         for key, row in stayed.items()
         if key in answered
     )
     require(
         not frame.empty, "at least one participant must have answered in every condition, got none"
     )
+    frame = _split_groups(frame)
     cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
     for condition, stimulus in sorted(
         cells - set(zip(frame["condition"], frame["stimulus"], strict=True))
@@ -285,8 +335,20 @@ def join_rows(
     return Judgements(experiment, frame, missing, tuple(left))
 
 
-def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """Read rows of texts, each with its `line`; a general reader of tables would not know the lines."""
+def _split_groups(frame: Table) -> Table:
+    """Drop factors of one level; those that vary between participants only are their group."""
+    names = [name for name in frame if str(name).startswith(FACTOR)]
+    own = {name: frame.groupby("participant")[name].nunique().max() for name in names}
+    between = [name for name in names if own[name] == 1 and frame[name].nunique() > 1]
+    if between and "group" not in frame:
+        frame = frame.assign(group=frame[between].agg("/".join, axis=1))
+    alone = [name for name in names if own[name] == 1 or frame[name].equals(frame["condition"])]
+    return frame.drop(columns=alone)
+
+
+def read_rows(path: Path, columns: Sequence[str], empty: bool = False) -> list[dict[str, str]]:
+    """Read rows of texts, each with its `line`; refuse a table without rows unless it may be."""
+    # a general reader of tables would not know the lines
     try:
         require(
             path.stat().st_size <= _MAX_BYTES,
@@ -319,6 +381,7 @@ def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
                     f"{reader.line_num}]",
                 )
                 cells = {name: row[name].strip() for name in names}
+                cells = {name: "" if text in _MISSING else text for name, text in cells.items()}
                 if separator != ",":
                     cells = {name: _COMMA.sub(r"\1.\2", text) for name, text in cells.items()}
                 rows.append(cells | {"line": f"{path}, line {reader.line_num}"})
@@ -328,7 +391,7 @@ def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise StudyError(f"a table must be readable CSV in UTF-8: {reason} [{path}]") from error
-    require(rows, f"a table must have rows, got none [{path}]")
+    require(rows or empty, f"a table must have rows, got none [{path}]")
     return rows
 
 

@@ -1,4 +1,4 @@
-"""How far estimates are off: on the average (bias), in size (absolute error), and from one another (spread)."""
+"""How far estimates are off: their bias, their absolute error, and their spread."""
 
 # The paper asks whether heights are estimated "less accurately": that is the absolute error. The
 # signed error that its F-test takes is the bias, which noise leaves where it is; the spread says
@@ -6,23 +6,27 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from stepblocks.errors import StudyError
 from stepblocks.quantities import format_column_label
-from stepblocks.study import require
+from stepblocks.study import Table, require
 from stepblocks.study.analysis.anova import (
-    Check,
     FTest,
     Interval,
     Term,
-    check_residuals,
     make_term,
     run_f_test,
 )
 from stepblocks.study.analysis.mixed import MixedFit, fit_mixed_model
+from stepblocks.study.analysis.repeated import (
+    Sphericity,
+    assess_effect,
+    assess_factors,
+    average_participants,
+    compare_participants,
+)
 
 ANSWER = "absolute error"  # the measure that answers the paper's question
 MEASURES = ("bias", ANSWER, "spread")
@@ -30,37 +34,76 @@ MEASURES = ("bias", ANSWER, "spread")
 
 @dataclass(frozen=True)
 class Equivalence:
-    """How much two conditions can differ, by two one-sided tests."""
+    """How much two conditions can differ, by two one-sided tests.
+
+    Attributes
+    ----------
+    first, second : str
+        Conditions.
+    bound : float
+        They differ by less than this at the 5 % level, in the unit of the response.
+    margin : float
+        That was asked about; not-a-number where none was.
+    statistic, df, p : float
+        Student's t of the worse side against the margin.
+    """
 
     # Schuirmann, D. J. (1987), J. Pharmacokinetics and Biopharmaceutics 15, 657-680,
     # doi:10.1007/BF01068419.
 
     first: str
     second: str
-    # they differ by less than this at the 5 % level: the farther end of the 90 % interval
     bound: float
-    margin: float  # that was asked about; not-a-number where none was
-    statistic: float  # Student's t of the worse side against the margin
+    margin: float
+    statistic: float
     df: float
-    p: float  # probability of it or more if they differ by the margin
+    p: float
 
 
 @dataclass(frozen=True)
 class Measure:
-    """One measure of accuracy: the paper's analysis of it and the mixed model beside; lengths in metres, spread in ln(metres)."""
+    """One measure of accuracy; lengths in metres, spread in ln(metres).
 
-    name: str  # one of `MEASURES`
-    # participant, condition, value, and stimulus but for the spread, which is one value over all
-    # blocks
-    frame: Any
+    Attributes
+    ----------
+    name : str
+        One of `MEASURES`.
+    frame : DataFrame
+        participant, condition, value, and stimulus but for the spread, which is one value over all
+        blocks.
+    f_test : FTest
+        The paper's analysis, which takes judgements of one participant for independent.
+    mixed : MixedFit
+        The model of repeated measures.
+    corrected : Term or None
+        Its test of the conditions, degrees of freedom multiplied by Greenhouse and Geisser's
+        epsilon; what the report reads.
+    sphericity : Sphericity or None
+        Of the participants who judged in every condition; None for fewer than three.
+    paired : tuple of Interval
+        Differences of conditions by the participants' own differences.
+    factors : tuple of Term
+        Every declared factor and interaction, where there are several factors.
+    equivalence : tuple of Equivalence
+        Of every two conditions.
+    groups, group_intervals : tuple
+        Tests and differences of groups of participants, such as dentists and students.
+    left : tuple of str
+        Participants who have no such measure.
+    """
+
+    name: str
+    frame: Table
     f_test: FTest
     mixed: MixedFit
-    checks: tuple[Check, ...]  # of the residuals of the mixed model
-    equivalence: tuple[Equivalence, ...]  # of every two conditions
-    groups: tuple[
-        Term, ...
-    ] = ()  # of participants, such as dentists and students: ``group`` and ``condition:group``
-    group_intervals: tuple[Interval, ...] = ()  # differences between groups
+    corrected: Term | None
+    sphericity: Sphericity | None
+    paired: tuple[Interval, ...]
+    factors: tuple[Term, ...]
+    equivalence: tuple[Equivalence, ...]
+    groups: tuple[Term, ...] = ()
+    group_intervals: tuple[Interval, ...] = ()
+    left: tuple[str, ...] = ()
 
     @property
     def logarithmic(self) -> bool:
@@ -70,14 +113,13 @@ class Measure:
     @property
     def label(self) -> str:
         """Its name with its unit, as people write it."""
-        return format_column_label(f"{'ln_' if self.logarithmic else ''}{self.name}_um")
+        return "ln(spread / um)" if self.logarithmic else format_column_label(f"{self.name}_um")
 
 
-def compute_measure(frame: Any, name: str) -> tuple[Any, str]:
-    """Return a table with a column ``value`` for a measure, and the column of its blocks, if it has one."""
+def compute_measure(frame: Table, name: str) -> tuple[Table, str]:
+    """Return a table with a column ``value``, and the column of its blocks, if it has one."""
     # The spread is the logarithm of a participant's standard deviation in a condition, pooled over
-    # the blocks, within which the judgements are repeated: what a block's own bias adds is not in
-    # it.
+    # the blocks, within which the judgements are repeated: a block's own bias is not in it.
     if name != "spread":
         value = frame["error"].abs() if name == ANSWER else frame["error"]
         return frame.assign(value=value), "stimulus" if frame["stimulus"].nunique() > 1 else ""
@@ -86,29 +128,64 @@ def compute_measure(frame: Any, name: str) -> tuple[Any, str]:
     cells = frame.assign(square=apart**2).groupby(cell, sort=False)
     left = cells.size() - cells["stimulus"].nunique()
     variance = cells["square"].sum() / left.where(left > 0)
-    if not (variance > 0.0).all():
+    # who never varies, or judged each block once, has no spread; the others keep theirs
+    lacking = set(variance[~(variance > 0.0)].index.get_level_values("participant"))
+    others = ~variance.index.get_level_values("participant").isin(lacking)
+    if variance[others].index.get_level_values("participant").nunique() < 2:
         raise StudyError(
             "spread needs judgements of a block that are repeated and differ, by every "
             "participant in every condition"
         )
-    group = {"group": cells["group"].first()} if "group" in frame else {}
-    return (0.5 * np.log(variance)).rename("value").to_frame().assign(**group).reset_index(), ""
+    kept = {
+        column: cells[column].first()
+        for column in frame
+        if column == "group" or str(column).startswith("factor_")
+    }
+    values = (0.5 * np.log(variance[others])).rename("value").to_frame()
+    return values.assign(**kept).reset_index(), ""
 
 
-def analyse_measure(frame: Any, name: str, margin: float = math.nan) -> Measure:
-    """Analyse one measure; `margin` [m] is what two conditions may differ by and still count as equivalent."""
+def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measure:
+    """Analyse one measure; conditions that differ by less than `margin` [m] are equivalent."""
+    from scipy.linalg import helmert
+
     data, block = compute_measure(frame, name)
     tested = run_f_test(data, "value", "condition", block)
     mixed = fit_mixed_model(data, "value", "condition", "participant", block)
-    checks = check_residuals(mixed.residuals, data["condition"].tolist(), mixed.participant_effects)
     asked = math.nan if name == "spread" else margin
-    alike = tuple(
-        assess_equivalence(one, mixed.condition.df_error, asked)
-        for one in mixed.intervals
-        if mixed.condition
+    table = average_participants(data)
+    complete, corrected, sphericity = table.dropna(), mixed.condition, None
+    if len(complete) > 2 and corrected is not None and table.shape[1] > 1:
+        contrasts = helmert(table.shape[1])
+        sphericity = assess_effect("condition", complete.to_numpy(), contrasts)[1]
+        df = sphericity.epsilon * corrected.df, sphericity.epsilon * corrected.df_error
+        corrected = make_term("condition", *df, math.nan, corrected.f)
+    return Measure(
+        name,
+        data,
+        tested,
+        mixed,
+        corrected,
+        sphericity,
+        compare_participants(table),
+        assess_declared_factors(data, complete),
+        tuple(assess_equivalence(one, one.df, asked) for one in mixed.intervals),
+        *(compare_groups(data) if "group" in data else ((), ())),
+        left=tuple(sorted(set(frame["participant"]) - set(data["participant"]))),
     )
-    groups = compare_groups(data) if "group" in data else ((), ())
-    return Measure(name, data, tested, mixed, tuple(checks), alike, *groups)
+
+
+def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
+    """Test the factors within participants that a design declares, where it has several."""
+    names = [name for name in data if str(name).startswith("factor_")]
+    own = data.groupby("participant")[names].nunique().max() if names else {}
+    within = [name for name in names if own[name] > 1]
+    cells = data.groupby("condition")[within].first().reindex(complete.columns)
+    levels = {name.removeprefix("factor_"): sorted(cells[name].unique()) for name in within}
+    crossed = cells.sort_values(within).index if within else []
+    if len(within) < 2 or math.prod(map(len, levels.values())) != len(cells) or len(complete) < 3:
+        return ()
+    return assess_factors(complete[crossed], levels)
 
 
 def assess_equivalence(one: Interval, df: float, margin: float = math.nan) -> Equivalence:
@@ -123,7 +200,7 @@ def assess_equivalence(one: Interval, df: float, margin: float = math.nan) -> Eq
     )
 
 
-def compare_groups(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
+def compare_groups(data: Table) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
     """Compare groups of participants by a split-plot analysis of the participants' means."""
     # Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2. Groups may
     # differ in size.
@@ -134,9 +211,10 @@ def compare_groups(data: Any) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
         else data.set_index(keys)["value"]
     )
     table = cells.groupby(keys).mean().unstack()
+    table = table.dropna()  # a participant without a condition is named in the notes
     group = data.groupby("participant")["group"].first().reindex(table.index)
     sizes = group.value_counts().sort_index()
-    if len(sizes) < 2 or sizes.min() < 2 or table.isna().to_numpy().any():
+    if len(sizes) < 2 or sizes.min() < 2:
         raise StudyError(
             f"groups must be at least two of at least two participants each, got {dict(sizes)}"
         )

@@ -1,81 +1,100 @@
-"""The paper's analysis: an F-test on the errors of the estimates, Tukey's family of intervals, and what both take for granted."""
+"""The paper's analysis: an F-test on the errors of estimates, and Tukey's intervals."""
 
 import itertools
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
-from stepblocks.study import require
+from stepblocks.study import Table, require
 
-_DOUBT = 0.05
-_ADVICE = {
-    "residuals are normal": "the tests of means bear it with many judgements; read the quantile plot, or analyse "
-    "logarithms",
-    "conditions have one residual spread": "intervals are too wide for some conditions and too narrow for "
-    "others",
-    "participants are a normal sample": "look for one participant who differs from all others",
-}
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Term:
-    """One line of an analysis of variance."""
+    """One line of an analysis of variance.
 
-    name: str  # factor, or factors joined by a colon
-    df: float  # degrees of freedom
-    df_error: float  # those of its denominator
-    # type II, in the square of the unit of the response; not-a-number where the test is not one of
-    # sums
+    Attributes
+    ----------
+    name : str
+        Factor, or factors joined by a colon.
+    df, df_error : float
+        Degrees of freedom of numerator and denominator.
+    sum_of_squares : float
+        Type II, in the square of the unit of the response; not-a-number where the test has none.
+    f, p : float
+        Statistic, and the probability of it or more under no effect.
+    eta_squared, eta_low, eta_high : float
+        Partial eta squared and its 95 % interval from the noncentral F distribution [1].
+    """
+
+    name: str
+    df: float
+    df_error: float
     sum_of_squares: float
     f: float
-    p: float  # probability of this F or more under no effect
-    eta_squared: float  # partial eta squared
-    eta_low: float  # ends of its 95 % interval from the noncentral F distribution
+    p: float
+    eta_squared: float
+    eta_low: float
     eta_high: float
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Difference between two conditions, first minus second."""
+    """Difference between two conditions, first minus second.
+
+    Attributes
+    ----------
+    first, second : str
+        Conditions.
+    difference, low, high : float
+        With its 95 % interval, in the unit of the response.
+    p : float
+        Probability under no difference, adjusted for the family.
+    effect_size : float
+        Difference over the standard deviation of residuals or of differences [1].
+    error, df : float
+        Standard error of the difference, and its degrees of freedom.
+    """
 
     first: str
     second: str
-    difference: float  # in the unit of the response
+    difference: float
     low: float
     high: float
-    p: float  # probability under no difference, adjusted for the family
-    effect_size: float  # difference over the residual standard deviation
-    error: float  # standard error of the difference
+    p: float
+    effect_size: float
+    error: float
+    df: float
 
 
 @dataclass(frozen=True)
 class FTest:
-    """Analysis of variance and intervals."""
+    """Analysis of variance and intervals.
 
-    terms: tuple[Term, ...]  # one per factor and interaction
-    df_error: float  # residual degrees of freedom
-    intervals: tuple[Interval, ...]  # Tukey's family over the first factor
+    Attributes
+    ----------
+    terms : tuple of Term
+        One per factor and interaction.
+    df_error : float
+        Residual degrees of freedom.
+    intervals : tuple of Interval
+        Tukey's family over the first factor.
+    """
 
-
-@dataclass(frozen=True)
-class Check:
-    """One assumption of a linear model and its test."""
-
-    assumption: str  # what the model takes for granted
-    test: str
-    statistic: float  # not-a-number where the data are too few for the test
-    p: float
-    verdict: str  # "no objection" (which is no proof), "in doubt" or "not tested"
-    advice: str  # what a doubt means for the reader
+    terms: tuple[Term, ...]
+    df_error: float
+    intervals: tuple[Interval, ...]
 
 
 def run_f_test(
-    frame: Any,
+    frame: Table,
     response: str,
     first: str,
     second: str = "",
@@ -118,21 +137,22 @@ def run_f_test(
         name = ":".join(names[part.split("(")[1][0]] for part in str(label).split(":"))
         df, squares, f = (float(row[column]) for column in ("df", "sum_sq", "F"))
         terms.append(make_term(name, df, fit.df_resid, squares * scale**2, f))
-    family = []
+    family: Iterable[Interval] = ()
     if intervals:
         levels, parameters = (
             sorted(data["a"].unique()),
             (fit.params.to_numpy(), fit.cov_params().to_numpy()),
         )
-        spread, rows = math.sqrt(fit.mse_resid), find_mean_rows(fit, data, levels)
+        spread, rows = math.sqrt(fit.mse_resid), find_mean_rows(fit.model, data, levels)
         family = compare_all_pairs(
-            levels, rows, parameters, fit.df_resid, spread=spread, scale=scale
+            levels, rows, parameters, lambda _: float(fit.df_resid), spread=spread, scale=scale
         )
     return FTest(tuple(terms), float(fit.df_resid), tuple(family))
 
 
-def standardise_response(frame: Any, response: str, **names: str) -> tuple[Any, float, float]:
-    """Rename columns, and take scale and shift, also returned, off the response: a large offset costs the digits of squares."""
+def standardise_response(frame: Table, response: str, **names: str) -> tuple[Any, float, float]:
+    """Rename columns and standardise the response; return its scale and shift as well."""
+    # a large offset costs the digits of squares
     import pandas as pd
 
     data = pd.DataFrame(
@@ -158,79 +178,55 @@ def make_term(name: str, df: float, df_error: float, squares: float, f: float) -
     )
 
 
+def make_interval(
+    names: tuple[str, str],
+    found: tuple[float, float],
+    df: float,
+    levels: int,
+    effect_size: float,
+    scale: float = 1.0,
+) -> Interval:
+    """Complete a comparison, one of all pairs of some levels, from difference and error."""
+    # Tukey's family; with unequal numbers: Kramer, C. Y. (1956), Biometrics 12, 307-310.
+    from scipy.stats import studentized_range
+
+    difference, error = (value * scale for value in found)
+    single = error / math.sqrt(2.0)
+    reach = float(studentized_range.ppf(0.95, levels, df)) * single
+    p = float(studentized_range.sf(abs(difference) / single, levels, df))
+    ends = (difference, difference - reach, difference + reach)
+    return Interval(*names, *ends, min(p, 1.0), effect_size, error, df)
+
+
 def compare_all_pairs(
     levels: Sequence[str],
-    rows: Sequence[Any],
-    parameters: tuple[Any, Any],
-    df_error: float,
+    rows: Sequence[Array],
+    parameters: tuple[Array, Array],
+    count_freedom: Callable[[Array], float],
     *,
     spread: float,
     scale: float,
-) -> list[Interval]:
-    """Compare every two levels so that all 95 % intervals hold together."""
+) -> Iterator[Interval]:
+    """Compare every two levels of a linear model so that all 95 % intervals hold together."""
     # `rows` give the mean of each level from the parameters (values, covariance); `spread` is the
-    # residual standard deviation, `scale` the unit of all these in that of the response. Source,
-    # with unequal numbers: Kramer, C. Y. (1956), Biometrics 12, 307-310.
-    from scipy.stats import studentized_range
-
+    # residual standard deviation, `scale` the unit of all these in that of the response.
     beta, covariance = parameters
-    quantile = float(studentized_range.ppf(0.95, len(levels), df_error))
-    found = []
     for one, two in itertools.combinations(range(len(levels)), 2):
         contrast = rows[one] - rows[two]
-        difference, error = (
-            float(contrast @ beta),
-            math.sqrt(0.5 * float(contrast @ covariance @ contrast)),
+        found = (float(contrast @ beta), math.sqrt(contrast @ covariance @ contrast))
+        yield make_interval(
+            (levels[one], levels[two]),
+            found,
+            count_freedom(contrast),
+            len(levels),
+            found[0] / spread,
+            scale,
         )
-        p = float(studentized_range.sf(abs(difference) / error, len(levels), df_error))
-        reach = quantile * error
-        ends = (difference * scale, (difference - reach) * scale, (difference + reach) * scale)
-        apart = math.sqrt(2.0) * error * scale
-        found.append(Interval(levels[one], levels[two], *ends, p, difference / spread, apart))
-    return found
 
 
-def find_mean_rows(fit: Any, data: Any, levels: Sequence[str]) -> list[Any]:
-    """Rows of the design matrix, one per level of the first factor, averaged over the second with equal weight."""
+def find_mean_rows(model: Any, data: Table, levels: Sequence[str]) -> list[Array]:
+    """Return a row of the design matrix for each level, averaged over the second factor."""
     letters = [letter for letter in "ab" if letter in data]
     first = data.reset_index(drop=True).drop_duplicates(letters)
-    exog = np.asarray(fit.model.exog)
+    exog = np.asarray(model.exog)
     return [exog[first.index[first["a"] == one]].mean(axis=0) for one in levels]
-
-
-def check_residuals(residuals: Any, groups: Sequence[str], participant_effects: Any) -> list[Check]:
-    """Test the residuals of a linear model."""
-    from scipy import stats
-
-    values, names = np.asarray(residuals, dtype=np.float64), np.asarray(groups)
-    sample = (
-        values
-        if values.size <= 5000
-        else np.sort(values)[np.linspace(0, values.size - 1, 5000).astype(int)]
-    )
-    parts = [values[names == name] for name in dict.fromkeys(names.tolist())]
-    enough = len(parts) > 1 and min(len(part) for part in parts) > 2
-    levene = stats.levene(*parts, center="median") if enough else (math.nan, math.nan)
-    checks = []
-    for assumption, test, (statistic, p) in (
-        ("residuals are normal", "Shapiro-Wilk", _shapiro(sample)),
-        ("conditions have one residual spread", "Levene (median)", levene),
-        (
-            "participants are a normal sample",
-            "Shapiro-Wilk",
-            _shapiro(np.asarray(participant_effects)),
-        ),
-    ):
-        verdict = "not tested" if math.isnan(p) else "in doubt" if p < _DOUBT else "no objection"
-        advice = _ADVICE[assumption] if verdict == "in doubt" else ""
-        checks.append(Check(assumption, test, float(statistic), float(p), verdict, advice))
-    return checks
-
-
-def _shapiro(values: Any) -> tuple[float, float]:
-    from scipy import stats
-
-    if values.size < 4 or float(np.ptp(values)) <= 0.0:
-        return math.nan, math.nan
-    statistic, p = stats.shapiro(values / np.abs(values).max())
-    return float(statistic), float(p)

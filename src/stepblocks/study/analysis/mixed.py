@@ -1,14 +1,20 @@
-"""The model that repeated measures call for: participants, and how each takes to each condition, are random."""
+"""The model of repeated measures: participants, and their responses to conditions, are random."""
+
+# Its covariance has two variances beside the residual one, so that the restricted likelihood has
+# a closed form for each participant (Woodbury). Both may be negative, as in the analysis of
+# variance: a bound at zero would move the level of the test (SAS, PROC MIXED, NOBOUND; Stroup and
+# Littell (2002), Applied Statistics in Agriculture, doi:10.4148/2475-7772.1198).
 
 import math
-import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stepblocks.study import require
+from stepblocks.study import Table, require
 from stepblocks.study.analysis.anova import (
     Interval,
     Term,
@@ -18,236 +24,215 @@ from stepblocks.study.analysis.anova import (
     standardise_response,
 )
 
-_ZERO = 1e-6  # a variance below this share of the residual one is at its boundary
-_ALIKE = 1e-4  # log likelihoods closer than this are one
-_NEWTON_STEPS = 8
-_ROUGH = {"gtol": 1e-3}  # gradient per judgement from which Newton's method is tried
-_FLAT = 1e-9  # gradient per judgement, in the unit-free response, at which a point is flat
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+_ZERO = 1e-6  # a variance below this share of the residual one is reported as zero
 
 
 @dataclass(frozen=True)
 class MixedFit:
-    """A mixed model fitted by restricted maximum likelihood."""
+    """A mixed model fitted by restricted maximum likelihood.
 
-    means: tuple[
-        tuple[str, float, float], ...
-    ]  # condition, mean over the blocks with equal weight, standard error
-    condition: Term | None  # F-test of the conditions; None if there is one condition only
-    intervals: tuple[
-        Interval, ...
-    ]  # differences of conditions, a Tukey family on the same denominator
-    sd_participant: float  # standard deviation between participants, in the unit of the response
-    sd_condition: float  # of the participants' response to conditions
-    sd_residual: float  # of single judgements
-    log_likelihood: float  # restricted, at the optimum, in the unit of the response
-    converged: bool  # whether the optimiser ended at a flat point
-    remarks: tuple[
-        str, ...
-    ]  # on a variance at its boundary of zero, or an optimiser that did not settle
-    fitted: Any  # shape (n,); conditional on the participants
-    residuals: Any  # shape (n,)
-    participant_effects: Any  # shape (participants,); predicted deviation of each
+    Attributes
+    ----------
+    means : tuple of (str, float, float)
+        Condition, its mean over the blocks with equal weight, and the standard error.
+    condition : Term or None
+        F-test of the conditions, with Satterthwaite's degrees of freedom; None where there is one.
+    intervals : tuple of Interval
+        Differences of conditions, a Tukey family.
+    sd_participant, sd_condition, sd_residual : float
+        Standard deviations between participants, of their responses to conditions, and of single
+        judgements, in the unit of the response; zero where a variance is estimated as negative.
+    log_likelihood : float
+        Restricted, in the unit of the response.
+    remarks : tuple of str
+        On variances that are estimated as zero or less.
+    fitted, residuals : ndarray, shape (n,)
+        Conditional on the participants.
+    participant_effects : ndarray, shape (participants,)
+        Predicted deviation of each participant.
+    """
+
+    means: tuple[tuple[str, float, float], ...]
+    condition: Term | None
+    intervals: tuple[Interval, ...]
+    sd_participant: float
+    sd_condition: float
+    sd_residual: float
+    log_likelihood: float
+    remarks: tuple[str, ...]
+    fitted: Array
+    residuals: Array
+    participant_effects: Array
+
+
+class _Likelihood:
+    """Restricted likelihood of a table whose rows belong to cells, and cells to participants."""
+
+    # Every step is analytic, so that a complex step differentiates it to the last digits.
+
+    def __init__(self, y: Array, x: Array, cell: Indices, owner: Indices) -> None:
+        both = np.column_stack([x, y])
+        self.free, self.squares = len(y) - x.shape[1], both.T @ both
+        self.sizes, self.persons = np.bincount(cell).astype(float), np.eye(owner.max() + 1)[owner]
+        self.sums = np.zeros((len(owner), both.shape[1]))
+        np.add.at(self.sums, cell, both)
+
+    def variances(self, point: Array) -> tuple[Any, Any, Array, Array]:
+        """Return both variances over the residual one, and the weights of cells and persons."""
+        # exponentials keep the covariance positive; a parameter of zero is a variance of zero
+        response = np.expm1(point[1]) / self.sizes.max() if len(point) > 2 else 0.0
+        shrunk = 1.0 / (1.0 + response * self.sizes)
+        weights = self.persons.T @ (self.sizes * shrunk)
+        return np.expm1(point[0]) / weights.max(), response, shrunk, weights
+
+    def products(self, point: Array) -> tuple[Array, Any]:
+        """Return the products of predictors and response, weighted, and ln |V|."""
+        person, response, shrunk, weights = self.variances(point)
+        own = self.persons.T @ (self.sums * shrunk[:, np.newaxis])
+        found = self.squares - (self.sums.T * (response * shrunk)) @ self.sums
+        found = found - (own.T * (person / (1.0 + person * weights))) @ own
+        return found, np.log(1.0 + person * weights).sum() - np.log(shrunk).sum()
+
+    def loss(self, point: Array) -> Any:
+        """Return minus the restricted log likelihood; a point ends with ln residual variance."""
+        from scipy.linalg import lu_factor
+
+        found, log_det = self.products(point)
+        diagonal = np.diag(lu_factor(found[:-1, :-1], check_finite=False)[0])
+        left = found[-1, -1] - found[-1, :-1] @ np.linalg.solve(found[:-1, :-1], found[:-1, -1])
+        whole = self.free * (math.log(2.0 * math.pi) + point[-1]) + left * np.exp(-point[-1])
+        return 0.5 * (whole + log_det + np.log(diagonal * np.sign(diagonal.real)).sum())
+
+    def fit(self, repeated: bool) -> tuple[Array, Array]:
+        """Return the optimum and the covariance of its parameters."""
+        from scipy.optimize import minimize
+        from statsmodels.tools.numdiff import approx_fprime_cs, approx_hess_cs
+
+        start = [1.0, 0.3, -0.5] if repeated else [1.0, -0.5]
+        found = minimize(
+            lambda at: float(self.loss(at)),
+            start,
+            jac=lambda at: approx_fprime_cs(at, self.loss).ravel(),
+            method="BFGS",
+        )
+        point = found.x
+        for _ in range(3):  # Newton's steps: a line search ends at half the digits
+            slope = approx_fprime_cs(point, self.loss).ravel()
+            spread = np.linalg.pinv(approx_hess_cs(point, self.loss), hermitian=True)
+            point = point - spread @ slope if np.abs(slope).max() < 1e-2 else point
+        require(
+            np.isfinite(point).all() and np.abs(slope).max() < 1e-3,
+            f"the mixed model cannot be fitted to these {self.free} degrees of freedom: its "
+            "likelihood has no maximum",
+        )
+        return np.asarray(point), np.asarray(spread)
+
+    def covariance(self, point: Array) -> Array:
+        """Return the covariance of the fixed effects."""
+        found = np.linalg.inv(self.products(point)[0][:-1, :-1]) * np.exp(point[-1])
+        return np.asarray(found)
+
+    def count_freedom(self, point: Array, spread: Array, contrast: Array) -> float:
+        """Return Satterthwaite's degrees of freedom of a contrast of the fixed effects."""
+        # Fai, A. H.-T., Cornelius, P. L. (1996), J. Statist. Comput. Simul. 54, 363-378.
+        from statsmodels.tools.numdiff import approx_fprime_cs
+
+        slope = approx_fprime_cs(
+            point, lambda at: np.log(contrast @ self.covariance(at) @ contrast)
+        ).ravel()
+        return round(float(2.0 / max(slope @ spread @ slope, 2.0 / self.free)), 6)
 
 
 def fit_mixed_model(
-    frame: Any,
+    frame: Table,
     response: str,
     condition: str,
     participant: str,
     block: str = "",
     intervals: bool = True,
 ) -> MixedFit:
-    """Fit conditions, and blocks where given, as fixed and participants as random."""
+    """Fit conditions, and blocks where given, as fixed and participants as random effects."""
     # Laird, N. M., Ware, J. H. (1982), Biometrics 38, 963-974, doi:10.2307/2529876.
+    import pandas as pd
+    import statsmodels.formula.api as smf
+
     data, scale, shift = standardise_response(frame, response, a=condition, b=block, g=participant)
     people, conditions = data["g"].nunique(), sorted(data["a"].unique())
     require(
         people >= 2, f"{participant}: a mixed model needs at least two participants, got {people}"
     )
     require(scale > 0.0, f"{response} must not be the same in all {len(data)} rows")
-    fit, said, factor = _fit(data, bool(block), len(conditions) > 1)
-    rows, count = find_mean_rows(fit, data, conditions), len(fit.fe_params)
-    beta, covariance = np.asarray(fit.fe_params), np.asarray(fit.cov_params())[:count, :count]
-    tested = (
-        beta,
-        factor * covariance,
-    )  # at a variance of zero on the mean square of repeated measures
-    df_error = float((people - 1) * (len(conditions) - 1))
-    spread = math.sqrt(float(fit.scale))
-    family = (
-        compare_all_pairs(conditions, rows, tested, df_error, spread=spread, scale=scale)
-        if intervals
-        else []
+    compared = len(conditions) > 1
+    factors = [
+        f"C({letter}, Sum)" for letter in "ab" if letter in data and data[letter].nunique() > 1
+    ]
+    model = smf.ols(f"y ~ {' * '.join(factors) or '1'}", data)
+    cells = data.groupby(["g", "a"])
+    cell, owner = cells.ngroup().to_numpy(), pd.factorize(cells["g"].first())[0]
+    x, y = np.asarray(model.exog), np.asarray(model.endog)
+    likelihood = _Likelihood(y, x, cell, owner)
+    require(
+        likelihood.free > 1, f"more judgements than cells of a mixed model are needed, got {len(y)}"
     )
+    # a response to conditions is only apart from single judgements where these are repeated
+    repeated = compared and likelihood.sizes.max() > 1
+    point, spread = likelihood.fit(repeated)
+    products, covariance = likelihood.products(point)[0], likelihood.covariance(point)
+    beta: Array = np.asarray(np.linalg.solve(products[:-1, :-1], products[:-1, -1]), dtype=float)
+    person, response_, shrunk, weights = likelihood.variances(point)
+    residual = math.exp(0.5 * point[-1])
+    rows = find_mean_rows(model, data, conditions)
+    count = partial(likelihood.count_freedom, point, spread)
+    family = compare_all_pairs(
+        conditions, rows, (beta, covariance), count, spread=residual, scale=scale
+    )
+    away = y - x @ beta
+    sums = np.bincount(cell, away) * shrunk
+    own = max(person, 0.0) * (likelihood.persons.T @ sums) / (1.0 + person * weights)
+    left = sums - likelihood.persons @ own * likelihood.sizes * shrunk
+    effects = likelihood.persons @ own + max(response_, 0.0) * left
+    variances = {
+        "between participants": person,
+        "of participants' response to the condition": response_ if repeated else 1.0,
+    }
     return MixedFit(
         means=tuple(
-            (
-                name,
-                float(row @ beta) * scale + shift,
-                math.sqrt(float(row @ covariance @ row)) * scale,
-            )
+            (name, float(row @ beta) * scale + shift, math.sqrt(row @ covariance @ row) * scale)
             for name, row in zip(conditions, rows, strict=True)
         ),
-        condition=_wald(condition, rows, *tested, df_error) if len(conditions) > 1 else None,
-        intervals=tuple(family),
-        sd_participant=_root(float(np.asarray(fit.cov_re).ravel()[0]), float(fit.scale)) * scale,
-        sd_condition=_root(float(fit.vcomp[0]), float(fit.scale)) * scale
-        if len(fit.vcomp)
-        else 0.0,
-        sd_residual=spread * scale,
-        log_likelihood=float(fit.llf) - (len(data) - count) * math.log(scale),
-        converged=bool(fit.converged),
-        remarks=said,
-        fitted=np.asarray(fit.fittedvalues) * scale + shift,
-        residuals=np.asarray(fit.resid) * scale,
-        participant_effects=np.array(
-            [float(np.asarray(one)[0]) for one in fit.random_effects.values()]
-        )
-        * scale,
+        condition=_test_conditions(condition, rows, beta, covariance, count) if compared else None,
+        intervals=tuple(family) if intervals else (),
+        sd_participant=math.sqrt(max(person, 0.0)) * residual * scale,
+        sd_condition=math.sqrt(max(response_, 0.0)) * residual * scale,
+        sd_residual=residual * scale,
+        log_likelihood=-float(likelihood.loss(point)) - likelihood.free * math.log(scale),
+        remarks=tuple(
+            f"The variance {name} is estimated as zero."
+            for name, value in variances.items()
+            if value < _ZERO
+        ),
+        fitted=(x @ beta + effects[cell]) * scale + shift,
+        residuals=(away - effects[cell]) * scale,
+        participant_effects=own * scale,
     )
 
 
-def _root(variance: float, residual: float) -> float:
-    """Root of a variance; zero at its boundary, where only the optimiser's last step would show."""
-    return math.sqrt(variance) if variance > _ZERO * residual else 0.0
-
-
-def _fit(data: Any, blocks: bool, compared: bool) -> tuple[Any, tuple[str, ...], float]:
-    """Fit the largest model inside the bounds of its variances; say what was left out, and the factor on the variance of means."""
-    import statsmodels.formula.api as smf
-
-    both = "C(a, Sum) * C(b, Sum)" if compared else "C(b, Sum)"
-    fixed = both if blocks else "C(a, Sum)" if compared else "1"
-    # A participant's response to a condition is only apart from single judgements where there are
-    # several of them.
-    counts = data.groupby(["g", "a"]).size()
-    repeated = compared and counts.max() > 1
-    between, within, number = _mean_squares(data) if repeated else (math.nan, math.nan, 1.0)
-    at_zero = (
-        between <= within and counts.min() == counts.max()
-    )  # the closed form of a balanced design
-    model = smf.mixedlm(f"y ~ {fixed}", data, groups="g")
-    fit = _optimise(_with_response(model, data)) if repeated and not at_zero else None
-    if fit is None or float(fit.vcomp[0]) <= _ZERO * float(fit.scale) or not fit.converged:
-        plain = _optimise(model)
-        # At a boundary of zero the optimiser stalls; the model without that variance is then as
-        # likely, and smooth.
-        fit = plain if fit is None or float(fit.llf) <= float(plain.llf) + _ALIKE else fit
-    response = float(fit.vcomp[0]) if len(fit.vcomp) else 0.0
-    said = []
-    if repeated and response == 0.0:
-        said.append("The variance of participants' response to the condition is estimated as zero.")
-    if float(np.asarray(fit.cov_re).ravel()[0]) <= _ZERO * float(fit.scale):
-        said.append("The variance between participants is estimated as zero.")
-    factor = between / (float(fit.scale) + number * response) if repeated and said else 1.0
-    if repeated and said:
-        said.append(
-            "The condition is therefore tested against the mean square of participants by "
-            "condition, as in repeated measures."
-        )
-    if not fit.converged:
-        said.append(
-            "The optimiser of the mixed model did not end at a flat point; its figures are its "
-            "best found."
-        )
-    return fit, tuple(said), factor
-
-
-def _mean_squares(data: Any) -> tuple[float, float, float]:
-    """Mean squares of participants by condition and of judgements within, and judgements per cell (harmonic mean)."""
-    keys = ["a", "b"] if "b" in data else ["a"]
-    centred = data.assign(y=data["y"] - data.groupby(keys)["y"].transform("mean"))
-    cells = centred.groupby(["g", "a"])["y"]
-    means, number = cells.mean().unstack(), float(len(cells) / (1.0 / cells.size()).sum())
-    require(
-        not means.isna().to_numpy().any(),
-        "every participant must have a judgement in every condition",
-    )
-    doubly = means.sub(means.mean(axis=1), axis=0) - means.mean(axis=0) + means.to_numpy().mean()
-    df = (means.shape[0] - 1) * (means.shape[1] - 1)
-    left = float(((centred["y"] - cells.transform("mean")) ** 2).sum())
-    spent = means.size + (data.groupby(keys).ngroups - means.shape[1])
-    return (
-        number * float((doubly**2).to_numpy().sum()) / df,
-        left / max(len(data) - spent, 1),
-        number,
-    )
-
-
-def _with_response(plain: Any, data: Any) -> Any:
-    """Let each participant respond to each condition by chance as well."""
-    import pandas as pd
-    from statsmodels.regression.mixed_linear_model import MixedLM, VCSpec
-
-    chosen = pd.get_dummies(data["a"], dtype=float)
-    parts = [chosen[data["g"] == person] for person in plain.group_labels]
-    spread = VCSpec(["a"], [[list(chosen) for _ in parts]], [[part.to_numpy() for part in parts]])
-    return MixedLM(
-        plain.endog, plain.exog, data["g"], exog_re=np.ones((len(data), 1)), exog_vc=spread
-    )
-
-
-def _optimise(model: Any) -> Any:
-    """Climb roughly and let Newton finish; where no flat point is near, climb as far as each optimiser can."""
-    found: list[Any] = []
-    for method, settings in (("bfgs", _ROUGH), ("bfgs", {"gtol": 1e-10}), ("powell", {})):
-        if found and method == "bfgs":
-            continue  # what stalled would stall there again
-        with warnings.catch_warnings(action="ignore"):  # what went wrong is read from the result
-            try:
-                fit, flat = _polished(model.fit(reml=True, method=method, **settings))
-            except (np.linalg.LinAlgError, ValueError):
-                continue
-        done = flat or not fit.converged or settings is not _ROUGH
-        if done and math.isfinite(fit.llf) and np.isfinite(np.asarray(fit.bse_fe)).all():
-            found.append(fit)
-            if fit.converged:
-                break
-    require(
-        found,
-        f"the mixed model cannot be fitted to these {len(model.endog)} judgements: no "
-        "optimum "
-        "was "
-        "found",
-    )
-    return max(found, key=lambda fit: (round(float(fit.llf), 6), bool(fit.converged)))
-
-
-def _polished(fit: Any) -> Any:
-    """Follow the gradient to zero by Newton's method: a line search on the likelihood ends at half its digits, which ones by chance."""
-    model = fit.model
-    point = np.asarray(fit.params_object.get_packed(use_sqrt=True, has_fe=False), dtype=float)
-    slope = np.asarray(model.score(point))
-    for _ in range(_NEWTON_STEPS):
-        steps = 1e-4 * np.maximum(np.abs(point), 0.1) * np.eye(len(point))
-        curvature = np.array(
-            [(model.score(point + h) - model.score(point - h)) / (2.0 * h.sum()) for h in steps]
-        )
-        curvature = 0.5 * (curvature + curvature.T)
-        if not np.isfinite(curvature).all() or np.linalg.eigvalsh(curvature)[-1] >= 0.0:
-            break  # no hill to climb: at a boundary of zero
-        moved = point - np.linalg.solve(curvature, slope)
-        ahead = np.asarray(model.score(moved))
-        if not np.linalg.norm(ahead) < np.linalg.norm(slope):
-            break
-        point, slope = moved, ahead
-        if np.linalg.norm(slope) < 1e-3 * _FLAT * model.nobs:
-            break
-    if not np.linalg.norm(slope) < _FLAT * model.nobs:
-        return fit, False
-    # from a flat point the optimiser does not move; it computes the result there
-    polished = model.fit(start_params=point, reml=True, method="bfgs", gtol=_FLAT)
-    return (
-        (polished, True)
-        if float(polished.llf) >= float(fit.llf) - 1e-9 * model.nobs
-        else (fit, False)
-    )
-
-
-def _wald(name: str, rows: Sequence[Any], beta: Any, covariance: Any, df_error: float) -> Term:
+def _test_conditions(
+    name: str,
+    rows: Sequence[Array],
+    beta: Array,
+    covariance: Array,
+    count: Callable[[Array], float],
+) -> Term:
+    """Test all conditions at once, with the degrees of freedom of lmerTest."""
     contrasts = np.array([row - rows[0] for row in rows[1:]])
-    difference = contrasts @ beta
-    f = float(difference @ np.linalg.solve(contrasts @ covariance @ contrasts.T, difference)) / len(
-        contrasts
-    )
-    return make_term(name, float(len(contrasts)), df_error, math.nan, f)
+    sizes, axes = np.linalg.eigh(contrasts @ covariance @ contrasts.T)
+    turned = axes.T @ contrasts
+    free = np.array([count(one) for one in turned])
+    spent = float((free[free > 2.0] / (free[free > 2.0] - 2.0)).sum())
+    alike = np.ptp(free) < 1e-6 * free.mean() or spent <= len(free)
+    joint = float(free.mean()) if alike else 2.0 * spent / (spent - len(free))
+    f = float(np.mean((turned @ beta) ** 2 / sizes))
+    return make_term(name, float(len(free)), joint, math.nan, f)

@@ -1,8 +1,9 @@
-"""Ratings by an ordinal model: categories in order, with no claim that they are equally far apart."""
+"""Ratings by an ordinal model: categories in order, not assumed to be equally far apart."""
 
 # The fit is that of statsmodels, with its derivatives in closed form and a sandwich over
 # participants.
 
+import itertools
 import math
 import warnings
 from dataclasses import dataclass
@@ -12,36 +13,57 @@ from typing import Any
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.study import require
+from stepblocks.study import Table, require
 
 
 @dataclass(frozen=True)
 class OddsRatio:
-    """Effect of one condition."""
+    """Odds of a higher rating in one condition over those in another.
 
-    name: str  # condition, against the first one
-    log_odds: float  # coefficient [1]
-    error: float  # its standard error, over participants [1]
-    ratio: float  # odds of a higher rating [1]
-    low: float  # ends of its 95 % interval
+    Attributes
+    ----------
+    first, second : str
+        Conditions.
+    log_odds, error : float
+        Difference of coefficients, and its standard error over participants [1].
+    ratio, low, high : float
+        Ratio of the odds, with its 95 % interval [1].
+    p : float
+        Probability under equal odds, Holm's correction over all pairs.
+    """
+
+    first: str
+    second: str
+    log_odds: float
+    error: float
+    ratio: float
+    low: float
     high: float
+    p: float
 
 
 @dataclass(frozen=True)
 class OrdinalFit:
-    """A proportional-odds model."""
+    """A proportional-odds model.
 
-    effects: tuple[OddsRatio, ...]  # one per condition but the first
-    # statistic, df, df_error and p of an F-test with the participants as the units that are
-    # independent, so that they may differ in how they take to the conditions
+    Attributes
+    ----------
+    effects : tuple of OddsRatio
+        Of every two conditions.
+    participants : dict
+        statistic, df, df_error and p of an F-test with the participants as independent units.
+    """
+
+    effects: tuple[OddsRatio, ...]
     participants: dict[str, float]
 
 
-def fit_ordinal_model(frame: Any, rating: str, condition: str, participant: str) -> OrdinalFit:
+def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: str) -> OrdinalFit:
     """Fit a proportional-odds model in which each participant has an own level."""
     # McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
     import pandas as pd
     from scipy.stats import f, t
+    from statsmodels.stats.multitest import multipletests
 
     frame = frame.reset_index(drop=True)
     ordered = pd.Series(pd.Categorical(frame[rating], ordered=True)).cat.remove_unused_categories()
@@ -73,7 +95,7 @@ def fit_ordinal_model(frame: Any, rating: str, condition: str, participant: str)
     covariance = compute_cluster_covariance(fit, np.unique(who, return_inverse=True)[1])[
         :number, :number
     ]
-    values, errors = fit.params[names].to_numpy(), np.sqrt(np.diag(covariance)).tolist()
+    values = fit.params[names].to_numpy()
     # Hotelling: as many independent values as participants estimate the covariance
     statistic = (
         float(values @ np.linalg.solve(covariance, values))
@@ -83,10 +105,28 @@ def fit_ordinal_model(frame: Any, rating: str, condition: str, participant: str)
     tail, left = float(f.sf(statistic, number, people - number)), float(people - number)
     wald = {"statistic": statistic, "df": float(number), "df_error": left, "p": tail}
     reach = float(t.ppf(0.975, people - 1))
-    effects = []
-    for name, value, error in zip(names, values.tolist(), errors, strict=True):
-        ends = (math.exp(value - reach * error), math.exp(min(value + reach * error, 700.0)))
-        effects.append(OddsRatio(name, value, error, math.exp(value), *ends))
+    conditions = sorted(frame[condition].unique())
+    pairs = list(itertools.combinations(range(len(conditions)), 2))
+    rows = np.eye(len(conditions))[:, 1:]  # the first condition is the zero of the coefficients
+    contrasts = [rows[two] - rows[one] for one, two in pairs]
+    logs = [float(row @ values) for row in contrasts]
+    errors = [math.sqrt(row @ covariance @ row) for row in contrasts]
+    single = [2.0 * float(t.sf(abs(a) / b, people - 1)) for a, b in zip(logs, errors, strict=True)]
+    effects = [
+        OddsRatio(
+            first=conditions[two],
+            second=conditions[one],
+            log_odds=value,
+            error=error,
+            ratio=math.exp(value),
+            low=math.exp(value - reach * error),
+            high=math.exp(min(value + reach * error, 700.0)),
+            p=float(p),
+        )
+        for (one, two), value, error, p in zip(
+            pairs, logs, errors, multipletests(single, method="holm")[1], strict=True
+        )
+    ]
     return OrdinalFit(tuple(effects), wald)
 
 

@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,103 +17,167 @@ from stepblocks.study import require
 MAX_LAPSE = 0.1
 Z75 = 0.6744897501960817  # standard normal quantile of 0.75
 Z975 = 1.959963984540054
-# standard error of the logarithm of a spread or a threshold beyond which its interval spans a
-# factor of fifty
-_VAGUE = 1.0
-# curvature of the log likelihood that counts as none [1]: a logarithm known to a standard deviation
-# of 10 is not known
-_LEAST_INFORMATION = 1e-2
+_CHI95 = 3.841458820694124  # 95 % point of chi squared with one degree of freedom
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Psychometric:
-    """A cumulative normal in the logarithm of the level, with guesses and lapses."""
+    """Cumulative normal in the logarithm of the level, with one lapse rate for both ends.
 
-    # level in the middle between guess and 1 - lapse, in the unit of the levels; for a comparison
-    # with a standard the point of subjective equality
+    Attributes
+    ----------
+    threshold, threshold_low, threshold_high : float
+        Level in the middle between the asymptotes, in the unit of the levels, with its 95 %
+        interval by profile likelihood; of a comparison the point of subjective equality.
+    spread : float
+        Standard deviation sigma of the normal, in natural logarithms of the level [1].
+    weber, weber_low, weber_high : float
+        Just noticeable difference over threshold, ``exp(0.6745 sigma) - 1``, from the middle to
+        three quarters of the rise, with its interval [1]; an end that the answers leave open is
+        0 or infinite.
+    lapse : float
+        Rate of errors that do not depend on the level [1].
+    deviance : float
+        Twice the log likelihood by which the saturated model is better [1].
+    df : int
+        Levels minus parameters.
+    trials : int
+        Number of answers.
+    dispersion, p_fit : float
+        Pearson's chi squared over its degrees of freedom [1], and the share of simulated tables
+        of the fitted function with a larger one; small where the function does not fit.
+    """
+
     threshold: float
-    threshold_low: float  # ends of its 95 % interval
+    threshold_low: float
     threshold_high: float
-    spread: float  # standard deviation sigma of the normal, in natural logarithms of the level [1]
-    # just noticeable difference over threshold, ``exp(0.6745 sigma) - 1``, from the middle to three
-    # quarters of the rise
+    spread: float
     weber: float
-    weber_low: float  # ends of its 95 % interval [1]
+    weber_low: float
     weber_high: float
-    lapse: float  # rate [1]
-    deviance: float  # twice the log likelihood that the saturated model is better by [1]
-    df: int  # levels minus parameters
+    lapse: float
+    deviance: float
+    df: int
     trials: int
+    dispersion: float
+    p_fit: float
 
 
 def fit_psychometric(
     levels: Sequence[float], hits: Sequence[int], totals: Sequence[int]
 ) -> Psychometric:
-    """Fit a psychometric function; who lapses in a comparison errs to either side, so one rate bounds both ends."""
+    """Fit a psychometric function to the answers of one participant."""
     # Wichmann, F. A., Hill, N. J. (2001), Perception & Psychophysics 63, 1293-1313,
-    # doi:10.3758/BF03194544.
+    # doi:10.3758/BF03194544. Who lapses in a comparison errs to either side: one rate for both
+    # ends.
     from scipy.optimize import minimize
     from scipy.special import ndtr, xlog1py, xlogy
-    from statsmodels.tools.numdiff import approx_hess
 
     x, k, n = _checked(levels, hits, totals)
     log_x = np.log(x)
 
-    def loss(parameters: Array) -> float:
-        rate = float(parameters[2])
-        p = rate + (1.0 - rate - rate) * ndtr((log_x - parameters[0]) / math.exp(parameters[1]))
-        p = np.clip(p, 1e-15, 1.0 - 1e-15)
+    def predict(point: Array) -> Array:
+        rising: Array = ndtr((log_x - point[0]) / math.exp(point[1]))
+        p: Array = np.clip(point[2] + (1.0 - 2.0 * point[2]) * rising, 1e-15, 1.0 - 1e-15)
+        return p
+
+    def loss(point: Array) -> float:
+        p = predict(point)
         return -float(np.sum(xlogy(k, p) + xlog1py(n - k, -p)))
 
-    bounds = [(None, None), (-8.0, 4.0), (0.0, MAX_LAPSE)]
-    middle, spread = _without_lapses(log_x, k, n)
+    span = float(np.ptp(log_x))
+    ends = (log_x.min() - 2.0 * span, log_x.max() + 2.0 * span)
+    bounds = [ends, (-8.0, 4.0), (0.0, MAX_LAPSE)]
     options = {"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000}
-    starts = ([middle, spread - shrink, 0.02] for shrink in (0.0, 0.7))
-    fits = [
-        minimize(loss, one, method="L-BFGS-B", bounds=bounds, options=options) for one in starts
-    ]
+
+    def climb(start: Sequence[float], place: int = -1, value: float = 0.0) -> Any:
+        held = [(value, value) if n == place else bound for n, bound in enumerate(bounds)]
+        return minimize(loss, start, method="L-BFGS-B", bounds=held, options=options)
+
+    middle, spread = _without_lapses(log_x, k, n)
+    fits = [climb([middle, spread - shrink, 0.02]) for shrink in (0.0, 0.7)]
     found = min(fits, key=lambda one: float(one.fun))
     require(
         not found.x[1] <= -7.9,
-        "answers jump between two levels: no spread can be told; add levels between them",
+        "answers jump between two levels: the spread is not determined; add levels between them",
     )
-    rate = float(found.x[2])
-    free = 3 if 1e-6 < rate < MAX_LAPSE - 1e-6 else 2
 
-    def around(parameters: Array) -> float:
-        return loss(np.concatenate([parameters, found.x[free:]]))
+    def find_end(place: int, end: float) -> float:
+        """Return where the profile has fallen by the 95 % point of chi squared."""
+        start = float(found.x[place])
 
-    errors = np.sqrt(np.maximum(np.diag(_covariance(approx_hess(found.x[:free], around))), 0.0))
-    saturated = -float(np.sum(xlogy(k, k / n) + xlogy(n - k, (n - k) / n)))
-    middle, spread = float(found.x[0]), float(found.x[1])
+        def excess(value: float) -> float:
+            point = [value if n == place else one for n, one in enumerate(found.x)]
+            fits = [climb([*point[:2], lapse], place, value) for lapse in (point[2], 0.02)]
+            return 2.0 * (min(float(one.fun) for one in fits) - float(found.fun)) - _CHI95
+
+        return find_crossing(excess, start, end, 0.2 * math.exp(min(found.x[1], 1.0)))
+
+    (low, high), (thin, wide) = ([find_end(n, end) for end in bounds[n]] for n in (0, 1))
+    count = f"from {n.sum():.0f} trials; add"
     # a threshold that is open comes first: its spread is then unknown as well
-    said, told = (
-        "answers leave the threshold open: it cannot be told",
-        f"from {n.sum():.0f} trials; add",
+    require(
+        math.isfinite(high - low),
+        f"answers leave the threshold open: it is not determined {count} trials, or levels around "
+        "it",
     )
-    require(errors[0] < _VAGUE, f"{said} {told} trials, or levels around it")
-    said = "answers jump between two of the levels: no spread can be told"
-    require(errors[1] < _VAGUE, f"{said} {told} levels between them")
-    lows, highs = (
-        (middle + reach * errors[0], spread + reach * errors[1]) for reach in (-Z975, Z975)
+    require(
+        math.isfinite(wide),
+        f"answers jump between two of the levels: the spread is not determined {count} levels "
+        "between them",
     )
+    saturated = -float(np.sum(xlogy(k, k / n) + xlogy(n - k, (n - k) / n)))
+    dispersion, p_fit = assess_fit(predict, found.x, k, n)
     return Psychometric(
-        threshold=math.exp(middle),
-        threshold_low=math.exp(lows[0]),
-        threshold_high=math.exp(highs[0]),
-        spread=math.exp(spread),
-        weber=_weber(spread),
-        weber_low=_weber(lows[1]),
-        weber_high=_weber(highs[1]),
-        lapse=rate,
+        threshold=math.exp(found.x[0]),
+        threshold_low=math.exp(low),
+        threshold_high=math.exp(high),
+        spread=math.exp(found.x[1]),
+        weber=compute_weber(found.x[1]),
+        weber_low=compute_weber(thin),
+        weber_high=compute_weber(wide),
+        lapse=float(found.x[2]),
         deviance=2.0 * (float(found.fun) - saturated),
         df=len(x) - 3,
         trials=int(n.sum()),
+        dispersion=dispersion,
+        p_fit=p_fit,
     )
 
 
-def _weber(log_sigma: float) -> float:
+def find_crossing(excess: Callable[[float], float], start: float, end: float, step: float) -> float:
+    """Step from a start, where a function is negative, to its root; infinite beyond the end."""
+    from scipy.optimize import brentq
+
+    outer, above = start, -1.0
+    while above <= 0.0 and outer != end:
+        inner, outer = outer, min(outer + step, end) if end > start else max(outer - step, end)
+        above, step = excess(outer), 2.0 * step
+    found = brentq(excess, inner, outer, xtol=1e-8) if above > 0.0 else math.inf
+    return float(found) if above > 0.0 else math.copysign(found, end - start)
+
+
+def assess_fit(
+    predict: Callable[[Array], Array], point: Array, k: Array, n: Array
+) -> tuple[float, float]:
+    """Compare Pearson's chi squared with that of answers that the fitted function gives."""
+    # In place of a fit to each simulated table, what a fit would take up is projected out.
+    from statsmodels.tools.numdiff import approx_fprime
+
+    p = predict(point)
+    weight = np.sqrt(n / (p * (1.0 - p)))
+    taken = np.linalg.qr(weight[:, np.newaxis] * approx_fprime(point, predict))[0]
+    drawn = np.random.default_rng(1).binomial(n.astype(int), p, (2000, len(p))) / n
+    left = weight * (np.vstack([k / n, drawn]) - p)
+    squares = np.sum((left - left @ taken @ taken.T) ** 2, axis=1)
+    df = max(len(p) - 3, 1)
+    share = float((squares[1:] >= squares[0] * (1.0 - 1e-9)).mean())
+    return float(squares[0]) / df, share
+
+
+def compute_weber(log_sigma: float) -> float:
+    """Return the Weber fraction of a spread, given as its logarithm."""
     return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
 
 
@@ -137,11 +201,11 @@ def _checked(
 
 
 def _without_lapses(log_x: Array, k: Array, n: Array) -> tuple[float, float]:
-    """Return where to begin: middle and logarithm of the spread of a probit; what tells none is refused."""
+    """Return a start, middle and ln spread of a probit; refuse answers that have none."""
     import statsmodels.api as sm
 
     link = sm.families.Binomial(sm.families.links.Probit())
-    with warnings.catch_warnings(action="ignore"):  # separation is told apart below, in words
+    with warnings.catch_warnings(action="ignore"):  # separation is reported below
         fit = sm.GLM(np.column_stack([k, n - k]), sm.add_constant(log_x), family=link).fit(
             tol=1e-12, maxiter=200
         )
@@ -149,14 +213,8 @@ def _without_lapses(log_x: Array, k: Array, n: Array) -> tuple[float, float]:
     flat = fit.params[1] <= 0.0 or np.ptp(share) == 0.0
     require(not flat, "answers must rise with the level, got ones that do not")
     said = (
-        "answers jump from none to all between two levels: no spread can be told; add levels "
+        "answers jump from none to all between two levels: the spread is not determined; add levels "
         "between them"
     )
     require(np.any((share > 0.0) & (share < 1.0)), said)
     return -fit.params[0] / fit.params[1], math.log(1.0 / fit.params[1])
-
-
-def _covariance(information: Any) -> Array:
-    """Invert the information; on a plateau its curvatures are rounding of either sign, so they get a floor."""
-    values, vectors = np.linalg.eigh(information)
-    return np.asarray((vectors / np.maximum(values, _LEAST_INFORMATION)) @ vectors.T)

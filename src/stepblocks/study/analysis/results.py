@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
+from stepblocks.study import Table
 from stepblocks.study.analysis.accuracy import ANSWER, Measure
 from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.ordinal import OrdinalFit
-from stepblocks.study.analysis.psychometric import Z975, Psychometric
+from stepblocks.study.analysis.population import Estimate
+from stepblocks.study.analysis.psychometric import Z975, Psychometric, compute_weber
+from stepblocks.study.analysis.repeated import compute_bayes_factor
 from stepblocks.tables import format_csv
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
 # Columns of results.csv; the unit of estimate, low and high stands in each row
+_CURVE = "psychometric function"
 FIGURES = ("estimate", "low_95", "high_95", "statistic", "df", "df_error", "p")
 COLUMNS = ("measure", "analysis", "quantity", "unit", *FIGURES)
 _IN_UM = (
@@ -27,59 +32,186 @@ _IN_UM = (
     "standard",
 )  # columns of the judgements that are lengths [m]
 
-Row = dict[str, Any]
+Row = Mapping[str, str | float]
 Ends = tuple[float, ...]  # estimate, low, high
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Psychometric function of one participant, or of all together."""
+    """Psychometric function of one participant.
 
-    who: str  # participant, or ``"all"``
-    levels: tuple[float, ...]  # heights compared with the standard [m]
-    hits: tuple[int, ...]  # answers "higher" per height
-    totals: tuple[int, ...]  # trials per height
-    fit: Psychometric | None  # None where nothing can be told
-    reason: str  # why not; empty with a fit
+    Attributes
+    ----------
+    who : str
+        Participant.
+    levels : tuple of float
+        Heights compared with the standard [m].
+    hits, totals : tuple of int
+        Answers "higher", and trials, of each height.
+    fit : Psychometric or None
+        None where the answers do not determine one.
+    reason : str
+        Why not; empty with a fit.
+    """
+
+    who: str
+    levels: tuple[float, ...]
+    hits: tuple[int, ...]
+    totals: tuple[int, ...]
+    fit: Psychometric | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Comparisons:
+    """Comparisons with a standard in one setting.
+
+    Attributes
+    ----------
+    setting : str
+        Levels of the declared factors; empty where there are none.
+    curves : tuple of Curve
+        Of each participant.
+    standard : float
+        Height of the standard [m].
+    equal, spread : Estimate or None
+        Means over participants of ln(point of subjective equality / standard) and of ln(sigma);
+        None with fewer than two participants.
+    people : tuple of (str, float, float)
+        Participant, point of subjective equality [m] and Weber fraction [1], drawn towards the
+        group by the model.
+    """
+
+    setting: str
+    curves: tuple[Curve, ...]
+    standard: float
+    equal: Estimate | None
+    spread: Estimate | None
+    people: tuple[tuple[str, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """How the felt magnitude grows with the stimulus."""
+    """How the perceived magnitude grows with the stimulus.
 
-    exponent: float  # mean over participants [1]
-    low: float  # ends of its 95 % interval by Student's t [1]
+    Attributes
+    ----------
+    exponent, low, high : float
+        Mean over participants, with its 95 % interval by Student's t [1].
+    by_participant : tuple of (str, float, float)
+        Participant, exponent, correlation of the logarithms.
+    condition : str
+        In which it was measured.
+    """
+
+    exponent: float
+    low: float
     high: float
-    by_participant: tuple[
-        tuple[str, float, float], ...
-    ]  # participant, exponent, correlation of the logarithms
+    by_participant: tuple[tuple[str, float, float], ...]
+    condition: str = ""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One planned test.
+
+    Attributes
+    ----------
+    name : str
+        The measure that is tested.
+    p, corrected : float
+        Probability under no effect, and after Holm's correction over all but the primary outcome.
+    primary : bool
+        Whether it is the outcome that the design names.
+    """
+
+    name: str
+    p: float
+    corrected: float
+    primary: bool
 
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What the judgements say; what an experiment does not have is None or empty."""
+    """What the judgements say; what an experiment does not have is None or empty.
+
+    Attributes
+    ----------
+    experiment : str
+        One of `stepblocks.study.experiments.EXPERIMENTS`.
+    notes, remarks : tuple of str
+        On missing judgements and on participants who differ; on what could not be analysed.
+    frame : DataFrame
+        Judgements, one a row.
+    measures : tuple of Measure
+        Bias, absolute error and spread of estimates.
+    ordinal : OrdinalFit or None
+        Of the ratings of realism.
+    comparisons : tuple of Comparisons
+        Psychometric functions by setting.
+    contrasts : dict of tuple of Interval
+        By quantity, differences of its logarithm between settings.
+    power_laws : tuple of PowerLaw
+        Of the magnitudes, by condition.
+    exponents : tuple of Interval
+        Differences of exponents between conditions.
+    primary, reference : str
+        Outcome that the design names, and the condition that others are compared with.
+    """
 
     experiment: str
-    notes: tuple[str, ...]  # how many judgements, what is missing and what was done about it
-    frame: Any  # the tidy table
-    measures: tuple[Measure, ...] = ()  # of the accuracy of estimates: bias, absolute error, spread
-    remarks: tuple[str, ...] = ()  # on what could not be analysed
-    ordinal: OrdinalFit | None = None  # of the ratings of realism
-    curves: tuple[Curve, ...] = ()  # of the comparisons with a standard
-    power_law: PowerLaw | None = None  # of the magnitudes
+    notes: tuple[str, ...]
+    frame: Table
+    measures: tuple[Measure, ...] = ()
+    remarks: tuple[str, ...] = ()
+    ordinal: OrdinalFit | None = None
+    comparisons: tuple[Comparisons, ...] = ()
+    contrasts: Mapping[str, tuple[Interval, ...]] = field(default_factory=dict)
+    power_laws: tuple[PowerLaw, ...] = ()
+    exponents: tuple[Interval, ...] = ()
+    primary: str = ""
+    reference: str = ""
 
     def measure(self, name: str = ANSWER) -> Measure | None:
         """Return one measure of accuracy, if it was analysed."""
         return next((one for one in self.measures if one.name == name), None)
 
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the planned tests, the primary one first."""
+        from statsmodels.stats.multitest import multipletests
+
+        tests = {one.name: one.corrected.p for one in self.measures if one.corrected}
+        if self.ordinal:
+            tests["realism"] = self.ordinal.participants["p"]
+        tests |= {
+            f"{quantity}, {one.first} over {one.second}": one.p
+            for quantity, family in self.contrasts.items()
+            for one in family
+        }
+        tests |= {f"exponent, {one.first} minus {one.second}": one.p for one in self.exponents}
+        chosen = self.primary if self.primary in tests else ""
+        first = chosen or (ANSWER if ANSWER in tests else next(iter(tests), ""))
+        rest = {name: p for name, p in tests.items() if name != first and math.isfinite(p)}
+        holm = multipletests(list(rest.values()), method="holm")[1].tolist() if rest else []
+        found = [Finding(first, tests[first], tests[first], True)] if first else []
+        others = zip(rest.items(), holm, strict=True)
+        return (*found, *(Finding(name, p, adjusted, False) for (name, p), adjusted in others))
+
     def table(self) -> pd.DataFrame:
         """Lay out every figure with its unit, in `COLUMNS`; not-a-number where a row has none."""
         import pandas as pd
 
-        accuracy = [row | {"measure": one.name} for one in self.measures for row in _measure(one)]
-        return pd.DataFrame(
-            [*accuracy, *_ratings(self), *_curves(self), *_magnitudes(self)], columns=COLUMNS
-        )
+        accuracy = [{**row, "measure": one.name} for one in self.measures for row in _measure(one)]
+        tests = [
+            _row(
+                "primary outcome" if one.primary else "secondary outcome, Holm",
+                one.name,
+                p=one.corrected,
+            )
+            for one in self.findings()
+        ]
+        others = [*_ratings(self), *_comparisons(self), *_magnitudes(self)]
+        return pd.DataFrame([*tests, *accuracy, *others], columns=COLUMNS)
 
     def results_csv(self) -> str:
         """Write the table."""
@@ -91,6 +223,29 @@ class StudyResult:
         for name in frame.columns.intersection(_IN_UM):
             frame[name] = [f"{value * 1e6:.9g}" for value in frame[name]]
         return format_csv(frame.rename(columns={name: f"{name}_um" for name in _IN_UM}))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the main figure of the study.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; by default a new figure.
+
+        Returns
+        -------
+        matplotlib Axes
+            That were drawn on.
+        """
+        from stepblocks.study.page import draw_main_figure
+
+        return draw_main_figure(self, ax)
+
+    def __repr__(self) -> str:
+        people, rows = self.frame["participant"].nunique(), len(self.frame)
+        first = self.findings()[:1]
+        said = f", {first[0].name}: p = {first[0].p:.3g}" if first else ""
+        return f"<StudyResult {self.experiment}: {people} participants, {rows} judgements{said}>"
 
     def _repr_html_(self) -> str:
         said = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
@@ -119,14 +274,12 @@ def _term(analysis: str, term: Term) -> Row:
     )
 
 
-def _intervals(
-    analysis: str, intervals: tuple[Interval, ...], df_error: float, logarithmic: bool
-) -> Iterator[Row]:
+def _intervals(analysis: str, intervals: tuple[Interval, ...], logarithmic: bool) -> Iterator[Row]:
     for one in intervals:
         name, ends = f"{one.first} minus {one.second}", (one.difference, one.low, one.high)
         ratio = (f"{one.first} over {one.second}", tuple(map(math.exp, ends)), "1")
         yield _span(
-            analysis, *(ratio if logarithmic else (name, ends, "um")), df_error=df_error, p=one.p
+            analysis, *(ratio if logarithmic else (name, ends, "um")), df_error=one.df, p=one.p
         )
         yield _row(
             analysis, f"{name}, over the residual standard deviation", estimate=one.effect_size
@@ -137,10 +290,22 @@ def _measure(measure: Measure) -> Iterator[Row]:
     mixed, log = measure.mixed, measure.logarithmic
     for term in measure.f_test.terms:
         yield _term("f-test", term)
-    yield from _intervals("tukey", measure.f_test.intervals, measure.f_test.df_error, log)
+    yield from _intervals("tukey", measure.f_test.intervals, log)
     if mixed.condition is not None:
         yield _term("mixed model", mixed.condition)
-        yield from _intervals("mixed model", mixed.intervals, mixed.condition.df_error, log)
+        yield from _intervals("mixed model", mixed.intervals, log)
+    if measure.corrected is not None and measure.sphericity is not None:
+        yield _term("mixed model, Greenhouse and Geisser", measure.corrected)
+        found = measure.sphericity
+        yield _row("sphericity", "epsilon of Greenhouse and Geisser", estimate=found.epsilon)
+        yield _row("sphericity", "W of Mauchly", statistic=found.statistic, p=found.p)
+    yield from _intervals("participants' differences", measure.paired, log)
+    for one in measure.paired:
+        factor = compute_bayes_factor(one.difference / one.error, one.df + 1.0)
+        name = f"{one.first} and {one.second}, no difference over a difference"
+        yield _row("Bayes factor", name, estimate=factor)
+    for term in measure.factors:
+        yield _term("declared factors", term)
     for name, mean, error in mixed.means:
         ends = (mean, mean - Z975 * error, mean + Z975 * error)
         said = f"mean {'error' if measure.name == 'bias' else measure.name} with {name}"
@@ -154,69 +319,91 @@ def _measure(measure: Measure) -> Iterator[Row]:
         yield _row(
             "mixed model", f"standard deviation between {name}", unit, estimate=spread * factor
         )
-    for one in measure.equivalence:
+    for alike in measure.equivalence:
         name, bound = (
-            f"{one.first} and {one.second}",
-            math.exp(one.bound) if log else one.bound * 1e6,
+            f"{alike.first} and {alike.second}",
+            math.exp(alike.bound) if log else alike.bound * 1e6,
         )
         said = f"{name} differ by less than{' a factor of' if log else ''}"
-        yield _row("equivalence", said, unit, high_95=bound, df_error=one.df)
-        if math.isfinite(one.margin):
+        yield _row("equivalence", said, unit, high_95=bound, df_error=alike.df)
+        if math.isfinite(alike.margin):
             said = f"{name} differ by less than the margin"
-            tested = {"statistic": one.statistic, "df_error": one.df, "p": one.p}
-            yield _row("equivalence", said, unit, estimate=one.margin * 1e6, **tested)
+            tested = {"statistic": alike.statistic, "df_error": alike.df, "p": alike.p}
+            yield _row("equivalence", said, unit, estimate=alike.margin * 1e6, **tested)
     for term in measure.groups:
         yield _term("groups", term)
-    df_error = measure.groups[0].df_error if measure.groups else math.nan
-    yield from _intervals("groups", measure.group_intervals, df_error, log)
-    for check in measure.checks:
-        name = (
-            f"{check.assumption} ({check.test}): "
-            f"{'; '.join(filter(None, (check.verdict, check.advice)))}"
-        )
-        yield _row("check", name, statistic=check.statistic, p=check.p)
+    yield from _intervals("groups", measure.group_intervals, log)
 
 
 def _ratings(result: StudyResult) -> Iterator[Row]:
     fit, analysis = result.ordinal, "ordinal model"
     if fit is None:
         return
-    yield _row(analysis, "all predictors, F over participants") | fit.participants
+    yield {**_row(analysis, "all predictors, F over participants"), **fit.participants}
     for effect in fit.effects:
         yield _span(
             analysis,
-            f"odds of a higher rating, {effect.name}",
+            f"odds of a higher rating, {effect.first} over {effect.second}",
             (effect.ratio, effect.low, effect.high),
+            p=effect.p,
         )
 
 
-def _curves(result: StudyResult) -> Iterator[Row]:
-    for curve in result.curves:
-        analysis, name, fit = "psychometric function", f"participant {curve.who}", curve.fit
-        if fit is None:
-            yield _row(analysis, f"{name}: not fitted, {curve.reason}")
-            continue
-        equal = (fit.threshold, fit.threshold_low, fit.threshold_high)
-        weber = (fit.weber, fit.weber_low, fit.weber_high)
-        yield _span(analysis, f"{name}, point of subjective equality", equal, "um")
-        yield _span(analysis, f"{name}, Weber fraction of the height", weber)
-        yield _row(analysis, f"{name}, lapse rate", estimate=fit.lapse)
-        yield _row(analysis, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
+def _comparisons(result: StudyResult) -> Iterator[Row]:
+    for found in result.comparisons:
+        where = f"{found.setting}: " if found.setting else ""
+        if found.equal and found.spread:
+            equal, wide = found.equal, found.spread
+            heights = tuple(
+                found.standard * math.exp(v) for v in (equal.value, equal.low, equal.high)
+            )
+            fractions = tuple(compute_weber(v) for v in (wide.value, wide.low, wide.high))
+            name = "population, point of subjective equality"
+            yield _span(_CURVE, f"{where}{name}", heights, "um", p=equal.p)
+            name = "population, Weber fraction of the height"
+            yield _span(_CURVE, f"{where}{name}", fractions)
+            for name, one in (("points of subjective equality", equal), ("spreads", wide)):
+                said = f"{where}standard deviation of ln({name}) between participants"
+                yield _row(_CURVE, said, estimate=one.spread)
+        for curve in found.curves:
+            yield from _curve(curve, f"{where}participant {curve.who}")
+        for who, equal_at, weber in found.people:
+            name = f"{where}participant {who}, in the group"
+            yield _row(
+                _CURVE, f"{name}, point of subjective equality", "um", estimate=equal_at * 1e6
+            )
+            yield _row(_CURVE, f"{name}, Weber fraction of the height", estimate=weber)
+    for quantity, family in result.contrasts.items():
+        for gap in family:
+            ends = tuple(math.exp(value) for value in (gap.difference, gap.low, gap.high))
+            name = f"{quantity}, {gap.first} over {gap.second}"
+            yield _span("contrast of settings", name, ends, p=gap.p)
+
+
+def _curve(curve: Curve, name: str) -> Iterator[Row]:
+    if (fit := curve.fit) is None:
+        yield _row(_CURVE, f"{name}: not fitted, {curve.reason}")
+        return
+    equal = (fit.threshold, fit.threshold_low, fit.threshold_high)
+    yield _span(_CURVE, f"{name}, point of subjective equality", equal, "um")
+    weber = (fit.weber, fit.weber_low, fit.weber_high)
+    yield _span(_CURVE, f"{name}, Weber fraction of the height", weber)
+    yield _row(_CURVE, f"{name}, lapse rate", estimate=fit.lapse)
+    yield _row(_CURVE, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
+    yield _row(_CURVE, f"{name}, dispersion of the answers", estimate=fit.dispersion, p=fit.p_fit)
 
 
 def _magnitudes(result: StudyResult) -> Iterator[Row]:
-    law = result.power_law
-    if law is None:
-        return
-    yield _span(
-        "power law",
-        "exponent of the height, mean of participants",
-        (law.exponent, law.low, law.high),
-    )
-    for person, exponent, correlation in law.by_participant:
-        yield _row("power law", f"participant {person}, exponent", estimate=exponent)
-        yield _row(
-            "power law",
-            f"participant {person}, correlation of the logarithms",
-            estimate=correlation,
-        )
+    for law in result.power_laws:
+        where = f"{law.condition}: " if len(result.power_laws) > 1 else ""
+        ends = (law.exponent, law.low, law.high)
+        yield _span("power law", f"{where}exponent of the height, mean of participants", ends)
+        for person, exponent, correlation in law.by_participant:
+            name = f"{where}participant {person}"
+            yield _row("power law", f"{name}, exponent", estimate=exponent)
+            said = f"{name}, correlation of the logarithms"
+            yield _row("power law", said, estimate=correlation)
+    for one in result.exponents:
+        name = f"exponent, {one.first} minus {one.second}"
+        ends = (one.difference, one.low, one.high)
+        yield _span("power law", name, ends, df_error=one.df, p=one.p)

@@ -1,0 +1,48 @@
+"""Participants who answer unlike the others: constant, the wrong way round, in haste, alone."""
+
+import numpy as np
+
+from stepblocks.study import Table
+
+HASTE = 0.3  # median reaction time below which nobody can have dragged over an edge [s]
+_FAR = 3.5  # robust standard deviations, Iglewicz and Hoaglin (1993)
+_SURE = 1e-3
+
+
+def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
+    """Say which participants answer unlike the others, and how.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        participant, height, the answers, and ``reaction_s`` where it was recorded.
+    answer : str
+        Column of the answers.
+    """
+    from scipy.stats import spearmanr
+
+    found, middles = list[str](), {}
+    for name, own in frame.groupby("participant", sort=False):
+        values, heights = own[answer].to_numpy(float), own["height"].to_numpy(float)
+        middles[name] = float(np.mean(values))
+        if np.ptp(values) == 0.0 and len(values) > 2:
+            found.append(f"Participant {name} gave the same answer in all {len(values)} trials.")
+        elif np.ptp(heights) > 0.0:
+            trend = spearmanr(heights, values)
+            if trend.statistic < 0.0 and trend.pvalue < _SURE:
+                found.append(
+                    f"Participant {name} gave lower answers to higher blocks (rank correlation "
+                    f"{trend.statistic:.2f}): are the answers or the blocks swapped?"
+                )
+        if "reaction_s" in own and (haste := float(own["reaction_s"].median())) < HASTE:
+            found.append(f"Participant {name} answered in haste: median {haste:.2f} s.")
+    level = np.array(list(middles.values()))
+    apart = np.abs(level - np.median(level))
+    wide = 1.4826 * float(np.median(apart))
+    for name, far in zip(middles, apart, strict=True):
+        if len(level) > 4 and far > _FAR * wide > 0.0:
+            found.append(
+                f"Participant {name}'s mean answer is {far / wide:.1f} robust standard deviations "
+                "from the median of all."
+            )
+    return found

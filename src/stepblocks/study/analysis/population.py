@@ -1,0 +1,208 @@
+"""Psychometric functions of a group, in which every participant has a threshold and a spread."""
+
+# The likelihood of each participant is computed once, on a grid of threshold, spread and lapse
+# rate; a fit of the population to these tables then costs little. Logarithms of threshold and
+# spread are normal over participants. Source of the model: Moscatelli, Mezzetti, Lacquaniti
+# (2012), Journal of Vision 12(11):26, doi:10.1167/12.11.26; of lapse rates with a distribution:
+# Kuss, Jaekel, Wichmann (2005), Journal of Vision 5, 478-492, doi:10.1167/5.5.8.
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepblocks.study import require
+from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z975, find_crossing
+
+Array = NDArray[np.float64]
+_LAPSES = np.array([0.0, 0.01, 0.025, 0.05, MAX_LAPSE])
+_STEEP = 100.0  # unit of the rate with which lapse rates fall off over participants
+_MOST_POINTS = 301  # of a grid along one axis
+_COARSE = (80, 40)  # points along threshold and spread for 150 trials of a participant
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean over participants, of a logarithm, with its 95 % interval by profile likelihood.
+
+    Attributes
+    ----------
+    value, low, high : float
+        Natural logarithm of the quantity [1]; an end that the answers leave open is infinite.
+    spread : float
+        Standard deviation between participants, of the same logarithm [1].
+    p : float
+        Probability of a value at least this far from zero if it is zero.
+    """
+
+    value: float
+    low: float
+    high: float
+    spread: float
+    p: float
+
+
+class Grid:
+    """Likelihood of each participant over threshold, spread and lapse rate.
+
+    Parameters
+    ----------
+    levels : array_like, shape (n,)
+        Natural logarithm of each level.
+    hits, totals : array_like, shape (participants, n)
+        Answers "higher", and trials, of each participant at each level.
+    """
+
+    def __init__(self, levels: ArrayLike, hits: ArrayLike, totals: ArrayLike) -> None:
+        from scipy.special import ndtr
+
+        x, k, n = (np.asarray(values, dtype=np.float64) for values in (levels, hits, totals))
+        require(len(x) >= 3, f"a psychometric function needs three levels, got {len(x)}")
+        finer = math.sqrt(max(float(n.sum(axis=1).max()) / 150.0, 1.0))
+        sizes = [min(int(size * finer), _MOST_POINTS) for size in _COARSE]
+        span, gap = float(np.ptp(x)), float(np.diff(np.sort(x)).min())
+        self.middles = np.linspace(x.min() - 0.3 * span, x.max() + 0.3 * span, sizes[0])
+        self.spreads = np.linspace(math.log(0.25 * gap), math.log(3.0 * span), sizes[1])
+        rising = ndtr((x - self.middles[:, None, None]) / np.exp(self.spreads)[:, None])
+        lapse = _LAPSES[:, None]
+        p = np.clip(lapse + (1.0 - 2.0 * lapse) * rising[:, :, None, :], 1e-12, 1.0 - 1e-12)
+        log = np.tensordot(k, np.log(p), (1, 3)) + np.tensordot(n - k, np.log1p(-p), (1, 3))
+        self.likelihood: Array = np.exp(log - log.max(axis=(1, 2, 3), keepdims=True))
+
+
+class Population:
+    """Independent normal distributions of the participants along the axes of their likelihoods.
+
+    Parameters
+    ----------
+    likelihood : ndarray, shape (participants, n, ...)
+        One axis for each of `axes`, and a last one of the lapse rates where `lapses` is true.
+    axes : sequence of ndarray
+        Equally spaced values.
+    """
+
+    def __init__(self, likelihood: Array, axes: Sequence[Array], lapses: bool = False) -> None:
+        self._likelihood, self._axes, self._lapses = likelihood, axes, lapses
+        self._start, self._bounds = list[float](), list[tuple[float, float]]()
+        for index, axis in enumerate(axes):
+            others = tuple(n for n in range(1, likelihood.ndim) if n != index + 1)
+            own = likelihood.sum(axis=others)
+            means, step = own @ axis / own.sum(axis=1), float(axis[1] - axis[0])
+            spread = max(float(means.std()), 2.0 * step)
+            self._start += [float(means.mean()), math.log(spread)]
+            # a narrower normal would fall between the points of the grid
+            narrow, wide = math.log(0.6 * step), math.log(float(np.ptp(axis)))
+            self._bounds += [(float(axis[0]), float(axis[-1])), (narrow, wide)]
+        if lapses:
+            self._start.append(0.5)
+            self._bounds.append((-0.5, 6.0))
+        self.best = self._climb(self._start)
+
+    def _priors(self, point: Array) -> tuple[list[Array], list[Array]]:
+        """Return the distribution along each axis, and the slopes of its logarithm."""
+        exponents, slopes = list[Array](), list[Array]()
+        for index, axis in enumerate(self._axes):
+            spread = math.exp(point[2 * index + 1])
+            away = (axis - point[2 * index]) / spread
+            exponents.append(-0.5 * away**2)
+            slopes.append(np.array([away / spread, away**2]))
+        if self._lapses:
+            exponents.append(-_STEEP * point[-1] * _LAPSES)
+            slopes.append(-_STEEP * _LAPSES[np.newaxis])
+        weights = [np.exp(exponent - exponent.max()) for exponent in exponents]
+        return [weight / weight.sum() for weight in weights], slopes
+
+    def integrate_others(self, index: int, priors: Sequence[Array]) -> Array:
+        """Return the likelihood along one axis, the others summed with their distributions."""
+        own = self._likelihood
+        for other in reversed(range(len(priors))):
+            if other != index:
+                own = np.tensordot(own, priors[other], (other + 1, 0))
+        return np.asarray(own)
+
+    def _loss(self, point: Array) -> tuple[float, Array]:
+        """Return minus the log likelihood, and its gradient."""
+        (priors, slopes), gradient = self._priors(point), list[float]()
+        for index, (prior, slope) in enumerate(zip(priors, slopes, strict=True)):
+            along = self.integrate_others(index, priors)
+            whole = along @ prior
+            posterior = (along / whole[:, np.newaxis]).sum(axis=0) * prior
+            gradient += (slope @ (posterior - len(whole) * prior)).tolist()
+        return -float(np.log(whole).sum()), -np.array(gradient)
+
+    def _climb(self, start: Sequence[float], place: int = -1, value: float = 0.0) -> Any:
+        """Maximise the likelihood, one parameter held where a place is given."""
+        from scipy.optimize import minimize
+
+        held = [(value, value) if n == place else one for n, one in enumerate(self._bounds)]
+        first = [value if n == place else one for n, one in enumerate(start)]
+        options = {"ftol": 1e-12, "gtol": 1e-7}
+        return minimize(
+            self._loss, first, jac=True, method="L-BFGS-B", bounds=held, options=options
+        )
+
+    def estimate(self, index: int) -> Estimate:
+        """Return the mean over participants along an axis."""
+        from scipy.stats import t
+
+        place, people, best = 2 * index, len(self._likelihood), self.best
+        middle, spread = float(best.x[place]), math.exp(best.x[place + 1])
+        # The likelihood ratio of the mean of a normal sample is n ln(1 + t^2 / (n - 1)). With this
+        # limit the interval is Student's where participants differ much, and a little wider than
+        # that of chi squared where they are alike.
+        limit = people * math.log1p(float(t.ppf(0.975, people - 1)) ** 2 / (people - 1))
+
+        def ratio(value: float) -> float:
+            return 2.0 * (float(self._climb(best.x, place, value).fun) - float(best.fun))
+
+        low, high = (
+            find_crossing(lambda value: ratio(value) - limit, middle, end, 0.5 * spread)
+            for end in self._bounds[place]
+        )
+        p = math.nan
+        if self._bounds[place][0] < 0.0 < self._bounds[place][1]:
+            at_zero = (people - 1) * math.expm1(max(ratio(0.0), 0.0) / people)
+            p = 2.0 * float(t.sf(math.sqrt(at_zero), people - 1))
+        return Estimate(middle, low, high, spread, p)
+
+    def predict_participants(self, index: int) -> Array:
+        """Return the mean of each participant's posterior along an axis."""
+        priors = self._priors(self.best.x)[0]
+        posterior = self.integrate_others(index, priors) * priors[index]
+        return np.asarray(posterior @ self._axes[index] / posterior.sum(axis=1))
+
+    def profile(self, index: int) -> Array:
+        """Return the likelihood of each participant along an axis, freed of the population."""
+        return self.integrate_others(index, self._priors(self.best.x)[0])
+
+
+def compare_within(one: Array, other: Array, axis: Array) -> Estimate:
+    """Compare two conditions by the same participants, `one` minus `other`.
+
+    Parameters
+    ----------
+    one, other : ndarray, shape (participants, n)
+        Likelihoods along an axis, as `Population.profile` returns them.
+    axis : ndarray, shape (n,)
+        Equally spaced values.
+    """
+    # the mean of a participant's two values is free: it is summed over the whole axis
+    pairs = zip(one, other, strict=True)
+    apart = np.array([np.correlate(first, second, "full") for first, second in pairs])
+    steps = (axis[1] - axis[0]) * np.arange(1 - len(axis), len(axis))
+    return Population(apart / apart.max(axis=1, keepdims=True), (steps,)).estimate(0)
+
+
+def compare_between(one: Estimate, other: Estimate) -> tuple[tuple[float, float, float], float]:
+    """Compare two groups of participants: the difference with its 95 % interval, and its p."""
+    # Zou, G. Y., Donner, A. (2008), Statistics in Medicine 27, 1693-1702, doi:10.1002/sim.3095.
+    from scipy.stats import norm
+
+    apart = one.value - other.value
+    low = apart - math.hypot(one.value - one.low, other.high - other.value)
+    high = apart + math.hypot(one.high - one.value, other.value - other.low)
+    reach = apart - low if apart > 0.0 else high - apart  # of the end that faces zero
+    return (apart, low, high), 2.0 * float(norm.sf(Z975 * abs(apart) / reach))

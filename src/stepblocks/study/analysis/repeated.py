@@ -1,0 +1,136 @@
+"""What participants' own differences say, whatever their variances and correlations."""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.study import Table
+from stepblocks.study.analysis.anova import Interval, Term, make_interval, make_term
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sphericity:
+    """How equal the variances of the differences between conditions are.
+
+    Attributes
+    ----------
+    epsilon : float
+        Greenhouse and Geisser's; 1 where all variances are equal [1].
+    statistic, p : float
+        Mauchly's W, and the probability of one as small if all variances are equal.
+    """
+
+    epsilon: float
+    statistic: float
+    p: float
+
+
+def average_participants(data: Table) -> Table:
+    """Return the mean of ``value`` of each participant (rows) in each condition (columns)."""
+    # what a block adds is taken off first, so that a missing judgement moves no mean
+    if "stimulus" in data:
+        own = data["value"] - data.groupby("stimulus")["value"].transform("mean")
+        data = data.assign(value=own + data["value"].mean())
+    return data.groupby(["participant", "condition"])["value"].mean().unstack()
+
+
+def assess_effect(name: str, table: Array, contrasts: Array) -> tuple[Term, Sphericity]:
+    """Test orthonormal contrasts of participants' means, corrected for sphericity.
+
+    The correction is that of Greenhouse, S. W., Geisser, S. (1959), Psychometrika 24, 95-112,
+    doi:10.1007/BF02289823; the test of sphericity Mauchly's (1940), doi:10.1214/aoms/1177731915.
+    """
+    from scipy.stats import chi2
+
+    own = table @ contrasts.T
+    people, q = own.shape
+    spread = np.atleast_2d(np.cov(own, rowvar=False))
+    trace = float(np.trace(spread))
+    f = people * float(own.mean(axis=0) @ own.mean(axis=0)) / max(trace, 1e-300)
+    epsilon = trace**2 / (q * max(float((spread * spread).sum()), 1e-300))
+    statistic = p = math.nan
+    if 1 < q < people:
+        statistic = float(np.linalg.det(spread / (trace / q)))
+        scale = (people - 1) - (2.0 * q * q + q + 2.0) / (6.0 * q)
+        p = float(chi2.sf(-scale * math.log(max(statistic, 1e-300)), q * (q + 1) / 2.0 - 1.0))
+    term = make_term(name, q * epsilon, q * epsilon * (people - 1), math.nan, f)
+    return term, Sphericity(epsilon, statistic, p)
+
+
+def assess_factors(table: Table, levels: Mapping[str, Sequence[str]]) -> tuple[Term, ...]:
+    """Test every factor and interaction of a table whose columns cross all levels, in order."""
+    from scipy.linalg import helmert
+
+    found = []
+    for size in range(1, len(levels) + 1):
+        for chosen in itertools.combinations(levels, size):
+            contrasts = np.ones((1, 1))
+            for name, values in levels.items():
+                k = len(values)
+                flat = np.full((1, k), k**-0.5)
+                contrasts = np.kron(contrasts, helmert(k) if name in chosen else flat)
+            complete = table.dropna().to_numpy()
+            found.append(assess_effect(":".join(chosen), complete, contrasts)[0])
+    return tuple(found)
+
+
+def compare_participants(table: Table) -> tuple[Interval, ...]:
+    """Compare every two columns by the participants' own differences.
+
+    Intervals hold together after Games, P. A., Howell, J. F. (1976), J. Educational Statistics 1,
+    113-125, doi:10.3102/10769986001002113.
+    """
+    found = []
+    for first, second in itertools.combinations(table.columns, 2):
+        apart = (table[first] - table[second]).dropna()
+        if len(apart) > 1 and float(np.ptp(apart)) > 0.0:
+            spread = float(apart.std())
+            error, effect = spread / math.sqrt(len(apart)), float(apart.mean()) / spread
+            found.append(
+                make_interval(
+                    (first, second),
+                    (float(apart.mean()), error),
+                    len(apart) - 1.0,
+                    table.shape[1],
+                    effect,
+                )
+            )
+    return tuple(found)
+
+
+def compute_bayes_factor(t: float, people: float) -> float:
+    """Return how many times likelier Student's t of paired differences is under no difference.
+
+    The effect size under a difference has a Cauchy prior of scale 0.707: Rouder et al. (2009),
+    Psychonomic Bulletin & Review 16, 225-237, doi:10.3758/PBR.16.2.225.
+    """
+    from scipy.integrate import quad
+
+    df, half = people - 1.0, 0.5
+
+    def weigh(g: float) -> float:
+        wide = 1.0 + people * g * half
+        log = -0.5 * math.log(wide) - 0.5 * (df + 1.0) * math.log1p(t * t / (wide * df))
+        return math.exp(log - 1.5 * math.log(g) - 0.5 / g) / math.sqrt(2.0 * math.pi)
+
+    null = math.exp(-0.5 * (df + 1.0) * math.log1p(t * t / df))
+    return null / float(quad(weigh, 0.0, math.inf)[0])
+
+
+def leave_each_out(table: Table, first: str, second: str) -> dict[str, tuple[float, float]]:
+    """Return the difference of two columns, and its p, without each participant."""
+    from scipy.stats import ttest_1samp
+
+    apart = (table[first] - table[second]).dropna()
+    left = {str(person): apart.drop(person) for person in apart.index}
+    return {
+        person: (float(others.mean()), float(ttest_1samp(others, 0.0).pvalue))
+        for person, others in left.items()
+        if len(others) > 1
+    }

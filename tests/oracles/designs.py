@@ -1,0 +1,17 @@
+"""Designs that tests write in one line."""
+
+from stepblocks.study.design import design_trials
+from stepblocks.study.experiments import EXPERIMENTS
+
+
+def crossed(experiment, participants, items, repetitions, seed, probes=()):
+    """Every participant judges every block in every condition."""
+    factors = {"probe": probes} if probes else EXPERIMENTS[experiment].factors
+    return design_trials(experiment, participants, items, repetitions, seed, factors=factors)
+
+
+def compared(participants, items, repetitions, seed, standard):
+    """Every other block is compared with a standard, in both orders."""
+    return design_trials(
+        "constant", participants, items, repetitions, seed, factors={}, standard=standard
+    )
