@@ -170,7 +170,7 @@ def test_the_page_of_an_inspection_opens_with_its_finding_and_shows_every_budget
 @pytest.mark.browser
 def test_the_psychophysicist_gets_run_sheets_and_a_report(tmp_path, monkeypatch, browser):
     walk("The psychophysicist", tmp_path, monkeypatch)
-    assert (tmp_path / "people" / "run-sheets.pdf").stat().st_size > 1000
+    assert (tmp_path / "people" / "run-sheets.html").stat().st_size > 1000
     assert "judgements" in look_at(browser, tmp_path / "people" / "report" / "report.html")
 
 

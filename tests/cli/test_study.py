@@ -77,24 +77,34 @@ def test_from_the_block_set_to_the_report(folder, capsys):
     )
     assert float(found["mixed model", "condition, partial eta squared"]["p"]) < 1e-3
     page = (folder / "report" / "report.html").read_text()
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 3
     assert not re.findall(
         r'(?:src|href)="(?!#)', page
     )  # nothing is loaded, from the network or elsewhere
-    first = {path.name: path.read_bytes() for path in (folder / "report").iterdir()}
+    first = {path.name: path.read_bytes() for path in (folder / "report").glob("*.*")}
     assert run(capsys, "analyse", folder, answers, "-o", folder / "again")[0] == 0
-    assert {path.name: path.read_bytes() for path in (folder / "again").iterdir()} == first
+    assert {path.name: path.read_bytes() for path in (folder / "again").glob("*.*")} == first
+    figures = folder / "report" / "figures"
+    for name in ("estimates", "participants", "residuals"):
+        for form in ("svg", "pdf", "csv"):
+            drawn = (figures / f"{name}.{form}").read_bytes()
+            assert drawn == (folder / "again" / "figures" / f"{name}.{form}").read_bytes()
 
 
 def test_codes_stand_for_the_engraved_identities(folder):
-    key = {row["code"]: row["engraved"] for row in table(folder / "key.csv")}
-    assert sorted(key.values()) == [
+    key = {(row["participant"], row["code"]): row["engraved"] for row in table(folder / "key.csv")}
+    assert sorted(set(key.values())) == [
         "APPARATUS-025",
         "APPARATUS-050",
         "APPARATUS-075",
         "APPARATUS-100",
     ]
-    assert all(key[row["code"]] == row["engraved"] for row in table(folder / "design.csv"))
+    assert all(
+        key[row["participant"], row["code"]] == row["engraved"]
+        for row in table(folder / "design.csv")
+    )
+    own = [{code for who, code in key if who == one} for one in ("1", "2")]
+    assert own[0] != own[1]  # codes say nothing from one participant to the next
 
 
 def test_filled_in_sheets_are_analysed_and_never_overwritten(folder, capsys):
@@ -125,12 +135,12 @@ def test_filled_in_sheets_are_analysed_and_never_overwritten(folder, capsys):
         (
             ["--experiment", "virtual", "--repetitions", "1"],
             5,
-            "odds of a higher rating, vibration-on",
+            "odds of a higher rating, vibration-on over vibration-off",
         ),
         (
             ["--experiment", "constant", "--standard", "step-050", "--repetitions", "2"],
             1,
-            "participant all, Weber fraction of the height",
+            "population, Weber fraction of the height",
         ),
         (
             ["--experiment", "magnitude", "--repetitions", "1"],

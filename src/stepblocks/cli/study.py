@@ -1,7 +1,7 @@
 """``stepblocks study``: the experiments on people, from the design to the report."""
 
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import typer
 
@@ -89,6 +89,31 @@ Ratings = Annotated[
 ]
 
 
+Primary = Annotated[
+    str | None,
+    typer.Option(
+        "--primary",
+        metavar="OUTCOME",
+        help="primary outcome, such as 'absolute error', bias, spread or realism",
+        show_default="absolute error, or the first of the experiment",
+    ),
+]
+Reference = Annotated[
+    str | None,
+    typer.Option(
+        "--reference", metavar="NAME", help="condition that the report compares the others with"
+    ),
+]
+
+
+def _read_factor(text: str) -> tuple[str, tuple[str, ...]]:
+    name, equals, levels = text.partition("=")
+    found = tuple(level.strip() for level in levels.split(","))
+    if not (equals and name.strip() and all(found)):
+        raise ValueError(f"must be NAME=LEVEL,LEVEL,..., got {text!r:.60}")
+    return name.strip(), found
+
+
 def _read_columns(text: str) -> dict[str, str]:
     return read_pairs(text, "ours=theirs")
 
@@ -119,19 +144,44 @@ def design(
         ),
     ] = None,
     standard: StandardOption = None,
+    factor: Annotated[
+        list[Any] | None,
+        typer.Option(
+            "--factor",
+            metavar="NAME=A,B,...",
+            parser=_read_factor,
+            help="a further factor and its levels, crossed with the others; of virtual blocks "
+            "vibration, block, amplitude, frequency, decay or load",
+        ),
+    ] = None,
+    between: Annotated[
+        Names | None,
+        typer.Option(
+            "--between",
+            metavar="NAME,...",
+            parser=read_names,
+            help="factors of which each participant meets one level",
+        ),
+    ] = None,
+    primary: Primary = None,
+    reference: Reference = None,
     only: Only = None,
     seed: Seed,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="folder of the study")
     ] = Path("out/study"),
 ) -> Outcome:
-    """Write design.csv with every trial, and the key of the blinding codes."""
+    """Write design.csv with every trial, the key of the codes, and a preregistration."""
     options = given(
         experiment=experiment,
         participants=participants,
         probes=probes,
         repetitions=repetitions,
         standard=standard,
+        factors=dict(factor) if factor else None,
+        between=between,
+        primary=primary,
+        reference=reference,
         only=only,
     )
     plan = stepblocks.design_study(choose_source(file, heights), output, seed=seed, **options)
@@ -150,7 +200,7 @@ def design(
 def sheet(*, folder: Folder) -> Outcome:
     """Write blinded run sheets, to print and as CSV to fill in."""
     number = stepblocks.write_sheets(folder)
-    pages = folder / "run-sheets.pdf"
+    pages = folder / "run-sheets.html"
     summary = f"{folder / 'sheets'}: {number} run sheets; print {pages}"
     return Outcome(summary, record={"sheets": number})
 
@@ -188,6 +238,16 @@ def run(
         ),
     ] = None,
     ratings: Ratings = None,
+    practice: Annotated[
+        int | None,
+        typer.Option(
+            "--practice",
+            metavar="N",
+            parser=whole_number(0, 1000),
+            help="trials with feedback before the first, not recorded",
+            show_default="0",
+        ),
+    ] = None,
     tip_radius: TipRadius = None,
     load: Load = None,
     friction: Friction = None,
@@ -213,6 +273,7 @@ def run(
         library=library,
         scale=scale,
         ratings=ratings,
+        practice=practice,
         ball_radius=tip_radius,
         normal_load=load,
         friction=friction,
@@ -249,8 +310,7 @@ def analyse(
         typer.Option(
             "--data",
             metavar="PATH",
-            help="a table of your own, a folder of them, or a BIDS or psych-DS dataset; without "
-            "DIR",
+            help="a table of your own, a folder of them, or a BIDS dataset; without DIR",
         ),
     ] = None,
     columns: Annotated[
@@ -296,6 +356,8 @@ def analyse(
         ),
     ] = None,
     ratings: Ratings = None,
+    primary: Primary = None,
+    reference: Reference = None,
 ) -> Outcome:
     """Analyse answers: results.csv and report.html."""
     from stepblocks.study.prose import write_headline
@@ -311,6 +373,8 @@ def analyse(
         equivalent=equivalent,
         groups=groups,
         ratings=ratings,
+        primary=primary,
+        reference=reference,
     )
     result = stepblocks.analyse_study(folder, data or answers or [], place, **options)
     notes, summary = [*result.notes, *result.remarks], write_headline(result)
@@ -327,14 +391,22 @@ def share(
         typer.Argument(metavar="CSV", help="run sheets, or a folder of them"),
     ] = None,
     form: Annotated[
-        Literal["bids", "psych-ds", "psychopy"] | None,
+        Literal["bids", "psychopy"] | None,
         typer.Option("--as", help="form of the dataset", show_default="bids"),
     ] = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="folder of the dataset")
     ] = Path("out/dataset"),
+    authors: Annotated[
+        str | None,
+        typer.Option("--authors", metavar="A,B,...", help="authors that the dataset names"),
+    ] = None,
+    licence: Annotated[
+        str | None,
+        typer.Option("--licence", metavar="NAME", help="licence that the dataset names"),
+    ] = None,
 ) -> Outcome:
-    """Write the study as BIDS, psych-DS, or conditions files of PsychoPy."""
-    options = given(form=form)
+    """Write the study as BIDS, or as conditions files of PsychoPy."""
+    options = given(form=form, authors=authors, licence=licence)
     files = stepblocks.share_study(folder, answers or [], output, **options)
     return Outcome(f"{output}: {len(files)} files", record={"files": files})

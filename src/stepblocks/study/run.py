@@ -116,8 +116,9 @@ def design_study(
     kind = EXPERIMENTS[experiment]
     given = {"probes": probes, "factors": factors, "standard": standard}
     refuse_unused_options(experiment, {name: one for name, one in given.items() if one})
-    require(standard or not kind.paired, "a comparison must have a standard, got none")
     blocks = choose_blocks(source, only=only)
+    known = ", ".join(item.identity for item in blocks.items)
+    require(standard or not kind.paired, f"standard must be one of {known}, got {standard!r}")
     declared = ({"probe": tuple(probes)} if probes else {}) | dict(factors)
     for name, levels in factors.items() if experiment == "virtual" else ():
         check_virtual_factor(name, levels)
