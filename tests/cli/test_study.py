@@ -134,7 +134,7 @@ def test_filled_in_sheets_are_analysed_and_never_overwritten(folder, capsys):
     [
         (
             ["--experiment", "virtual", "--repetitions", "1"],
-            5,
+            4,
             "odds of a higher rating, vibration-on over vibration-off",
         ),
         (

@@ -3,32 +3,21 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from stepblocks.atomic import replace_bytes
 from stepblocks.page_file import render_page
-from stepblocks.quantities import format_column_label
-from stepblocks.study import Table
-from stepblocks.study.analysis.accuracy import Measure
-from stepblocks.study.analysis.repeated import average_participants
+from stepblocks.study.analysis.figures import draw_study_figures
 from stepblocks.study.analysis.results import FIGURES, StudyResult
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.prose import make_journal_table, write_headline
 from stepblocks.tables import format_csv
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-_COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
-_INK, _LINE = "#1d2a36", "#999999"
-_SIZE = (7.0, 3.0)  # of a figure across both columns of a journal [inch]
 
 Sheets = Mapping[str, Sequence[Mapping[str, str]]]  # rows of a blinded run sheet by participant
 
@@ -97,191 +86,3 @@ def _save(figure: Figure, form: str) -> bytes:
 def render_run_sheets(title: str, sheets: Sheets) -> str:
     """Write the blinded run sheets as one page to print, a table for each participant."""
     return render_page("study", "sheets.html", title=title, sheets=sheets)
-
-
-def draw_study_figures(result: StudyResult) -> Iterator[tuple[str, str, Figure, Table]]:
-    """Draw what a study found: name, caption, figure, and the data that are drawn."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.rcsetup import cycler
-
-    for name, (draw, part, caption) in _FIGURES.items():
-        if getattr(result, part):
-            style = {"font.size": 8, "axes.prop_cycle": cycler(color=_COLOURS)}
-            with mpl.rc_context(style):
-                figure = Figure(figsize=_SIZE, layout="constrained")
-                FigureCanvasAgg(figure)
-                data = draw(figure, result)
-            yield name, caption, figure, data
-
-
-def draw_main_figure(result: StudyResult, ax: Axes | None = None) -> Axes:
-    """Draw the first figure of a study, which has one pair of axes, where it is wanted."""
-    import matplotlib.pyplot as plt
-
-    axes = ax if ax is not None else plt.subplots()[1]
-    draws = [draw for draw, part, _ in _FIGURES.values() if getattr(result, part)]
-    draws[0](SimpleNamespace(subplots=lambda: axes), result)
-    return axes
-
-
-def _draw_estimates(figure: Figure | SimpleNamespace, result: StudyResult) -> Table:
-    axes, frame = figure.subplots(), result.frame
-    groups = list(frame.groupby("condition"))
-    top = float(max(frame["height"].max(), frame["estimate"].max())) * 1e6
-    axes.plot([0, top], [0, top], color=_LINE, lw=1, label="true height")
-    for index, (name, own) in enumerate(groups):
-        cells = own.groupby("height")["estimate"].agg(["mean", "std"]).fillna(0.0) * 1e6
-        beside = (index - 0.5 * (len(groups) - 1)) * 0.006 * top
-        x, label = cells.index * 1e6 + beside, str(name)
-        axes.errorbar(
-            x, cells["mean"], cells["std"], fmt="o-", ms=4, lw=1.2, capsize=3, label=label
-        )
-    axes.set(xlabel=format_column_label("height_um"), ylabel=format_column_label("estimate_um"))
-    axes.legend(frameon=False)
-    means = frame.groupby(["condition", "height"])["estimate"].agg(["mean", "std"]).reset_index()
-    names = {"height": "height_um", "mean": "mean_um", "std": "sd_um"}
-    return _in_um(means, tuple(names)).rename(columns=names)
-
-
-def _in_um(table: Table, names: Sequence[str]) -> Table:
-    return table.assign(**{name: table[name] * 1e6 for name in names})
-
-
-def _panels(
-    figure: Figure | SimpleNamespace, result: StudyResult
-) -> Iterator[tuple[Axes, Measure, float]]:
-    """Give axes to each measure, with the factor to the unit in which it is shown."""
-    panels = np.atleast_1d(figure.subplots(1, len(result.measures)))
-    for axes, measure in zip(panels, result.measures, strict=True):
-        yield axes, measure, 1.0 if measure.logarithmic else 1e6
-
-
-def _draw_participants(figure: Figure | SimpleNamespace, result: StudyResult) -> Table:
-    import pandas as pd
-
-    rows = []
-    for axes, measure, factor in _panels(figure, result):
-        shift = np.log(1e6) if measure.logarithmic else 0.0
-        table = average_participants(measure.frame) * factor + shift
-        x = np.arange(table.shape[1])
-        keys = measure.frame.groupby("participant").first()
-        names = sorted(keys["group"].unique()) if "group" in keys else []
-        for who, row in table.iterrows():
-            place = names.index(keys["group"][who]) if names else 0
-            colour = _COLOURS[place % len(_COLOURS)]
-            axes.plot(x, row, "o-", color=colour, ms=3, lw=0.8, alpha=0.7)
-            axes.text(x[-1] + 0.06, row.iloc[-1], str(who), fontsize=6, color=colour, va="center")
-        axes.plot(x, table.mean(), "s-", color=_INK, ms=5, lw=2)
-        axes.set_xticks(x, table.columns, rotation=20 if len(x) > 3 else 0)
-        axes.set(ylabel=measure.label, xlim=(-0.4, len(x) - 0.4))
-        rows.append(table.stack().rename("value").reset_index().assign(measure=measure.label))
-    return pd.concat(rows)
-
-
-def _draw_residuals(figure: Figure | SimpleNamespace, result: StudyResult) -> Table:
-    import pandas as pd
-    from scipy.stats import probplot
-
-    left, right = figure.subplots(1, 2)
-    measure = result.measure() or result.measures[0]
-    fitted, residuals = (value * 1e6 for value in (measure.mixed.fitted, measure.mixed.residuals))
-    dots = {"ms": 3, "alpha": 0.6, "color": _COLOURS[0]}
-    left.plot(fitted, residuals, "o", **dots)
-    left.axhline(0.0, color=_LINE, lw=1)
-    label = format_column_label("residual_um")
-    left.set(xlabel=f"fitted {measure.label}", ylabel=label)
-    (quantiles, ordered), (slope, intercept, _) = probplot(residuals)
-    right.plot(quantiles, ordered, "o", **dots)
-    right.plot(quantiles, intercept + slope * quantiles, color=_LINE, lw=1)
-    right.set(xlabel="quantile of the normal distribution", ylabel=label)
-    return pd.DataFrame({"fitted_um": fitted, "residual_um": residuals})
-
-
-def _draw_ratings(figure: Figure | SimpleNamespace, result: StudyResult) -> Table:
-    axes, frame = figure.subplots(), result.frame
-    shares = frame.groupby("condition")["rating"].value_counts(normalize=True).unstack(0).fillna(0)
-    width = 0.8 / shares.shape[1]
-    for index, name in enumerate(shares):
-        x = shares.index + (index - 0.5 * (shares.shape[1] - 1)) * width
-        axes.bar(x, shares[name], width, label=str(name))
-    axes.set_xticks(shares.index)
-    axes.set(xlabel="rating of realism", ylabel="share of the ratings")
-    axes.legend(frameon=False)
-    return shares.reset_index()
-
-
-def _draw_curves(figure: Figure | SimpleNamespace, result: StudyResult) -> Table:
-    import pandas as pd
-    from scipy.special import ndtr
-
-    axes, rows = figure.subplots(), []
-    for index, found in enumerate(result.comparisons):
-        colour = _COLOURS[index % len(_COLOURS)]
-        levels = np.array(sorted({level for one in found.curves for level in one.levels}))
-        x = np.geomspace(0.8 * levels.min(), 1.2 * levels.max(), 200)
-        for curve in found.curves:
-            share = np.array(curve.hits) / np.array(curve.totals)
-            axes.plot(np.array(curve.levels) * 1e6, share, "o", ms=3, alpha=0.5, color=colour)
-            for level, hits, total in zip(curve.levels, curve.hits, curve.totals, strict=True):
-                rows.append((found.setting, curve.who, level * 1e6, hits, total))
-            if fit := curve.fit:
-                rise = ndtr(np.log(x / fit.threshold) / fit.spread)
-                y = fit.lapse + (1.0 - 2.0 * fit.lapse) * rise
-                axes.plot(x * 1e6, y, color=colour, lw=0.7, alpha=0.6)
-                axes.text(x[-1] * 1e6, y[-1], f" {curve.who}", fontsize=6, va="center")
-        if found.equal and found.spread:
-            away = (np.log(x / found.standard) - found.equal.value) / np.exp(found.spread.value)
-            label = found.setting or "mean participant"
-            axes.plot(x * 1e6, ndtr(away), color=colour, lw=2.4, label=label)
-    axes.set(xlabel=format_column_label("height_um"), ylabel='share of answers "higher"')
-    if axes.get_legend_handles_labels()[1]:
-        axes.legend(frameon=False)
-    columns = ["setting", "participant", "height_um", "higher", "trials"]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def _draw_magnitudes(figure: Figure | SimpleNamespace, result: StudyResult) -> Table:
-    axes, keys = figure.subplots(), ["condition", "participant", "height"]
-    logs = np.log(result.frame["magnitude"]).groupby([result.frame[key] for key in keys]).mean()
-    means = np.exp(logs).reset_index()
-    conditions = list(means["condition"].unique())
-    for (condition, _), own in means.groupby(["condition", "participant"]):
-        colour = _COLOURS[conditions.index(condition) % len(_COLOURS)]
-        axes.loglog(own["height"] * 1e6, own["magnitude"], "o-", ms=3, lw=1, color=colour)
-    axes.set(xlabel=format_column_label("height_um"), ylabel="geometric mean of magnitudes")
-    return _in_um(means, ["height"]).rename(columns={"height": "height_um"})
-
-
-# by the name of the file: what draws, the part of the result that it needs, and the caption
-_FIGURES = {
-    "estimates": (
-        _draw_estimates,
-        "measures",
-        "Estimates against height; bars: standard deviation of the judgements.",
-    ),
-    "curves": (
-        _draw_curves,
-        "comparisons",
-        'Share of answers "higher": thin, with its name, each participant; bold, the mean '
-        "participant.",
-    ),
-    "magnitudes": (
-        _draw_magnitudes,
-        "power_laws",
-        "Magnitudes against height, one line per participant.",
-    ),
-    "participants": (
-        _draw_participants,
-        "measures",
-        "Every participant: a line each, with its name; black: the mean.",
-    ),
-    "residuals": (
-        _draw_residuals,
-        "measures",
-        "Residuals of the mixed model of the absolute error: against fitted values, and their "
-        "quantiles against the normal's.",
-    ),
-    "ratings": (_draw_ratings, "ordinal", "Share of each rating of realism."),
-}

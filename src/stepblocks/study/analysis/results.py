@@ -237,7 +237,7 @@ class StudyResult:
         matplotlib Axes
             That were drawn on.
         """
-        from stepblocks.study.page import draw_main_figure
+        from stepblocks.study.analysis.figures import draw_main_figure
 
         return draw_main_figure(self, ax)
 
