@@ -108,9 +108,6 @@ WHOLE = (
     "study power --heights 20,40 --damping bare=1,soft=0.5 --participants 2 --repetitions 2 "
     "--runs 10 --seed 1 -o out/p.csv",
     "study share study study/answers.csv --as bids -o out/data",
-    "study adaptive start --heights 20,40,60 --standard step-020 --trials 5 --reversals 4 "
-    "--seed "
-    "1 --participants 2 -o out/a",
     "new block out/mine.toml",
     "new --shipped out",
     "help export",

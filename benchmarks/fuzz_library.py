@@ -164,7 +164,6 @@ def make_calls(work: Path) -> dict[str, Call]:
         "design_study": ((stimuli, work / "study"), {"seed": 1, "participants": 2}),
         "analyse_study": ((None, [scan]), {"experiment": "estimates"}),
         "share_study": ((work / "study", [scan], work / "dataset"), {}),
-        "start_adaptive": (([2e-5, 4e-5], work / "adaptive"), {"standard": "a", "seed": 1}),
         "study_power": (([2e-5, 4e-5],), {"seed": 1, "participants": (3,), "runs": 2}),
         "open_run": ((work / "study", "1"), {"scale": 100.0}),
         "order_parts": ((stimuli, work / "ordered"), {"only": "nothing"}),

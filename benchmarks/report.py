@@ -156,7 +156,6 @@ PARTS = [
         timing=True,
     ),
     Part("coverage", "python benchmarks/softgauge_coverage.py", {}, 90),
-    Part("adaptive", "python benchmarks/study_adaptive_trials.py 100", {}, 20),
     Part("accuracy", "python benchmarks/study_accuracy.py 2000", {}, 30),
     Part(
         "simulators",

@@ -20,7 +20,7 @@ Everything that a command does is also a function. The public names, in the orde
 - explain: `loop_session`, `loop_sessions`, `read_model`; compare with the literature:
   `hold_against_evidence`;
 - experiments: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`,
-  `share_study`, `study_power`, `start_adaptive`;
+  `share_study`, `study_power`;
 - errors: `StepblocksError`; units at the border: `parse_quantity`, `format_quantity`.
 
 Importing this package imports nothing heavy; each name is loaded when it is first used

@@ -67,7 +67,6 @@ from .simulators.compare import compare as compare
 from .simulators.export import export as export
 from .simulators.feel import feel as feel
 from .simulators.renderer import Renderer as Renderer
-from .study.adaptive import start_adaptive as start_adaptive
 from .study.conduct import open_run as open_run
 from .study.exchange import share_study as share_study
 from .study.run import (

@@ -159,7 +159,7 @@ def test_completion_knows_commands_and_options(shell, capsys):
     assert "simulate-session" in complete("stepblocks s")
     assert "--tip-radius" in complete("stepblocks export --ti")
     assert "forcelaw" in complete("stepblocks export --for f")
-    assert "staircase" in complete("stepblocks study adaptive start --method s")
+    assert "estimates" in complete("stepblocks study design --experiment e")
 
 
 def test_a_file_of_ours_is_replaced_one_that_somebody_changed_is_not(tmp_path, capsys):

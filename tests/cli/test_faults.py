@@ -81,18 +81,6 @@ WRITERS = {
     "feel": ["feel", FOUR, "-o", "OUT/feel.html", "--no-open"],
     "simulate-session": ["simulate-session", "IN/plan.toml", "-o", "OUT/session"],
     "study design": ["study", "design", FOUR, "--seed", "1", "-o", "OUT"],
-    "study adaptive start": [
-        "study",
-        "adaptive",
-        "start",
-        FOUR,
-        "--standard",
-        "apparatus-050",
-        "--seed",
-        "1",
-        "-o",
-        "OUT",
-    ],
 }
 
 

@@ -300,21 +300,6 @@ def test_the_defaults_that_the_help_states_are_what_happens_without_options(tmp_
             )[0]
             == 0
         )
-    stated = ["--method", "quest", "--participants", 10, "--trials", 60, "--reversals", 12]
-    for options in ([], stated):
-        start = [
-            "adaptive",
-            "start",
-            FOUR,
-            "--standard",
-            "apparatus-050",
-            *options,
-            "--seed",
-            1,
-            "-o",
-            tmp_path / "a",
-        ]
-        assert run(capsys, *start)[0] == 0
 
 
 def test_a_scale_of_ratings_is_taken(tmp_path, capsys):

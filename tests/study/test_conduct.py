@@ -9,9 +9,9 @@ import pytest
 
 from oracles.browser import browser
 from oracles.participant_in_browser import LOOKS, whole_run
+from oracles.recorded_hand import Replay
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.study.conduct import RunServer, open_run
-from stepblocks.study.hands import Replay
 from stepblocks.study.run import analyse_study, design_study
 
 HEIGHTS = (20e-6, 50e-6)
@@ -112,7 +112,7 @@ def test_two_runs_of_one_participant_are_refused_and_other_mistakes_named(real):
         ({"participant": "1", "scale": 0.0}, "scale must be positive and finite, got 0"),
         (
             {"participant": "1", "device": "glove"},
-            "device must be one of mouse, openhaptics, dhd, replay, got 'glove'",
+            "device must be one of mouse, openhaptics, dhd, got 'glove'",
         ),
     ):
         with pytest.raises((PipelineError, StudyError), match=message):
@@ -142,18 +142,6 @@ def test_a_virtual_trial_leaves_motion_and_forces_and_needs_to_be_felt(virtual):
             name: planned(virtual)[0][name] for name in ("stimulus", "condition")
         }
     run.close()
-    path = virtual / "runs" / "participant-1" / "trial-0001.h5"
-    again = open_run(virtual, "1", device="replay", library=str(path))
-    again.begin()
-    while again._running.ticks < 20:
-        pass
-    assert again.end() == "stopped"
-    with h5py.File(path) as file:
-        first = again.hand._positions[:20, 2]
-        assert first == pytest.approx(file["z_m"][: len(first)])
-    again.close()
-    with pytest.raises(PipelineError, match="a recorded hand must be the HDF5 of a trial"):
-        open_run(virtual, "1", device="replay", library=str(virtual / "design.csv"))
 
 
 def test_the_page_answers_only_itself(real):

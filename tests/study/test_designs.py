@@ -17,7 +17,6 @@ from stepblocks.study.design import (
     make_williams_square,
     measure_balance,
 )
-from stepblocks.study.session import QuestPlus, Staircase
 
 FOUR = [Item(f"apparatus-{h:03}", f"APPARATUS-{h:03}", h * 1e-6) for h in (25, 50, 75, 100)]
 TEN = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(10, 101, 10)]
@@ -144,55 +143,8 @@ def test_codes_say_nothing_about_the_height():
         (lambda: compared(2, TEN, 1, 1, "step-099"), "standard must be one of"),
         (lambda: Item("a", "A", float("nan")), "height must be positive"),
         (lambda: make_williams_square(27), "between 1 and 26"),
-        (lambda: Staircase([2.0, 1.0]), "ascend"),
     ],
 )
 def test_impossible_designs_are_refused_by_name_rule_and_value(make, message):
     with pytest.raises(StudyError, match=message):
         make()
-
-
-@pytest.mark.parametrize("hits_down", [1, 2, 3])
-def test_the_staircase_converges_on_its_target(hits_down):
-    from scipy.special import ndtr, ndtri
-
-    generator = np.random.default_rng(hits_down)
-    levels = np.linspace(-3.0, 3.0, 61)
-    found = []
-    for _ in range(60):
-        stairs = Staircase(levels, hits_down)
-        for _ in range(200):
-            stairs.record(bool(generator.random() < ndtr(stairs.level)))
-        found.append(stairs.threshold(skip=6))
-    assert np.mean(found) == pytest.approx(
-        ndtri(0.5 ** (1 / hits_down)), abs=0.08
-    )  # Levitt (1971), table I
-
-
-def test_quest_plus_recovers_threshold_and_spread_with_fewer_trials_than_constant_stimuli():
-    from scipy.special import ndtr
-    from scipy.stats import entropy
-
-    generator = np.random.default_rng(4)
-    levels = np.linspace(10.0, 100.0, 19)
-    found = []
-    for _ in range(20):
-        quest = QuestPlus(levels, np.linspace(20, 90, 36), [6.0, 9.0, 12.0, 15.0, 20.0], [0.02])
-        before = entropy(quest.posterior)
-        for _ in range(60):
-            level = quest.next_level()
-            quest.record(
-                level, bool(generator.random() < 0.02 + 0.96 * ndtr((level - 47.0) / 12.0))
-            )
-        assert entropy(quest.posterior) < before
-        found.append([quest.quantile(which, 0.5) for which in (0, 1)])
-    threshold, spread = np.mean(found, axis=0)
-    assert threshold == pytest.approx(47.0, abs=2.0)
-    assert spread == pytest.approx(12.0, abs=2.5)
-
-
-def test_quest_plus_asks_where_the_hypotheses_differ_most():
-    quest = QuestPlus(np.arange(0.0, 11.0), [3.0, 7.0], [0.5], [0.0])
-    assert quest.next_level() == 4.0 or quest.next_level() == 5.0
-    quest.record(5.0, True)
-    assert quest.posterior[0] == pytest.approx(1.0, abs=1e-3)  # a threshold of 3

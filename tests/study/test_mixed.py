@@ -71,13 +71,6 @@ def test_the_level_of_a_participant_says_nothing_about_the_probes():
     assert fitted(shifted).sd_participant == pytest.approx(7.3, abs=1.0)
 
 
-def test_fitted_values_and_residuals_make_the_judgements_again():
-    frame = judged(4)
-    fit = fitted(frame)
-    assert fit.fitted + fit.residuals == pytest.approx(frame["y"].to_numpy(), abs=1e-12)
-    assert len(fit.participant_effects) == 8
-
-
 def test_an_optimum_is_known_to_all_its_digits_whatever_the_last_bits_and_the_order_of_the_rows():
     # a likelihood is flat at its optimum: a line search alone knew it to half its digits, which
     # ones by chance. Of complete data the statistic at the optimum itself is Student's t squared

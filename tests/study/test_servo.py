@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from oracles.recorded_hand import Replay
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.event import compute_ring_energy, vibration_events
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.simulators.renderer import Renderer
-from stepblocks.study.hands import Mouse, Replay
+from stepblocks.study.hands import Mouse
 from stepblocks.study.servo import COLUMNS, RATE, Limits, Servo, write_motion
 
 FACE, SCALE = Step(50e-6), 100.0

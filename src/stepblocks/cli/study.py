@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import typer
 
 import stepblocks
-from stepblocks.cli import adaptive, simulate
+from stepblocks.cli import simulate
 from stepblocks.cli.command import Group, command
 from stepblocks.cli.options import (
     Blocks,
@@ -43,7 +43,6 @@ study = typer.Typer(
     subcommand_metavar="COMMAND ...",
 )
 study.add_typer(simulate.app)
-study.add_typer(adaptive.app)
 app = typer.Typer()
 app.add_typer(study, rich_help_panel="people")
 
@@ -191,9 +190,8 @@ def design(
         "trials": trials,
         "participants": people,
         "balance": plan.balance,
-        "advice": plan.advice,
     }
-    return Outcome(summary, notes=[plan.advice] if plan.advice else [], record=record)
+    return Outcome(summary, record=record)
 
 
 @command(study, "sheet", "study sheet study")
@@ -215,7 +213,7 @@ def run(
         typer.Option("--participant", metavar="NUMBER", help="participant, as in the design"),
     ],
     device: Annotated[
-        Literal["mouse", "openhaptics", "dhd", "replay"] | None,
+        Literal["mouse", "openhaptics", "dhd"] | None,
         typer.Option(
             "--device",
             help="what moves the probe over virtual blocks; mouse comes with the loudspeaker",
@@ -224,9 +222,7 @@ def run(
     ] = None,
     library: Annotated[
         str | None,
-        typer.Option(
-            "--library", metavar="PATH", help="library of the device, or the HDF5 to replay"
-        ),
+        typer.Option("--library", metavar="PATH", help="library of the device,"),
     ] = None,
     scale: Annotated[
         float | None,

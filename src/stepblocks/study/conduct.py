@@ -385,10 +385,9 @@ def open_run(
         Stimulus file of the virtual blocks; without one they are sharp steps of the design's
         heights.
     device : str
-        ``"mouse"`` (and the loudspeaker of the browser), ``"openhaptics"``, ``"dhd"``, or
-        ``"replay"`` of a recorded hand.
+        ``"mouse"`` (and the loudspeaker of the browser), ``"openhaptics"`` or ``"dhd"``.
     library : str
-        Path of the device's library, where the system does not find it, or of the record.
+        Path of the device's library, where the system does not find it.
     scale : float
         Magnification of all blocks [1].
     ratings : tuple of int
@@ -460,7 +459,6 @@ class _Handler(BaseHTTPRequestHandler):
     # nothing, runs its own script only, and stands in no frame.
     server: RunServer
     protocol_version = "HTTP/1.1"
-    timeout = 30.0
 
     def log_message(self, format: str, *args: object) -> None:
         """Write nothing: the terminal is the experimenter's."""

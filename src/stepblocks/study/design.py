@@ -18,10 +18,8 @@ from stepblocks.declare import load_declared
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.predict.perception import choose_energies
 from stepblocks.predict.predictions import predict_one
-from stepblocks.quantities import format_units
 from stepblocks.select import matches_pattern
 from stepblocks.study import require
-from stepblocks.study.simulate import TYPICAL_OBSERVER, Z95, Observer
 
 MAX_CONDITIONS = 26  # that one participant may meet
 MAX_PARTICIPANTS = 1000
@@ -181,19 +179,18 @@ class Design:
         many as there are blocks to compare it with.
     balance : Balance
         Of the order of conditions over participants.
-    advice : str
-        On levels that are too coarse for a threshold.
     """
 
     experiment: str
     trials: Sequence[Mapping[str, str]]
     blocks: Mapping[str, Mapping[str, Item]]
     balance: Balance
-    advice: str = ""
 
     def __repr__(self) -> str:
-        size = f"{len(self.blocks)} participants, {len(self.trials)} trials"
-        return f"<Design {self.experiment}: {size}>"
+        return (
+            f"<Design {self.experiment}: {len(self.blocks)} participants, "
+            f"{len(self.trials)} trials>"
+        )
 
 
 def make_trial_row(
@@ -399,38 +396,3 @@ def find_designed_blocks(
         f"the blocks of the design must be in the stimulus file, got no {lacking} [{where}]",
     )
     return replace(blocks, faces={name: face for name, face in faces.items() if name in heights})
-
-
-def describe_coarse_levels(
-    blocks: Blocks, standard: str, observer: Observer = TYPICAL_OBSERVER
-) -> str:
-    """Say where too few blocks are so near to a standard that answers can differ."""
-    try:
-        energies = blocks.energies()
-    except PipelineError:
-        return ""  # a block that locks is felt by something else than its vibration
-    heights = {item.identity: item.height for item in blocks.items}
-    noise = math.sqrt(2.0) * observer.sensation_noise
-    apart = [
-        abs(math.log(energies[name] / energies[standard])) for name in energies if name != standard
-    ]
-    near = sum(distance < Z95 * noise for distance in apart)
-    if near >= 2 or len(heights) < 2:
-        return ""
-    face, around = blocks.faces[standard], (0.99, 1.01)
-    faces = {
-        f"{share}": replace(face, height=heights[standard] * share)
-        for share in around
-        if isinstance(face, Step)
-    }
-    low, high = replace(blocks, faces=faces).energies().values()
-    reach = Z95 * noise * 0.02 * heights[standard] / math.log(high / low) * 1e6
-    middle = heights[standard] * 1e6
-    return format_units(
-        f"levels are coarse: at a Weber fraction of the energy of {observer.weber:g} only "
-        f"{near} "
-        f"of {len(heights) - 1} blocks "
-        f"are mistaken for {standard} now and then, and a threshold needs two or more; add "
-        "heights between "
-        f"{middle - reach:.3g} and {middle + reach:.3g} um"
-    )

@@ -1,4 +1,4 @@
-"""Who moves the probe: a mouse, a recorded hand, or a device through its maker's C library, loaded when it is asked for."""
+"""Who moves the probe: a mouse, or a device through its maker's C library, loaded when it is asked for."""
 
 # A hand says where it is [m], how fast it moves [m/s] and whether its dead-man switch is held, and
 # takes a force [N]; axes are those of the scene: x along the drag, y along the edge, z up,
@@ -78,34 +78,6 @@ class Mouse(Hand):
         """Keep the load: the wall is a known spring."""
         if self._down:
             self._position[2] += (force[2] - self._load) / self._wall
-
-
-class Replay(Hand):
-    """A recorded hand, one position per tick; it lets go at its end."""
-
-    def __init__(self, positions: Array, period: float = _PERIOD) -> None:
-        self._positions, self._period, self._tick = (
-            np.asarray(positions, dtype=np.float64),
-            period,
-            0,
-        )
-        self.forces: list[Array] = []  # that it felt
-
-    def begin(self) -> None:
-        """Begin anew."""
-        self._tick = 0
-
-    def read(self) -> tuple[Array, Array, bool]:
-        """Return the next position."""
-        index = min(self._tick, len(self._positions) - 1)
-        before = self._positions[max(index - 1, 0)]
-        held = self._tick < len(self._positions)
-        self._tick += 1
-        return self._positions[index], (self._positions[index] - before) / self._period, held
-
-    def apply(self, force: Array) -> None:
-        """Remember what was felt."""
-        self.forces.append(force.copy())
 
 
 def _load(library: str, *names: str) -> ctypes.CDLL:
@@ -251,23 +223,8 @@ class OpenHaptics(Hand):
         self._lib.hdDisableDevice(self._device)
 
 
-def read_recorded_hand(path: str) -> Replay:
-    """Read the hand of a trial that ``study run`` has written."""
-    import h5py
-
-    try:
-        with h5py.File(path) as file:
-            held, period = file["held"][:] > 0.0, 1.0 / float(file.attrs["rate_hz"])
-            return Replay(np.column_stack([file[f"{axis}_m"][:][held] for axis in "xyz"]), period)
-    except (OSError, KeyError, ValueError) as error:
-        raise PipelineError(
-            f"a recorded hand must be the HDF5 of a trial: {error} [{path}]"
-        ) from error
-
-
 # by name: what opens a hand, from the path of its library, or of its record
 HANDS: dict[str, Callable[[str], Hand]] = {
     "openhaptics": OpenHaptics,
     "dhd": ForceDimension,
-    "replay": read_recorded_hand,
 }

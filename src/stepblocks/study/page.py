@@ -13,7 +13,7 @@ from stepblocks.page_file import render_page
 from stepblocks.study.analysis.figures import draw_study_figures
 from stepblocks.study.analysis.results import FIGURES, StudyResult
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.prose import make_journal_table, write_headline
+from stepblocks.study.prose import write_headline
 from stepblocks.tables import format_csv
 
 if TYPE_CHECKING:
@@ -49,7 +49,6 @@ def render_study(result: StudyResult) -> str:
             for name, own in table.groupby(["measure", "analysis"], sort=False)
         ],
         conditions=sorted(frame["condition"].unique()),
-        journal=make_journal_table(result),
         people=frame["participant"].nunique(),
         judgements=len(frame),
         stimuli=frame["stimulus"].nunique(),

@@ -110,26 +110,6 @@ def _describe_levels(result: StudyResult) -> Iterator[str]:
         )
 
 
-def make_journal_table(result: StudyResult) -> list[dict[str, str]]:
-    """Lay out means and tests as the APA's Publication Manual (7th ed., 6.36, 6.43, 7.21) asks."""
-    rows = []
-    for measure in result.measures:
-        factor, shift = (1.0, math.log(1e6)) if measure.logarithmic else (1e6, 0.0)
-        means = (
-            measure.frame.groupby(["condition", "participant"])["value"].mean().groupby("condition")
-        )
-        row = {"measure": measure.label}
-        for name, own in means:
-            row[name] = f"{own.mean() * factor + shift:.2f} ({own.std() * factor:.2f})"
-        if (term := measure.corrected) is not None:
-            ends = f"[{term.eta_low:.2f}, {term.eta_high:.2f}]".replace("0.", ".")
-            row["F"] = f"F({term.df:.3g}, {term.df_error:.3g}) = {term.f:.2f}"
-            eta = f"{term.eta_squared:.2f}".lstrip("0")
-            row |= {"p": format_apa_p(term.p), "eta": f"{eta} {ends}"}
-        rows.append(row)
-    return rows
-
-
 def format_apa_p(p: float) -> str:
     """Write a probability as the APA asks for: three digits without the zero before the point."""
     return "< .001" if p < 0.001 else f"= {p:.3f}".replace("0.", ".", 1)

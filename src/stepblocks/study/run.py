@@ -8,7 +8,6 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -26,7 +25,6 @@ from stepblocks.study.design import (
     VIRTUAL_FACTORS,
     Design,
     choose_blocks,
-    describe_coarse_levels,
     design_trials,
     find_designed_blocks,
 )
@@ -100,7 +98,7 @@ def design_study(
     Returns
     -------
     Design
-        As written; its `advice` says where levels are too coarse.
+        As written.
 
     Raises
     ------
@@ -159,8 +157,7 @@ def design_study(
         "preregistration.md": html.unescape(text),
     }
     sheet.write_new_files(Path(folder), files)
-    advice = describe_coarse_levels(blocks, standard) if kind.paired else ""
-    return replace(design, advice=advice)
+    return design
 
 
 def check_virtual_factor(name: str, levels: Sequence[str]) -> None:

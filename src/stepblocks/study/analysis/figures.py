@@ -105,25 +105,6 @@ def _draw_participants(figure: Figure | SimpleNamespace, result: Result) -> Tabl
     return pd.concat(rows)
 
 
-def _draw_residuals(figure: Figure | SimpleNamespace, result: Result) -> Table:
-    import pandas as pd
-    from scipy.stats import probplot
-
-    left, right = figure.subplots(1, 2)
-    measure = result.measure() or result.measures[0]
-    fitted, residuals = (value * 1e6 for value in (measure.mixed.fitted, measure.mixed.residuals))
-    dots = {"ms": 3, "alpha": 0.6, "color": _COLOURS[0]}
-    left.plot(fitted, residuals, "o", **dots)
-    left.axhline(0.0, color=_LINE, lw=1)
-    label = format_column_label("residual_um")
-    left.set(xlabel=f"fitted {measure.label}", ylabel=label)
-    (quantiles, ordered), (slope, intercept, _) = probplot(residuals)
-    right.plot(quantiles, ordered, "o", **dots)
-    right.plot(quantiles, intercept + slope * quantiles, color=_LINE, lw=1)
-    right.set(xlabel="quantile of the normal distribution", ylabel=label)
-    return pd.DataFrame({"fitted_um": fitted, "residual_um": residuals})
-
-
 def _draw_ratings(figure: Figure | SimpleNamespace, result: Result) -> Table:
     axes, frame = figure.subplots(), result.frame
     shares = frame.groupby("condition")["rating"].value_counts(normalize=True).unstack(0).fillna(0)
@@ -201,12 +182,6 @@ _FIGURES = {
         _draw_participants,
         "measures",
         "Every participant: a line each, with its name; black: the mean.",
-    ),
-    "residuals": (
-        _draw_residuals,
-        "measures",
-        "Residuals of the mixed model of the absolute error: against fitted values, and their "
-        "quantiles against the normal's.",
     ),
     "ratings": (_draw_ratings, "ordinal", "Share of each rating of realism."),
 }

@@ -48,10 +48,6 @@ class MixedFit:
         Restricted, in the unit of the response.
     remarks : tuple of str
         On variances that are estimated as zero or less.
-    fitted, residuals : ndarray, shape (n,)
-        Conditional on the participants.
-    participant_effects : ndarray, shape (participants,)
-        Predicted deviation of each participant.
     """
 
     means: tuple[tuple[str, float, float], ...]
@@ -62,9 +58,6 @@ class MixedFit:
     sd_residual: float
     log_likelihood: float
     remarks: tuple[str, ...]
-    fitted: Array
-    residuals: Array
-    participant_effects: Array
 
 
 class _Likelihood:
@@ -181,18 +174,13 @@ def fit_mixed_model(
     point, spread = likelihood.fit(repeated)
     products, covariance = likelihood.products(point)[0], likelihood.covariance(point)
     beta: Array = np.asarray(np.linalg.solve(products[:-1, :-1], products[:-1, -1]), dtype=float)
-    person, response_, shrunk, weights = likelihood.variances(point)
+    person, response_, _, _ = likelihood.variances(point)
     residual = math.exp(0.5 * point[-1])
     rows = find_mean_rows(model, data, conditions)
     count = partial(likelihood.count_freedom, point, spread)
     family = compare_all_pairs(
         conditions, rows, (beta, covariance), count, spread=residual, scale=scale
     )
-    away = y - x @ beta
-    sums = np.bincount(cell, away) * shrunk
-    own = max(person, 0.0) * (likelihood.persons.T @ sums) / (1.0 + person * weights)
-    left = sums - likelihood.persons @ own * likelihood.sizes * shrunk
-    effects = likelihood.persons @ own + max(response_, 0.0) * left
     variances = {
         "between participants": person,
         "of participants' response to the condition": response_ if repeated else 1.0,
@@ -213,9 +201,6 @@ def fit_mixed_model(
             for name, value in variances.items()
             if value < _ZERO
         ),
-        fitted=(x @ beta + effects[cell]) * scale + shift,
-        residuals=(away - effects[cell]) * scale,
-        participant_effects=own * scale,
     )
 
 

@@ -5,8 +5,6 @@ import numpy as np
 from stepblocks.study import Table
 
 HASTE = 0.3  # median reaction time below which nobody can have dragged over an edge [s]
-_FAR = 3.5  # robust standard deviations, Iglewicz and Hoaglin (1993)
-_SURE = 1e-3
 
 
 def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
@@ -29,7 +27,7 @@ def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
             found.append(f"Participant {name} gave the same answer in all {len(values)} trials.")
         elif np.ptp(heights) > 0.0:
             trend = spearmanr(heights, values)
-            if trend.statistic < 0.0 and trend.pvalue < _SURE:
+            if trend.statistic < 0.0 and trend.pvalue < 1e-3:
                 found.append(
                     f"Participant {name} gave lower answers to higher blocks (rank correlation "
                     f"{trend.statistic:.2f}): are the answers or the blocks swapped?"
@@ -38,9 +36,10 @@ def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
             found.append(f"Participant {name} answered in haste: median {haste:.2f} s.")
     level = np.array(list(middles.values()))
     apart = np.abs(level - np.median(level))
+    # Iglewicz, B., Hoaglin, D. C. (1993): 3.5 robust standard deviations
     wide = 1.4826 * float(np.median(apart))
     for name, far in zip(middles, apart, strict=True):
-        if len(level) > 4 and far > _FAR * wide > 0.0:
+        if len(level) > 4 and far > 3.5 * wide > 0.0:
             found.append(
                 f"Participant {name}'s mean answer is {far / wide:.1f} robust standard deviations "
                 "from the median of all."

@@ -121,16 +121,3 @@ def compute_bayes_factor(t: float, people: float) -> float:
 
     null = math.exp(-0.5 * (df + 1.0) * math.log1p(t * t / df))
     return null / float(quad(weigh, 0.0, math.inf)[0])
-
-
-def leave_each_out(table: Table, first: str, second: str) -> dict[str, tuple[float, float]]:
-    """Return the difference of two columns, and its p, without each participant."""
-    from scipy.stats import ttest_1samp
-
-    apart = (table[first] - table[second]).dropna()
-    left = {str(person): apart.drop(person) for person in apart.index}
-    return {
-        person: (float(others.mean()), float(ttest_1samp(others, 0.0).pvalue))
-        for person, others in left.items()
-        if len(others) > 1
-    }
