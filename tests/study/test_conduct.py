@@ -11,8 +11,9 @@ from oracles.browser import browser
 from oracles.participant_in_browser import LOOKS, whole_run
 from oracles.recorded_hand import Replay
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.study.conduct import RunServer, open_run
+from stepblocks.study.conduct import open_run
 from stepblocks.study.run import analyse_study, design_study
+from stepblocks.study.server import RunServer
 
 HEIGHTS = (20e-6, 50e-6)
 

@@ -105,25 +105,6 @@ def test_bids_says_what_every_column_is_and_its_validator_has_no_error(study, tm
     assert json.loads(found.stdout)["issues"]["errors"] == []
 
 
-def test_conditions_for_psychopy_are_blinded_python_names_in_the_order_of_the_design(
-    study, tmp_path
-):
-    share_study(study, [], tmp_path, "psychopy")
-    conditions = pd.read_csv(tmp_path / "conditions-1.csv")
-    assert all(name.isidentifier() for name in conditions.columns)
-    design = pd.read_csv(study / "design.csv")
-    assert conditions["code"].tolist() == design[design["participant"] == 1]["code"].tolist()
-    assert not {"height_um", "stimulus", "engraved"} & set(conditions.columns)
-    utils = pytest.importorskip(
-        "psychopy.data.utils", reason="PsychoPy reads its conditions where it is installed"
-    )
-    read, names = utils.importConditions(str(tmp_path / "conditions-1.csv"), returnFieldNames=True)
-    assert (names, [row["code"] for row in read]) == (
-        list(conditions.columns),
-        conditions["code"].tolist(),
-    )
-
-
 def test_the_report_opens_with_what_was_found_and_ends_as_a_journal_wants_it(result):
     said = write_headline(result)
     assert said.startswith("Primary outcome, absolute error: ")

@@ -262,7 +262,7 @@ def run(
 
     The same command goes on after a break.
     """
-    from stepblocks.study.conduct import RunServer
+    from stepblocks.study.server import RunServer
 
     options = given(
         device=device,
@@ -387,7 +387,7 @@ def share(
         typer.Argument(metavar="CSV", help="run sheets, or a folder of them"),
     ] = None,
     form: Annotated[
-        Literal["bids", "psychopy"] | None,
+        Literal["bids"] | None,
         typer.Option("--as", help="form of the dataset", show_default="bids"),
     ] = None,
     output: Annotated[
@@ -402,7 +402,7 @@ def share(
         typer.Option("--licence", metavar="NAME", help="licence that the dataset names"),
     ] = None,
 ) -> Outcome:
-    """Write the study as BIDS, or as conditions files of PsychoPy."""
+    """Write the study as BIDS."""
     options = given(form=form, authors=authors, licence=licence)
     files = stepblocks.share_study(folder, answers or [], output, **options)
     return Outcome(f"{output}: {len(files)} files", record={"files": files})

@@ -1,4 +1,4 @@
-"""Tables of other studies, and studies for others: BIDS and the conditions files of PsychoPy."""
+"""Tables of other studies, and studies for others: BIDS."""
 
 import json
 import re
@@ -11,9 +11,8 @@ from stepblocks.errors import StudyError
 from stepblocks.study import require, sheet
 from stepblocks.study.design import FACTOR
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS, Row, read_number
-from stepblocks.tables import format_csv
 
-FORMATS = ("bids", "psychopy")
+FORMATS = ("bids",)
 HEIGHTS = (0.1, 5000.0)  # of the steps of blocks; what lies outside is in another unit [um]
 _UNITS = {"um": 1.0, "mm": 1e3, "m": 1e6}  # micrometres in one
 _DEFAULTS = {
@@ -134,13 +133,12 @@ def share_study(
     folder : str or Path
         Holds design.csv.
     answers : sequence of str or Path
-        CSV files of answers, or folders of them; none for ``"psychopy"``, which has the conditions
-        before they are run.
+        CSV files of answers, or folders of them.
     output : str or Path
         Folder to write; `analyse_study` without a design reads ``"bids"`` back to the same
         judgements.
     form : str
-        ``"bids"`` (BIDS 1.9, behavioural) or ``"psychopy"``.
+        ``"bids"`` (BIDS 1.9, behavioural).
     authors, licence : str
         Of the dataset, for its description.
 
@@ -159,40 +157,25 @@ def share_study(
     design = sheet.read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
     kind = EXPERIMENTS[experiment]
-    if (
-        form == "psychopy"
-    ):  # blinded, in order, for a loop with ``sequential``; headers are Python names
-        columns = [
-            name for name in sheet.list_answer_columns(experiment) if name not in kind.answers
-        ]
-        sheets = sheet.group_by_participant(sheet.blind_rows(design))
-        files = {f"conditions-{who}.csv": format_csv(rows, columns) for who, rows in sheets.items()}
-    else:
-        rows = [
-            row
-            for path in sheet.find_sheets(answers)
-            for row in sheet.read_answers(path, experiment)
-        ]
-        given = {(row["participant"], row["trial"]): row for row in rows}
-        columns = [
-            name
-            for name in _SAID
-            if name in design[0] and (kind.paired or not name.startswith("standard"))
-        ] + [name for name in design[0] if name.startswith(FACTOR)]
-        people = sheet.group_by_participant(
-            {name: row[name] for name in columns} | {name: answer[name] for name in kind.answers}
-            for row in design
-            if (answer := given.get((row["participant"], row["trial"])))
-        )
-        require(people, "the answers must belong to the design, got none that does")
-        labels = {
-            who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people
-        }  # as both forms allow them
-        alike = len(set(labels.values())) < len(labels) or not all(labels.values())
-        require(
-            not alike, f"participants must differ in letters and digits, got {list(people)[:5]}"
-        )
-        files = _bids(experiment, people, labels, {"Authors": authors, "License": licence})
+    rows = [
+        row for path in sheet.find_sheets(answers) for row in sheet.read_answers(path, experiment)
+    ]
+    given = {(row["participant"], row["trial"]): row for row in rows}
+    columns = [
+        name
+        for name in _SAID
+        if name in design[0] and (kind.paired or not name.startswith("standard"))
+    ] + [name for name in design[0] if name.startswith(FACTOR)]
+    people = sheet.group_by_participant(
+        {name: row[name] for name in columns} | {name: answer[name] for name in kind.answers}
+        for row in design
+        if (answer := given.get((row["participant"], row["trial"])))
+    )
+    require(people, "the answers must belong to the design, got none that does")
+    labels = {who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people}  # as both forms allow them
+    alike = len(set(labels.values())) < len(labels) or not all(labels.values())
+    require(not alike, f"participants must differ in letters and digits, got {list(people)[:5]}")
+    files = _bids(experiment, people, labels, {"Authors": authors, "License": licence})
     sheet.write_new_files(Path(output), files)
     return sorted(files)
 

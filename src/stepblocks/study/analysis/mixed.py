@@ -26,7 +26,6 @@ from stepblocks.study.analysis.anova import (
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-_ZERO = 1e-6  # a variance below this share of the residual one is reported as zero
 
 
 @dataclass(frozen=True)
@@ -199,7 +198,7 @@ def fit_mixed_model(
         remarks=tuple(
             f"The variance {name} is estimated as zero."
             for name, value in variances.items()
-            if value < _ZERO
+            if value < 1e-6
         ),
     )
 

@@ -20,7 +20,6 @@ from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z975, find_crossin
 Array = NDArray[np.float64]
 _LAPSES = np.array([0.0, 0.01, 0.025, 0.05, MAX_LAPSE])
 _STEEP = 100.0  # unit of the rate with which lapse rates fall off over participants
-_COARSE = (80, 40)  # points along threshold and spread for 150 trials of a participant
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class Grid:
         x, k, n = (np.asarray(values, dtype=np.float64) for values in (levels, hits, totals))
         require(len(x) >= 3, f"a psychometric function needs three levels, got {len(x)}")
         finer = math.sqrt(max(float(n.sum(axis=1).max()) / 150.0, 1.0))
-        sizes = [min(int(size * finer), 301) for size in _COARSE]
+        sizes = [min(int(size * finer), 301) for size in (80, 40)]
         span, gap = float(np.ptp(x)), float(np.diff(np.sort(x)).min())
         self.middles = np.linspace(x.min() - 0.3 * span, x.max() + 0.3 * span, sizes[0])
         self.spreads = np.linspace(math.log(0.25 * gap), math.log(3.0 * span), sizes[1])

@@ -1,0 +1,170 @@
+"""The page of one run: what it may ask, and the policy that every request must keep."""
+
+import json
+import math
+import secrets
+import threading
+import time
+from collections.abc import Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from stepblocks.errors import StepblocksError
+from stepblocks.page_file import render_page
+from stepblocks.study.conduct import Run
+from stepblocks.study.hands import Mouse
+from stepblocks.study.servo import raise_priority
+
+_LARGEST = 20_000  # bytes of a request
+_MOST_REQUESTS = 400  # of the page in one second; it asks 60 times
+_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'nonce-{}'; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
+
+class RunServer(ThreadingHTTPServer):
+    """Serves one run until it is done; `url` is where."""
+
+    daemon_threads = True
+
+    def __init__(self, run: Run, port: int = 0) -> None:
+        super().__init__(("127.0.0.1", port), _Handler)
+        self.experiment, self.token = run, secrets.token_urlsafe(16)
+        self.nonce = secrets.token_urlsafe(16)
+        self.port = self.server_address[1]
+        self.url = f"http://127.0.0.1:{self.port}/"
+        self._second, self._asked = 0, 0
+
+    def is_too_busy(self) -> bool:
+        """Count a request; whether there were more in this second than a page asks."""
+        second = int(time.monotonic())
+        self._asked = self._asked + 1 if second == self._second else 1
+        self._second = second
+        return self._asked > _MOST_REQUESTS
+
+    def until_done(self) -> None:
+        """Serve until the last answer is given."""
+        if self.experiment.virtual:
+            raise_priority(10)
+        try:
+            self.serve_forever(poll_interval=0.1)
+        finally:
+            self.server_close()
+            self.experiment.close()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers the page of a run and nobody else."""
+
+    # The policy: requests name this machine and port as their host; one that changes something
+    # comes from this page (origin and token); all are small and not too many; the page loads
+    # nothing, runs its own script only, and stands in no frame.
+    server: RunServer
+    protocol_version = "HTTP/1.1"
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Write nothing: the terminal is the experimenter's."""
+
+    def do_GET(self) -> None:
+        run = self.server.experiment
+        if not self._is_allowed():
+            return
+        if self.path == "/":
+            page = render_page(
+                "study",
+                "run.html",
+                # 400 pixels to the right of the edge are there on every screen
+                metres=max(1e-4, 1.2 * run.reach / 400.0),
+                participant=run.participant,
+                virtual=run.virtual,
+                token=self.server.token,
+                nonce=self.server.nonce,
+            )
+            self._send(200, page, "text/html; charset=utf-8")
+        elif self.path == "/state":
+            self._json(200, run.state())
+        else:
+            self._json(404, {"error": "there is nothing here"})
+
+    def do_POST(self) -> None:
+        if not self._is_allowed():
+            return
+        try:
+            content = self.rfile.read(int(self.headers["Content-Length"]))
+            asked = json.loads(content)
+            if not isinstance(asked, dict):
+                raise ValueError("a JSON object is expected")
+            found = self._act(self.server.experiment, asked)
+            self._json(200 if found is not None else 404, found or {"error": "nothing is here"})
+        except StepblocksError as error:
+            self._json(422, {"error": str(error)})
+        except (ValueError, KeyError, TypeError, AttributeError):
+            self._json(400, {"error": "the request is not one of this page"})
+
+    def _act(self, run: Run, asked: Mapping[str, Any]) -> dict[str, object] | None:
+        """Do what the page asks; None for what it cannot ask."""
+        if self.path == "/hand":
+            if isinstance(run.hand, Mouse):
+                run.hand.post(min(max(float(asked["x"]), -1.0), 1.0), bool(asked["held"]))
+            return run.sense()
+        if self.path == "/begin":
+            run.begin()
+        elif self.path == "/undo":
+            run.undo()
+        elif self.path == "/answer":
+            run.answer(
+                str(asked["trial"]),
+                {str(name): str(text) for name, text in asked["answers"].items()},
+                float(asked.get("reaction_s", math.nan)),
+                str(asked.get("comment", "")),
+            )
+            if run.now is None:
+                # the page still shows that the run is done
+                threading.Timer(1.5, self.server.shutdown).start()
+        else:
+            return None
+        return run.state()
+
+    def _is_allowed(self) -> bool:
+        """Whether a request keeps the policy; one that does not is answered and cut off."""
+        hosts = [f"{name}:{self.server.port}" for name in ("127.0.0.1", "localhost")]
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        size = self.headers.get("Content-Length", "0" if self.command == "GET" else "")
+        token = self.headers.get("X-Stepblocks", "")
+        ours = self.command == "GET" or secrets.compare_digest(
+            token.encode(), self.server.token.encode()
+        )
+        status, rule = 0, ""
+        if host not in hosts or origin not in (None, f"http://{host}") or not ours:
+            status, rule = 403, "only the page of this run may ask this"
+        elif not size.isdecimal() or self.headers.get("Transfer-Encoding"):
+            status, rule = 411, "a request must say its length"
+        elif int(size[:12]) > _LARGEST:
+            status, rule = 413, f"a request must have at most {_LARGEST} bytes"
+        elif self.server.is_too_busy():
+            status, rule = 429, f"at most {_MOST_REQUESTS} requests in a second are answered"
+        if status:
+            self.close_connection = True
+            self._json(status, {"error": rule})
+        return not status
+
+    def _json(self, status: int, content: object) -> None:
+        self._send(status, json.dumps(content), "application/json")
+
+    def _send(self, status: int, text: str, kind: str) -> None:
+        body = text.encode()
+        self.send_response(status)
+        headers = {
+            "Content-Type": kind,
+            "Content-Length": str(len(body)),
+            "Cache-Control": "no-store",
+        }
+        headers |= {"Content-Security-Policy": _POLICY.format(self.server.nonce)}
+        headers |= {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
+        if self.close_connection:
+            headers["Connection"] = "close"
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)
