@@ -226,7 +226,7 @@ def design_trials(
     repetition is a set of its own order, in which no block comes twice in a row.
     """
     settings, groups, generator = _check_size(
-        participants, items, repetitions, seed, factors, between, standard
+        (participants, repetitions, seed), items, factors, between, standard
     )
     inner = [name for name in factors if name not in between]
     group = generator.permutation(participants) % len(groups)
@@ -269,16 +269,14 @@ def _shuffle(
 
 
 def _check_size(
-    participants: int,
+    size: tuple[int, int, int],
     items: Sequence[Item],
-    repetitions: int,
-    seed: int,
     factors: Factors,
     between: Sequence[str],
     standard: str,
 ) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], np.random.Generator]:
     """Refuse what is impossible; return settings, groups and the source of all chance."""
-    known = [item.identity for item in items]
+    (participants, repetitions, seed), known = size, [item.identity for item in items]
     for name, values in {**factors, "blocks": known}.items():
         said = "conditions" if name == "probe" else name
         require(values, f"{said} must be at least one, got none")
