@@ -121,12 +121,8 @@ def asked(path: Path, known: Known) -> InspectionResult:
 
 def warned(result: InspectionResult) -> bool:
     """Whether a note casts doubt on the answer."""
-    notes, drawn = result.inspected.notes, result.inspected.shown
-    seen = (
-        1
-        if drawn is None
-        else int(np.isfinite(drawn.height if drawn.map is None else drawn.map.height).sum())
-    )
+    notes, drawn = result.evaluation.notes, result.evaluation.shown
+    seen = 1 if drawn is None else int(np.isfinite(drawn.height).sum())
     left_out = [LEFT_OUT.search(note) for note in notes]
     many = any(int(found[1]) > MOST_LEFT_OUT * int(found[2] or seen) for found in left_out if found)
     return many or any(WARNS.search(note) for note in notes)
@@ -154,7 +150,7 @@ def compared(path: Path, known: Known) -> tuple[str, str, str, str]:
             spread,
             "rightly" if known.feature == "none" else "no answer",
         )
-    one = next(iter(result.inspected.values.values()))
+    one = next(iter(result.evaluation.values.values()))
     half = one.expanded()
     interval = f"{shown(one.value - half)} to {shown(one.value + half)}"
     if known.feature == "none":

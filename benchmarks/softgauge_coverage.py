@@ -36,9 +36,10 @@ from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.form import compute_flatness, estimate_zone, fit_face
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.map_levels import measure_masked_step
-from stepblocks.inspect.measure import EvaluationOptions, measure_edge, measure_margin, measure_tip
+from stepblocks.inspect.measure import EvaluationOptions, measure_margin, measure_tip
 from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.type_a1 import evaluate_a1
+from stepblocks.inspect.working_edge.measure import measure_edge
 
 Draw = Callable[[np.random.Generator], Iterator[tuple[str, float, Measured]]]
 UM, NM = 1e-6, 1e-9
@@ -251,40 +252,6 @@ def dome(height: float) -> Draw:
     return draw
 
 
-def sawtooth(rise: float, missing: bool = False) -> Draw:
-    y, x = np.mgrid[:160, :160] * 12 * NM
-
-    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
-        angle, pitch = random.uniform(0.2, 1.2), random.uniform(280, 320) * NM
-        along = (x * np.cos(angle) + y * np.sin(angle)) / pitch + random.uniform()
-        z = 50 * NM * np.interp(along % 1.0, [0.0, rise, 1.0], [0.0, 1.0, 0.0])
-        z = z + correlated_map(z.shape, 12 * NM, 0.5 * NM, NM, 30 * NM, random)
-        if missing:
-            z[:, 50:58] = np.nan
-        got = measure_groove(HeightMap(z, 12 * NM, 12 * NM), EXACT).values
-        yield "depth, oblique grating", 50 * NM, got["groove_depth"]
-        yield "pitch, oblique grating", pitch, got["feature_pitch"]
-
-    return draw
-
-
-def uneven(jitter: float) -> Draw:
-    """Oblique grooves, each off its place by a part of the pitch, as a grinder leaves them."""
-    y, x = np.mgrid[:160, :160] * 12 * NM
-
-    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
-        angle, pitch = random.uniform(0.2, 1.2), random.uniform(280, 320) * NM
-        along = (x * np.cos(angle) + y * np.sin(angle)) / pitch + random.uniform()
-        places = np.arange(-1, 12) + jitter * random.standard_normal(13)
-        z = -50 * NM * np.exp(-0.5 * ((along[..., np.newaxis] - places) / 0.15) ** 2).sum(axis=2)
-        z = z + correlated_map(z.shape, 12 * NM, 0.5 * NM, NM, 30 * NM, random)
-        found = measure_groove(HeightMap(z, 12 * NM, 12 * NM), EXACT).values
-        if "feature_pitch" in found:  # grooves far apart are a masked step, of no pitch
-            yield "pitch, oblique grating", pitch, found["feature_pitch"]
-
-    return draw
-
-
 def sheets(count: int, own: float) -> Draw:
     """Draw sheets of their own heights under debris, on shifted rows; true is their mean."""
 
@@ -352,9 +319,6 @@ CASES: list[tuple[str, Draw, float]] = [
     ("20 um on a bow of 1 um", bowed(20 * UM, UM), 0.25),
     ("300 nm on a bow of 1 um", bowed(300 * NM, UM), 0.25),
     ("dome of 10.6 um", dome(10.6 * UM), 0.25),
-    ("sawtooth 0.7 : 0.3", sawtooth(0.7), 0.25),
-    ("missing, sawtooth 0.9 : 0.1", sawtooth(0.9, missing=True), 0.25),
-    ("uneven lines, 3 %", uneven(0.03), 0.25),
     ("missing columns", gaps, 0.25),
     ("bow 200 nm, rough 30 nm", form(200 * NM, 30 * NM), 0.25),
     (SEVERAL_TERMS, form(60 * NM, 30 * NM, 20 * NM, -15 * NM, 25 * NM), 0.25),

@@ -157,6 +157,8 @@ def test_the_page_of_an_inspection_opens_with_its_finding_and_shows_every_budget
         stimuli,
         "--calibration",
         "0.1 %",
+        "--stylus-radius",
+        "0 um",
         "-o",
         str(tmp_path / "out"),
     ]

@@ -15,7 +15,8 @@ Everything that a command does is also a function. The public names, in the orde
   `sweep`, `SweepResult`, `drag_over`, `vibration_events`;
 - render: `export`, `feel`, `compare`, `Renderer`;
 - measure: `read_scan`, `list_channels`, `inspect_scan`, `inspect_standard`, `inspect_many`,
-  `EvaluationOptions`, `write_inspection`, `write_many`, `read_as_built`, `measure`,
+  `EvaluationOptions`, `Instrument`, `read_laboratory`, `write_inspection`, `write_many`,
+  `read_as_built`, `measure`,
   `simulate_session`;
 - explain: `loop_session`, `loop_sessions`, `read_model`; compare with the literature:
   `hold_against_evidence`;

@@ -1,6 +1,7 @@
 from .artefacts.as_built import read_as_built as read_as_built
 from .artefacts.check import check_artefact as check_artefact
 from .artefacts.heightfield import height_field as height_field
+from .artefacts.laboratory import read_laboratory as read_laboratory
 from .artefacts.model_file import read_model as read_model
 from .artefacts.scans.read import list_channels as list_channels, read_scan as read_scan
 from .artefacts.step.check_step import check_step as check_step
@@ -36,6 +37,7 @@ from .declare import load_set as load_set
 from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
 from .evidence.compare import hold_against_evidence as hold_against_evidence
+from .inspect.budget import Instrument as Instrument
 from .inspect.many import inspect_many as inspect_many, write_many as write_many
 from .inspect.measure import EvaluationOptions as EvaluationOptions
 from .inspect.report import write_inspection as write_inspection

@@ -128,6 +128,8 @@ def _magnitude(text: str, unit: str, wanted: str) -> float:
         raise QuantityError(f"{wanted}, got {shown!r}") from error
     if not offset_free:
         raise QuantityError(f"{wanted}, got {shown!r}")
+    if unit == "K":  # a scale of temperature has an offset beside the size of its degree
+        return float(_registry().Quantity(number, meant).to(unit).magnitude)
     return float(multiply_by_unit(number, factor))
 
 

@@ -123,13 +123,13 @@ def test_results_written_by_hand_are_read_and_judged(tmp_path):
     assert one.limits == pytest.approx((-1e-6, 1e-6), abs=1e-15)
     assert math.isnan(one.std)
     result = inspect_scan(path, "step-050", stimuli=STIMULI / "paper-ten.toml")
-    assert result.verdict.value == "conforms"  # 0.2 um off, no uncertainty stated: named as such
-    assert result.inspected.values["step_height"].unstated == ("as stated in the file",)
-    assert result.felt == ""
+    assert result.verdict.value == "not proven"  # 0.2 um off, and no uncertainty is stated
+    assert result.evaluation.values["step_height"].unstated == ("as stated in the file",)
+    assert result.energy_statement == ""
     path.write_text(BY_HAND.replace("VALUE", "0.0000520"))
     assert (
         inspect_scan(path, "step-050", stimuli=STIMULI / "paper-ten.toml").verdict.value
-        == "does not conform"
+        == "not proven"
     )
 
 

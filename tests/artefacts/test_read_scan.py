@@ -336,3 +336,16 @@ def test_a_height_image_is_read_alone_and_in_a_list(tmp_path, wrap):
     expected = 1e-3 * (5.0 + 0.01 * np.where(counts == 0, np.nan, counts.astype(float)))
     np.testing.assert_allclose(found.height, expected, rtol=1e-12)
     assert (found.dx, found.dy) == pytest.approx((1e-4, 2e-4))
+
+
+def test_a_cloud_whose_points_repeat_a_place_is_refused_with_what_would_do(tmp_path):
+    # a free surface: most of its points lie over the same place, so that no step can be found
+    random = np.random.default_rng(1)
+    points = np.repeat(random.normal(size=(40, 3)), 6, axis=0)
+    points[:, 2] = random.normal(size=len(points))
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    path = tmp_path / "tooth.ply"
+    path.write_text(head + "\n".join(" ".join(f"{v:.5f}" for v in row) for row in points))
+    with pytest.raises(MetrologyError, match="points must lie on a grid"):
+        read_scan(path, "mm")

@@ -1,4 +1,7 @@
-"""Budgets: what the instrument owes, what the scatter of profiles says, and what nobody has stated."""
+"""Budgets.
+
+What the instrument owes, what the scatter of profiles says, and what nobody has stated.
+"""
 
 import math
 
@@ -10,8 +13,10 @@ from stepblocks.inspect.budget import (
     Component,
     Instrument,
     Measured,
+    Outcome,
     add_instrument_components,
     average_profiles,
+    judge,
 )
 from stepblocks.inspect.noise import Estimate
 
@@ -57,10 +62,33 @@ def test_components_stand_in_the_order_own_calibration_others_resolution():
     ]
 
 
-def test_a_calibration_that_nobody_states_is_named_and_adds_nothing():
+def test_a_calibration_that_nobody_states_is_named_and_counts_by_its_default():
     measured = add_instrument_components("x", 1e-6, [Component("noise", 3e-9)], Instrument())
     assert measured.unstated == ("calibration",)
-    assert measured.std == pytest.approx(3e-9)
+    assert measured.std == pytest.approx(math.hypot(3e-9, 0.02 * 1e-6))  # 2 %: Haitjema 1998
+
+
+def test_one_more_stated_component_never_narrows_an_interval():
+    few = Component("repeatability", 10e-9, 2.0)
+    widths = [
+        Measured("x", 0.0, (few, Component("calibration", std))).expanded()
+        for std in (0.0, 2e-9, 5e-9, 10e-9, 30e-9, 100e-9)
+    ]
+    assert widths == sorted(widths)
+
+
+def test_of_a_bound_only_its_own_side_is_proven_and_of_no_stated_uncertainty_nothing():
+    part = (Component("noise", 10e-9),)
+    for value, bound, verdict in (
+        (1e-6, "at most", Outcome.CONFORMS),
+        (3e-6, "at most", Outcome.NOT_PROVEN),
+        (3e-6, "at least", Outcome.DOES_NOT_CONFORM),
+        (1e-6, "at least", Outcome.NOT_PROVEN),
+    ):
+        assert judge(Measured("x", value, part, bound), 0.0, 0.0, 2e-6).verdict is verdict
+    unknown = (Component("as stated", math.nan, decisive=True),)
+    for value in (1e-6, 9e-6):
+        assert judge(Measured("x", value, unknown), 0.0, 0.0, 2e-6).verdict is Outcome.NOT_PROVEN
 
 
 def test_the_interval_is_normal_where_nothing_was_estimated_from_few_values():

@@ -1,4 +1,7 @@
-"""Two-plane height and edge radius, proven on profiles whose truth is known and on the benches' own scans."""
+"""Two-plane height and edge radius.
+
+Proven on profiles whose truth is known and on the benches' own scans.
+"""
 
 import os
 from pathlib import Path
@@ -54,7 +57,7 @@ def test_the_radius_is_that_of_the_posterior_summed_over_a_dense_grid(
     windows = []
     found = edge_arc.fit_arc
     monkeypatch.setattr(
-        "stepblocks.inspect.edge.arc_radius", lambda window: windows.append(window) or found(window)
+        "stepblocks.inspect.edge.fit_arc", lambda window: windows.append(window) or found(window)
     )
     edge = fit_edge(*draw(seed, height, radius))
     radii = edge.radius.value + edge.radius.std * np.linspace(-7.0, 7.0, 99)

@@ -1,4 +1,7 @@
-"""Levels, planes, spikes and noise: each against a closed form, or against the sum that a fast way replaces."""
+"""Levels, planes, spikes and noise.
+
+Each against a closed form, or against the sum that a fast way replaces.
+"""
 
 import math
 

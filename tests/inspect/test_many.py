@@ -1,4 +1,4 @@
-"""Many scans together: variance components, capability and charts against published figures, and whole commands."""
+"""Many scans together: what repeats, and whole commands."""
 
 import json
 
@@ -8,93 +8,27 @@ import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge
 from stepblocks.cli import main
-from stepblocks.errors import PipelineError
 from stepblocks.inspect.budget import Instrument, Outcome
 from stepblocks.inspect.many import (
-    compute_capability,
-    compute_chart_limits,
-    estimate_variance_components,
+    estimate_repeatability,
     inspect_many,
     write_many,
 )
+from stepblocks.inspect.measure import EvaluationOptions
 
-# AIAG, Measurement Systems Analysis, 4th ed., table III-B 1: ten parts, three appraisers with three
-# trials each
-AIAG = """0.29 -0.56 1.34 0.47 -0.80 0.02 0.59 -0.31 2.26 -1.36
-0.41 -0.68 1.17 0.50 -0.92 -0.11 0.75 -0.20 1.99 -1.25
-0.64 -0.58 1.27 0.64 -0.84 -0.21 0.66 -0.17 2.01 -1.31
-0.08 -0.47 1.19 0.01 -0.56 -0.20 0.47 -0.63 1.80 -1.68
-0.25 -1.22 0.94 1.03 -1.20 0.22 0.55 0.08 2.12 -1.62
-0.07 -0.68 1.34 0.20 -1.28 0.06 0.83 -0.34 2.19 -1.50
-0.04 -1.38 0.88 0.14 -1.46 -0.29 0.02 -0.46 1.77 -1.49
--0.11 -1.13 1.09 0.20 -1.07 -0.67 0.01 -0.56 1.45 -1.77
--0.15 -0.96 0.67 0.11 -1.45 -0.49 0.21 -0.49 1.87 -2.16"""
 X = np.arange(-400, 400) * 1e-6
+OPTICAL = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)
 
 
-def test_the_components_of_variance_are_those_that_aiag_publishes():
-    values = np.array([line.split() for line in AIAG.splitlines()], dtype=float)
-    rows = [
-        {"value": values[i, j], "block": f"part {j}", "appraiser": "ABC"[i // 3]}
-        for i in range(9)
-        for j in range(10)
-    ]
-    found = {one["source"]: one for one in estimate_variance_components(pd.DataFrame(rows))}
-    # table III-B 8 (ANOVA, interaction pooled): EV 0.199933, AV 0.226838, PV 1.042327
-    assert found["repeatability"]["std"] == pytest.approx(0.199933, abs=1e-6)
-    assert found["appraiser"]["std"] == pytest.approx(0.226838, abs=1e-6)
-    assert found["block"]["std"] == pytest.approx(1.042327, abs=1e-6)
-    assert found["repeatability"]["dof"] == 78
-
-
-def test_conditions_that_change_together_cannot_be_told_apart_and_one_reading_shows_no_scatter():
-    both = pd.DataFrame(
-        {"value": [1.0, 1.1, 2.0, 2.2], "block": ["a", "a", "b", "b"], "day": ["x", "x", "y", "y"]}
-    )
-    with pytest.raises(
-        PipelineError, match=r"conditions must not change together, .* got block and day"
-    ):
-        estimate_variance_components(both)
-    assert (
-        estimate_variance_components(pd.DataFrame({"value": [1.0, 2.0], "block": ["a", "b"]})) == []
-    )
-    # one scan a day of one block: days and repeats are one, the standard deviation of both together
-    days = pd.DataFrame({"value": [1.0, 2.0, 4.0], "block": ["a"] * 3, "day": ["x", "y", "z"]})
-    (only,) = estimate_variance_components(days)
-    assert (only["source"], only["dof"]) == ("repeatability", 2.0)
-    assert only["std"] == pytest.approx(np.std([1.0, 2.0, 4.0], ddof=1))
-
-
-def test_capability_and_its_intervals_are_those_of_the_handbooks():
-    # NIST/SEMATECH e-Handbook 6.1.6: limits 8 and 20, mean 16, standard deviation 2: Cp 1.0, Cpk
-    # 0.6667
-    nist = compute_capability(16.0 + 2.0 * np.array([-1.0, 1.0]) / np.sqrt(2.0), 8.0, 20.0)
-    assert (nist["cp"], nist["cpk"]) == pytest.approx((1.0, 0.6667), abs=1e-4)
-    # Montgomery, Introduction to Statistical Quality Control, example 8.4: 38 to 62, n 20, s 1.75:
-    # 2.29 in 1.57 to 3.01
-    pattern = np.repeat([-1.0, 1.0], 10)
-    book = compute_capability(50.0 + 1.75 * pattern / pattern.std(ddof=1), 38.0, 62.0)
-    assert (book["cp"], book["cp_low"], book["cp_high"]) == pytest.approx(
-        (2.29, 1.57, 3.01), abs=0.01
-    )
-    # e-Handbook 6.1.6, its formula worked by hand: 2.2857 +- 1.96 sqrt(1/180 + 2.2857^2/38)
-    assert book["cpk_high"] - book["cpk"] == pytest.approx(
-        1.96 * np.sqrt(1 / 180 + 2.2857**2 / 38), rel=1e-4
-    )
-    one_sided = compute_capability(np.array([1.0, 2.0, 3.0]), -np.inf, 6.0)
-    assert np.isnan(one_sided["cp"])
-    assert one_sided["cpk"] == pytest.approx(4.0 / 3.0)
-    copies = compute_capability(np.full(3, 2.0), 1.0, 3.0)  # one scan under three names
-    assert np.isnan([copies["cp"], copies["cpk_low"]]).all()
-
-
-def test_the_limits_of_a_chart_of_individuals_are_those_of_the_handbook():
-    # NIST/SEMATECH e-Handbook 6.3.2.2, flow rates of ten batches: centre 50.81, limits 45.8159 and
-    # 55.8041 (d2 as 1.128)
-    rates = np.array([49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1])
-    centre, half = compute_chart_limits(rates)
-    assert centre == pytest.approx(50.81)
-    assert (centre - half, centre + half) == pytest.approx((45.8159, 55.8041), abs=0.003)
+def test_what_repeats_is_pooled_over_blocks_and_a_condition_counts_as_one_reading():
+    # by hand: deviations +-1 and +-2 from the means of two blocks, two degrees of freedom
+    rows = pd.DataFrame({"value": [9.0, 11.0, 3.0, 7.0], "block": ["a", "a", "b", "b"]})
+    assert estimate_repeatability(rows) == pytest.approx((np.sqrt(10.0 / 2.0), 2.0))
+    # two days of two scans: the days differ by 2, their means are the readings
+    days = pd.DataFrame({"value": [4.9, 5.1, 6.9, 7.1], "block": "a", "day": [1, 1, 2, 2]})
+    assert estimate_repeatability(days) == pytest.approx((np.sqrt(2.0), 1.0))
+    alone = pd.DataFrame({"value": [1.0, 2.0], "block": ["a", "b"]})
+    assert estimate_repeatability(alone) == (0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -118,28 +52,45 @@ def batch(tmp_path_factory):
 
 
 def test_a_batch_gets_its_days_and_repeats_into_the_budget_and_a_page(batch, tmp_path):
-    result = inspect_many([batch], "step-050", stimuli="stimuli", instrument=Instrument(1e-4))
+    result = inspect_many(
+        [batch], "step-050", stimuli="stimuli", instrument=Instrument(1e-4, 0.0, 1e-3), how=OPTICAL
+    )
     blocks = result.tables["blocks"].query("characteristic == 'step_height'").set_index("block")
     for block, height in (("B1", 50.1), ("B2", 50.2), ("B3", 49.9)):
         assert abs(blocks.loc[block, "value_um"] - height) < blocks.loc[block, "u95_um"]
     height = result.tables["variation"].query("characteristic == 'step_height'").set_index("source")
     # 60 nm between two days is a standard deviation of 60 / sqrt(2) nm
-    assert height.loc["day", "std_um"] == pytest.approx(0.042, abs=0.012)
-    assert 0.005 < height.loc["repeatability", "std_um"] < 0.03
-    # half of the days' variance stays in the mean over two days
+    assert height.loc["repeatability", "std_um"] == pytest.approx(0.042, abs=0.012)
+    # half of it stays in the mean over two days
     assert blocks.loc["B1", "u_um"] > 0.042 / np.sqrt(2.0) * 0.7
     assert result.verdict is Outcome.DOES_NOT_CONFORM  # rounded by 4 um
-    table, page, chart = write_many(result, tmp_path / "out")
-    assert len(pd.read_csv(table)) == 2 * 12
+    table, page, *each = write_many(result, tmp_path / "out")
+    assert len(pd.read_csv(table)) == 3 * 12
     assert "variation" in page.read_text()
-    assert chart.read_text().startswith("<?xml")
+    assert {path.parent.name for path in each} == {"B1", "B2", "B3"}
+    assert (tmp_path / "out" / "B1" / "step-050.certificate.pdf").read_bytes()[:4] == b"%PDF"
 
 
 def test_the_command_takes_files_a_folder_or_a_table_and_says_what_it_left_out(
     batch, tmp_path, capsys
 ):
     some = sorted(str(path) for path in batch.glob("B1-*.csv"))
-    assert main(["inspect", *some, "--stimulus", "step-050", "--set", "stimuli", "--json"]) == 1
+    assert (
+        main(
+            [
+                "inspect",
+                *some,
+                "--stimulus",
+                "step-050",
+                "--stylus-radius",
+                "0 um",
+                "--set",
+                "stimuli",
+                "--json",
+            ]
+        )
+        == 1
+    )
     told = json.loads(capsys.readouterr().out)
     assert told["blocks"][0]["scans"] == 4
     (batch / "flat.csv").write_text("x_um,z_um\n" + "\n".join(f"{i},0" for i in range(80)) + "\n")
@@ -151,6 +102,8 @@ def test_the_command_takes_files_a_folder_or_a_table_and_says_what_it_left_out(
                 str(batch / "flat.csv"),
                 "--stimulus",
                 "step-050",
+                "--stylus-radius",
+                "0 um",
                 "--set",
                 "stimuli",
             ]

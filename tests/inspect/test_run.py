@@ -1,4 +1,7 @@
-"""An inspection from Python: one call from a file to a verdict, and what it shows, tells and writes."""
+"""An inspection from Python.
+
+One call from a file to a verdict, and what it shows, tells and writes.
+"""
 
 import csv
 import json
@@ -21,13 +24,15 @@ from stepblocks.inspect.budget import (
     decide,
     judge,
 )
+from stepblocks.inspect.measure import EvaluationOptions
 from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import EVALUATIONS, inspect_scan, inspect_standard
 from stepblocks.parts.set import StimulusSet
 from stepblocks.select import find_stimulus_files
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
-KNOWN = Instrument(1e-3)
+KNOWN = Instrument(1e-3, 0.0, 1e-3)
+OPTICAL = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)
 
 
 def save(path, x, z):
@@ -53,7 +58,7 @@ def block(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(block):
-    return inspect_scan(str(block), "step-050", stimuli=str(STIMULI), instrument=KNOWN)
+    return inspect_scan(str(block), "step-050", stimuli=str(STIMULI), instrument=KNOWN, how=OPTICAL)
 
 
 def test_a_scan_is_judged_in_one_call_wherever_the_stimulus_is_declared(result, block):
@@ -61,8 +66,11 @@ def test_a_scan_is_judged_in_one_call_wherever_the_stimulus_is_declared(result, 
     assert {one.key: decision.verdict for one, decision in result.judged} == {
         "step_height": Outcome.CONFORMS,
         "edge_radius": Outcome.DOES_NOT_CONFORM,
+        "burr": Outcome.CONFORMS,
     }
-    one_file = inspect_scan(block, "step-050", stimuli=STIMULI / "paper-ten.toml", instrument=KNOWN)
+    one_file = inspect_scan(
+        block, "step-050", stimuli=STIMULI / "paper-ten.toml", instrument=KNOWN, how=OPTICAL
+    )
     assert str(one_file) == str(result)
 
 
@@ -101,16 +109,17 @@ def test_the_resolution_of_an_instrument_is_at_least_one_count_of_the_scan(block
         found = run.inspect_scan(
             block, "step-050", stimuli=STIMULI, instrument=Instrument(1e-3, stated)
         )
-        budget = {part.name: part.std for part in found.inspected.values["step_height"].components}
+        budget = {part.name: part.std for part in found.evaluation.values["step_height"].components}
         assert budget["resolution"] == pytest.approx(counted / math.sqrt(12.0))
 
 
 def test_the_felt_sentence_says_what_equations_1_and_2_say(result):
     # paper-ten begins with a tip of 125 um, 0.5 N and 0.1: by hand for heights and radii that were
     # measured
-    height, radius = (result.inspected.values[key].value for key in ("step_height", "edge_radius"))
+    height, radius = (result.evaluation.values[key].value for key in ("step_height", "edge_radius"))
     ball, friction = (
-        float(result.felt.split(word)[1].split()[0].rstrip(",)")) for word in ("tip ", "friction ")
+        float(result.energy_statement.split(word)[1].split()[0].rstrip(",)"))
+        for word in ("tip ", "friction ")
     )
 
     def pull(h, r):
@@ -118,10 +127,10 @@ def test_the_felt_sentence_says_what_equations_1_and_2_say(result):
 
     whole = (pull(height, radius) / pull(50e-6, 0.0)) ** 2 - 1.0
     by_radius = (pull(50e-6, radius) / pull(50e-6, 0.0)) ** 2 - 1.0
-    assert f"lowers E_v by {-100 * by_radius:.1f} %" in result.felt
-    assert f"together {100 * whole:+.1f} %" in result.felt
-    assert "by the scanned surface itself" in result.felt
-    assert result.felt.startswith("step-050 does not conform: its edge radius of 1")
+    assert f"lowers E_v by {-100 * by_radius:.1f} %" in result.energy_statement
+    assert f"together {100 * whole:+.1f} %" in result.energy_statement
+    assert "surface itself" not in result.energy_statement  # an arc says all of its surface
+    assert result.energy_statement.startswith("step-050 does not conform: its edge radius of 1")
 
 
 def test_of_a_step_that_locks_the_sentence_says_so_and_no_energy(tmp_path):
@@ -130,8 +139,8 @@ def test_of_a_step_that_locks_the_sentence_says_so_and_no_energy(tmp_path):
     locked = inspect_scan(
         save(tmp_path / "high.csv", x, z), "step-100", stimuli=STIMULI, instrument=KNOWN
     )
-    assert "as built locked" in locked.felt
-    assert "E_v" not in locked.felt
+    assert "as built locked" in locked.energy_statement
+    assert "E_v" not in locked.energy_statement
 
 
 def test_a_standard_is_judged_against_its_certificate_and_feels_like_nothing(tmp_path):
@@ -141,7 +150,8 @@ def test_a_standard_is_judged_against_its_certificate_and_feels_like_nothing(tmp
     )
     path = save(tmp_path / "standard.csv", x, z)
     assert (
-        inspect_standard(path, 10e-6, 50e-9, instrument=Instrument(0.0)).verdict is Outcome.CONFORMS
+        inspect_standard(path, 10e-6, 50e-9, instrument=Instrument(0.0, 0.0, 0.0)).verdict
+        is Outcome.CONFORMS
     )
     assert (
         inspect_standard(path, 11e-6, 50e-9, instrument=Instrument(0.0)).verdict
@@ -149,7 +159,7 @@ def test_a_standard_is_judged_against_its_certificate_and_feels_like_nothing(tmp
     )
     bare = inspect_standard(str(path), 10e-6)
     assert bare.verdict is Outcome.NOT_PROVEN  # no tolerance, no proof
-    assert (bare.identity, bare.stimulus, bare.felt) == ("standard", None, "")
+    assert (bare.identity, bare.stimulus, bare.energy_statement) == ("standard", None, "")
     assert [path.suffix for path in write_inspection(bare, tmp_path / "out")] == [
         ".toml",
         ".json",
@@ -168,22 +178,25 @@ def test_a_notebook_shows_the_table_and_nothing_of_it_is_taken_for_markup(result
         "uncertainty budget",
         "convention: two planes",
         "ISO 14253-1",
-        "felt: ",
+        "energy: ",
     ):
         assert words in shown
 
 
 def test_the_table_lists_values_without_limits_and_what_was_not_stated(result):
-    silent = replace(result, judged=result.judged[:1], felt="")
+    silent = replace(result, judged=result.judged[:1], energy_statement="")
     text = str(silent)
     assert "no limits" in next(
-        line for line in text.splitlines() if line.lstrip().startswith("edge radius")
+        line for line in text.splitlines() if line.startswith("2       edge radius")
     )
-    assert "not stated counts as zero: lateral calibration, repeatability" in text
-    assert "felt:" not in text
+    assert "not stated: repeatability" in text
+    assert "energy:" not in text
     assert silent.as_record()["others_m"] == {
-        "edge_radius": result.inspected.values["edge_radius"].value
+        key: result.evaluation.values[key].value for key in ("edge_radius", "burr")
     }
+    radius = silent.as_record()["others"][0]
+    assert radius["value_m"] == result.evaluation.values["edge_radius"].value
+    assert radius["std_m"] > 0.0
 
 
 def test_the_record_is_strict_json_whose_infinities_are_null(result):
@@ -202,30 +215,30 @@ def test_what_is_written_agrees_with_the_result_and_is_named_in_order(result, tm
     paths = write_inspection(result, str(tmp_path / "new" / "folder"))
     assert [path.name.removeprefix("step-050.") for path in paths] == [
         "as-built.toml",
-        "as-built.profile.csv",
         "inspection.json",
         "inspection.svg",
         "inspection.html",
         "inspection-sheet.csv",
         "qif",
         "dcc.xml",
+        "certificate.pdf",
     ]
     record = read_as_built(str(paths[0]))
     for one, decision in result.judged:
         assert record.values[one.key].value == pytest.approx(decision.value, rel=1e-8)
-    assert f"{result.judged[0][1].value * 1e6:.2f}" in paths[4].read_text()  # the page
-    with paths[5].open() as file:
+    assert f"{result.judged[0][1].value * 1e6:.2f}" in paths[3].read_text()  # the page
+    with paths[4].open() as file:
         filled = {row["characteristic"]: row["measured_mm_or_deg"] for row in csv.DictReader(file)}
     assert float(filled["step height"]) == pytest.approx(result.judged[0][1].value * 1e3, abs=1e-6)
     assert filled["length"] == ""  # not on this scan
-    assert paths[3].read_text().startswith("<?xml")
+    assert paths[2].read_text().startswith("<?xml")
 
 
 def test_one_failure_fails_and_one_unproven_leaves_the_whole_unproven():
     good, open_, bad = (decide(value, 0.1e-6, 9e-6, 11e-6) for value in (10e-6, 10.95e-6, 12e-6))
-    assert combine_verdicts([good, good]) is Outcome.CONFORMS
-    assert combine_verdicts([good, open_]) is Outcome.NOT_PROVEN
-    assert combine_verdicts([open_, bad, good]) is Outcome.DOES_NOT_CONFORM
+    assert combine_verdicts([good.verdict, good.verdict]) is Outcome.CONFORMS
+    assert combine_verdicts([good.verdict, open_.verdict]) is Outcome.NOT_PROVEN
+    assert combine_verdicts([one.verdict for one in (open_, bad, good)]) is Outcome.DOES_NOT_CONFORM
 
 
 def test_what_cannot_be_negative_has_no_lower_limit_at_zero_and_a_fall_has_one():

@@ -1,100 +1,225 @@
-"""A draft of a digital calibration certificate (DCC 3.3.0, D-SI 2.2.1): what only the laboratory knows says so in its place."""
+"""A certificate as a digital one (DCC 3.3.0, D-SI 2.2.1) and as a PDF of the same content.
 
-from collections.abc import Mapping
+What only the laboratory knows comes from its own file (`artefacts.laboratory`); without it the
+certificate is a draft that says so in each place. It is not signed: the signer's own tool adds the
+XML signature (XMLDSig) to the file.
+"""
+
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from stepblocks.atomic import replace_text
+from stepblocks.artefacts.laboratory import Laboratory
+from stepblocks.atomic import replace_text, write_atomically
 from stepblocks.page_file import render_page
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import GUARD_FACTOR
 
 _BLANK = "to be completed by the laboratory"
-_PINNED = "2000-01-01"  # where the order has no date
+_PINNED = "2000-01-01"  # where neither laboratory nor order states a date
+# largest coverage factor that is certified: three degrees of freedom (EA-4/02 M, appendix E) [1]
+_LARGEST_FACTOR = 3.31
+_LINES = 26  # of the table on a page of the PDF
 RULE = (
-    f"ISO 14253-1 with a guard band of {GUARD_FACTOR} u, or Student's 95 % point "
-    "where u "
-    "has "
-    "few "
-    "degrees of freedom: inside "
-    "the limits by it the characteristic conforms, outside by it it does not, between "
-    "neither "
-    "is "
-    "proven (conditional pass "
-    "or fail, ILAC-G8)."
+    f"ISO 14253-1 with a guard band of {GUARD_FACTOR} u, or Student's 95 % point where u has few "
+    "degrees of freedom: inside the limits by it the characteristic conforms, outside by it it does "
+    "not, between neither is proven (conditional pass or fail, ILAC-G8)."
 )
+_HEADINGS = ("no.", "characteristic", "value", "U (95 %)", "k", "limits", "unit", "verdict")
+_WIDTHS = (0.04, 0.34, 0.11, 0.11, 0.05, 0.17, 0.05, 0.13)
 
 
 def write_certificate(
-    path: Path, part: Part, record: Mapping[str, Any], order: OrderSpec, digest: str
-) -> None:
-    """Write the certificate of an inspection; the author of the order is the customer."""
+    path: Path,
+    part: Part,
+    record: Mapping[str, Any],
+    order: OrderSpec,
+    digest: str,
+    laboratory: Laboratory | None = None,
+) -> list[Path]:
+    """Write both forms of the certificate of an inspection.
+
+    The author of the order is the customer.
+    """
+    content = _collect_content(part, record, order, digest, laboratory)
+    replace_text(path, render_page("artefacts", "dcc.xml.j2", **content))
+    page = path.with_name(f"{path.name.removesuffix('.dcc.xml')}.certificate.pdf")
+    _write_pdf(page, content)
+    return [path, page]
+
+
+def _collect_content(
+    part: Part,
+    record: Mapping[str, Any],
+    order: OrderSpec,
+    digest: str,
+    laboratory: Laboratory | None,
+) -> dict[str, Any]:
+    # Return what both forms of a certificate say.
     from stepblocks import __version__
 
     numbers = {one.key: number for number, one in enumerate(part.characteristics(), start=1)}
-    results = [
-        _line(numbers[one["key"]], one)
-        for one in record["characteristics"]
-        if one["key"] in numbers
+    listed = [one for one in record["characteristics"] if one["key"] in numbers]
+    open_ends = [
+        (numbers[one["key"]], one["label"], reason)
+        for one in listed
+        if (reason := _find_obstacle(one))
     ]
+    open_ends += [
+        (numbers[one["key"]], one["label"], f"not measured: {one['needs']}")
+        for one in record["not_measured"]
+    ]
+    results = [_line(numbers[one["key"]], one) for one in listed if not _find_obstacle(one)]
     worst_first = ("fail", "conditionalFail", "conditionalPass", "pass")
-    values = {
-        **{
-            "identity": part.id.upper(),
-            "title": part.drawing_title,
-            "material": part.material.designation,
-            "rule": RULE,
-        },
-        **{
-            "verdict": record["verdict"],
-            "convention": record["convention"],
-            "release": __version__,
-        },
-        **{
-            "blank": _BLANK,
-            "author": order.author,
-            "date": order.date or _PINNED,
-            "digest": digest[:16],
-        },
-        "conformity": min(
-            (one["conformity"] for one in results), key=worst_first.index, default="conditionalPass"
-        ),
+    worst = min((one["conformity"] for one in results), key=worst_first.index, default="")
+    complete = not any(one["asked"] for one in record["not_measured"])
+    date = order.date or _PINNED
+    return {
+        "identity": part.id.upper(),
+        "title": part.drawing_title,
+        "material": part.material.designation,
+        "rule": RULE,
+        "verdict": record["verdict"],
+        "statement": record["statement"],
+        "convention": record["convention"],
+        "scan": record["scan"],
+        "release": __version__,
+        "blank": _BLANK,
+        "author": order.author,
+        "begin": date if laboratory is None else laboratory.measured_from,
+        "end": date if laboratory is None else laboratory.measured_to,
+        "digest": digest[:16],
+        "laboratory": laboratory,
+        # of a part that was not wholly measured nothing is stated as a whole, unless it fails
+        "conformity": worst if complete or worst == "fail" else "",
+        "results": results,
+        "open_ends": sorted(open_ends),
     }
-    replace_text(path, render_page("artefacts", "dcc.xml.j2", results=results, **values))
+
+
+def _find_obstacle(one: Mapping[str, Any]) -> str:
+    # Say why a value is not certified; empty where nothing stands against it.
+    if not one["uncertainty_stated"]:
+        return "measured, without a stated uncertainty"
+    if one["bound"]:
+        return f"known as a bound only: {one['bound']} the measured value"
+    if one["coverage_factor"] > _LARGEST_FACTOR:
+        factor = one["coverage_factor"]
+        return f"too few profiles or scans: coverage factor {factor:.2f}, at most {_LARGEST_FACTOR}"
+    return ""
 
 
 def _line(number: int, one: Mapping[str, Any]) -> dict[str, Any]:
-    """One characteristic, every length as text in metres."""
-    low, high = one["interval_95_m"]
-    expanded, std, value = 0.5 * (high - low), one["std_m"], one["value_m"]
-    lower, upper = one["lower_limit_m"], one["upper_limit_m"]
+    # Return one characteristic, every size as text in metres or radians.
+    unit = one["unit"]
+    low, high = one[f"interval_95_{unit}"]
+    value, lower, upper = (
+        one[f"{name}_{unit}"] for name in ("value", "lower_limit", "upper_limit")
+    )
     inside = (lower is None or value >= lower) and (upper is None or value <= upper)
     status = {"conforms": "pass", "does not conform": "fail"}.get(one["verdict"])
-    parts = [(part["name"], part["std_m"]) for part in one["budget"]]
-    lengths = {
+    sizes = {
         "value": value,
-        "expanded": expanded,
-        "nominal": one["nominal_m"],
-        "guard": one["guard_band_m"],
+        "expanded": 0.5 * (high - low),
+        "nominal": one[f"nominal_{unit}"],
+        "guard": one[f"guard_band_{unit}"],
     }
+    budget = [(part["name"], part[f"std_{unit}"], part["how"]) for part in one["budget"]]
     return {
-        **{"number": number, "label": one["label"], "verdict": one["verdict"]},
-        **{name: _metres(length) for name, length in lengths.items()},
-        "factor": f"{expanded / std if std > 0.0 else 1.96:.3f}",  # of coverage
+        "number": number,
+        "label": one["label"],
+        "verdict": one["verdict"],
+        "unit": {"m": "\\metre", "rad": "\\radian"}[unit],
+        **{name: _write_decimal(size) for name, size in sizes.items()},
+        "factor": f"{one['coverage_factor']:.3f}",
         "limits": [
-            (side, _metres(end))
+            (side, _write_decimal(end))
             for side, end in (("lower", lower), ("upper", upper))
             if end is not None
         ],
-        "budget": [
-            (name if std is not None else f"{name} (not stated)", _metres(std or 0.0))
-            for name, std in parts
-        ],
+        # what is unknown is no zero: it is named in the text and has no number
+        "budget": [(name, _write_decimal(std)) for name, std, _ in budget if std is not None],
+        "not_observed": [f"{name}: {how}" for name, std, how in budget if std is None],
+        "assumed": [f"{name} {how}" for name, _, how in budget if how.startswith("not stated")],
         "conformity": status or ("conditionalPass" if inside else "conditionalFail"),
     }
 
 
-def _metres(length: float) -> str:
-    """Write a length to a tenth of a picometre, in the notation that D-SI takes for decimals."""
-    return f"{length:.13f}".rstrip("0").rstrip(".")
+def _write_decimal(size: float) -> str:
+    # Write a size to a tenth of a pico unit, in the notation that D-SI takes for decimals.
+    text = f"{size:.13f}".rstrip("0").rstrip(".")
+    return "0" if text in ("", "-0") else text
+
+
+def _write_pdf(path: Path, content: Mapping[str, Any]) -> None:
+    # Write the certificate as A4 pages.
+    from matplotlib.backends.backend_pdf import PdfPages
+    from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
+
+    rows = [_write_row(one) for one in content["results"]]
+    pages = [rows[at : at + _LINES] for at in range(0, len(rows), _LINES)] or [[]]
+    with write_atomically(path) as draft:
+        dates = {"CreationDate": None, "ModDate": None}
+        with PdfPages(draft, metadata=dates) as document:
+            for number, own in enumerate(pages, start=1):
+                figure = Figure(figsize=(8.27, 11.69))
+                head = f"Certificate   {content['identity']}   page {number} of {len(pages)}"
+                figure.text(0.06, 0.96, head, fontsize=14, weight="bold")
+                lines = [line for text in _list_lines(content) for line in _wrap(text)]
+                figure.text(0.06, 0.94, "\n".join(lines), fontsize=7, va="top")
+                if own:
+                    height = 0.018 * (len(own) + 1)
+                    low = max(0.93 - 0.0118 * len(lines) - height, 0.02)
+                    axes = figure.add_axes((0.06, low, 0.88, height))
+                    axes.set_axis_off()
+                    table = axes.table(
+                        cellText=own, colLabels=_HEADINGS, colWidths=_WIDTHS, bbox=Bbox.unit()
+                    )
+                    table.auto_set_font_size(False)
+                    table.set_fontsize(6.5)
+                document.savefig(figure)
+
+
+def _write_row(one: Mapping[str, Any]) -> list[str]:
+    factor, unit = (1e6, "um") if one["unit"] == "\\metre" else (57.29577951308232, "deg")
+    ends = {side: f"{float(size) * factor:.7g}" for side, size in one["limits"]}
+    limits = f"{ends.get('lower', '')} to {ends.get('upper', '')}".strip()
+    value, half = (f"{float(one[name]) * factor:.4f}" for name in ("value", "expanded"))
+    label = str(one["label"])[:48]
+    return [str(one["number"]), label, value, half, one["factor"], limits, unit, one["verdict"]]
+
+
+def _list_lines(content: Mapping[str, Any]) -> Iterator[str]:
+    # Yield the text of a certificate, line by line.
+    lab: Laboratory | None = content["laboratory"]
+    yield f"{content['title']} {content['identity']}, material {content['material']}"
+    if lab is None:
+        for name in ("laboratory", "instrument", "temperature", "serial number", "signer"):
+            yield f"{name}: {_BLANK}"
+    else:
+        tool = lab.instrument
+        yield f"certificate {lab.certificate}   serial number of the part {lab.serial or _BLANK}"
+        yield f"laboratory: {lab.name}, {lab.address}, {lab.country}"
+        yield f"instrument: {tool.name}, serial number {tool.serial}"
+        yield f"its calibration: certificate {tool.certificate} of {tool.calibrated}"
+        spread = lab.temperature_spread
+        yield f"temperature: {lab.temperature - 273.15:.2f} +- {spread:.2f} deg C"
+        yield f"signer: {lab.signer}"
+    yield f"customer: {content['author'] or _BLANK}"
+    yield f"measured: {content['begin']} to {content['end']}; scan {content['scan']}"
+    yield f"statement: {content['statement']}"
+    yield f"evaluation: {content['convention']}"
+    yield f"decision rule: {content['rule']}"
+    for one in content["results"]:
+        for text in one["assumed"]:
+            yield f"{one['number']} {one['label']}: {text}"
+    for number, label, reason in content["open_ends"]:
+        yield f"{number} {label}: {reason}"
+
+
+def _wrap(text: str) -> list[str]:
+    from textwrap import wrap
+
+    return wrap(text, 125) or [""]

@@ -90,6 +90,7 @@ def make_sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataF
     rows = []
     for number, one in enumerate(stimulus.characteristics(), start=1):
         sizes = (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
+        scale = math.degrees(1.0) if one.quantity == "angle" else 1e3
         if one.quantity == "angle":
             unit, limits = "deg", [f"{math.degrees(size):g}" for size in sizes]
         else:
@@ -101,7 +102,7 @@ def make_sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataF
         got = (
             ("", "", "")
             if value is None
-            else (f"{value[0] * 1e3:.6f}", f"{value[1] * 1e3:.6f}", value[2])
+            else (*(f"{size * scale:.6f}" for size in value[:2]), value[2])
         )
         rows.append((str(number), one.label, one.kind, *limits, unit, one.method, *got))
     return pd.DataFrame(rows, columns=COLUMNS)

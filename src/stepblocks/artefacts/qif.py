@@ -1,4 +1,6 @@
-"""Plan and results of an inspection as QIF 3.0 (ISO 23952:2020): characteristics numbered as on the drawing and in the STEP file.
+"""Plan and results of an inspection as QIF 3.0 (ISO 23952:2020).
+
+Characteristics numbered as on the drawing and in the STEP file.
 
 A plan holds every characteristic with its tolerance, its datum and the order to measure all of
 them; results add what was measured, with combined standard uncertainties and the outcomes of ISO
@@ -37,9 +39,19 @@ _STATUS = {"conforms": "PASS", "does not conform": "FAIL", "not proven": "UNDEFI
 
 
 def write_qif(
-    path: Path, part: Part, order: OrderSpec | None = None, measured: Values | None = None
+    path: Path,
+    part: Part,
+    order: OrderSpec | None = None,
+    measured: Values | None = None,
+    is_complete: bool = True,
 ) -> None:
-    """Write the plan of a part; with values, their standard uncertainties and outcomes by key also its results."""
+    """Write the plan of a part.
+
+    With values, their standard uncertainties and outcomes by key also its results.
+
+    A part passes as a whole only where all that the order asks for was measured.
+
+    """
     order, listed, values = order or OrderSpec(), list(part.characteristics()), measured or {}
     said = repr((part.record(), sorted(values.items())))
     numbered = {one.key: (one, index) for index, one in enumerate(listed)}
@@ -65,7 +77,11 @@ def write_qif(
         name=uuid.uuid5(
             _SPACE, f"stepblocks/{part.id}/{'plan' if measured is None else 'results'}/{said}"
         ),
-        whole="FAIL" if "FAIL" in told else "UNKNOWN" if "UNDEFINED" in told else "PASS",
+        whole="FAIL"
+        if "FAIL" in told
+        else "UNKNOWN"
+        if not is_complete or "UNDEFINED" in told
+        else "PASS",
     )
     document = etree.fromstring(text, etree.XMLParser(remove_blank_text=True))
     replace_bytes(
@@ -74,16 +90,20 @@ def write_qif(
 
 
 def _kind(one: Characteristic) -> str:
-    """Name the QIF characteristic that states one of ours: of a ball a spherical radius, between two faces an angle between."""
+    # Name the QIF characteristic that states one of ours: of a ball a spherical radius, between two
+    # faces an angle between.
     if one.kind == "radius" and any(
         isinstance(rule, FaceRule) and rule.kind == "SPHERE" for rule in one.faces
     ):
         return "SphericalRadius"
+    if one.kind == "note" and one.quantity == "angle":
+        return "UserDefinedAngular"
     return "AngleBetween" if one.kind == "angle" and len(one.faces) == 2 else _KINDS[one.kind]
 
 
 def _scaled(value: float, one: Characteristic) -> str:
-    """Return a value in the units of the file to a picometre, without the exponent that its decimals may not have."""
+    # Return a value in the units of the file to a picometre, without the exponent that its decimals
+    # may not have.
     text = f"{math.degrees(value) if one.quantity == 'angle' else value * 1e3:.9f}".rstrip(
         "0"
     ).rstrip(".")

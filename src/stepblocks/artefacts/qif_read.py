@@ -1,4 +1,7 @@
-"""Results in QIF 3.0, whoever wrote them: each measured characteristic with its value, uncertainty, limits and outcome in SI."""
+"""Results in QIF 3.0, whoever wrote them.
+
+Each measured characteristic with its value, uncertainty, limits and outcome in SI.
+"""
 
 import math
 from collections.abc import Mapping
@@ -37,7 +40,10 @@ class QifResult:
 
 
 def read_qif_results(path: str | Path) -> list[QifResult]:
-    """Read what was measured, in the order of the file; entities and files that the document asks for are not loaded."""
+    """Read what was measured, in the order of the file.
+
+    Entities and files that the document asks for are not loaded.
+    """
     path = Path(path)
     root = _root(path)
     by_id = {one.get("id"): one for one in root.iter("{*}*") if one.get("id")}
@@ -111,7 +117,8 @@ def _number(text: str, path: Path, must: bool = False) -> float:
 
 
 def _units(root: Any, path: Path) -> dict[str, float]:
-    """How many SI units make a unit of a name; the primary one, 1 where the file names none, goes by its kind too."""
+    # How many SI units make a unit of a name; the primary one, 1 where the file names none, goes by
+    # its kind too.
     sizes = {"Linear": 1.0, "Angular": 1.0}
     for unit in root.iterfind(f"{_NS}FileUnits//{{*}}*"):
         if name := _text(unit, "UnitName"):
@@ -136,7 +143,10 @@ def _limits(definition: Any, factor: float, nominal: float, path: Path) -> tuple
 
 
 def match_results(results: list[QifResult], keys: Mapping[str, str]) -> dict[str, QifResult]:
-    """Find results by all that a characteristic may be called: key, label, number on the drawing; the last one counts."""
+    """Find results by all that a characteristic may be called: key, label, number on the drawing.
+
+    The last one counts.
+    """
     found: dict[str, QifResult] = {}
     for one in results:
         key = keys.get(one.name) or keys.get(one.designator)

@@ -48,7 +48,10 @@ class Verdict:
         )
 
     def as_record(self) -> dict[str, Any]:
-        """Return plain values for JSON, units in the names, to a picometre or nine digits: what lies below is rounding."""
+        """Return plain values for JSON, units in the names, to a picometre or nine digits.
+
+        What lies below is rounding.
+        """
         suffix = {"length": "_m", "volume": "_m3", "mass": "_kg"}.get(self.dimension, "")
         measured = round(self.measured, 12) if suffix == "_m" else float(f"{self.measured:.9g}")
         return {

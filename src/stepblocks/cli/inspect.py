@@ -68,6 +68,24 @@ def inspect(
             help="write page, plot, JSON and as-built record here",
         ),
     ] = None,
+    characteristics: Annotated[
+        Numbers | None,
+        typer.Option(
+            "--characteristics",
+            metavar="N,N,...",
+            parser=read_numbers,
+            help="numbers on the drawing that the order asks for",
+            show_default="all",
+        ),
+    ] = None,
+    lab: Annotated[
+        Path | None,
+        typer.Option(
+            "--lab",
+            metavar="TOML",
+            help="laboratory, instrument, dates and signer for the certificate",
+        ),
+    ] = None,
     tolerance: Annotated[
         float | None,
         typer.Option(
@@ -177,7 +195,7 @@ def inspect(
             "--stylus-radius",
             metavar="LENGTH",
             parser=_LENGTH,
-            help="radius of the stylus, by which it sees an edge or a ball larger",
+            help="radius of the stylus, 0 um of an optical instrument",
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
@@ -187,7 +205,7 @@ def inspect(
             "--stylus-cone",
             metavar="ANGLE",
             parser=quantity("angle"),
-            help="full angle of the stylus: it sees no flank steeper than its side",
+            help="full angle of the stylus, 0 deg of an optical instrument",
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
@@ -225,8 +243,9 @@ def inspect(
     """Evaluate a scan of a machined stimulus and judge it.
 
     Evaluates a profile or height map and judges it by ISO 14253-1. Exit code 0 conforms, 1 does not
-    conform, 3 not proven, 2 the scan cannot be read or evaluated.
+    conform, 3 not proven or not all measured, 2 the scan cannot be read or evaluated.
     """
+    from stepblocks.artefacts.laboratory import read_laboratory
     from stepblocks.inspect.budget import Instrument
     from stepblocks.inspect.levelling import LEVELS
     from stepblocks.inspect.many import inspect_many, is_table, write_many
@@ -238,6 +257,8 @@ def inspect(
     scan = scans[0]
     if list_channels:
         return _list_channels(scan)
+    laboratory = None if lab is None else read_laboratory(lab)
+    tool = {} if laboratory is None else laboratory.instrument.model_dump()
     how = EvaluationOptions(
         degree=LEVELS.get(level or ""),
         edges=edges,
@@ -245,23 +266,29 @@ def inspect(
         exclusion=exclusion,
         begin=begin,
         end=end,
-        stylus_radius=stylus_radius or 0.0,
-        stylus_cone=stylus_cone or 0.0,
+        stylus_radius=stylus_radius if stylus_radius is not None else tool.get("stylus_radius"),
+        stylus_cone=stylus_cone if stylus_cone is not None else tool.get("stylus_cone"),
     )
-    instrument = Instrument(calibration, resolution or 0.0, lateral_calibration)
+    instrument = Instrument(
+        calibration if calibration is not None else tool.get("calibration"),
+        resolution or tool.get("resolution") or 0.0,
+        lateral_calibration if lateral_calibration is not None else tool.get("lateral_calibration"),
+    )
     options = given(how=how, instrument=instrument, unit=unit, channel=channel, feature=feature)
     if len(scans) > 1 or scan.is_dir() or is_table(scans):
         options |= given(stimulus=stimulus, standard=standard)
-        options |= given(stimuli=stimuli) if standard is None else given(tolerance=tolerance)
+        asked = given(stimuli=stimuli, characteristics=characteristics)
+        options |= asked if standard is None else given(tolerance=tolerance)
         together = inspect_many(scans, **options)
-        written = [] if output is None else write_many(together, output)
+        written = [] if output is None else write_many(together, output, laboratory)
         return _summarise_many(together, written)
     if stimulus is None:
         result = inspect_standard(scan, standard, tolerance or 0.0, **options)
     else:
-        result = inspect_scan(scan, stimulus, **options, **given(stimuli=stimuli))
+        options |= given(stimuli=stimuli, characteristics=characteristics)
+        result = inspect_scan(scan, stimulus, **options)
     if output is not None:
-        write_inspection(result, output)
+        write_inspection(result, output, laboratory)
     code = 0 if result.verdict is None else result.verdict.exit_code
     return Outcome("", notes=[str(result)], record=result.as_record(), code=code)
 
@@ -275,9 +302,7 @@ def _list_channels(scan: Path) -> Outcome:
 
 
 def _summarise_many(together: "ManyScans", written: list[Path]) -> Outcome:
-    tables = {
-        name: one.to_dict("records") for name, one in together.tables.items() if name != "chart"
-    }
+    said = [f"{serial}: {one.said}" for serial, one in together.reports.items()]
     page = next((path for path in written if path.suffix == ".html"), None)
     record, code = together.as_record(), together.verdict.exit_code
-    return Outcome("", tables, together.left_out, page, code, record)
+    return Outcome("", together.shown, [*said, *together.left_out], page, code, record)

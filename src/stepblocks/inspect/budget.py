@@ -1,14 +1,18 @@
 """A measured value with its uncertainty budget, and whether it conforms.
 
-JCGM 100:2008: components add in squares (10), degrees of freedom by Welch and Satterthwaite (G.2b),
-coverage factor from Student's law. ISO 14253-1: inside the limits by more than the guard band the
-part conforms; outside by more than it, it does not; between, neither is proven.
+JCGM 100:2008: components add in squares (10), degrees of freedom by Welch and Satterthwaite (G.2b).
+An interval is never narrower than that of what was estimated from few values alone, so that stating
+one more component does not narrow it.
+ISO 14253-1: inside the limits by more than the guard band the part conforms; outside by more than
+it, it does not; between, neither is proven. What makes a value a bound, or leaves its uncertainty
+unknown, stops the verdict at "not proven".
 """
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Literal
 
 import numpy as np
 
@@ -21,27 +25,61 @@ from stepblocks.parts.tolerance import GUARD_FACTOR
 _LEAST_COSINES = 4
 
 
+# relative standard uncertainty of a scale that nobody stated [1]: what makers of stylus instruments
+# specify, by H. Haitjema, Uncertainty analysis of roughness standard calibration using stylus
+# instruments, Precision Engineering 22 (1998)
+UNSTATED_SCALE = 0.02
+UNSTATED = "not stated"
+_NORMAL_95 = 1.959963984540054
+
+
 @dataclass(frozen=True)
 class Component:
-    """One source of uncertainty."""
+    """One source of uncertainty.
+
+    Attributes
+    ----------
+    name : str
+        What it comes from.
+    std : float
+        Standard uncertainty, in the unit of the value; nan where it is unknown.
+    dof : float
+        Degrees of freedom; infinite for what was not estimated from few values.
+    how : str
+        How it was evaluated; begins with "not stated" where a default stands for it.
+    decisive : bool
+        Whether nothing can be proven while it is unknown.
+    """
 
     name: str
-    std: float  # standard uncertainty, in the unit of the value; nan where it is not stated
-    dof: float = math.inf  # degrees of freedom; infinite for what was not estimated from few values
-    how: str = ""  # it was evaluated
+    std: float
+    dof: float = math.inf
+    how: str = ""
+    decisive: bool = False
+
+    @property
+    def is_type_a(self) -> bool:
+        """Whether statistics of the scan gave it (JCGM 100, 4.2)."""
+        return math.isfinite(self.dof) or self.name == "noise"
 
 
 @dataclass(frozen=True)
 class Instrument:
-    """What is known of the instrument besides the scan."""
+    """What is known of the instrument besides the scan.
 
-    calibration_std: float | None = (
-        None  # relative, of the vertical scale [1]; None where it is not stated
-    )
-    resolution: float = 0.0  # least difference of height that it shows [m]
-    lateral_std: float | None = (
-        None  # relative, of the lateral scale [1]; None where it is not stated
-    )
+    Attributes
+    ----------
+    calibration_std : float or None
+        Relative standard uncertainty of the vertical scale [1]; None takes 2 %.
+    resolution : float
+        Least difference of height that it shows [m].
+    lateral_std : float or None
+        Relative standard uncertainty of the lateral scale [1]; None takes 2 %.
+    """
+
+    calibration_std: float | None = None
+    resolution: float = 0.0
+    lateral_std: float | None = None
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -57,38 +95,84 @@ class Instrument:
 
 @dataclass(frozen=True)
 class Measured:
-    """A value with its budget."""
+    """A value with its budget.
 
-    name: str  # of the characteristic, such as ``step height``
-    value: float  # m
+    Attributes
+    ----------
+    name : str
+        Of the characteristic, such as ``step height``.
+    value : float
+        m, or rad of an angle.
+    components : tuple of Component
+        In the unit of the value.
+    bound : {"", "at most", "at least"}
+        Where the true value is known on one side only: at most, or at least, this value.
+    """
+
+    name: str
+    value: float
     components: tuple[Component, ...]
+    bound: Literal["", "at most", "at least"] = ""
 
     @property
     def std(self) -> float:
-        """Combined standard uncertainty [m]; what is not stated counts as zero and is named in `unstated`."""
+        """Combined standard uncertainty.
+
+        What is unknown adds nothing and is named in `unstated`.
+        """
         return math.sqrt(sum(part.std**2 for part in self.components if math.isfinite(part.std)))
 
     @property
     def unstated(self) -> tuple[str, ...]:
-        """Names of components that nobody has stated."""
-        return tuple(part.name for part in self.components if not math.isfinite(part.std))
+        """Names of components that are unknown or for which a default stands."""
+        return tuple(
+            part.name
+            for part in self.components
+            if not math.isfinite(part.std) or part.how.startswith(UNSTATED)
+        )
+
+    @property
+    def is_decidable(self) -> bool:
+        """Whether no component is unknown without which nothing can be proven."""
+        return all(math.isfinite(part.std) for part in self.components if part.decisive)
 
     @property
     def dof(self) -> float:
-        """Effective degrees of freedom by Welch and Satterthwaite."""
-        known = [
-            part for part in self.components if math.isfinite(part.std) and math.isfinite(part.dof)
-        ]
-        weight = sum(part.std**4 / part.dof for part in known)
-        return self.std**4 / weight if weight > 0.0 else math.inf
+        """Effective degrees of freedom of all components, by Welch and Satterthwaite."""
+        return _find_effective_dof(self.components, self.std)
 
     def expanded(self, level: float = 0.95) -> float:
-        """Half width of the two-sided interval at `level` [m]."""
-        return student_quantile(0.5 + 0.5 * level, self.dof) * self.std
+        """Half width of the two-sided interval at `level`, in the unit of the value."""
+        return self._expand(0.5 + 0.5 * level)
+
+    @property
+    def coverage_factor(self) -> float:
+        """Half width of the interval at 95 % over the standard uncertainty [1]."""
+        return self.expanded() / self.std if self.std > 0.0 else _NORMAL_95
+
+    @property
+    def guard(self) -> float:
+        """Guard band at 95 % conformance probability (ISO 14253-1), in the unit of the value."""
+        return max(GUARD_FACTOR * self.std, self._expand(0.95))
+
+    def _expand(self, share: float) -> float:
+        # never less than what was estimated from few values has by itself: degrees of freedom that
+        # one more component brings must not narrow the interval
+        own = [one for one in self.components if math.isfinite(one.std) and one.is_type_a]
+        few = math.sqrt(sum(part.std**2 for part in own))
+        alone = student_quantile(share, _find_effective_dof(own, few)) * few
+        return max(alone, student_quantile(share, self.dof) * self.std)
+
+
+def _find_effective_dof(components: Iterable[Component], std: float) -> float:
+    # Return the degrees of freedom of a sum by Welch and Satterthwaite (JCGM 100, G.2b).
+    known = [part for part in components if math.isfinite(part.std) and math.isfinite(part.dof)]
+    weight = sum(part.std**4 / part.dof for part in known)
+    return std**4 / weight if weight > 0.0 else math.inf
 
 
 def student_quantile(share: float, dof: float) -> float:
-    """Return the point below which this share of Student's law lies."""
+    """Return the point below which this share of Student's law lies [1]."""
     # `scipy.stats` says the same, and takes as long to load as all the rest
     from scipy.special import stdtrit
 
@@ -103,22 +187,20 @@ def add_instrument_components(
     others: Sequence[Component] = (),
     axes: tuple[float, float] = (1.0, 0.0),
 ) -> Measured:
-    """Add what the instrument owes to a value [m]: calibration, and resolution behind the other components."""
+    """Add to a value [m] what the instrument leaves open: calibration and resolution."""
     # `axes` says with which power the value goes with the vertical scale, and with the lateral one.
     parts = list(own)
     scales = (
         ("calibration", instrument.calibration_std),
         ("lateral calibration", instrument.lateral_std),
     )
-    for (label, relative), power in zip(scales, axes, strict=True):
-        if power != 0.0 and relative is None:
-            parts.append(Component(label, math.nan, how="not stated"))
-        elif power != 0.0 and relative is not None:
-            parts.append(
-                Component(
-                    label, power * relative * abs(value), how=f"{power * relative:g} of the value"
-                )
-            )
+    for (label, stated), power in zip(scales, axes, strict=True):
+        if power != 0.0:
+            relative = power * (UNSTATED_SCALE if stated is None else stated)
+            how = f"{relative:g} of the value"
+            if stated is None:
+                how = f"{UNSTATED}: {how}, as makers specify stylus instruments (Haitjema 1998)"
+            parts.append(Component(label, relative * abs(value), how=how))
     resolution = Component(
         "resolution", instrument.resolution / math.sqrt(12.0), how="one count, rectangular"
     )
@@ -153,7 +235,8 @@ def average_profiles(
 
 
 def _split_scatter(deviations: Array, noise: float) -> list[Component]:
-    """Split the variance of a mean over profiles into their noise, itself a variance, and repeatability."""
+    # Split the variance of a mean over profiles into their noise, itself a variance, and
+    # repeatability.
     # Neighbouring profiles may err together, so of the scatter only its slow part counts: the
     # lowest cosines over the map, whose squares average the variance of the mean with as many
     # degrees of freedom; exact for independent profiles, and little too small for correlated ones
@@ -203,15 +286,28 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class Decision:
-    """A value judged against its limits."""
+    """A value judged against its limits; all but the probability in the unit of the value.
+
+    Attributes
+    ----------
+    verdict : Outcome
+    value, std : float
+        Measured value and its standard uncertainty.
+    lower, upper : float
+        Limits of the specification; infinite where there is none.
+    guard : float
+        Guard band.
+    probability : float
+        That the true value lies within the limits, from the measurement alone [1].
+    """
 
     verdict: Outcome
-    value: float  # m
-    std: float  # standard uncertainty [m]
-    lower: float  # limit of the specification [m]; infinite where there is none
-    upper: float  # likewise [m]
-    guard: float  # guard band [m]
-    probability: float  # that the true value lies within the limits, from the measurement alone [1]
+    value: float
+    std: float
+    lower: float
+    upper: float
+    guard: float
+    probability: float
 
 
 def decide(
@@ -220,8 +316,9 @@ def decide(
     lower: float = -math.inf,
     upper: float = math.inf,
     dof: float = math.inf,
+    guard: float | None = None,
 ) -> Decision:
-    """Judge one measured value; with few degrees of freedom the guard band is Student's 95 % point instead of `GUARD_FACTOR`."""
+    """Judge one measured value; the guard band follows from `std` and `dof` where none is given."""
     # Proof of conformity is impossible where the tolerance is narrower than two guard bands.
     if not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         raise MetrologyError(
@@ -231,7 +328,8 @@ def decide(
         raise MetrologyError(f"limits must be in order, got {lower:g} to {upper:g}")
     from scipy.special import stdtr
 
-    guard = max(GUARD_FACTOR, student_quantile(0.95, dof)) * std
+    if guard is None:
+        guard = max(GUARD_FACTOR, student_quantile(0.95, dof)) * std
     if lower + guard <= value <= upper - guard:
         verdict = Outcome.CONFORMS
     elif value < lower - guard or value > upper + guard:
@@ -247,14 +345,28 @@ def decide(
 
 
 def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Decision:
-    """Judge a value by nominal and deviations [m]; a lower limit at or below zero of what cannot be negative is none."""
+    """Judge a value by nominal and signed deviations, all in the unit of the value.
+
+    A lower limit at or below zero of what cannot be negative is none. Of a bound only that side is
+    proven on which it bounds; of what has no stated uncertainty nothing is.
+    """
     low = nominal + lower
     least = low if low > 0.0 or nominal < 0.0 else -math.inf
-    return decide(measured.value, measured.std, least, nominal + upper, measured.dof)
+    found = decide(
+        measured.value, measured.std, least, nominal + upper, measured.dof, measured.guard
+    )
+    above = found.value > found.upper
+    idle = {
+        "": False,
+        "at most": above if found.verdict is Outcome.DOES_NOT_CONFORM else math.isfinite(least),
+        "at least": not above,
+    }[measured.bound]
+    if found.verdict is not Outcome.NOT_PROVEN and (idle or not measured.is_decidable):
+        return replace(found, verdict=Outcome.NOT_PROVEN)
+    return found
 
 
-def combine_verdicts(decisions: Iterable[Decision]) -> Outcome:
-    """Return the verdict over all characteristics: one failure fails, one unproven leaves the whole unproven."""
-    verdicts = {decision.verdict for decision in decisions}
-    worst = (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN)
-    return next((verdict for verdict in worst if verdict in verdicts), Outcome.CONFORMS)
+def combine_verdicts(verdicts: Iterable[Outcome | None]) -> Outcome:
+    """Return the verdict over all: one failure fails, one unproven leaves the whole unproven."""
+    found, worst = set(verdicts), (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN)
+    return next((verdict for verdict in worst if verdict in found), Outcome.CONFORMS)

@@ -41,24 +41,61 @@ _MOST_ON_ARC = 3  # spikes that are sought on an arc
 
 @dataclass(frozen=True)
 class Edge:
-    """What one profile across one edge says."""
+    """What one profile across one edge says; lengths in m.
 
-    height: Estimate  # of the step by the two-plane convention [m]
-    # of the rounded edge [m]; of a sharp one a part of the sampling interval, as is its uncertainty
+    Attributes
+    ----------
+    height : Estimate
+        Of the step, by the two-plane convention.
+    radius : Estimate
+        Of the rounded edge; of a sharp one a part of the sampling interval, as is its uncertainty.
+    radius_limit : float
+        Upper limit of the radius at 95 %: what a sharp edge of this sampling may still have.
+    position : float
+        Of the riser along the profile.
+    middle : float
+        Where half of the height is crossed, from which the exclusion counts.
+    tilt, offset : float
+        Common slope of the faces [1], and height of the lower face at position 0.
+    exclusion : float
+        Half width that was kept out of the faces.
+    rejected : int
+        Points taken for spikes, or missing.
+    rising : bool
+        Whether the higher face lies at larger positions.
+    flank : Flank or None
+        Where the flank slopes and the edge is no arc.
+    dropped : array of bool, shape (n,)
+        Points left out as spikes, along the profile as given.
+    """
+
+    height: Estimate
     radius: Estimate
-    # upper limit of the radius at 95 % [m]: what a sharp edge of this sampling may still have
     radius_limit: float
-    position: float  # of the riser along the profile [m]
-    tilt: float  # common slope of the faces [1]
-    exclusion: float  # half width that was kept out of the faces [m]
-    rejected: int  # points taken for spikes or missing
-    rising: bool  # whether the higher face lies at larger positions
-    flank: Flank | None  # where the flank slopes and the edge is no arc
-    dropped: Mask  # shape (n,); points left out as spikes, along the profile as given
+    position: float
+    middle: float
+    tilt: float
+    offset: float
+    exclusion: float
+    rejected: int
+    rising: bool
+    flank: Flank | None
+    dropped: Mask
+
+    def measure_across(self, position: Array, height: Array) -> tuple[Array, Array]:
+        """Return distances from the edge towards the upper face.
+
+        And heights over the lower one [m].
+        """
+        sign = 1.0 if self.rising else -1.0
+        return sign * (position - self.middle), height - self.offset - self.tilt * position
 
 
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
-    """Height of a step and radius of its edge from one profile across it [m], nan where nothing was measured."""
+    """Height of a step and radius of its edge from one profile across it [m].
+
+    Nan where nothing was measured.
+    """
     # `exclusion` is the half width that is kept out of the faces [m]; half as much again as the
     # edge is rounded by default.
     own, rising, x, z, middle = _isolate_largest_edge(position, height)
@@ -110,7 +147,9 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         ),  # the noise that it is whitened with is as well known as that of the height
         radius_limit=limit,
         position=sign * arc.riser,
+        middle=sign * middle,
         tilt=sign * planes.tilt,
+        offset=planes.offset,
         exclusion=half_width,
         rejected=planes.fit.rejected + int(spikes.sum()) + on_arc + int((~known).sum()),
         rising=rising,
@@ -119,14 +158,24 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     )
 
 
+def find_position(position: Array, height: Array) -> float:
+    """Return where the largest edge of a profile lies [m]."""
+    _, rising, _, _, middle = _isolate_largest_edge(position, height)
+    return middle if rising else -middle
+
+
 def fit_step(position: Array, height: Array, exclusion: float) -> Estimate:
-    """Height of a step [m] alone, as `fit_edge` with this `exclusion` says it, without its checks."""
+    """Height of a step [m] alone, as `fit_edge` with this `exclusion` says it.
+
+    Without its checks.
+    """
     _, _, x, z, middle = _isolate_largest_edge(position, height)
     return _fit_faces(x, z, middle, exclusion).planes.height
 
 
 def _isolate_largest_edge(x: Array, height: Array) -> tuple[Mask, bool, Array, Array, float]:
-    """Return which points are the largest edge's own, whether it rises, and these points and its place as if it did [m]."""
+    # Return which points are the largest edge's own, whether it rises, and these points and its
+    # place as if it did [m].
     z = np.where(np.isfinite(height), height, np.nan)
     found = find_edges(x, z)
     chosen = max(range(len(found)), key=lambda index: abs(found[index].rise))
@@ -175,7 +224,7 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
 
 
 def _find_flank(x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc) -> Flank | None:
-    """Sloped flank of an edge, where the circle of a vertical one does not hold and a flank is seen."""
+    # Sloped flank of an edge, where the circle of a vertical one does not hold and a flank is seen.
     height = faces.planes.height.value
     flank = fit_flank(x, levelled, height, spacing, faces.gamma)
     if flank is None:
@@ -189,7 +238,8 @@ def _find_flank(x: Array, levelled: Array, spacing: float, faces: _Faces, arc: A
 
 
 def _find_edge_spikes(heights: Array, limit: float) -> Mask:
-    """Return spikes in a window at the edge: an edge rises or falls, so a point stays within the range of its neighbours."""
+    # Return spikes in a window at the edge: an edge rises or falls, so a point stays within the
+    # range of its neighbours.
     padded = np.pad(heights, 2, mode="reflect")
     others = np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)])
     # the second of the four from either side, so that one spike does not excuse another
@@ -202,8 +252,8 @@ def _find_edge_spikes(heights: Array, limit: float) -> Mask:
 def _fit_arc_or_flank(
     x: Array, levelled: Array, spacing: float, faces: _Faces, kept: NDArray[np.intp]
 ) -> tuple[Arc, Flank | None, int]:
-    """Fit the arc; drop a point where the circle fits the others by far better, as it does for a spike and not for form."""
-
+    # Fit the arc; drop a point where the circle fits the others by far better, as it does for a
+    # spike and not for form.
     def fitted(points: NDArray[np.intp]) -> Arc:
         u = x[points]
         columns = np.stack([u - faces.middle, np.ones(len(u)), (u > faces.middle).astype(float)])
@@ -224,7 +274,7 @@ def _fit_arc_or_flank(
 
 
 def _find_rounding_width(x: Array, z: Array, spacing: float, faces: _Faces) -> float:
-    """Distance from the riser to the last point that lies clearly off its own face."""
+    # Distance from the riser to the last point that lies clearly off its own face.
     height, planes = faces.planes.height.value, faces.planes
     ideal = planes.offset + planes.tilt * x + np.where(x > faces.middle, height, 0.0)
     deviation = np.abs(remove_spikes(np.where(np.isfinite(z), z, ideal)) - ideal)

@@ -76,7 +76,10 @@ class Window:
         gamma: Array,
         shared: Array,
     ) -> None:
-        """Take positions and heights over the lower face [m], of shape (n,), the step and the sampling interval [m]."""
+        """Take positions and heights over the lower face [m], of shape.
+
+        (n,), the step and the sampling interval [m].
+        """
         # `gamma` is the autocovariance of the noise by lag [m^2]; rows of `shared`, shape (m, n),
         # have products that add up to the covariance of the levels [m^2].
         if len(position) < 8:
@@ -105,7 +108,10 @@ class Window:
         self.crossing = float(self.x[first - 1]), float(self.x[first])
 
     def across(self, risers: Array, radii: Array) -> Array:
-        """Residuals from the ideal surface [m], one row per position of the riser and its radius."""
+        """Residuals from the ideal surface [m].
+
+        One row per position of the riser and its radius.
+        """
         radius = radii[:, np.newaxis]
         from_riser = self.x - risers[:, np.newaxis]
         short = (
@@ -123,7 +129,10 @@ class Window:
         return np.where(beside, np.sign(vertical) * np.minimum(np.abs(vertical), wall), vertical)
 
     def costs(self, risers: Array, radii: Array) -> Array:
-        """Robust half sums of squares of the whitened residuals (Cauchy's loss far out, as form is not noise)."""
+        """Robust half sums of squares of the whitened residuals.
+
+        (Cauchy's loss far out, as form is not noise).
+        """
         parts = max(len(risers) * len(self.x) // _AT_ONCE, 1)
         pairs = zip(np.array_split(risers, parts), np.array_split(radii, parts), strict=True)
         whites = (self.across(*pair) @ self.whitening.T for pair in pairs)
@@ -175,7 +184,7 @@ def fit_arc(window: Window) -> Arc:
 
 
 def _unresolved(window: Window) -> tuple[Array, Array, Array]:
-    """Costs over all that an edge too sharp for the sampling may be."""
+    # Costs over all that an edge too sharp for the sampling may be.
     # Many places are as likely there, so nothing is sought: a search would end in one or another of
     # them by the last bits.
     spacing = window.spacing
@@ -189,7 +198,7 @@ def _unresolved(window: Window) -> tuple[Array, Array, Array]:
 
 
 def _search_coarsely(window: Window) -> list[tuple[float, float, float]]:
-    """Misfit, radius and riser over a coarse grid, the best riser of each radius."""
+    # Misfit, radius and riser over a coarse grid, the best riser of each radius.
     spacing, (below, start) = window.spacing, window.crossing
     # of an arc lower than the step the riser lies between two points, and the arc is steepest there
     between = np.linspace(below - 0.5 * spacing, start + 0.5 * spacing, _BETWEEN)
@@ -211,7 +220,8 @@ def _search_coarsely(window: Window) -> list[tuple[float, float, float]]:
 def _descend_valleys(
     window: Window, found: list[tuple[float, float, float]]
 ) -> tuple[float, float]:
-    """Best radius and riser: the valleys of a coarse grid followed downhill, since they are narrow and bent."""
+    # Best radius and riser: the valleys of a coarse grid followed downhill, since they are narrow
+    # and bent.
     from scipy.optimize import minimize
 
     spacing = window.spacing
@@ -241,7 +251,7 @@ def _descend_valleys(
 
 
 def _refine_grid(window: Window, radius: float, riser: float) -> tuple[Array, Array, Array]:
-    """Costs on a grid that is narrowed until it resolves the posterior and still holds all of it."""
+    # Costs on a grid that is narrowed until it resolves the posterior and still holds all of it.
     half_r, half_x = (
         max(0.3 * radius, 3.0 * window.spacing),
         max(0.3 * radius, 2.0 * window.spacing),
@@ -268,14 +278,17 @@ def _refine_grid(window: Window, radius: float, riser: float) -> tuple[Array, Ar
 
 
 def _compute_moments(values: Array, weight: Array) -> tuple[float, float]:
-    """Mean and standard deviation."""
+    # Mean and standard deviation.
     mean = float(np.average(values, weights=weight))
     return mean, float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
 
 
 @dataclass(frozen=True)
 class Flank:
-    """Edge whose flank slopes: a line, tangent to the arc of its corner, tangent to the upper face."""
+    """Edge whose flank slopes.
+
+    A line, tangent to the arc of its corner, tangent to the upper face.
+    """
 
     angle: float  # of the flank from the face [rad]
     angle_std: float  # rad
@@ -286,7 +299,10 @@ class Flank:
 def fit_flank(
     position: Array, levelled: Array, height: float, spacing: float, gamma: Array
 ) -> Flank | None:
-    """Fit flank and corner to the upper three quarters of an edge; None where fewer than six points lie on its flank."""
+    """Fit flank and corner to the upper three quarters of an edge.
+
+    None where fewer than six points lie on its flank.
+    """
     # The arguments are those of `Window`. Errors of flank and radius go together through the
     # autocovariance of the faces.
     inside = (levelled > 0.25 * height) & (levelled < 0.75 * height)

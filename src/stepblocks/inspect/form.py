@@ -1,4 +1,6 @@
-"""Flatness of a face and parallelism to a datum, by minimum zone (ISO 1101): of points, and of the form apart from the noise.
+"""Flatness of a face and parallelism to a datum, by minimum zone (ISO 1101).
+
+Of points, and of the form apart from the noise.
 
 The zone that holds all measured points grows with noise and with their number, and says little of a
 face. Stated is that of the form, a polynomial of total degree three or less over what was scanned;
@@ -25,12 +27,18 @@ _GRID = 9  # points along either side at which the form is judged
 
 
 def compute_flatness(points: Array) -> float:
-    """Flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3); those with a nan are left out."""
+    """Flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3).
+
+    Those with a nan are left out.
+    """
     return _find_minimum_zone(_require_face_points(points))[0]
 
 
 def compute_parallelism(points: Array, datum: Array) -> float:
-    """Parallelism of a face to a datum [m], points of shape (n, 3): its width along the normal of the datum's minimum zone."""
+    """Parallelism of a face to a datum [m], points of shape (n, 3).
+
+    Its width along the normal of the datum's minimum zone.
+    """
     return float(
         np.ptp(_require_face_points(points) @ _find_minimum_zone(_require_face_points(datum))[1])
     )
@@ -51,7 +59,8 @@ def _require_face_points(points: Array) -> Array:
 
 
 def _find_minimum_zone(cloud: Array) -> tuple[float, Array]:
-    """Width of the narrowest zone [m], and its normal: a linear programme over the corners of the convex hull."""
+    # Width of the narrowest zone [m], and its normal: a linear programme over the corners of the
+    # convex hull.
     from scipy.optimize import linprog
     from scipy.spatial import ConvexHull, QhullError
 
@@ -80,7 +89,10 @@ def _find_minimum_zone(cloud: Array) -> tuple[float, Array]:
 
 @dataclass(frozen=True)
 class FaceForm:
-    """Form of one face: a polynomial, the covariance of its coefficients, and where it was measured."""
+    """Form of one face.
+
+    A polynomial, the covariance of its coefficients, and where it was measured.
+    """
 
     points: Array  # shape (n, 3); measured points [m]
     grid: Array  # shape (m, 2); positions over the face at which the form is judged [m]
@@ -95,14 +107,20 @@ class FaceForm:
         return np.column_stack([self.grid, (self.solution + added) @ self.columns])
 
     def draws(self, random: np.random.Generator) -> list[Array]:
-        """Return what noise may have added to the coefficients [m]: every draw and its mirror image."""
+        """Return what noise may have added to the coefficients [m].
+
+        Every draw and its mirror image.
+        """
         # With mirror images the mean over the draws keeps only what curves, and that is the growth.
         half = random.normal(size=(_DRAWS // 2, len(self.root))) @ self.root
         return [*half, *-half]
 
 
 def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
-    """Fit the form of a face of a map: `height` and `face` of shape (ny, nx) over columns `x` and rows `y` [m]."""
+    """Fit the form of a face of a map.
+
+    `height` and `face` of shape (ny, nx) over columns `x` and rows `y` [m].
+    """
     used = face & np.isfinite(height)
     rows, columns = np.flatnonzero(used.any(axis=1)), np.flatnonzero(used.any(axis=0))
     if used.sum() < 20 or len(rows) < 2 or len(columns) < 2:
@@ -138,6 +156,13 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     root = np.linalg.cholesky(fit.weights @ fit.weights.T).T * (mean.std * np.sqrt(count))
     gx, gy = (one.ravel() for one in np.meshgrid(*[np.linspace(-1.0, 1.0, _GRID)] * 2))
     grid = np.array(middles) + np.array(halves) * np.column_stack([gx, gy])
+    # of a face that does not fill its rectangle, as in a turned map, only where it lies
+    at = [
+        np.searchsorted(axis, one).clip(0, len(axis) - 1)
+        for axis, one in zip((x, y), grid.T, strict=True)
+    ]
+    inside = face[at[1], at[0]]
+    gx, gy, grid = gx[inside], gy[inside], grid[inside]
     degree = max(i + j for i, j in powers)
     return FaceForm(
         points, grid, _evaluate_terms(gx, gy, powers), fit.solution, root, mean.dof, degree
@@ -145,13 +170,16 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
 
 
 def _evaluate_terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
-    """Return products of Legendre's polynomials at positions from -1 to 1."""
+    # Return products of Legendre's polynomials at positions from -1 to 1.
     basis = np.polynomial.Legendre.basis
     return np.stack([np.asarray(basis(i)(at_x) * basis(j)(at_y)) for i, j in powers])
 
 
 def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
-    """Return the zone of the form of faces: what noise adds to it is taken off, and counts, as a rectangle, beside the scatter."""
+    """Return the zone of the form of faces.
+
+    What noise adds to it is taken off, and counts, as a rectangle, beside the scatter.
+    """
     # The fit holds the noise once, draws at the two scales hold it as its root of two and twice.
     # Where one term sets the zone, the zone grows with the standard deviation of the noise and the
     # second growth is the first times the root of two; where several do, it grows with a higher

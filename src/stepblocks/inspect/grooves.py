@@ -1,4 +1,7 @@
-"""Ridges, grooves and gratings: all features of each profile, or of a map where its profiles do not agree."""
+"""Ridges, grooves and gratings.
+
+All features of each profile, or of a map where its profiles do not agree.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,6 +19,7 @@ from stepblocks.inspect.budget import (
     average_profiles,
 )
 from stepblocks.inspect.levelling import (
+    LEAST_FACE,
     Feature,
     FoundEdge,
     Levels,
@@ -23,13 +27,12 @@ from stepblocks.inspect.levelling import (
     fit_heights,
     measure_features,
 )
-from stepblocks.inspect.map_levels import fit_grating, measure_masked_step
+from stepblocks.inspect.map_levels import is_periodic, measure_masked_step
 from stepblocks.inspect.measure import (
     AS_FOUND,
     Evaluation,
     EvaluationOptions,
     Shown,
-    ShownMap,
     Window,
     evaluate_each,
     keep_agreeing,
@@ -44,6 +47,8 @@ _TRIED = 8
 _LEVEL = 0.1  # of a step that its faces may be off, and of a face over which they may be [1]
 # of steps in one direction, by the slope between them, from which they may be a sawtooth [1]
 _TAKEN_BACK = 0.5
+_UNLIKE = 1.25  # ratio of the largest to the smallest feature from which no mean is taken [1]
+_MOST_HIDDEN = 3  # times that features are sought beside those that were found
 _DEGREE_NAMES = {1: "line", 2: "parabola", 3: "cubic"}
 
 
@@ -52,36 +57,46 @@ def measure_groove(
     instrument: Instrument,
     how: EvaluationOptions = AS_FOUND,
     key: str = "groove_depth",
+    sign: float = 0.0,
 ) -> Evaluation:
-    """Depth of all grooves or ridges of a scan: by type A1 or A2 where their windows fit, else on a masked polynomial."""
+    """Depth of all grooves or ridges of a scan.
+
+    By type A1 or A2 where their windows fit, else on a masked polynomial.
+    """
     # A map whose rows do not agree on what they cross is evaluated across its columns, then by two
-    # levels, then as a grating.
-    ways: list[Callable[[], Evaluation]] = [lambda: _measure_by_rows(scan, instrument, how, key)]
+    # levels.
+    ways: list[Callable[[], Evaluation]] = [
+        lambda: _measure_by_rows(scan, instrument, how, key, sign)
+    ]
     if isinstance(scan, HeightMap) and how.along != "x":
         turned = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)
-        ways.append(lambda: _measure_by_rows(turned, instrument, how, key))
+        ways.append(lambda: _measure_by_rows(turned, instrument, how, key, sign))
         ways = (
             ways[1:]
             if how.along == "y"
             else [*ways, lambda: _measure_masked(scan, instrument, how, key)]
         )
     refused = []
-    ways.append(lambda: _measure_grating(scan, instrument, how, key))
     # a part, a level or an edge is followed profile by profile alone
     if any(one is not None for one in (how.begin, how.end, how.degree, how.edges)):
         ways = ways[: 1 if isinstance(scan, Profile) or how.along else 2]
     for way in ways:
         try:
             return way()
+        except UnlikeError:
+            raise
         except MetrologyError as error:
             refused.append(str(error).removesuffix(f" [{scan.source}]"))
     raise MetrologyError(f"{'; '.join(dict.fromkeys(refused))} [{scan.source}]")
 
 
+class UnlikeError(MetrologyError):
+    """A scan shows a feature well, and it is not the one that was asked for."""
+
+
 @dataclass(frozen=True)
 class _Seen:
-    """What one profile says of one feature."""
-
+    # What one profile says of one feature.
     feature: Feature  # its height by what its windows allow
     changes: tuple[float, ...]  # of the height by other windows or levellings [m]
     name: str  # of the evaluation
@@ -90,8 +105,7 @@ class _Seen:
 
 @dataclass(frozen=True)
 class _Row:
-    """What one profile says."""
-
+    # What one profile says.
     seen: tuple[_Seen, ...]
     fitted: Array  # shape (n,); m
     rejected: int
@@ -99,19 +113,30 @@ class _Row:
 
     @property
     def kind(self) -> tuple[int, str]:
-        """How many features it shows, and how they were evaluated."""
+        # How many features it shows, and how they were evaluated.
         return len(self.seen), " and ".join(sorted({one.name for one in self.seen}))
 
     @property
     def spans(self) -> list[tuple[float, float]]:
-        """Edges of each feature [m]."""
+        # Edges of each feature [m].
         return [(one.feature.begin, one.feature.end) for one in self.seen]
 
 
 def _evaluate_row(row: Profile, edges: list[FoundEdge], how: EvaluationOptions) -> _Row:
-    """Evaluate all features of a profile, each by what its windows allow; and again with other windows, for the form."""
+    # Evaluate all features of a profile, each by what its windows allow; and again with other
+    # windows, for the form.
     x, z = row.position, row.height
     levels = measure_features(x, z, edges, how.degree, how.exclusion)
+    for _ in range(_MOST_HIDDEN):
+        if not (hidden := _find_hidden_edges(x, z, levels)):
+            break
+        edges = sorted([*levels.edges, *hidden], key=lambda one: one.position)
+        more = evaluate_each(
+            lambda own: measure_features(x, z, own, how.degree, how.exclusion), [edges]
+        )[0]
+        if not more or more[0][1].rejected >= levels.rejected:
+            break
+        levels = more[0][1]
     chosen = [
         index
         for index in range(len(levels.features))
@@ -143,8 +168,24 @@ def _evaluate_row(row: Profile, edges: list[FoundEdge], how: EvaluationOptions) 
     )
 
 
+def _find_hidden_edges(x: Array, z: Array, levels: Levels) -> list[FoundEdge]:
+    # Find edges that the fit of much larger features left out as if they were spikes.
+    beside = np.isfinite(z)
+    for edge in levels.edges:
+        slack = edge.end - edge.begin + LEAST_FACE * float(x[1] - x[0])
+        beside &= (x < edge.begin - slack) | (x > edge.end + slack)
+    lost = np.flatnonzero(np.diff(np.concatenate([[0], beside & ~levels.used, [0]]).astype(int)))
+    if not (lost[1::2] - lost[::2] >= LEAST_FACE).any():
+        return []
+    try:
+        return find_edges(x, np.where(beside, z - levels.level, np.nan))
+    except MetrologyError:
+        return []
+
+
 def _check_level(z: Array, levels: Levels, height: float) -> None:
-    """Refuse a step beside which the surface is not level: in a sawtooth its height is where one chooses to take it."""
+    # Refuse a step beside which the surface is not level: in a sawtooth its height is where one
+    # chooses to take it.
     rest = float(np.sqrt(np.mean((z - levels.level)[levels.used] ** 2)))
     face = float(levels.used.sum()) / (len(levels.edges) + 1)
     if rest > _LEVEL * abs(height) and levels.together > _LEVEL * face:
@@ -169,7 +210,8 @@ def _check_level(z: Array, levels: Levels, height: float) -> None:
 
 
 def _evaluate_by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 | None:
-    """Type A1 or A2 of a feature; None where its windows do not fit, or where a bow lets the polynomial fit the same points better."""
+    # Type A1 or A2 of a feature; None where its windows do not fit, or where a bow lets the
+    # polynomial fit the same points better.
     found = evaluate_each(lambda span: evaluate_a1(x, z, span), [(feature.begin, feature.end)])[0]
     if not found:
         return None
@@ -182,7 +224,7 @@ def _evaluate_by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -
 
 
 def _evaluate_otherwise(x: Array, z: Array, levels: Levels, how: EvaluationOptions) -> list[Array]:
-    """Heights by the next polynomial, and with more kept out at the edges."""
+    # Heights by the next polynomial, and with more kept out at the edges.
     step, wider = float(x[1] - x[0]), []
     for one in levels.edges:
         more = 0.5 * (one.end - one.begin) + 2 * step
@@ -195,7 +237,7 @@ def _evaluate_otherwise(x: Array, z: Array, levels: Levels, how: EvaluationOptio
 
 
 def _measure_by_rows(
-    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions, key: str
+    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions, key: str, sign: float
 ) -> Evaluation:
     rows, notes = sample_profiles(scan, how)
     crossing, refused = evaluate_each(lambda row: find_edges(row.position, row.height), rows)
@@ -230,11 +272,9 @@ def _measure_by_rows(
     (first, best), found, count = kept[0], [one for _, one in kept], kind[0]
     spans = np.array([one.spans for one in found])
     single = not np.isfinite(spans).all()  # steps, which have neither width nor pitch
-    maps = [scan] if isinstance(scan, HeightMap) and single else []
-    if evaluate_each(lambda one: fit_grating(one.x, one.y, one.height), maps)[0]:
-        raise MetrologyError(
-            "single steps must not repeat over a map, as the teeth of a grating do"
-        )
+    if single and isinstance(scan, HeightMap) and is_periodic(scan.height):
+        rule = "single steps must not repeat over a map, as the teeth of a grating do"
+        raise MetrologyError(f"{rule}; a part of it without repetition can be evaluated")
     label, each = key.replace("_", " "), []
     for index in range(count):
         each_row = [one.seen[index].feature.height for one in found]
@@ -246,18 +286,24 @@ def _measure_by_rows(
         )
         name = f"{label} {index + 1}" if count > 1 else label
         each.append(average_profiles(name, heights, instrument, [form]))
+    signs = np.sign([one.seen[0].feature.height.value for one in found])
+    if not single and sign and np.median(signs) != sign:
+        asked, got = ("groove", "ridge") if sign < 0.0 else ("ridge", "groove")
+        raise UnlikeError(f"scan must show a {asked}, got a {got}: it is upside down, or beside it")
+    values = {f"{key}_{n}": one for n, one in enumerate(each, 1)}
+    least, most = (pick(one.value for one in each) for pick in (min, max))
     if count == 1:
         values = {key: each[0]}
+    elif most > _UNLIKE * least:
+        listed = ", ".join(f"{one.value * 1e6:.4g}" for one in each)
+        notes.append(f"{count} unlike features of {listed} um, in this order; no mean is taken")
     else:
-        values = {
-            key: _average_features(label, each, instrument),
-            **{f"{key}_{n}": one for n, one in enumerate(each, 1)},
-        }
-    if not single:
+        values = {key: _average_features(label, each, instrument), **values}
+    if not single and count == 1:
         hidden = float(np.mean([each.feature.unseen for one in found for each in one.seen]))
-        values |= (_measure_width if count == 1 else _measure_pitch)(
-            label, spans, first.spacing, instrument, hidden
-        )
+        flanks = float(np.mean([each.feature.flanks for one in found for each in one.seen]))
+        name = f"{key.split('_')[0]}_width" if sign else "feature_width"
+        values[name] = _measure_width(label, spans, first.spacing, instrument, hidden, flanks)
     if outliers := sum(one.rejected for one in found):
         notes.append(f"{outliers} of {sum(one.points for one in found)} points left out as spikes")
     convention = f"ISO 5436-1 {kind[1]}, profile by profile, unfiltered"
@@ -274,7 +320,8 @@ def _measure_by_rows(
 
 
 def _keep_nearest(found: _Row, places: Array) -> _Row:
-    """Keep those features that begin nearest to the usual places [m], where a profile crosses others too."""
+    # Keep those features that begin nearest to the usual places [m], where a profile crosses others
+    # too.
     if len(found.seen) <= len(places):
         return found
     begins = np.array([begin for begin, _ in found.spans])
@@ -283,7 +330,8 @@ def _keep_nearest(found: _Row, places: Array) -> _Row:
 
 
 def _estimate_form(found: list[_Row], index: int) -> float:
-    """Largest mean change of a height by another evaluation, less what noise alone changes, as a rectangle [m]."""
+    # Largest mean change of a height by another evaluation, less what noise alone changes, as a
+    # rectangle [m].
     changes = [one.seen[index].changes for one in found]
     noise = float(np.mean([one.seen[index].feature.height.std ** 2 for one in found])) / len(found)
     means = [float(np.mean([one[k] for one in changes])) for k in range(min(map(len, changes)))]
@@ -291,7 +339,8 @@ def _estimate_form(found: list[_Row], index: int) -> float:
 
 
 def _average_features(label: str, each: list[Measured], instrument: Instrument) -> Measured:
-    """Mean over features: their scatter holds the noise of each; what the instrument owes is shared by all."""
+    # Mean over features: their scatter holds the noise of each; what the instrument owes is shared
+    # by all.
     heights = np.array([one.value for one in each])
     own = float(heights.std(ddof=1) / np.sqrt(len(each)))
     form = float(
@@ -302,49 +351,24 @@ def _average_features(label: str, each: list[Measured], instrument: Instrument) 
     return add_instrument_components(f"{label}, mean", float(heights.mean()), parts, instrument)
 
 
-def _measure_pitch(
-    _: str, spans: Array, spacing: float, instrument: Instrument, hidden: float
-) -> dict[str, Measured]:
-    """Mean distance of the middles of neighbours, `spans` of shape (rows, features, 2) [m]."""
-    pitches = np.diff(spans.mean(axis=2), axis=1).mean(axis=0)
-    count = len(pitches)
-    own, dof = (
-        (pitches.std(ddof=1) / np.sqrt(count), count - 1.0)
-        if count > 1
-        else (spacing / np.sqrt(6.0), np.inf)
-    )
-    # the middles at either end are off by a half of what was not seen of them
-    std = float(np.hypot(own, np.hypot(spacing, hidden) / np.sqrt(6.0) / count))
-    part = Component("scatter", std, dof, "over the pitches, and one interval")
-    return {
-        "feature_pitch": add_instrument_components(
-            "pitch", float(pitches.mean()), [part], instrument, axes=(0.0, 1.0)
-        )
-    }
-
-
 def _measure_width(
-    label: str, spans: Array, spacing: float, instrument: Instrument, hidden: float
-) -> dict[str, Measured]:
-    """Mean width of one feature over the profiles."""
+    label: str, spans: Array, spacing: float, instrument: Instrument, hidden: float, flanks: float
+) -> Measured:
+    # Average the width of one feature over the profiles; `flanks` is half of both flanks' widths
+    # [m].
     widths = (spans[..., 1] - spans[..., 0]).ravel()
     scatter = float(widths.std(ddof=1) / np.sqrt(len(widths))) if len(widths) > 1 else 0.0
     std = float(np.hypot(spacing / np.sqrt(6.0), scatter))
-    parts = [Component("sampling", std, how="one interval at either edge, rectangular")]
+    parts = [
+        Component("sampling", std, how="one interval at either edge, rectangular"),
+        # a stylus shows an upright wall as wide as its cone: the wall stands somewhere within
+        Component("flanks", flanks / np.sqrt(3.0), how="half of their width, rectangular"),
+    ]
     if hidden > 0.0:
-        parts += [
-            Component(
-                "missing",
-                hidden / np.sqrt(3.0),
-                how="half of what was not measured there, rectangular",
-            )
-        ]
+        how = "half of what was not measured there, rectangular"
+        parts.append(Component("missing", hidden / np.sqrt(3.0), how=how))
     name = f"width W of the {label.split()[0]}, at half its height"
-    return {
-        "feature_width": add_instrument_components(
-            name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0)
-        )
-    }
+    return add_instrument_components(name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0))
 
 
 def _measure_masked(
@@ -383,53 +407,4 @@ def _measure_masked(
         "by area)"
     )
     note = note if step.features > 1 else "one feature alone: another may be of another height"
-    rest = np.where(
-        step.reference, step.level, np.where(step.floor, step.level + step.depth.value, np.nan)
-    )
-    parts = ("features", step.floor), ("reference", step.reference)
-    drawn = ShownMap(step.level, rest, parts, (float(scan.x[-1]), float(scan.y[-1])))
-    return Evaluation(
-        {key: value}, convention, (note,), Shown(scan.x, step.level[step.shown], map=drawn)
-    )
-
-
-def _measure_grating(
-    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions, key: str
-) -> Evaluation:
-    if how.exclusion is not None:
-        raise MetrologyError("exclusion must not be given for a grating, which has no faces")
-    drawn = None
-    if isinstance(scan, Profile):
-        found = fit_grating(scan.position, np.zeros(1), scan.height[np.newaxis, :])
-    else:
-        found = fit_grating(scan.x, scan.y, scan.height)
-        parts, size = (
-            (("measured", np.isfinite(scan.height)),),
-            (float(scan.x[-1]), float(scan.y[-1])),
-        )
-        drawn = ShownMap(found.level, found.rest, parts, size)
-    noise = Component("noise", found.depth.std, found.depth.dof, "scatter over parts of the scan")
-    form = Component("form", found.form, how="change by half as many harmonics, rectangular")
-    part = Component(
-        "scatter",
-        found.pitch.std,
-        found.pitch.dof,
-        "over the pitches, and a part of a sampling interval",
-    )
-    pitch = add_instrument_components(
-        "pitch, across the lines", found.pitch.value, [part], instrument, axes=(0.0, 1.0)
-    )
-    depth = add_instrument_components(
-        key.replace("_", " "), found.depth.value, [noise], instrument, [form]
-    )
-    if depth.value < depth.expanded():
-        got = f"{depth.value * 1e9:.3g} +-{depth.expanded() * 1e9:.3g} nm"
-        raise MetrologyError(f"depth of a grating must stand out of its uncertainty, got {got}")
-    convention = (
-        "grating: from the lowest to the highest point of the mean shape, which repeats in "
-        f"{found.share:.0%} of the variance"
-    )
-    note = f"lines at {np.degrees(found.angle):.1f} deg from the y axis"
-    return Evaluation(
-        {key: depth, "feature_pitch": pitch}, convention, (note,), Shown(*found.shape, map=drawn)
-    )
+    return Evaluation({key: value}, convention, (note,), Shown(scan.x, step.level[step.shown]))

@@ -53,14 +53,14 @@ def check_profile(x: Array, z: Array, least: int) -> None:
 
 
 def remove_spikes(heights: Array) -> Array:
-    """Return the known heights as their running median over five points, which removes spikes and keeps edges."""
+    """Return the known heights as their running median over five points, which keeps edges."""
     calm, known = np.array(heights, dtype=np.float64), np.isfinite(heights)
     calm[known] = median_filter(calm[known], size=5, mode="nearest")
     return calm
 
 
 def solve_least_squares(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
-    """Return with which weights each point counts in a least-squares fit over those used, and its solution."""
+    """Return the weights of the points in a least-squares fit over those used, and its solution."""
     try:
         inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
     except np.linalg.LinAlgError as error:
@@ -124,7 +124,7 @@ class TwoPlanes:
 
 
 def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
-    """Fit ``z = a (x - middle) + b + h s(x)``, s = 0 before and 1 behind the middle, by least squares without spikes."""
+    """Fit ``z = a (x - middle) + b + h s(x)``, s = 0 before and 1 behind the middle, no spikes."""
     # Source: ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no
     # feature to level through.
     scale = float(max(abs(x[0] - middle), abs(x[-1] - middle)))
@@ -155,6 +155,7 @@ class Feature:
     begin: float  # first edge [m]
     end: float  # second edge [m]; of a single step infinite
     unseen: float  # half of what was not measured at its edges, as root of the squares [m]
+    flanks: float  # half of the widths of its flanks together [m]
     height: Estimate  # over the reference, or behind less before the edge [m]
 
 
@@ -173,7 +174,7 @@ class Levels:
 
 
 def find_edges(x: Array, z: Array) -> list[FoundEdge]:
-    """Find the edges of a profile in equal steps [m], nan where nothing was measured; refused where no difference stands out."""
+    """Find the edges of a profile in equal steps [m]; refused where no difference stands out."""
     check_profile(x, z, 2 * LEAST_FACE)
     known = np.isfinite(z)
     calm = remove_spikes(z)
@@ -224,14 +225,16 @@ def find_edges(x: Array, z: Array) -> list[FoundEdge]:
 
 
 def _find_plateau_middle(size: Array, peak: int, reach: int) -> int:
-    """Return the middle of what is about as high as a peak: windows with a gap between them see an edge, no flank, all over it."""
+    # Return the middle of what is about as high as a peak: windows with a gap between them see an
+    # edge, no flank, all over it.
     ends = np.flatnonzero(np.concatenate([[True], size < _PLATEAU * size[peak], [True]])) - 1
     first, last = ends[(behind := int(np.searchsorted(ends, peak))) - 1 : behind + 1]
     return int(first + last) // 2 if last - first <= 2 * reach else peak
 
 
 def _compute_window_differences(z: Array, known: Mask, reach: int) -> Array:
-    """Difference of the means of two windows beside a gap, less what is usual around it: the slope and bow of the surface."""
+    # Difference of the means of two windows beside a gap, less what is usual around it: the slope
+    # and bow of the surface.
     filled = np.where(known, z, 0.0)
     count, total = (
         np.concatenate([[0.0], np.cumsum(one)]) for one in (known.astype(float), filled)
@@ -260,7 +263,8 @@ def _compute_window_differences(z: Array, known: Mask, reach: int) -> Array:
 def _join_edges(
     x: Array, z: Array, known: Mask, places: list[int], gap: Array
 ) -> tuple[list[int], Array]:
-    """Join two edges of one sign that are one: the surface goes on rising between them by more than half of the lesser."""
+    # Join two edges of one sign that are one: the surface goes on rising between them by more than
+    # half of the lesser.
     # It rises so if it is steeper than farther out on either side, which a bow is not on average.
     ends = [0, *places, len(x) - 1]
     for index, (first, second) in enumerate(itertools.pairwise(places)):
@@ -294,7 +298,8 @@ def _join_edges(
 
 
 def _find_flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> list[FoundEdge]:
-    """Where the flank of each edge begins and ends: off the line through the middle of the faces on either side."""
+    # Where the flank of each edge begins and ends: off the line through the middle of the faces on
+    # either side.
     found = []
     ends = [0, *places, len(x) - 1]
     for before, at, behind in zip(ends, places, ends[2:], strict=False):
@@ -337,7 +342,8 @@ def _find_flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array)
 def _fit_face_line(
     x: Array, z: Array, known: Mask, begin: int, end: int
 ) -> tuple[np.polynomial.Polynomial, float] | None:
-    """Line through a face without its ends at edges, and its scatter; None where nothing of it was measured."""
+    # Line through a face without its ends at edges, and its scatter; None where nothing of it was
+    # measured.
     measured = max(begin, 0) + np.flatnonzero(
         known[max(begin, 0) : end]
     )  # a face ends where it is seen no more
@@ -352,7 +358,10 @@ def _fit_face_line(
 def measure_features(
     x: Array, z: Array, edges: list[FoundEdge], degree: int | None, exclusion: float | None
 ) -> Levels:
-    """Fit all features of a profile [m]; refused, with the figure, where none is significant or a smooth curve does as well."""
+    """Fit all features of a profile [m].
+
+    Refused, with the figure, where none is significant or a smooth curve does as well.
+    """
     while edges:
         levels = fit_features(x, z, edges, degree, exclusion)
         weak = [
@@ -379,7 +388,10 @@ def fit_features(
     degree: int | None = None,
     exclusion: float | None = None,
 ) -> Levels:
-    """Heights of all features between `edges` in one fit; the polynomial's degree is that of its last significant term."""
+    """Heights of all features between `edges` in one fit.
+
+    The polynomial's degree is that of its last significant term.
+    """
     # `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much
     # again, by default.
     fits = _fit_polynomials(x, z, edges, _DEGREES if degree is None else (degree,), exclusion)
@@ -408,14 +420,15 @@ def fit_features(
 
 
 def fit_heights(x: Array, z: Array, edges: Sequence[FoundEdge], degree: int) -> Array:
-    """Heights of all features between `edges` on a polynomial of this degree [m], without their uncertainty."""
+    """Return heights of all features on a polynomial of this degree [m], without uncertainty."""
     return _fit_polynomials(x, z, edges, (degree,), None)[degree].solution[degree + 1 :]
 
 
 def _fit_polynomials(
     x: Array, z: Array, edges: Sequence[FoundEdge], powers: Sequence[int], exclusion: float | None
 ) -> dict[int, Fit]:
-    """Fit polynomials and heights by the degree of the polynomial, as far as the points determine them."""
+    # Fit polynomials and heights by the degree of the polynomial, as far as the points determine
+    # them.
     used = np.isfinite(z)
     for edge in edges:
         slack = 0.25 * (edge.end - edge.begin) + 1.5 * float(x[1] - x[0])
@@ -425,7 +438,7 @@ def _fit_polynomials(
         )
         used &= (x < begin) | (x > end)
     steps = np.array(
-        [(x > begin) & (x < end) for begin, end, _ in _pair_edges(edges)], dtype=np.float64
+        [(x > begin) & (x < end) for begin, end, *_ in _pair_edges(edges)], dtype=np.float64
     )
     least = min(*(used & (steps > 0.5)).sum(axis=1), (used & (steps.sum(axis=0) < 0.5)).sum())
     if least < 5:
@@ -447,7 +460,8 @@ def _fit_polynomials(
 
 
 def _compute_gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[float, float]:
-    """Return twice the gain in log-likelihood on a smooth curve of as many parameters, and how many points are not independent."""
+    # Return twice the gain in log-likelihood on a smooth curve of as many parameters, and how many
+    # points are not independent.
     kept = fit.used
     smooth = np.stack([t, *(np.cos(0.5 * np.pi * k * (t + 1.0)) for k in range(terms))])
     fair = np.linalg.lstsq(smooth[:, kept].T, z[kept], rcond=None)[0]
@@ -458,16 +472,20 @@ def _compute_gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[float, floa
     return float(kept.sum()) / together * float(np.log(squares[0] / squares[1])), together
 
 
-def _pair_edges(edges: Sequence[FoundEdge]) -> list[tuple[float, float, float]]:
-    """Join two edges of opposite sign and like size to a ridge or groove, with what was not seen of both; others are single steps."""
-    spans, waiting = [], list(edges)
+def _pair_edges(edges: Sequence[FoundEdge]) -> list[tuple[float, float, float, float]]:
+    # Join two edges of opposite sign and like size to a ridge or groove; others are single steps.
+    # With each what was not seen of both edges, and half of the widths of their flanks together.
+    spans, waiting = list[tuple[float, float, float, float]](), list(edges)
     while waiting:
         one = waiting.pop(0)
         if waiting and abs(one.rise + waiting[0].rise) < _PAIR * max(
             abs(one.rise), abs(waiting[0].rise)
         ):
             other = waiting.pop(0)
-            spans.append((one.position, other.position, float(np.hypot(one.unseen, other.unseen))))
+            unseen = float(np.hypot(one.unseen, other.unseen))
+            flanks = 0.5 * (one.end - one.begin + other.end - other.begin) - one.unseen
+            flanks = max(flanks - other.unseen, 0.0)
+            spans.append((one.position, other.position, unseen, flanks))
         else:
-            spans.append((one.position, np.inf, one.unseen))
+            spans.append((one.position, np.inf, one.unseen, 0.5 * (one.end - one.begin)))
     return spans

@@ -1,4 +1,6 @@
-"""Many scans: what repeats and what reproduces, by analysis of variance; what a batch is capable of; a control chart.
+"""Many scans, sheets and results of others.
+
+One report for each block, with what repeats and reproduces.
 
 A table names the scans (``scan``), their part and block, and every other column is a condition
 under which they were taken: day, line, direction, operator. Of a block that was scanned several
@@ -8,19 +10,23 @@ instrument owes and the form of the surface do not average.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from stepblocks.artefacts.laboratory import Laboratory
 from stepblocks.atomic import replace_text, resolve_inside
 from stepblocks.errors import MetrologyError, PipelineError
-from stepblocks.figure_file import make_figure, save_figure
 from stepblocks.inspect.budget import Component, Measured, Outcome, combine_verdicts, judge
-from stepblocks.inspect.noise import Array
-from stepblocks.inspect.run import inspect_scan, inspect_standard
+from stepblocks.inspect.report import InspectionResult, write_inspection
+from stepblocks.inspect.run import inspect_scan, inspect_standard, judge_part
 from stepblocks.page_file import render_page
 from stepblocks.tables import find_misspelt_columns, read_table, write_table
 from stepblocks.text_file import format_file_name
@@ -28,33 +34,71 @@ from stepblocks.text_file import format_file_name
 if TYPE_CHECKING:
     import pandas as pd
 
-_OWN = ["scan", "stimulus", "block"]  # columns that are no condition
-_LENGTHS = ("value", "u", "u95", "lower", "upper", "centre", "std", "mean", "scatter")
+_OWN = ["scan", "stimulus", "block", "feature"]  # columns that are no condition
+_LENGTHS = ("value", "u", "u95", "lower", "upper", "std")
 _SCATTER = ("noise", "repeatability", "scatter")  # of one scan, which several show together
 _LEAD = (
     "ISO 14253-1. Of a block that was scanned several times the scatter of its scans stands in "
-    "the budget: repeatability, and what "
-    "each condition adds, by analysis of variance with interactions pooled."
+    "the budget as repeatability; scans under one condition count as one reading."
 )
-_D2 = 2.0 / math.sqrt(math.pi)  # mean range of two normal values over their standard deviation [1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ManyScans:
-    """What many scans say together, by table; lengths in micrometres, as their columns say."""
+    """What many scans, sheets and results of others say together.
 
-    tables: Mapping[str, pd.DataFrame]  # blocks, variation, capability, chart, scans
-    left_out: tuple[str, ...]  # scans that could not be evaluated, and why
-    verdict: Outcome  # over all blocks
+    Attributes
+    ----------
+    tables : dict of DataFrame
+        ``blocks``, ``variation`` and ``scans``; lengths in micrometres, as their columns say.
+    left_out : tuple of str
+        Files that could not be evaluated, and why.
+    verdict : Outcome
+        Over all blocks.
+    reports : dict of InspectionResult
+        One for each block, by its serial number; none of a standard.
+    """
+
+    tables: Mapping[str, pd.DataFrame]
+    left_out: tuple[str, ...]
+    verdict: Outcome
+    reports: Mapping[str, InspectionResult]
+
+    @property
+    def shown(self) -> dict[str, Sequence[Mapping[str, object]]]:
+        """Rows of the tables as text.
+
+        Limits unrounded and values to the digits of their uncertainty.
+        """
+        return {
+            name: [{key: _show_cell(key, cell) for key, cell in row.items()} for row in rows]
+            for name, table in self.tables.items()
+            if (rows := table.to_dict("records"))
+        }
+
+    def __repr__(self) -> str:
+        """Count the blocks and give the verdict."""
+        return f"ManyScans({len(self.reports)} blocks: {self.verdict.value})"
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data; what is infinite or does not exist is null."""
-        said = self.tables.items()
         tables = {
             name: json.loads(one.to_json(orient="records", double_precision=15))
-            for name, one in said
+            for name, one in self.tables.items()
         }
-        return {"verdict": self.verdict.value, "left_out": list(self.left_out), **tables}
+        reports = {serial: one.as_record() for serial, one in self.reports.items()}
+        return {
+            "verdict": self.verdict.value,
+            "left_out": list(self.left_out),
+            **tables,
+            "reports": reports,
+        }
+
+
+def _show_cell(key: str, cell: Any) -> Any:
+    if not isinstance(cell, float) or not key.endswith("_um"):
+        return cell
+    return f"{round(cell, 9):.7g}" if math.isfinite(cell) else None
 
 
 def inspect_many(
@@ -62,31 +106,30 @@ def inspect_many(
     stimulus: str | None = None,
     *,
     standard: float | None = None,
-    **told: Any,
+    **options: Any,
 ) -> ManyScans:
-    """Evaluate many scans of one block or of a batch, and say what repeats, what reproduces and what the batch is capable of.
+    """Evaluate many scans of one block or of a batch, merged with sheets and results of others.
 
     Parameters
     ----------
     scans : sequence of str or Path
-        Scans of one block; or a folder of them; or one table with a column ``scan`` (and a folder
-        that holds ``scans.csv``), beside it ``stimulus`` and ``block`` where they differ, and a
+        Scans, filled inspection sheets and QIF results of one block; or a folder of them; or one
+        table with a column ``scan`` (and a folder that holds ``scans.csv``), beside it ``stimulus``
+        and ``block``, the serial number, where they differ, ``feature`` (edge or groove), and a
         column for every condition, such as ``day`` or ``direction``.
     stimulus : str, optional
         Identity of the part of every scan whose table does not say it.
     standard : float, optional
         Instead of a stimulus, the certified depth of a standard [m], as `inspect_standard` takes
         it.
-    **told
+    **options
         What `inspect_scan`, or `inspect_standard`, takes besides.
 
     Returns
     -------
     ManyScans
-        Values by block with repeatability and reproducibility in their budgets (AIAG, Measurement
-        Systems Analysis, 4th ed., ANOVA with interactions pooled), capability with 95 % intervals
-        and limits of a chart of individuals (NIST/SEMATECH e-Handbook of Statistical Methods, 6.1.6
-        and 6.3.2.2); `write_many` writes them.
+        One report for each block, with what repeats over its scans in the budgets; `write_many`
+        writes them.
 
     Raises
     ------
@@ -101,73 +144,120 @@ def inspect_many(
         [Path(one) for one in scans], stimulus or ("standard" if standard is not None else None)
     )
     factors = [name for name in asked.columns if name not in _OWN]
-    rows, left_out = [], []
+    results, rows, left_out = list[tuple[str, InspectionResult]](), [], []
     for own in asked.to_dict("records"):
         name = format_file_name(own["scan"].name)
+        given = options | ({"feature": own["feature"]} if own.get("feature") else {})
         try:
             if standard is not None:
-                result = inspect_standard(own["scan"], standard, **told)
+                result = inspect_standard(own["scan"], standard, **given)
             else:
-                result = inspect_scan(own["scan"], own["stimulus"], **told)
+                result = inspect_scan(own["scan"], own["stimulus"], **given)
         except MetrologyError as error:
             left_out.append(f"{name}: {error}")
             continue
-        for one, decision in result.judged:
-            found = {"measured": result.inspected.values[one.key], "asked": one}
-            verdict = {
-                "verdict": decision.verdict.value,
-                "value": decision.value,
-                "u": decision.std,
-            }
-            rows.append({**own, "scan": name, "characteristic": one.key, **found, **verdict})
+        results.append((str(own["block"]), result))
+        limits = {one.key: decision for one, decision in result.judged}
+        for key, measured in result.evaluation.values.items():
+            if key in limits:
+                row = {"value": measured.value, "u": measured.std}
+                found = {"characteristic": key, "measured": measured, "at": len(results) - 1}
+                verdict = {"verdict": limits[key].verdict.value}
+                rows.append({**own, "scan": name, **found, **row, **verdict})
     if not rows:
         raise MetrologyError(f"no scan can be evaluated: {left_out[0]}")
     table = pd.DataFrame(rows)
-    said: dict[str, list[dict[str, Any]]] = {
-        name: [] for name in ("blocks", "variation", "capability", "chart")
-    }
-    decisions = []
+    merged: dict[str, dict[str, Measured]] = {}
+    counts: dict[tuple[str, str], int] = {}
+    variation = []
     for (part, key), own in table.groupby(["stimulus", "characteristic"], sort=False):
-        about, one = {"stimulus": part, "characteristic": key}, own["asked"].iloc[0]
-        sources = estimate_variance_components(own[["value", "block", *factors]])
-        said["variation"] += [about | source for source in sources]
+        # what states its uncertainty counts before what does not
+        decidable = own[[one.is_decidable for one in own["measured"]]]
+        own = decidable if len(decidable) else own
+        std, dof = estimate_repeatability(own[["value", "block", *factors]])
+        about = {"stimulus": part, "characteristic": key, "source": "repeatability"}
+        variation.append({**about, "std": std, "dof": dof})
         for block, its in own.groupby("block", sort=False):
-            measured = _average_block(key, its, sources)
-            decision = judge(measured, one.nominal, one.lower, one.upper)
-            decisions.append(decision)
-            row = {"block": block, "scans": len(its), "value": decision.value, "u": decision.std}
-            row |= {"u95": measured.expanded(), "lower": decision.lower, "upper": decision.upper}
-            said["blocks"].append({**about, **row, "verdict": decision.verdict.value})
-        means = own.groupby("block", sort=False)["value"].mean()
-        if len(means) > 2:
-            said["capability"].append(
-                about | compute_capability(means.to_numpy(), decision.lower, decision.upper)
-            )
-        points = means if len(means) > 2 else own.set_index("scan")["value"]
-        centre, half = compute_chart_limits(points.to_numpy())
-        for name, value in points.items():
-            row = {
-                "point": name,
-                "value": value,
-                "centre": centre,
-                "lower": centre - half,
-                "upper": centre + half,
-            }
-            said["chart"].append({**about, **row, "outside": bool(abs(value - centre) > half)})
-    tables = {name: _convert_to_um(pd.DataFrame(own)) for name, own in said.items()}
-    tables["scans"] = _convert_to_um(table).drop(columns=["measured", "asked"])
-    return ManyScans(tables, tuple(left_out), combine_verdicts(decisions))
+            groups = its.groupby(factors, sort=False).ngroups if factors else 1
+            readings = groups if groups > 1 else len(its)
+            merged.setdefault(str(block), {})[key] = _average_block(its, readings, std, dof)
+            counts[str(block), key] = len(its)
+    reports = {
+        block: _merge([one for own, one in results if own == block], values)
+        for block, values in merged.items()
+    }
+    blocks = [
+        {
+            "stimulus": report.identity,
+            "characteristic": one.key,
+            "block": block,
+            "scans": counts.get((block, one.key), 1),
+            "value": decision.value,
+            "u": decision.std,
+            "u95": report.evaluation.values[one.key].expanded(),
+            "lower": decision.lower,
+            "upper": decision.upper,
+            "verdict": decision.verdict.value,
+        }
+        for block, report in reports.items()
+        for one, decision in report.judged
+    ]
+    found = {"blocks": blocks, "variation": variation}
+    tables = {name: _convert_to_um(pd.DataFrame(own)) for name, own in found.items()}
+    tables["scans"] = _convert_to_um(table).drop(columns=["measured", "at"])
+    whole = combine_verdicts(one.verdict for one in reports.values())
+    if standard is not None:
+        reports = {}
+    return ManyScans(tables, tuple(left_out), whole, reports)
+
+
+def _merge(
+    results: Sequence[InspectionResult], averaged: Mapping[str, Measured]
+) -> InspectionResult:
+    # Return one report of a block from all that was measured of it.
+    first = next((one for one in results if one.evaluation.surface), None)
+    first = first or next((one for one in results if one.evaluation.shown), results[0])
+    values, missing = dict[str, Measured](), dict[str, str]()
+    covered, notes = dict[str, tuple[float, float]](), list[str]()
+    for one in results:
+        values |= one.evaluation.values
+        covered |= one.evaluation.covered
+        missing |= {absent.key: why for absent, why in one.missing}
+        notes += [f"{format_file_name(one.source.name)}: {note}" for note in one.evaluation.notes]
+    conventions = dict.fromkeys(one.evaluation.convention for one in results)
+    evaluation = replace(
+        first.evaluation,
+        values=values | dict(averaged),
+        convention="; ".join(conventions),
+        notes=tuple(notes),
+        missing=missing,
+        covered=covered,
+    )
+    if first.stimulus is None:
+        asked = first.judged[0][0]
+        decision = judge(evaluation.values[asked.key], asked.nominal, asked.lower, asked.upper)
+        return replace(
+            first, evaluation=evaluation, judged=((asked, decision),), verdict=decision.verdict
+        )
+    source = first.source if len(results) == 1 else Path(f"{len(results)} files")
+    digest = hashlib.sha256("".join(one.digest for one in results).encode()).hexdigest()
+    digest = first.digest if len(results) == 1 else digest
+    return judge_part(first.stimulus, evaluation, source, digest, first.order, first.asked)
 
 
 def _convert_to_um(table: pd.DataFrame) -> pd.DataFrame:
-    """Give columns of lengths their unit."""
+    # Give columns of lengths their unit; angles stand in degrees beside them.
     lengths = [name for name in table if name in _LENGTHS]
-    table[lengths] *= 1e6
+    angles = table["characteristic"].str.endswith("_angle").to_numpy()
+    factors = np.where(angles, math.degrees(1.0), 1e6)
+    for name in lengths:
+        table[name] = table[name].astype(float) * factors
+    table["unit"] = np.where(angles, "deg", "um")
     return table.rename(columns={name: f"{name}_um" for name in lengths})
 
 
 def _list_scans(paths: Sequence[Path], stimulus: str | None) -> pd.DataFrame:
-    """Name the scans with their parts, blocks and conditions."""
+    # Name the scans with their parts, blocks and conditions.
     import pandas as pd
 
     if len(paths) == 1 and paths[0].is_dir():
@@ -208,160 +298,68 @@ def is_table(paths: Sequence[Path]) -> bool:
         return "scan" in [name.strip() for name in file.readline(10_000).split(",")]
 
 
-def estimate_variance_components(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the standard deviation by source of variation of ``value``: each other column by itself, and what repeats."""
-    # Random effects by their expected mean squares, interactions pooled with the repeatability.
-    # Where none is repeated under its own conditions, what these change counts as repeatability;
-    # nothing where every block was scanned once.
-    import numpy as np
-    import pandas as pd
-    from statsmodels.formula.api import ols
-    from statsmodels.stats.anova import anova_lm
+def estimate_repeatability(table: pd.DataFrame) -> tuple[float, float]:
+    """Return the standard deviation of a reading of a block and its degrees of freedom.
 
-    names = {f"f{index}": name for index, name in enumerate(table.columns.drop("value"))}
-    frame = table.rename(columns={name: short for short, name in names.items()})
-    varied = [short for short in names if frame[short].nunique() > 1]
-    levels = np.hstack(
-        [np.ones((len(frame), 1)), *(pd.get_dummies(frame[short]) for short in varied)]
-    ).astype(float)
-    if np.linalg.matrix_rank(levels) < levels.shape[1] - len(varied):
-        named = " and ".join(names[short] for short in varied)
-        raise PipelineError(
-            f"conditions must not change together, whose effects cannot be told apart, got {named}"
-        )
-    fit = ols(" + ".join(["value ~ 1", *(f"C({short})" for short in varied)]), frame).fit()
-    if fit.df_resid < 1.0:
-        return (
-            estimate_variance_components(table[["value", "block"]])
-            if len(table.columns) > 2
-            else []
-        )
-    squares, error = anova_lm(fit, typ=2), float(fit.mse_resid)
-    found = [
-        {
-            "source": "repeatability",
-            "std": math.sqrt(error),
-            "dof": float(fit.df_resid),
-            "levels": len(frame),
-        }
-    ]
-    for short in varied:
-        row = squares.loc[f"C({short})"]
-        counts = frame[short].value_counts()
-        each = float(len(frame) - (counts**2).sum() / len(frame)) / (len(counts) - 1.0)
-        mean = float(row["sum_sq"] / row["df"])
-        beyond = max(mean - error, 0.0)
-        dof = (
-            beyond**2 / (mean**2 / row["df"] + error**2 / fit.df_resid)
-            if beyond > 0.0
-            else math.inf
-        )
-        std = math.sqrt(beyond / each)
-        found.append({"source": names[short], "std": std, "dof": float(dof), "levels": len(counts)})
-    return found
+    Pooled over blocks.
+
+    Columns of `table` are ``value``, ``block`` and conditions. Where readings were repeated under a
+    condition, their mean is one reading: so what a day or an operator changes counts as well.
+    """
+    conditions = [name for name in table.columns if name != "value"]
+    means = table.groupby(conditions, sort=False)["value"].mean().reset_index()
+    readings = means if means["block"].duplicated().any() else table
+    within = readings["value"] - readings.groupby("block")["value"].transform("mean")
+    dof = len(readings) - readings["block"].nunique()
+    return math.sqrt(float((within**2).sum()) / dof) if dof else 0.0, float(dof)
 
 
-def _average_block(key: str, its: pd.DataFrame, sources: Sequence[Mapping[str, Any]]) -> Measured:
-    """Mean over the scans of a block: the scatter over all scans in place of their own, and what does not average."""
+def _average_block(its: pd.DataFrame, readings: int, std: float, dof: float) -> Measured:
+    # Mean over the scans of a block: the scatter over all scans in place of their own, and what
+    # does not average.
     budgets: list[Measured] = list(its["measured"])
-    if not sources:
+    if not dof or len(its) == 1:
         return budgets[0]
-    parts = []
-    for one in sources:
-        if one["source"] == "block":
-            continue
-        count = len(its) if one["source"] == "repeatability" else its[one["source"]].nunique()
-        name = (
-            one["source"]
-            if one["source"] == "repeatability"
-            else f"reproducibility over {one['source']}"
-        )
-        how = f"analysis of variance, {count} of this block"
-        parts.append(Component(name, one["std"] / math.sqrt(count), one["dof"], how))
-    shared = [part.name for part in budgets[0].components if part.name not in _SCATTER]
-    for name in shared:
-        stds = [part.std for one in budgets for part in one.components if part.name == name]
-        parts.append(
-            Component(name, sum(stds) / len(stds), how="mean of that of the scans, which all share")
-        )
-    return Measured(key.replace("_", " "), float(its["value"].mean()), tuple(parts))
+    how = f"scatter over all blocks, {readings} readings of this one"
+    parts = [Component("repeatability", std / math.sqrt(readings), dof, how)]
+    for part in budgets[0].components:
+        stds = [own.std for one in budgets for own in one.components if own.name == part.name]
+        if part.name not in _SCATTER:  # all scans share what they have of it
+            parts.append(replace(part, std=sum(stds) / len(stds)))
+    return replace(budgets[0], value=float(its["value"].mean()), components=tuple(parts))
 
 
-def compute_capability(
-    values: Array, lower: float, upper: float, level: float = 0.95
-) -> dict[str, float]:
-    """Cp and Cpk of a batch with their intervals (NIST/SEMATECH e-Handbook, 6.1.6); Cp is nan where a limit is infinite."""
-    # Blocks that measure alike to the last digit are copies of one scan: their scatter says
-    # nothing, and neither index exists.
-    from scipy import stats
-
-    count, mean, scatter = len(values), float(values.mean()), float(values.std(ddof=1)) or math.nan
-    cp = (upper - lower) / (6.0 * scatter) if math.isfinite(upper - lower) else math.nan
-    cpk = min(upper - mean, mean - lower) / (3.0 * scatter)
-    tails = 0.5 - 0.5 * level, 0.5 + 0.5 * level
-    low, high = (math.sqrt(stats.chi2.ppf(tail, count - 1) / (count - 1)) for tail in tails)
-    half = float(stats.norm.ppf(0.5 + 0.5 * level)) * math.sqrt(
-        1.0 / (9.0 * count) + cpk**2 / (2.0 * (count - 1))
-    )
-    found = {
-        "count": count,
-        "mean": mean,
-        "scatter": scatter,
-        "cp": cp,
-        "cp_low": cp * low,
-        "cp_high": cp * high,
-    }
-    return found | {"cpk": cpk, "cpk_low": cpk - half, "cpk_high": cpk + half}
-
-
-def compute_chart_limits(values: Array) -> tuple[float, float]:
-    """Centre of a chart of individuals, and its limits' distance: three mean moving ranges over d2 (NIST/SEMATECH, 6.3.2.2)."""
-    import numpy as np
-
-    return float(np.mean(values)), 3.0 * float(np.mean(np.abs(np.diff(values)))) / _D2 if len(
-        values
-    ) > 1 else math.inf
-
-
-def write_many(result: ManyScans, folder: str | Path) -> list[Path]:
-    """Write one table and one page of what many scans say.
+def write_many(
+    result: ManyScans, folder: str | Path, laboratory: Laboratory | None = None
+) -> list[Path]:
+    """Write one table and one page of what many scans say, and the report of each block.
 
     Parameters
     ----------
     result : ManyScans
         From `inspect_many`.
     folder : str or Path
-        Made where it is missing.
+        Made where it is missing; the files of a block lie in a folder of its serial number.
+    laboratory : Laboratory, optional
+        For the certificates, as `write_inspection` takes it; its serial number is that of the block.
 
     Returns
     -------
     list of Path
-        Scans (CSV), the page with all tables (HTML) and its control chart (SVG).
+        Scans (CSV), the page with all tables (HTML), and what `write_inspection` writes of each
+        block.
     """
     base = Path(folder)
     base.mkdir(parents=True, exist_ok=True)
-    table, page, chart = (
-        base / name for name in ("inspections.csv", "inspections.html", "inspections.svg")
-    )
+    table, page = base / "inspections.csv", base / "inspections.html"
     write_table(result.tables["scans"], table)
-    groups = list(result.tables["chart"].groupby(["stimulus", "characteristic"], sort=False))
-    figure, _ = make_figure(len(groups), 1, width=9.0, height=0.6 + 2.0 * len(groups))
-    for axis, ((part, key), own) in zip(figure.axes, groups, strict=True):
-        axis.plot(own["point"], own["value_um"], "o-", color="#1d2a36", ms=4, lw=0.8)
-        axis.plot(
-            own["point"][own["outside"]],
-            own["value_um"][own["outside"]],
-            "o",
-            color="#b3261e",
-            ms=7,
-        )
-        for name, style in (("centre_um", "-"), ("lower_um", "--"), ("upper_um", "--")):
-            axis.axhline(own[name].iloc[0], color="#c8553d", lw=0.8, ls=style)
-        axis.set_title(
-            f"{part}, {key.replace('_', ' ')} / um: chart of individuals", fontsize=9, loc="left"
-        )
-        axis.tick_params(axis="x", rotation=30)
-    save_figure(figure, chart)
+    paths = [table, page]
+    for serial, report in result.reports.items():
+        own = base / re.sub(r"[^\w.-]+", "_", serial).strip(".")
+        lab = None if laboratory is None else laboratory.model_copy(update={"serial": serial})
+        paths += write_inspection(report, own, lab)
+    links = [path.relative_to(base).as_posix() for path in paths if path.suffix == ".html"]
+    said = [f"{serial}: {one.said}" for serial, one in result.reports.items()]
     replace_text(
         page,
         render_page(
@@ -370,12 +368,11 @@ def write_many(result: ManyScans, folder: str | Path) -> list[Path]:
             title=f"Inspection of {len(result.tables['scans'])} measurements",
             said=result.verdict.value,
             lead=_LEAD,
-            tables={
-                name: one.to_dict("records") for name, one in result.tables.items() if len(one)
-            },
-            picture=chart.name,
-            alt="Control charts of individuals",
-            notes=[f"left out: {one}" for one in result.left_out],
+            tables=result.shown,
+            picture="",
+            alt="",
+            notes=[*said, *(f"left out: {one}" for one in result.left_out)],
+            links=links[1:],
         ),
     )
-    return [table, page, chart]
+    return paths

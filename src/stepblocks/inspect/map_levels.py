@@ -1,21 +1,18 @@
-"""Depth of many small features in one map: by two levels of height, or by the shape that repeats.
+"""Depth of many small features in one map, by two levels of height.
 
 Holes of a grating are too short for the windows of type A1. Here each row gets its own slope and
 offset, the drift of a scanning instrument, from points away from every edge. A map has levels only
-where its heights gather at two with a gap between. Where they do not, but one shape repeats along a
-direction, that shape is folded out of all points.
+where its heights gather at two with a gap between.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import (
-    LEAST_SCATTER,
     Array,
     Estimate,
     Mask,
@@ -31,18 +28,16 @@ _LEAST_LEVEL = 0.02  # density of the lesser of two levels over that of the grea
 _TURNS = 6  # of levelling and looking again
 _BINS = 400  # of the histogram of heights
 _GAP = 0.6  # part of the points of the lesser of two levels that may lie between them [1]
-_LEAST_PERIODS = 4.0  # that a grating must show [1]: a wandering surface bends twice or thrice
-_LEAST_POINTS = 4.0  # of a period: what lies between two of them nobody saw
-_HARMONICS = 16  # of a grating's period that are kept
-_PHASES = 48  # into which the period of a grating is folded
-_REPEATS = 0.8  # part of the variance that repeats, from which a map is a grating [1]
+_LEAST_PERIODS = (
+    4.0  # over a map that repeats itself [1]: a wandering surface bends twice or thrice
+)
+_REPEATS = 0.4  # part of the power of a map about one wave, from which it repeats itself [1]
 _LEAST_SEEN = 0.05  # part of the features that is evaluated: less is a corner of one [1]
 # part of the reference that must not be spikes: debris lies on it, a third level is none [1]
 _LEAST_KEPT = 0.8
 # part of the half width of a feature within which its edge changes heights by what part of the
 # depth, where it is a step [1]
 _SUDDEN = 0.1, 0.5
-_LEAST_BANDS = 4  # of rows, over which a scatter is taken
 
 
 @dataclass(frozen=True)
@@ -57,7 +52,6 @@ class MaskedStep:
     level: Array  # shape (ny, nx); heights with each row levelled on the reference [m]
     inside: Mask  # shape (ny, nx); features, whole
     floor: Mask  # shape (ny, nx); points of the features that took part
-    reference: Mask  # likewise beside them
     shown: int  # row with most floor
 
 
@@ -110,7 +104,7 @@ def measure_masked_step(
         )
     share = weights / weights.sum()
     value = float(np.sum(share[known] * depths[known]))
-    depth = _estimate_by_bands(depths, share, value, known)
+    depth = estimate_linear(value, share, depths - value, known, np.ones((1, len(depths))))
     near = max(3.0 * pitch, _SUDDEN[0] * float(within.max()))
     sides = [level[(np.abs(one - near) <= pitch) & measured] for one in (within, outside)]
     if not all(side.size for side in sides):
@@ -128,32 +122,27 @@ def measure_masked_step(
     differ = float(np.std(means[own]))
     counts = int(known.sum()), int(np.unique(own).size)
     return MaskedStep(
-        depth, differ, exclusion, *counts, level, inside, floor, reference, int(np.argmax(weights))
+        depth, differ, exclusion, *counts, level, inside, floor, int(np.argmax(weights))
     )
 
 
-def _estimate_by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimate:
-    """Scatter over bands of rows that cross the same features; rows within a band are not independent of one another."""
-    # Bands whose variance goes as one over their share give ``sum(share deviation^2) / (bands -
-    # 1)`` without bias and with exactly one degree of freedom less than bands; a band that the map
-    # cuts to a sliver counts with its neighbour.
-    rows = np.flatnonzero(known)
-    bands = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    least = 0.5 * float(np.median([share[band].sum() for band in bands]))
-    if len(bands) > 1 and share[bands[0]].sum() < least:
-        bands[:2] = [np.concatenate(bands[:2])]
-    if len(bands) > 1 and share[bands[-1]].sum() < least:
-        bands[-2:] = [np.concatenate(bands[-2:])]
-    if len(bands) < _LEAST_BANDS:
-        return estimate_linear(depth, share, depths - depth, known, np.ones((1, len(depths))))
-    parts = [
-        np.sum(share[band] * (depths[band] - depth)) ** 2 / np.sum(share[band]) for band in bands
-    ]
-    return Estimate(depth, float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
+def is_periodic(z: Array) -> bool:
+    """Tell whether a map repeats itself over four periods or more, as the teeth of a grating do."""
+    known = np.isfinite(z)
+    level = np.where(known, _level_map(z, known, 2), 0.0)
+    power = (
+        np.abs(np.fft.fft2(level * np.outer(*(np.hanning(size + 2)[1:-1] for size in z.shape))))
+        ** 2
+    )
+    periods = np.hypot(*np.meshgrid(*(np.fft.fftfreq(n) * n for n in z.shape), indexing="ij"))
+    at = np.unravel_index(int(np.argmax(power)), z.shape)
+    near = np.roll(power, [3 - one for one in at], axis=(0, 1))[:7, :7]
+    repeats = 2.0 * near.sum() > _REPEATS * power.sum()
+    return bool(periods[at] >= _LEAST_PERIODS and repeats)
 
 
 def _level_map(z: Array, reference: Mask, degree: int) -> Array:
-    """Return heights less a polynomial of total degree `degree` through those of the reference."""
+    # Return heights less a polynomial of total degree `degree` through those of the reference.
     t, u = np.meshgrid(*(np.linspace(-1.0, 1.0, size) for size in z.shape[::-1]))
     terms = np.stack([t**i * u**j for i in range(degree + 1) for j in range(degree + 1 - i)])
     solution = np.linalg.lstsq(terms[:, reference].T, z[reference], rcond=None)[0]
@@ -161,7 +150,8 @@ def _level_map(z: Array, reference: Mask, degree: int) -> Array:
 
 
 def _find_features(scan: HeightMap) -> Mask:
-    """Mask of the level that covers less of the map; the rows are levelled without it until it stays."""
+    # Mask of the level that covers less of the map; the rows are levelled without it until it
+    # stays.
     z, known = scan.height, np.isfinite(scan.height)
     level = _level_map(z, known, 1)
     for _ in range(_TURNS):
@@ -184,7 +174,8 @@ def _find_features(scan: HeightMap) -> Mask:
 
 
 def _find_two_modes(heights: Array, source: str) -> tuple[float, float]:
-    """Return the two heights at which most points gather with a gap between; refused, with the figure, where they do not."""
+    # Return the two heights at which most points gather with a gap between; refused, with the
+    # figure, where they do not.
     ends = np.percentile(heights, [0.3, 99.7])
     counts, bins = np.histogram(heights, _BINS, (float(ends[0]), float(ends[1]) + 1e-15))
     bulk = estimate_robust_scale(heights) / float(ends[1] - ends[0] + 1e-15)
@@ -214,7 +205,8 @@ def _find_two_modes(heights: Array, source: str) -> tuple[float, float]:
 
 
 def _level_rows(z: Array, reference: Mask) -> Array:
-    """Level each row by a line through its reference; a row with too little of it keeps its heights less the median."""
+    # Level each row by a line through its reference; a row with too little of it keeps its heights
+    # less the median.
     level = z - float(np.median(z[reference])) if reference.any() else z.copy()
     rows = reference.sum(axis=1) >= _LEAST_REFERENCE
     share = reference[rows] / reference[rows].sum(axis=1, keepdims=True)
@@ -264,139 +256,3 @@ def _fit_row_depths(x: Array, z: Array, floor: Mask, reference: Mask) -> tuple[A
         depths[row] = np.linalg.lstsq(design, z[row, used], rcond=None)[0][2]
         weights[row] = low.sum()
     return depths, weights
-
-
-@dataclass(frozen=True)
-class Grating:
-    """Shape that repeats in a map or a profile."""
-
-    depth: Estimate  # from the lowest to the highest point of the mean shape [m]
-    form: float  # standard uncertainty of it by what the harmonics leave of sharp tips [m]
-    # m; by the scatter of the distances of neighbours, and a part of a sampling interval
-    pitch: Estimate
-    angle: float  # of the direction in which it repeats, from x [rad]
-    share: float  # part of the variance that repeats [1]
-    shape: tuple[Array, Array]  # position within a period and mean height [m]
-    level: Array  # shape (ny, nx); levelled heights [m]
-    rest: Array  # likewise what the mean shape leaves of them, nan where nothing was measured [m]
-
-
-def fit_grating(x: Array, y: Array, z: Array) -> Grating:
-    """Fold the shape that repeats out of heights, shape (ny, nx), over columns `x` and rows `y` [m]; one row is a profile."""
-    from scipy.optimize import minimize
-
-    known = np.isfinite(z)
-    level = np.where(known, _level_map(z, known, 2), 0.0)
-    tapers = [np.hanning(n + 2)[1:-1] if n > 3 else np.ones(n) for n in z.shape]
-    power = (
-        np.abs(
-            np.fft.rfft2(
-                level * np.outer(*tapers), [max(4 * n, 1) if n > 3 else 1 for n in z.shape]
-            )
-        )
-        ** 2
-    )
-    extents = float(x[-1] - x[0]), float(y[-1] - y[0]) if len(y) > 1 else 0.0
-    fx = np.fft.rfftfreq(4 * len(x), float(x[1] - x[0]))
-    fy = np.fft.fftfreq(4 * len(y), float(y[1] - y[0])) if len(y) > 3 else np.zeros(1)
-    periods = np.hypot(fx[np.newaxis, :] * extents[0], fy[:, np.newaxis] * extents[1])
-    at = np.unravel_index(
-        int(np.argmax(np.where(periods >= _LEAST_PERIODS, power, 0.0))), power.shape
-    )
-    first = np.array([fx[at[1]], fy[at[0]]])
-    # rows far apart do no harm where each shows several periods
-    over = [abs(float(one)) * extent for one, extent in zip(first, extents, strict=True)]
-    dense = max(
-        [(n - 1) / one for one, n in zip(over, z.shape[::-1], strict=True) if one > 1.0],
-        default=_LEAST_POINTS,
-    )
-    if dense < _LEAST_POINTS:
-        rule = f"one shape must repeat over {_LEAST_POINTS:.0f} points of a grating or more"
-        raise MetrologyError(f"{rule}, got {dense:.3g}")
-    gx, gy = np.meshgrid(x - x[0], y - y[0])
-    points, heights = np.stack([gx[known], gy[known]]), level[known]
-    thin = max(len(heights) // 40_000, 1)
-
-    def unexplained(scaled: Array) -> float:
-        shape, phase = _fold_period((first + scaled * unit) @ points[:, ::thin], heights[::thin])
-        # a shape of half as many phases as there are points fits anything, as it does the rounding
-        # of a plane
-        left, floor = len(phase) - 2 * len(np.unique(phase)), LEAST_SCATTER**2 * len(phase)
-        squares = float(np.sum((heights[::thin] - shape[phase]) ** 2)) * len(phase) / max(left, 1)
-        return (
-            (squares + floor) / float(len(phase) * np.var(heights[::thin]) + floor)
-            if left > 0
-            else 1.0
-        )
-
-    unit = 0.25 / np.array([extents[0], extents[1] or np.inf])
-    options = {
-        "initial_simplex": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
-        "xatol": 1e-3,
-        "fatol": 1e-6,
-        "maxfev": 200,
-    }
-    moved = minimize(unexplained, np.zeros(2), method="Nelder-Mead", options=options).x
-    frequency = first + moved * unit
-    along = frequency @ points
-    share = 1.0 - unexplained(moved) if np.ptp(along) > _LEAST_PERIODS - 1.0 else 0.0
-    if share < _REPEATS:
-        rule = f"one shape must repeat in at least {_REPEATS:.0%} of the variance of a grating"
-        raise MetrologyError(f"{rule}, got {share:.0%}")
-    pitch, angle = 1.0 / float(np.hypot(*frequency)), float(np.arctan2(frequency[1], frequency[0]))
-    depth, form, shape = _measure_shape_depth(along, heights)
-    parts = np.array_split(
-        np.argsort(along, kind="stable"), int(min(8, max(np.ptp(along) // 1.5, 2)))
-    )
-    depths = np.array([_measure_shape_depth(along[part], heights[part])[0] for part in parts])
-    scatter = float(depths.std(ddof=1) / np.sqrt(len(parts)))
-    step = float(x[1] - x[0]) / np.sqrt(12.0) / max(float(np.ptp(along)), 1.0)
-    rest = np.full(z.shape, np.nan)
-    rest[known] = heights - shape[_fold_period(along, heights)[1]]
-    uneven, dof = _estimate_unevenness(along, heights, rest[known])
-    own = Estimate(pitch, float(np.hypot(pitch * uneven, step)), dof)
-    found = Estimate(depth, scatter, len(parts) - 1.0), form, own
-    drawn = np.where(known, level, np.nan), rest
-    return Grating(
-        *found, angle, share, ((np.arange(_PHASES) + 0.5) / _PHASES * pitch, shape), *drawn
-    )
-
-
-def _fold_period(along: Array, heights: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Mean height in each phase of the period, and the phase of each point."""
-    phase = (np.floor(_PHASES * (along - np.floor(along))).astype(np.intp)) % _PHASES
-    count = np.bincount(phase, minlength=_PHASES)
-    return np.bincount(phase, heights, _PHASES) / np.maximum(count, 1), phase
-
-
-def _estimate_unevenness(along: Array, heights: Array, rest: Array) -> tuple[float, float]:
-    """Return the standard error of the mean distance of neighbouring lines, in pitches, and its degrees of freedom."""
-    wave = np.exp(2j * np.pi * along)
-    first = np.mean(heights / wave)
-    slope, found = np.real(4j * np.pi * first * wave), [(0.0, 1.0)]
-    for middle in (0.0, 0.5):  # a line is a ridge or a groove, the more uneven counts
-        line = np.rint(along + np.angle(first) / (2.0 * np.pi) + middle).astype(np.intp)
-        line -= line.min()
-        weight = np.bincount(line, slope**2)
-        whole = weight > 0.5 * np.median(weight)
-        moved = np.bincount(line, slope * rest)[whole] / weight[whole]
-        if len(moved) > 2:
-            found.append(
-                (float(np.diff(moved).std(ddof=1) / np.sqrt(len(moved) - 1.0)), len(moved) - 2.0)
-            )
-    return max(found)
-
-
-def _measure_shape_depth(along: Array, heights: Array) -> tuple[float, float, Array]:
-    """Peak to valley of the mean shape, its uncertainty, and the shape."""
-    # Noise is kept out by few harmonics. What they round off a sharp tip goes as one over their
-    # number, so the change from half as many is added once more, and is the uncertainty too, as a
-    # rectangle.
-    shape, _ = _fold_period(along, heights)
-    terms = np.pad(np.fft.rfft(shape), (0, 7 * _PHASES))
-    ranges = []
-    for kept in (_HARMONICS, _HARMONICS // 2, _HARMONICS // 4):
-        terms[kept + 1 :] = 0.0
-        ranges.append(float(np.ptp(np.fft.irfft(terms, 16 * _PHASES))) * 16.0)
-    change = ranges[0] - ranges[1]
-    return ranges[0] + change, max(abs(change), abs(ranges[1] - ranges[2])) / np.sqrt(3.0), shape

@@ -28,7 +28,10 @@ class Margin:
 
     @property
     def absolute(self) -> Estimate:
-        """Absolute marginal discrepancy, the hypotenuse [m]; the degrees of freedom are those of the rise, which carries them."""
+        """Absolute marginal discrepancy, the hypotenuse [m].
+
+        The degrees of freedom are those of the rise, which carries them.
+        """
         size = float(np.hypot(self.opening.value, self.rise.value))
         share, slope = self.opening.value / size, self.rise.value / size
         return Estimate(
@@ -67,7 +70,7 @@ def fit_margin(x: Array, z: Array) -> Margin:
 
 
 def _find_gap(x: Array, z: Array) -> tuple[int, int]:
-    """Return the indices of the longest stretch that is missing or far below both shoulders."""
+    # Return the indices of the longest stretch that is missing or far below both shoulders.
     # Only to find it the profile is levelled by the median of its slopes, which does not see a gap
     # of less than half of it.
     known, quarter = np.isfinite(z), len(z) // 4
@@ -117,7 +120,8 @@ def _find_walls(x: Array, flat: Array, rise: float, begin: int, end: int) -> lis
 
 
 def _locate_wall(x: Array, flat: Array, level: float, depth: float) -> _Wall:
-    """Locate a wall between two samples: a jump of the whole depth leaves the interval open, a flank is interpolated."""
+    # Locate a wall between two samples: a jump of the whole depth leaves the interval open, a flank
+    # is interpolated.
     jump = float(abs(flat[1] - flat[0]))
     if not np.isfinite(jump / depth) or jump == 0.0:
         return _Wall(float(x.mean()), 1.0, float("nan"))

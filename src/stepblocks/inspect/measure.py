@@ -1,7 +1,10 @@
-"""A scan in, measured characteristics out, each with its budget: the evaluation of an edge, a groove, a margin, a tip."""
+"""A scan in, measured characteristics out, each with its budget.
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+The evaluation of an edge, a groove, a margin, a tip.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -12,20 +15,10 @@ from stepblocks.inspect.budget import (
     Component,
     Instrument,
     Measured,
-    add_instrument_components,
     average_profiles,
 )
-from stepblocks.inspect.edge import Edge, fit_edge, fit_step
-from stepblocks.inspect.edge_arc import compute_edge_profile
-from stepblocks.inspect.form import (
-    FaceForm,
-    compute_flatness,
-    compute_parallelism,
-    estimate_zone,
-    fit_face,
-)
 from stepblocks.inspect.margin_gap import fit_margin
-from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, Mask, estimate_robust_scale
+from stepblocks.inspect.noise import LEAST_SCATTER, Array, Mask, estimate_robust_scale
 from stepblocks.inspect.tip import fit_cap
 
 Window = tuple[float, float, str]  # begin, end [m] and name
@@ -33,49 +26,67 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 _NARROWER = 0.7  # of the cap of a tip, over which its radius is fitted again [1]
-_MOST_ACROSS = 300  # points of a map along either side through which the form of a face is fitted
 _LEAST_SHARE = 0.5  # of the profiles of a map that must agree on what they cross [1]
 _MOST_PROFILES = 60  # of a map that are evaluated; of more, as many are taken evenly over the map
 
 
 @dataclass(frozen=True)
-class ShownMap:
-    """What a plot shows of a map; arrays of shape (ny, nx)."""
-
-    height: Array  # levelled [m]
-    residual: Array  # what the evaluation leaves, nan where a point took no part [m]
-    outlines: tuple[tuple[str, Mask], ...]  # name of a part that was evaluated, and its mask
-    size: tuple[float, float]  # along x and y [m]
-
-
-@dataclass(frozen=True)
 class Shown:
-    """What a plot shows: one profile, levelled on its lower or outer face, and the map that it is of."""
+    """What a plot shows.
 
-    position: Array  # m
-    height: Array  # m
-    windows: tuple[Window, ...] = ()  # the stretches that were evaluated
-    fitted: Array | None = None  # what was fitted to it [m]
-    dropped: Mask | None = None  # points left out as spikes
-    map: ShownMap | None = None
+    One profile, levelled on its lower or outer face, and the map that it is of.
+
+    Attributes
+    ----------
+    position, height : array, shape (n,)
+        m.
+    windows : tuple of (float, float, str)
+        The stretches that were evaluated [m], with their names.
+    fitted : array or None
+        What was fitted to the profile [m].
+    dropped : array of bool or None
+        Points left out as spikes.
+    """
+
+    position: Array
+    height: Array
+    windows: tuple[Window, ...] = ()
+    fitted: Array | None = None
+    dropped: Mask | None = None
 
 
 @dataclass(frozen=True)
 class EvaluationOptions:
-    """How a scan is to be evaluated; what is not said follows the data."""
+    """How a scan is to be evaluated; what is not given follows the data.
 
-    exclusion: float | None = None  # half width kept out at every edge [m]; where the flank is
-    degree: int | None = (
-        None  # of the polynomial that a profile is levelled by, 1 to 3; as the data carry
-    )
-    begin: float | None = None  # of the part of each profile that is looked at [m]; all of it
-    end: float | None = None  # likewise [m]
-    edges: tuple[int, ...] | None = None  # which features, counted from 1; all
-    along: Literal["x", "y"] | None = (
-        None  # direction of the profiles of a map; whichever shows features
-    )
-    stylus_radius: float = 0.0  # m
-    stylus_cone: float = 0.0  # full angle of the stylus [rad]
+    Attributes
+    ----------
+    exclusion : float or None
+        Half width kept out at every edge [m]; by default where the flank is.
+    degree : int or None
+        Of the polynomial that a profile is levelled by, 1 to 3; by default as the data carry.
+    begin, end : float or None
+        Part of each profile that is looked at [m]; by default all of it.
+    edges : tuple of int or None
+        Which features, counted from 1; by default all.
+    along : {"x", "y"} or None
+        Direction of the profiles of a map; by default whichever shows features.
+    stylus_radius : float or None
+        Radius of the stylus [m], 0 of an optical instrument. Where it is not stated, a radius of an
+        edge is an upper bound.
+    stylus_cone : float or None
+        Full angle of the stylus [rad], 0 of an optical instrument. Where it is not stated, 60 and
+        90 deg are taken as possible (ISO 3274).
+    """
+
+    exclusion: float | None = None
+    degree: int | None = None
+    begin: float | None = None
+    end: float | None = None
+    edges: tuple[int, ...] | None = None
+    along: Literal["x", "y"] | None = None
+    stylus_radius: float | None = None
+    stylus_cone: float | None = None
 
 
 AS_FOUND = EvaluationOptions()
@@ -83,108 +94,48 @@ AS_FOUND = EvaluationOptions()
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a scan says."""
+    """What a scan says.
 
-    values: dict[str, Measured]  # by key of the characteristic
-    convention: str  # how the values are defined
-    notes: tuple[str, ...]  # what was left out or cut
-    shown: Shown | None = None  # none of what another program measured
-    arc: bool = True  # whether the edge is an arc, which its radius then says all of
+    Attributes
+    ----------
+    values : dict of Measured
+        By key of the characteristic.
+    convention : str
+        How the values are defined.
+    notes : tuple of str
+        What was left out or cut.
+    shown : Shown or None
+        What a plot shows; None of what another program measured.
+    arc : bool
+        Whether the edge is an arc, of which its radius then says all.
+    missing : dict of str
+        Why a characteristic was not measured, by its key.
+    covered : dict of tuple of float
+        How far a face was scanned across and along the edge [m], by key of the form characteristic.
+    surface : Profile or None
+        The edge between level faces, where it is no arc and was seen.
+    faces : tuple of Profile
+        Profiles of the faces, levelled, for their roughness.
+    """
 
-
-def measure_edge(
-    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions = AS_FOUND
-) -> Evaluation:
-    """Height and edge radius of a step; of a map also flatness and parallelism of the faces."""
-    rows, notes = sample_profiles(scan, how)
-    found, refused = evaluate_each(
-        lambda row: fit_edge(row.position, row.height, how.exclusion), rows
-    )
-    crossed = np.array(
-        [(one.height.value, one.position, one.exclusion) for _, one in found]
-    ).reshape(-1, 3, 1)
-    results = keep_agreeing(found, crossed.swapaxes(0, 1), rows, refused, notes)
-    edges = [edge for _, edge in results]
-    form = Component(
-        "form", _estimate_form(results), how="change with twice the exclusion, rectangular"
-    )
-    height = average_profiles("step height", [one.height for one in edges], instrument, [form])
-    flanks = [one.flank for one in edges if one.flank is not None]
-    sloped = 2 * len(flanks) > len(edges)
-    corners = [one.radius for one in edges if (one.flank is not None) == sloped]
-    # what lies between two samples of a sharp edge is the same in every profile, and does not
-    # average
-    sharp = np.mean([one.value for one in corners]) < 3.0 * rows[0].spacing
-    unresolved = rows[0].spacing / np.sqrt(12.0) if sharp else 0.0
-    corners = [
-        # a stylus rounds a corner by its own radius
-        Estimate(
-            one.value - how.stylus_radius,
-            float(np.sqrt(max(one.std**2 - unresolved**2, 0.0))),
-            one.dof,
-        )
-        for one in corners
-    ]
-    sampling = (
-        [Component("sampling", unresolved, how="one interval, rectangular")]
-        if unresolved > 0.0
-        else []
-    )
-    radius = average_profiles("edge radius", corners, instrument, sampling, axes=(1.0, 1.0))
-    if how.stylus_radius > 0.0:
-        notes.append(
-            f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius"
-        )
-    if sloped:
-        angle, off = (
-            np.mean([one.angle for one in flanks]),
-            np.mean([one.angle_std for one in flanks]),
-        )
-        slope = f"{np.degrees(angle):.1f} +-{np.degrees(2.0 * off):.1f} deg"
-        said = f"the edge is no arc: its flank slopes by {slope}, its radius is that of the corner"
-        if (
-            how.stylus_cone > 0.0
-            and angle > 0.5 * np.pi - 0.5 * how.stylus_cone - 2.0 * off - np.radians(1.0)
-        ):
-            said += ", and the flank may be steeper: it is as steep as the cone of the stylus"
-        notes.append(said)
-    values = {"step_height": height, "edge_radius": radius}
-    first, edge = results[0]
-    drawn = None
-    if isinstance(scan, HeightMap):
-        faces, drawn = _measure_faces(scan, edge, instrument, notes)
-        values |= faces
-    if rejected := sum(one.rejected for one in edges):
-        notes.append(f"{rejected} points missing or left out as spikes")
-    if any(one.radius.value < 3.0 * first.spacing for one in edges):
-        limit = max(one.radius_limit for one in edges)
-        notes.append(
-            f"edge sharper than the sampling resolves; radius below {limit * 1e6:.2g} um at 95 %"
-        )
-    convention = (
-        f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side "
-        "of the edge; radius by arc"
-    )
-    if sloped:
-        convention = f"{convention} of the corner beside its flank"
-    x, before, behind = (
-        first.position,
-        edge.position - edge.exclusion,
-        edge.position + edge.exclusion,
-    )
-    windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
-    level = first.height - edge.tilt * x
-    lower = (x < before) if edge.rising else (x > behind)
-    sign, corner = (1.0 if edge.rising else -1.0), 0.0 if sloped else max(edge.radius.value, 0.0)
-    fitted = compute_edge_profile(sign * x, sign * edge.position, edge.height.value, corner)
-    shown = Shown(x, level - np.nanmedian(level[lower]), windows, fitted, edge.dropped, drawn)
-    return Evaluation(values, convention, tuple(notes), shown, arc=not sloped)
+    values: dict[str, Measured]
+    convention: str
+    notes: tuple[str, ...]
+    shown: Shown | None = None
+    arc: bool = True
+    missing: Mapping[str, str] = field(default_factory=dict)
+    covered: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    surface: Profile | None = None
+    faces: tuple[Profile, ...] = ()
 
 
 def sample_profiles(
     scan: Profile | HeightMap, how: EvaluationOptions = AS_FOUND
 ) -> tuple[list[Profile], list[str]]:
-    """Return the profiles of a scan that are evaluated, cropped and in equal steps, and notes on what that took."""
+    """Return the profiles of a scan that are evaluated, cropped and in equal steps.
+
+    And notes on what that took.
+    """
     rows, notes = list_profiles(scan), []
     if len(rows) > _MOST_PROFILES:
         chosen = np.unique(np.linspace(0, len(rows) - 1, _MOST_PROFILES).round().astype(int))
@@ -211,7 +162,8 @@ def sample_profiles(
             f"positions set to equal steps of {step * 1e6:.4g} um, between which heights are "
             "interpolated"
         )
-    return [Profile(x, z, row.source) for z, row in zip(heights, measured, strict=True)], notes
+    rows = [replace(row, position=x, height=z) for z, row in zip(heights, measured, strict=True)]
+    return rows, notes
 
 
 def keep_agreeing(
@@ -221,7 +173,10 @@ def keep_agreeing(
     refused: list[str],
     notes: list[str],
 ) -> list[tuple[Profile, T]]:
-    """Return the profiles that agree on what they cross; refused, with the share, where they are less than half of those asked."""
+    """Return the profiles that agree on what they cross.
+
+    Refused, with the share, where they are less than half of those asked.
+    """
     # `crossed`, shape (3, profiles, features), are height, place and slack of place of each feature
     # [m]. They must lie where the others have them, a slant over the map allowed, and be as high.
     heights, places, slack = crossed
@@ -266,61 +221,6 @@ def evaluate_each(
     return results, refused
 
 
-def _estimate_form(results: list[tuple[Profile, Edge]]) -> float:
-    """Change of the mean height when twice as much is excluded, beyond what noise alone changes, as a rectangle."""
-    some = results[:: max(len(results) // 10, 1)]
-    wider = evaluate_each(
-        lambda one: fit_step(one[0].position, one[0].height, 2.0 * one[1].exclusion), some
-    )[0]
-    pairs = [(edge.height, wide) for (_, edge), wide in wider]
-    if not pairs:
-        return 0.0
-    # a fit through fewer of the same points differs by what its variance has grown
-    noise = np.mean([max(wide.std**2 - edge.std**2, 0.0) for edge, wide in pairs]) / len(pairs)
-    beyond = float(np.mean([wide.value - edge.value for edge, wide in pairs])) ** 2 - float(noise)
-    return float(np.sqrt(max(beyond, 0.0) / 3.0))
-
-
-def _measure_faces(
-    scan: HeightMap, edge: Edge, instrument: Instrument, notes: list[str]
-) -> tuple[dict[str, Measured], ShownMap]:
-    """Flatness and parallelism of the faces of a map, and how they lie in it."""
-    # a form of degree three needs no more
-    across, along = (slice(None, None, max(size // _MOST_ACROSS, 1)) for size in scan.height.shape)
-    x, y, height = scan.x[along], scan.y[across], scan.height[across, along]
-    sides = [x < edge.position - edge.exclusion, x > edge.position + edge.exclusion]
-    lower, upper = (
-        np.broadcast_to(side, height.shape) for side in (sides if edge.rising else sides[::-1])
-    )
-    low, high = (fit_face(x, y, height, face) for face in (lower, upper))
-    level = height - edge.tilt * x
-    level = level - np.nanmedian(np.where(lower, level, np.nan), axis=1, keepdims=True)
-    rest = np.where(upper, level - edge.height.value, np.where(lower, level, np.nan))
-    known = np.isfinite(height)
-    parts = ("upper face", upper & known), ("lower face", lower & known)
-    drawn = ShownMap(level, rest, parts, (float(x[-1]), float(y[-1])))
-    asked: dict[str, tuple[str, Callable[..., float], tuple[FaceForm, ...]]] = {
-        "flatness_lower": ("flatness, lower face", compute_flatness, (low,)),
-        "flatness_upper": ("flatness, upper face", compute_flatness, (high,)),
-        "parallelism": ("parallelism, upper face to A", compute_parallelism, (high, low)),
-    }
-    zones = [
-        (name, zone(*[face.points for face in faces]) * 1e6) for name, zone, faces in asked.values()
-    ]
-    notes.append(
-        "flatness and parallelism are those of the form, polynomials of degree "
-        f"{max(low.degree, high.degree)}, over what was "
-        "scanned; zones of all points, noise included: "
-        f"{', '.join(f'{name} {size:.3g} um' for name, size in zones)}"
-    )
-    values = {}
-    for key, (name, zone, faces) in asked.items():
-        form = estimate_zone(zone, *faces)
-        noise = Component("noise", form.std, form.dof, "draws from the covariance of the form")
-        values[key] = add_instrument_components(name, form.value, [noise], instrument)
-    return values, drawn
-
-
 def measure_margin(
     scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions = AS_FOUND
 ) -> Evaluation:
@@ -356,7 +256,10 @@ def measure_tip(
     how: EvaluationOptions = AS_FOUND,
     nominal: float = 0.0,
 ) -> Evaluation:
-    """Radius of a probe tip of about `nominal` [m]: from a height map that looks at it along its axis, or a profile over it."""
+    """Radius of a probe tip of about `nominal` [m].
+
+    From a height map that looks at it along its axis, or a profile over it.
+    """
     notes: list[str] = []
     if isinstance(scan, Profile):
         (scan,), notes = sample_profiles(scan, how)
@@ -372,7 +275,7 @@ def measure_tip(
     form = Component(
         "form", beyond, how="change over a cap of seven tenths of it, less its noise, rectangular"
     )
-    if how.stylus_radius > 0.0:
+    if how.stylus_radius:
         radius = replace(radius, value=radius.value - how.stylus_radius)
         notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.4g} um is taken off")
     # of a cap, height h over width a, R is a^2 / 2h: twice the lateral error, once the vertical

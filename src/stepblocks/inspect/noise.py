@@ -1,4 +1,6 @@
-"""What the residuals of a fit say about its noise, and the standard uncertainty that an estimate has from it.
+"""What the residuals of a fit say about its noise.
+
+And the standard uncertainty that an estimate has from it.
 
 Machined faces carry roughness that is correlated over micrometres, so 4,000 points are not 4,000
 observations: each uncertainty of this room goes through the autocovariance of the residuals. A
@@ -52,12 +54,18 @@ class Estimate:
 
 
 def estimate_robust_scale(residuals: Array) -> float:
-    """Return the standard deviation of the bulk of `residuals`, from their median absolute deviation [same unit]."""
+    """Return the standard deviation of the bulk of `residuals`.
+
+    From their median absolute deviation [same unit].
+    """
     return float(_GAUSS_PER_MAD * np.median(np.abs(residuals - np.median(residuals))))
 
 
 def find_outliers(residuals: Array, used: Mask) -> Mask:
-    """Return true for spikes: residuals [m] beyond five robust deviations from the median of those used; none without scatter."""
+    """Return true for spikes.
+
+    Residuals [m] beyond five robust deviations from the median of those used; none without scatter.
+    """
     own = residuals[used]
     scale = estimate_robust_scale(own)
     spikes = np.zeros_like(used)
@@ -107,7 +115,10 @@ def pad_autocovariance(gamma: Array, count: int) -> Array:
 
 
 def factor_covariance(covariance: Array) -> Array:
-    """Return rows whose products add up to a covariance, by its eigenvectors, since it may be singular."""
+    """Return rows whose products add up to a covariance, by its eigenvectors.
+
+    Since it may be singular.
+    """
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)
 
@@ -115,7 +126,10 @@ def factor_covariance(covariance: Array) -> Array:
 def estimate_linear(
     value: float, weights: Array, residuals: Array, used: Mask, design: Array
 ) -> Estimate:
-    """State `value`, which is ``sum(weights * z)``, with its uncertainty from the residuals of the fit."""
+    """State `value`, which is ``sum(weights * z)``.
+
+    With its uncertainty from the residuals of the fit.
+    """
     # With residuals ``r = M z``, M the projection of the fit, the estimate of the variance is a
     # quadratic form ``r Q r``; Q holds ``c(k) taper(k) / pairs(k)``. Its mean is ``tr(M Q M
     # Gamma)``, which gives the correction, and twice the square of its mean over its variance the
@@ -155,8 +169,8 @@ def estimate_linear(
 
 
 class _Lags:
-    """Fourier transforms over a grid that is padded so that lags do not wrap; over the last axes of what is stacked."""
-
+    # Fourier transforms over a grid that is padded so that lags do not wrap; over the last axes of
+    # what is stacked.
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._cut = tuple(slice(0, size) for size in shape)
         self._shape = tuple(fft.next_fast_len(2 * size, real=True) for size in shape)
@@ -172,18 +186,19 @@ class _Lags:
         return self.back(np.abs(self.transform(values)) ** 2)
 
     def mean(self, spectrum: Array) -> float:
-        """Mean over frequencies, which is the value at lag zero."""
+        # Mean over frequencies, which is the value at lag zero.
         return float(self.back(spectrum).flat[0])
 
     def convolved(self, spectrum: Array, columns: Array) -> Array:
-        """Convolve columns with what has this spectrum."""
+        # Convolve columns with what has this spectrum.
         return self.back(spectrum * self.transform(columns))[(slice(None), *self._cut)]
 
 
 def _expectations(
     lags: _Lags, spectrum: Array, form: Array, pairs: Array, inside: Array, design: Array
 ) -> tuple[float, float]:
-    """Traces of Q Gamma and of M Q M Gamma; the projection has few columns, so no large matrix is ever formed."""
+    # Traces of Q Gamma and of M Q M Gamma; the projection has few columns, so no large matrix is
+    # ever formed.
     trace = float(np.sum(lags.back(form) * pairs * lags.back(spectrum)))
     columns = design * inside
     by_noise, by_form = (
@@ -202,7 +217,7 @@ def _expectations(
 
 
 def _taper(gamma: Array, shape: tuple[int, ...], count: float) -> Array:
-    """Flat top over the correlated lags of each axis, then linear to zero at twice as far."""
+    # Flat top over the correlated lags of each axis, then linear to zero at twice as far.
     taper = np.ones(gamma.shape)
     limit = 2.0 * np.sqrt(np.log10(max(count, 10.0)) / count)
     for axis, size in enumerate(shape):

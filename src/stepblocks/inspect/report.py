@@ -1,24 +1,30 @@
-"""A judged scan: as a table that a person reads, as plain data, and as files with the plot of scan, limits and guard bands."""
+"""A judged scan.
 
-import hashlib
+As a table that a person reads, as plain data, and as files with the plot of scan, limits and guard
+bands.
+"""
+
+from __future__ import annotations
+
 import html
 import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.artefacts.certificate import write_certificate
+from stepblocks.artefacts.laboratory import Laboratory
 from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.qif import write_qif
-from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.atomic import replace_text
+from stepblocks.errors import MetrologyError
 from stepblocks.figure_file import make_figure, save_figure
 from stepblocks.inspect.budget import Decision, Measured, Outcome
-from stepblocks.inspect.measure import Evaluation, Shown, ShownMap
+from stepblocks.inspect.measure import Evaluation, Shown
 from stepblocks.page_file import render_page
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec
@@ -27,13 +33,16 @@ from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import format_column_label
 from stepblocks.tables import write_table
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 _COLOUR: dict[Outcome | None, str] = {
     Outcome.CONFORMS: "#2e7d4f",
     Outcome.DOES_NOT_CONFORM: "#b3261e",
     Outcome.NOT_PROVEN: "#b07d00",
 }
+_FAULTS = {Outcome.DOES_NOT_CONFORM: "not conforming", Outcome.NOT_PROVEN: "not proven"}
 _MOST_DRAWN = 4000
-_MOST_ACROSS = 500  # points of a map that is drawn
 _HEIGHTS = (
     "step_height",
     "ridge_height",
@@ -42,139 +51,237 @@ _HEIGHTS = (
 )  # limits drawn beside the scan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class InspectionResult:
-    """A judged scan; as text the table that a person reads."""
+    """A judged scan; as text the table that a person reads.
 
-    identity: str  # of the part
-    stimulus: Part | None  # what was asked for; None for a depth standard
-    inspected: Evaluation  # what was measured
-    judged: tuple[tuple[Characteristic, Decision], ...]  # each value that has limits
-    verdict: Outcome | None  # over all of them; None where nothing was asked
-    felt: str  # how far the felt energy moved; empty where it does not follow from the values
-    source: Path  # the scan, or the results of another program
-    order: OrderSpec = field(
-        default_factory=OrderSpec
-    )  # who asks for it, for QIF and the certificate
+    Attributes
+    ----------
+    identity : str
+        Of the part.
+    stimulus : Part or None
+        What was asked for; None for a depth standard.
+    evaluation : Evaluation
+        What was measured, with budgets.
+    judged : tuple of (Characteristic, Decision)
+        Each value that has limits.
+    verdict : Outcome or None
+        Over the characteristics asked for; not proven while one of them is not measured, None where
+        nothing was asked.
+    source : Path
+        The scan, or the results of another program.
+    digest : str
+        SHA-256 of the file, or of the heights.
+    energy_statement : str
+        How far the energy moved; empty where it does not follow from the values.
+    order : OrderSpec
+        Who asks for it, for QIF and the certificate.
+    missing : tuple of (Characteristic, str)
+        What was not measured, and what would measure it.
+    asked : frozenset of str
+        Keys of the characteristics that the order asks for.
+    """
+
+    identity: str
+    stimulus: Part | None
+    evaluation: Evaluation
+    judged: tuple[tuple[Characteristic, Decision], ...]
+    verdict: Outcome | None
+    source: Path
+    digest: str = ""
+    energy_statement: str = ""
+    order: OrderSpec = field(default_factory=OrderSpec)
+    missing: tuple[tuple[Characteristic, str], ...] = ()
+    asked: frozenset[str] = frozenset()
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all that the order asks for was measured."""
+        return not any(one.key in self.asked for one, _ in self.missing)
+
+    @property
+    def statement(self) -> str:
+        """How many of the characteristics were measured, how they were judged, and how many not."""
+        own = [(one, found) for one, found in self.judged if one.key in self.asked]
+        absent = sum(one.key in self.asked for one, _ in self.missing)
+        whole = len(self.asked) == len(self.judged) + len(self.missing)
+        parts = []
+        for outcome, verb in _FAULTS.items():
+            labels = [one.label for one, found in own if found.verdict is outcome]
+            if labels:
+                parts.append(f"{len(labels)} {verb} ({', '.join(labels)})")
+        asked = f"{len(self.asked)}" if whole else f"the {len(self.asked)} asked for"
+        said = f"{len(own)} of {asked} measured, {', '.join(parts) or 'all conform'}"
+        return f"{said}; {absent} not measured" if absent else said
 
     @property
     def said(self) -> str:
-        """The verdict in words."""
-        return "measured" if self.verdict is None else self.verdict.value
+        """The verdict in words.
+
+        What was measured of how many, where that leaves the verdict open.
+        """
+        if self.verdict is None:
+            return "measured"
+        if self.verdict is Outcome.NOT_PROVEN and not self.is_complete:
+            return self.statement
+        return self.verdict.value
 
     @property
     def tables(self) -> dict[str, list[dict[str, Any]]]:
-        """Every value with its limits, and every part of its budget."""
-        limits = {one.key: (one.label, decision) for one, decision in self.judged}
+        """Every value with its limits, what was not measured, and every part of its budget."""
+        limits = {one.key: (one, decision) for one, decision in self.judged}
+        numbers = {}
+        if self.stimulus is not None:
+            listed = self.stimulus.characteristics()
+            numbers = {one.key: number for number, one in enumerate(listed, start=1)}
         rows, budget = [], []
-        for key, measured in self.inspected.values.items():
-            label, decision = limits.get(key, (measured.name, None))
-            half = measured.expanded() * 1e6
-            # two of the uncertainty, none below a picometre
+        for key, measured in self.evaluation.values.items():
+            one, decision = limits.get(key, (None, None))
+            unit, factor = ("deg", math.degrees(1.0)) if key.endswith("_angle") else ("um", 1e6)
+            half = measured.expanded() * factor
+            # two digits of the uncertainty, none below a picometre
             digits = (
                 min(max(1 - math.floor(math.log10(half)), 0), 6) if 0.0 < half < math.inf else 4
             )
-            value, stated = (f"{x:.{digits}f}" for x in (measured.value * 1e6, half))
+            label = measured.name if one is None else one.label
+            sign = {"": "", "at most": "<= ", "at least": ">= "}[measured.bound]
             row: dict[str, Any] = {
+                "number": numbers.get(key),
                 "characteristic": label,
-                "value_um": value,
-                "expanded_uncertainty_95_um": stated,
+                "value": f"{sign}{measured.value * factor:.{digits}f}",
+                "expanded_uncertainty_95": f"{half:.{digits}f}"
+                if measured.is_decidable
+                else "not stated",
+                "unit": unit,
             }
-            row |= {"lower_um": None, "upper_um": None, "guard_um": None}
-            if decision is not None:
-                ends = {
-                    "lower_um": decision.lower,
-                    "upper_um": decision.upper,
-                    "guard_um": decision.guard,
-                }
-                row |= {name: _finite_or_none(value * 1e6) for name, value in ends.items()}
-            rows.append(
-                {**row, "verdict": "no limits" if decision is None else decision.verdict.value}
-            )
-            for part in measured.components:
-                said = "not stated" if math.isnan(part.std) else f"{part.std * 1e6:.3g}"
-                budget.append(
-                    {"characteristic": label, "component": part.name, "u_um": said, "how": part.how}
+            for name in ("lower", "upper", "guard"):
+                size = (
+                    None if decision is None else _finite_or_none(getattr(decision, name) * factor)
                 )
-        return {"characteristics": rows, "uncertainty budget": budget}
+                row[name] = None if size is None else f"{round(size, 9):.7g}"
+            said = "no limits" if decision is None else decision.verdict.value
+            rows.append({**row, "verdict": said})
+            for part in measured.components:
+                std = "not stated" if math.isnan(part.std) else f"{part.std * factor:.3g}"
+                budget.append(
+                    {
+                        "characteristic": label,
+                        "component": part.name,
+                        "standard_uncertainty": std,
+                        "unit": unit,
+                        "how": part.how,
+                    }
+                )
+        absent = [
+            {"number": numbers.get(one.key), "characteristic": one.label, "needs": why}
+            for one, why in self.missing
+        ]
+        found = {"characteristics": rows, "uncertainty budget": budget, "not measured": absent}
+        return {name: lines for name, lines in found.items() if lines}
 
     @property
     def remarks(self) -> list[str]:
-        """Convention, what was not stated, what was left out, and what is felt."""
+        """Statement, convention, what was not stated, what was left out, and the energy."""
         unstated = sorted(
-            {name for measured in self.inspected.values.values() for name in measured.unstated}
+            {name for measured in self.evaluation.values.values() for name in measured.unstated}
         )
-        said = [f"not stated counts as zero: {', '.join(unstated)}"] if unstated else []
+        said = [f"statement: {self.statement}"] if self.judged and self.stimulus else []
+        said += [f"not stated: {', '.join(unstated)} (see the budget)"] if unstated else []
         guard = (
             f"guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of "
             "freedom"
         )
-        said += [f"convention: {self.inspected.convention}", f"decision: ISO 14253-1, {guard}"]
-        said += [f"note: {note}" for note in self.inspected.notes]
-        return [*said, f"felt: {self.felt}"] if self.felt else said
+        said += [f"convention: {self.evaluation.convention}", f"decision: ISO 14253-1, {guard}"]
+        said += [f"note: {note}" for note in self.evaluation.notes]
+        return [*said, f"energy: {self.energy_statement}"] if self.energy_statement else said
 
     def __str__(self) -> str:
         """Write verdict, tables and remarks."""
         said = [f"{self.identity}: {self.said}\n"]
         for name, rows in self.tables.items():
             cells = [
-                [format_column_label(key), *(_format_cell(row[key]) for row in rows)]
+                [
+                    format_column_label(key),
+                    *("-" if row[key] is None else str(row[key]) for row in rows),
+                ]
                 for key in rows[0]
             ]
             columns = [[cell.ljust(max(map(len, column))) for cell in column] for column in cells]
             said += [name, *("  ".join(line).rstrip() for line in zip(*columns, strict=True)), ""]
         return "\n".join([*said, *self.remarks])
 
+    def __repr__(self) -> str:
+        """Name part, verdict and source."""
+        return f"InspectionResult({self.identity}: {self.said}, {self.source.name!r})"
+
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
 
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the scan with what was fitted and its limits, into `ax` or new axes.
+
+        Return these.
+        """
+        if self.evaluation.shown is None:
+            raise MetrologyError("only what was scanned here can be drawn, got results of others")
+        if ax is None:
+            from matplotlib import pyplot
+
+            ax = pyplot.subplots()[1]
+        _draw_scan(ax, self, self.evaluation.shown)
+        return ax
+
     @property
     def _others(self) -> dict[str, Measured]:
-        """Values without limits."""
+        # Values without limits.
         judged = {one.key for one, _ in self.judged}
-        return {key: one for key, one in self.inspected.values.items() if key not in judged}
+        return {key: one for key, one in self.evaluation.values.items() if key not in judged}
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data; every number has its unit in its name, infinities are null."""
         return {
             "stimulus": self.identity,
             "scan": self.source.name,
-            "verdict": self.said,
-            "convention": self.inspected.convention,
-            "notes": list(self.inspected.notes),
-            "felt": self.felt,
+            "scan_sha256": self.digest,
+            "verdict": "measured" if self.verdict is None else self.verdict.value,
+            "statement": self.statement if self.judged and self.stimulus else "",
+            "convention": self.evaluation.convention,
+            "notes": list(self.evaluation.notes),
+            "felt": self.energy_statement,
             "others_m": {key: one.value for key, one in self._others.items()},
+            "others": [
+                {
+                    "key": key,
+                    "label": one.name,
+                    **_describe_measured(one, "rad" if key.endswith("_angle") else "m"),
+                }
+                for key, one in self._others.items()
+            ],
             "characteristics": [
-                _describe_decision(one, d, self.inspected.values[one.key]) for one, d in self.judged
+                _describe_decision(one, d, self.evaluation.values[one.key])
+                for one, d in self.judged
+            ],
+            "not_measured": [
+                {"key": one.key, "label": one.label, "needs": why, "asked": one.key in self.asked}
+                for one, why in self.missing
             ],
         }
 
 
-def _format_cell(value: Any) -> str:
-    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _describe_decision(
-    one: Characteristic, decision: Decision, measured: Measured
-) -> dict[str, Any]:
+def _describe_measured(measured: Measured, unit: str) -> dict[str, Any]:
     half = measured.expanded()
     return {
-        "key": one.key,
-        "label": one.label,
-        "nominal_m": one.nominal,
-        "lower_limit_m": _finite_or_none(decision.lower),
-        "upper_limit_m": _finite_or_none(decision.upper),
-        "value_m": decision.value,
-        "std_m": decision.std,
+        f"value_{unit}": measured.value,
+        f"std_{unit}": measured.std,
         "dof": _finite_or_none(measured.dof),
-        "interval_95_m": [decision.value - half, decision.value + half],
-        "guard_band_m": decision.guard,
-        "conformance_probability": decision.probability,
-        "verdict": decision.verdict.value,
+        "coverage_factor": measured.coverage_factor,
+        f"interval_95_{unit}": [measured.value - half, measured.value + half],
+        "bound": measured.bound,
+        "uncertainty_stated": measured.is_decidable,
         "budget": [
             {
                 "name": part.name,
-                "std_m": _finite_or_none(part.std),
+                f"std_{unit}": _finite_or_none(part.std),
                 "dof": _finite_or_none(part.dof),
                 "how": part.how,
             }
@@ -183,12 +290,34 @@ def _describe_decision(
     }
 
 
+def _describe_decision(
+    one: Characteristic, decision: Decision, measured: Measured
+) -> dict[str, Any]:
+    unit = "rad" if one.quantity == "angle" else "m"
+    return {
+        "key": one.key,
+        "label": one.label,
+        "unit": unit,
+        f"nominal_{unit}": one.nominal,
+        f"lower_limit_{unit}": _finite_or_none(decision.lower),
+        f"upper_limit_{unit}": _finite_or_none(decision.upper),
+        f"guard_band_{unit}": decision.guard,
+        "conformance_probability": decision.probability,
+        "verdict": decision.verdict.value,
+        **_describe_measured(measured, unit),
+    }
+
+
 def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]:
-    """Write page, plot and JSON of an inspection, the as-built record of what was judged and the sheet filled in.
+def write_inspection(
+    result: InspectionResult, folder: str | Path, laboratory: Laboratory | None = None
+) -> list[Path]:
+    """Write page, plot and JSON of an inspection, the as-built record, the sheet filled in.
+
+    And a certificate.
 
     Parameters
     ----------
@@ -196,6 +325,8 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
         From `inspect_scan` or `inspect_standard`.
     folder : str or Path
         Made where it is missing; the files carry the identity of the part.
+    laboratory : Laboratory, optional
+        From `read_laboratory`; without it the certificate is a draft that the laboratory completes.
 
     Returns
     -------
@@ -203,94 +334,72 @@ def write_inspection(result: InspectionResult, folder: str | Path) -> list[Path]
     """
     base = Path(folder) / result.identity
     base.parent.mkdir(parents=True, exist_ok=True)
-    endings = ("as-built.toml", *(f"inspection.{kind}" for kind in ("json", "svg", "html")))
-    record_path, data, plot, page = (base.with_name(f"{base.name}.{ending}") for ending in endings)
-    others = ("inspection-sheet.csv", "qif", "dcc.xml")
-    sheet, qif, certificate = (base.with_name(f"{base.name}.{ending}") for ending in others)
-    values = {one.key: AsBuiltValue(d.value, d.std, d.verdict.value) for one, d in result.judged}
-    digest = hashlib.sha256(result.source.read_bytes()).hexdigest()
-    inspected, shown = result.inspected, result.inspected.shown
-    surface = Profile(shown.position, shown.height) if result.felt and shown is not None else None
-    record = AsBuilt(
+
+    def named(ending: str) -> Path:
+        return base.with_name(f"{base.name}.{ending}")
+
+    lengths = {one.key: d for one, d in result.judged if one.quantity == "length"}
+    values = {key: AsBuiltValue(d.value, d.std, d.verdict.value) for key, d in lengths.items()}
+    evaluation, record, data = result.evaluation, result.as_record(), named("inspection.json")
+    built = AsBuilt(
         result.identity,
         result.source.name,
-        digest,
-        inspected.convention,
+        result.digest,
+        evaluation.convention,
         values,
-        surface,
-        inspected.arc,
+        evaluation.surface,
+        evaluation.arc,
     )
-    paths = [*(write_as_built(record_path, record) if values else ()), data, plot, page]
-    replace_text(data, json.dumps(result.as_record(), indent=2, allow_nan=False) + "\n")
+    paths = [*(write_as_built(named("as-built.toml"), built) if values else ()), data]
+    replace_text(data, json.dumps(record, indent=2, allow_nan=False) + "\n")
+    plot, page = named("inspection.svg"), named("inspection.html")
     _draw(plot, result)
-    filled_in = {
-        "tables": result.tables,
-        "notes": result.remarks,
-        "said": result.said,
-        "picture": plot.name,
-    }
-    lead = result.felt or f"Measured on {result.source.name}."
-    alt = f"Scan of {result.identity}, what was fitted, limits and guard bands"
-    title = f"Inspection of {result.identity}"
+    paths += [plot, page]
+    if result.stimulus is not None:
+        # the two formats know no degrees of freedom: the standard uncertainty is that whose 1.96-fold
+        # is the expanded one, so that it reads back as it was
+        measured = evaluation.values
+        filled = {
+            one.key: (d.value, measured[one.key].expanded() / 1.96, d.verdict.value)
+            for one, d in result.judged
+        }
+        sheet, qif = named("inspection-sheet.csv"), named("qif")
+        write_table(make_sheet_table(result.stimulus, filled), sheet)
+        write_qif(qif, result.stimulus, result.order, filled, result.is_complete)
+        certificate = named("dcc.xml")
+        paths += [sheet, qif]
+        paths += write_certificate(
+            certificate, result.stimulus, record, result.order, result.digest, laboratory
+        )
+    instrument = "" if laboratory is None else f" by {laboratory.instrument.name}"
+    when = "" if laboratory is None else f" on {laboratory.measured_to}"
     replace_text(
         page,
-        render_page("inspect", "inspection.html.j2", title=title, lead=lead, alt=alt, **filled_in),
+        render_page(
+            "inspect",
+            "inspection.html.j2",
+            title=f"Inspection of {result.identity}",
+            lead=result.energy_statement or f"Measured on {result.source.name}.",
+            alt=f"Scan of {result.identity}, what was fitted, limits and guard bands",
+            tables=result.tables,
+            notes=[f"scan: {result.source.name}{instrument}{when}", *result.remarks],
+            said=result.said,
+            picture=plot.name,
+            links=[path.name for path in paths if path not in (page, plot)],
+        ),
     )
-    if result.stimulus is not None:
-        filled = {key: (one.value, one.std, one.verdict) for key, one in values.items()}
-        write_table(make_sheet_table(result.stimulus, filled), sheet)
-        write_qif(qif, result.stimulus, result.order, filled)
-        write_certificate(certificate, result.stimulus, result.as_record(), result.order, digest)
-        paths += [sheet, qif, certificate]
     return paths
 
 
 def _draw(path: Path, result: InspectionResult) -> None:
-    """Draw map with its mask and residuals, scan, windows, limits and guard bands into an SVG file."""
-    count, shown = len(result.judged), result.inspected.shown
-    scan = [] if shown is None else [5.0]  # what others measured comes without a profile
-    maps = [] if shown is None or shown.map is None else [5.0, 5.0]
-    heights = [*maps, *scan, *[1.0] * count]
-    size = 0.9 + 0.74 * sum(maps + scan) + 0.62 * count
-    figure, _ = make_figure(len(heights), width=9.0, height=size, heights=heights)
-    axes = figure.axes
-    if shown is not None and shown.map is not None:
-        _draw_map(axes[:2], shown.map)
+    # Draw scan, windows and limits into an SVG file; what others measured comes without a scan.
+    figure, _ = make_figure(1, width=9.0, height=4.6)
+    axis, shown = figure.axes[0], result.evaluation.shown
     if shown is not None:
-        _draw_scan(axes[len(maps)], result, shown)
-    title = f"{result.identity}: {result.said}"
-    axes[0].set_title(
-        title, color=_COLOUR.get(result.verdict, "#1d2a36"), fontweight="bold", loc="left"
-    )
-    for axis, (one, decision) in zip(axes[len(maps + scan) :], result.judged, strict=True):
-        _draw_limits(axis, one, decision)
+        _draw_scan(axis, result, shown)
+    colour = _COLOUR.get(result.verdict, "#1d2a36")
+    axis.set_title(f"{result.identity}: {result.said}", color=colour, loc="left", fontsize=9)
     save_figure(figure, path)
-
-
-def _draw_map(axes: Any, shown: ShownMap) -> None:
-    from matplotlib.lines import Line2D
-
-    thin = max(max(shown.height.shape) // _MOST_ACROSS, 1)
-    extent = (0.0, shown.size[0] * 1e6, 0.0, shown.size[1] * 1e6)
-    for axis, values, label in zip(
-        axes, (shown.height, shown.residual), ("height / um", "residual / um"), strict=True
-    ):
-        low, high = np.nanpercentile(values, [1.0, 99.0]) * 1e6
-        image = axis.imshow(
-            values[::thin, ::thin] * 1e6, origin="lower", extent=extent, vmin=low, vmax=high
-        )
-        axis.figure.colorbar(image, cax=axis.inset_axes((1.03, 0.0, 0.03, 1.0)), label=label)
-        axis.set(xlabel="x / um", ylabel="y / um")
-        axis.grid(visible=False)
-    lines = []
-    for (name, mask), colour in zip(shown.outlines, ("#b3261e", "#ffffff"), strict=False):
-        if not mask.all():
-            axes[0].contour(
-                mask[::thin, ::thin], levels=[0.5], colors=colour, linewidths=0.8, extent=extent
-            )
-        lines.append(Line2D([], [], color=colour, label=f"{name}, as evaluated"))
-    place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.2), "ncols": 2}
-    axes[0].legend(handles=lines, facecolor="#8a97a3", fontsize=7, **place)
 
 
 def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
@@ -333,25 +442,3 @@ def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
     limits = (low - 0.08 * (high - low), high + 0.22 * (high - low))
     axis.set(xlim=(x[0], x[-1]), ylim=limits, xlabel="position / um", ylabel="height / um")
     axis.spines[["top", "right"]].set_visible(False)
-
-
-def _draw_limits(axis: Any, one: Characteristic, decision: Decision) -> None:
-    value, std, upper, guard = decision.value, decision.std, decision.upper, decision.guard
-    bounded = math.isfinite(decision.lower)
-    lower = decision.lower if bounded else min(0.0, value - 3.0 * std)
-    span = max(upper - lower, 8.0 * std, 1e-12)
-    left = min(lower, value - 2.0 * std) - 0.15 * span
-    right = max(upper, value + 2.0 * std) + 0.15 * span
-    below = guard if bounded else 0.0
-    axis.axvspan(left * 1e6, right * 1e6, color="#b3261e", alpha=0.10, linewidth=0)
-    axis.axvspan((lower - below) * 1e6, (upper + guard) * 1e6, color="#f2d9a0", linewidth=0)
-    if upper - guard > lower + below:
-        axis.axvspan((lower + below) * 1e6, (upper - guard) * 1e6, color="#cfe8d8", linewidth=0)
-    for limit in (decision.lower, decision.upper):
-        if math.isfinite(limit):
-            axis.axvline(limit * 1e6, color="#c8553d", linestyle="--", linewidth=0.9)
-    mark = {"fmt": "o", "color": _COLOUR[decision.verdict], "capsize": 3, "markersize": 5}
-    axis.errorbar(value * 1e6, 0.0, xerr=1.96e6 * std, **mark)
-    axis.set(xlim=(left * 1e6, right * 1e6), ylim=(-1.0, 1.0), yticks=[])
-    axis.set_ylabel(f"{one.label} / um", rotation=0, ha="right", va="center")
-    axis.spines[["top", "right", "left"]].set_visible(False)

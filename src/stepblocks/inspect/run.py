@@ -1,21 +1,29 @@
-"""The way of a scan to a verdict: read, evaluated, judged by ISO 14253-1, and what the part will feel like."""
+"""From a scan to a verdict.
 
-from collections.abc import Callable, Iterable
+Read, evaluate, judge by ISO 14253-1, and say what the part will feel like.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from stepblocks.artefacts.qif_read import match_results, read_qif_results
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stepblocks.artefacts.qif_read import QifResult, match_results, read_qif_results
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
-from stepblocks.contact.counterface import Step, find_scanned_angle
-from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.energy_change import energy_change
+from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import (
+    UNSTATED,
     Component,
+    Decision,
     Instrument,
     Measured,
     Outcome,
+    add_instrument_components,
     combine_verdicts,
     judge,
 )
@@ -24,17 +32,22 @@ from stepblocks.inspect.measure import (
     AS_FOUND,
     Evaluation,
     EvaluationOptions,
-    measure_edge,
+    evaluate_each,
     measure_margin,
     measure_tip,
 )
 from stepblocks.inspect.report import InspectionResult
+from stepblocks.inspect.working_edge.energy import describe_energy
+from stepblocks.inspect.working_edge.measure import measure_edge
+from stepblocks.inspect.working_edge.roughness import measure_ra
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.select import find_stimulus_files
 from stepblocks.text_file import format_file_name
 
+# what an inspection takes: a file, a scan in memory, or positions and heights [m]
+Scan = str | Path | Profile | HeightMap | tuple[ArrayLike, ArrayLike]
 Evaluator = Callable[
     [Profile | HeightMap, Instrument, Characteristic, EvaluationOptions], Evaluation
 ]
@@ -44,10 +57,10 @@ Evaluator = Callable[
 EVALUATIONS: dict[str, Evaluator] = {
     "step_height": lambda scan, instrument, asked, how: measure_edge(scan, instrument, how),
     "groove_depth": lambda scan, instrument, asked, how: measure_groove(
-        scan, instrument, how, asked.key
+        scan, instrument, how, asked.key, -1.0 if asked.key == "groove_depth" else 0.0
     ),
     "ridge_height": lambda scan, instrument, asked, how: measure_groove(
-        scan, instrument, how, asked.key
+        scan, instrument, how, asked.key, 1.0
     ),
     "horizontal_discrepancy": lambda scan, instrument, asked, how: measure_margin(
         scan, instrument, how
@@ -58,26 +71,26 @@ EVALUATIONS: dict[str, Evaluator] = {
 }
 # what a scan of a feature does not show, and which evaluation a standard of a feature needs
 _BESIDE = {"edge": ("groove_depth", "ridge_height"), "groove": ("step_height",)}
-# which options, besides the part of a profile (`--from`, `--to`), an evaluation follows; the others
-# are refused
-_STYLUS = {"stylus_radius": "--stylus-radius", "stylus_cone": "--stylus-cone"}
-_FLAT = {"degree": "--level", "edges": "--edges", "along": "--along"}
+# which options an evaluation does not follow and therefore refuses
+_FLAT = {"degree": "--level", "edges": "--edges"}
+_ALONG = _FLAT | {"along": "--along"}
 _UNFOLLOWED: dict[str, dict[str, str]] = {
     "step_height": _FLAT,
-    "groove_depth": _STYLUS,
-    "ridge_height": _STYLUS,
-    "horizontal_discrepancy": {"exclusion": "--exclusion"} | _FLAT | _STYLUS,
-    "ball_radius": {"exclusion": "--exclusion", "stylus_cone": "--stylus-cone"} | _FLAT,
+    "groove_depth": {},
+    "ridge_height": {},
+    "horizontal_discrepancy": {"exclusion": "--exclusion"} | _ALONG,
+    "ball_radius": {"exclusion": "--exclusion"} | _ALONG,
 }
 _STANDARDS = {"groove": "groove_depth", "edge": "step_height", "ball": "ball_radius"}
 _NOTHING_KNOWN = Instrument()
 _NO_ORDER = OrderSpec()
-_WORTH_SAYING = 0.01  # relative change of the energy from which a cause is named [1]
+_LEAST_COVERED = 0.8  # of either side of a face that a scan must show to judge its form [1]
+_WHOLE_SCANS = (".qif", ".xlsx")
 
 
 def inspect_scan(
-    scan: str | Path,
-    stimulus: str,
+    scan: Scan,
+    stimulus: str | Part,
     *,
     stimuli: str | Path = "stimuli",
     instrument: Instrument = _NOTHING_KNOWN,
@@ -85,32 +98,37 @@ def inspect_scan(
     how: EvaluationOptions = AS_FOUND,
     unit: str | None = None,
     channel: str | None = None,
+    characteristics: Sequence[int | str] | None = None,
 ) -> InspectionResult:
     """Evaluate a scan of a machined stimulus and judge it by ISO 14253-1.
 
     Parameters
     ----------
-    scan : str or Path
-        Profile or height map, of any format that `read_scan` reads; or results of another program,
-        ``*.qif``.
-    stimulus : str
-        Identity of the part, such as ``"step-050"``.
+    scan : str, Path, Profile, HeightMap or pair of arrays
+        Profile or height map: a file of any format that `read_scan` reads, an object in memory, or
+        positions and heights [m], each of shape (n,). Or results of others: ``*.qif``, or a filled
+        inspection sheet, ``*.csv`` or ``*.xlsx``.
+    stimulus : str or part
+        Identity of the part, such as ``"step-050"``, or the part itself.
     stimuli : str or Path
         Stimulus file, or a folder of them, that declares it.
     instrument : Instrument
-        Calibration and resolution; what is not stated counts as zero and is named.
+        Calibration and resolution; for a scale that is not stated a default of 2 % counts.
     feature : {"edge", "groove"}
         What of a step block was scanned; the groove stands also for a ridge.
-    how : How
-        Exclusion, levelling, part of the profile, edges, direction and stylus; what is not said
+    how : EvaluationOptions
+        Exclusion, levelling, part of the scan, edges, direction and stylus; what is not given
         follows the data.
     unit, channel : str, optional
         As `read_scan` takes them.
+    characteristics : sequence of int or str, optional
+        Numbers on the drawing, or names, of those that the order asks for; all by default.
 
     Returns
     -------
     InspectionResult
-        Values with their budgets, verdicts, and what is felt; `write_inspection` writes it.
+        Values with their budgets, verdicts, what was not measured, and the energy;
+        `write_inspection` writes it.
 
     Raises
     ------
@@ -118,58 +136,109 @@ def inspect_scan(
         If the scan cannot be read or evaluated.
     PipelineError
         If the stimulus is not declared there, there is no evaluation for it or none that follows
-        `how`, or the feature is neither.
+        `how`, or the feature or a characteristic is unknown.
     """
     if feature not in _BESIDE:
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
-    part, order, prediction = _find_declared(stimulus, Path(stimuli))
-    asked = list(part.characteristics())
-    if Path(scan).suffix.lower() == ".qif":
-        result = _judge_all(part, _evaluate_qif(Path(scan), asked), asked, Path(scan), order)
-        return replace(result, felt=_describe_energy(result, prediction))
-    shown = [one for one in asked if one.key in EVALUATIONS and one.key not in _BESIDE[feature]]
-    if not shown:
-        raise PipelineError(
-            f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can"
+    if isinstance(stimulus, str):
+        part, order, prediction = find_declared(stimulus, Path(stimuli))
+    else:
+        part, order, prediction = stimulus, _NO_ORDER, PredictionGrid()
+    listed = list(part.characteristics())
+    wanted = _find_wanted(listed, characteristics)
+    path = Path(scan) if isinstance(scan, str | Path) else None
+    if path is not None and (path.suffix.lower() in _WHOLE_SCANS or is_filled_sheet(path)):
+        evaluation = _take_results(path, listed)
+    else:
+        shown = [
+            one for one in listed if one.key in EVALUATIONS and one.key not in _BESIDE[feature]
+        ]
+        if not shown:
+            raise PipelineError(
+                f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can"
+            )
+        _require_followed(shown[0].key, how)
+        evaluation = _evaluate(
+            EVALUATIONS[shown[0].key], load_scan(scan, unit, channel), instrument, shown[0], how
         )
-    _require_followed(shown[0].key, how)
-    inspected = _evaluate(
-        EVALUATIONS[shown[0].key], read_scan(scan, unit, channel), instrument, shown[0], how
-    )
-    result = _judge_all(part, inspected, asked, Path(scan), order)
+        rough = next((one for one in listed if one.key == "roughness"), None)
+        if rough is not None and evaluation.faces:
+            evaluation = _add_roughness(evaluation, rough.upper, instrument)
+    result = judge_part(part, evaluation, *describe_source(scan), order, wanted)
     if not result.judged:
         raise PipelineError(
             f"scan of {part.id} must measure at least one characteristic with limits, got none"
         )
-    return replace(result, felt=_describe_energy(result, prediction))
+    return replace(result, energy_statement=describe_energy(result, prediction))
 
 
-def _evaluate_qif(path: Path, asked: list[Characteristic]) -> Evaluation:
-    """Take lengths that another program measured, found by key, label or number on the drawing, with the uncertainty it states."""
+def load_scan(
+    scan: Scan, unit: str | None = None, channel: str | None = None
+) -> Profile | HeightMap:
+    """Return a scan as an object: read from its file, taken as it is, or made of two arrays [m]."""
+    if isinstance(scan, Profile | HeightMap):
+        return scan
+    if isinstance(scan, str | Path):
+        return read_scan(scan, unit, channel)
+    position, height = (np.asarray(one, dtype=np.float64) for one in scan)
+    return Profile(position, height, "arrays")
+
+
+def describe_source(scan: Scan) -> tuple[Path, str]:
+    """Return the name of a scan and the SHA-256 of its file, or of its heights."""
+    if isinstance(scan, str | Path):
+        return Path(scan), hashlib.sha256(Path(scan).read_bytes()).hexdigest()
+    loaded = load_scan(scan)
+    name = Path(loaded.source or "arrays")
+    return name, hashlib.sha256(np.ascontiguousarray(loaded.height).tobytes()).hexdigest()
+
+
+def _find_wanted(
+    listed: Sequence[Characteristic], names: Sequence[int | str] | None
+) -> frozenset[str]:
+    # Return the keys of the characteristics that the order asks for; all where none are named.
     called = {
         name: one.key
-        for n, one in enumerate(asked, start=1)
-        for name in (str(n), one.label, one.key)
+        for number, one in enumerate(listed, start=1)
+        for name in (str(number), one.label, one.key)
     }
-    angles = {one.key for one in asked if one.quantity == "angle"}
-    results = read_qif_results(path)
-    found = {key: one for key, one in match_results(results, called).items() if key not in angles}
+    asked = [str(name) for name in names or ()]
+    unknown = [name for name in asked if name not in called]
+    if unknown:
+        rule = f"characteristics must be numbers or names of the {len(listed)} on the drawing"
+        raise PipelineError(f"{rule}, got {', '.join(unknown)}")
+    return frozenset(called[name] for name in asked) or frozenset(one.key for one in listed)
+
+
+def _take_results(path: Path, asked: Sequence[Characteristic]) -> Evaluation:
+    # Take what others measured, found by key, label or number on the drawing, with the uncertainty
+    # that they state.
+    qif = path.suffix.lower() == ".qif"
+    results: list[QifResult] = read_qif_results(path) if qif else read_filled_sheet(path)
+    called = {
+        name: one.key
+        for number, one in enumerate(asked, start=1)
+        for name in (str(number), one.label, one.key)
+    }
+    found = match_results(results, called)
     if not found:
         names = ", ".join(dict.fromkeys(one.name or one.designator or "?" for one in results))
-        rule = "must measure a characteristic by its name or number on the drawing"
-        raise PipelineError(f"QIF results {rule}, got {names:.120} [{path}]")
+        rule = "results must measure a characteristic by its name or number on the drawing"
+        raise PipelineError(f"{rule}, got {names:.120} [{path}]")
     values = {}
     for key, one in found.items():
-        stated = Component("as stated in the file", one.std, how="combined standard uncertainty")
+        how = "combined standard uncertainty" if one.std == one.std else f"{UNSTATED} in the file"
+        stated = Component("as stated in the file", one.std, how=how, decisive=True)
         values[key] = Measured(key.replace("_", " "), one.value, (stated,))
-    other = [key for key, one in found.items() if one.status not in ("PASS", "FAIL")]
+    other = [key for key, one in found.items() if qif and one.status not in ("PASS", "FAIL")]
     notes = [f"{len(results)} measured in the file, {len(found)} of them asked for"]
     notes += [f"the file itself passes no judgement on {', '.join(other)}"] if other else []
-    return Evaluation(values, f"as another program measured it, QIF 3.0, {path.name}", tuple(notes))
+    form = "as another program measured it, QIF 3.0" if qif else "as the inspection sheet states it"
+    return Evaluation(values, f"{form}, {path.name}", tuple(notes))
 
 
 def inspect_standard(
-    scan: str | Path,
+    scan: Scan,
     depth: float | None = None,
     tolerance: float = 0.0,
     *,
@@ -179,7 +248,9 @@ def inspect_standard(
     unit: str | None = None,
     channel: str | None = None,
 ) -> InspectionResult:
-    """Evaluate a depth standard, a grating or a ball, to prove an instrument before blocks are measured with it.
+    """Evaluate a depth standard, a grating or a ball.
+
+    To prove an instrument before blocks are measured with it.
 
     Parameters
     ----------
@@ -203,6 +274,8 @@ def inspect_standard(
         If the scan cannot be read or evaluated, or does not show a feature that a smooth curve does
         not explain.
     """
+    if feature not in _STANDARDS:
+        raise PipelineError(f"feature must be one of {', '.join(_STANDARDS)}, got {feature!r}")
     if feature == "ball" and depth is None:
         raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
     _require_followed(_STANDARDS[feature], how)
@@ -210,25 +283,42 @@ def inspect_standard(
     asked = Characteristic(
         key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance
     )
-    read = read_scan(scan, unit, channel)
-    inspected = _evaluate(EVALUATIONS[_STANDARDS[feature]], read, instrument, asked, how)
-    return _judge_all(None, inspected, [asked] if depth is not None else [], Path(scan))
+    evaluate = EVALUATIONS[_STANDARDS[feature]]
+    evaluation = _evaluate(evaluate, load_scan(scan, unit, channel), instrument, asked, how)
+    source, digest = describe_source(scan)
+    name = format_file_name(source.stem)
+    decision = None
+    if depth is not None:
+        if key not in evaluation.values:
+            sizes = ", ".join(f"{one.value * 1e6:.4g} um" for one in evaluation.values.values())
+            rule = "features are unlike, so name the one that the certificate is of by --edges"
+            raise MetrologyError(f"{rule}, got {sizes} [{source.name}]")
+        decision = judge(evaluation.values[key], asked.nominal, asked.lower, asked.upper)
+    judged = () if decision is None else ((asked, decision),)
+    verdict = None if decision is None else decision.verdict
+    return InspectionResult(name, None, evaluation, judged, verdict, source, digest)
 
 
-def _find_declared(identity: str, where: Path) -> tuple[Part, OrderSpec, PredictionGrid]:
-    """Find a stimulus by its identity in a file or in all files of a folder, and who orders it and what is predicted of it."""
+def find_declared(identity: str, where: Path) -> tuple[Part, OrderSpec, PredictionGrid]:
+    """Find a stimulus by its identity, also as engraved.
+
+    With its order and what is predicted of it.
+    """
     from stepblocks.declare import load_declared
 
+    known = []
     for path in find_stimulus_files(where):
         declared = load_declared(path)
         for stimulus in declared.stimuli:
-            if stimulus.id == identity:
+            if stimulus.id.lower() == identity.strip().lower():
                 return stimulus, declared.order, declared.prediction
-    raise PipelineError(f"stimulus must be declared in {where}, got {identity!r}")
+            known.append(stimulus.id)
+    rule = f"stimulus must be declared in {where}, got {identity!r}"
+    raise PipelineError(f"{rule}; declared are {', '.join(known):.400}")
 
 
 def _require_followed(key: str, how: EvaluationOptions) -> None:
-    """Refuse what an evaluation would leave aside without a word."""
+    # Refuse options that an evaluation would ignore.
     idle = [
         option
         for name, option in _UNFOLLOWED[key].items()
@@ -241,88 +331,85 @@ def _require_followed(key: str, how: EvaluationOptions) -> None:
 
 def _evaluate(
     evaluate: Evaluator,
-    read: Profile | HeightMap,
+    scan: Profile | HeightMap,
     instrument: Instrument,
     asked: Characteristic,
     how: EvaluationOptions,
 ) -> Evaluation:
-    """Evaluate a scan by an instrument that resolves no less than one count of it."""
-    resolution = max(instrument.resolution, read.count or 0.0)
-    return evaluate(read, replace(instrument, resolution=resolution), asked, how)
+    # Evaluate a scan by an instrument that resolves no less than one count of it.
+    resolution = max(instrument.resolution, scan.count or 0.0)
+    return evaluate(scan, replace(instrument, resolution=resolution), asked, how)
 
 
-def _judge_all(
-    part: Part | None,
-    inspected: Evaluation,
-    asked: Iterable[Characteristic],
+def _add_roughness(evaluation: Evaluation, limit: float, instrument: Instrument) -> Evaluation:
+    # Add Ra of the rougher of the two working faces, or why it was not measured.
+    half = len(evaluation.faces) // 2
+    faces = []
+    for part in (evaluation.faces[:half], evaluation.faces[half:]):
+        found, refused = evaluate_each(lambda face: measure_ra(face, limit), part)
+        if not found:
+            return replace(evaluation, missing={**evaluation.missing, "roughness": refused[0]})
+        faces.append([one for _, one in found])
+    worst = max(faces, key=lambda own: np.mean([one.value for one in own]))
+    # sections of neighbouring profiles are not independent: their scatter is not divided again
+    std = float(np.mean([one.std for one in worst]))
+    measured = add_instrument_components(
+        "Ra",
+        float(np.mean([one.value for one in worst])),
+        [Component("scatter", std, worst[0].dof, "over five sections of a profile")],
+        instrument,
+    )
+    return replace(evaluation, values={**evaluation.values, "roughness": measured})
+
+
+def judge_part(
+    part: Part,
+    evaluation: Evaluation,
     source: Path,
-    order: OrderSpec = _NO_ORDER,
+    digest: str,
+    order: OrderSpec,
+    wanted: Iterable[str],
 ) -> InspectionResult:
-    found = [(one, inspected.values[one.key]) for one in asked if one.key in inspected.values]
-    judged = tuple((one, judge(value, one.nominal, one.lower, one.upper)) for one, value in found)
-    verdict = combine_verdicts(decision for _, decision in judged) if judged else None
-    identity = format_file_name(source.stem) if part is None else part.id
-    return InspectionResult(identity, part, inspected, judged, verdict, "", source, order)
+    """Judge what was measured of a part, and say why the rest was not.
 
-
-def _describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
-    """Say how the energy that the edge releases differs from the nominal block's, and why."""
-    # Compared under the first tip, load and friction of the grid: the nominal step, as built, and
-    # the scanned surface. Empty where height and edge radius were not both measured.
-    values, shown = result.inspected.values, result.inspected.shown
-    if not {"step_height", "edge_radius"} <= set(values):
-        return ""
-    point = grid.first_point()
-    nominal = {one.key: one.nominal for one, _ in result.judged}
-    asked = Step(nominal["step_height"], nominal["edge_radius"])
-    made = Step(values["step_height"].value, max(values["edge_radius"].value, 0.0))
-    by_radius, by_height = (
-        Step(asked.height, made.edge_radius),
-        Step(made.height, asked.edge_radius),
-    )
-    releases = [face.release(point) for face in (asked, made, by_radius, by_height)]
-    verdict = f"{result.identity} {result.said}"
-    where = (
-        f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction "
-        f"{point.friction:g})"
-    )
-    if any(release.status is not Status.RELEASES for release in releases):
-        return (
-            f"{verdict}; nominal {releases[0].status.value}, as built {releases[1].status.value} "
-            f"{where}"
-        )
-    surface = ""
-    angle = (
-        None
-        if shown is None
-        else find_scanned_angle(shown.position, shown.height, point.ball_radius)
-    )
-    if angle is not None:
-        scanned = release_at(angle, point.normal_load, point.friction, point.tool)
-        if scanned.status is Status.RELEASES:
-            surface = (
-                "; by the scanned surface itself "
-                f"{energy_change(asked, scanned, point) * 100:+.1f} %"
-            )
-            if not result.inspected.arc:  # its radius says little of it
-                energy = float(scanned.vibration_energy) * 1e6
-                return f"{verdict}; the edge is no arc{surface}, to {energy:.3g} uJ {where}"
-    causes = {
-        f"its edge radius of {made.edge_radius * 1e6:.3g} um": energy_change(
-            asked, by_radius, point
-        ),
-        f"its height of {made.height * 1e6:.2f} um": energy_change(asked, by_height, point),
-    }
-    named = " and ".join(
-        f"{cause} {'raises' if change > 0.0 else 'lowers'} E_v by {abs(change) * 100:.1f} %"
-        for cause, change in causes.items()
-        if abs(change) >= _WORTH_SAYING
-    )
-    told = f", and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
-    if named:
-        told = f"{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
-    change, energy = energy_change(asked, made, point), float(releases[1].vibration_energy)
-    return (
-        f"{verdict}{told}; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ{surface} "
-        f"{where}"
+    Form is judged only where a scan shows nearly the whole face; a part of a face that is less flat
+    than the whole may be does not conform.
+    """
+    judged, missing = list[tuple[Characteristic, Decision]](), list[tuple[Characteristic, str]]()
+    asked = frozenset(wanted)
+    for one in part.characteristics():
+        reason = evaluation.missing.get(one.key, f"needs {one.method}")
+        measured = evaluation.values.get(one.key)
+        if measured is not None:
+            whole = not (one.extent and one.key in evaluation.covered)
+            if not whole:
+                seen = evaluation.covered[one.key]
+                pairs = zip(sorted(seen), sorted(one.extent), strict=True)
+                whole = all(have >= _LEAST_COVERED * need for have, need in pairs)
+                sizes = [
+                    " x ".join(f"{size * 1e3:.3g}" for size in both) for both in (seen, one.extent)
+                ]
+                reason = (
+                    f"scanned {sizes[0]} mm of {sizes[1]} mm; needs a map of {_LEAST_COVERED:.0%} "
+                    f"of either side, or {one.method}"
+                )
+            found = judge(measured, one.nominal, one.lower, one.upper)
+            if whole or (one.kind == "flatness" and found.verdict is Outcome.DOES_NOT_CONFORM):
+                judged.append((one, found))
+                continue
+        missing.append((one, reason))
+    verdict = combine_verdicts(found.verdict for one, found in judged if one.key in asked)
+    if verdict is Outcome.CONFORMS and any(one.key in asked for one, _ in missing):
+        verdict = Outcome.NOT_PROVEN
+    return InspectionResult(
+        part.id,
+        part,
+        evaluation,
+        tuple(judged),
+        verdict,
+        source,
+        digest,
+        order=order,
+        missing=tuple(missing),
+        asked=asked,
     )

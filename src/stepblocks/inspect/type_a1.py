@@ -44,7 +44,10 @@ class TypeA1:
 
 
 def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
-    """Depth of one groove or ridge between `edges` L and R [m] in one profile (ISO 5436-1:2000, 5.2 and figure 7)."""
+    """Depth of one groove or ridge between `edges` L and R [m] in one profile.
+
+    (ISO 5436-1:2000, 5.2 and figure 7).
+    """
     # Where the middle third is domed by more than its noise, the depth is that of type A2: to the
     # apex of the arc through it.
     left, right = edges
@@ -98,7 +101,8 @@ def _evaluate_flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA
 
 
 def _find_flank_window(fit: Fit, windows: dict[str, Mask]) -> str:
-    """Name the first window whose end lies off the fit, as a flank or a defect does; empty where none does."""
+    # Name the first window whose end lies off the fit, as a flank or a defect does; empty where
+    # none does.
     noise, depth = estimate_robust_scale(fit.residuals[fit.used]), abs(2.0 * float(fit.solution[2]))
     off = np.abs(fit.residuals) > max(SPIKE * noise, _TOLERATED * depth, LEAST_SCATTER)
     ends = {name: np.flatnonzero(mask) for name, mask in windows.items()}
@@ -108,7 +112,7 @@ def _find_flank_window(fit: Fit, windows: dict[str, Mask]) -> str:
 
 
 def _evaluate_domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
-    """Type A2, to the apex of the parabola through the middle third; None where that is not domed."""
+    # Type A2, to the apex of the parabola through the middle third; None where that is not domed.
     if min(int(mask.sum()) for mask in masks) < 2 * _LEAST_POINTS:
         return None
     begin, end = x[masks[1]][[0, -1]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -9,7 +10,7 @@ from typing import Literal
 from stepblocks import cad
 from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import FaceDemands
-from stepblocks.parts.tolerance import Dimension, find_general_deviation
+from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, find_general_deviation
 
 Kind = Literal[
     "distance", "diameter", "radius", "angle", "flatness", "parallelism", "roughness", "note"
@@ -17,6 +18,10 @@ Kind = Literal[
 FORM = ("flatness", "parallelism", "roughness")  # kinds with a largest value and no nominal
 PROFILE = "profilometer, two planes with edge exclusion"
 CALIPER = "caliper or micrometer"
+# distance from a working edge within which nothing may stand over the upper face [m]
+BURR_ZONE = 0.2e-3
+# ISO 2768-2:1989, table 1, class H, of a length up to 10 mm [m]
+RISER_STRAIGHTNESS = 0.02e-3
 # how far a bounding box may be off its face [m]: the kernel enlarges boxes by its tolerance
 _REACH = 1e-7
 
@@ -70,6 +75,8 @@ class Characteristic:
     quantity: str = "length"  # ``length`` or ``angle``
     # what the file declares and it holds; empty where it follows from other dimensions
     states: tuple[Dimension, ...] = ()
+    # of the face that a form tolerance holds, across and along the edge [m]; () where not stated
+    extent: tuple[float, ...] = ()
 
     @property
     def doubled(self) -> Characteristic:
@@ -203,3 +210,18 @@ def make_location(key: str, label: str, at: float, *faces: Rule) -> Characterist
     """State where a feature lies [m], with the general tolerance of ISO 2768-m."""
     deviation = find_general_deviation(at) or 0.0
     return Characteristic(key, label, "distance", at, -deviation, deviation, 0, faces)
+
+
+def make_edge_characteristics(burr: float, has_riser: bool) -> Iterator[Characteristic]:
+    """State the burr at the working edge (ISO 13715), at most `burr` [m], and the riser below it."""
+    label = f"burr over the upper face within {BURR_ZONE * 1e3:g} mm of the edge"
+    how = "profilometer or interferometer, ISO 13715"
+    yield Characteristic("burr", label, "note", 0.0, 0.0, burr, method=how)
+    if has_riser:  # of a rounding as high as the step nothing is upright
+        upright, off, how = 0.5 * math.pi, ANGULAR_DEVIATION, "section or replica across the edge"
+        label = "angle of the riser to the faces"
+        yield Characteristic(
+            "riser_angle", label, "note", upright, -off, off, method=how, quantity="angle"
+        )
+        label, zone = "straightness of the riser across the edge", RISER_STRAIGHTNESS
+        yield Characteristic("riser_straightness", label, "note", 0.0, 0.0, zone, method=how)

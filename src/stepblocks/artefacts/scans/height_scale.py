@@ -1,4 +1,7 @@
-"""The height scale of a scan, read by us from the file itself, since readers of instrument files disagree by factors."""
+"""The height scale of a scan, read by us from the file itself.
+
+Since readers of instrument files disagree by factors.
+"""
 
 import struct
 import zipfile
@@ -41,7 +44,10 @@ class HeightScale:
 
 
 def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None:
-    """Read the height scale of a channel from the file itself; None for a format that states none that is read here."""
+    """Read the height scale of a channel from the file itself.
+
+    None for a format that states none that is read here.
+    """
     try:
         if form in _PACKED:
             with zipfile.ZipFile(path) as archive:
@@ -106,7 +112,8 @@ def check_height_scale(
 
 
 def _nid(head: bytes, channel: str) -> HeightScale | None:
-    """Nanosurf: the sections of channels state Frame, Dim2Name, Dim2Unit, Dim2Range, Dim2Min and SaveBits."""
+    # Nanosurf: the sections of channels state Frame, Dim2Name, Dim2Unit, Dim2Range, Dim2Min and
+    # SaveBits.
     for section in head.decode("latin-1").split("\r\n["):
         fields = dict(line.split("=", 1) for line in section.splitlines() if "=" in line)
         named = (
@@ -128,7 +135,8 @@ def _nid(head: bytes, channel: str) -> HeightScale | None:
 
 
 def _sur(head: bytes, channel: str) -> HeightScale | None:
-    """Digital Surf: Z spacing as float32 at byte 128, its unit as text at byte 212, limits in counts at byte 100."""
+    # Digital Surf: Z spacing as float32 at byte 128, its unit as text at byte 212, limits in counts
+    # at byte 100.
     if head[:12] not in (b"DIGITAL SURF", b"DSCOMPRESSED"):
         return None
     lowest, highest = struct.unpack_from("<ii", head, 100)
@@ -140,7 +148,7 @@ def _sur(head: bytes, channel: str) -> HeightScale | None:
 
 
 def _sdf(head: bytes, channel: str) -> HeightScale | None:
-    """ISO 25178-71: Zscale in metres per count; floating types have no counts."""
+    # ISO 25178-71: Zscale in metres per count; floating types have no counts.
     if head[:8] == b"bISO-1.0":
         count, kind = struct.unpack_from("<d", head, 62)[0], head[79]
     elif head[:8] == b"aISO-1.0":
@@ -160,7 +168,8 @@ def _sdf(head: bytes, channel: str) -> HeightScale | None:
 
 
 def _opdx(head: bytes, channel: str) -> HeightScale | None:
-    """Dektak: the quantity DataScale of a channel, value as float64, then name and symbol of its unit, each with its length."""
+    # Dektak: the quantity DataScale of a channel, value as float64, then name and symbol of its
+    # unit, each with its length.
     mark = struct.pack("<I", 9) + b"DataScale\x13"
     at = head.find(mark) + len(mark)
     if at < len(mark):
@@ -174,7 +183,8 @@ def _opdx(head: bytes, channel: str) -> HeightScale | None:
 
 
 def _gwy(head: bytes, _: str) -> HeightScale | None:
-    """Gwyddion: heights are float64 in the unit that the object si_unit_z spells out; an empty one is none."""
+    # Gwyddion: heights are float64 in the unit that the object si_unit_z spells out; an empty one
+    # is none.
     at = head.find(b"si_unit_z\0o")
     text = head.find(b"unitstr\0s", at)
     if at < 0 or text < 0:
@@ -186,7 +196,8 @@ def _gwy(head: bytes, _: str) -> HeightScale | None:
 
 
 def _mi(head: bytes, channel: str) -> HeightScale | None:
-    """Agilent: each buffer states its label, range and unit; counts of 16 or 32 bits, or text, reach over the range."""
+    # Agilent: each buffer states its label, range and unit; counts of 16 or 32 bits, or text, reach
+    # over the range.
     text = head.split(b"\ndata", 1)
     fields = [
         line.split(None, 1)
@@ -201,14 +212,16 @@ def _mi(head: bytes, channel: str) -> HeightScale | None:
 
 
 def _wsxm(head: bytes, _: str) -> HeightScale | None:
-    """WSxM: "Z Amplitude" states how far the heights of the image reach from the lowest to the highest."""
+    # WSxM: "Z Amplitude" states how far the heights of the image reach from the lowest to the
+    # highest.
     amount, unit = head.decode("latin-1").split("Z Amplitude: ", 1)[1].split(None, 2)[:2]
     reach = float(amount) / LENGTH_UNITS[unit]
     return HeightScale(reach, -np.inf, np.inf, "Z Amplitude of the header", False, extent=True)
 
 
 def _metropro(head: bytes, _: str) -> HeightScale | None:
-    """Zygo: a count is wavelength times obliquity times scale factor over the resolution of the phase."""
+    # Zygo: a count is wavelength times obliquity times scale factor over the resolution of the
+    # phase.
     (scale, wavelength), (obliquity,) = (
         struct.unpack_from(">ff", head, 164),
         struct.unpack_from(">f", head, 176),
@@ -221,7 +234,8 @@ def _metropro(head: bytes, _: str) -> HeightScale | None:
 
 
 def _x3p(archive: zipfile.ZipFile) -> HeightScale:
-    """ISO 25178-72: ``Axes/CZ`` states type and increment; heights in metres are the stored number times the increment."""
+    # ISO 25178-72: ``Axes/CZ`` states type and increment; heights in metres are the stored number
+    # times the increment.
     index = _index(archive, "main.xml")
     axis = index.find("Record1/Axes/CZ")
     if axis is None:
@@ -244,7 +258,7 @@ def _x3p(archive: zipfile.ZipFile) -> HeightScale:
 
 
 def _plux(archive: zipfile.ZipFile) -> HeightScale:
-    """Sensofar: float32 of every layer in micrometres, as many as the index states."""
+    # Sensofar: float32 of every layer in micrometres, as many as the index states.
     index = _index(archive, "index.xml")
     name = _text(index, "LAYER_0/FILENAME_Z")
     points = int(_text(index, "GENERAL/IMAGE_SIZE_X")) * int(_text(index, "GENERAL/IMAGE_SIZE_Y"))
@@ -274,7 +288,7 @@ def _text(index: ElementTree.Element, path: str) -> str:
 
 
 def _range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float]:
-    """Least and largest stored number, read piece by piece since a member may be large."""
+    # Least and largest stored number, read piece by piece since a member may be large.
     lowest, highest = np.inf, -np.inf
     with archive.open(name) as file:
         while piece := file.read(_CHUNK):

@@ -1,4 +1,7 @@
-"""Clouds of points as height maps, and the files that hold them: meshes, PCD, height images in JSON, X3P with absolute axes."""
+"""Clouds of points as height maps, and the files that hold them.
+
+Meshes, PCD, height images in JSON, X3P with absolute axes.
+"""
 
 import base64
 import json
@@ -15,7 +18,10 @@ _MOST_CELLS = 64_000_000
 
 
 def grid_points(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
-    """Put points [m] on the grid they lie on, or the nearest one that holds each within half a step, and say which."""
+    """Put points [m] on the grid they lie on.
+
+    Or the nearest one that holds each within half a step, and say which.
+    """
     known = np.isfinite(x) & np.isfinite(y)
     if not known.all() and np.isfinite(z[~known]).any():
         raise MetrologyError(f"positions must be finite numbers [{source}]")
@@ -50,7 +56,8 @@ def grid_points(x: Array, y: Array, z: Array, source: str, said: str) -> HeightM
 
 
 def _find_axes(x: Array, y: Array) -> list[Array]:
-    """Columns and rows of a grid: exact where positions repeat, else as many equal steps as the points themselves take."""
+    # Columns and rows of a grid: exact where positions repeat, else as many equal steps as the
+    # points themselves take.
     exact = [_find_exact_axis(one) for one in (x, y)]
     counts = [0 if one is None else len(one) for one in exact]
     if not any(counts):
@@ -67,6 +74,9 @@ def _find_axes(x: Array, y: Array) -> list[Array]:
             if uneven[fast] < _EVEN
             else np.sqrt(extents[0] * extents[1] / len(x))
         )
+        if not even > 0.0:
+            rule = "points must lie on a grid: resample a free surface, as of a tooth, on one first"
+            raise MetrologyError(f"{rule}, got {len(x)} points, most of them on one line")
         counts[fast] = round(extents[fast] / float(even)) + 1
     counts = [count or max(round(len(x) / max(counts)), 1) for count in counts]
     pairs = zip(exact, counts, (x, y), strict=True)
@@ -77,7 +87,8 @@ def _find_axes(x: Array, y: Array) -> list[Array]:
 
 
 def _find_exact_axis(positions: Array) -> Array | None:
-    """Positions that repeat in equal steps, columns that are missing everywhere put in; None where there are none."""
+    # Positions that repeat in equal steps, columns that are missing everywhere put in; None where
+    # there are none.
     values = np.unique(positions)
     extent = float(values[-1] - values[0])
     steps = np.diff(values)
@@ -97,7 +108,10 @@ def _find_exact_axis(positions: Array) -> Array | None:
 
 
 def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
-    """Read a file whose numbers have no unit of their own, with the size of a stored 1 per axis: PLY, STL, OBJ, PCD, JSON."""
+    """Read a file whose numbers have no unit of their own, with the size of a stored 1 per axis.
+
+    PLY, STL, OBJ, PCD, JSON.
+    """
     missing = [axis for axis in "xyz" if axis not in sizes]
     if missing:
         rule = f"a unit must be given for a {path.suffix} file, which states none"
@@ -118,7 +132,8 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
 
 
 def _read_json_image(path: Path, per: Array) -> HeightMap:
-    """Height image of a line camera: size of a pixel, and big- or little-endian counts in base64, of which 0 is missing."""
+    # Height image of a line camera: size of a pixel, and big- or little-endian counts in base64, of
+    # which 0 is missing.
     stored = np.ravel(
         np.array(json.loads(path.read_text(encoding="utf-8")), dtype=object)
     )  # one, or lists of them
@@ -141,7 +156,7 @@ def _read_json_image(path: Path, per: Array) -> HeightMap:
 
 
 def _read_pcd(path: Path) -> Array:
-    """Points of a PCD file 0.7, ASCII or binary: header lines, then rows of fields."""
+    # Points of a PCD file 0.7, ASCII or binary: header lines, then rows of fields.
     raw = path.read_bytes()
     head, _, rest = raw.partition(b"\nDATA ")
     fields = dict(

@@ -1,4 +1,7 @@
-"""One door for every scan: text, and the files of instruments, read by SurfaceTopography and x3pio in the confined process."""
+"""One door for every scan.
+
+Text, and the files of instruments, read by SurfaceTopography and x3pio in the confined process.
+"""
 
 import re
 import struct
@@ -144,7 +147,7 @@ def list_channels(path: str | Path) -> list[str]:
 
 
 def _known_form(path: Path) -> tuple[Path, str]:
-    """Return by which reader a file is read: by its first bytes where its ending says little."""
+    # Return by which reader a file is read: by its first bytes where its ending says little.
     if not is_file(path):
         raise MetrologyError(f"scan must be a file, got {str(path)!r}")
     try:
@@ -170,7 +173,7 @@ def _known_form(path: Path) -> tuple[Path, str]:
 
 
 def _check_archive(path: Path) -> None:
-    """Refuse a zip bomb by its directory, before anything is unpacked."""
+    # Refuse a zip bomb by its directory, before anything is unpacked.
     with zipfile.ZipFile(path) as archive:
         sizes = [entry.file_size for entry in archive.infolist()]
     if sum(sizes) > _MOST_UNPACKED or len(sizes) > 10_000:
@@ -204,7 +207,8 @@ def _check_size(shape: Any, place: str) -> None:
 
 
 def _unpacked_sur(path: Path) -> bytes:
-    """Compressed Digital Surf file as a plain one: 512 bytes of header, comments, then a directory of deflated pieces."""
+    # Compressed Digital Surf file as a plain one: 512 bytes of header, comments, then a directory
+    # of deflated pieces.
     raw = path.read_bytes()
     begin = 512 + sum(struct.unpack_from("<HH", raw, 334))
     (pieces,) = struct.unpack_from("<I", raw, begin)
@@ -277,7 +281,8 @@ def _x3p(path: Path) -> dict[str, Any]:
 
 
 def _named_channel(channels: list[Any], wanted: str, place: str) -> Any:
-    """Return the channel that the user names, or the first whose name does not deny that it holds heights."""
+    # Return the channel that the user names, or the first whose name does not deny that it holds
+    # heights.
     names = [f"{one.name} [{one.unit}]" for one in channels]
     said = ", ".join(repr(str(one.name)) for one in channels)
     if wanted:

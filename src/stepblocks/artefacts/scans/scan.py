@@ -1,11 +1,21 @@
-"""What an instrument measured: a profile or a height map, in metres and float64, with what is known of its scale."""
+"""What an instrument measured.
 
+A profile or a height map, in metres and float64, with what is known of its scale.
+"""
+
+from __future__ import annotations
+
+import html
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -19,15 +29,32 @@ def _require_reach(name: str, values: Array, place: str) -> None:
         raise MetrologyError(f"{name} must lie within {_FARTHEST:g} m, got {farthest:g} m{place}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Profile:
-    """Heights along one line."""
+    """Heights along one line.
 
-    position: Array  # shape (n,); along the line, increasing [m]
-    height: Array  # shape (n,); nan where nothing was measured [m]
-    source: str = ""  # file it came from
-    scale: str = ""  # what the file itself says of its units and height scale
-    count: float | None = None  # height of one count, where the instrument stored counts [m]
+    Parameters
+    ----------
+    position : array, shape (n,)
+        Along the line, increasing [m].
+    height : array, shape (n,)
+        nan where nothing was measured [m].
+    source : str
+        File it came from.
+    scale : str
+        What the file itself says of its units and height scale.
+    count : float or None
+        Height of one count, where the instrument stored counts [m].
+    offset : float
+        Where the line lies across its own direction in a map [m].
+    """
+
+    position: Array
+    height: Array
+    source: str = ""
+    scale: str = ""
+    count: float | None = None
+    offset: float = 0.0
 
     def __post_init__(self) -> None:
         place = f" [{self.source}]" if self.source else ""
@@ -45,22 +72,51 @@ class Profile:
         _require_reach("positions", self.position, place)
         _require_reach("heights", self.height, place)
 
+    def __repr__(self) -> str:
+        """Name what it is, its size and its source."""
+        length = float(np.ptp(self.position)) * 1e3
+        return f"Profile({len(self.position)} points over {length:.4g} mm{_describe(self)})"
+
+    def _repr_html_(self) -> str:
+        return html.escape(repr(self))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw heights over positions in micrometres, into `ax` or new axes, and return these."""
+        axes = _take_axes(ax)
+        axes.plot(self.position * 1e6, self.height * 1e6, linewidth=1.0)
+        axes.set(xlabel="position / um", ylabel="height / um")
+        return axes
+
     @property
     def spacing(self) -> float:
         """Mean sampling interval [m]."""
         return float((self.position[-1] - self.position[0]) / (len(self.position) - 1))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class HeightMap:
-    """Heights over a grid: row i at y = i dy, column j at x = j dx."""
+    """Heights over a grid: row i at y = i dy, column j at x = j dx.
 
-    height: Array  # shape (ny, nx); nan where nothing was measured [m]
-    dx: float  # sampling interval along a row [m]
-    dy: float  # between rows [m]
-    source: str = ""  # file it came from
-    scale: str = ""  # what the file itself says of its units and height scale
-    count: float | None = None  # height of one count, where the instrument stored counts [m]
+    Parameters
+    ----------
+    height : array, shape (ny, nx)
+        nan where nothing was measured [m].
+    dx, dy : float
+        Sampling interval along a row, and between rows [m].
+    source : str
+        File it came from.
+    scale : str
+        What the file itself says of its units and height scale.
+    count : float or None
+        Height of one count, where the instrument stored counts [m].
+    """
+
+    height: Array
+    dx: float
+    dy: float
+    source: str = ""
+    scale: str = ""
+    count: float | None = None
 
     def __post_init__(self) -> None:
         place = f" [{self.source}]" if self.source else ""
@@ -81,6 +137,22 @@ class HeightMap:
         _require_reach("heights", self.height, place)
         _require_reach("sides", np.array(self.height.shape) * (self.dy, self.dx), place)
 
+    def __repr__(self) -> str:
+        """Name what it is, its size and its source."""
+        (ny, nx), steps = self.height.shape, f"{self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
+        return f"HeightMap({nx} x {ny} points of {steps}{_describe(self)})"
+
+    def _repr_html_(self) -> str:
+        return html.escape(repr(self))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw heights in micrometres as an image, into `ax` or new axes, and return these."""
+        axes, size = _take_axes(ax), np.array(self.height.shape) * (self.dy, self.dx) * 1e6
+        image = axes.imshow(self.height * 1e6, origin="lower", extent=(0.0, size[1], 0.0, size[0]))
+        axes.figure.colorbar(image, ax=axes, label="height / um")
+        axes.set(xlabel="x / um", ylabel="y / um")
+        return axes
+
     @property
     def x(self) -> Array:
         """Positions of the columns [m]."""
@@ -92,12 +164,30 @@ class HeightMap:
         return np.arange(self.height.shape[0], dtype=np.float64) * self.dy
 
 
+def _describe(scan: Profile | HeightMap) -> str:
+    # Return range of heights and source, for a representation.
+    low, high = float(np.nanmin(scan.height)) * 1e6, float(np.nanmax(scan.height)) * 1e6
+    return f", {low:.4g} to {high:.4g} um" + (f", {scan.source!r}" if scan.source else "")
+
+
+def _take_axes(ax: Axes | None) -> Axes:
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    axes: Axes = pyplot.subplots()[1]
+    return axes
+
+
 def list_profiles(scan: Profile | HeightMap) -> list[Profile]:
-    """Return the profiles of a scan along x: one of a profile, one per row of a map; rows without a point are left out."""
+    """Return the profiles of a scan along x: one of a profile, one per row of a map.
+
+    Rows without a point are left out.
+    """
     if isinstance(scan, Profile):
         return [scan]
     return [
-        Profile(scan.x, row, source=f"{scan.source} row {index}", scale=scan.scale)
+        Profile(scan.x, row, f"{scan.source} row {index}", scan.scale, offset=index * scan.dy)
         for index, row in enumerate(scan.height)
         if np.isfinite(row).any()
     ]

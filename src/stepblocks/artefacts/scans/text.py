@@ -1,4 +1,7 @@
-"""Profiles and maps from plain text: CSV, TSV and XYZ, whose columns or user say their units (``x_um``, ``Raw (Å)``) or are refused."""
+"""Profiles and maps from plain text.
+
+CSV, TSV and XYZ, whose columns or user say their units (``x_um``, ``Raw (Å)``) or are refused.
+"""
 
 import io
 import re
@@ -63,7 +66,10 @@ _CONSTANT = 1e-3
 
 
 def parse_given_units(unit: str | None) -> dict[str, tuple[float, float]]:
-    """Read ``um`` or ``x=mm,z=0.5 um``: by axis the length of a stored 1 as a number and its units per metre."""
+    """Read ``um`` or ``x=mm,z=0.5 um``.
+
+    By axis the length of a stored 1 as a number and its units per metre.
+    """
     found: dict[str, tuple[float, float]] = {}
     for one in (unit or "").split(",") if unit else ():
         match = _GIVEN.fullmatch(one.strip().lower())
@@ -77,7 +83,10 @@ def parse_given_units(unit: str | None) -> dict[str, tuple[float, float]]:
 
 
 def holds_matrix(path: Path) -> bool:
-    """Whether a text states the size of a matrix of heights in its head, as SPIP, Gwyddion and others write it."""
+    """Whether a text states the size of a matrix of heights in its head, as SPIP.
+
+    Gwyddion and others write it.
+    """
     with path.open("rb") as file:
         return _MATRIX.search(_decoded(file.read(4000))) is not None
 
@@ -85,7 +94,10 @@ def holds_matrix(path: Path) -> bool:
 def read_text_scan(
     path: Path, unit: str | None = None, channel: str | None = None
 ) -> Profile | HeightMap:
-    """Read a profile (two columns), a grid of points (three), columns by their names or a matrix of heights from text."""
+    """Read a profile (two columns), a grid of points.
+
+    (three), columns by their names or a matrix of heights from text.
+    """
     if (length := path.stat().st_size) > _MOST_BYTES:
         raise MetrologyError(
             f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]"
@@ -120,7 +132,8 @@ def read_text_scan(
 
 
 def _last_digit(values: Array, unit: tuple[float, float], least: int = 0) -> float:
-    """Length of the last digit that numbers are printed with, from the shortest decimal that gives each back [m]."""
+    # Length of the last digit that numbers are printed with, from the shortest decimal that gives
+    # each back [m].
     decimals = least
     for one in map(repr, values[:: max(len(values) // 2000, 1)].tolist()):
         mantissa, _, power = one.partition("e")
@@ -137,7 +150,8 @@ def _decoded(raw: bytes) -> str:
 
 
 def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
-    """Fields of the lines above the first table of numbers, and the table; text after it is a footer."""
+    # Fields of the lines above the first table of numbers, and the table; text after it is a
+    # footer.
     lines = text.splitlines()
     begin, mark, comma, width = _beginning(lines, path)
     head = [
@@ -177,7 +191,7 @@ def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
 
 
 def _fields(line: str, mark: str | None) -> list[str]:
-    """Return fields without the empty ones that some instruments append."""
+    # Return fields without the empty ones that some instruments append.
     fields = [field.strip() for field in line.split(mark)]
     while fields and not fields[-1]:
         fields.pop()
@@ -185,7 +199,8 @@ def _fields(line: str, mark: str | None) -> list[str]:
 
 
 def _beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool, int]:
-    """Where the table begins, what divides its fields, whether commas are decimal, and how many columns it has."""
+    # Where the table begins, what divides its fields, whether commas are decimal, and how many
+    # columns it has.
     sample = [line for line in lines[: _MOST_HEADER_LINES + 50] if line.strip()][-50:]
     best: tuple[int, str | None, bool] = (0, None, False)
     for mark in (";", "\t", ",", None):
@@ -217,7 +232,8 @@ def _numbers(fields: list[str], comma: bool) -> list[float] | None:
 
 
 def _names(head: list[list[str]], values: Array) -> tuple[list[str], tuple[float, float] | None]:
-    """Names of the columns, with a line of units under them, and a unit that stands alone; numbered points get the step of the head."""
+    # Names of the columns, with a line of units under them, and a unit that stands alone; numbered
+    # points get the step of the head.
     width = values.shape[1]
     kept = [[field for field in fields if field] for fields in head if any(fields)]
     single = [fields[0].lower() for fields in kept if len(fields) == 1]
@@ -244,7 +260,8 @@ def _names(head: list[list[str]], values: Array) -> tuple[list[str], tuple[float
 
 
 def _columns(names: list[str], values: Array, path: Path, channel: str | None) -> dict[str, int]:
-    """Return which column holds which axis: by name, else in the order x, z or x, y, z; what counts the points is none."""
+    # Return which column holds which axis: by name, else in the order x, z or x, y, z; what counts
+    # the points is none.
     left = [
         index for index in range(values.shape[1]) if not names or names[index].lower() not in _INDEX
     ]
@@ -291,7 +308,7 @@ def _factor(
     given: dict[str, tuple[float, float]],
     path: Path,
 ) -> tuple[float, float]:
-    """Length of a stored 1 in a column: as its name says, as the head or the user does."""
+    # Length of a stored 1 in a column: as its name says, as the head or the user does.
     found = _UNIT_IN_NAME.search(name.lower()) if name else None
     asked = given.get(axis)
     if found is not None:
@@ -307,7 +324,7 @@ def _factor(
 
 
 def _forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[str]]:
-    """Turn a profile that runs backwards, and leave out the few points at which it goes back."""
+    # Turn a profile that runs backwards, and leave out the few points at which it goes back.
     if x[-1] < x[0]:
         x, z = x[::-1], z[::-1]
     ahead = np.concatenate([[True], x[1:] > np.maximum.accumulate(x)[:-1]])
@@ -325,7 +342,8 @@ def _forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[str]]:
 
 
 def _matrix(values: Array, given: dict[str, tuple[float, float]], path: Path) -> HeightMap:
-    """Heights without a head: their unit and the step along x (and y) must be given, as ``x=0.5um,z=nm``."""
+    # Heights without a head: their unit and the step along x (and y) must be given, as
+    # ``x=0.5um,z=nm``.
     if not {"x", "z"} <= set(given):
         rule = (
             "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a step "

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -23,6 +24,7 @@ from stepblocks.parts.characteristics import (
     FaceRule,
     describe_plane,
     make_characteristic,
+    make_edge_characteristics,
     make_form_characteristics,
 )
 from stepblocks.parts.declared import (
@@ -199,12 +201,18 @@ class StepBlock(Block):
         yield make_characteristic(
             "edge_radius", "radius", self.edge_radius, edge, method="profilometer, arc fit"
         )
-        yield from make_form_characteristics(
+        chamfer = self.body.edge_break.nominal
+        extent = half - chamfer, self.body.width.nominal - 2.0 * chamfer
+        for one in make_form_characteristics(
             self.face_demands, lower, upper, "lower face", "upper face"
-        )
+        ):
+            yield replace(one, extent=extent)
         yield from self._feature_characteristics(lower, upper)
         wall = describe_plane(0, 0.0, y=-0.25 * self.body.width.nominal) if r < H else None
         yield from self.body_characteristics(lower, upper, wall)
+        # a burr is climbed as height is, and may stand as high as the height may be too large
+        burr = self.height.upper if self.height.upper > 0.0 else -self.height.lower
+        yield from make_edge_characteristics(burr, r < H)
 
     def _feature_characteristics(
         self, lower: FaceRule, upper: FaceRule

@@ -1,0 +1,397 @@
+"""Characteristics of a working edge: height, edge radius, burr, riser, and form of the faces."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import (
+    UNSTATED,
+    UNSTATED_SCALE,
+    Component,
+    Instrument,
+    Measured,
+    add_instrument_components,
+    average_profiles,
+)
+from stepblocks.inspect.edge import Edge, find_position, fit_edge, fit_step
+from stepblocks.inspect.edge_arc import Flank, compute_edge_profile
+from stepblocks.inspect.form import (
+    FaceForm,
+    compute_flatness,
+    compute_parallelism,
+    estimate_zone,
+    fit_face,
+)
+from stepblocks.inspect.measure import (
+    AS_FOUND,
+    Evaluation,
+    EvaluationOptions,
+    Shown,
+    evaluate_each,
+    keep_agreeing,
+    sample_profiles,
+)
+from stepblocks.inspect.noise import Array, Estimate
+from stepblocks.inspect.working_edge.burr import find_burr
+
+_MOST_ACROSS = 300  # points of a map along either side through which the form of a face is fitted
+_MOST_SLANT_ROWS = 12  # of a map, from which the direction of its edge is found
+_TURNED = 0.01  # slope of an edge over a map from which it is turned [1]
+_WORN = 0.25  # of the radius of a stylus, that it may be off: a rectangle [1]
+# flanks that the styli of ISO 3274 show of a vertical riser: of a cone of 90 and of 60 deg [rad]
+_STEEPEST_SHOWN = math.radians(45.0), math.radians(60.0)
+_NEAR = math.radians(1.0)  # of the steepest flank that a stylus shows [rad]
+_RESOLVED = 3.0  # sampling intervals from which a radius is resolved [1]
+_LEVEL = 0.5e-3  # length of the level faces on either side of an edge that was seen [m]
+_MOST_FACES = 12  # profiles of faces that are kept for their roughness
+_SECTION = "a section or replica across the edge would show it"
+
+
+def measure_edge(
+    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions = AS_FOUND
+) -> Evaluation:
+    """Measure a step across its edge.
+
+    Along the rows of a map, or its columns where these show it.
+    """
+    if isinstance(scan, Profile):
+        return _measure_along_rows(scan, instrument, how)
+    columns = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)
+    ways = {"x": [scan], "y": [columns], None: [scan, columns]}[how.along]
+    found, refused = evaluate_each(lambda one: _measure_along_rows(one, instrument, how), ways)
+    if not found:
+        raise MetrologyError("; or along y: ".join(dict.fromkeys(refused)))
+    return found[0][1]
+
+
+def _measure_along_rows(
+    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions
+) -> Evaluation:
+    rows, notes = sample_profiles(scan, how)
+    slant = _find_slant(rows)
+    turn = 1.0 / math.hypot(1.0, slant)
+    if slant != 0.0:  # the profile across the edge is shorter than the row
+        rows = [replace(row, position=row.position * turn) for row in rows]
+        notes.append(f"edge turned by {math.degrees(math.atan(slant)):.3g} deg; measured across it")
+    found, refused = evaluate_each(
+        lambda row: fit_edge(row.position, row.height, how.exclusion), rows
+    )
+    crossed = np.array(
+        [(one.height.value, one.position, one.exclusion) for _, one in found]
+    ).reshape(-1, 3, 1)
+    results = keep_agreeing(found, crossed.swapaxes(0, 1), rows, refused, notes)
+    edges = [edge for _, edge in results]
+    form = Component(
+        "form", _estimate_form(results), how="change with twice the exclusion, rectangular"
+    )
+    height = average_profiles("step height", [one.height for one in edges], instrument, [form])
+    flanks = [one.flank for one in edges if one.flank is not None]
+    flanks = flanks if 2 * len(flanks) > len(edges) else []
+    values = {"step_height": height}
+    values["edge_radius"] = _average_radius(
+        edges, rows[0].spacing, isinstance(scan, HeightMap), instrument, how
+    )
+    if how.stylus_radius:
+        said = f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius"
+        notes.append(said)
+    missing = dict.fromkeys(
+        ("riser_angle", "riser_straightness"),
+        f"the riser is upright as far as it is seen from above; {_SECTION}",
+    )
+    surface = None
+    if flanks:
+        riser, reason = _measure_riser(results, flanks, instrument, how, notes)
+        values |= riser
+        missing = {} if riser else dict.fromkeys(missing, reason)
+        surface = _reconstruct(*results[0]) if riser else None
+    first, edge = results[0]
+    across, level = _measure_across(scan, results, turn)
+    values |= _measure_burr(across, level, results, instrument, notes, missing)
+    covered = dict[str, tuple[float, float]]()
+    if isinstance(scan, HeightMap):
+        faces, covered = _measure_faces(scan, across, edge, instrument, notes)
+        values |= faces
+    if rejected := sum(one.rejected for one in edges):
+        notes.append(f"{rejected} points missing or left out as spikes")
+    if any(one.radius.value < _RESOLVED * first.spacing for one in edges):
+        limit = max(one.radius_limit for one in edges)
+        notes.append(
+            f"edge sharper than the sampling resolves; radius below {limit * 1e6:.2g} um at 95 %"
+        )
+    convention = (
+        f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side "
+        "of the edge; radius by arc"
+    )
+    if flanks:
+        convention = f"{convention} of the corner beside its flank"
+    return Evaluation(
+        values,
+        convention,
+        tuple(notes),
+        _show(first, edge, bool(flanks)),
+        arc=surface is None,
+        missing=missing,
+        covered=covered,
+        surface=surface,
+        faces=_cut_faces(results),
+    )
+
+
+def _find_slant(rows: list[Profile]) -> float:
+    # Return how far the edge of a map moves along x per distance along y [1]; 0 where it does not.
+    some = rows[:: max(len(rows) // _MOST_SLANT_ROWS, 1)]
+    found = evaluate_each(lambda row: find_position(row.position, row.height), some)[0]
+    if len(found) < 3:
+        return 0.0
+    places = np.array([(row.offset, position) for row, position in found])
+    lag = len(places) // 2
+    ahead, behind = places[lag:], places[: len(places) - lag]
+    slant = float(np.median((ahead[:, 1] - behind[:, 1]) / (ahead[:, 0] - behind[:, 0])))
+    return slant if abs(slant) > _TURNED else 0.0
+
+
+def _average_radius(
+    edges: list[Edge], spacing: float, is_map: bool, instrument: Instrument, how: EvaluationOptions
+) -> Measured:
+    # Average the edge radius over profiles, with what sampling, pixels and stylus leave open of it.
+    sloped = 2 * sum(one.flank is not None for one in edges) > len(edges)
+    corners = [one.radius for one in edges if (one.flank is not None) == sloped]
+    # what lies between two samples of a sharp edge, and what a pixel averages, is the same in every
+    # profile, and does not average
+    interval = spacing / math.sqrt(12.0)
+    sharp = bool(np.mean([one.value for one in corners]) < _RESOLVED * spacing)
+    own = interval if sharp else 0.0
+    tip = how.stylus_radius or 0.0
+    corners = [
+        Estimate(one.value - tip, math.sqrt(max(one.std**2 - own**2, 0.0)), one.dof)
+        for one in corners
+    ]
+    others = []
+    if sharp or is_map:
+        said = "one interval, rectangular" + (": what a pixel averages" if is_map else "")
+        others.append(Component("sampling", interval, how=said))
+    if how.stylus_radius is None:
+        others.append(
+            Component("stylus radius", math.nan, how=f"{UNSTATED}: the radius is at most this")
+        )
+    elif tip > 0.0:
+        worn = _WORN * tip / math.sqrt(3.0)
+        others.append(Component("stylus radius", worn, how="a quarter of it, rectangular"))
+    found = average_profiles("edge radius", corners, instrument, others, axes=(1.0, 1.0))
+    return replace(found, bound="at most" if how.stylus_radius is None else "")
+
+
+def _is_seen(angle: float, off: float, cone: float | None) -> bool:
+    # Tell whether a flank is that of the surface, and not that of the stylus or perhaps so.
+    slack = _NEAR + 2.0 * off
+    if cone is not None:
+        return cone == 0.0 or angle < 0.5 * math.pi - 0.5 * cone - slack
+    return not _STEEPEST_SHOWN[0] - slack < angle < _STEEPEST_SHOWN[1] + slack
+
+
+def _measure_riser(
+    results: list[tuple[Profile, Edge]],
+    flanks: list[Flank],
+    instrument: Instrument,
+    how: EvaluationOptions,
+    notes: list[str],
+) -> tuple[dict[str, Measured], str]:
+    # Return angle and straightness of a riser that slopes; why not, where the stylus may show it
+    # so.
+    angle = float(np.mean([one.angle for one in flanks]))
+    off = float(np.mean([one.angle_std for one in flanks]))
+    slope = f"{math.degrees(angle):.1f} +-{math.degrees(2.0 * off):.1f} deg"
+    notes.append(
+        f"the edge is no arc: its flank slopes by {slope}, its radius is that of the corner"
+    )
+    if not _is_seen(angle, off, how.stylus_cone):
+        cone = (
+            "cone of the stylus, which is not stated,"
+            if how.stylus_cone is None
+            else "cone of the stylus"
+        )
+        notes[-1] += f", and the flank may be steeper: the {cone} shows none steeper"
+        return {}, f"the {cone} shows no riser steeper than {slope}; {_SECTION}"
+    scales = [
+        UNSTATED_SCALE if one is None else one
+        for one in (instrument.calibration_std, instrument.lateral_std)
+    ]
+    relative = 0.5 * math.sin(2.0 * angle) * math.hypot(*scales)
+    spread = float(np.std([one.angle for one in flanks]))
+    parts = [
+        Component("noise", math.hypot(off, spread), how="covariance of the fit of the flank"),
+        Component("calibration", relative, how="of both scales"),
+    ]
+    values = {"riser_angle": Measured("angle of the riser", angle, tuple(parts))}
+    rest = [_fit_riser_line(row, edge, angle) for row, edge in results if edge.flank is not None]
+    noise = [
+        Component("noise", float(np.std(rest)), how="scatter over the profiles, noise included")
+    ]
+    values["riser_straightness"] = add_instrument_components(
+        "straightness of the riser", float(np.mean(rest)), noise, instrument
+    )
+    return values, ""
+
+
+def _fit_riser_line(row: Profile, edge: Edge, angle: float) -> float:
+    # Return the width of the zone that holds a flank between a quarter and three quarters of it
+    # [m].
+    u, level = edge.measure_across(row.position, row.height)
+    top = edge.height.value
+    used = (np.abs(u) <= edge.exclusion) & (level > 0.25 * top) & (level < 0.75 * top)
+    rest = level[used] - np.polyval(np.polyfit(u[used], level[used], 1), u[used])
+    return float(np.ptp(rest)) * math.cos(angle)
+
+
+def _reconstruct(row: Profile, edge: Edge) -> Profile:
+    # Return the edge as it was scanned between level faces, so that the length of a scan says
+    # nothing.
+    u, level = edge.measure_across(row.position, row.height)
+    used = (np.abs(u) < edge.exclusion) & np.isfinite(level) & ~edge.dropped
+    order = np.argsort(u[used])
+    ends, top = (-edge.exclusion, edge.exclusion), edge.height.value
+    known = np.concatenate([ends[:1], u[used][order], ends[1:]])
+    heights = np.concatenate([[0.0], level[used][order], [top]])
+    count = round(_LEVEL / row.spacing)
+    position = np.arange(-count, count, dtype=np.float64) * row.spacing
+    return Profile(position, np.interp(position, known, heights), row.source)
+
+
+def _measure_across(
+    scan: Profile | HeightMap, results: list[tuple[Profile, Edge]], turn: float
+) -> tuple[Array, Array]:
+    # Return distances from the edge and heights over the lower face [m], shape (ny, nx), of the
+    # whole scan.
+    if isinstance(scan, Profile):
+        row, edge = results[0]
+        u, level = edge.measure_across(row.position, row.height)
+        return u[np.newaxis], level[np.newaxis]
+    y = np.array([row.offset for row, _ in results])
+    sign = 1.0 if results[0][1].rising else -1.0
+    lines = [
+        np.polyval(np.polyfit(y, values, 1), scan.y)
+        if np.ptp(y) > 0.0
+        else np.full(len(scan.y), values[0])
+        for values in ([edge.middle for _, edge in results], [edge.offset for _, edge in results])
+    ]
+    x = scan.x * turn
+    tilt = float(np.median([edge.tilt for _, edge in results]))
+    across = sign * (x - lines[0][:, np.newaxis])
+    return across, scan.height - lines[1][:, np.newaxis] - tilt * x
+
+
+def _measure_burr(
+    across: Array,
+    level: Array,
+    results: list[tuple[Profile, Edge]],
+    instrument: Instrument,
+    notes: list[str],
+    missing: dict[str, str],
+) -> dict[str, Measured]:
+    edges = [edge for _, edge in results]
+    step = float(np.median([one.height.value for one in edges]))
+    found = find_burr(across, level, step, float(np.median([one.exclusion for one in edges])))
+    if found is None:
+        missing["burr"] = (
+            "a scan that reaches 0.2 mm beyond the edge on the upper face would show it"
+        )
+        return {}
+    if found.spikes:
+        plural = "s" * (found.spikes > 1)
+        notes.append(
+            f"{found.spikes} single isolated point{plural} near the edge left out as "
+            f"spike{plural}, up to {found.highest_spike * 1e6:.3g} um over the face"
+        )
+    own = [
+        Component("noise", found.height.std, how="valleys of the face and the lower face"),
+        Component(
+            "peak", found.noise / math.sqrt(3.0), how="half of what noise shows, rectangular"
+        ),
+        Component("sampling", found.sampling, how="a peak between two points, rectangular"),
+    ]
+    return {"burr": add_instrument_components("burr", found.height.value, own, instrument)}
+
+
+def _cut_faces(results: list[tuple[Profile, Edge]]) -> tuple[Profile, ...]:
+    # Return the two faces of some profiles, levelled, those of the lower face first.
+    some = results[:: max(len(results) // _MOST_FACES, 1)]
+    faces = []
+    for side in (-1.0, 1.0):
+        for row, edge in some:
+            u, level = edge.measure_across(row.position, row.height)
+            inside = side * u > edge.exclusion
+            faces.append(Profile(row.position[inside], level[inside], row.source))
+    return tuple(faces)
+
+
+def _show(first: Profile, edge: Edge, sloped: bool) -> Shown:
+    x, before = first.position, edge.middle - edge.exclusion
+    behind = edge.middle + edge.exclusion
+    windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
+    level = first.height - edge.tilt * x
+    lower = (x < before) if edge.rising else (x > behind)
+    sign, corner = (1.0 if edge.rising else -1.0), 0.0 if sloped else max(edge.radius.value, 0.0)
+    fitted = compute_edge_profile(sign * x, sign * edge.position, edge.height.value, corner)
+    return Shown(x, level - np.nanmedian(level[lower]), windows, fitted, edge.dropped)
+
+
+def _estimate_form(results: list[tuple[Profile, Edge]]) -> float:
+    # Return the change of the mean height when twice as much is excluded, beyond what noise alone
+    # changes, as a rectangle [m].
+    some = results[:: max(len(results) // 10, 1)]
+    wider = evaluate_each(
+        lambda one: fit_step(one[0].position, one[0].height, 2.0 * one[1].exclusion), some
+    )[0]
+    pairs = [(edge.height, wide) for (_, edge), wide in wider]
+    if not pairs:
+        return 0.0
+    # a fit through fewer of the same points differs by what its variance has grown
+    noise = np.mean([max(wide.std**2 - edge.std**2, 0.0) for edge, wide in pairs]) / len(pairs)
+    beyond = float(np.mean([wide.value - edge.value for edge, wide in pairs])) ** 2 - float(noise)
+    return float(np.sqrt(max(beyond, 0.0) / 3.0))
+
+
+def _measure_faces(
+    scan: HeightMap,
+    across: Array,
+    edge: Edge,
+    instrument: Instrument,
+    notes: list[str],
+) -> tuple[dict[str, Measured], dict[str, tuple[float, float]]]:
+    # Return flatness and parallelism of the faces of a map, how they lie in it, and how far they
+    # were scanned.
+    # a form of degree three needs no more
+    thin = tuple(slice(None, None, max(size // _MOST_ACROSS, 1)) for size in scan.height.shape)
+    x, y = scan.x[thin[1]], scan.y[thin[0]]
+    height, side = scan.height[thin], across[thin]
+    known = np.isfinite(height)
+    lower, upper = side < -edge.exclusion, side > edge.exclusion
+    low, high = (fit_face(x, y, height, face) for face in (lower, upper))
+    asked: dict[str, tuple[str, Callable[..., float], tuple[FaceForm, ...]]] = {
+        "flatness_lower": ("flatness, lower face", compute_flatness, (low,)),
+        "flatness_upper": ("flatness, upper face", compute_flatness, (high,)),
+        "parallelism": ("parallelism, upper face to A", compute_parallelism, (high, low)),
+    }
+    zones = [
+        (name, zone(*[face.points for face in faces]) * 1e6) for name, zone, faces in asked.values()
+    ]
+    notes.append(
+        "flatness and parallelism are those of the form, polynomials of degree "
+        f"{max(low.degree, high.degree)}, over what was scanned; zones of all points, noise "
+        f"included: {', '.join(f'{name} {size:.3g} um' for name, size in zones)}"
+    )
+    values = {}
+    for key, (name, zone, faces) in asked.items():
+        form = estimate_zone(zone, *faces)
+        noise = Component("noise", form.std, form.dof, "draws from the covariance of the form")
+        values[key] = add_instrument_components(name, form.value, [noise], instrument)
+    seen = {
+        name: (float(np.ptp(side[face & known])), float(y[-1]))
+        for name, face in (("flatness_lower", lower), ("flatness_upper", upper))
+    }
+    seen["parallelism"] = min(seen.values())
+    return values, seen

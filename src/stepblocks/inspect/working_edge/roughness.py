@@ -1,0 +1,65 @@
+"""Roughness Ra of a working face.
+
+(ISO 21920-2) with the settings that ISO 21920-3 takes from its limit.
+"""
+
+import numpy as np
+
+from stepblocks.artefacts.scans.scan import Profile
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.noise import Array, Estimate, find_outliers
+
+# ISO 21920-3, defaults by the upper limit of Ra: limit up to, cut-off, nesting index of the S filter,
+# largest sampling interval [all m]; an evaluation takes five cut-offs
+_SETTINGS = (
+    (0.02e-6, 0.08e-3, 2.5e-6, 0.5e-6),
+    (0.1e-6, 0.25e-3, 2.5e-6, 0.5e-6),
+    (2e-6, 0.8e-3, 2.5e-6, 0.5e-6),
+    (10e-6, 2.5e-3, 8e-6, 1.5e-6),
+    (np.inf, 8e-3, 25e-6, 5e-6),
+)
+_SECTIONS = 5
+# of the Gaussian filter of ISO 16610-21 [1]
+_ALPHA = 0.4697186393498257
+
+
+def measure_ra(face: Profile, limit: float) -> Estimate:
+    """Return Ra of one levelled profile of a face [m] by the settings for its limit.
+
+    With the scatter over five sections.
+    """
+    cutoff, fine, largest = next(rest for most, *rest in _SETTINGS if limit <= 1.0001 * most)
+    length = (_SECTIONS + 1) * cutoff  # with half a cut-off at either end
+    spacing = face.spacing
+    if spacing > largest * 1.001:
+        rule = f"sampling interval must not exceed {largest * 1e6:g} um"
+        raise MetrologyError(f"Ra: {rule} (ISO 21920-3), got {spacing * 1e6:.3g} um")
+    if face.position[-1] - face.position[0] < length - 2.0 * spacing:
+        got = (face.position[-1] - face.position[0]) * 1e3
+        raise MetrologyError(
+            f"Ra: profile of a face must be {length * 1e3:g} mm long "
+            f"(five cut-offs and the ends), got {got:.3g} mm"
+        )
+    known = np.isfinite(face.height)
+    line = np.polynomial.Polynomial.fit(face.position[known], face.height[known], 1)
+    rest = face.height - line(face.position)
+    known &= ~find_outliers(np.where(known, rest, 0.0), known)
+    rough = _filter(rest, known, spacing, fine)
+    rough = rough - _filter(rough, np.ones_like(known), spacing, cutoff)
+    cut = round(0.5 * cutoff / spacing)
+    sections = np.array_split(np.abs(rough[cut:-cut]), _SECTIONS)
+    each = np.array([float(section.mean()) for section in sections])
+    std = float(each.std(ddof=1) / np.sqrt(_SECTIONS))
+    return Estimate(float(each.mean()), std, _SECTIONS - 1.0)
+
+
+def _filter(height: Array, known: Array, spacing: float, cutoff: float) -> Array:
+    # Return the mean line of the Gaussian filter of ISO 16610-21; missing points have no weight.
+    from scipy.ndimage import convolve1d
+
+    reach = max(int(np.ceil(cutoff / spacing)), 1)
+    lag = np.arange(-reach, reach + 1) * spacing / (_ALPHA * cutoff)
+    kernel = np.exp(-np.pi * lag**2)
+    weight = known.astype(np.float64)
+    total = convolve1d(np.where(known, height, 0.0), kernel, mode="constant")
+    return np.asarray(total / np.maximum(convolve1d(weight, kernel, mode="constant"), 1e-12))

@@ -1,0 +1,285 @@
+"""Verdicts that were wrong once.
+
+Soft gauges of known truth, each a promise to who signs a report.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oracles.softgauge import (
+    correlated_map,
+    correlated_noise,
+    edge_gauge,
+    flank_gauge,
+    groove_gauge,
+    stylus_trace,
+)
+from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.errors import MetrologyError, StepblocksError
+from stepblocks.inspect.budget import Instrument, Outcome
+from stepblocks.inspect.measure import EvaluationOptions
+from stepblocks.inspect.run import inspect_scan
+from stepblocks.inspect.working_edge.measure import measure_edge
+
+STIMULI = Path(__file__).parents[2] / "stimuli" / "paper-ten.toml"
+KNOWN = Instrument(1e-3, 0.0, 1e-3)
+STYLUS = EvaluationOptions(stylus_radius=2e-6, stylus_cone=math.radians(60.0))
+OPTICAL = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)
+UM = 1e-6
+
+
+def profile_of(shape, half=600 * UM, step=1.0 * UM, seed=0, rough=30e-9):
+    """Profile of a shape over `half` on either side of an edge, with the noise of an instrument."""
+    x = np.arange(-round(half / step), round(half / step)) * step
+    noise = correlated_noise(len(x), step, 5e-9, rough, 3 * UM, np.random.default_rng(seed))
+    return Profile(x, shape(x) + noise + 2e-4 * x, "soft gauge")
+
+
+def map_of(shape, degrees=0.0, size=(400, 120), step=1.0 * UM, seed=0, rough=20e-9, finer=4):
+    """Map of a shape across an edge that is turned about the z axis; a pixel averages its area."""
+    nx, ny = size
+    turn = math.radians(degrees)
+    x = (np.arange(nx * finer) + 0.5 - 0.5 * nx * finer) * step / finer
+    y = (np.arange(ny * finer) + 0.5 - 0.5 * ny * finer) * step / finer
+    across = x[np.newaxis, :] * math.cos(turn) + y[:, np.newaxis] * math.sin(turn)
+    z = shape(across).reshape(ny, finer, nx, finer).mean(axis=(1, 3))
+    random = np.random.default_rng(seed)
+    return HeightMap(z + correlated_map(z.shape, step, 5e-9, rough, 3 * UM, random), step, step)
+
+
+def block(x, radius=0.5 * UM, height=50 * UM):
+    return edge_gauge(x, height, radius)
+
+
+def with_burr(tall, wide=6 * UM, at=3 * UM):
+    """Block with a triangular burr of a height on its upper face, at a distance from the riser."""
+    return lambda x: block(x) + tall * np.clip(1.0 - np.abs(x - at) / (0.5 * wide), 0.0, 1.0)
+
+
+def inspected(scan, how=STYLUS, instrument=KNOWN, **more):
+    return inspect_scan(scan, "step-050", stimuli=STIMULI, how=how, instrument=instrument, **more)
+
+
+def outcome(result, key):
+    return next(decision for one, decision in result.judged if one.key == key)
+
+
+# 1. Burr
+
+
+@pytest.mark.parametrize(("tall", "at"), [(4 * UM, 3 * UM), (5 * UM, 120 * UM), (10 * UM, 4 * UM)])
+@pytest.mark.parametrize("gauge", [profile_of, map_of])
+def test_a_burr_or_a_ridge_near_the_edge_does_not_conform(tall, at, gauge):
+    result = inspected(gauge(with_burr(tall, at=at)))
+    found = outcome(result, "burr")
+    assert found.verdict is Outcome.DOES_NOT_CONFORM
+    assert found.value == pytest.approx(
+        tall, abs=max(result.evaluation.values["burr"].expanded(), 0.3 * UM)
+    )
+    assert result.verdict is Outcome.DOES_NOT_CONFORM
+
+
+@pytest.mark.parametrize("gauge", [profile_of, map_of])
+def test_a_clean_edge_has_no_burr_and_a_single_point_is_a_spike_that_is_reported(gauge):
+    scan = gauge(block)
+    assert outcome(inspected(scan), "burr").verdict is Outcome.CONFORMS
+    if isinstance(scan, HeightMap):
+        scan.height[40, 260] += 8 * UM
+    else:
+        scan.height[700] += 8 * UM
+    spiked = inspected(scan)
+    assert outcome(spiked, "burr").verdict is Outcome.CONFORMS
+    assert any(
+        "1 single isolated point" in note and "8" in note for note in spiked.evaluation.notes
+    )
+
+
+# 2. Riser
+
+
+def test_a_ramp_does_not_conform_by_its_angle_where_the_stylus_would_show_a_steeper_one():
+    def ramp(x):
+        return flank_gauge(x, 50 * UM, math.radians(55.0), 0.5 * UM)
+
+    result = inspected(profile_of(ramp, step=0.5 * UM))
+    assert outcome(result, "riser_angle").verdict is Outcome.DOES_NOT_CONFORM
+    assert outcome(result, "riser_angle").value == pytest.approx(math.radians(55.0), abs=0.01)
+    assert result.verdict is Outcome.DOES_NOT_CONFORM
+
+
+def test_a_riser_as_steep_as_the_cone_is_not_measured_and_what_would_measure_it_is_said():
+    fine = np.arange(-6000, 6000) * 0.1 * UM
+    trace = stylus_trace(fine, block(fine), 2 * UM, math.radians(60.0))
+    result = inspected(profile_of(lambda x: np.interp(x, fine, trace), step=0.5 * UM))
+    reason = {one.key: why for one, why in result.missing}
+    assert "cone" in reason["riser_angle"]
+    assert "section or replica" in reason["riser_angle"]
+
+
+# 3. Part for whole
+
+
+def test_a_patch_says_nothing_of_the_parallelism_and_flatness_of_whole_faces():
+    result = inspected(map_of(block), OPTICAL)
+    keys = {one.key for one, _ in result.judged}
+    assert not keys & {"parallelism", "flatness_lower", "flatness_upper"}
+    reason = {one.key: why for one, why in result.missing}
+    assert "0.183 x 0.119 mm of 9.7 x 23.4 mm" in reason["flatness_upper"]
+
+
+def test_a_patch_that_is_less_flat_than_the_face_may_be_does_not_conform():
+    def bent(x):
+        return block(x) + np.where(x > 0.0, 4 * UM * (x / (200 * UM)) ** 2, 0.0)
+
+    result = inspected(map_of(bent), OPTICAL)
+    assert outcome(result, "flatness_upper").verdict is Outcome.DOES_NOT_CONFORM
+
+
+# 4. n of m
+
+
+def test_a_part_conforms_only_when_all_is_measured_or_the_order_names_what_it_asks_for():
+    scan = profile_of(block)
+    result = inspected(scan)
+    count = len(list(result.stimulus.characteristics()))
+    said = (
+        f"{len(result.judged)} of {count} measured, all conform; {len(result.missing)} not measured"
+    )
+    assert result.statement == said
+    assert said in str(result)
+    assert result.verdict is Outcome.NOT_PROVEN
+    assert result.as_record()["statement"] == said
+    named = inspected(scan, characteristics=(1, "edge_radius"))
+    assert named.verdict is Outcome.CONFORMS
+    assert named.statement.startswith("2 of the 2 asked for measured, all conform")
+    with pytest.raises(StepblocksError, match="characteristics must be numbers or names"):
+        inspected(scan, characteristics=(1, 99))
+
+
+# 5. Groove width, sign, Ra
+
+
+def grooved(depth, width=600 * UM):
+    return lambda x: groove_gauge(x, depth, -0.5 * width, 0.5 * width, 2 * UM)
+
+
+def test_the_width_of_a_groove_is_judged_and_a_scan_upside_down_is_refused():
+    good = inspected(profile_of(grooved(50 * UM), 1000 * UM), OPTICAL, feature="groove")
+    assert outcome(good, "groove_width").verdict is Outcome.CONFORMS
+    wide = profile_of(grooved(50 * UM, 860 * UM), 1400 * UM)
+    assert (
+        outcome(inspected(wide, OPTICAL, feature="groove"), "groove_width").verdict
+        is Outcome.DOES_NOT_CONFORM
+    )
+    with pytest.raises(MetrologyError, match=r"must show a groove.*got a ridge"):
+        inspected(profile_of(grooved(-50 * UM), 1000 * UM), OPTICAL, feature="groove")
+
+
+@pytest.mark.parametrize(
+    ("ra", "verdict"), [(0.05e-6, Outcome.CONFORMS), (0.2e-6, Outcome.DOES_NOT_CONFORM)]
+)
+def test_ra_is_evaluated_from_long_profiles_and_not_from_short_ones(ra, verdict):
+    amplitude = ra * math.pi / 2.0  # of a sine, whose mean deviation is 2 / pi of it
+
+    def ground(x):
+        return block(x) + amplitude * np.sin(2.0 * math.pi * x / (25 * UM))
+
+    result = inspected(profile_of(ground, 1700 * UM, 0.5 * UM, rough=0.0), STYLUS)
+    assert outcome(result, "roughness").verdict is verdict
+    assert outcome(result, "roughness").value == pytest.approx(ra, rel=0.05)
+    short = inspected(profile_of(ground, 400 * UM, 0.5 * UM, rough=0.0))
+    assert "1.5 mm long" in {one.key: why for one, why in short.missing}["roughness"]
+
+
+# 6. The scanned surface
+
+
+@pytest.mark.parametrize("half", [1000 * UM, 200 * UM, 160 * UM, 120 * UM])
+def test_what_the_stylus_could_not_see_is_not_geometry_and_the_length_of_a_scan_says_nothing(half):
+    fine = np.arange(-12000, 12000) * 0.1 * UM
+    trace = stylus_trace(fine, block(fine, 0.0), 2 * UM, math.radians(60.0))
+    scan = profile_of(lambda x: np.interp(x, fine, trace), half, 0.5 * UM)
+    result = inspected(scan)
+    assert "surface itself" not in result.energy_statement
+    change = (
+        float(result.energy_statement.split("together ")[1].split(" %")[0])
+        if "together" in result.energy_statement
+        else 0.0
+    )
+    assert abs(change) < 3.0  # of a perfect block
+
+
+def test_the_energy_of_a_ramp_that_was_seen_does_not_depend_on_the_length_of_the_scan():
+    def ramp(x):
+        return flank_gauge(x, 50 * UM, math.radians(45.0), 2 * UM)
+
+    said = [
+        inspected(profile_of(ramp, half, 0.5 * UM))
+        .energy_statement.split("surface itself ")[1]
+        .split(" %")[0]
+        for half in (1000 * UM, 400 * UM, 200 * UM, 160 * UM)
+    ]
+    assert np.ptp([float(one) for one in said]) < 2.0  # the noise of four scans
+
+
+# 7. Edge radius
+
+
+@pytest.mark.parametrize("degrees", [0.0, 3.0, 20.0])
+@pytest.mark.parametrize("radius", [0.0, 3 * UM])
+def test_the_edge_radius_of_a_map_bears_what_its_pixels_average(degrees, radius):
+    found = measure_edge(map_of(lambda x: block(x, radius), degrees), KNOWN, OPTICAL).values[
+        "edge_radius"
+    ]
+    assert abs(found.value - radius) < found.expanded()
+    assert found.expanded() > 0.5 * UM  # a pixel is 1 um
+
+
+def test_a_stylus_that_nobody_stated_rejects_no_good_block():
+    fine = np.arange(-6000, 6000) * 0.1 * UM
+    trace = stylus_trace(fine, block(fine, 0.5 * UM), 5 * UM, math.radians(60.0))
+    scan = profile_of(lambda x: np.interp(x, fine, trace), step=0.5 * UM)
+    unstated = inspected(scan, EvaluationOptions())
+    assert outcome(unstated, "edge_radius").verdict is Outcome.NOT_PROVEN
+    stated = EvaluationOptions(stylus_radius=5 * UM, stylus_cone=math.radians(60.0))
+    value = inspected(scan, stated).evaluation.values["edge_radius"]
+    assert abs(value.value - 0.5 * UM) < value.expanded()
+    assert value.expanded() > 1.0 * UM  # the tip of 5 um is known to a quarter
+
+
+# 8. Uncertainty
+
+
+def test_an_unstated_calibration_counts_by_a_default_with_its_source_and_a_stated_one_by_itself():
+    scan = profile_of(block)
+    bare = inspected(scan, instrument=Instrument())
+    part = next(
+        one for one in bare.evaluation.values["step_height"].components if one.name == "calibration"
+    )
+    assert part.std == pytest.approx(0.02 * 50 * UM, rel=0.01)
+    assert "not stated" in part.how
+    assert "Haitjema" in part.how
+    assert outcome(bare, "step_height").verdict is Outcome.NOT_PROVEN
+    widths = [
+        inspected(scan, instrument=Instrument(std, 0.0, 1e-3))
+        .evaluation.values["step_height"]
+        .expanded()
+        for std in (0.0, 1e-4, 1e-3, 1e-2)
+    ]
+    assert widths == sorted(widths)
+
+
+# 9. Turned maps
+
+
+@pytest.mark.parametrize("degrees", [20.0, -12.0, 90.0, 70.0])
+def test_a_turned_map_is_evaluated_across_its_edge(degrees):
+    scan = map_of(block, degrees, size=(400, 400))
+    values = measure_edge(scan, KNOWN, OPTICAL).values
+    assert abs(values["step_height"].value - 50 * UM) < max(
+        values["step_height"].expanded(), 0.05 * UM
+    )
+    assert values["flatness_upper"].value < 0.3 * UM
