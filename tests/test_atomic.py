@@ -44,8 +44,8 @@ def killed_while_writing(target):
     code = f"""
         import os, signal
         from pathlib import Path
-        from stepblocks.atomic import beside
-        with beside(Path({str(target)!r})) as draft:
+        from stepblocks.atomic import write_atomically
+        with write_atomically(Path({str(target)!r})) as draft:
             draft.write_text("half")
             os.kill(os.getpid(), signal.SIGKILL)
     """

@@ -11,7 +11,8 @@ Everything that a command does is also a function. The public names, in the orde
   `Tool`; the paper's is `PAPER`;
 - laws of friction and contact: `FrictionLaw`, `Stribeck`, `ContactLaw`, `Hertz`, `LinearContact`;
 - predict: `step_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`,
-  `energy_change`, `predict_set`, `predict_table`, `predict_trials`, `to_dataset`, `plot_predictions`,
+  `energy_change`, `predict_set`, `predict_table`, `predict_trials`, `to_dataset`,
+  `plot_predictions`,
   `sweep`, `SweepResult`, `drag_over`, `vibration_events`;
 - render: `export`, `feel`, `compare`, `Renderer`;
 - measure: `read_scan`, `list_channels`, `inspect_scan`, `inspect_standard`, `inspect_many`,

@@ -1,4 +1,4 @@
-"""Nothing half-written: a file is made beside its place, brought to the disk, and renamed into its place when it is whole.
+"""No file is left half-written: it is made beside its place, synced to the disk, and renamed.
 
 And nothing outside: a name that stands in a file is followed only where it stays in its folder.
 """
@@ -32,7 +32,7 @@ def protect_files(theirs: Callable[[Path], bool]) -> Iterator[None]:
 
 @contextmanager
 def write_atomically(path: Path) -> Iterator[Path]:
-    """Give a draft to write to; it takes its place when the block ends well and is removed when it does not."""
+    """Give a draft to write to; it replaces `path` when the block succeeds, else it is removed."""
     with _make_locked_folder(path.parent) as folder:
         draft = folder / path.name
         yield draft
@@ -48,7 +48,7 @@ def write_atomically(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def make_draft_folder(path: Path) -> Iterator[Path]:
-    """Give an empty folder beside a place to prepare files in; it is gone when the block ends, whatever is in it."""
+    """Give an empty folder beside a place to prepare files in; it is removed with the block."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with _make_locked_folder(path.parent) as draft:
         yield draft
@@ -56,7 +56,7 @@ def make_draft_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _make_locked_folder(folder: Path) -> Iterator[Path]:
-    """Give a new folder that is locked as long as its process lives, so that the next run knows what was left."""
+    """Give a new folder, locked while its process lives: the next run knows what was left."""
     _remove_stale_drafts_once(folder)
     while True:
         draft = folder / f".partial-{secrets.token_hex(8)}"
@@ -76,7 +76,10 @@ def _make_locked_folder(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Hold an output folder for one run: a second one is told so; the lock ends with its process, whose drafts are swept."""
+    """Hold an output folder for one run; a second one is refused.
+
+    The lock ends with its process, and the drafts of a process that ended are removed.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         number = os.open(folder, os.O_RDONLY)
@@ -102,7 +105,10 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def resolve_inside(folder: Path, name: str) -> Path | None:
-    """Follow a name that was read from a file, or None: empty, absolute, with ``..``, or a link on the way or at its end."""
+    """Follow a name that was read from a file; None where it may lead out of the folder.
+
+    It may do so if it is empty or absolute, contains ``..``, or passes a link.
+    """
     parts = Path(name).parts
     if not parts or Path(name).anchor or ".." in parts or "\0" in name:
         return None

@@ -42,7 +42,10 @@ _LARGEST_ANSWER = 2**24  # of what is no array [bytes]
 def read_confined(
     function: str, path: Path, *arguments: Any, raises: type[Exception]
 ) -> dict[str, Any]:
-    """Call ``module:function`` with a path and more arguments of JSON; it returns arrays and values of JSON by name."""
+    """Call ``module:function`` with a path and arguments of JSON in a process of its own.
+
+    Returns arrays and values of JSON, by name.
+    """
     # What our own code says of the file is raised as it stands; a limit, or what a library says of
     # it, with the file's name.
     request = {"function": function, "arguments": [os.path.abspath(path), *arguments]}  # noqa: PTH100  a link stays one
@@ -111,7 +114,7 @@ class _Reader:
         return self._process
 
     def close(self, grace: float = 0.0) -> int | None:
-        """End the process, after a moment in which it may do so itself; return of what it ended then."""
+        """End the process, after a moment to end by itself; return how it ended."""
         process, self._process = self._process, None
         if process is None:
             return None

@@ -1,4 +1,4 @@
-"""From a TOML file to a validated stimulus set, or to one line that says what is wrong and where."""
+"""Read a TOML file into a validated stimulus set, or say what is wrong and where."""
 
 from collections.abc import Iterator, Mapping
 from itertools import islice

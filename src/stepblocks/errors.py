@@ -6,13 +6,16 @@ The message of each is a single line that says name, rule, value and place, for 
 
 
 class StepblocksError(Exception):
-    """Anything that the user can mend; the command line prints it in one line and exits with 2."""
+    """Anything that the user can correct; a command prints it in one line and exits with 2."""
 
     exit_code = 2
 
 
 class QuantityError(StepblocksError, ValueError):
-    """A quantity that cannot be read; also a ValueError, so that a validation library reports it with the place of the field."""
+    """A quantity that cannot be read.
+
+    It is also a ValueError, so that pydantic reports it with the place of the field.
+    """
 
 
 class StimulusError(StepblocksError):

@@ -1,4 +1,4 @@
-"""How every figure of ours begins and ends: no display, no time stamp, written beside its place and renamed."""
+"""Make and save figures: no display, no time stamp, written beside their place and renamed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +17,10 @@ def make_figure(
     height: float = 4.0,
     heights: Sequence[float] | None = None,
 ) -> Any:
-    """Make a figure and its axes without touching matplotlib's global state; sizes in inches, `heights` in parts of them."""
+    """Make a figure and its axes without matplotlib's global state.
+
+    Sizes are in inches, `heights` in parts of the height.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

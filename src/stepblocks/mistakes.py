@@ -19,7 +19,7 @@ Located = Callable[[tuple[Any, ...]], tuple[str, tuple[Any, ...]]]
 def validate_data(
     model: type[Model], data: object, place: object, raised: type[StepblocksError]
 ) -> Model:
-    """Validate what a file holds, or tell all that is wrong with it."""
+    """Validate what a file holds, or list all that is wrong with it."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -38,7 +38,7 @@ def collect_mistakes(mistakes: list[Mistake], place: str = "") -> Iterator[None]
 def find_unknown_names(
     table: Iterable[str], known: Sequence[str], place: str = ""
 ) -> list[Mistake]:
-    """List names that nobody knows, with what was probably meant."""
+    """List unknown names, with what was probably meant."""
     found = [name for name in table if name not in known]
     hints = [
         f"did you mean {meant}?"
@@ -75,7 +75,10 @@ def list_mistakes(
     locate: Located = lambda place: ("", place),
     validate: Callable[[Any], object] | None = None,
 ) -> list[Mistake]:
-    """List what is wrong by its places, unknown names first; what depends on them is looked at as if they were mended."""
+    """List what is wrong by its places, unknown names first.
+
+    What depends on an unknown name is checked as if the name were corrected.
+    """
     found: dict[tuple[Any, ...], Mapping[str, Any]] = {}
     for again in (True, False):
         new = {
@@ -115,7 +118,7 @@ def list_mistakes(
 
 
 def _format_finding(finding: Mapping[str, Any], name: str) -> list[str]:
-    """Say name, rule and value of one of pydantic's findings, which may tell several rules."""
+    """Say name, rule and value of one of pydantic's findings, which may state several rules."""
     kind, value = finding["type"], finding.get("input")
     if kind == "missing":
         return [f"{name} is missing"]
@@ -131,7 +134,8 @@ def _format_finding(finding: Mapping[str, Any], name: str) -> list[str]:
         ]
     if kind == "string_pattern_mismatch":
         return [
-            f"{name} must be lower-case words and digits joined by hyphens, got {shorten_value(value)}"
+            f"{name} must be lower-case words and digits joined by hyphens, "
+            f"got {shorten_value(value)}"
         ]
     text = finding["msg"]
     return [f"{name}: {text[:1].lower()}{text[1:]}, got {shorten_value(value)}"]
@@ -149,7 +153,7 @@ def find_similar(word: str, known: Iterable[str]) -> str | None:
 
 
 def _find_meant_name(model: type[BaseModel], place: Sequence[Any]) -> str | None:
-    """Find what was meant by a name: one like it in the same table, or the same in a table below."""
+    """Find what a name meant: one like it in its table, or the same in a table below."""
     tables = [model]
     for step in place[:-1]:
         fields = [

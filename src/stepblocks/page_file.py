@@ -1,4 +1,4 @@
-"""How a page of a room is filled from its template: everything escaped, nothing left undefined, one look for all of them."""
+"""Fill a page of a room from its template: escaped, nothing undefined, one style for all."""
 
 import html
 from importlib.resources import files
@@ -13,7 +13,11 @@ _HEAD = """<!doctype html>
 
 
 def render_page(room: str, template: str, **values: object) -> str:
-    """Fill a template of a room; ``head`` opens the page and the style that all share, ``readable`` writes units as people do."""
+    """Fill a template of a room.
+
+    ``head`` opens the page with the style that all share; the filter ``readable`` writes units as
+    people do.
+    """
     import jinja2
 
     from stepblocks.quantities import format_column_label, format_units

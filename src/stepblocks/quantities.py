@@ -134,13 +134,13 @@ def _magnitude(text: str, unit: str, wanted: str) -> float:
 
 
 def multiply_by_unit(number: Any, factor: float) -> Any:
-    """Multiply by the size of a unit: 25 / 1e6 is the double nearest to 25e-6, and 25 * 1e-6 is not."""
+    """Multiply by the size of a unit: 25 / 1e6 is the double nearest to 25e-6, 25 * 1e-6 not."""
     inverse = round(1.0 / factor) if 1e-300 < factor < 1.0 else 0  # a foreign file may state any
     return number / inverse if inverse and abs(factor * inverse - 1.0) < 1e-12 else number * factor
 
 
 def make_quantity_parser(dimension: str) -> Callable[[object], float]:
-    """Return a function of one argument that reads quantities of one dimension, for use as a validator."""
+    """Return a function that reads quantities of one dimension, for use as a validator."""
     return partial(parse_quantity, dimension=dimension)
 
 
@@ -212,8 +212,8 @@ _ENDINGS |= {"khz": "kHz", "deg": "°", "pct": "%", "c": "°C", "pa": "Pa", "db"
 def format_column_label(name: str) -> str:
     """Say a column's name as people do, its unit at the end.
 
-    >>> column_label("vibration_energy_95_low_uj"), column_label("ln_peak_force"), column_label("status")
-    ('vibration energy 95 low, µJ', 'ln peak force', 'status')
+    >>> [format_column_label(name) for name in ("energy_95_low_uj", "ln_peak_force", "status")]
+    ['energy 95 low, µJ', 'ln peak force', 'status']
     """
     for ending, unit in _ENDINGS.items():
         if name.endswith(f"_{ending}"):
@@ -222,10 +222,10 @@ def format_column_label(name: str) -> str:
 
 
 def format_number(value: float) -> str:
-    """Write a number as people read it: three digits, no exponent between a ten-thousandth and a million.
+    """Write a number as people read it: three digits, an exponent only below 1e-4 or from 1e6.
 
-    >>> figure(29612.3), figure(0.00012345), figure(-0.0), figure(1234567.0), figure(1.5e-9), figure(float("nan"))
-    ('29600', '0.000123', '0', '1.23e6', '1.5e-9', '-')
+    >>> [format_number(one) for one in (29612.3, 0.00012345, -0.0, 1234567.0, 1.5e-9, float("nan"))]
+    ['29600', '0.000123', '0', '1.23e6', '1.5e-9', '-']
     """
     if math.isnan(value):
         return "-"
@@ -239,7 +239,7 @@ def format_number(value: float) -> str:
 
 
 def format_column(values: Sequence[object]) -> list[str]:
-    """Write the cells of a column, its fractions to three digits, text with the signs of its units."""
+    """Write the cells of a column: fractions to three digits, text with signs of units."""
     texts = ["-" if value is None else str(value) for value in values]
     try:
         numbers = [math.nan if text in ("", "-") else float(text) for text in texts]
@@ -263,11 +263,13 @@ _WRITTEN = re.compile(
 
 
 def format_units(text: object) -> str:
-    """Write the units in a text as people do: on pages, in pictures, in a terminal; files for machines keep theirs.
+    """Write the units in a text as people do, on pages, in pictures and in a terminal.
 
-    >>> readable("25 um ±1 um at 6 deg"), readable("+2 um/0 um"), readable("E_v 3.86 uJ"), readable("height [um]")
-    ('25 µm ±1 µm at 6°', '+2 µm/0 µm', 'E_v 3.86 µJ', 'height [µm]')
-    >>> readable("such as '25 um', got '25um' [um/step-25um.toml, block step-25um]")
+    Files for machines keep theirs.
+
+    >>> [format_units(one) for one in ("25 um ±1 um at 6 deg", "+2 um/0 um", "height [um]")]
+    ['25 µm ±1 µm at 6°', '+2 µm/0 µm', 'height [µm]']
+    >>> format_units("such as '25 um', got '25um' [um/step-25um.toml, block step-25um]")
     "such as '25 um', got '25um' [um/step-25um.toml, block step-25um]"
     """
 

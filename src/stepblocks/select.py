@@ -9,7 +9,7 @@ from stepblocks.text_file import is_file
 
 
 def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> list[Path]:
-    """Find the stimulus files that a user means: one, several, those of folders; of the folder ``stimuli`` where none is named."""
+    """Find the stimulus files that a user means: files, those of folders, or of ``stimuli``."""
     files: list[Path] = []
     several = [meant] if isinstance(meant, str | Path) else meant
     for argument in map(Path, several or ("stimuli",)):
@@ -41,7 +41,7 @@ def _describe_nearby(path: Path) -> str:
 
 
 def matches_pattern(only: str, set_name: str, identity: str) -> bool:
-    """Tell whether a pattern, as ``step-02?`` or ``paper-*/step-02?``, means a stimulus of a set."""
+    """Tell whether a pattern, ``step-02?`` or ``paper-*/step-02?``, means a stimulus."""
     of_set, slash, of_part = only.rpartition("/")
     named = not slash or fnmatch.fnmatchcase(set_name, of_set)
     return named and fnmatch.fnmatchcase(identity, of_part)

@@ -69,7 +69,10 @@ def read_si_columns(
     wanted: Mapping[str, tuple[Sequence[str], str, float | None]],
     place: object,
 ) -> dict[str, NDArray[np.float64]]:
-    """Find columns, each by one of its names and any unit of its dimension, and return them in SI; tell all mistakes at once."""
+    """Find columns by any of their names and units, and return them in SI.
+
+    All mistakes are listed at once.
+    """
     # one without a default must be there; where one has a default, a column that is nearly one of
     # them is refused: else the default would be taken without a word
     mistakes: list[Mistake] = []
@@ -129,7 +132,7 @@ def _convert_column(
 
 
 def escape_formula(cell: object) -> object:
-    """Return a text that a spreadsheet would run as a formula with an apostrophe before it, which keeps it text."""
+    """Put an apostrophe before a text that a spreadsheet would run as a formula."""
     # It is one that begins with ``=``, ``+``, ``-``, ``@``, a tab or a return (OWASP, CSV
     # injection) and is no number.
     if not isinstance(cell, str) or not cell.startswith(("=", "+", "-", "@", "\t", "\r")):
@@ -158,7 +161,7 @@ def format_csv(
 
 
 def write_table(frame: pd.DataFrame, path: Path, float_format: str | None = None) -> None:
-    """Write a CSV beside its place and rename it; by default 17 digits, so that reading it back gives the same doubles."""
+    """Write a CSV beside its place and rename it; 17 digits give the same doubles back."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_text(path, format_csv(frame, None, float_format))

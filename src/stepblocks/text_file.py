@@ -1,4 +1,4 @@
-"""How a small text file that a user hands us is read: a plain file, of bounded size, UTF-8, TOML or JSON; else one line."""
+"""Read a small text file of a user: a plain file of bounded size, UTF-8, TOML or JSON."""
 
 import errno
 import json
@@ -12,17 +12,17 @@ from stepblocks.errors import StepblocksError
 
 
 def is_file(path: Path) -> bool:
-    """Tell whether a path leads to a file; a name that no file can have, of 5,000 letters say, leads to none."""
+    """Tell whether a path leads to a file; an impossible name, too long say, leads to none."""
     return os.path.isfile(path)  # noqa: PTH113  Path.is_file raises what a name is too long for
 
 
 def format_file_name(name: str) -> str:
-    """Return a file's name, which need be no text, as one: bytes that are none stand as their escapes."""
+    """Return a file's name as text; bytes that are no text stand as their escapes."""
     return name.encode(errors="backslashreplace").decode()
 
 
 def measure_plain_file(path: Path) -> int:
-    """Return the size of a plain file [bytes]; a pipe or a device would block or never end, so it is an OSError as a folder is."""
+    """Return the size of a plain file [bytes]; a pipe, a device or a folder is an OSError."""
     found = path.stat()
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))

@@ -1,4 +1,4 @@
-"""No process outlives the one that started it: neither when that is asked to end, nor when it is killed."""
+"""End every process with the one that started it, also when that is killed."""
 
 import os
 import signal
@@ -10,7 +10,7 @@ _PARENT_DIED = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 def die_with_parent() -> None:
-    """Let the kernel kill this process when the one that started it ends, however it ends; for the start of a worker."""
+    """Let the kernel kill this process when its parent ends; call it at a worker's start."""
     import ctypes
     import multiprocessing
 
@@ -33,7 +33,7 @@ def _end_with_parent(sentinel: int) -> None:
 
 
 def kill_workers() -> None:
-    """Kill every process that this one has started, and theirs, at once; the trackers of shared memory end by themselves."""
+    """Kill every process below this one; trackers of shared memory end by themselves."""
     for number in _list_children(os.getpid()):
         with suppress(OSError):
             if b"resource_tracker" not in Path(f"/proc/{number}/cmdline").read_bytes():

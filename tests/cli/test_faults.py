@@ -1,4 +1,4 @@
-"""A crash is not a verdict: an internal error ends with a code of its own, what the disk refuses with one line."""
+"""An internal error has an exit code of its own; what the disk refuses ends in one line."""
 
 import csv
 import errno

@@ -1,4 +1,4 @@
-"""A study from the command line: each command's output is the next one's input, and user files are never overwritten."""
+"""A study by commands: each one's output is the next one's input; no file is overwritten."""
 
 import csv
 import re

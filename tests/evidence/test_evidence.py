@@ -1,4 +1,4 @@
-"""The model beside what others published: each expected value is the paper's own arithmetic, a closed form, or said by it."""
+"""The model beside what others published; expected values are the paper's own arithmetic."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""As-built records in prediction: what was measured stands for the nominal, and the sentence follows equations (1) and (2)."""
+"""As-built records in prediction: what was measured replaces the nominal."""
 
 import math
 from dataclasses import replace

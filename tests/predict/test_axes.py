@@ -1,4 +1,4 @@
-"""The stimuli of a set as an axis of a sweep: middles of their tolerances, and which of them can be swept over."""
+"""The stimuli of a set as an axis of a sweep: middles of their tolerances."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Pictures of a set: one for each tip and friction, the same bytes every time, and none of nothing."""
+"""Pictures of a set: one for each tip and friction, the same bytes every time."""
 
 from pathlib import Path
 

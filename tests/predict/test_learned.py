@@ -1,4 +1,4 @@
-"""What was learnt, put into the prediction of stimuli: the same as a trial of that step, and the tool that was measured."""
+"""A learned model in the prediction of stimuli: the same as a trial of that step."""
 
 import math
 from pathlib import Path

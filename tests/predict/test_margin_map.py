@@ -1,4 +1,4 @@
-"""The map of forces over crown margins: symmetry, its own rounded profiles, and what holds the tip."""
+"""The map of forces over crown margins: symmetry, rounded profiles, and locking."""
 
 import math
 from dataclasses import replace

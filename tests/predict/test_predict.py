@@ -1,4 +1,4 @@
-"""Predictions of margins: the closed forms and the path of the tip over the section tell the same."""
+"""Predictions of margins: the closed forms agree with the path of the tip."""
 
 import math
 from pathlib import Path

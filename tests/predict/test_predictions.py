@@ -1,4 +1,4 @@
-"""The predictions of a set: made once, handed on as rows, file and table, and following the set's own tools and tips."""
+"""The predictions of a set: rows, file and table, with the set's own tools and tips."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""The drag's figure beside the formula's: what it says, what it leaves alone, and whose energy is felt where they differ."""
+"""The drag's figure beside the formula's, and whose energy is felt where they differ."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A sweep's rows depend on the plan alone: not on partitions, workers, interruptions or a worker's death."""
+"""A sweep's rows depend on the plan alone: not on partitions, processes or interruptions."""
 
 import subprocess
 import sys

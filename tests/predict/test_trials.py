@@ -1,4 +1,4 @@
-"""Trials that nobody has made: equations (1) and (2) where nothing else was learnt, honest about doubt and about limits."""
+"""Trials that were not measured: equations (1) and (2), with uncertainty and limits."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Every published figure beside the model's answers, with a verdict, as a table, a page and pictures."""
+"""Compare published figures with the model's answers: a table, a page and pictures."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class Evidence:
 
     @property
     def resolutions(self) -> pd.DataFrame:
-        """What would resolve the contradiction: error before (first row) and after, in the order of how well each fits."""
+        """What would resolve the contradiction: error before (first row) and after, best first."""
         import pandas as pd
 
         rows = [
@@ -162,11 +162,12 @@ class Evidence:
         )
 
     def _repr_html_(self) -> str:
-        return f"<p>{html.escape(self.finding())}</p>{self.table.to_html(index=False)}{self.resolutions.to_html(index=False)}"
+        tables = (one.to_html(index=False) for one in (self.table, self.resolutions))
+        return f"<p>{html.escape(self.finding())}</p>{''.join(tables)}"
 
 
 def hold_against_evidence(output: str | Path | None = None) -> Evidence:
-    """Hold the model against what others published.
+    """Compare the model with what others published.
 
     Parameters
     ----------
@@ -187,8 +188,8 @@ def hold_against_evidence(output: str | Path | None = None) -> Evidence:
     Examples
     --------
     >>> before, *rivals = hold_against_evidence().explanations
-    >>> f"equation (1) at one load spreads the paper's four energies by a factor of {before.spread:.0f}"
-    "equation (1) at one load spreads the paper's four energies by a factor of 353"
+    >>> f"one load spreads the paper's four energies by a factor of {before.spread:.0f}"
+    "one load spreads the paper's four energies by a factor of 353"
     """
     rows = [
         Row(one, value, QUESTIONS[one.question][0](value.at))
@@ -225,7 +226,7 @@ _MARKS = {"formula": ("o", "#1d2a36"), "drag": ("s", "#1f6f8b"), "rod": ("^", "#
 
 
 def _draw_ratios(found: Evidence) -> Any:
-    """Every answer over the middle of its published range, which is drawn as a bar."""
+    """Draw every answer over the middle of its published range, which is a bar."""
     from stepblocks.figure_file import make_figure
 
     rows = [row for row in found.rows if row.answers.known() and row.value.low > 0.0][::-1]
@@ -252,7 +253,7 @@ def _draw_ratios(found: Evidence) -> Any:
 
 
 def _draw_energies(found: Evidence) -> Any:
-    """Energies of the four blocks by every explanation, and the band in which all of the paper's lie."""
+    """Draw the energies of the four blocks by every explanation, and the paper's band."""
     from stepblocks.figure_file import make_figure
 
     figure, axis = make_figure(width=8.0, height=4.2)

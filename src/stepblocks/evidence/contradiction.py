@@ -1,4 +1,4 @@
-"""What would resolve the paper's own contradiction: four blocks, one band of energies, and an equation that spreads them."""
+"""What would resolve the paper's contradiction: equation (1) spreads four energies of one band."""
 
 # Each explanation is fitted to the band of 10 to 20 uJ for steps of 25, 50, 75 and 100 um; what is
 # left is the factor by which energies miss it. Then the drag in time is asked under the fitted
@@ -48,7 +48,7 @@ class Explanation:
         return max(self.energies) / min(self.energies)
 
     def facts(self) -> tuple[int, int]:
-        """How many of the paper's other statements the drag in time keeps under this setting, and of how many."""
+        """How many of the paper's other statements the drag in time keeps here, and of how many."""
         held = [
             fact
             for step, point, pull in self.points
@@ -71,7 +71,7 @@ def compute_misfit(energies: Sequence[float]) -> float:
 
 
 def _check_statements(status: Status, ring: Ring) -> tuple[bool, ...]:
-    """Rings, 20 % of the stored energy, 16 ms, more than 64 % below 100 Hz, 86 % in 250 to 350 Hz."""
+    """Check: it rings, 20 % of the energy, 16 ms, 64 % below 100 Hz, 86 % in 250 to 350 Hz."""
     return (
         status is Status.RELEASES,
         0.15 <= ring.share <= 0.25,
@@ -89,7 +89,7 @@ def _compute_energy(step: Step, load: float, friction: float = PAPER.friction) -
 def _choose_best(
     name: str, count: int, tried: Sequence[tuple[str, Sequence[float], list[Step], float, float]]
 ) -> Explanation:
-    """Choose of what was tried (words, energies, steps, load, friction) what misses the band least."""
+    """Choose the trial (words, energies, steps, load, friction) that misses the band least."""
     setting, energies, steps, load, friction = min(tried, key=lambda one: compute_misfit(one[1]))
     point = replace(PAPER, normal_load=load, friction=friction)
     return Explanation(
@@ -120,7 +120,7 @@ def _fit_loads_per_block() -> Explanation:
 
 
 def _fit_pull_by_weight() -> Explanation:
-    """Load the tool by a weight W, not by a moving handle: what rings is C_v W^2 / 2k, whatever the step."""
+    """Load the tool by a weight W: what rings is C_v W^2 / 2k, whatever the step."""
     pull = math.sqrt(2.0 * _K * _MIDDLE / _CV)
     forces = [step.release(replace(PAPER, normal_load=1.0)).pull_force for step in _STEPS]
     load = 0.9 * pull / max(forces)  # the greatest under which every block lets go
@@ -141,7 +141,7 @@ def _fit_loss_to_lift() -> Explanation:
 
 
 def fit_explanations() -> list[Explanation]:
-    """Fit the equation as it stands, first, then what would resolve the contradiction, the best first."""
+    """Fit the equation as it stands, then what would resolve the contradiction, best first."""
     before = _fit_one_load("equation (1) at one load for all blocks", PAPER.friction)
     rivals = [
         _fit_one_load("the same without friction", 0.0),

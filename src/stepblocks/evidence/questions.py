@@ -1,4 +1,4 @@
-"""What the model is asked: by equations (1) and (2), by the drag in time, and by the drag in time of a rod."""
+"""Questions to the model: to equations (1) and (2), to the drag in time, and to that of a rod."""
 
 # Each question takes the condition of a published figure in SI and returns up to three answers;
 # not-a-number where the model says nothing, and words where it says that something cannot be.
@@ -16,6 +16,7 @@ from stepblocks.drag.probe import SETTINGS, DragSettings, build_probe
 from stepblocks.drag.ring import Ring, measure_ring
 from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_track
+from stepblocks.errors import ContactError
 
 # Conditions that a published figure may name, and their dimension; words have none
 AT = dict.fromkeys(("height", "gap", "tip_radius"), "length")
@@ -55,19 +56,23 @@ def _make_counterface(at: At) -> Counterface:
 def drag_in_time(
     face: Counterface, point: OperatingPoint, rod: bool = False, pull: float = 0.0
 ) -> tuple[Status, Ring]:
-    """Drag in time over a counterface, in the setting of docs/explanation/drag.md for figures 3 to 5; without a ring all is not-a-number."""
+    """Drag in time over a counterface; without a ring all figures are NaN.
+
+    A rod is set as docs/explanation/drag.md does for figures 3 to 5.
+    """
     # A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its
     # weight; `pull` [N] pulls the handle with a constant force instead of moving it.
     light = {"damping_ratio": 0.01}
     changes = SETTINGS["figures-3-to-5"].changes(point.tool, point.normal_load) if rod else light
     probe = build_probe(point.tool, point.ball_radius, **changes)
     how = {"speed": 0.0, "pulling_force": pull, "handle_mass": 0.1} if pull else {}
-    trace = simulate_drag(
-        build_track(face, point.ball_radius), probe, DragSettings.under(point, **how)
-    )
-    return trace.status, measure_ring(trace) if trace.status is Status.RELEASES else Ring(
-        *[math.nan] * 6
-    )
+    track, settings = build_track(face, point.ball_radius), DragSettings.under(point, **how)
+    none = Ring(*[math.nan] * 6)
+    try:
+        trace = simulate_drag(track, probe, settings)
+        return trace.status, measure_ring(trace) if trace.status is Status.RELEASES else none
+    except ContactError:  # its energy ledger does not close, so that it answers nothing
+        return Status.NO_CATCH, none
 
 
 def _answer_energy(at: At) -> Answers:
@@ -103,7 +108,7 @@ def _answer_pull_force(at: At) -> Answers:
 
 
 def _answer_detectable_groove(at: At) -> Answers:
-    """Find the least gap whose ring is felt, by bisection: what rings grows with the gap until the tip is held."""
+    """Find the least gap whose ring is felt, by bisection: energy grows with the gap."""
     point = _make_point(at)
     threshold = PAPER.tool.detection_threshold * PAPER.tool.ring_duration
 

@@ -1,4 +1,4 @@
-"""As-built records into prediction: the measured height, edge radius and surface instead of the nominal, and how far E_v moves."""
+"""Predict from as-built records: the measured height, edge radius and surface."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -41,7 +41,7 @@ def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
 def prepare_surface_releases(
     stimuli: StimulusSet, records: Mapping[str, AsBuilt]
 ) -> Callable[[Prediction], Release | None]:
-    """Prepare to predict from the scanned surfaces themselves, through the path of the tip over each."""
+    """Prepare to predict from the scanned surfaces, by the path of the tip over each."""
     tool = stimuli.prediction.as_tool()
 
     @cache  # a path is long to compute and serves every load and friction
@@ -66,7 +66,7 @@ def prepare_surface_releases(
 def predict_from_surfaces(
     made: Iterable[Prediction], stimuli: StimulusSet, known: Mapping[str, AsBuilt]
 ) -> Iterator[Prediction]:
-    """Predict a recorded edge that is no arc from its scanned surface, since its radius says little of it."""
+    """Predict a recorded edge that is no arc from its surface: its radius says little."""
     scanned = prepare_surface_releases(stimuli, known)
     for one in made:
         record = known.get(one.stimulus)
@@ -94,7 +94,7 @@ def _shift_interval(interval: Interval, release: Release) -> Interval:
 
 
 def format_surface_columns(release: Release | None) -> dict[str, str]:
-    """Return the further columns of a table of predictions, empty where there is no scanned surface."""
+    """Return more columns of a table of predictions, empty where no surface was scanned."""
     return {
         "surface_critical_angle_deg": format_six_digits(math.degrees(release.angle))
         if release
@@ -108,7 +108,7 @@ def format_surface_columns(release: Release | None) -> dict[str, str]:
 
 
 def describe_energy_changes(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iterator[str]:
-    """Say for each recorded step block how far the felt energy moved over the conditions of its set."""
+    """Say for each recorded block how far the felt energy moved over its set's conditions."""
     built = replace_nominals(stimuli, records)
     asked, made = (
         list(predict_by_formula(stimuli)),

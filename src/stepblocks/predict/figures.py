@@ -1,4 +1,4 @@
-"""Pictures of a set's predictions: energy against height with interval and locking limit, and the map of its margins."""
+"""Draw a set's predictions: energy against height with interval, and the map of margins."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
@@ -26,7 +26,10 @@ _BLUE, _RED = "#1f4e79", "#b03030"
 def compute_margin_map(
     gaps: Floats, discrepancies: Floats, point: OperatingPoint
 ) -> tuple[Floats, Floats]:
-    """Peak force [N] from crown to tooth, and back, of shape (gaps, discrepancies); 0 where nothing catches, infinite where held."""
+    """Compute the peak force [N] from crown to tooth, and back, shape (gaps, discrepancies).
+
+    It is 0 where nothing catches, infinite where the tip is held.
+    """
     # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405: a tooth that stands higher than the
     # crown is positive. The gap is taken to be deeper than the tip sinks.
     to_tooth, to_crown = margin_angles(gaps[:, None], discrepancies, point.ball_radius)
@@ -78,7 +81,7 @@ def draw_energy_of_height(
     path: Path,
     marks: Sequence[float] = (),
 ) -> None:
-    """Draw E_v against H with its 95 % interval and the height at which the tip locks; `marks` are heights [m]."""
+    """Draw E_v against H with its 95 % interval and the locking height; `marks` in m."""
     heights = 1e6 * np.array([step.height for step in steps])
     intervals = [interval_of(step, point, uncertainty, draws=4000) for step in steps]
     figure, axis = make_figure()
@@ -126,7 +129,10 @@ def draw_margin_map(
     path: Path,
     marks: Sequence[tuple[float, float]] = (),
 ) -> None:
-    """Draw the peak force of both directions over gap and discrepancy, held margins hatched; `marks` are such pairs [m]."""
+    """Draw the peak force of both directions over gap and discrepancy, held margins hatched.
+
+    `marks` are pairs of gap and discrepancy [m].
+    """
     from matplotlib.colors import LogNorm
 
     figure, axes = make_figure(1, 2, width=9.0, height=4.0)

@@ -1,4 +1,4 @@
-"""What a person perceives of a ring: level over threshold, whether two blocks can be told apart, and fair spacings."""
+"""What a person perceives of a ring: its level over threshold, and whether two differ."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ PAPER_OBSERVER = Observer(
 def compute_sensation_level(
     energy: float, observer: Observer = PAPER_OBSERVER, masker_power: float = 0.0
 ) -> float:
-    """Level of a ring over its threshold."""
+    """Compute the level of a ring over its threshold [dB]."""
     require_positive("energy", energy, "J")
     require_not_negative("masker_power", masker_power, "W")
     threshold = observer.threshold_power + observer.masking * masker_power
@@ -73,7 +73,11 @@ def compute_sensation_level(
 def compute_discriminability(
     first: float, second: float, observer: Observer = PAPER_OBSERVER
 ) -> tuple[float, float]:
-    """How well two rings can be told apart: just noticeable differences n, of 75 % correct each, and P = Phi(n z(0.75))."""
+    """Compute how well two rings can be told apart.
+
+    Returns the number n of just noticeable differences, of 75 % correct each, and the probability
+    ``Phi(n z(0.75))`` of a correct judgement.
+    """
     from scipy.stats import norm
 
     levels = compute_sensation_level(first, observer), compute_sensation_level(second, observer)
@@ -82,7 +86,10 @@ def compute_discriminability(
 
 
 def choose_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
-    """Energies [J] of drags that a person compares, NaN where nothing slips, and who says them: the formula or the drag."""
+    """Choose the energies [J] that a person compares, by the formula or by the drag.
+
+    An energy is NaN where nothing slips; the second value says which of both counts.
+    """
     # by the drag where one of them differs: a change of model between two blocks would be felt as a
     # difference
     if any(one.differs for one in compared):
@@ -91,7 +98,7 @@ def choose_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
 
 
 def make_observer(stimuli: StimulusSet) -> Observer:
-    """Return the person of a set: its threshold and ring duration, else the paper's; at the finger where it declares the probe."""
+    """Return the observer of a set: its threshold and duration, at the finger of its probe."""
     tool, probe = stimuli.prediction.tool, stimuli.probe
     person = replace(
         PAPER_OBSERVER, threshold_power=tool.detection_threshold, ring_duration=tool.ring_duration
@@ -105,7 +112,7 @@ def make_observer(stimuli: StimulusSet) -> Observer:
 
 
 def compare_neighbours(stimuli: StimulusSet, predictions: Iterable[Prediction]) -> pd.DataFrame:
-    """Tell how well each block is told from the next higher one, under each tip, friction and load."""
+    """Tabulate how well each block differs from the next higher one in each condition."""
     import pandas as pd
 
     blocks, observer = {block.id for block in stimuli.step_block}, make_observer(stimuli)

@@ -37,7 +37,7 @@ DIFFERS = 1.5
 
 @dataclass(frozen=True)
 class InTime:
-    """What the drag in time says of the same condition."""
+    """What the drag in time gives for the same condition."""
 
     status: str  # "releases", "no-catch", "locked", or why it could not be dragged
     peak_force: float = math.nan  # N
@@ -85,7 +85,7 @@ class Prediction:
 
     @property
     def felt_energy(self) -> float:
-        """Energy that is felt [J]: the formula's, and the drag's where they differ; NaN where nothing slips."""
+        """Energy that is felt [J]: the formula's, or the drag's where they differ; else NaN."""
         return (
             self.in_time.energy if self.differs and self.in_time else self.release.vibration_energy
         )
@@ -146,7 +146,7 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
 
 
 def _find_stiffness_deviation(stimuli: StimulusSet, part: Part) -> float:
-    """How far the tolerances of what is worn move the spring to either side [N/m], each alone, summed in quadrature."""
+    """Find how far the tolerances of a sheath move the spring [N/m], summed in quadrature."""
     if stimuli.probe is None or part.sleeve is None:
         return 0.0
     moved = 0.0
@@ -172,7 +172,7 @@ def find_tip(grid: PredictionGrid, radius: float) -> Dimension:
 def collect_uncertainties(
     part: Part, grid: PredictionGrid, ball: Dimension, load: float
 ) -> dict[str, float]:
-    """Take every tolerance as a rectangular distribution over its zone, in the names of `interval_of`."""
+    """Take every tolerance as rectangular over its zone, in the names of `interval_of`."""
     off, tool = grid.tolerances, grid.tool
     # a profile without a closed form is taken as known; its corners still stand beside the interval
     known = part.counterface().dimensions if part.crossed else {}
@@ -199,7 +199,7 @@ def find_half_width(dimension: Dimension) -> float:
 
 
 def tabulate_prediction(prediction: Prediction) -> dict[str, float | str]:
-    """Put a prediction into the columns of ``predictions.csv``, units in their names; NaN where there is no figure."""
+    """Put a prediction into the columns of ``predictions.csv``; NaN where there is no figure."""
     # ``low`` and ``high`` are the worst cases within the tolerances, ``95_low`` and ``95_high`` the
     # ends of the drawn 95 % interval, ``analytic_95`` the same by first-order sensitivities; beyond
     # a limit there is no energy. ``drag`` is what the drag in time says, ``felt`` the formula's or,
@@ -280,7 +280,10 @@ def format_six_digits(figure: float) -> str:
 def predict_all(
     stimuli: StimulusSet, dragged: bool | None = None, speed: float = PAPER.speed
 ) -> tuple[Prediction, ...]:
-    """Predict a set and drag its conditions in time at a speed [m/s]: all, none, or (None) all of up to `MOST_DRAGGED`."""
+    """Predict a set and drag its conditions in time at a speed [m/s].
+
+    `dragged` asks for all or none; None for all of up to `MOST_DRAGGED`.
+    """
     if not (math.isfinite(speed) and speed > 0.0):
         raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
     made = tuple(predict_by_formula(stimuli))
@@ -316,7 +319,8 @@ def predict_set(
     -------
     pandas.DataFrame
         One row for each stimulus, tip, step, direction, friction and load, in that order; the
-        columns of ``predictions.csv`` (docs/explanation/uncertainty.md), the unit in each name, with all digits.
+        columns of ``predictions.csv`` (docs/explanation/uncertainty.md), the unit in each name,
+        with all digits.
 
     Raises
     ------
@@ -354,7 +358,7 @@ _HIDDEN = (
 
 
 def choose_columns(columns: Sequence[str]) -> tuple[str, ...]:
-    """Choose the columns that fit a terminal: what slips with which force and energy, by formula and drag, and who is felt."""
+    """Choose the columns that fit a terminal: status, force and energy by formula and drag."""
     return tuple(name for name in columns if not name.endswith(_HIDDEN) or "energy_95" in name)
 
 
@@ -376,7 +380,7 @@ def describe_left_out(predictions: Iterable[Prediction]) -> list[str]:
 def drag_in_time(
     face: Counterface, point: OperatingPoint, backward: bool, speed: float, **probe: float
 ) -> tuple[DragTrace, Ring | None]:
-    """Drag in time, with what of the probe is other than the tool says, and measure the ring of a tip that releases."""
+    """Drag in time and measure the ring of a tip that releases; `probe` overrides the tool."""
     from stepblocks.drag.events import drag_face
     from stepblocks.drag.ring import measure_ring
 

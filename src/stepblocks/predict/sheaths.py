@@ -66,7 +66,10 @@ def _predict_condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None)
 
 
 def find_damping(source: str | Path) -> dict[str, float]:
-    """Share of the bare probe's energy that sheaths let through to a sensor at the clamp, by the names of experiment 1."""
+    """Find the share of the bare probe's energy that each sheath lets through to the clamp.
+
+    The shares stand by the names of experiment 1.
+    """
     from stepblocks.declare import load_set
 
     found = predict_conditions(load_set(Path(source)))
@@ -81,7 +84,7 @@ def find_damping(source: str | Path) -> dict[str, float]:
 
 
 def predict_conditions(stimuli: StimulusSet) -> list[Condition]:
-    """Predict the ring of a set's probe, bare and with each sheath, on the shank and as what the probe is held by."""
+    """Predict the ring of a set's probe, bare and with each sheath, on the shank or in hand."""
     probe = stimuli.probe
     if probe is None or not stimuli.sheath:
         return []
@@ -97,7 +100,8 @@ def tabulate_rings(stimuli: StimulusSet) -> list[dict[str, str]]:
     if not conditions:
         return []
     bare, tool = conditions[0].ring, stimuli.prediction.as_tool()
-    last = tool.ring_duration
+    last, spread = tool.ring_duration, tool.frequency_deviation / tool.frequency
+    bare_work = bare.stiffness / bare.mean_energy(last)
     return [
         {
             "sheath": one.sheath or "none",
@@ -105,13 +109,13 @@ def tabulate_rings(stimuli: StimulusSet) -> list[dict[str, str]]:
             "mass_g": f"{one.mass * 1e3:.4g}",
             "stiffness_n_mm": f"{ring.stiffness * 1e-3:.4g}",
             "frequency_hz": f"{ring.frequency:.1f}",
-            "frequency_deviation_hz": f"{tool.frequency_deviation * ring.frequency / tool.frequency:.1f}",
+            "frequency_deviation_hz": f"{spread * ring.frequency:.1f}",
             "frequency_shift_hz": f"{ring.frequency - bare.frequency:+.1f}",
             "decay_time_ms": f"{ring.decay_time * 1e3:.2f}",
             "decay_shift_ms": f"{(ring.decay_time - bare.decay_time) * 1e3:+.2f}",
             "log_decrement": f"{ring.log_decrement:.4f}",
             "sheath_share_of_strain_energy": f"{ring.sheath_share:.2g}",
-            "ring_energy_ratio": f"{bare.stiffness / ring.stiffness * ring.mean_energy(last) / bare.mean_energy(last):.3f}",
+            "ring_energy_ratio": f"{bare_work * ring.mean_energy(last) / ring.stiffness:.3f}",
             "sensor_energy_ratio": f"{one.sensed / conditions[0].sensed:.3f}",
             "finger_share": f"{one.finger:.4f}",
         }
@@ -150,7 +154,10 @@ def _count_releases_needed(bare: dict[str, float], test: dict[str, float]) -> st
 def plan_decay_test(
     tool: Tool, displacement: float, noise: float, rate: float, wanted: float
 ) -> dict[str, float]:
-    """Say what a test of a tool's ring will measure, and how well; `wanted` is relative, of the logarithmic decrement."""
+    """Predict what a test of a tool's ring will measure, and how well.
+
+    `wanted` is the relative uncertainty of the logarithmic decrement.
+    """
     for name, value in (
         ("displacement", displacement),
         ("noise", noise),

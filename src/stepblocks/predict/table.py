@@ -1,4 +1,4 @@
-"""Predict a table of trials or blocks, one row each, with intervals: by the equations, or with what a session taught."""
+"""Predict the rows of a table with intervals: by the equations, or by a learned model."""
 
 from __future__ import annotations
 
@@ -74,8 +74,8 @@ def predict_table(
     pandas.DataFrame
         The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j``
         and their ends ``_low`` and ``_high``, ``held_probability`` and ``problem``, which says why
-        a row is ``invalid``; beyond one of the limits of docs/explanation/model.md its ``status`` names it, and
-        there is no energy.
+        a row is ``invalid``; beyond one of the limits of docs/explanation/model.md its ``status``
+        names it, and there is no energy.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def predict_trials(
     model: str | Path | LearnedModel,
     output: str | Path | None = None,
 ) -> pd.DataFrame:
-    """Predict trials with what a session taught.
+    """Predict trials by the model of a session.
 
     Parameters
     ----------
@@ -230,7 +230,11 @@ def predict_with_model(
 def _read_conditions(
     table: pd.DataFrame, learned: LearnedModel, wanted: set[str]
 ) -> tuple[dict[str, NDArray[Any]], NDArray[np.object_], NDArray[np.object_]]:
-    """Columns to predict from; for each trial the names of those that hold no number, and of those beyond the data."""
+    """Read the columns to predict from.
+
+    Also gives, for each trial, the names of columns that hold no number, and of those beyond the
+    range of the data.
+    """
     import pandas as pd
 
     ranges = {place.name: place for place in learned.ranges}
@@ -264,7 +268,7 @@ def _read_conditions(
 def _predict_channels(
     design: BenchDesign, fitted: LearnedFit, learned: LearnedModel
 ) -> tuple[Floats, Floats, DragState]:
-    """Channels of single trials, their standard deviations, and the slots behind them."""
+    """Predict channels of single trials, their standard deviations, and the slots behind."""
 
     def at(values: Mapping[str, float]) -> Floats:
         return compute_channels(build_extended_state(design, values, fitted.active(values)))
@@ -296,7 +300,7 @@ class LearnedDrag(LearnedPrediction):
     """One drag as the extended model sees it: ``ok``, ``locked``, or ``outside-range(columns)``."""
 
     friction: float
-    tool: Tool  # with the learnt spring, conversion and ring
+    tool: Tool  # with the learned spring, conversion and ring
     edge_radius: (
         float  # what the model adds to the ball's radius [m]; 0 where it has no such effect
     )
@@ -305,7 +309,7 @@ class LearnedDrag(LearnedPrediction):
 def make_learned_drag(
     learned: LearnedModel, block: str, height: float, condition: OperatingPoint
 ) -> LearnedDrag:
-    """Ask a learned model about one step; of the condition its friction and tool are not asked, they are learnt."""
+    """Ask a learned model about one step; friction and tool of the condition are learned."""
     import pandas as pd
 
     row: dict[str, Any] = {
@@ -347,7 +351,7 @@ def make_learned_drag(
 
 
 def apply_model(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
-    """Predict a set with the constants of a session: its friction, spring and conversion instead of the file's."""
+    """Put the constants of a session into a set: friction, spring and conversion."""
     values, grid = learned.extended.values, stimuli.prediction
     stiffness = learned.tool.stiffness * values["stiffness_ratio"]
     spring = {"stiffness": stiffness, "conversion": float(np.exp(values["ln_conversion"]))}

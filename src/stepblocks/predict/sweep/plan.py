@@ -1,4 +1,4 @@
-"""A sweep as it is asked for: a TOML file to a table of which every row follows from its number alone."""
+"""The plan of a sweep: a TOML file to a table whose rows follow from their numbers alone."""
 
 import hashlib
 import json
@@ -102,7 +102,7 @@ class SweepPlan:
 
     @property
     def digest(self) -> str:
-        """Hash of everything that the rows and their files depend on, the version of the program too."""
+        """Hash of all that the rows and their files depend on, the program's version included."""
         from stepblocks import __version__
 
         told = {**asdict(self), "stepblocks": __version__}

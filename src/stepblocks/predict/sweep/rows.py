@@ -38,7 +38,7 @@ _SIGNED = ("horizontal_discrepancy", "vertical_discrepancy")
 
 
 def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Floats]:
-    """Draw the inputs [SI] of neighbouring rows, by name; NaN where a part has no such dimension."""
+    """Draw the inputs [SI] of neighbouring rows, by name; NaN where a part lacks the size."""
     names = list(PARAMETERS[plan.surface])
     points = np.arange(rows.start, rows.stop) // plan.draws
     first = rows.start // plan.draws

@@ -163,7 +163,8 @@ def _compute_in_processes(
             report(number)
     except TerminatedWorkerError as error:
         raise PipelineError(
-            f"a process of the sweep was ended from outside; run it again, and it goes on [{folder}]"
+            "a process of the sweep was ended from outside; run it again, and it goes on "
+            f"[{folder}]"
         ) from error
 
 
