@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: run run-all example test lint docs notebooks package everywhere fuzz mutations report licences graphics clean
+.PHONY: run run-all example evidence test lint docs notebooks package everywhere fuzz mutations report licences graphics clean
 
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
@@ -15,7 +15,7 @@ run-all: run $(VENV)/ready-all
 	$(BIN)/stepblocks workshop
 	$(BIN)/stepblocks feel --no-open
 	$(MAKE) --no-print-directory example
-	$(BIN)/stepblocks evidence
+	$(MAKE) --no-print-directory evidence
 	for name in mujoco chai3d sofa usd gltf x3d forcelaw native; do $(BIN)/stepblocks export --for $$name --quiet || exit 1; done
 	$(BIN)/stepblocks build
 
@@ -48,6 +48,10 @@ example: $(VENV)/ready
 	rm -rf out/session
 	$(BIN)/stepblocks simulate-session examples/undeclared.toml -o out/session
 	$(BIN)/stepblocks loop out/session -o out/loop
+
+# Published figures beside what the model says of them, in out/evidence.
+evidence: $(VENV)/ready
+	PYTHONPATH=benchmarks $(BIN)/python -m literature out/evidence
 
 test: $(VENV)/ready-dev graphics
 	$(BIN)/python -m pytest -n auto --dist loadfile

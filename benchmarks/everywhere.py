@@ -41,7 +41,7 @@ NUMERIC = (
     "study",
 )  # folders of tests that compute
 TOP = "top"  # the tests that lie in no folder
-OTHERS = ("artefacts", "build", "cad", "cli", "evidence", "parts", "simulators", "workshop", TOP)
+OTHERS = ("artefacts", "build", "cad", "cli", "literature", "parts", "simulators", "workshop", TOP)
 # what names platform, Python or library versions, and a page that shows them
 NAMING = {"manifest.json", "record.json", "index.html"}
 

@@ -19,8 +19,7 @@ Everything that a command does is also a function. The public names, in the orde
   `EvaluationOptions`, `Instrument`, `read_laboratory`, `write_inspection`, `write_many`,
   `read_as_built`, `measure`,
   `simulate_session`;
-- explain: `loop_session`, `loop_sessions`, `read_model`; compare with the literature:
-  `hold_against_evidence`;
+- explain: `loop_session`, `loop_sessions`, `read_model`;
 - experiments: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`,
   `share_study`, `study_power`;
 - errors: `StepblocksError`; units at the border: `parse_quantity`, `format_quantity`.

@@ -36,7 +36,6 @@ from .contact.uncertainty import interval_of as interval_of
 from .declare import load_set as load_set
 from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
-from .evidence.compare import hold_against_evidence as hold_against_evidence
 from .inspect.budget import Instrument as Instrument
 from .inspect.many import inspect_many as inspect_many, write_many as write_many
 from .inspect.measure import EvaluationOptions as EvaluationOptions

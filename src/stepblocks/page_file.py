@@ -1,4 +1,4 @@
-"""Fill a page of a room from its template: escaped, nothing undefined, one style for all."""
+"""Fill the pages of all rooms from their templates: one look, all text escaped."""
 
 import html
 from importlib.resources import files
@@ -12,18 +12,17 @@ _HEAD = """<!doctype html>
 %s"""
 
 
-def render_page(room: str, template: str, **values: object) -> str:
-    """Fill a template of a room.
+def render_page(package: str, template: str, **values: object) -> str:
+    """Fill a template of a package, such as ``stepblocks.loop``.
 
-    ``head`` opens the page with the style that all share; the filter ``readable`` writes units as
-    people do.
+    ``head`` opens the page with the common style, ``readable`` writes units as people do.
     """
     import jinja2
 
     from stepblocks.quantities import format_column_label, format_units
 
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader(f"stepblocks.{room}"),
+        loader=jinja2.PackageLoader(package),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,

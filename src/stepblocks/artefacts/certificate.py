@@ -43,7 +43,7 @@ def write_certificate(
     The author of the order is the customer.
     """
     content = _collect_content(part, record, order, digest, laboratory)
-    replace_text(path, render_page("artefacts", "dcc.xml.j2", **content))
+    replace_text(path, render_page("stepblocks.artefacts", "dcc.xml.j2", **content))
     page = path.with_name(f"{path.name.removesuffix('.dcc.xml')}.certificate.pdf")
     _write_pdf(page, content)
     return [path, page]

@@ -58,7 +58,7 @@ def write_qif(
     taken = [(*numbered[key], *value) for key, value in values.items() if key in numbered]
     told = {_STATUS[verdict] for *_, verdict in values.values()}
     text = render_page(
-        "artefacts",
+        "stepblocks.artefacts",
         "qif.xml.j2",
         **{
             "part": part,

@@ -101,7 +101,9 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
         "links": links[""],
         "shown": _SHOWN,
     }
-    replace_text(page, render_page("build", "index.html", sections=sets, rows=rows, **values))
+    replace_text(
+        page, render_page("stepblocks.build", "index.html", sections=sets, rows=rows, **values)
+    )
     return [script, page]
 
 

@@ -27,7 +27,6 @@ from stepblocks.cli import (
     check,
     compare,
     drag,
-    evidence,
     export,
     feel,
     inspect,
@@ -50,7 +49,7 @@ _COMPLETE = "_STEPBLOCKS_COMPLETE"  # set by the shell when it asks for completi
 # One file per command or group, in the order of the help
 _MODULES = (
     *(begin, build, check, workshop, inspect),
-    *(predict, drag, sweep, evidence),
+    *(predict, drag, sweep),
     *(export, feel, compare),
     *(session, loop),
     study,

@@ -363,7 +363,7 @@ def write_many(
     replace_text(
         page,
         render_page(
-            "inspect",
+            "stepblocks.inspect",
             "inspection.html.j2",
             title=f"Inspection of {len(result.tables['scans'])} measurements",
             said=result.verdict.value,

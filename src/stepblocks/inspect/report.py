@@ -376,7 +376,7 @@ def write_inspection(
     replace_text(
         page,
         render_page(
-            "inspect",
+            "stepblocks.inspect",
             "inspection.html.j2",
             title=f"Inspection of {result.identity}",
             lead=result.energy_statement or f"Measured on {result.source.name}.",

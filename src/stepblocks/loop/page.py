@@ -31,7 +31,7 @@ def render_loop_page(result: LoopResult) -> str:
     named = zip(result.found.findings, result.document["effects"], strict=True)
     asked = result.document["next_experiment"]
     return render_page(
-        "loop",
+        "stepblocks.loop",
         "loop.html.j2",
         title=result.title,
         asked=_UNASKED | asked if asked else None,

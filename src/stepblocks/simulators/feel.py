@@ -58,7 +58,7 @@ def feel(files: Sets, page: str | Path) -> int:
     script = "\n" + "".join(templates.joinpath(name).read_text("utf-8") for name in names)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     text = render_page(
-        "simulators",
+        "stepblocks.simulators",
         "feel.html",
         stimuli=stimuli,
         first=next((i for i, one in enumerate(stimuli) if one["name"] == "step-050"), 0),

@@ -31,7 +31,7 @@ def render_study(result: StudyResult) -> str:
     frame, mixed = result.frame, [one.mixed for one in result.measures]
     tools = [f"{name} {version(name)}" for name in ("stepblocks", "statsmodels", "scipy")]
     return render_page(
-        "study",
+        "stepblocks.study",
         "study.html",
         title=EXPERIMENTS[result.experiment].title,
         headline=write_headline(result),
@@ -84,4 +84,4 @@ def _save(figure: Figure, form: str) -> bytes:
 
 def render_run_sheets(title: str, sheets: Sheets) -> str:
     """Write the blinded run sheets as one page to print, a table for each participant."""
-    return render_page("study", "sheets.html", title=title, sheets=sheets)
+    return render_page("stepblocks.study", "sheets.html", title=title, sheets=sheets)

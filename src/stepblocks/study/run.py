@@ -138,7 +138,7 @@ def design_study(
     )
     plan = {"schema": 1, "primary": primary, "reference": reference}
     text = render_page(
-        "study",
+        "stepblocks.study",
         "preregistration.txt",
         design=design,
         kind=kind,

@@ -72,7 +72,7 @@ class _Handler(BaseHTTPRequestHandler):
             return
         if self.path == "/":
             page = render_page(
-                "study",
+                "stepblocks.study",
                 "run.html",
                 # 400 pixels to the right of the edge are there on every screen
                 metres=max(1e-4, 1.2 * run.reach / 400.0),

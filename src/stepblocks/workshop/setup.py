@@ -62,7 +62,7 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
             "has_gap": isinstance(block, MarginBlock),
         },
     }
-    replace_text(page, render_page("workshop", "setup.html", **values))
+    replace_text(page, render_page("stepblocks.workshop", "setup.html", **values))
     body, dimensions = cad.kernel.make_box(low, high), []
     for axis, (name, size) in enumerate(zip(("length", "width", "height"), sizes, strict=True)):
         first, last = (PmiItem(0, index) for index in cad.kernel.find_end_faces(body, axis))

@@ -10,9 +10,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from literature.contradiction import BAND, HEIGHTS, Explanation, fit_explanations
+from literature.questions import AT, QUESTIONS, Answers, find_dimension
 from stepblocks.atomic import replace_text
-from stepblocks.evidence.contradiction import BAND, HEIGHTS, Explanation, fit_explanations
-from stepblocks.evidence.questions import AT, QUESTIONS, Answers, find_dimension
 from stepblocks.page_file import render_page
 from stepblocks.quantities import format_quantity, parse_quantity
 
@@ -49,7 +49,7 @@ class Published:
     topic: str
     citation: str
     says: str
-    question: str  # what the model is asked: a key of `stepblocks.evidence.questions.QUESTIONS`
+    question: str  # what the model is asked: a key of `literature.questions.QUESTIONS`
     values: tuple[Value, ...]
     note: str = ""  # how it is asked
 
@@ -219,7 +219,7 @@ def write_evidence(found: Evidence, folder: Path) -> None:
         "publications": topics,
         "resolutions": found.resolutions.to_dict("records"),
     }
-    replace_text(folder / "evidence.html", render_page("evidence", "evidence.html.j2", **told))
+    replace_text(folder / "evidence.html", render_page("literature", "evidence.html.j2", **told))
 
 
 _MARKS = {"formula": ("o", "#1d2a36"), "drag": ("s", "#1f6f8b"), "rod": ("^", "#c8553d")}

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from literature.questions import drag_in_time
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.drag.ring import Ring
-from stepblocks.evidence.questions import drag_in_time
 
 HEIGHTS = (25e-6, 50e-6, 75e-6, 100e-6)  # the four blocks [m]
 BAND = (10e-6, 20e-6)  # all of their energies lie in it [J]

@@ -1,19 +1,18 @@
 """The model beside what others published; expected values are the paper's own arithmetic."""
 
 import csv
-import json
 import math
 from dataclasses import replace
 
 import pytest
+from literature.__main__ import main
+from literature.compare import Row, Verdict, hold_against_evidence, load_published
+from literature.contradiction import BAND, HEIGHTS, compute_misfit, fit_explanations
+from literature.questions import QUESTIONS, Answers, drag_in_time
 
-from stepblocks.cli import main
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.evidence.compare import Row, Verdict, hold_against_evidence, load_published
-from stepblocks.evidence.contradiction import BAND, HEIGHTS, compute_misfit, fit_explanations
-from stepblocks.evidence.questions import QUESTIONS, Answers, drag_in_time
 
 
 @pytest.fixture(scope="module")
@@ -128,24 +127,18 @@ def test_a_small_step_rings_less_in_time_than_the_formula_keeps():
     assert ring.energy < 0.2 * Step(10e-6).release(point).vibration_energy
 
 
-def test_the_command_leaves_a_page_with_every_row_and_honest_verdicts(tmp_path, capsys):
-    assert main(["evidence", "-o", str(tmp_path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert {one["verdict"] for one in told["evidence"]} == {"agrees", "disagrees", "not said"}
+def test_the_program_leaves_a_page_with_every_row_and_honest_verdicts(found, tmp_path, capsys):
+    main(tmp_path)
+    assert "disagrees with" in capsys.readouterr().out
+    rows = found.table.to_dict("records")
+    assert {one["verdict"] for one in rows} == {"agrees", "disagrees", "not said"}
     with (tmp_path / "evidence.csv").open() as file:
-        assert [one["figure"] for one in csv.DictReader(file)] == [
-            one["figure"] for one in told["evidence"]
-        ]
+        assert [one["figure"] for one in csv.DictReader(file)] == [one["figure"] for one in rows]
     page = (tmp_path / "evidence.html").read_text()
-    assert all(
-        one["figure"].replace(" uJ", " µJ").replace(" um", " µm") in page
-        for one in told["evidence"]
-    )
+    assert all(one["figure"].replace(" uJ", " µJ").replace(" um", " µm") in page for one in rows)
     assert all(one.citation.split(",")[0] in page for one in load_published())
     assert "http" not in page.split("<h1>")[1]
     assert (tmp_path / "evidence.svg").stat().st_size > 1000
-    assert main(["evidence", "-o", str(tmp_path)]) == 0
-    assert "disagrees with" in capsys.readouterr().out
 
 
 def test_the_same_page_comes_out_twice(tmp_path):

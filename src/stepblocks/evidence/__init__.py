@@ -1,1 +1,0 @@
-"""What others published, beside what the model says: agrees, disagrees, or not said."""
