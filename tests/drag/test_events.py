@@ -275,3 +275,34 @@ def test_a_text_with_its_unit_is_read_wherever_a_number_is():
     assert drag_over("25 um", load="0.5 N", speed="20 mm/s").trace.peak_force == (
         drag_over("25 um", load=0.5, speed=20e-3).trace.peak_force
     )
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_in_ground_texture_the_step_answers_and_the_ledger_closes(seed):
+    # noise whose spectrum falls like that of a ground face, Ra 0.3 um
+    noise = np.fft.rfft(np.random.default_rng(seed).standard_normal(X.size))
+    waves = np.fft.rfftfreq(X.size, 0.5e-6)
+    ground = np.fft.irfft(noise / (1.0 + (waves * 40e-6) ** 2) ** 0.75, X.size)
+    face = Profile(X, np.where(X > 0.0, 30e-6, 0.0) + 0.3e-6 * ground / np.abs(ground).mean())
+    done = drag_over(face)
+    assert done.trace.status is Status.RELEASES
+    assert done.summary["ledger_error"] < 1e-3
+    assert done.events.ledger_error.max() < 0.02
+    answer = done.events[done.events.belongs_to == "feature"]
+    assert abs(answer.contact_x_m.iloc[0]) < 3e-6
+    assert done.trace.peak_force == pytest.approx(done.formula.pull_force, rel=0.1)
+    assert len(done.events) > 10
+    assert 0.0 < done.summary["texture_hides_step_m"] < 30e-6
+
+
+def test_the_command_answers_for_a_range_and_says_what_else_released(tmp_path, capsys):
+    path, face = tmp_path / "two.csv", steps((-0.4e-3, 30e-6), (0.3e-3, 18e-6))
+    pd.DataFrame({"x_um": face.x * 1e6, "z_um": face.z * 1e6}).to_csv(path, index=False)
+    out = ["-o", str(tmp_path / "out")]
+    assert main(["drag", str(path), "--x-range", "200um..400um", *out]) == 0
+    assert "1 other releases" in "".join(capsys.readouterr())
+    record = json.loads((tmp_path / "out" / "drag.json").read_text())
+    expected = release_at(step_angle(18e-6, R), 1.0, 0.15).pull_force
+    assert record["equation_1"]["peak_force_n"] == pytest.approx(expected, rel=1e-6)
+    assert main(["drag", str(path), "--x-range", "200um", *out]) == 2
+    assert "two lengths such as" in capsys.readouterr().err

@@ -15,6 +15,14 @@ app = typer.Typer()
 _LENGTH, _RATIO = quantity("length"), quantity("ratio")
 
 
+def _read_range(text: str) -> tuple[float, float]:
+    """Read two lengths with two dots between them."""
+    first, dots, last = text.partition("..")
+    if not dots:
+        raise typer.BadParameter(f"must be two lengths such as -50um..50um, got {text!r}")
+    return _LENGTH(first), _LENGTH(last)
+
+
 @command(
     app,
     "drag",
@@ -178,6 +186,16 @@ def drag(
             "carrier behind a round rod",
         ),
     ] = None,
+    x_range: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--x-range",
+            metavar="FROM..TO",
+            parser=_read_range,
+            help="where on a profile the edge lies that is asked about, such as -50um..50um",
+            show_default="the steepest edge",
+        ),
+    ] = None,
     backward: Annotated[
         bool,
         typer.Option(
@@ -210,7 +228,9 @@ def drag(
         speed=speed,
         pull=pull,
     )
-    done = drag_over(stimulus, backward=backward, stimuli=stimuli, setting=setting, **options)
+    done = drag_over(
+        stimulus, backward=backward, stimuli=stimuli, setting=setting, x_range=x_range, **options
+    )
     done.write(output)
     notes = list(_describe_drag(done.summary))
     closes = f"ledger closes to {done.summary['ledger_error']:.1e}"
@@ -227,6 +247,14 @@ def _describe_drag(summary: Mapping[str, Any]) -> list[str]:
         f"{summary['subject']}: {format_quantity(settings['normal_load'], 'force')}, "
         f"mu {settings['friction']:g}, k {probe['stiffness'] * 1e-3:g} N/mm"
     ]
+    if "reason" in summary:
+        notes.append(summary["reason"])
+    if summary["other_releases"]:
+        notes.append(
+            f"{summary['other_releases']} other releases (events.csv); their steepest place, "
+            f"{summary['texture_angle_deg']:.3g} deg, hides a step of "
+            f"{format_quantity(summary['texture_hides_step_m'], 'length')}"
+        )
     if "setting" in summary:
         notes.append(f"{summary['setting']['source']}; it fails: {summary['setting']['fails']}")
     if "peak_force_n" in summary:

@@ -13,12 +13,13 @@ from stepblocks.contact.energy import Status
 from stepblocks.drag import kernels
 from stepblocks.drag.catches import CatchPlaces, find_asked_place, find_catch_places
 from stepblocks.drag.probe import DragSettings, Probe
-from stepblocks.drag.track import Track
+from stepblocks.drag.track import NEAR, Track
 from stepblocks.errors import ContactError
 
 _MOST_STEPS = 200_000_000
 _MOST_ROWS = 2_000_000
-_OPEN = 1e-2  # of the ledger's greatest entry: a ledger that closes less well is an error
+_OPEN = 2e-2  # of the ledger's greatest entry: a ledger that closes less well is an error
+_FINEST = 300.0  # steps per period that are tried before it is
 _RISE = 0.1  # of the rise that a place asks for, below which the tip was not caught there
 
 
@@ -171,13 +172,14 @@ def simulate_drag(
     places = find_catch_places(track)
     needed = _compute_needed_pulls(places, settings)
     own = settings.friction_law
+    shared = track.list_separate_kinks(2.0 * probe.find_indentation(settings.normal_load))
     y = float(np.interp(x, track.x, track.z)) - probe.find_indentation(settings.normal_load)
     rows, count, peak, ledger, passed, passes = kernels.integrate(
-        (track.x, track.cubics, track.kinks, track.branches),
+        (track.x, track.cubics, track.kinks[shared], track.branches[shared]),
         tuple(map(float, astuple(probe))),
         tuple(float(getattr(settings, field.name)) for field in fields(settings)[:-1]),
         (float(mu_s), bristle, limit, float(own is not None)),
-        (x, y, 0.1 * track.ball_radius, probe.stretch(settings.sliding_force)),
+        (x, y, NEAR * track.ball_radius, probe.stretch(settings.sliding_force)),
         (dt, steps, every),
         (
             places.last,
@@ -202,6 +204,9 @@ def simulate_drag(
         events=events,
     )
     open_share = max([trace.ledger_error, *(one.ledger_error for one in events)])
+    if open_share > _OPEN and settings.resolution < _FINEST:
+        finer = replace(settings, resolution=4.0 * settings.resolution)
+        return simulate_drag(track, probe, finer, within)
     if open_share > _OPEN:
         raise ContactError(
             f"the energy ledger of the drag does not close, {open_share:.1%} is open; raise the "

@@ -1,6 +1,7 @@
 """The path of a tip as the integrator needs it: cubic pieces between nodes, and the kinks where two contacts share the load."""
 
 import math
+from bisect import bisect
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -17,6 +18,7 @@ _KINK = math.radians(
     2.0
 )  # a turn at which two contacts share the load, on a surface that may be rough
 _SHARED = 1e-3  # the same on a path whose notches are exact [rad]
+NEAR = 0.1  # radii from a kink within which both sides may be touched
 _LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
 
@@ -51,7 +53,32 @@ class Track(CentrePath):
             k1 + h * (2.0 * k2 + 3.0 * h * k3),
             k2 + 3.0 * h * k3,
         )
-        return np.stack([np.column_stack(ends), self.cubics[self.kinks, :3]], axis=1)
+        both = np.stack([np.column_stack(ends), self.cubics[self.kinks, :3]], axis=1)
+        # a branch is a line or an arc about a corner, which bends by 1 / R; the cubic of a piece
+        # that is short beside the sampling may bend by far more
+        bend = 0.5 * (1.0 + both[..., 1] ** 2) ** 1.5 / self.ball_radius
+        both[..., 2] = np.clip(both[..., 2], -1.05 * bend, 0.05 * bend)
+        return both
+
+    def list_separate_kinks(self, depth: float) -> NDArray[np.int64]:
+        """List the kinks at which two contacts share the load and part before the next one is near.
+
+        Beside a sharper kink, one whose branches are not `depth` [m] apart half way between them is
+        texture that the contact presses flat.
+        """
+        left, right = (np.arctan(one[self.kinks]) for one in self.slopes)
+        near = NEAR * self.ball_radius
+        places: list[float] = []
+        kept: list[int] = []
+        for n in np.argsort(left - right, kind="stable").tolist():
+            x = float(self.x[self.kinks[n]])
+            after = bisect(places, x)
+            room = min((abs(x - one) for one in places[max(after - 1, 0) : after + 1]), default=1.0)
+            alone = room > 0.5 * self.ball_radius
+            if alone or math.tan(right[n] - left[n]) * min(0.5 * room, near) >= depth:
+                places.insert(after, x)
+                kept.append(n)
+        return np.array(sorted(kept), dtype=np.int64)
 
     @cached_property
     def steepest_angle(self) -> float:
