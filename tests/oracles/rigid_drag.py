@@ -17,6 +17,7 @@ from scipy.signal import find_peaks
 
 PITCH = 0.1e-6  # of the grid on which the surface is dilated [m]
 LEAST = math.radians(0.5)  # a slope that rises by less is no catch
+HELD = 0.02  # rise of the pull by which a place holds the tip [N]
 RING_WINDOW = 2.0  # periods after an event in which its first swing has its lowest point
 
 
@@ -188,11 +189,6 @@ def events_of(rows, path, *, level, stiffness, frequency, least=LEAST):
             continue
         low = since + int(np.argmin(force[since : k + 1]))
         top = low + int(np.argmax(force[low : k + 1]))
-        until = min((p for p in passed[number + 1 :] if p > k), default=len(x) - 1)
-        window = slice(
-            top, 1 + min(until, int(np.searchsorted(time, time[top] + RING_WINDOW / frequency)))
-        )
-        swing = max(level - float(force[window].min()), 0.0)
         found.append(
             {
                 "x_m": place,
@@ -200,8 +196,13 @@ def events_of(rows, path, *, level, stiffness, frequency, least=LEAST):
                 "time_s": float(time[top]),
                 "pull_n": float(force[top]),
                 "rise_n": float(force[top] - force[low]),
-                "ring_j": 0.5 * swing * swing / stiffness,
             }
         )
         since = k
+    # the next place ends the ring once it holds the tip
+    for number, one in enumerate(found):
+        held = [other["time_s"] for other in found[number + 1 :] if other["rise_n"] > HELD]
+        end = min([one["time_s"] + RING_WINDOW / frequency, *held])
+        first = force[(time >= one["time_s"]) & (time <= end)]
+        one["ring_j"] = 0.5 * max(level - float(first.min()), 0.0) ** 2 / stiffness
     return found

@@ -19,7 +19,9 @@ def _read_range(text: str) -> tuple[float, float]:
     """Read two lengths with two dots between them."""
     first, dots, last = text.partition("..")
     if not dots:
-        raise typer.BadParameter(f"must be two lengths such as -50um..50um, got {text!r}")
+        raise typer.BadParameter(
+            f"--x-range: must be two lengths such as -50um..50um, got {text!r}"
+        )
     return _LENGTH(first), _LENGTH(last)
 
 
@@ -187,11 +189,10 @@ def drag(
         ),
     ] = None,
     x_range: Annotated[
-        tuple[float, float] | None,
+        str | None,
         typer.Option(
             "--x-range",
             metavar="FROM..TO",
-            parser=_read_range,
             help="where on a profile the edge lies that is asked about, such as -50um..50um",
             show_default="the steepest edge",
         ),
@@ -212,6 +213,7 @@ def drag(
     from stepblocks.drag.run import drag_over
 
     refuse_both(speed=speed, pull=pull)
+    within = None if x_range is None else _read_range(x_range)
     options: dict[str, Any] = given(
         static_friction=static_friction,
         handle_mass=handle_mass,
@@ -229,7 +231,7 @@ def drag(
         pull=pull,
     )
     done = drag_over(
-        stimulus, backward=backward, stimuli=stimuli, setting=setting, x_range=x_range, **options
+        stimulus, backward=backward, stimuli=stimuli, setting=setting, x_range=within, **options
     )
     done.write(output)
     notes = list(_describe_drag(done.summary))

@@ -130,9 +130,9 @@ class DragTrace:
         return self.rows[:, kernels.COLUMNS.index(name)]
 
 
-def _open_share(ledger: NDArray[np.float64]) -> float:
-    """Part of a ledger that its entries do not account for, over the greatest of them [1]."""
-    return float(abs(ledger[0] - ledger[1:].sum()) / max(np.abs(ledger).max(), 1e-300))
+def _open_share(ledger: NDArray[np.float64], least: float = 1e-300) -> float:
+    """Part of a ledger that its entries do not account for, over the greatest of them or `least` [1]."""
+    return float(abs(ledger[0] - ledger[1:].sum()) / max(np.abs(ledger).max(), least))
 
 
 def simulate_drag(
@@ -172,7 +172,7 @@ def simulate_drag(
     places = find_catch_places(track)
     needed = _compute_needed_pulls(places, settings)
     own = settings.friction_law
-    shared = track.list_separate_kinks(2.0 * probe.find_indentation(settings.normal_load))
+    shared = track.list_separate_kinks(probe.find_indentation(settings.normal_load))
     y = float(np.interp(x, track.x, track.z)) - probe.find_indentation(settings.normal_load)
     rows, count, peak, ledger, passed, passes = kernels.integrate(
         (track.x, track.cubics, track.kinks[shared], track.branches[shared]),
@@ -227,6 +227,8 @@ def _list_events(
 ) -> Iterator[DragEvent]:
     """Read the rows of the kernel: which place, whether it held the tip, and its own ledger."""
     before = np.zeros(10)
+    # between two ripples little energy flows: a fiftieth of that of the drag is the least scale
+    least = 0.02 * float(np.abs(passed[:, 7:]).max()) if len(passed) else 0.0
     for row in passed:
         n, pull, time, low, low_time, behind = int(row[0]), *map(float, row[[1, 2, 4, 5, 6]])
         caught = pull - low > _RISE * (needed[n] - settings.sliding_force)
@@ -241,7 +243,7 @@ def _list_events(
             caught_s=low_time,
             released_s=time if math.isfinite(pull) else behind,
             pull_n=pull if math.isfinite(pull) else math.nan,
-            ledger_error=_open_share(row[7:] - before),
+            ledger_error=_open_share(row[7:] - before, least),
         )
         before = row[7:]
 

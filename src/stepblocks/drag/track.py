@@ -19,6 +19,7 @@ _KINK = math.radians(
 )  # a turn at which two contacts share the load, on a surface that may be rough
 _SHARED = 1e-3  # the same on a path whose notches are exact [rad]
 NEAR = 0.1  # radii from a kink within which both sides may be touched
+_FEW_KINKS = 4  # of a shape that was declared, not scanned
 _LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
 
@@ -63,10 +64,13 @@ class Track(CentrePath):
     def list_separate_kinks(self, depth: float) -> NDArray[np.int64]:
         """List the kinks at which two contacts share the load and part before the next one is near.
 
-        Beside a sharper kink, one whose branches are not `depth` [m] apart half way between them is
-        texture that the contact presses flat.
+        One whose branches are not `depth` [m] apart half way to a sharper kink, or where a second
+        contact is no longer looked for, is texture that the contact presses flat; the few kinks of
+        a declared shape all count.
         """
         left, right = (np.arctan(one[self.kinks]) for one in self.slopes)
+        if self.kinks.size <= _FEW_KINKS:
+            return np.arange(self.kinks.size)
         near = NEAR * self.ball_radius
         places: list[float] = []
         kept: list[int] = []
@@ -74,8 +78,7 @@ class Track(CentrePath):
             x = float(self.x[self.kinks[n]])
             after = bisect(places, x)
             room = min((abs(x - one) for one in places[max(after - 1, 0) : after + 1]), default=1.0)
-            alone = room > 0.5 * self.ball_radius
-            if alone or math.tan(right[n] - left[n]) * min(0.5 * room, near) >= depth:
+            if math.tan(right[n] - left[n]) * min(0.5 * room, near) >= depth:
                 places.insert(after, x)
                 kept.append(n)
         return np.array(sorted(kept), dtype=np.int64)
