@@ -328,11 +328,8 @@ class Profile(Counterface):
             object.__setattr__(self, "feature", (first, last))
 
     def __repr__(self) -> str:
-        run, span = float(self.x[-1] - self.x[0]), float(np.ptp(self.z))
-        return (
-            f"Profile({self.x.size} points over {format_quantity(run, 'length')}, heights over "
-            f"{format_quantity(span, 'length')})"
-        )
+        run, span = (format_quantity(float(np.ptp(one)), "length") for one in (self.x, self.z))
+        return f"Profile({self.x.size} points over {run}, heights over {span})"
 
     @classmethod
     def from_scan(cls, scan: Scanned, feature: tuple[float, float] | None = None) -> Profile:

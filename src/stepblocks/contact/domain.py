@@ -32,8 +32,11 @@ def convert_field(
     least = -math.inf if low is None else low
     if not least <= value <= high:
         rule = f"lie between {low:g} and {high:g}" if low is not None else f"be at most {high:g}"
-        hint = "; lengths are in metres: 25 um is 25e-6" if dimension == "length" else ""
-        raise ContactError(f"{name} must {rule} {unit}".rstrip() + f", got {value:g}{hint}")
+        raise ContactError(
+            f"{name} must {rule} {unit}".rstrip()
+            + f", got {value:g}"
+            + ("; lengths are in metres: 25 um is 25e-6" if dimension == "length" else "")
+        )
     object.__setattr__(owner, name, value)
 
 
@@ -44,11 +47,11 @@ def read_number(name: str, value: object, dimension: str) -> float:
             return parse_quantity(value, dimension)
         except QuantityError as error:
             raise ContactError(f"{name} {error}") from error
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+    if isinstance(value, (bool, np.bool_)) or not isinstance(
+        value, (int, float, np.integer, np.floating)
+    ):
         unit = DIMENSIONS[dimension] or "1"
         raise ContactError(f"{name} must be one number [{unit}], got {type(value).__name__}")
-    if isinstance(value, (complex, np.complexfloating)):
-        raise ContactError(f"{name} must be a real number, got {value}")
     return float(value)
 
 

@@ -33,7 +33,7 @@ class FrictionLaw:
     Examples
     --------
     >>> law = FrictionLaw(lambda speed, load, place, time: 0.1 + 0.05 * load ** (-1 / 3))
-    >>> round(law.find_at_rest(load=1.0), 3)
+    >>> round(law.coefficient(0.0, 1.0, 0.0, 0.0), 3)
     0.15
     """
 
@@ -47,14 +47,6 @@ class FrictionLaw:
                     f"a law of friction must give a finite coefficient of at least 0, got "
                     f"{value!r} at {speed:g} m/s"
                 )
-
-    def find_at_rest(self, load: float) -> float:
-        """Return the coefficient at rest under a load [N]."""
-        return float(self.coefficient(0.0, load, 0.0, 0.0))
-
-    def compile(self) -> Coefficient:
-        """Return what the integrator calls at each step."""
-        return _compile(self.coefficient)
 
 
 class Stribeck(FrictionLaw):
@@ -143,7 +135,7 @@ class LinearContact(ContactLaw):
 
 
 @lru_cache(maxsize=64)
-def _compile(function: Coefficient) -> Coefficient:
+def compile_coefficient(function: Coefficient) -> Coefficient:
     """Compile a function of four floats to a pointer that the integrator can call."""
     from numba import cfunc
     from numba.core.errors import NumbaError
@@ -152,7 +144,7 @@ def _compile(function: Coefficient) -> Coefficient:
     try:
         return cast(Coefficient, cfunc(signature)(getattr(function, "py_func", function)))
     except (NumbaError, TypeError, AttributeError) as error:
-        last = [line.strip() for line in str(error).splitlines() if line.strip()][-1]
         raise ContactError(
-            f"a law of friction must be a function of four floats that numba compiles: {last}"
+            f"a law of friction must be a function of four floats that numba compiles: "
+            f"{str(error).strip().splitlines()[-1].strip()}"
         ) from error

@@ -148,7 +148,7 @@ class OperatingPoint:
         convert_field(self, "normal_load", "force", 1e4)
         convert_field(self, "speed", "speed", 100.0)
         if self.friction_law is not None:
-            at_rest = self.friction_law.find_at_rest(self.normal_load)
+            at_rest = self.friction_law.coefficient(0.0, self.normal_load, 0.0, 0.0)
             object.__setattr__(self, "friction", at_rest)
         convert_field(self, "friction", "ratio", 1e3, low=0.0)
 

@@ -10,7 +10,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.drag.probe import DragSettings, build_probe
 from stepblocks.drag.ring import measure_ring
 from stepblocks.drag.simulate import DragEvent, DragTrace, simulate_drag
-from stepblocks.drag.track import build_track, find_asked_range
+from stepblocks.drag.track import build_track
 
 
 def list_events(
@@ -56,5 +56,5 @@ def drag_face(
         track,
         build_probe(point.tool, point.ball_radius, point.contact, **(probe or {})),
         DragSettings.under(point, **(settings or {})),
-        find_asked_range(track),
+        track.feature and track.feature[:2],
     )

@@ -26,8 +26,6 @@ COLUMNS = (
 _STORED = ("kinetic", "spring", "lift", "contact", "bristle")
 _LOST = ("friction_loss", "damping_loss", "impact_loss", "tissue_loss")
 LEDGER = ("handle_work", *_STORED, *_LOST)
-# columns of the rows of the places that the tip has passed, before the ledger at that time
-PASSED = ("place", "pull_n", "time_s", "x_m", "low_n", "low_time_s", "passed_s")
 
 
 # Stands in the call of `integrate` where the friction is no function; it is never called
@@ -330,13 +328,21 @@ def integrate(
             ledger[5] += held
             if first or ended or passing:
                 kinetic = 0.5 * mass * (mx * mx + my * my) + 0.5 * carrier_mass * mc * mc
-                stored = np.zeros(10)
-                stored[1] = kinetic if driven else kinetic + 0.5 * hand_mass * mh * mh
-                stored[2] = 0.5 * k * (hand - x) ** 2 + 0.25 * cubic * (hand - x) ** 4
-                stored[3] = load * carrier + 0.5 * ky * (carrier - y) ** 2 if carried else load * y
                 dents = max(gap * q1, 0.0) ** (power + 1.0) + max(gap2 * q2, 0.0) ** (power + 1.0)
-                stored[4] = kn * dents / (power + 1.0)
-                stored[5] = grip
+                stored = np.array(
+                    (
+                        0.0,
+                        kinetic if driven else kinetic + 0.5 * hand_mass * mh * mh,
+                        0.5 * k * (hand - x) ** 2 + 0.25 * cubic * (hand - x) ** 4,
+                        load * carrier + 0.5 * ky * (carrier - y) ** 2 if carried else load * y,
+                        kn * dents / (power + 1.0),
+                        grip,
+                        0.0,
+                        0.0,
+                        0.0,
+                        0.0,
+                    )
+                )
                 if first:
                     ledger -= stored
                 if passing:

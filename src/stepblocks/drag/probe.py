@@ -179,7 +179,7 @@ class DragSettings:
         law, load = point.friction_law, point.normal_load
         if law is None or "friction" in changes:
             return settings
-        sliding, rest = law.coefficient(settings.speed, load, 0.0, 0.0), law.find_at_rest(load)
+        sliding, rest = (law.coefficient(v, load, 0.0, 0.0) for v in (settings.speed, 0.0))
         static = rest if rest > sliding else 0.0
         return replace(settings, friction=sliding, static_friction=static, friction_law=law)
 

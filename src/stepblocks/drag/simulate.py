@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact.energy import Status
+from stepblocks.contact.laws import compile_coefficient
 from stepblocks.drag import kernels
 from stepblocks.drag.catches import CatchPlaces, find_asked_place, find_catch_places
 from stepblocks.drag.probe import DragSettings, Probe
@@ -187,7 +188,7 @@ def simulate_drag(
             places.start,
             np.isinf(needed).astype(np.float64),
         ),
-        kernels.no_friction if own is None else own.compile(),
+        kernels.no_friction if own is None else compile_coefficient(own.coefficient),
     )
     if not np.isfinite(rows[:count]).all():
         raise ContactError("the law of friction returned no number during the drag")
@@ -213,8 +214,9 @@ def simulate_drag(
             "resolution"
         )
     wanted = find_asked_place(places, within)
-    least = 1.02 * mu_s * settings.normal_load + settings.tissue_friction
-    if wanted is None or needed[wanted] <= least:
+    if wanted is None or needed[wanted] <= (
+        1.02 * mu_s * settings.normal_load + settings.tissue_friction
+    ):
         return trace
     return _answer_for(trace, wanted, places, needed)
 

@@ -98,11 +98,6 @@ class Track(CentrePath):
         return float(self.x[found[0]]), float(self.x[found[-1]])
 
 
-def find_asked_range(track: Track) -> tuple[float, float] | None:
-    """Return where along a track the edge lies that is asked about [m]; None: the steepest one."""
-    return None if track.feature is None else (track.feature.first, track.feature.last)
-
-
 @lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
 def build_track(face: Counterface, ball_radius: float, backward: bool = False) -> Track:
     """Track over a counterface: up a step in closed form, over anything else by dilating its section."""

@@ -215,14 +215,14 @@ def simulate_ring_of(
     from stepblocks.drag.probe import DragSettings, build_probe
     from stepblocks.drag.ring import measure_ring
     from stepblocks.drag.simulate import simulate_drag
-    from stepblocks.drag.track import build_track_along_path, find_asked_range
+    from stepblocks.drag.track import build_track_along_path
 
     if event.status is not Status.RELEASES:
         return event
     probe = build_probe(point.tool, point.ball_radius, point.contact)
     settings = DragSettings.under(point, sample_rate=_RATE, ring_time=_LENGTH)
     track = build_track_along_path(path, point.ball_radius, event.direction < 0)
-    trace = simulate_drag(track, probe, settings, find_asked_range(track))
+    trace = simulate_drag(track, probe, settings, track.feature and track.feature[:2])
     name = f"[{event.stimulus} {event.drag}]"
     if trace.status is not Status.RELEASES:
         raise HapticsError(

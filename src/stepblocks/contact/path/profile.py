@@ -172,17 +172,6 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
     return _catch(*slopes[np.nanargmax(slopes[:, 0])])
 
 
-def find_catches(path: TipPath, smallest: float = math.radians(1.0)) -> list[Catch]:
-    """Every local catch along a drag, in the order in which it is met; a rise by less than `smallest` [rad] is roughness."""
-    from scipy.signal import find_peaks
-
-    require_positive("smallest", smallest, "rad")
-    slopes = find_interval_slopes(path, math.tan(smallest))
-    angles = np.arctan(np.nan_to_num(np.maximum(slopes[:, 0], 0.0), nan=0.0, posinf=1e300))
-    padded = np.concatenate([[0.0], angles, [0.0]])
-    return [_catch(*slopes[k - 1]) for k in find_peaks(padded, prominence=smallest)[0]]
-
-
 def _catch(slope: float, where: float, contact: float) -> Catch:
     angle = 0.5 * math.pi if np.isposinf(slope) else math.atan(max(slope, 0.0))
     return Catch(float(where), float(contact), angle)
