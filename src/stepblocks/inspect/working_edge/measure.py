@@ -308,9 +308,7 @@ def _measure_burr(
         )
     own = [
         Component("noise", found.height.std, how="valleys of the face and the lower face"),
-        Component(
-            "peak", found.noise / math.sqrt(3.0), how="half of what noise shows, rectangular"
-        ),
+        Component("peak", found.noise, how="half of what noise alone shows"),
         Component("sampling", found.sampling, how="a peak between two points, rectangular"),
     ]
     return {"burr": add_instrument_components("burr", found.height.value, own, instrument)}

@@ -1,0 +1,151 @@
+"""Count false verdicts over soft gauges of known truth: burr, ramp, patch, rotation, cone, form, groove.
+
+Every gauge draws its truth, its instrument (stylus or optical, calibration off by what is stated) and
+its noise from its own number. Each characteristic that was judged is compared with the truth: a false
+"conforms", a false "does not conform", and whether the interval of the value holds the truth. A run
+that is broken off goes on where it was: one line of JSON for each gauge.
+
+    python benchmarks/softgauge_verdicts.py [COUNT] [FILE]
+"""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from oracles.softgauge import (
+    correlated_map,
+    correlated_noise,
+    edge_gauge,
+    flank_gauge,
+    groove_gauge,
+    stylus_trace,
+)
+from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.errors import StepblocksError
+from stepblocks.inspect.budget import Instrument, Outcome
+from stepblocks.inspect.measure import EvaluationOptions
+from stepblocks.inspect.run import find_declared, inspect_scan
+
+UM = 1e-6
+STIMULI = Path(__file__).parents[1] / "stimuli" / "paper-ten.toml"
+KINDS = ("plain", "burr", "ramp", "map", "turned", "cone", "bowed", "groove")
+
+
+def draw(number):
+    """Return scan, what to ask of it, and the truth by key of the characteristic."""
+    random, kind = np.random.default_rng(number), KINDS[number % len(KINDS)]
+    height = 50 * UM + random.uniform(-2.5, 2.5) * UM
+    radius = random.uniform(0.0, 4.0) * UM
+    relative = 10.0 ** random.uniform(-4.0, -2.3)
+    scale, lateral = 1.0 + relative * random.normal(size=2)
+    rough, length = random.uniform(5e-9, 50e-9), random.uniform(1.5, 5.0) * UM
+    truth = {"step_height": height, "edge_radius": radius, "burr": 0.0}
+    tip, cone = 0.0, 0.0
+    burr = random.uniform(0.0, 6.0) * UM if kind == "burr" else 0.0
+    place, wide = random.uniform(radius / UM + 4.0, 150.0) * UM, random.uniform(4.0, 20.0) * UM
+    bow = random.uniform(-0.3, 0.3) * UM if kind == "bowed" else 0.0
+
+    def shape(x):
+        z = edge_gauge(x, height, radius)
+        z = z + burr * np.clip(1.0 - np.abs(x - place) / (0.5 * wide), 0.0, 1.0)
+        return z + bow * (x / (500 * UM)) ** 2
+
+    truth["burr"] = burr
+    step, half = 0.5 * UM, 600 * UM
+    if kind == "ramp":
+        angle = math.radians(random.uniform(30.0, 58.0))
+        corner = random.uniform(2.0, 6.0) * UM
+        truth |= {"riser_angle": angle, "edge_radius": corner}
+        shape = lambda x: flank_gauge(x, height, angle, corner)  # noqa: E731
+    if kind == "groove":
+        width = 600 * UM + random.uniform(-180.0, 180.0) * UM
+        truth = {"groove_depth": height, "groove_width": width}
+        shape = lambda x: groove_gauge(x, height, -width / 2, width / 2, UM)  # noqa: E731
+        step, half = UM, 1400 * UM
+    if kind in ("map", "turned"):
+        turn = math.radians(random.uniform(-25.0, 25.0)) if kind == "turned" else 0.0
+        size, fine, step = (300, 60), 3, 1.5 * UM
+        x, y = ((np.arange(n * fine) + 0.5 - 0.5 * n * fine) * step / fine for n in size)
+        across = x[np.newaxis, :] * math.cos(turn) + y[:, np.newaxis] * math.sin(turn)
+        z = shape(across).reshape(size[1], fine, size[0], fine).mean(axis=(1, 3))
+        z = z + correlated_map(z.shape, step, 5e-9, rough, length, random)
+        scan = HeightMap(scale * z, lateral * step, lateral * step, kind)
+    else:
+        if kind in ("cone", "plain") and random.uniform() < 0.6:
+            tip, cone = random.choice([2.0, 5.0]) * UM, math.radians(random.choice([60.0, 90.0]))
+            finer = np.arange(-half - 50 * UM, half + 50 * UM, 0.1 * UM)
+            seen = stylus_trace(finer, shape(finer), tip, cone)
+        x = np.arange(-half, half, step) + random.uniform(-0.5, 0.5) * step
+        z = shape(x) if tip == 0.0 else np.interp(x, finer, seen)
+        z = z + correlated_noise(len(x), step, 5e-9, rough, length, random)
+        z = scale * z + random.uniform(-1e-3, 1e-3) * x
+        scan = Profile(lateral * x, z, kind)
+    how = EvaluationOptions(stylus_radius=tip, stylus_cone=cone)
+    asked = {"how": how, "instrument": Instrument(relative, 0.0, relative)}
+    return kind, scan, asked | {"feature": "groove" if kind == "groove" else "edge"}, truth
+
+
+def judge_gauge(number, part):
+    """Return one record: false verdicts and held intervals of one gauge."""
+    kind, scan, asked, truth = draw(number)
+    record = {"number": number, "kind": kind, "judged": []}
+    try:
+        result = inspect_scan(scan, part, **asked)
+    except StepblocksError as error:
+        return record | {"refused": str(error)}
+    for one, found in result.judged:
+        if one.key not in truth:
+            continue
+        true = truth[one.key]
+        low = found.lower if math.isfinite(found.lower) else -math.inf
+        good = low <= true <= found.upper
+        measured = result.evaluation.values[one.key]
+        record["judged"].append(
+            {
+                "key": one.key,
+                "true": true,
+                "value": found.value,
+                "expanded": measured.expanded(),
+                "holds": bool(abs(found.value - true) <= measured.expanded()),
+                "false_conforms": found.verdict is Outcome.CONFORMS and not good,
+                "false_rejection": found.verdict is Outcome.DOES_NOT_CONFORM and good,
+            }
+        )
+    record["part_conforms"] = result.verdict is Outcome.CONFORMS
+    return record
+
+
+def main():
+    """Run what is missing of COUNT gauges, and print the counts."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    path = Path(sys.argv[2] if len(sys.argv) > 2 else "out/softgauge-verdicts.jsonl")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = path.read_text().splitlines() if path.exists() else []
+    done = {record["number"]: record for record in map(json.loads, lines)}
+    part, *_ = find_declared("step-050", STIMULI)
+    with path.open("a") as file:
+        for number in range(count):
+            if number not in done:
+                done[number] = judge_gauge(number, part)
+                file.write(json.dumps(done[number]) + "\n")
+                file.flush()
+    rows = [row for number in range(count) for row in done[number]["judged"]]
+    print(f"{count} gauges, {sum('refused' in one for one in done.values())} refused")
+    for key in dict.fromkeys(row["key"] for row in rows):
+        own = [row for row in rows if row["key"] == key]
+        held = sum(row["holds"] for row in own) / len(own)
+        wrong = [sum(row[name] for row in own) for name in ("false_conforms", "false_rejection")]
+        print(
+            f"{key:14} {len(own):4} judged, interval holds {held:6.1%}, false conforms {wrong[0]}"
+            f", false does not conform {wrong[1]}"
+        )
+    return int(any(row["false_conforms"] for row in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
