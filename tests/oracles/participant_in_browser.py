@@ -89,6 +89,10 @@ def whole_run(window, folder, participant, kills, *options, pixels=560):
             window.get(url)
             while True:
                 wait_for(window, "state && state.trial")
+                window.execute_script(
+                    "if (!document.getElementById('pause').hidden)"
+                    " document.getElementById('goon').click()"
+                )
                 shown.append(int(window.execute_script("return state.trial")))
                 virtual = window.execute_script("return state.virtual")
                 if virtual:

@@ -93,18 +93,22 @@ def read_foreign_judgements(
 
 
 def _refuse_duplicates(rows: Sequence[Row], participant: str) -> None:
-    """Refuse rows that stand twice: all of a participant's, or any where rows are numbered."""
-    first, people = dict[tuple[str, ...], str](), dict[str, list[bool]]()
+    """Refuse numbered rows that stand twice, and participants all of whose rows follow twice."""
+    # without numbers two rows that are alike may be two judgements that agree
+    first, people = dict[tuple[str, ...], str](), dict[str, list[tuple[str, ...]]]()
     for row in rows:
         key = tuple(text for name, text in row.items() if name != "line")
-        people.setdefault(row[participant], []).append(key in first)
+        people.setdefault(row[participant], []).append(key)
         numbered = {"trial", "repetition", "time"} & {*row}
-        said = f"a row must not stand twice [{row['line']}; first {first.get(key, '')}]"
-        require(not (numbered and key in first), said)
+        require(
+            not (numbered and key in first),
+            f"a row must not stand twice [{row['line']}; first {first.get(key, '')}]",
+        )
         first.setdefault(key, row["line"])
-    for who, seen in people.items():
-        said = f"participant {who}'s {len(seen) // 2} rows must not stand twice"
-        require(sum(seen) * 2 < len(seen) or len(seen) < 6, said)
+    for who, own in people.items():
+        half = len(own) // 2
+        alike = half > 2 and own == own[:half] * 2
+        require(not alike, f"participant {who}'s {half} rows must not stand twice")
 
 
 def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:

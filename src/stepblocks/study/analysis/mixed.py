@@ -97,6 +97,7 @@ class _Likelihood:
         whole = self.free * (math.log(2.0 * math.pi) + point[-1]) + left * np.exp(-point[-1])
         return 0.5 * (whole + log_det + np.log(diagonal * np.sign(diagonal.real)).sum())
 
+    @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # beyond the bounds
     def fit(self, repeated: bool) -> tuple[Array, Array]:
         """Return the optimum and the covariance of its parameters."""
         from scipy.optimize import minimize

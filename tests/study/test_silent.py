@@ -1,0 +1,305 @@
+"""What once passed without a word: each is an error that names it, or is right."""
+
+import http.client
+import itertools
+import json
+import threading
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stepblocks.errors import StepblocksError, StudyError
+from stepblocks.study.conduct import open_run
+from stepblocks.study.page import render_study
+from stepblocks.study.run import analyse_study, design_study, simulate_study
+from stepblocks.study.server import RunServer
+
+HEIGHTS = tuple(h * 1e-6 for h in (25, 35, 50, 70, 95))
+
+
+def table(path, rows):
+    pd.DataFrame(rows).to_csv(path, index=False)
+    return [path]
+
+
+def pairs(seed=1, people=6, label="standard-first"):
+    """Comparisons with 50 um of people who answer by chance and height."""
+    random, rows = np.random.default_rng(seed), []
+    for person in range(people):
+        for height in (30, 40, 45, 55, 62, 75) * 6:
+            higher = np.log(height / 50) + 0.2 * random.standard_normal() > 0.0
+            rows.append(
+                {
+                    "participant": f"p{person}",
+                    "condition": label,
+                    "height_um": height,
+                    "standard_height_um": 50,
+                    "second_is_higher": "y" if higher else "n",
+                }
+            )
+    return rows
+
+
+def estimates(people=5, seed=1):
+    random, rows = np.random.default_rng(seed), []
+    for person in range(people):
+        for condition in ("bare", "soft"):
+            for height in (25, 50, 75) * 3:
+                value = height + random.normal(0.0, 4.0 if condition == "bare" else 9.0)
+                rows.append(
+                    {
+                        "participant": f"p{person}",
+                        "condition": condition,
+                        "height_um": height,
+                        "estimate_um": round(float(value), 2),
+                    }
+                )
+    return rows
+
+
+def analysed(tmp_path, rows, **options):
+    return analyse_study(None, table(tmp_path / "data.csv", rows), **options)
+
+
+def test_a_label_that_is_not_known_is_refused_with_those_that_are(tmp_path):
+    # any other word than standard-first once turned every answer round
+    with pytest.raises(StudyError, match="one of standard-first, standard-second, got 'first'"):
+        analysed(tmp_path, pairs(label="first"), experiment="constant")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            {"experiment": "virtual", "probes": ("a", "b")},
+            "probes is an option of estimates, const",
+        ),
+        ({"standard": "step-050"}, "standard is an option of constant, not of estimates"),
+        (
+            {"experiment": "virtual", "factors": {"colour": ("red",)}},
+            "must be one of vibration, bl",
+        ),
+        ({"factors": {"probe": ("a",)}, "between": ("hand",)}, "between must name factors"),
+        ({"reference": "wood"}, "reference must be one of bare, hard, soft, got 'wood'"),
+    ],
+)
+def test_an_option_that_a_design_does_not_follow_is_refused(tmp_path, options, said):
+    with pytest.raises(StepblocksError, match=said):
+        design_study(HEIGHTS, tmp_path, seed=1, **options)
+
+
+def test_magnitudes_are_reported_by_condition(tmp_path):
+    # exponents 0.75 and 0.45 once came out as one of 0.58
+    random, rows = np.random.default_rng(1), []
+    for person in range(6):
+        for condition, exponent in (("bare", 0.75), ("soft", 0.45)):
+            for height in (20, 40, 80, 160):
+                value = (height / 50) ** exponent * np.exp(0.05 * random.standard_normal())
+                rows.append(
+                    {
+                        "participant": str(person),
+                        "condition": condition,
+                        "height_um": height,
+                        "magnitude_ratio": 10 * value,
+                    }
+                )
+    result = analysed(tmp_path, rows, experiment="magnitude")
+    found = {law.condition: law.exponent for law in result.power_laws}
+    assert found == pytest.approx({"bare": 0.75, "soft": 0.45}, abs=0.03)
+    (gap,) = result.exponents
+    assert gap.low < 0.30 < gap.high
+    assert gap.p < 0.001
+
+
+def test_heights_in_another_unit_than_their_column_says_are_refused(tmp_path):
+    rows = [row | {"height_mm": row["height_um"]} for row in estimates()]
+    for row in rows:
+        del row["height_um"]
+    with pytest.raises(StudyError, match=r"from 0\.1 to 5000 um, got '25000'; is the unit"):
+        analysed(tmp_path, rows)
+
+
+def test_rows_that_stand_twice_are_refused(tmp_path):
+    rows = estimates()
+    with pytest.raises(StudyError, match="participant p0's 18 rows must not stand twice"):
+        analysed(tmp_path, rows + rows)
+    again = [row | {"second_is_higher": "y"} for row in pairs(people=2)]  # alike, but no copies
+    assert analysed(tmp_path, pairs() + again[:1], experiment="constant").comparisons
+    numbered = [row | {"trial": n} for n, row in enumerate(rows)]
+    with pytest.raises(StudyError, match=r"must not stand twice \[.*line 92; first .*line 5\]"):
+        analysed(tmp_path, [*numbered, numbered[3]])
+
+
+def test_the_na_of_r_is_a_missing_answer(tmp_path):
+    rows = estimates()
+    rows[4]["estimate_um"] = "NA"
+    assert len(analysed(tmp_path, rows).frame) == len(rows) - 1
+
+
+def test_a_participant_without_a_condition_is_named_and_the_others_are_analysed(tmp_path):
+    rows = [r for r in estimates() if (r["participant"], r["condition"]) != ("p3", "soft")]
+    result = analysed(tmp_path, rows)
+    assert "Participant p3 has no judgement with soft." in result.notes
+    assert len(result.measures) == 3
+
+
+def test_a_constant_answerer_is_named_and_takes_no_measure_from_the_others(tmp_path):
+    rows = [r | ({"estimate_um": 40} if r["participant"] == "p2" else {}) for r in estimates()]
+    result = analysed(tmp_path, rows)
+    assert any("Participant p2 gave the same answer in all 18" in note for note in result.notes)
+    assert any("Without spread" in note and "p2" in note for note in result.remarks)
+    assert [one.name for one in result.measures] == ["bias", "absolute error", "spread"]
+
+
+def test_swapped_answers_are_flagged(tmp_path):
+    rows = estimates()
+    for row in rows:
+        if row["participant"] == "p1":
+            row["estimate_um"] = 100 - row["estimate_um"]
+    notes = analysed(tmp_path, rows).notes
+    assert any("Participant p1 gave lower answers to higher blocks" in note for note in notes)
+
+
+def test_a_run_that_a_spreadsheet_saved_goes_on(tmp_path):
+    design_study(HEIGHTS, tmp_path, seed=1, participants=2, repetitions=1, probes=("a", "b"))
+    run = open_run(tmp_path, "1")
+    run.answer("1", {"estimate_um": "30.5"})
+    run.close()
+    path = tmp_path / "runs" / "participant-1.csv"
+    path.write_text("\ufeff" + path.read_text().replace(",", ";").replace("30.5", "30,5"))
+    run = open_run(tmp_path, "1")
+    assert run.answered == 1
+    run.answer("2", {"estimate_um": "40"}, reaction=1.25, comment="a draught, a door")
+    run.close()
+    rows = pd.read_csv(path, dtype=str).to_dict("records")
+    assert [row["estimate_um"] for row in rows] == ["30.5", "40"]
+    assert (rows[1]["reaction_s"], rows[1]["comment"]) == ("1.250", "a draught, a door")
+    assert rows[1]["shown_utc"] <= rows[1]["answered_utc"]
+
+
+def test_a_run_that_was_opened_and_closed_leaves_nothing(tmp_path):
+    design_study(HEIGHTS, tmp_path, seed=1, participants=3, repetitions=1, probes=("a", "b"))
+    open_run(tmp_path, "3").close()
+    assert not list((tmp_path / "runs").glob("*.csv"))
+    (tmp_path / "runs" / "participant-3.csv").write_text(
+        "participant,trial,condition,code,estimate_um\n"
+    )
+    for participant in ("1", "2"):
+        run = open_run(tmp_path, participant)
+        while (row := run.now) is not None:
+            run.answer(
+                row["trial"],
+                {"estimate_um": str(20 + int(row["trial"]) ** 2 * int(participant) % 17)},
+            )
+        run.close()
+    result = analyse_study(tmp_path, [tmp_path / "runs"])
+    assert set(result.frame["participant"]) == {"1", "2"}
+
+
+def test_an_answer_is_taken_back_and_practice_is_not_recorded(tmp_path):
+    design_study(HEIGHTS, tmp_path, seed=1, participants=1, repetitions=1, probes=("a", "b"))
+    run = open_run(tmp_path, "1", practice=2)
+    for left in (2, 1):
+        assert run.state()["practice"] == left
+        run.answer(run.now["trial"], {"estimate_um": "30"})
+        assert "um high" in run.feedback
+    run.answer("1", {"estimate_um": "30"})
+    assert run.feedback == ""
+    run.undo()
+    assert (run.answered, run.state()["trial"]) == (0, "1")
+    with pytest.raises(StudyError, match="must be given before it can be taken back"):
+        run.undo()
+    run.close()
+
+
+def test_the_page_reveals_no_scale_and_no_code_of_the_standard(tmp_path):
+    design_study(HEIGHTS, tmp_path, seed=1, experiment="2afc", standard="step-050", repetitions=2)
+    rows = pd.read_csv(tmp_path / "design.csv", dtype=str).to_dict("records")
+    own = [row for row in rows if row["participant"] == "1"]
+    shown = pd.Series([row[name] for row in own for name in ("code", "standard_code")])
+    assert shown.value_counts().nunique() == 1  # every code stands as often as every other
+    codes = {who: {r["code"] for r in rows if r["participant"] == who} for who in ("1", "2", "3")}
+    assert codes["1"] != codes["2"] != codes["3"]
+    for one, two in itertools.pairwise(own):
+        assert one["stimulus"] != two["stimulus"]  # no block follows itself
+
+
+def test_several_factors_are_crossed_and_each_is_tested(tmp_path):
+    factors = {"load": ("light", "heavy"), "hand": ("left", "right")}
+    options = {"probes": ("bare", "soft"), "factors": factors, "between": ("hand",)}
+    design_study(HEIGHTS, tmp_path, seed=1, participants=8, repetitions=2, **options)
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2, noise={"soft": 4.0})
+    result = analyse_study(tmp_path, [tmp_path / "answers.csv"])
+    measure = result.measure()
+    assert [term.name for term in measure.factors] == ["probe", "load", "probe:load"]
+    found = {term.name: term.p for term in measure.factors}
+    assert found["probe"] < 0.01 < found["load"]
+    assert [term.name for term in measure.groups] == ["group", "condition:group"]
+    assert "declared factors" in render_study(result)
+
+
+def test_thresholds_of_two_probes_are_one_study_with_one_comparison(tmp_path):
+    heights = tuple(h * 1e-6 for h in (30, 40, 45, 50, 55, 62, 75))
+    options = {"experiment": "constant", "probes": ("bare", "soft"), "standard": "step-050"}
+    design_study(heights, tmp_path, seed=1, participants=6, repetitions=4, **options)
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2)
+    result = analyse_study(tmp_path, [tmp_path / "answers.csv"])
+    assert [found.setting for found in result.comparisons] == ["bare", "soft"]
+    (gap,) = result.contrasts["spread of comparisons"]
+    assert gap.low < 0.0 < gap.high  # nothing was damped
+    first, *rest = result.findings()
+    assert first.name == "spread of comparisons, bare over soft"
+    assert len(rest) == 1
+
+
+def test_every_rule_of_the_page_s_policy_is_kept(tmp_path):
+    design_study(HEIGHTS, tmp_path, seed=1, participants=1, repetitions=1, probes=("a", "b"))
+    server = RunServer(open_run(tmp_path, "1"))
+    threading.Thread(target=server.until_done, daemon=True).start()
+    host = f"127.0.0.1:{server.port}"
+
+    def ask(body=b"{}", path="/begin", **headers):
+        client = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+        given = {"X-Stepblocks": server.token, "Host": host} | {
+            name.replace("_", "-"): text for name, text in headers.items()
+        }
+        try:
+            client.request("POST" if body is not None else "GET", path, body, given)
+            reply = client.getresponse()
+            return reply.status, reply.read(), reply.headers
+        finally:
+            client.close()
+
+    assert ask()[0] == 200
+    assert ask(Origin=f"http://{host}")[0] == 200
+    assert ask(Origin="http://evil.example")[0] == 403
+    assert ask(Host="127.0.0.1:1")[0] == 403
+    assert ask(Host="evil.example")[0] == 403
+    assert ask(X_Stepblocks="guess")[0] == 403
+    assert ask(X_Stepblocks="")[0] == 403
+    assert ask(b" " * 30_000)[0] == 413
+    assert ask(Content_Length="-1")[0] == 411
+    assert ask(b"[1]")[0] == 400
+    assert ask(b"{", path="/answer")[0] == 400
+    status, page, headers = ask(None, path="/")
+    assert status == 200
+    assert f"'nonce-{server.nonce}'" in headers["Content-Security-Policy"]
+    assert f'nonce="{server.nonce}"'.encode() in page
+    assert page.count(b"<script") == 1
+    for rule in ("default-src 'none'", "frame-ancestors 'none'", "form-action 'none'"):
+        assert rule in headers["Content-Security-Policy"]
+    assert "unsafe-inline'; script" in headers["Content-Security-Policy"]  # of styles alone
+    server._second, server._asked = 10**9, 0
+    server.is_too_busy = lambda: True
+    assert ask()[0] == 429
+    server.shutdown()
+
+
+def test_a_damaged_plan_is_refused_by_name(tmp_path):
+    design_study(HEIGHTS, tmp_path, seed=1, participants=2, repetitions=1, probes=("a", "b"))
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2)
+    for text in ("{", "[]", json.dumps({"primary": "x"}), "\x00"):
+        (tmp_path / "plan.json").write_text(text)
+        with pytest.raises(StudyError, match=r"plan\.json must be as 'study design' wrote it"):
+            analyse_study(tmp_path, [tmp_path / "answers.csv"])
