@@ -75,6 +75,7 @@ def test_what_was_set_or_read_is_a_covariate_and_no_figure_is(features):
     covariates = _table(features).trials.covariates
     assert list(covariates) == [
         *("height_um", "load_n", "speed_mm_s", "tip", "temperature_c", "operator"),
+        *("previous_load_n", "previous_height_um", "passes_of_block"),
         "tip_radius_um",
     ]
     assert covariates["operator"].tolist()[:3] == ["B", "A", "A"]

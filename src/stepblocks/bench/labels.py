@@ -24,6 +24,7 @@ _WILD_FACTOR = 3.0  # the session as a whole: more than this is a matter of unit
 _UNIT_FACTOR = 100.0  # one trial: more than this may be a matter of units
 _ANGLE_SIGMAS = 8.0
 _ANGLE_SHARE = 0.12  # least relative deviation of the sine of half the angle
+_EXCHANGED = 1.15  # within which a record fits the row of another
 _FEWEST = 5  # trials of a block, to know its angle
 _FEATURES = ("normal_load_n", "loading_slope_n_per_s", "peak_force_n", "sliding_friction")
 _FEW = 3  # trials under a load, to know its usual force
@@ -34,22 +35,28 @@ _TOGETHER = 0.5  # share of a group
 
 @dataclass
 class LabelCheck:
-    """Collects 72 bytes per trial and names the trials whose trace belongs elsewhere.
+    """Collects 80 bytes per trial and names the trials whose trace belongs elsewhere.
 
     Attributes
     ----------
     labels : array[int]
         Row, block and digest of each trial.
     numbers : array[float]
+        Load, speed and `_FEATURES` of each trial, SI.
     names : dict[str, int]
+        Number of each block.
+    trials : list[str]
+        Name of each trial.
     """
 
     labels: array[int] = field(default_factory=lambda: array("Q"))
     numbers: array[float] = field(default_factory=lambda: array("d"))
     names: dict[str, int] = field(default_factory=dict)
+    trials: list[str] = field(default_factory=list)
 
     def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
         """Take note of one measured trial; `digest` identifies the samples of its trace."""
+        self.trials.append(trial.name)
         self.labels.extend((trial.row, self.names.setdefault(trial.block, len(self.names)), digest))
         self.numbers.extend(
             (trial.load, trial.speed, *(features.get(name, math.nan) for name in _FEATURES))
@@ -104,6 +111,18 @@ class LabelCheck:
                 f"{names[int(blocks[index])]}"
             )
             found.setdefault(int(rows[index]), f"mislabelled: {said}")
+        # two rows that contradict their records and would not after an exchange
+        ratios = (slope / speed)[np.isfinite(slope / speed)]
+        usual = float(np.median(ratios)) if ratios.size else math.nan
+        place = {int(row): i for i, row in enumerate(rows)}
+        wrong = [row for row, reason in found.items() if reason.endswith(("mm/s", "N"))]
+        for couple in itertools.combinations(wrong, 2):
+            at = np.array([place[row] for row in couple])
+            ramps, loads = slope[at] / usual / speed[at[::-1]], normal[at] / load[at[::-1]]
+            if not np.any(_is_off(ramps, 1.0, _EXCHANGED) | _is_off(loads, 1.0, _EXCHANGED)):
+                swap = ", ".join(self.trials[i] for i in at)
+                for row in couple:
+                    found[row] += f"; exchanged rows? `swap = [[{swap}]]`"
         return found
 
 

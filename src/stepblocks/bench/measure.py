@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import write_atomically
+from stepblocks.bench.declared import check_declarations
 from stepblocks.bench.labels import LabelCheck, find_shared_faults
 from stepblocks.bench.session import Session, open_session
 from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
@@ -31,7 +32,7 @@ from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, TrialTable, find_heights, open_trials
 from stepblocks.bench.waveform import WAVEFORM_COLUMNS, fit_waveform
 from stepblocks.contact.operating_point import PAPER, Tool as PointTool
-from stepblocks.errors import PipelineError
+from stepblocks.errors import BenchError, PipelineError
 from stepblocks.tables import escape_formula
 from stepblocks.workers import die_with_parent
 
@@ -240,7 +241,7 @@ def measure_or_explain(
 ) -> tuple[Trace, Measurement | None, str]:
     """Read, screen and measure one trace; where it cannot be measured, say why."""
     session = traces.session
-    trace = traces.read(trial.name)
+    trace = traces.read(trial.record or trial.name)
     reason = screen_trace(trace, session.acquisition.sample_rate, session.acquisition.range)
     if reason:
         return trace, None, reason
@@ -251,15 +252,21 @@ def measure_or_explain(
 
 
 def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
-    """Estimate frequency [Hz] and decay time [s] of the tool.
+    """Estimate frequency [Hz] and decay time [s] of the tool from trials spread over the session.
 
-    Learn the tool's frequency [Hz] and decay time [s] from trials spread evenly over the session.
+    The same trials show whether the session is what session.toml declares; else `BenchError`.
     """
     # which trials depends on their number alone, so that every run and any number of workers
     # measure alike
     stride = max(table.count // _PILOTS, 1)
     chosen = (trial for trial in table if (trial.row - 1) % stride == 0)
-    results = (measure_trial(traces, trial) for trial in islice(chosen, _PILOTS))
+    results = [measure_trial(traces, trial) for trial in islice(chosen, _PILOTS)]
+    if results and all(one.reason.startswith("wrong rate") for one in results):
+        raise BenchError(f"{results[0].reason} [{traces.session.folder}]")
+    check_declarations(
+        traces,
+        [(one.trial, {} if one.reason else one.features) for one in results if not one.trial.fault],
+    )
     return average_tool(result.features for result in results if not result.reason)
 
 

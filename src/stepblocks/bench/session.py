@@ -57,6 +57,7 @@ _SUFFIX_UNITS = {
 _WEIGHTS = {"g": "gf", "kg": "kgf", "mg": "mgf"}
 _VOLTS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 _PER_VOLT = re.compile(r"\s*(\S.*?)\s*/\s*(V|mV|uV)\s*")
+_BRACKETED = re.compile(r"[(\[]([^()\[\]]+)[)\]]\s*$")  # a unit as in ``Fx (mV)``
 _TARE = re.compile(r"\s*first\s+(\S.*?)\s*")
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 
@@ -66,6 +67,7 @@ Stiffness = Annotated[
 Frequency = Annotated[
     float, BeforeValidator(make_quantity_parser("frequency")), Field(gt=0.0, le=1e9)
 ]
+_Time = Annotated[float, BeforeValidator(make_quantity_parser("time")), Field(ge=0.0)]
 _Length = Annotated[float, BeforeValidator(make_quantity_parser("length")), Field(gt=0.0)]
 _Force = Annotated[float, BeforeValidator(make_quantity_parser("force")), Field(gt=0.0)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
@@ -84,6 +86,9 @@ class _Open(BaseModel):
 
 def find_unit_in_name(name: str, dimension: str) -> str | None:
     """Return the unit at the end of a column name, or None."""
+    if bracketed := _BRACKETED.search(name.lower()):
+        inner = bracketed[1].strip().replace("/", "_")
+        return _SUFFIX_UNITS[dimension].get(inner)
     lowered = name.lower().rsplit("/", 1)[-1]
     fits = [suffix for suffix in _SUFFIX_UNITS[dimension] if f"_{lowered}".endswith(f"_{suffix}")]
     return _SUFFIX_UNITS[dimension][max(fits, key=len)] if fits else None
@@ -262,8 +267,10 @@ class Acquisition(_Open):
         Before the header of CSV traces.
     range : _Force | None
         At which the sensor saturates [N].
-    split : Literal['drags'] | None
-        One record of all trials, cut into drags in the order of the table.
+    split : str, optional
+        ``"drags"``: one record of all trials, cut into drags in the order of the table.
+    trim : pair of times, optional
+        Part of each record that is used, counted from its first sample [s].
     """
 
     sample_rate: Frequency
@@ -276,6 +283,7 @@ class Acquisition(_Open):
     skip_lines: int = Field(default=0, ge=0, le=10_000)
     range: _Force | None = None
     split: Literal["drags"] | None = None
+    trim: tuple[_Time, _Time] | None = None
 
     @model_validator(mode="after")
     def _can_be_read(self) -> Acquisition:
@@ -283,6 +291,8 @@ class Acquisition(_Open):
             raise ValueError(
                 f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known"
             )
+        if self.trim and not self.trim[0] < self.trim[1]:
+            raise ValueError("`acquisition.trim` must be two times, the first before the second")
         if self.split and (self.per_trial or self.group):
             raise ValueError(
                 "`acquisition.split` is for one record of all trials, without {trial} and group"
@@ -322,12 +332,28 @@ class TrialColumns(Strict):
 
 
 class Trials(Strict):
-    """The table of trials."""
+    """The table of trials; lines that begin with ``#`` are comments.
+
+    Attributes
+    ----------
+    file : str
+        Name of the file in the folder of the session.
+    delimiter, decimal : str
+        Between its cells, and in its numbers.
+    columns : TrialColumns
+        Which column plays which part.
+    exclude : tuple of str or int
+        Trials that are not used.
+    swap : tuple of pairs
+        Trials whose records are exchanged: each row is measured from the record of the other.
+    """
 
     file: str = "trials.csv"
     delimiter: _Delimiter = ","
     decimal: _Decimal = "."
     columns: TrialColumns = TrialColumns()
+    exclude: tuple[str | int, ...] = ()
+    swap: tuple[tuple[str | int, str | int], ...] = ()
 
 
 class Stimuli(_Open):
@@ -412,6 +438,10 @@ def open_session(folder: str | Path) -> Session:
     mistakes: list[Mistake] = []
     try:
         session = Session.model_validate({**declared, "folder": folder})
+        if len(flat := [str(name) for pair in session.trials.swap for name in pair]) > len(
+            set(flat)
+        ):
+            mistakes.append(("", "`trials.swap` must name every trial once"))
         if not is_file(session.table):
             mistakes.append(
                 (

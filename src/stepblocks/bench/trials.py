@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,6 +34,7 @@ _STAMP = (
 )
 _STAMPS = 0.9  # share of the cells of a column that must be date and time
 _NAMES = {"block": "block", "load": "load_n", "speed": "speed_mm_s", "height": "height_um"}
+_COMMENT = re.compile(r"\s*#\D")
 _MOST_COLUMNS = 1000
 
 
@@ -56,6 +57,8 @@ class Trial:
     block : str
     fault : str
         Why the row cannot be used; empty where it can.
+    record : str
+        Name of the trial whose record belongs to the row: another where session.toml swaps them.
     """
 
     name: str
@@ -65,6 +68,7 @@ class Trial:
     load: float = math.nan
     block: str = ""
     fault: str = ""
+    record: str = ""
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,10 @@ class TrialTable:
         Of its rows.
     repeated : dict[int, str]
         Rows, from 1, whose trial another row has, and what is wrong with that.
+    excluded : frozenset of str
+        Trials that session.toml leaves out.
+    swapped : mapping of str to str
+        Trials whose records session.toml exchanges.
     """
 
     session: Session
@@ -88,6 +96,8 @@ class TrialTable:
     key: str
     count: int
     repeated: dict[int, str]
+    excluded: frozenset[str] = frozenset()
+    swapped: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def covariates(self) -> tuple[str, ...]:
@@ -115,12 +125,15 @@ class TrialTable:
                     f"row {number} of the table has {len(cells)} cells, the header has "
                     f"{len(self.header)}"
                 )
+            if name in self.excluded:
+                fault = "left out by `trials.exclude` of session.toml"
             trial = Trial(
                 name,
                 number,
                 named,
                 block=named.get(str(columns.block.column), "").strip(),
                 fault=fault,
+                record=self.swapped.get(name, name),
             )
             try:
                 speed, load = (self._number(named, *one) for one in read)
@@ -195,7 +208,29 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
             )
     if count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
-    return TrialTable(session, header, key, count, repeated)
+    swap = session.trials.swap
+    pairs = [(_match(one, homes), _match(other, homes)) for one, other in swap]
+    return TrialTable(
+        session,
+        header,
+        key,
+        count,
+        repeated,
+        excluded=frozenset(_match(name, homes) for name in session.trials.exclude),
+        swapped=dict(pairs) | {other: one for one, other in pairs},
+    )
+
+
+def _match(name: str | int, names: Mapping[str, object]) -> str:
+    """Find a trial of session.toml in the table, where 73 may be written 0073."""
+    found = [
+        one for one in names if one == str(name) or (one.isdigit() and one.lstrip("0") == str(name))
+    ]
+    if not found:
+        raise BenchError(
+            f"`trials.exclude` and `trials.swap` must name trials of the table, got {name!r}"
+        )
+    return found[0]
 
 
 def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
@@ -214,13 +249,15 @@ def _read_rows(session: Session) -> Iterator[tuple[int, list[str]]]:
     """Rows below the header, from 1; empty lines are none."""
     lines = _read_lines(session)
     next(lines, None)
-    yield from enumerate((cells for cells in lines if any(cell.strip() for cell in cells)), start=1)
+    whole = (cells for cells in lines if any(cell.strip() for cell in cells))
+    yield from enumerate(whole, start=1)
 
 
 def _read_lines(session: Session) -> Iterator[list[str]]:
     with session.table.open(newline="", encoding="utf-8-sig") as file:
         try:
-            yield from csv.reader(file, delimiter=session.trials.delimiter)
+            rows = csv.reader(file, delimiter=session.trials.delimiter)
+            yield from (cells for cells in rows if not _COMMENT.match("".join(cells[:1])))
         except (csv.Error, UnicodeDecodeError) as error:
             raise BenchError(
                 f"table of trials must be CSV in UTF-8: {error} [{session.table}]"

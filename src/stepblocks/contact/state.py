@@ -57,6 +57,8 @@ class DragState:
     normal_gain: Floats  # of the normal gauge [1]
     normal_zero: Floats  # what that one reads without force [N]
     normal_cross_talk: Floats  # share of the tangential force that the normal gauge also shows [1]
+    gauge_square: Floats  # q of a tangential gauge that shows F (1 + q F) [1/N]
+    normal_square: Floats  # the same of the normal gauge [1/N]
     lag: Floats  # time constant of the tangential gauge [s]
     ln_clock: Floats  # shown over true time, its logarithm [1]
     frequency: Floats  # of the ring on the nominal spring [Hz]
@@ -139,12 +141,19 @@ def compute_channels(state: DragState) -> Floats:
         energy = energy / (1.0 + (2.0 * np.pi * state.frequency * late) ** 2)
     pressed = np.maximum(state.set_load + state.sensed_offset, _LEAST_LOAD)
     normal = pressed + state.normal_cross_talk * sliding
+    normal = normal * (1.0 + state.normal_square * normal)
     sensed = np.maximum(state.normal_gain * normal + state.normal_zero, _LEAST_LOAD)
     beside = state.zero + state.cross_talk * pressed
     ring, ramp = (
         state.ring_stiffness * spring.pitch / state.nominal_stiffness,
         state.stiffness * spring.slope,
     )
+    if np.any(state.gauge_square):
+        # the ring swings about the sliding force, and the line of the ramp ends below the peak
+        bend, end = state.gauge_square, sliding + _LINE_SHARE * (force - sliding)
+        energy = energy * (1.0 + 2.0 * bend * sliding) ** 2
+        ramp = ramp * (1.0 + bend * (sliding + end))
+        peak, sliding = (one * (1.0 + bend * one) for one in (peak, sliding))
     shown = (
         np.log(np.maximum(state.gain**2 * energy, _LEAST_ENERGY)),
         np.log(np.maximum(state.gain * peak + beside, _LEAST_FORCE)),

@@ -45,8 +45,14 @@ def write_sentence(found: Explanation, document: Mapping[str, Any]) -> str:
     text = (
         "; ".join(parts) or "The trials differ by more than noise would do, and no law is claimed"
     )
-    change = f"{errors['before']} -> {errors['after']}" if found.findings else errors["before"]
-    text = f"{text}; error of E_v {change}, noise {errors['noise']}"
+    change = (
+        f"{errors['before']} -> {errors['after']} on new trials, "
+        f"{errors['before_blocks']} -> {errors['after_blocks']} on new blocks"
+        if found.findings
+        else errors["before"]
+    )
+    apart = f"; {len(document['apart'])} trials held apart" if document["apart"] else ""
+    text = f"{text}{apart}; error of E_v {change}, noise {errors['noise']}"
     return text[0].upper() + text[1:]
 
 
@@ -55,6 +61,8 @@ def _format_errors(document: Mapping[str, Any]) -> dict[str, str]:
     figures = {
         "before": document["nominal"]["error"]["ln_energy_rms"],
         "after": extended["ln_energy_rms"],
+        "before_blocks": document["nominal"]["error"]["ln_energy_rms_blocks_left_out"],
+        "after_blocks": extended["ln_energy_rms_blocks_left_out"],
         "noise": extended["noise_floor"]["ln_energy_rms"],
     }
     # of a logarithm: 0.05 is 5 %

@@ -10,11 +10,13 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.law import Law
-from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
+from stepblocks.loop.apart import describe_trial
+from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
 from stepblocks.loop.finding import write_sentence
 from stepblocks.loop.search.adequacy import (
     compare_directions,
@@ -37,6 +39,10 @@ _READ = {
     "ln_ring_frequency": ("ring_frequency", "Hz"),
     "ln_decay_time": ("decay_time", "s"),
 }
+# units of covariates by the ends of their names, the longest first
+_UNITS = {"_mm_s": "(mm/s)", "run_order": "trial", "_pct": "%", "_um": "um"}
+_UNITS |= {"_c": "K", "_n": "N", "_s": "s"}
+_MOST_SETTINGS = 12  # of a column that is set; one of more is read
 _SHOWN = ("height_um", "load_n", "speed_mm_s")
 _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 
@@ -135,10 +141,13 @@ def build_document(
         "finding": "",
         "verdict": str(found.verdict),
         **models,
-        "effects": [_describe_finding(finding, found.extended) for finding in found.findings],
+        "effects": [_describe_finding(finding, found, table) for finding in found.findings],
         "rivals": [
             _describe_effect(
-                e, fitted, {"criterion_behind": behind, "instead_of": f.effect.id.split("~")[0]}
+                e,
+                fitted,
+                {"criterion_behind": behind, "instead_of": f.effect.id.split("~")[0]},
+                table.trials,
             )
             for f in found.findings
             for e, fitted, behind in f.rivals
@@ -154,6 +163,7 @@ def build_document(
         "could_have_shown": _list_detectable(found),
         "excluded": [{"trial": trial, "reason": reason} for trial, reason in table.excluded],
         "flagged": [{"trial": trial, "reason": reason} for trial, reason in table.flagged],
+        "apart": _list_apart(table, found),
         "regimes": table.regimes,
         "censored": _list_censored(table, found),
         "next_experiment": propose_experiment(found),
@@ -231,8 +241,29 @@ def _describe_constants(fitted: Fit, spring: float) -> dict[str, Any]:
     return found
 
 
-def _describe_effect(effect: Law, fitted: Fit, evidence: Mapping[str, Any]) -> dict[str, Any]:
+def _list_apart(table: SessionTable, found: Explanation) -> list[dict[str, Any]]:
+    """List the trials that went wrong, with the chance that they did and what they look like."""
+    alone = np.isfinite(table.measured[:, :2]) & np.isnan(table.trials.values[:, :2])
+    chances = dict.fromkeys(np.flatnonzero(alone.any(axis=1)).tolist(), 1.0) | dict(found.apart)
+    return [
+        {
+            "trial": str(table.names[row]),
+            "chance": chance,
+            "looks_like": describe_trial(found, table.measured, row),
+        }
+        for row, chance in sorted(chances.items())
+    ]
+
+
+def _describe_effect(
+    effect: Law, fitted: Fit, evidence: Mapping[str, Any], trials: Trials
+) -> dict[str, Any]:
     own, std = effect.pick_own_values(fitted.values), effect.pick_own_values(fitted.std)
+    scale, unit = 1.0, ""
+    if effect.id.startswith("trend_"):
+        # the law has its slope per half range
+        ranges = {where.name: where for where in list_covariate_ranges(trials)}
+        scale, unit = _find_slope_unit(ranges[effect.covariate])
     return {
         "id": effect.id.split("~")[0],
         "variant": effect.id,
@@ -240,21 +271,36 @@ def _describe_effect(effect: Law, fitted: Fit, evidence: Mapping[str, Any]) -> d
         "covariate": effect.covariate,
         "form": effect.form,
         "parameters": {
-            p.name: _describe_value(own[p.name], p.unit, std[p.name]) for p in effect.parameters
+            p.name: _describe_value(scale * own[p.name], unit or p.unit, scale * std[p.name])
+            for p in effect.parameters
         },
         "evidence": evidence,
     }
 
 
-def _describe_finding(finding: Finding, fitted: Fit) -> dict[str, Any]:
+def _find_slope_unit(where: CovariateRange) -> tuple[float, str]:
+    """Return what a slope per half range is per unit of the covariate, and its unit."""
+    if where.pair:
+        (one, unit), (other, second) = map(_find_slope_unit, where.pair)
+        return one * other, f"{unit} {second}"
+    if where.log:
+        return 2.0 / float(np.log(where.high / where.low)), f"1/ln {where.name}"
+    units = [unit for ending, unit in _UNITS.items() if where.name.endswith(ending)]
+    return 2.0 / (where.high - where.low), f"1/{units[0] if units else where.name}"
+
+
+def _describe_finding(finding: Finding, found: Explanation, table: SessionTable) -> dict[str, Any]:
     effect, unexplained = finding.effect, finding.verdict is Verdict.UNEXPLAINED
+    (row, share), (channel, part) = finding.leading_trial, finding.leading_channel
     evidence = {
         "claim": str(finding.verdict),
         "gate_p_value": finding.gate_p,
         "twice_log_likelihood_gain": finding.gain,
         "law_named": effect.named and not unexplained,
+        "leading_trial": {"trial": str(table.names[row]), "share_of_gain": share},
+        "leading_channel": {"channel": table.trials.channels[channel], "share_of_gain": part},
     }
-    entry = _describe_effect(effect, fitted, evidence)
+    entry = _describe_effect(effect, found.extended, evidence, table.trials)
     if effect.named and unexplained:
         # it improves the fit, not the explanation: the curve stays, the name goes
         entry["id"] = f"unexplained_{effect.slot}_{effect.covariate}"
@@ -366,12 +412,22 @@ def propose_experiment(found: Explanation) -> dict[str, Any] | None:
     trials = found.problem.trials
     extra = sorted(
         {e.covariate for e in (*first.effects, *second.effects)}
-        & set(trials.covariates) - set(_SHOWN)
+        & {n for n, column in trials.covariates.items() if n == "run_order" or _is_set(column)}
+        - set(_SHOWN)
     )
-    proposal = rank_settings(
-        found.problem, first, second, _build_grid(trials, extra), (*_SHOWN, *extra)
+    grid = _build_grid(trials, extra)
+    model = found.problem.model
+    assert isinstance(model, SessionModel)
+    state = model.state(grid, found.extended.values, first.active)
+    ahead = np.exp(found.extended.predicted[:, 1])
+    pull = state.peak_force()
+    # the tip must slip, at a force that the bench has shown
+    feasible = ~state.locked() & (pull > 1.1 * state.sliding_force()) & (pull <= ahead.max())
+    grid = grid.take(feasible)
+    proposal = feasible.any() and rank_settings(
+        found.problem, first, second, grid, (*_SHOWN, *extra)
     )
-    if proposal is None:
+    if not proposal:
         note = "no setting within reach tells these apart"
         return {"separates": names, "trials": [], "calibration": moves, "note": note}
     document: dict[str, Any] = {"separates": names, "calibration": moves, **proposal}
@@ -425,17 +481,24 @@ def _choose_pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
     )
 
 
+def _is_set(column: NDArray[Any]) -> bool:
+    """Whether a column holds a few settings, each of them more than once, and no readings."""
+    _, counts = np.unique(column, return_counts=True)
+    return len(counts) <= _MOST_SETTINGS and bool(counts.max() > 1)
+
+
 def _build_grid(trials: Trials, extra: list[str]) -> Trials:
     def span(name: str) -> list[Any]:
         numbers = trials.numeric(name)
         labels = sorted(set(trials.covariates[name].tolist()))
-        return labels if numbers is None else np.linspace(numbers.min(), numbers.max(), 5).tolist()
+        if name == "run_order" and numbers is not None:
+            return list(np.linspace(numbers.min(), numbers.max(), 5).tolist())
+        return labels if numbers is None else np.unique(numbers).tolist()
 
-    loads = sorted({*np.unique(trials.covariates["load_n"]).tolist(), 1.5})
-    speeds = sorted({*np.unique(trials.covariates["speed_mm_s"]).tolist(), 1.0, 40.0})
-    rows = list(itertools.product(_HEIGHTS_UM, loads, speeds, *(span(name) for name in extra)))[
-        :20000
-    ]
+    seen = trials.covariates["height_um"]
+    heights = sorted({*(h for h in _HEIGHTS_UM if seen.min() < h < seen.max()), *seen.tolist()})
+    others = (span(name) for name in ("load_n", "speed_mm_s", *extra))
+    rows = list(itertools.product(heights, *others))[:20000]
     columns = {
         name: np.array(column)
         for name, column in zip((*_SHOWN, *extra), zip(*rows, strict=True), strict=True)

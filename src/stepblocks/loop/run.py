@@ -17,6 +17,7 @@ from stepblocks.atomic import lock_folder, replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import list_covariate_ranges
 from stepblocks.loop.calibration import Known, read_calibration
+from stepblocks.loop.heights import add_heights
 from stepblocks.loop.result import (
     LoopResult,
     build_document,
@@ -27,8 +28,8 @@ from stepblocks.loop.search.explain import Explanation, Rules, explain
 from stepblocks.loop.search.holdout import (
     Holdout,
     check_claims,
-    hold_out,
-    join_holdouts,
+    deliver,
+    select_without,
     split_by_block,
     split_within_blocks,
     withdraw_claims,
@@ -71,7 +72,7 @@ def loop_session(
         Processes; as many as cores where omitted.
     waveform : bool
         Also fit the drag in time to every whole trace, and say in ``document["waveform"]`` how well
-        one drag foretells E_v.
+        one drag predicts E_v.
     forces_only : bool
         Leave the scans of the blocks out and let the forces speak alone.
     as_built : sequence of str or Path
@@ -176,7 +177,7 @@ def _explain_and_hold_out(
         [rows for rows in folds if len(trials) - len(rows) >= _FEWEST]
         for folds in (inside, outside)
     )
-    one_fold = partial(hold_out, model, trials, candidates=model.candidates, rules=rules)
+    found = explain(model, trials, model.candidates(trials), rules)
     with ExitStack() as stack:
         run: Callable[..., Any] = map
         if jobs > 1:
@@ -193,17 +194,17 @@ def _explain_and_hold_out(
             run = stack.enter_context(
                 ProcessPoolExecutor(jobs - 1, initializer=die_with_parent, env=threads)
             ).map
-        # the folds do not wait for what all trials say
-        waiting = run(one_fold, [*inside, *outside])
-        found = explain(model, trials, model.candidates(trials), rules)
-        done = list(waiting)
+        one_fold = partial(
+            select_without, model, found.problem.trials, candidates=model.candidates, rules=rules
+        )
+        selected = list(run(one_fold, [*inside, *outside]))
+    found = check_claims(found, selected, model.cells(trials))
+    found, (within, between) = deliver(add_heights(found, table), (inside, outside))
     holdouts = (
-        join_holdouts(trials, inside, done[: len(inside)]),
-        join_holdouts(trials, outside, done[len(inside) :]),
+        Holdout(*within, tuple(selected[: len(inside)])),
+        Holdout(*between, tuple(selected[len(inside) :])),
     )
-    return withdraw_claims(
-        check_claims(found, holdouts, model.cells(trials)), find_regime_hints(table)
-    ), holdouts
+    return withdraw_claims(found, find_regime_hints(table)), holdouts
 
 
 def write_loop(result: LoopResult, output: Path) -> None:

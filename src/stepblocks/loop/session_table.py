@@ -36,7 +36,8 @@ _REQUIRED = ("block", *_POSITIVE)
 _FEATURES_BEGIN = "sliding_friction"
 _FEWEST = 12
 _CENSORED = "censored"
-_KEPT = ("ok", "flagged", _CENSORED)
+_KEPT = ("ok", _CENSORED)
+_IMPOSSIBLE = 3.0  # factor by which no spring and no normal force differs from what is declared
 _MARKS = ["peak_force_n", "vibration_energy_j", "sliding_friction", "spring_constant_n_per_m"]
 
 # columns of features.csv behind each channel, in the order of the channels, and how they become it
@@ -72,6 +73,8 @@ class SessionTable:
         Starts from the data.
     tip_radius_um : float
         Of trials whose tip has no number in its name.
+    measured : Floats
+        Shape (n, 7), values of the channels, those held apart included.
     """
 
     trials: Trials
@@ -82,6 +85,7 @@ class SessionTable:
     static_friction: float
     model: SessionModel
     tip_radius_um: float
+    measured: Floats
 
 
 def build_session_table(
@@ -104,7 +108,12 @@ def build_session_table(
     )
     tips = features["tip"].astype(str) if "tip" in features else [""] * len(features)
     radius = np.array([parse_tip_radius_um(tip, tip_radius * 1e6) for tip in tips])
-    good, excluded = _select_good(features, radius)
+    if (~np.isclose(radius, tip_radius * 1e6, rtol=0.01)).all():
+        raise PipelineError(
+            f"tips of the table must agree with `probe.tip_radius`, {tip_radius * 1e6:g} um: their "
+            f"labels say {', '.join(f'{one:g} um' for one in np.unique(radius))}; correct either"
+        )
+    good, excluded = _select_good(features, radius, spring_constant)
     if good.sum() < _FEWEST:
         raise PipelineError(
             f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}"
@@ -119,7 +128,8 @@ def build_session_table(
     floor = np.full(values.shape, np.nan)
     floor[bounded, 1] = np.log(_read_numbers(table, "peak_force_n")[bounded])
     values[bounded, :2] = np.nan
-    covariates = _read_covariates(table) | {"tip_radius_um": radius[good]}
+    implied = {name: column[good] for name, column in _imply_covariates(features).items()}
+    covariates = _read_covariates(table) | implied | {"tip_radius_um": radius[good]}
     trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy(), floor)
     names = table["trial"].to_numpy()
     alone = find_outliers(trials)
@@ -127,7 +137,7 @@ def build_session_table(
         (str(names[i]), f"{CHANNELS[j]} lies far from all other trials")
         for i, j in np.argwhere(alone)
     ]
-    values = np.where(alone, np.nan, values)
+    measured, values = values, np.where(alone, np.nan, values)
     edges = [
         (scan["edge_radius_m"], scan.get("edge_radius_std_m", 0.0))
         for scan in (scans or {}).values()
@@ -164,6 +174,7 @@ def build_session_table(
         else float("nan"),
         model=model,
         tip_radius_um=tip_radius * 1e6,
+        measured=measured,
     )
 
 
@@ -187,7 +198,7 @@ def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
 
 
 def _select_good(
-    features: pd.DataFrame, radius_um: Floats
+    features: pd.DataFrame, radius_um: Floats, spring_constant: float
 ) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
     """Which trials can be used, and why the others cannot: each for the first reason that holds."""
     import pandas as pd
@@ -202,12 +213,19 @@ def _select_good(
         )
         good[rows] = False
 
-    # what is unlike its label is data, and so is what a saturated gauge or a locked tip still shows
+    # what a saturated gauge or a locked tip still shows is data; a record that contradicts its row
+    # is held apart
     reason = features["reason"].where(features["reason"] != "", features["status"])
     leave_out(~features["status"].isin(_KEPT), reason)
     for name in _POSITIVE:
         numbers = _read_numbers(features, name)
         leave_out(~(np.isfinite(numbers) & (numbers > 0.0)), f"{name} must be a positive number")
+    declared = {"spring_constant_n_per_m": np.full(len(features), spring_constant)}
+    for name in ("spring_constant_n_per_m", "normal_load_n"):
+        measured, wanted = (_read_numbers(features, one) for one in (name, "load_n"))
+        wanted = declared.get(name, wanted)
+        beyond = (measured * _IMPOSSIBLE < wanted) | (measured > _IMPOSSIBLE * wanted)
+        leave_out(beyond, f"{name} is impossible: over {_IMPOSSIBLE:g} times off what is declared")
     too_high = _read_numbers(features, "height_um") >= radius_um
     leave_out(too_high, "the step is as high as the ball: equation (2) has no angle for it")
     marks = np.stack([_read_numbers(features, name) for name in _MARKS], axis=1)
@@ -238,6 +256,28 @@ def _read_numbers(table: pd.DataFrame, name: str) -> Floats:
 def _median_or(logarithms: Floats, otherwise: float) -> float:
     seen = logarithms[np.isfinite(logarithms)]
     return float(np.exp(np.median(seen))) if seen.size else otherwise
+
+
+def _imply_covariates(features: pd.DataFrame) -> dict[str, Floats]:
+    """Compute what the log implies: pauses by its clock, passes over a block, the trial before."""
+    order = _read_numbers(features, "run_order")
+    rows = np.argsort(order if np.isfinite(order).all() else np.arange(len(order)), kind="stable")
+    found: dict[str, Floats] = {}
+
+    def add(name: str, values: Floats, first: float) -> None:
+        found[name] = np.empty(len(rows))
+        found[name][rows] = np.where(np.isfinite(values), values, first)
+
+    for name in ("load_n", "height_um"):
+        column = _read_numbers(features, name)[rows]
+        add(f"previous_{name}", np.append(np.nan, column[:-1]), float(np.nanmedian(column)))
+    passes = features["block"].iloc[rows].groupby(features["block"].iloc[rows]).cumcount()
+    add("passes_of_block", passes.to_numpy(dtype=np.float64), 0.0)
+    for name in [c for c in features.columns if c.endswith("_elapsed_s")][:1]:
+        gaps = np.diff(_read_numbers(features, name)[rows], prepend=np.nan)
+        if np.nanmin(gaps) >= 0.0:
+            add("pause_s", gaps, float(np.nanmax(gaps)))
+    return found
 
 
 def _read_covariates(table: pd.DataFrame) -> dict[str, NDArray[Any]]:

@@ -22,8 +22,9 @@ from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import Gate, score_candidates
 from stepblocks.loop.search.holdout import (
-    hold_out,
-    join_holdouts,
+    Holdout,
+    deliver,
+    select_without,
     split_by_block,
     split_within_blocks,
 )
@@ -140,8 +141,12 @@ def test_the_same_data_give_the_same_answer() -> None:
 def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     trials = toy_trials(160, 7, square=0.8)
     folds = split_within_blocks(trials, 4)
-    parts = [hold_out(Toy(), trials, rows, lambda _: toy_effects(), _RULES) for rows in folds]
-    outcome = join_holdouts(trials, folds, parts)
+    found = explain(Toy(), trials, toy_effects(), _RULES)
+    selected = [
+        select_without(Toy(), trials, rows, lambda _: toy_effects(), _RULES) for rows in folds
+    ]
+    _, ((nominal, extended),) = deliver(found, (folds,))
+    outcome = Holdout(nominal, extended, tuple(selected))
     before, after = outcome.rms(0)
     assert np.isfinite(outcome.nominal).all()
     assert set(outcome.selected) == {("square_of_z",)}

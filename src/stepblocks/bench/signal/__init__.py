@@ -23,6 +23,8 @@ _FLAT_SAMPLES = 4  # equal samples in a row at the extreme of a record that was 
 _FLAT_STEPS = 4.0  # steps of the converter that the movement would have made meanwhile
 _FEWEST_STILL = 40  # samples before the tip is set down, fewer say nothing of a zero
 _EDGE = 8  # samples at which the load is coming on
+_CALM = 7e-3  # [s] two periods of a ring, over which it averages out
+_STANDS = 0.4  # of the sliding force, within which a handle that stands still is pulled
 _LOADED = 10.0  # the load is at least this many times the scatter without one
 _LOWEST_RATE = 1500.0  # [Hz] five samples per cycle of a ring at 300 Hz
 
@@ -134,25 +136,57 @@ def _find_longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
-    """First sample from which the tip lies on the block and slides.
+    """Find the first sample from which the tip slides, and the zeros of both gauges.
 
-    And the zeros of both gauges from what was before.
+    What comes before is an unloaded part, of which the zeros are the means, the load coming on, and
+    a handle that stands still; a record may lack any of them.
     """
-    unknown = (math.nan, math.nan)  # as of most records, which begin under load
+    from scipy.ndimage import uniform_filter1d
+
+    unknown = (math.nan, math.nan)
+    zeros, loaded = (unknown, unknown), 0
+    calm = max(round(_CALM * (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])), 5)
     normal = np.convolve(trace.normal, np.full(5, 0.2), mode="same")
-    low, high = np.percentile(normal[2:-2], (0.5, 50.0))
+    low, high = np.percentile(normal[2:-2], (0.5, 80.0))
     on = int(np.argmax(normal[2:] > 0.5 * (low + high))) + 2
-    still, spread = slice(0, max(on - _EDGE, 0)), float(np.std(trace.normal[: max(on - _EDGE, 1)]))
-    if on < _FEWEST_STILL + _EDGE or high - low < _LOADED * max(spread, 1e-12):
-        return 0, (unknown, unknown)
-    pulled, pressed = (
-        (float(np.mean(one[still])), _mean_std(one[still]))
-        for one in (trace.tangential, trace.normal)
+    spread = float(np.std(trace.normal[: max(on // 2, 1)]))
+    if on >= _FEWEST_STILL + _EDGE and high - low >= _LOADED * max(spread, 1e-12):
+        zero = float(np.median(normal[2 : on // 2]))
+        mean = uniform_filter1d(trace.normal, max(min(calm, on // 4), 5))
+        begin = int(np.flatnonzero(mean[: on + 1] <= zero + 0.05 * (high - zero))[-1])
+        still = slice(0, begin - (on - begin) - _EDGE)  # the load comes on smoothly
+        if still.stop >= _FEWEST_STILL:
+            pulled, pressed = (
+                (float(np.mean(one[still])), _mean_std(one[still]))
+                for one in (trace.tangential, trace.normal)
+            )
+            zeros = pulled, pressed
+        loaded = on + int(np.argmax(mean[on:] >= zero + 0.95 * (high - zero)))
+    return loaded + _find_motion(trace.tangential[loaded:], zeros[0][0], calm, loaded > 0), zeros
+
+
+def _find_motion(force: Array, zero: float, calm: int, pulled_up: bool) -> int:
+    """Find the first sample at the sliding force; `pulled_up` where no sliding came before."""
+    from scipy.ndimage import uniform_filter1d
+
+    smooth = np.convolve(force, np.full(5, 0.2), mode="same")
+    smooth[:2], smooth[-2:] = force[:2], force[-2:]
+    rest = zero if math.isfinite(zero) else float(np.median(smooth[:calm]))
+    climb = smooth[: int(np.argmax(smooth)) + 1] - rest
+    # the line through the middle of the ramp meets the force at rest before the ramp begins
+    middle, upper = (
+        int(np.flatnonzero(np.append(True, climb < share * climb[-1]))[-1]) for share in (0.6, 0.9)
     )
-    # what is pulled from rest slides once the force has come up to its usual level
-    level = float(np.median(trace.tangential[on : on + (trace.time.size - on) // 4]))
-    smooth = np.convolve(trace.tangential, np.full(5, 0.2), mode="same")
-    return on + int(np.argmax(smooth[on:] >= level)), (pulled, pressed)
+    foot = max(middle - 2 * (upper - middle), calm)
+    level = float(np.median(climb[max(foot - 3 * calm, 0) : foot]))
+    mean = uniform_filter1d(force, calm) - rest
+    start = int(np.argmax(np.append(mean[:foot] >= 0.5 * level, True)))
+    still = mean[: max(start - calm, 0)]
+    stands = 2 * calm <= start < foot and float(np.ptp(still)) < _STANDS * level
+    if not (pulled_up or stands):
+        return 0
+    first = max(start - calm // 2, 0) if stands else 0
+    return first + int(np.argmax(climb[first:] >= level))
 
 
 def _mean_std(values: Array) -> float:

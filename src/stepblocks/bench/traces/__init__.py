@@ -21,6 +21,9 @@ from stepblocks.errors import BenchError
 from stepblocks.text_file import is_file
 
 _MOST_BYTES = 1 << 30  # of the file of one trial
+# attributes that say the time between two samples, or their rate
+_INCREMENTS = {"dt": 1, "wf_increment": 1, "increment": 1, "sample_rate": -1, "fs": -1}
+_RATE_TOLERANCE = 0.01
 Layout = Mapping[str, Any]  # how the text of traces is written
 _USUAL_GROUPS = (
     *("{trial:04d}", "trial_{trial:04d}", "{trial}", "trial_{trial}"),
@@ -58,7 +61,7 @@ def _read_text_column(table: Any, name: str | int) -> Any:
 
 
 # how a file is opened, how the group of a trial is found in it, and how a column of that, of shape
-# (n,), is read in the units of the file; all raise `TraceError`
+# (n,), is read in the units of the file; all raise `TraceError`.
 READERS: dict[str, tuple[Any, Any, Any]] = {
     "csv": (_open_text, lambda table, _: table, _read_text_column),
     "hdf5": (hdf5.open_hdf5, hdf5.find_hdf5_group, hdf5.read_hdf5_column),
@@ -96,16 +99,29 @@ def read_columns(
         kept = None if where.own_file else _open_cached(kind, path, stamp, json.dumps(layout))[0]
         with opened(path, layout) if where.own_file else nullcontext(kept) as file:
             group = group_of(file, where) if names else None
-            return {
+            samples: dict[str, object] = {
                 str(number): _as_samples(column(group, name), name)
                 for number, name in enumerate(names)
             }
+            return samples | {"increment": _read_increments(group, names)}
     except (TraceError, MemoryError):
         raise
     except Exception as error:  # the readers of damaged files raise whatever they meet
         raise TraceError(
             f"unreadable: trial {where.trial}: {str(error)[:120] or type(error).__name__}"
         ) from error
+
+
+def _read_increments(group: Any, names: Sequence[str | int]) -> NDArray[np.float64]:
+    """Read what the attributes of a trial say of the time between two samples."""
+    kept: dict[str, Any] = {}
+    for name in (None, *names):
+        with suppress(Exception):  # a group of a TDMS file knows no index, a table no columns
+            holder = group if name is None else group[name]
+            kept |= dict(getattr(holder, "attrs", {})) | dict(getattr(holder, "properties", {}))
+    said = [(kept[key], power) for key, power in _INCREMENTS.items() if key in kept]
+    numbers = [float(v) ** power for v, power in said if np.isreal(v) and np.size(v) == 1 and v > 0]
+    return np.array(numbers)
 
 
 class Traces(ExitStack):
@@ -142,6 +158,13 @@ class Traces(ExitStack):
 
     def read(self, trial: str) -> Trace:
         """Read one trace in SI; `TraceError` where the trial has none that can be used."""
+        trace = self._read_whole(trial)
+        if (trim := self.session.acquisition.trim) is None or not trace.time.size:
+            return trace
+        used = slice(*np.searchsorted(trace.time - trace.time[0], trim))
+        return Trace(trace.time[used], trace.tangential[used], trace.normal[used])
+
+    def _read_whole(self, trial: str) -> Trace:
         acquisition = self.session.acquisition
         if acquisition.split:
             whole, cuts = self.drags
@@ -175,9 +198,17 @@ class Traces(ExitStack):
             own,
             own and acquisition.group is None,
         )
-        found = self._in_si(
-            self._columns(path, place, [channel.column for channel, _ in self._channels.values()])
-        )
+        raw = self._columns(path, place, [one.column for one, _ in self._channels.values()])
+        steps = raw.pop("increment") * acquisition.sample_rate
+        # of an increment in ms or us the unit is not known, and it contradicts nothing
+        powers = np.log10(steps) / 3.0
+        if np.any(np.abs(powers - np.round(powers)) > _RATE_TOLERANCE / 3.0):
+            shown = acquisition.sample_rate / float(steps[0])
+            raise TraceError(
+                f"wrong rate: the file has an increment of {1e6 / shown:.6g} us ({shown:.6g} Hz), "
+                f"`acquisition.sample_rate` is {acquisition.sample_rate:.6g} Hz"
+            )
+        found = self._in_si(raw)
         sizes = {part: values.size for part, values in found.items()}
         if len(set(sizes.values())) > 1:
             told = ", ".join(f"{part} {size}" for part, size in sizes.items())

@@ -120,6 +120,8 @@ def _height_error_law(block: str) -> Law:
         parameters,
         apply,
         covariate="block",
+        said=f"block {block} is higher than stated by",
+        how_to_decide=f"scan or gauge the block {block}",
     )
 
 
@@ -380,6 +382,8 @@ def apply_instrument_constants(state: DragState, _: Any, values: Mapping[str, fl
         normal_gain=state.normal_gain * np.exp(given("normal_ln_gain", 0.0)),
         normal_cross_talk=state.normal_cross_talk + given("normal_cross_talk", 0.0),
         gain=state.gain * np.exp(given("ln_gain", 0.0)),
+        gauge_square=state.gauge_square + given("square_per_n", 0.0),
+        normal_square=state.normal_square + given("normal_square_per_n", 0.0),
         lag=state.lag + given("time_constant_s", 0.0),
         ln_clock=state.ln_clock + given("ln_clock", 0.0),
     )
@@ -420,6 +424,21 @@ _SENSOR = (
         (_CROSS_TALK,),
         said="the tangential gauge also shows of the normal force",
         how_to_decide="drag in the other direction: friction changes its sign, cross-talk does not",
+    ),
+    _gauge(
+        "gauge_not_linear",
+        "F_x shown F_x (1 + q F_x)",
+        (Parameter("square_per_n", "1/N", 0.0, -0.2, 0.2, 5e-3),),
+        said="the tangential gauge is not linear: it shows F (1 + q F) with q of",
+        how_to_decide="hang five known weights on the tangential gauge",
+    ),
+    _gauge(
+        "normal_not_linear",
+        "F_y shown F_y (1 + q F_y)",
+        (Parameter("normal_square_per_n", "1/N", 0.0, -0.2, 0.2, 5e-3),),
+        rank=1,
+        said="the normal gauge is not linear: it shows F (1 + q F) with q of",
+        how_to_decide="put five known weights on the normal gauge",
     ),
     _gauge(
         "normal_cross_talk",

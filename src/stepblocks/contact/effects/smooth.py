@@ -116,6 +116,12 @@ def _scale_weighed_stiffness(state: DragState, g: Floats) -> DragState:
     return stiffer.changed(conversion=state.conversion * np.exp(-g))
 
 
+def _scale_ramp_stiffness(state: DragState, g: Floats) -> DragState:
+    # the amplitude of a ring that keeps its pitch counts on the declared spring all the same
+    softer = _scale_slots("stiffness")(state, g)
+    return softer.changed(conversion=state.conversion * np.exp(g))
+
+
 class Move(NamedTuple):
     """How a smooth g enters a slot."""
 
@@ -143,7 +149,7 @@ SLOT_MOVES = {
     "weighed_stiffness": Move(
         "stiffness", "k exp g, energies weighed with it", _scale_weighed_stiffness
     ),
-    "ramp_stiffness": Move("stiffness", "k exp g, ring unchanged", _scale_slots("stiffness")),
+    "ramp_stiffness": Move("stiffness", "k exp g, pitch unchanged", _scale_ramp_stiffness),
     "conversion": Move("conversion", "C_v exp g", _scale_slots("conversion")),
     "drag": Move("drag", "F_x + 0.1 N g", _move_slots("drag")),
     "climb_drag": Move("drag", "F_px + 0.1 N g", _move_slots("climb_drag")),
@@ -152,26 +158,38 @@ SLOT_MOVES = {
 
 
 _STEPPING = ("radius", "friction", "conversion", "seen_load", "gain")
-_BY_BLOCK = ("radius", "friction", "conversion")  # what a batch of blocks may have of its own
+_JUMPING = ("friction", "conversion")
+# what a batch of blocks, a pause and the trial before may change; edges are polished by passes
+_MOVED_BY: dict[str, tuple[str, ...]] = {
+    "block": ("radius", "friction", "conversion"),
+    "pause_s": _JUMPING,
+    "passes_of_block": ("radius",),
+    "previous_load_n": _JUMPING,
+    "previous_height_um": _JUMPING,
+}
+_SHORTEST_PERIOD = 6.0  # trials
 _STEP_SHAPES = 12  # places along the run at which a search looks for a sudden change
 
 
 def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
-    """Return every slot over every covariate, as a straight line, a smooth.
+    """Return every slot over every covariate as a line, a smooth and a jump, along the run a swing.
 
-    And along the run as a step.
+    What the log implies, such as the passes over a block, moves a few slots alone.
     """
     laws: list[Law] = []
     for where in covariates:
-        for name in _BY_BLOCK if where.name == "block" else SLOT_MOVES:
+        for name in _MOVED_BY.get(where.name, SLOT_MOVES):
             if where.pair or (not where.labels and where.distinct > 2):
                 laws.append(_smooth_law("trend", name, where))
             if not where.pair:
                 laws.append(_smooth_law("smooth", name, where))
         if where.labels and where.name != "block":
             laws.append(_offset_law(where))
-        if where.name == "run_order" and where.distinct > 4 * _STEP_SHAPES // 2:
-            laws += [_step_law(name, where) for name in _STEPPING]
+        if where.labels or where.pair or where.distinct <= 2 * _STEP_SHAPES:
+            continue
+        run = where.name == "run_order"
+        laws += [_step_law(name, where) for name in (_STEPPING if run else _JUMPING)]
+        laws += [_periodic_law(name, where) for name in (_JUMPING if run else ())]
     return tuple(laws)
 
 
@@ -194,14 +212,13 @@ def _offset_law(where: CovariateRange) -> Law:
 
 
 def _step_law(name: str, where: CovariateRange) -> Law:
-    """Change a slot at one trial.
-
-    Of the radius a chipped tip, of others nothing that has a name.
-    """
+    """Change a slot where a covariate passes a value: of the radius along the run a chipped tip."""
+    run = where.name == "run_order"
     move, chip = SLOT_MOVES[name], name == "radius"
     reach = where.high - where.low
     width = 2e-3 * reach  # a hundredth of the spacing would leave a fit no way to move
-    at = Parameter("at_trial", "1", where.low + 0.5 * reach, where.low, where.high, 0.02 * reach)
+    place = "at_trial" if run else "at"
+    at = Parameter(place, "1", where.low + 0.5 * reach, where.low, where.high, 0.02 * reach)
     size = (
         Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6)
         if chip
@@ -210,16 +227,16 @@ def _step_law(name: str, where: CovariateRange) -> Law:
 
     def apply(state: DragState, order: NDArray[Any], values: Mapping[str, float]) -> DragState:
         after = 0.5 * (
-            1.0
-            + np.tanh((np.asarray(order, dtype=np.float64) - values["at_trial"]) / (2.0 * width))
+            1.0 + np.tanh((np.asarray(order, dtype=np.float64) - values[place]) / (2.0 * width))
         )
         g = values[size.name] * after
         return state.changed(radius=state.radius + g) if chip else move.change(state, g)
 
     shapes = tuple(
-        {"at_trial": where.low + reach * (i + 0.5) / _STEP_SHAPES} for i in range(_STEP_SHAPES)
+        {place: where.low + reach * (i + 0.5) / _STEP_SHAPES} for i in range(_STEP_SHAPES)
     )
-    form = "R + w from one trial on" if chip else f"{move.form}, g from one trial on"
+    form = f"{'R + w' if chip else f'{move.form}, g'} from one value of {where.name} on"
+    changed = f"{name} changes at once, by ln and from"
     return Law(
         "tip_chip" if chip else f"step_{name}_{where.name}",
         form,
@@ -228,9 +245,36 @@ def _step_law(name: str, where: CovariateRange) -> Law:
         move.slot,
         where.name,
         shapes,
-        named=chip,
+        named=chip or name in _JUMPING,
         rank=2 if chip else 15,
-        said="the tip chipped: its radius changed by, at trial" if chip else "",
+        said="the tip chipped: its radius changed by, at trial"
+        if chip
+        else f"{changed} {'trial' if run else where.name} on",
+    )
+
+
+def _periodic_law(name: str, where: CovariateRange) -> Law:
+    """Let a slot swing along the run, with any period from a few trials to the whole of it."""
+    move, reach = SLOT_MOVES[name], where.high - where.low
+    parts = tuple(Parameter(part, "1", 0.0, -2.0, 2.0, 0.05) for part in ("cosine", "sine"))
+    period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 1.2 * reach, 0.5)
+
+    def apply(state: DragState, order: NDArray[Any], values: Mapping[str, float]) -> DragState:
+        phase = 2.0 * np.pi * np.asarray(order, dtype=np.float64) / values["period_trials"]
+        return move.change(state, values["cosine"] * np.cos(phase) + values["sine"] * np.sin(phase))
+
+    # half a turn over the whole run apart, so that a fit begins within its own valley
+    turns = np.arange(2, int(2.0 * reach / _SHORTEST_PERIOD) + 1)
+    return Law(
+        f"periodic_{name}_{where.name}",
+        f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",
+        (*parts, period),
+        apply,
+        move.slot,
+        where.name,
+        tuple({"period_trials": float(2.0 * reach / turn)} for turn in turns),
+        rank=12,
+        said=f"{name} swings along the run: cosine, sine and period in trials",
     )
 
 

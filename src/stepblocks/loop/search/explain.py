@@ -13,6 +13,7 @@ from stepblocks.loop.search.adequacy import check_residuals
 from stepblocks.loop.search.fit import Fit, Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
 from stepblocks.loop.search.gate import Trial, choose_candidate, score_candidates
+from stepblocks.loop.search.mixture import find_bad_trials
 from stepblocks.loop.search.structure import (
     Hint,
     build_wandering,
@@ -29,6 +30,10 @@ _DRIFTS = (
 _OVER_WALK = 8.0  # of the criterion, by which a law along the hour must beat a walk
 # chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
 _GROUP = 0.95
+_INFLUENCE = 0.01  # share of the trials that may not carry an effect
+_BAD = 0.5  # chance that a trial went wrong, from which it is held apart
+_ROUNDS = 3
+_MOST_APART = 0.2  # share of the trials
 _WORTH = 4.0  # of the criterion, below which an exchange is not made
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
@@ -91,6 +96,10 @@ class Finding:
         Fall of the cost (twice the log likelihood) when it is added to the others.
     rivals : tuple[Rival, ...]
         Effects that do as well within the margin, the likeliest of them.
+    leading_trial : tuple of int and float
+        Row of the trial that gains most by the effect, and its share of the gain.
+    leading_channel : tuple of int and float
+        Number of the channel that gains most, and its share.
     """
 
     effect: Law
@@ -98,6 +107,8 @@ class Finding:
     gate_p: float
     gain: float
     rivals: tuple[Rival, ...] = ()
+    leading_trial: tuple[int, float] = (0, 0.0)
+    leading_channel: tuple[int, float] = (0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +135,9 @@ class Explanation(_Grown):
     checks : tuple[tuple[str, str, float], ...]
         Channel, covariate, p value after Holm.
     adequate : bool
+        Whether the residual of the extended model follows no covariate.
+    apart : tuple of pairs
+        Row of each trial that went wrong and took no part, and the chance that it did.
     """
 
     nominal: Fit
@@ -131,6 +145,7 @@ class Explanation(_Grown):
     verdict: Verdict
     checks: tuple[tuple[str, str, float], ...]
     adequate: bool
+    apart: tuple[tuple[int, float], ...] = ()
 
 
 def explain(
@@ -140,9 +155,43 @@ def explain(
     rules: Rules | None = None,
     deployed: Deployed | None = None,
 ) -> Explanation:
-    """Find what a model lacks."""
+    """Find what a model lacks, with trials that went wrong held apart.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Predicts all channels of a table, and names its parameters and what scatters among trials.
+    trials : Trials
+        What was set and what was measured.
+    candidates : sequence of Law
+        Effects that are tried.
+    rules : Rules, optional
+        When to claim what.
+    deployed : callable, optional
+        Error of a fit where it is to be used; the search ends where it no longer falls.
+
+    Returns
+    -------
+    Explanation
+        Verdict, findings, nominal and extended fit.
+
+    Raises
+    ------
+    PipelineError
+        If there are fewer than 12 trials.
+    """
     rules = rules or Rules()
-    return _conclude(search_twice(model, trials, candidates, rules, deployed), candidates, rules)
+    grown = search_twice(model, trials, candidates, rules, deployed)
+    apart: dict[int, float] = {}
+    for _ in range(_ROUNDS):
+        chance, _ = find_bad_trials(grown.problem, grown.extended)
+        bad = np.flatnonzero(chance > _BAD)
+        if not bad.size or len(apart) + bad.size > _MOST_APART * len(trials):
+            break
+        apart |= dict(zip(bad.tolist(), chance[bad].tolist(), strict=True))
+        trials = trials.without(list(apart))
+        grown = search_twice(model, trials, candidates, rules, deployed)
+    return replace(_conclude(grown, candidates, rules), apart=tuple(sorted(apart.items())))
 
 
 def search_twice(
@@ -389,9 +438,22 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
     verdict = (
         Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
     )
-    p_value = grown.gates.get(effect.id, grown.last_gate_p)
+    shape = problem.trials.values.shape
+    gains = (base.residual**2 - current.residual**2).reshape(shape)
+    row, channel = int(np.argmax(gains.sum(axis=1))), int(np.argmax(gains.sum(axis=0)))
+    whole = max(float(gains.sum()), 1e-12)
+    share = float(gains[row].sum()) / whole
+    # without the trials that gain most the effect must still open the gate
+    most = np.sort(gains.sum(axis=1))[-max(round(_INFLUENCE * shape[0]), 1) :]
+    carried = whole - float(most.sum()) < min(grown.needed, whole)
     return Finding(
-        effect, verdict, p_value, base.cost - current.cost, select_likeliest(rivals, elsewhere[:1])
+        effect,
+        Verdict.UNEXPLAINED if carried else verdict,
+        grown.gates.get(effect.id, grown.last_gate_p),
+        base.cost - current.cost,
+        select_likeliest(rivals, elsewhere[:1]),
+        (row, share),
+        (channel, float(gains[:, channel].sum()) / whole),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -56,6 +56,15 @@ class Trials:
         return Trials(
             covariates, self.channels, self.values[rows], self.std[rows], self.block[rows], floor
         )
+
+    def without(self, rows: Sequence[int]) -> Trials:
+        """Return the same table with nothing measured in some rows."""
+        values = self.values.copy()
+        values[rows] = np.nan
+        floor = None if self.floor is None else self.floor.copy()
+        if floor is not None:
+            floor[rows] = np.nan
+        return replace(self, values=values, floor=floor)
 
     def numeric(self, name: str) -> Floats | None:
         """Return a covariate as numbers, or None where it holds labels."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from stepblocks.loop.search.fit import Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
 from stepblocks.loop.search.structure import Hint
 
+_WORSE = 1.03  # ratio of errors from which an extended model is worse than the nominal one
 _LACKING = 0.005  # level of the lack of fit against replicates
 
 Rows = NDArray[np.intp]
@@ -22,7 +23,7 @@ Asked = Callable[[Trials], Sequence[Law]]  # candidates of a table
 
 
 def check_claims(
-    found: Explanation, holdouts: Sequence[Holdout], cells: Sequence[object]
+    found: Explanation, selected: Sequence[Sequence[str]], cells: Sequence[object]
 ) -> Explanation:
     """Leave `effect` to what the scatter of replicates allows.
 
@@ -35,7 +36,7 @@ def check_claims(
     ]
     known = [p for p in misfit if np.isfinite(p)]
     lacking = bool(known) and min(known) * len(known) < _LACKING
-    folds = [set(names) for holdout in holdouts for names in holdout.selected]
+    folds = [set(names) for names in selected]
     findings = tuple(
         replace(f, verdict=_judge_folds(f, folds)) if f.verdict is Verdict.EFFECT else f
         for f in found.findings
@@ -129,29 +130,83 @@ def split_by_block(trials: Trials, most: int) -> list[Rows]:
     return [np.flatnonzero(number % most == i) for i in range(min(most, int(number.max()) + 1))]
 
 
-def hold_out(
+def select_without(
     model: ForwardModel, trials: Trials, rows: Rows, candidates: Asked, rules: Rules
-) -> Holdout:
-    """Select and fit without one fold, and predict it; the errors of its trials alone."""
-    train, test = trials.take(np.setdiff1d(np.arange(len(trials)), rows)), trials.take(rows)
-    effects = search_twice(model, train, candidates(train), rules).extended.effects
-    problem = build_problem(model, train)
-    base = fit(problem)
-    best = fit(problem, effects, base.values) if effects else base
-    # a block that was never seen keeps its prior height
-    starts = {p.name: p.start for p in model.parameters(test)}
-    ahead = Problem(model, test, problem.noise)
-    nominal, extended = (
-        test.values - ahead.predict(f.effects, starts | f.values) for f in (base, best)
-    )
-    return Holdout(nominal, extended, (tuple(e.id for e in effects),))
+) -> tuple[str, ...]:
+    """Name the effects that a search chooses without the trials of one fold."""
+    train = trials.take(np.setdiff1d(np.arange(len(trials)), rows))
+    grown = search_twice(model, train, candidates(train), rules)
+    return tuple(effect.id for effect in grown.extended.effects)
 
 
-def join_holdouts(trials: Trials, folds: Sequence[Rows], parts: Iterable[Holdout]) -> Holdout:
-    """Bring the errors of folds into the order of the trials."""
-    nominal, extended = (np.full(trials.values.shape, np.nan) for _ in range(2))
-    selected: list[tuple[str, ...]] = []
-    for rows, part in zip(folds, parts, strict=True):
-        nominal[rows], extended[rows] = part.nominal, part.extended
-        selected.extend(part.selected)
-    return Holdout(nominal, extended, tuple(selected))
+def deliver(
+    found: Explanation, folds: Sequence[Sequence[Rows]], channels: Sequence[int] = (0, 1)
+) -> tuple[Explanation, list[tuple[Floats, Floats]]]:
+    """Predict held-out trials with the model that is delivered, and deliver nothing that is worse.
+
+    Parameters
+    ----------
+    found : Explanation
+        What all trials say.
+    folds : sequence of sequences of rows
+        For each way of holding out, the rows of each fold.
+    channels : sequence of int
+        Those in which the extended model may not be worse than the nominal one.
+
+    Returns
+    -------
+    found : Explanation
+        The same, less the effects that raise the error in one of these channels.
+    errors : list of pairs of arrays
+        For each way the errors of the nominal and of the delivered model, shape (n, c).
+    """
+    model, trials = found.problem.model, found.problem.trials
+    parts = [
+        [
+            (rows, build_problem(model, trials.take(np.setdiff1d(np.arange(len(trials)), rows))))
+            for rows in one
+        ]
+        for one in folds
+    ]
+
+    def predict(effects: Sequence[Law], start: Mapping[str, float] | None = None) -> list[Floats]:
+        errors = []
+        for one in parts:
+            error = np.full(trials.values.shape, np.nan)
+            for rows, problem in one:
+                test = trials.take(rows)
+                fitted = fit(problem, effects, start)
+                # a block that was never seen keeps its prior height
+                starts = {p.name: p.start for p in model.parameters(test)}
+                ahead = Problem(model, test, problem.noise)
+                error[rows] = test.values - ahead.predict(effects, starts | fitted.values)
+            errors.append(error)
+        own = fit(found.problem, effects, start).predicted if effects else found.nominal.predicted
+        return [*errors, trials.values - own]
+
+    nominal, findings, extended = predict(()), found.findings, found.extended
+    errors = nominal
+    while findings:
+        effects = [f.effect for f in findings]
+        errors = predict(effects, extended.values)
+        ratios = [
+            np.sqrt(np.nanmean(new[:, j] ** 2) / np.nanmean(old[:, j] ** 2))
+            for old, new in zip(nominal, errors, strict=True)
+            for j in channels
+            if np.isfinite(old[:, j]).any()
+        ]
+        if not np.any(np.array(ratios) > _WORSE):
+            break
+        weakest = min(findings, key=lambda f: f.gain)
+        findings, errors = tuple(f for f in findings if f is not weakest), nominal
+    if len(findings) < len(found.findings):
+        extended = fit(found.problem, [f.effect for f in findings], extended.values)
+        findings = tuple(replace(f, verdict=Verdict.UNEXPLAINED) for f in findings)
+        found = replace(
+            found,
+            findings=findings,
+            extended=extended,
+            verdict=Verdict.UNEXPLAINED,
+            adequate=False,
+        )
+    return found, list(zip(nominal[:-1], errors[:-1], strict=True))

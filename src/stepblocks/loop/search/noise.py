@@ -13,6 +13,9 @@ from scipy.optimize import minimize
 from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
 _REPLICATES = 30  # degrees of freedom from which replicates alone say how trials scatter
+_ROBUST = 0.2  # columns per trial of the regression that outliers are sought about
+_ROUNDS = 8
+_MOST_ALONE = 0.2  # share of the trials, beyond which they are no outliers
 _INTERACTING = 3  # numeric covariates that get products with one another
 
 
@@ -164,17 +167,27 @@ def compute_replicate_residual(
 
 
 def find_outliers(trials: Trials, threshold: float = 6.0) -> NDArray[np.bool_]:
-    """Mark single values that no smooth function of the conditions comes near."""
-    residual, _ = compute_flexible_residual(trials)
-    alone = np.zeros(residual.shape, dtype=bool)
-    for j in range(residual.shape[1]):
-        seen = np.isfinite(residual[:, j])
-        if seen.sum() < 10:
-            continue
-        column = residual[seen, j]
-        spread = 1.4826 * float(np.median(np.abs(column - np.median(column))))
-        noise = np.hypot(spread, trials.std[seen, j])
-        alone[seen, j] = np.abs(column - np.median(column)) > threshold * np.maximum(noise, 1e-300)
+    """Mark single values that no smooth function of the conditions comes near.
+
+    What is marked takes no part in the next regression, until no more are marked.
+    """
+    alone = np.zeros_like(trials.seen)
+    basis = build_flexible_columns(trials, _ROBUST)
+    for j in range(alone.shape[1]):
+        seen = np.flatnonzero(trials.seen[:, j])
+        for _ in range(_ROUNDS if len(seen) > basis.shape[1] + 10 else 0):
+            used = seen[~alone[seen, j]]
+            weights = np.linalg.lstsq(basis[used], trials.values[used, j], rcond=None)[0]
+            column = trials.values[seen, j] - basis[seen] @ weights
+            # the regression has bent to the values that it saw
+            size = np.median(np.abs(column[~alone[seen, j]])) * np.sqrt(
+                len(used) / max(len(used) - basis.shape[1], 1)
+            )
+            noise = np.hypot(1.4826 * size, trials.std[seen, j])
+            marked = np.abs(column) > threshold * np.maximum(noise, 1e-300)
+            if marked.sum() > _MOST_ALONE * len(seen) or np.all(marked == alone[seen, j]):
+                break
+            alone[seen, j] = marked
     return alone
 
 

@@ -1,0 +1,86 @@
+"""A session that contradicts session.toml as a whole is refused, and the likely slip is named."""
+
+import numpy as np
+import pytest
+
+from oracles.virtual_bench import Bench
+from oracles.virtual_session import Plan, write_session
+from stepblocks.bench.measure import measure
+from stepblocks.errors import BenchError
+
+CHANNELS = 'tangential = "fx_n", normal = "fy_n"'
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("declared") / "session"
+    plan = Plan(
+        bench=Bench(conversion=0.2),
+        trials=9,
+        heights=(20e-6, 40e-6, 60e-6),
+        loads=(0.5, 0.8),
+        speeds=(5e-3, 10e-3),
+        scans=False,
+    )
+    write_session(folder, plan, 3)
+    return folder
+
+
+@pytest.fixture
+def session(whole):
+    path = whole / "session.toml"
+    declared = path.read_text()
+    yield whole, path, declared
+    path.write_text(declared)
+
+
+def test_a_session_that_agrees_is_measured(session):
+    assert (measure(session[0], jobs=1)["status"] == "ok").all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "slip"),
+    [
+        ('"fx_n"', '{ column = "fx_n", factor = -1.0 }', "sign of `acquisition.channels.tangent"),
+        ('"fy_n"', '{ column = "fy_n", factor = -1.0 }', "sign of `acquisition.channels.normal"),
+        (CHANNELS, 'tangential = "fy_n", normal = "fx_n"', "normal are exchanged"),
+        ('"fx_n"', '{ column = "fx_n", factor = 3.0 }', "tangential.factor` is 3 times the right"),
+        ('"fy_n"', '{ column = "fy_n", factor = 3.0 }', "normal force is 3 times the load"),
+        ("9810.0 N/m", "98100 N/m", "it is 10 times too large"),
+        (
+            "[stimuli]",
+            '[trials.columns]\nspeed = { column = "speed_mm_s", unit = "m/s" }\n[stimuli]',
+            "`trials.columns.speed` is 1000 times too large",
+        ),
+    ],
+)
+def test_each_slip_is_refused_before_the_session_is_measured(session, old, new, slip):
+    folder, path, declared = session
+    assert old in declared
+    path.write_text(declared.replace(old, new))
+    with pytest.raises(BenchError, match=slip):
+        measure(folder, jobs=1)
+
+
+def test_a_rate_that_contradicts_the_increment_of_the_file_is_refused(tmp_path):
+    import h5py
+
+    (tmp_path / "session.toml").write_text(
+        'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\n'
+        'traces = "all.h5"\nchannels = { tangential = "x", normal = "y" }\n'
+    )
+    (tmp_path / "trials.csv").write_text("trial\n1\n2\n3\n")
+    with h5py.File(tmp_path / "all.h5", "w") as file:
+        for trial in "123":
+            group = file.create_group(trial)
+            group["x"], group["y"] = np.zeros(500), np.ones(500)
+            group.attrs["dt"] = 5e-5
+    with pytest.raises(BenchError, match=r"increment of 50 us \(20000 Hz\)"):
+        measure(tmp_path, jobs=1)
+
+
+def test_a_column_that_says_volts_needs_to_say_what_a_volt_is(session):
+    folder, path, declared = session
+    path.write_text(declared.replace('"fx_n"', '"Fx tip (V)"'))
+    with pytest.raises(BenchError, match="must say what a volt is"):
+        measure(folder, jobs=1)

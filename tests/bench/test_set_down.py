@@ -1,0 +1,63 @@
+"""A record as a laboratory starts it: unloaded, set down, at rest; then the drag itself."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from oracles.virtual_bench import Bench, drag
+from stepblocks.bench.signal import Trace, find_set_down
+from stepblocks.bench.signal.features import measure_trace
+
+RATE, K = 10e3, 9810.0
+TIME, FORCE, NORMAL, _ = drag(Bench(conversion=0.2), 40e-6, 0.5, 5e-3, np.random.default_rng(1))
+ALONE = measure_trace(Trace(TIME, FORCE, NORMAL), K, 5e-3).features
+
+
+def started(unloaded, coming, still, noise=2e-3, zero=(0.0, 0.0)):
+    """Put an unloaded part, a smooth set-down and a standstill before a drag; times in s."""
+    random = np.random.default_rng(5)
+    counts = [round(one * RATE) for one in (unloaded, coming, still)]
+    ramp = 0.5 * (1.0 - np.cos(np.pi * np.arange(counts[1]) / max(counts[1], 1)))
+    load = np.concatenate([np.zeros(counts[0]), 0.5 * ramp, np.full(counts[2], 0.5)])
+    # a handle that starts pulls the tip up to the sliding force at the slope of the ramp
+    pull = np.linspace(0.0, float(np.median(FORCE[:200])), round(0.075 / (K * 5e-3) * RATE))
+    normal = np.concatenate([load, np.full(pull.size, 0.5)])
+    force = np.concatenate([np.zeros(load.size), pull])
+    normal, force = (one + noise * random.standard_normal(one.size) for one in (normal, force))
+    normal, force = np.append(normal, NORMAL) + zero[1], np.append(force, FORCE) + zero[0]
+    return Trace(np.arange(force.size) / RATE, force, normal), load.size
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.floats(0.05, 0.3), st.floats(0.005, 0.04), st.floats(0.02, 0.2))
+def test_friction_and_peak_are_those_without_the_start(unloaded, coming, still):
+    trace, size = started(unloaded, coming, still)
+    first, zeros = find_set_down(trace)
+    assert abs(first - size) < 0.012 * RATE
+    assert zeros[0][0] == pytest.approx(0.0, abs=1e-3)
+    assert zeros[1][0] == pytest.approx(0.0, abs=1e-3)
+    found = measure_trace(trace, K, 5e-3).features
+    for name in ("sliding_friction", "peak_force_n", "spring_constant_n_per_m"):
+        assert found[name] == pytest.approx(ALONE[name], rel=0.02)
+    assert found["vibration_energy_j"] == pytest.approx(ALONE["vibration_energy_j"], rel=0.05)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(-0.02, 0.02), st.floats(-0.05, 0.05))
+def test_the_zeros_of_both_gauges_are_those_of_the_unloaded_part(tangential, normal):
+    _, zeros = find_set_down(started(0.1, 0.03, 0.08, zero=(tangential, normal))[0])
+    assert zeros[0][0] == pytest.approx(tangential, abs=1e-3)
+    assert zeros[1][0] == pytest.approx(normal, abs=1e-3)
+
+
+def test_a_record_that_begins_while_the_tip_slides_is_used_whole():
+    first, zeros = find_set_down(Trace(TIME, FORCE, NORMAL))
+    assert first == 0
+    assert np.isnan(zeros).all()
+
+
+def test_a_handle_that_stands_still_under_load_is_found_without_an_unloaded_part():
+    trace, size = started(0.0, 0.0, 0.08)
+    first, zeros = find_set_down(trace)
+    assert abs(first - size) < 0.012 * RATE
+    assert np.isnan(zeros).all()
