@@ -49,15 +49,15 @@ def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str
     """
     session = traces.session
     measured = [(trial, features) for trial, features in pilots if features]
-    if len(measured) * 2 >= len(pilots) and len(measured) >= _FEWEST:
-        if _agrees(*_compare(session, measured)):
-            return
+    enough = len(measured) * 2 >= len(pilots) and len(measured) >= _FEWEST
+    if enough and _agrees(*_compare(session, measured)):
+        return
     for slip, correct in _SLIPS.items():
         again = _measure_corrected(traces, pilots, correct)
-        enough = len(again) * 2 > min(len(pilots), _TRIED)
-        if enough and _agrees(*_compare(session, again)):
+        most = len(again) * 2 > min(len(pilots), _TRIED)
+        if most and _agrees(*_compare(session, again)):
             raise BenchError(f"{slip}: with it corrected the traces agree [{session.folder}]")
-    if len(measured) < _FEWEST or len(measured) * 2 < len(pilots):
+    if not enough:
         return
     spring, load, _ = _compare(session, measured)
     if not _is_near(load):

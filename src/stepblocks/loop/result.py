@@ -3,14 +3,12 @@
 The verdict, what it rests on, and what to measure next.
 """
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
 from stepblocks.contact.effects.smooth import CovariateRange
@@ -30,6 +28,7 @@ from stepblocks.loop.search.gate import compute_detectable
 from stepblocks.loop.search.holdout import Holdout
 from stepblocks.loop.search.noise import compute_flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
+from stepblocks.loop.settings import SHOWN, build_grid, is_set
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
 # constants that people know by another name and unit
@@ -42,9 +41,6 @@ _READ = {
 # units of covariates by the ends of their names, the longest first
 _UNITS = {"_mm_s": "(mm/s)", "run_order": "trial", "_pct": "%", "_um": "um"}
 _UNITS |= {"_c": "K", "_n": "N", "_s": "s"}
-_MOST_SETTINGS = 12  # of a column that is set; one of more is read
-_SHOWN = ("height_um", "load_n", "speed_mm_s")
-_HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 
 
 @dataclass(frozen=True)
@@ -412,10 +408,10 @@ def propose_experiment(found: Explanation) -> dict[str, Any] | None:
     trials = found.problem.trials
     extra = sorted(
         {e.covariate for e in (*first.effects, *second.effects)}
-        & {n for n, column in trials.covariates.items() if n == "run_order" or _is_set(column)}
-        - set(_SHOWN)
+        & {n for n, column in trials.covariates.items() if n == "run_order" or is_set(column)}
+        - set(SHOWN)
     )
-    grid = _build_grid(trials, extra)
+    grid = build_grid(trials, extra)
     model = found.problem.model
     assert isinstance(model, SessionModel)
     state = model.state(grid, found.extended.values, first.active)
@@ -425,7 +421,7 @@ def propose_experiment(found: Explanation) -> dict[str, Any] | None:
     feasible = ~state.locked() & (pull > 1.1 * state.sliding_force()) & (pull <= ahead.max())
     grid = grid.take(feasible)
     proposal = feasible.any() and rank_settings(
-        found.problem, first, second, grid, (*_SHOWN, *extra)
+        found.problem, first, second, grid, (*SHOWN, *extra)
     )
     if not proposal:
         note = "no setting within reach tells these apart"
@@ -479,35 +475,3 @@ def _choose_pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
         found.extended,
         fit_without(found.problem, found.extended, finding.effect),
     )
-
-
-def _is_set(column: NDArray[Any]) -> bool:
-    """Whether a column holds a few settings, each of them more than once, and no readings."""
-    _, counts = np.unique(column, return_counts=True)
-    return len(counts) <= _MOST_SETTINGS and bool(counts.max() > 1)
-
-
-def _build_grid(trials: Trials, extra: list[str]) -> Trials:
-    def span(name: str) -> list[Any]:
-        numbers = trials.numeric(name)
-        labels = sorted(set(trials.covariates[name].tolist()))
-        if name == "run_order" and numbers is not None:
-            return list(np.linspace(numbers.min(), numbers.max(), 5).tolist())
-        return labels if numbers is None else np.unique(numbers).tolist()
-
-    seen = trials.covariates["height_um"]
-    heights = sorted({*(h for h in _HEIGHTS_UM if seen.min() < h < seen.max()), *seen.tolist()})
-    others = (span(name) for name in ("load_n", "speed_mm_s", *extra))
-    rows = list(itertools.product(heights, *others))[:20000]
-    columns = {
-        name: np.array(column)
-        for name, column in zip((*_SHOWN, *extra), zip(*rows, strict=True), strict=True)
-    }
-    for name, column in trials.covariates.items():
-        numbers = trials.numeric(name)
-        middle: Any = column[0] if numbers is None else float(np.median(numbers))
-        columns.setdefault(name, np.full(len(rows), middle))
-    empty = np.full((len(rows), len(trials.channels)), np.nan)
-    known = dict(zip(trials.covariates["height_um"].tolist(), trials.block.tolist(), strict=True))
-    block = np.array([known.get(float(h), f"step-{h:03.0f}") for h in columns["height_um"]])
-    return Trials(columns, trials.channels, empty, empty, block)
