@@ -2,7 +2,7 @@
 
 ``python benchmarks/loop_seconds.py SESSION ...`` takes sessions that are there, ``--trials 240
 4000`` makes some of so many trials by ``tests/oracles/virtual_session.py``, friction that runs in
-among them; ``--jobs`` and ``--waveform`` as of the command.
+among them; ``--jobs`` as of the command.
 """
 
 from __future__ import annotations
@@ -60,9 +60,8 @@ def main() -> None:
         help="make sessions of so many trials",
     )
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--waveform", action="store_true")
     options = parser.parse_args()
-    passed = ["--jobs", str(options.jobs), *(["--waveform"] if options.waveform else [])]
+    passed = ["--jobs", str(options.jobs)]
     print(f"{'session':20s} {'trials':>7s} {'wall / s':>9s} {'processors / s':>15s}")
     with tempfile.TemporaryDirectory() as scratch:
         made = [Path(scratch) / f"of-{count}" for count in options.trials]

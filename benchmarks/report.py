@@ -140,15 +140,6 @@ PARTS = [
         5,
     ),
     Part(
-        "waveform",
-        "python benchmarks/waveform.py 48 1",
-        {
-            "waveform-fit": (r"fitted +(\d+)", "{} of 48"),
-            "waveform-error": (r"error_of_drag +(0\.\d{3})", "{}"),
-            "waveform-formula": (r"error_of_equation_1 +(0\.\d\d)", "{}"),
-        },
-    ),
-    Part(
         "loop-seconds",
         "python benchmarks/loop_seconds.py --trials 240",
         {"loop-240": (r"of-240 +240 +(\S+)", "{} s")},

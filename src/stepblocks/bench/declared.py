@@ -60,7 +60,7 @@ def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str
     if not enough:
         return
     spring, load, _ = _compare(session, measured)
-    if not _is_near(load):
+    if not 1.0 / _FAR < load < _FAR:
         raise BenchError(
             f"the normal force is {load:.3g} times the load of the table: correct factor or "
             f"units of `acquisition.channels.normal`, or the unit of the load [{session.table}]"
@@ -109,11 +109,11 @@ def _compare(
 
 
 def _agrees(spring: float, load: float, friction: float) -> bool:
-    return _is_near(spring) and _is_near(load) and 0.0 < friction < _HIGHEST_FRICTION
-
-
-def _is_near(ratio: float) -> bool:
-    return 1.0 / _FAR < ratio < _FAR
+    return (
+        1.0 / _FAR < spring < _FAR
+        and 1.0 / _FAR < load < _FAR
+        and 0.0 < friction < _HIGHEST_FRICTION
+    )
 
 
 def _measure_corrected(

@@ -29,9 +29,7 @@ from stepblocks.bench.signal.features import (
     measure_trace,
 )
 from stepblocks.bench.traces import Traces
-from stepblocks.bench.trials import Trial, TrialTable, find_heights, open_trials
-from stepblocks.bench.waveform import WAVEFORM_COLUMNS, fit_waveform
-from stepblocks.contact.operating_point import PAPER, Tool as PointTool
+from stepblocks.bench.trials import Trial, TrialTable, open_trials
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.tables import escape_formula
 from stepblocks.workers import die_with_parent
@@ -103,7 +101,6 @@ def measure(
     output: str | Path | None = None,
     *,
     jobs: int | None = None,
-    waveform: bool = False,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Measure every trial of a session.
@@ -117,8 +114,6 @@ def measure(
     jobs : int, optional
         Processes; as many as cores where omitted. The script that calls needs no main guard for
         them.
-    waveform : bool
-        Also fit the drag in time to every trace: `WAVEFORM_COLUMNS` after the others.
     progress : callable, optional
         Told how many of how many trials are done.
 
@@ -142,7 +137,7 @@ def measure(
 
     with tempfile.TemporaryDirectory(prefix="stepblocks-features-") as scratch:
         table = Path(output) if output is not None else Path(scratch) / "features.csv"
-        write_features(session, table, jobs=jobs, waveform=waveform, progress=progress)
+        write_features(session, table, jobs=jobs, progress=progress)
         return pd.read_csv(table, dtype=_TEXT_COLUMNS).fillna({"reason": ""})
 
 
@@ -151,7 +146,6 @@ def write_features(
     output: str | Path,
     *,
     jobs: int | None = None,
-    waveform: bool = False,
     progress: Progress | None = None,
 ) -> MeasureSummary:
     """Measure every trial of a session into a file, however many there are.
@@ -159,15 +153,8 @@ def write_features(
     See `measure`, which also reads it back.
     """
     folder, output = Path(session), Path(output)
-    table = open_trials(
-        open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS, *WAVEFORM_COLUMNS))
-    )
-    columns = (*FEATURE_COLUMNS, *WAVEFORM_COLUMNS) if waveform else FEATURE_COLUMNS
-    heights = (
-        dict(enumerate(find_heights(table.session, table.header, list(table))[1], start=1))
-        if waveform
-        else {}
-    )
+    table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS)))
+    columns = FEATURE_COLUMNS
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     if not 1 <= jobs <= _MOST_JOBS:
         raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
@@ -183,7 +170,7 @@ def write_features(
         with draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow([*_LEADING, *map(escape_formula, table.covariates), *columns])
-            for done, result in enumerate(_iterate_results(table, jobs, heights), start=1):
+            for done, result in enumerate(_iterate_results(table, jobs), start=1):
                 if not result.reason:
                     check.add(result.trial, result.features, result.digest)
                 seen = [result.features.get(name, math.nan) for name in columns]
@@ -205,13 +192,8 @@ def write_features(
         return _write_labelled(draft, output, table, check.faults(), len(columns))
 
 
-def measure_trial(
-    traces: Traces, trial: Trial, tool: Tool | None = None, height: float = math.nan
-) -> TrialResult:
-    """Read, screen and measure one trial.
-
-    Where its height [m] is given, fit the drag in time too.
-    """
+def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
+    """Read, screen and measure one trial."""
     if trial.fault:
         return TrialResult(trial, trial.fault)
     try:
@@ -224,16 +206,7 @@ def measure_trial(
         seen = measure_censored(trace, probe.spring_constant, trial.speed, reason) if known else {}
         return TrialResult(trial, reason, seen)
     samples = blake2b(trace.tangential.tobytes() + trace.normal.tobytes(), digest_size=7)
-    features = measured.features
-    if math.isfinite(height):
-        radius = probe.tip_radius or PAPER.ball_radius
-        frequency, decay_time = tool or (PAPER.tool.frequency, PAPER.tool.decay_time)
-        probe_tool = PointTool(
-            stiffness=probe.spring_constant, frequency=frequency, decay_time=decay_time
-        )
-        fitted = fit_waveform(trace, measured, height, radius, probe_tool)
-        features = features | (fitted.features if fitted else {})
-    return TrialResult(trial, "", features, int.from_bytes(samples.digest()))
+    return TrialResult(trial, "", measured.features, int.from_bytes(samples.digest()))
 
 
 def measure_or_explain(
@@ -270,18 +243,16 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     return average_tool(result.features for result in results if not result.reason)
 
 
-def _iterate_results(
-    table: TrialTable, jobs: int, heights: dict[int, float]
-) -> Iterator[TrialResult]:
+def _iterate_results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
     """Results in the order of the table.
 
     No more than a few chunks per worker are under way at any time.
     """
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
         tool = estimate_tool(traces, table)
-        pairs = ((trial, 1e-6 * heights.get(trial.row, math.nan)) for trial in table)
+        waiting_trials = iter(table)
         if jobs == 1 or table.count <= _CHUNK:
-            yield from (measure_trial(traces, trial, tool, height) for trial, height in pairs)
+            yield from (measure_trial(traces, trial, tool) for trial in waiting_trials)
             return
     # its workers do not load the calling script again, which then needs no main guard, and share no
     # open file
@@ -293,7 +264,7 @@ def _iterate_results(
     }
     with ProcessPoolExecutor(jobs, initializer=die_with_parent, env=environment) as pool:
         while True:
-            while len(waiting) < jobs * _AHEAD and (chunk := list(islice(pairs, _CHUNK))):
+            while len(waiting) < jobs * _AHEAD and (chunk := list(islice(waiting_trials, _CHUNK))):
                 waiting.append(pool.submit(_measure_chunk, table.session, tool, chunk))
             if not waiting:
                 return
@@ -303,10 +274,8 @@ def _iterate_results(
 _opened = cache(Traces)  # of the one session of a worker
 
 
-def _measure_chunk(
-    session: Session, tool: Tool | None, pairs: list[tuple[Trial, float]]
-) -> list[TrialResult]:
-    return [measure_trial(_opened(session), trial, tool, height) for trial, height in pairs]
+def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial]) -> list[TrialResult]:
+    return [measure_trial(_opened(session), trial, tool) for trial in trials]
 
 
 def _write_labelled(

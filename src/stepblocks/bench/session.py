@@ -438,10 +438,6 @@ def open_session(folder: str | Path) -> Session:
     mistakes: list[Mistake] = []
     try:
         session = Session.model_validate({**declared, "folder": folder})
-        if len(flat := [str(name) for pair in session.trials.swap for name in pair]) > len(
-            set(flat)
-        ):
-            mistakes.append(("", "`trials.swap` must name every trial once"))
         if not is_file(session.table):
             mistakes.append(
                 (

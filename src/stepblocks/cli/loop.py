@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import AsBuilt, Jobs, Quiet, Waveform
+from stepblocks.cli.options import AsBuilt, Jobs, Quiet
 from stepblocks.cli.outcome import Outcome, make_progress
 
 app = typer.Typer()
@@ -35,7 +35,6 @@ def loop(
         Path, typer.Option("--output", "-o", metavar="DIR", help="folder to write to")
     ] = Path("out/loop"),
     jobs: Jobs = None,
-    waveform: Waveform = False,
     forces_only: Annotated[
         bool, typer.Option("--forces-only", help="leave the scans of the blocks out")
     ] = False,
@@ -59,7 +58,7 @@ def loop(
     }
     if len(session) > 1:
         return _summarise_hierarchy(loop_sessions(session, output, **options))
-    result = loop_session(session[0], output, waveform=waveform, **options)
+    result = loop_session(session[0], output, **options)
     for scan in result.document["scans"]["left_out"]:
         reason = f"scan of {scan['block']} left out: {scan['reason']}"
         print(format_units(reason), file=sys.stderr)

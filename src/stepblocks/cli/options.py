@@ -154,9 +154,6 @@ Jobs = Annotated[
         show_default="one per core",
     ),
 ]
-Waveform = Annotated[
-    bool, typer.Option("--waveform", help="also fit the drag in time to every whole trace")
-]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="open no browser")]
 
 # Conditions of a drag

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Jobs, Quiet, Waveform
+from stepblocks.cli.options import Jobs, Quiet
 from stepblocks.cli.outcome import Outcome, make_progress
 
 app = typer.Typer()
@@ -57,7 +57,6 @@ def measure(
         Path, typer.Option("--output", "-o", metavar="CSV", help="table of features")
     ] = Path("out/features.csv"),
     jobs: Jobs = None,
-    waveform: Waveform = False,
     plots: Annotated[
         Path | None,
         typer.Option("--plots", metavar="DIR", help="also draw trials with what was fitted"),
@@ -82,7 +81,7 @@ def measure(
 
     progress = make_progress("measured trials", quiet=quiet, lines=10)
     output.parent.mkdir(parents=True, exist_ok=True)
-    summary = write_features(session, output, progress=progress, jobs=jobs, waveform=waveform)
+    summary = write_features(session, output, progress=progress, jobs=jobs)
     if plots is not None:
         from stepblocks.bench.figures import draw_trials
 

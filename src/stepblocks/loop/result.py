@@ -28,7 +28,7 @@ from stepblocks.loop.search.gate import compute_detectable
 from stepblocks.loop.search.holdout import Holdout
 from stepblocks.loop.search.noise import compute_flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
-from stepblocks.loop.settings import SHOWN, build_grid, is_set
+from stepblocks.loop.settings import MOST_SETTINGS, SHOWN, build_grid
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
 # constants that people know by another name and unit
@@ -408,7 +408,11 @@ def propose_experiment(found: Explanation) -> dict[str, Any] | None:
     trials = found.problem.trials
     extra = sorted(
         {e.covariate for e in (*first.effects, *second.effects)}
-        & {n for n, column in trials.covariates.items() if n == "run_order" or is_set(column)}
+        & {
+            n
+            for n, column in trials.covariates.items()
+            if n == "run_order" or len(np.unique(column)) <= MOST_SETTINGS
+        }
         - set(SHOWN)
     )
     grid = build_grid(trials, extra)

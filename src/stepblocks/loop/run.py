@@ -55,7 +55,6 @@ def loop_session(
     *,
     jobs: int | None = None,
     forces_only: bool = False,
-    waveform: bool = False,
     as_built: Sequence[str | Path] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> LoopResult:
@@ -70,9 +69,6 @@ def loop_session(
         for, next-block.toml.
     jobs : int, optional
         Processes; as many as cores where omitted.
-    waveform : bool
-        Also fit the drag in time to every whole trace, and say in ``document["waveform"]`` how well
-        one drag predicts E_v.
     forces_only : bool
         Leave the scans of the blocks out and let the forces speak alone.
     as_built : sequence of str or Path
@@ -95,7 +91,6 @@ def loop_session(
     from stepblocks.bench.measure import measure
     from stepblocks.bench.session import open_session
     from stepblocks.bench.trials import insert_conditions, read_conditions
-    from stepblocks.bench.waveform import predict_energies
 
     session = Path(session)
     inspected = (
@@ -112,7 +107,7 @@ def loop_session(
     cores = jobs or len(os.sched_getaffinity(0))
     with nullcontext() if output is None else lock_folder(Path(output)):
         table = None if output is None else Path(output) / "features.csv"
-        measured = measure(session, table, jobs=cores, waveform=waveform, progress=progress)
+        measured = measure(session, table, jobs=cores, progress=progress)
         features = insert_conditions(measured, conditions)
         scans: Scans = {}
         failed: dict[str, str] = {}
@@ -133,8 +128,6 @@ def loop_session(
         result.document["scans"]["left_out"] = [
             {"block": block, "reason": reason} for block, reason in failed.items()
         ]
-        if waveform:
-            result.document["waveform"] = predict_energies(features, declared.probe.spring_constant)
         result = replace(result, title=declared.title or session.name)
         if output is not None:
             write_loop(result, Path(output))

@@ -4,22 +4,17 @@ import itertools
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.loop.search.forward_model import Trials
 
 SHOWN = ("height_um", "load_n", "speed_mm_s")
 _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
-_MOST_SETTINGS = 12  # of a column that is set; one of more is read
-
-
-def is_set(column: NDArray[Any]) -> bool:
-    """Whether a column holds a few settings, each of them more than once, and no readings."""
-    _, counts = np.unique(column, return_counts=True)
-    return len(counts) <= _MOST_SETTINGS and bool(counts.max() > 1)
+MOST_SETTINGS = 12  # of a column that is set; one of more is read
 
 
 def build_grid(trials: Trials, extra: list[str]) -> Trials:
+    """Build all combinations of settings, at the middle of what is read."""
+
     def span(name: str) -> list[Any]:
         numbers = trials.numeric(name)
         labels = sorted(set(trials.covariates[name].tolist()))

@@ -38,12 +38,6 @@ def test_two_heaps_are_told_with_the_trials_of_each():
     assert np.mean(second[list(low)]) < 0.03
 
 
-def test_a_sudden_change_is_told_with_its_trial():
-    (hint,) = _hints(_shifted(90, 6, 0.35 * (np.arange(90) >= 40)))
-    assert hint.kind == "change"
-    assert abs(len(hint.clusters[0]) - 40) <= 4
-
-
 def test_neighbours_that_err_together_are_told_and_no_law_is_read_off_them():
     random = np.random.default_rng(8)
     trials = _shifted(160, 8, 0.12 * np.cumsum(random.standard_normal(160)))
@@ -51,27 +45,6 @@ def test_neighbours_that_err_together_are_told_and_no_law_is_read_off_them():
     assert [hint.kind for hint in found.told] == ["neighbours"]
     assert found.findings == ()
     assert found.verdict is Verdict.UNEXPLAINED
-
-
-def test_a_trial_that_remembers_the_settings_of_the_one_before_is_told():
-    trials = toy_trials(120, 9)
-    setting = np.random.default_rng(9).choice([1.0, 2.0, 3.0], 120)
-    columns = trials.covariates | {"setting": setting}
-    before = np.concatenate([[0.0], setting[:-1] - 2.0])
-    values = trials.values + 0.15 * before[:, None] * np.array([1.0, 2.0])
-    (hint,) = _hints(type(trials)(columns, trials.channels, values, trials.std, trials.block))
-    assert hint.kind == "carry-over"
-
-
-def test_a_label_under_which_trials_scatter_more_is_named():
-    trials = toy_trials(120, 10)
-    who = np.where(np.arange(120) % 2 == 0, "A", "B")
-    added = 0.35 * np.random.default_rng(10).standard_normal(120) * (who == "B")
-    columns = trials.covariates | {"operator": who}
-    values = trials.values + added[:, None] * np.array([1.0, 2.0])
-    (hint,) = _hints(type(trials)(columns, trials.channels, values, trials.std, trials.block))
-    assert hint.kind == "spread"
-    assert "operator B" in hint.said
 
 
 def test_the_estimate_of_a_trial_is_what_moved_all_its_channels_alike():

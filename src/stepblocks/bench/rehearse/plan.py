@@ -21,7 +21,6 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import format_mistakes, validate_data
 from stepblocks.quantities import make_quantity_parser
-from stepblocks.tables import read_table
 from stepblocks.text_file import read_document
 
 _MOST_TRIALS = 1_000_000
@@ -229,8 +228,6 @@ class SessionPlan(Strict):
     scatter : Scatter
     rig : RigPart
     effects : tuple[PlantedEffect, ...]
-    load_table : str
-        Of the apparatus, ``*.loads.csv`` beside the plan: which loads there are, and their scatter.
     """
 
     schema_: Literal[1] = Field(alias="schema")
@@ -243,7 +240,6 @@ class SessionPlan(Strict):
     scatter: Scatter = Scatter()
     rig: RigPart = RigPart()
     effects: tuple[PlantedEffect, ...] = ()
-    load_table: str = ""
 
     def blocks(self) -> list[str]:
         """Names of the blocks."""
@@ -303,30 +299,4 @@ def read_plan(path: Path) -> SessionPlan:
     ]
     if faults:
         raise PipelineError(format_mistakes([("", fault) for fault in faults], path))
-    return _with_load_table(plan, path.parent / plan.load_table) if plan.load_table else plan
-
-
-def _with_load_table(plan: SessionPlan, path: Path) -> SessionPlan:
-    """Take the loads that the apparatus has for those asked for.
-
-    And the largest of their uncertainties for the scatter.
-    """
-    table = read_table(path)
-    if not {"axis", "force_n", "std_n"} <= set(table.columns):
-        raise PipelineError(f"load_table must have the columns axis, force_n and std_n [{path}]")
-    normal = table[table["axis"] == "normal"]
-    forces, stds = (np.asarray(normal[name], dtype=np.float64) for name in ("force_n", "std_n"))
-    rows = [
-        int(np.argmin(np.abs(forces - load))) if len(forces) else -1 for load in plan.design.loads
-    ]
-    for load, row in zip(plan.design.loads, rows, strict=True):
-        if row < 0 or abs(forces[row] / load - 1.0) > 0.01:
-            known = ", ".join(f"{force:.4g}" for force in forces) or "none"
-            raise PipelineError(
-                f"loads must be of the load table within 1 % ({known} N), got {load:g} N [{path}]"
-            )
-    design = plan.design.model_copy(update={"loads": [float(forces[row]) for row in rows]})
-    share = max(float(stds[row] / forces[row]) for row in rows)
-    return plan.model_copy(
-        update={"design": design, "scatter": plan.scatter.model_copy(update={"load": share})}
-    )
+    return plan

@@ -445,7 +445,8 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
     share = float(gains[row].sum()) / whole
     # without the trials that gain most the effect must still open the gate
     most = np.sort(gains.sum(axis=1))[-max(round(_INFLUENCE * shape[0]), 1) :]
-    carried = whole - float(most.sum()) < min(grown.needed, whole)
+    gain = base.cost - current.cost
+    carried = gain - float(most.sum()) < min(grown.needed, gain)
     return Finding(
         effect,
         Verdict.UNEXPLAINED if carried else verdict,

@@ -12,9 +12,8 @@ from scipy import stats
 from scipy.fft import dct
 from statsmodels.stats.multitest import multipletests
 
-from stepblocks.loop.search.adequacy import compute_smooth_p
 from stepblocks.loop.search.fit import Fit, Problem
-from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
+from stepblocks.loop.search.forward_model import Floats, Systematic
 
 LEVEL = 0.002  # of all tests of a session together, after Holm
 _FEWEST = 24  # trials
@@ -36,7 +35,7 @@ class Hint:
     Attributes
     ----------
     kind : str
-        ``heaps``, ``spread``, ``change``, ``carry-over`` or ``neighbours``.
+        ``heaps`` or ``neighbours``.
     quantity : str
         Which quantity of the model differs.
     p_value : float
@@ -45,8 +44,6 @@ class Hint:
         One sentence.
     clusters : tuple[tuple[int, ...], ...]
         Rows of the trials of each heap, where they fall apart.
-    gain : float
-        Of the criterion over scatter alone, by which a change and a walk are compared.
     """
 
     kind: str
@@ -54,7 +51,6 @@ class Hint:
     p_value: float
     said: str
     clusters: tuple[tuple[int, ...], ...] = ()
-    gain: float = 0.0
 
 
 def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Floats]:
@@ -91,11 +87,8 @@ def find_hints(
             continue
         rows = rows[np.argsort(order[rows], kind="stable")]
         values = errors[rows, k]
-        heap = _find_clusters(name, values, rows)
-        found += [heap] if heap else []
-        tests += _test_spreads(name, values, problem.trials.take(rows))
-        tests += [_test_change(name, values, rows, order), _test_neighbours(name, values)]
-        tests += _test_carry_over(name, values, problem.trials.take(rows))
+        found += filter(None, [_find_clusters(name, values, rows)])
+        tests.append(_test_neighbours(name, values))
     if tests:
         corrected = multipletests([t.p_value for t in tests], method="holm")[1]
         for test, p_value in zip(tests, corrected.tolist(), strict=True):
@@ -105,16 +98,11 @@ def find_hints(
 
 
 def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
-    """One cause shows in several tests: a walk changes, spreads unequally and has heaps.
-
-    A heap may look like a change.
-    """
+    """One cause shows in several tests: a walk has heaps too."""
     kept = []
     for name in dict.fromkeys(hint.quantity for hint in found):
         own = [hint for hint in found if hint.quantity == name]
-        timely = [h for h in own if h.kind in ("change", "neighbours")]
-        heaps = [h for h in own if h.kind == "heaps"]
-        kept += [max(timely, key=lambda h: h.gain)] if timely else heaps or own
+        kept += [h for h in own if h.kind == "neighbours"] or own
     return tuple(kept)
 
 
@@ -142,67 +130,6 @@ def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | 
     return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), said, heaps)
 
 
-def _test_spreads(name: str, values: Floats, trials: Trials) -> list[Hint]:
-    """Brown and Forsythe's test under every label."""
-    found = []
-    for label, column in trials.covariates.items():
-        kinds = np.unique(column)
-        if trials.numeric(label) is not None or not 1 < len(kinds) <= 6:
-            continue
-        groups = [values[column == kind] for kind in kinds]
-        if min(len(group) for group in groups) < 8:
-            continue
-        p_value = float(stats.levene(*groups, center="median").pvalue)
-        wide = max(range(len(groups)), key=lambda i: float(np.std(groups[i])))
-        said = f"{name} scatters more with {label} {kinds[wide]} than with others"
-        found.append(Hint("spread", name, p_value, said))
-    return found
-
-
-def _test_change(name: str, values: Floats, rows: NDArray[np.intp], order: Floats) -> Hint:
-    """One sudden change along the run."""
-    import ruptures
-
-    n = len(values)
-    at = int(ruptures.Binseg(model="l2", min_size=6, jump=1).fit(values).predict(n_bkps=1)[0])
-    first, second = values[:at], values[at:]
-    inside = float(np.sum((first - first.mean()) ** 2) + np.sum((second - second.mean()) ** 2))
-    whole = float(np.sum((values - values.mean()) ** 2))
-    ratio = (whole - inside) / max(inside / (n - 2), 1e-300)
-    step = float(second.mean() - first.mean())
-    said = f"{name} changes by {step:.3g} at trial {order[rows[at]]:g} of the run"
-    # the place was sought: Bonferroni over all of them
-    p_value = min(1.0, (n - 12) * float(stats.f.sf(ratio, 1, n - 2)))
-    gain = n * float(np.log(whole / max(inside, 1e-300))) - 2.0 * float(np.log(n))
-    heaps = tuple(tuple(sorted(part.tolist())) for part in (rows[:at], rows[at:]))
-    return Hint("change", name, p_value, said, heaps, gain)
-
-
-def _test_carry_over(name: str, values: Floats, trials: Trials) -> list[Hint]:
-    """Ask whether what was set at the trial before shows."""
-    columns = [
-        numbers
-        for label in trials.covariates
-        if (numbers := _rank_setting(trials, label)) is not None
-    ]
-    if not columns:
-        return []
-    p_value = compute_smooth_p(values[1:], np.column_stack(columns)[:-1])
-    return [Hint("carry-over", name, p_value, f"{name} remembers the settings of the trial before")]
-
-
-def _rank_setting(trials: Trials, label: str) -> Floats | None:
-    """Ranks of a setting that goes from trial to trial as it likes.
-
-    Not of a reading that drifts.
-    """
-    numbers = trials.numeric(label)
-    if numbers is None or not 1 < len(np.unique(numbers)) <= 20:
-        return None
-    ranks = stats.rankdata(numbers)
-    return np.asarray((ranks - ranks.mean()) / np.std(ranks))
-
-
 def fit_walk(values: Floats) -> tuple[float, float, float]:
     """Fit a walk beside scatter: twice the log likelihood that it gains.
 
@@ -228,13 +155,13 @@ def _test_neighbours(name: str, values: Floats) -> Hint:
     lags = min(5, len(values) // 8)
     together = float(acorr_ljungbox(values, lags=[lags])["lb_pvalue"].iloc[0])
     p_value = min(1.0, 2.0 * min(together, 0.5 * float(stats.chi2.sf(gain, 1))))
-    return describe_wandering(name, p_value, gain - float(np.log(len(values))))
+    return describe_wandering(name, p_value)
 
 
-def describe_wandering(name: str, p_value: float = 0.0, gain: float = 0.0) -> Hint:
+def describe_wandering(name: str, p_value: float = 0.0) -> Hint:
     """Say that a quantity goes its own way along the run."""
     said = f"{name} wanders: trials that follow one another err together"
-    return Hint("neighbours", name, p_value, said, gain=gain)
+    return Hint("neighbours", name, p_value, said)
 
 
 def build_wandering(
