@@ -336,16 +336,10 @@ class Trials(Strict):
 
     Attributes
     ----------
-    file : str
-        Name of the file in the folder of the session.
-    delimiter, decimal : str
-        Between its cells, and in its numbers.
-    columns : TrialColumns
-        Which column plays which part.
-    exclude : tuple of str or int
-        Trials that are not used.
-    swap : tuple of pairs
-        Trials whose records are exchanged: each row is measured from the record of the other.
+    file, delimiter, decimal, columns
+        Name of the file, how it is written, and which column plays which part.
+    exclude, swap : tuple
+        Trials that are not used, and pairs whose records are exchanged.
     """
 
     file: str = "trials.csv"
