@@ -1,0 +1,105 @@
+"""Laws that hold for any study: units, order, names."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from stepblocks.study.analysis.mixed import fit_mixed_model
+from stepblocks.study.analysis.psychometric import fit_psychometric
+from stepblocks.study.analysis.repeated import (
+    assess_effect,
+    compare_participants,
+    compute_bayes_factor,
+)
+from stepblocks.study.design import Item, design_trials
+
+seeds = st.integers(0, 10_000)
+bounded = settings(max_examples=4, deadline=None)
+
+
+def judged(seed, people=5, conditions=("a", "b", "c")):
+    random = np.random.default_rng(seed)
+    index = np.indices((people, len(conditions), 2, 2)).reshape(4, -1)
+    value = random.standard_normal(index.shape[1]) + random.standard_normal(people)[index[0]]
+    return pd.DataFrame(
+        {
+            "participant": index[0].astype(str),
+            "condition": np.array(conditions)[index[1]],
+            "stimulus": index[2].astype(str),
+            "height": 25e-6 * (1 + index[2]),
+            "error": value * 1e-6,
+            "value": value,
+        }
+    )
+
+
+def fitted(frame):
+    return fit_mixed_model(frame, "value", "condition", "participant", "stimulus")
+
+
+@bounded
+@given(seed=seeds)
+def test_the_order_of_the_rows_moves_no_test(seed):
+    frame = judged(seed)
+    one, other = fitted(frame), fitted(frame.sample(frac=1.0, random_state=seed))
+    assert other.condition.f == pytest.approx(one.condition.f, rel=1e-7)
+
+
+@bounded
+@given(seed=seeds)
+def test_names_of_participants_move_no_test(seed):
+    frame = judged(seed)
+    other = frame.assign(participant=frame["participant"].map(lambda who: f"z{9 - int(who)}"))
+    assert fitted(other).condition.f == pytest.approx(fitted(frame).condition.f, rel=1e-7)
+
+
+@bounded
+@given(seed=seeds, shift=st.floats(-50.0, 50.0))
+def test_a_constant_error_of_all_moves_no_contrast(seed, shift):
+    frame = judged(seed)
+    table = frame.groupby(["participant", "condition"])["value"].mean().unstack()
+    pairs = zip(compare_participants(table), compare_participants(table + shift), strict=True)
+    for a, b in pairs:
+        assert b.difference == pytest.approx(a.difference, abs=1e-9)
+
+
+@bounded
+@given(seed=seeds)
+def test_epsilon_lies_between_one_over_its_contrasts_and_one(seed):
+    from scipy.linalg import helmert
+
+    table = np.random.default_rng(seed).standard_normal((7, 4)) * [1.0, 2.0, 4.0, 8.0]
+    term, found = assess_effect("x", table, helmert(4))
+    assert 1.0 / 3.0 <= found.epsilon <= 1.0
+    assert term.df == pytest.approx(3.0 * found.epsilon)
+
+
+@bounded
+@given(people=st.integers(3, 60), t=st.floats(0.0, 6.0), more=st.floats(0.1, 3.0))
+def test_the_bayes_factor_of_no_difference_falls_with_student_s_t(people, t, more):
+    one, other = compute_bayes_factor(t, people), compute_bayes_factor(t + more, people)
+    assert one > other > 0.0
+    assert compute_bayes_factor(-t, people) == pytest.approx(one, rel=1e-9)
+
+
+@bounded
+@given(seed=seeds, unit=st.sampled_from([1e-3, 1.0, 1e6]))
+def test_the_unit_of_heights_scales_a_threshold_and_no_weber_fraction(seed, unit):
+    levels = np.array([30.0, 40.0, 47.0, 53.0, 62.0, 80.0])
+    share = 1.0 / (1.0 + np.exp(-6.0 * np.log(levels / 50.0)))
+    hits = np.random.default_rng(seed).binomial(40, share)
+    one, other = (fit_psychometric(levels * s, hits.tolist(), [40] * 6) for s in (1.0, unit))
+    assert other.threshold == pytest.approx(one.threshold * unit, rel=1e-4)
+    assert other.weber == pytest.approx(one.weber, rel=1e-3)
+
+
+@bounded
+@given(seed=seeds, people=st.integers(2, 9), repetitions=st.integers(1, 3))
+def test_a_design_holds_every_cell_as_often_for_everybody(seed, people, repetitions):
+    blocks = [Item(f"s{n}", f"S{n}", n * 1e-5) for n in (2, 4, 6)]
+    factors = {"probe": ("a", "b"), "load": ("x", "y")}
+    design = design_trials("estimates", people, blocks, repetitions, seed, factors=factors)
+    cells = pd.DataFrame(design.trials).groupby(["participant", "condition", "stimulus"]).size()
+    assert len(cells) == people * 4 * 3
+    assert (cells == repetitions).all()
