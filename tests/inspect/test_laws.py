@@ -114,7 +114,9 @@ def test_a_burr_is_as_high_as_it_stands_wherever_it_stands(tall, place):
     wide = np.pad(z, ((0, 0), (60, 60)), mode="edge")
     across = (np.arange(wide.shape[1]) - wide.shape[1] / 2 + 0.5)[np.newaxis] * UM
     found = find_burr(across, wide, 50 * UM, 3 * UM)
-    assert found.height.value == pytest.approx(tall * UM, abs=0.05 * UM)
+    # the sides of a peak may go on rising between two points: a rectangle of this half width
+    slack = math.sqrt(3.0) * found.sampling + 0.05 * UM
+    assert abs(found.height.value - tall * UM) <= slack
 
 
 @FEW
