@@ -98,11 +98,11 @@ import sys
 from pathlib import Path
 from oracles.written_steps import STIMULI, written
 from stepblocks.artefacts.step.write import write_conforming
-from stepblocks.cad.kernel import box
+from stepblocks.cad.kernel import make_box
 folder, crown = Path(sys.argv[1]), STIMULI["crown-shoulder"]
 alone = written(crown.id, folder).read_bytes()
 sizes = (("a", 1e-3), ("b", 2e-3))
-bodies = [(name, box((0.0, 0.0, 0.0), (size, 1e-3, 1e-3))) for name, size in sizes]
+bodies = [(name, make_box((0.0, 0.0, 0.0), (size, 1e-3, 1e-3))) for name, size in sizes]
 for _ in range(50):
     write_conforming(folder / "small.step", "small", bodies, crown.material, [])
 assert written(crown.id, folder).read_bytes() == alone

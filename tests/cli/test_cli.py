@@ -339,8 +339,9 @@ def test_the_shipped_stimuli_are_copied_whole_and_nobodys_are_replaced(
 ):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "--shipped"]) == 0
-    assert "6 files in stimuli: stepblocks build stimuli" in capsys.readouterr().out
     shipped = sorted((ROOT / "stimuli").glob("*.toml"))
+    summary = f"{len(shipped)} files in stimuli: stepblocks build stimuli"
+    assert summary in capsys.readouterr().out
     assert [path.name for path in sorted(Path("stimuli").iterdir())] == [
         path.name for path in shipped
     ]
