@@ -121,7 +121,7 @@ def _texts(work: Path) -> Iterator[Kind]:
     from stepblocks.artefacts.qif_read import read_qif_results
     from stepblocks.bench.rehearse.plan import read_plan
     from stepblocks.build.manifest import load_json, load_record, write_sealed
-    from stepblocks.declare import load_declared
+    from stepblocks.declare import load_set
     from stepblocks.predict.sweep.plan import load_sweep
     from stepblocks.simulators.devices import load_devices
 
@@ -129,7 +129,7 @@ def _texts(work: Path) -> Iterator[Kind]:
         "stimuli",
         (
             [(path.name, path.read_bytes()) for path in sorted((ROOT / "stimuli").glob("*.toml"))],
-            load_declared,
+            load_set,
         ),
     )
     source = ROOT / "src" / "stepblocks"
@@ -172,7 +172,7 @@ def _texts(work: Path) -> Iterator[Kind]:
         "as-built",
         ([("x.as-built.toml", (work / "x.as-built.toml").read_bytes())], read_as_built),
     )
-    block = load_declared(ROOT / "stimuli" / "paper-four.toml").stimuli[0]
+    block = load_set(ROOT / "stimuli" / "paper-four.toml").stimuli[0]
     said = {one.key: (one.nominal + one.upper, 1e-8, "conforms") for one in block.characteristics()}
     write_qif(work / "q.qif", block, None, said)
     yield "qif", ([("q.qif", (work / "q.qif").read_bytes())], read_qif_results)
@@ -337,11 +337,11 @@ def _parts(work: Path) -> Iterator[Kind]:
     from stepblocks.artefacts.check import check_artefact
     from stepblocks.artefacts.step.check_step import check_step, format_step_table
     from stepblocks.build.run import build_sets
-    from stepblocks.declare import load_declared
+    from stepblocks.declare import load_set
 
     sheaths = ROOT / "stimuli" / "sheaths.toml"
     build_sets(sheaths, work / "out", only="sheath-hard", jobs=1)
-    part = next(one for one in load_declared(sheaths).stimuli if one.id == "sheath-hard")
+    part = next(one for one in load_set(sheaths).stimuli if one.id == "sheath-hard")
     folder = work / "out" / "sheaths" / "sheath-hard"
 
     def check(path: Path) -> object:

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from stepblocks.errors import PipelineError, StepblocksError, StimulusError
+from stepblocks.errors import StepblocksError, StimulusError
 from stepblocks.mistakes import (
     Mistake,
     format_mistakes,
@@ -19,7 +19,6 @@ from stepblocks.parts.set import (
     StimulusSet,
     list_kinds,
     make_file_model,
-    resolve_energy_tolerances,
     validate_set,
 )
 from stepblocks.text_file import read_document
@@ -92,15 +91,6 @@ def load_set(path: str | Path) -> StimulusSet:
     if mistakes:
         raise StimulusError(format_mistakes(mistakes, path))
     return found
-
-
-def load_declared(path: str | Path) -> StimulusSet:
-    """Read a stimulus file and work out the tolerances that follow from an energy."""
-    stimuli = load_set(path)
-    try:
-        return resolve_energy_tolerances(stimuli)
-    except StepblocksError as error:
-        raise PipelineError(f"{error}".replace(f"[{stimuli.name},", f"[{path},")) from error
 
 
 def _expand_stanzas(

@@ -18,7 +18,7 @@ from stepblocks.artefacts.on_paper import (
 )
 from stepblocks.artefacts.step.write import _draw_callout, _format_callout, make_conforming
 from stepblocks.cad.kernel import Face
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.select import find_stimulus_files
@@ -54,9 +54,7 @@ def test_deviations_carry_their_signs_the_upper_first(nominal, lower, upper, tex
 
 @pytest.fixture(scope="module")
 def tip():
-    return next(
-        one for one in load_declared(STIMULI / "probe-tips.toml").stimuli if one.id == "tip-125"
-    )
+    return next(one for one in load_set(STIMULI / "probe-tips.toml").stimuli if one.id == "tip-125")
 
 
 def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
@@ -85,7 +83,7 @@ def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
 
 
 def test_a_zone_has_no_nominal_and_no_lower_limit():
-    block = load_declared(STIMULI / "paper-ten.toml").step_block[0]
+    block = load_set(STIMULI / "paper-ten.toml").step_block[0]
     table = make_sheet_table(block)
     zones = table[table.kind.isin(["flatness", "parallelism"])]
     assert len(zones) == 3
@@ -200,6 +198,6 @@ def test_notes_and_texture_need_something_to_belong_to():
 
 def test_every_kind_of_part_has_texts_that_part_21_may_hold():
     for path in find_stimulus_files(STIMULI):
-        for stimulus in load_declared(path).stimuli:
+        for stimulus in load_set(path).stimuli:
             for number, one in enumerate(stimulus.characteristics(), start=1):
                 assert _format_callout(one, number).replace("±", "+-").isascii()

@@ -11,16 +11,14 @@ from oracles import schemas
 from stepblocks.artefacts.certificate import write_certificate
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.qif_read import match_results, read_qif_results
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.select import find_stimulus_files
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
-PARTS = {
-    one.id: one for path in find_stimulus_files(STIMULI) for one in load_declared(path).stimuli
-}
+PARTS = {one.id: one for path in find_stimulus_files(STIMULI) for one in load_set(path).stimuli}
 KINDS = (
     "step-050",
     "gap-050-bevelled",

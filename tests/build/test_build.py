@@ -273,11 +273,11 @@ import sys
 from pathlib import Path
 from stepblocks import build_sets
 from stepblocks.build.make import make_all
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 
 output, *files = map(Path, sys.argv[1:])
 chosen = {"hook-125", "tip-125", "crown-shoulder", "gap-020-lip"}
-every = [(one.name, part, "") for one in map(load_declared, files) for part in one.stimuli]
+every = [(one.name, part, "") for one in map(load_set, files) for part in one.stimuli]
 parts = [one for one in every if one[1].id in chosen]
 assert len(list(make_all(parts, output, 1))) == len(chosen)
 build_sets(files, output, only="step-010", jobs=1)  # with tables and page of all of them

@@ -14,7 +14,7 @@ from stepblocks.build import picture
 from stepblocks.build.page import Section, _draw_figure, _summarise, write_page
 from stepblocks.build.picture import draw_part, exaggerate_heights, write_view
 from stepblocks.contact.energy import Status
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 
 BOX_CORNERS = (
     np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * 1e-3
@@ -78,7 +78,7 @@ def test_the_view_holds_the_bodies_in_millimetres_as_one_call(tmp_path):
 
 @pytest.fixture(scope="module")
 def blocks(request):
-    return load_declared(request.config.rootpath / "stimuli" / "paper-ten.toml")
+    return load_set(request.config.rootpath / "stimuli" / "paper-ten.toml")
 
 
 def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
@@ -123,7 +123,7 @@ def test_no_curve_or_mark_goes_on_where_the_tip_locks(blocks):
 
 
 def test_a_set_without_blocks_has_no_curves(request):
-    assert _draw_figure(load_declared(request.config.rootpath / "stimuli" / "sheaths.toml")) is None
+    assert _draw_figure(load_set(request.config.rootpath / "stimuli" / "sheaths.toml")) is None
 
 
 def release(status, force=0.0, energy=0.0):

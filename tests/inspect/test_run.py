@@ -75,9 +75,9 @@ def test_a_scan_is_judged_in_one_call_wherever_the_stimulus_is_declared(result, 
 
 
 def test_every_characteristic_that_a_scan_shows_belongs_to_some_shipped_part():
-    from stepblocks.declare import load_declared
+    from stepblocks.declare import load_set
 
-    sets: list[StimulusSet] = [load_declared(path) for path in find_stimulus_files(STIMULI)]
+    sets: list[StimulusSet] = [load_set(path) for path in find_stimulus_files(STIMULI)]
     keys = {
         one.key for stimuli in sets for part in stimuli.stimuli for one in part.characteristics()
     }

@@ -20,7 +20,6 @@ from stepblocks.parts.tolerance import (
     Angle,
     Dimension,
     Length,
-    LengthByEnergy,
     PositiveLength,
     SignedLength,
     find_general_deviation,
@@ -96,11 +95,6 @@ def test_deviations_may_be_alike_or_not_to_either_side(tolerance, limits_um):
         (Length, {"nominal": "1 mm", "colour": "red"}, "unknown colour"),
         (Length, {"tolerance": "1 um"}, "nominal is missing"),
         (Length, {"nominal": "1 mm", "source": 7}, "source must be text, got 7"),
-        (
-            Length,
-            {"nominal": "1 mm", "tolerance": "by energy"},
-            "is for height, edge_radius and ball_radius",
-        ),
         (Zone, "0 um", "must be positive, got 0"),
         (DENSITY, "7 kg/m^3", "must be a table with value and source"),
         (DENSITY, {"value": "0 kg/m^3", "source": "x"}, "value must be positive"),
@@ -132,13 +126,6 @@ def test_an_angle_has_the_general_tolerance_of_a_short_side():
     )
 
 
-def test_a_tolerance_by_energy_waits_until_it_is_worked_out():
-    one = read(LengthByEnergy, {"nominal": "0 um", "tolerance": "by energy"})
-    assert one.unresolved
-    assert str(one) == "0 um, tolerance by energy"
-    assert not Dimension(0.0, 1e-6, 0.0, by_energy=True).unresolved
-
-
 @pytest.mark.parametrize(
     ("one", "text"),
     [
@@ -159,7 +146,6 @@ def test_a_dimension_reads_as_on_a_drawing(one, text):
     [
         (Dimension(1e-3, 1e-4, -1e-4, general=True), "ISO 2768-m"),
         (Dimension(1e-3, 1e-4, -1e-4), "stated"),
-        (Dimension(1e-3, 1e-4, -1e-4, by_energy=True), "by energy"),
     ],
 )
 def test_the_record_says_whose_tolerance_it_is(one, told):

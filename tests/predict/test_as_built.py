@@ -10,7 +10,7 @@ import pytest
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.contact.energy import Status
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.predict.as_built import (
     describe_energy_changes,
     format_surface_columns,
@@ -25,7 +25,7 @@ X = np.arange(-400, 401) * 1e-6
 
 @pytest.fixture(scope="module")
 def stimuli():
-    return load_declared(STIMULI / "paper-ten.toml")
+    return load_set(STIMULI / "paper-ten.toml")
 
 
 def record(height=50e-6, radius=None, surface=None):

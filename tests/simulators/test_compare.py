@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from stepblocks.cli import main
 from stepblocks.contact.event import vibration_events
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError, StepblocksError
 from stepblocks.simulators.compare import JND, compare
 from stepblocks.simulators.conditions import choose_operating_point
@@ -153,7 +153,7 @@ def test_a_drag_backward_is_compared_with_its_own_event(tmp_path):
 
 
 def contact_of(name, identity):
-    stimuli = load_declared(SET.with_name(f"{name}.toml"))
+    stimuli = load_set(SET.with_name(f"{name}.toml"))
     part = next(one for one in stimuli.stimuli if one.id == identity)
     return part.counterface(), choose_operating_point(stimuli, part, {})
 

@@ -15,7 +15,7 @@ from hypothesis import given, settings, strategies as st
 
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import vibration_events
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.simulators.conditions import choose_operating_point
 from stepblocks.simulators.export import export
 from stepblocks.simulators.renderer import Renderer
@@ -23,8 +23,7 @@ from stepblocks.simulators.renderer import Renderer
 ROOT = Path(__file__).resolve().parents[2]
 STUBS = Path(__file__).with_name("stubs")
 SETS = {
-    name: load_declared(ROOT / "stimuli" / f"{name}.toml")
-    for name in ("paper-ten", "crown-margins")
+    name: load_set(ROOT / "stimuli" / f"{name}.toml") for name in ("paper-ten", "crown-margins")
 }
 STRICT = ["-Wall", "-Wextra", "-Werror", "-pedantic"]
 STILL = (0.0, 0.0, 0.0)

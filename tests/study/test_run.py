@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import ContactError, PipelineError, StudyError
 from stepblocks.predict.predictions import predict_one
 from stepblocks.study.design import choose_blocks
@@ -62,7 +62,7 @@ def test_an_unknown_experiment_is_refused_with_those_that_there_are(tmp_path):
 
 
 def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwise():
-    stimuli = load_declared(Path(FOUR))
+    stimuli = load_set(Path(FOUR))
     place = {"ball_radius": 150e-6, "normal_load": 1.0, "friction": 0.1}
     load, point = 1.0, choose_blocks(FOUR, place).point
     (found,) = choose_blocks(FOUR, place, "*-025").energies().values()
@@ -80,7 +80,7 @@ def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwi
 
 
 def test_what_is_left_out_is_the_first_of_the_file_under_which_every_block_rings():
-    stimuli = load_declared(Path(FOUR))
+    stimuli = load_set(Path(FOUR))
     point, grid = choose_blocks(FOUR, {"friction": 0.05}).point, stimuli.prediction
     assert (point.ball_radius, point.friction) == (grid.tip_radii[0], 0.05)
     # under 0.25 N the drag walks over the step of 25 um: not the first load, the second

@@ -14,7 +14,7 @@ from ezdxf import bbox
 from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.cli import main
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.shapes import build_solids
 from stepblocks.parts.tolerance import Dimension
@@ -27,7 +27,7 @@ from stepblocks.workshop.gauge_route import choose_pair
 STIMULI = {
     one.id: one
     for path in find_stimulus_files(Path(__file__).parents[2] / "stimuli")
-    for one in load_declared(path).stimuli
+    for one in load_set(path).stimuli
 }
 # one of every layout: blocks alike but for their height are read on paper, not built each
 BUILT = (

@@ -9,7 +9,7 @@ import pytest
 
 from oracles.drawn_dimensions import drawn_dimensions
 from stepblocks.cli import main
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError, PipelineError, StepblocksError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.tips import StraightTip
@@ -120,9 +120,7 @@ def test_a_kind_without_views_of_its_own_is_drawn_by_the_nearest_of_its_line_and
     class LongTip(StraightTip):
         stanza: ClassVar[str] = "long_tip"
 
-    (tip,) = [
-        one for one in load_declared(STIMULI / "probe-tips.toml").stimuli if one.id == "tip-125"
-    ]
+    (tip,) = [one for one in load_set(STIMULI / "probe-tips.toml").stimuli if one.id == "tip-125"]
     other = LongTip.model_construct(**dict(tip))
     (path,) = write_drawing(tmp_path, other, ["dxf"])
     assert {one.key for one in drawn_dimensions(path)} == {"shank_diameter", "length"}

@@ -358,7 +358,7 @@ def find_heights(
 def _read_declared_heights(session: Session) -> dict[str, float]:
     """Heights of the blocks of the stimulus set by their names [um]."""
     from stepblocks.contact.counterface import Step
-    from stepblocks.declare import load_declared
+    from stepblocks.declare import load_set
 
     stimuli = session.stimuli
     beside = Path("stimuli") / f"{stimuli.set}.toml"
@@ -370,5 +370,5 @@ def _read_declared_heights(session: Session) -> dict[str, float]:
             "height, or "
             f"`stimuli.file` the stimulus set{missing} [{session.table}]"
         )
-    faces = {part.id: part.counterface() for part in load_declared(path).stimuli if part.crossed}
+    faces = {part.id: part.counterface() for part in load_set(path).stimuli if part.crossed}
     return {name: 1e6 * face.height for name, face in faces.items() if isinstance(face, Step)}

@@ -124,9 +124,9 @@ def build_sets(
 
     from stepblocks.artefacts.model_file import read_model
     from stepblocks.build.make import make_all
-    from stepblocks.declare import load_declared
+    from stepblocks.declare import load_set
 
-    sets = [load_declared(path) for path in sources]
+    sets = [load_set(path) for path in sources]
     learned = read_model(Path(model)) if model else None
     report = BuildReport(str(folder))
     with lock_folder(folder):
@@ -284,10 +284,10 @@ def check_output(
     """
     from stepblocks.artefacts.check import check_artefact
     from stepblocks.build.make import checked_files
-    from stepblocks.declare import load_declared
+    from stepblocks.declare import load_set
 
     folder = Path(output)
-    sets = [load_declared(path) for path in find_stimulus_files(files)]
+    sets = [load_set(path) for path in find_stimulus_files(files)]
     if not folder.is_dir():
         raise PipelineError(f"the output folder must exist; run stepblocks build first [{folder}]")
     for name, stimulus in _select(sets, only):

@@ -82,13 +82,13 @@ def predict(
     if model or any(path.suffix.lower() == ".csv" for path in files):
         return _predict_table(files, output, model)
     from stepblocks.atomic import replace_text
-    from stepblocks.declare import load_declared
+    from stepblocks.declare import load_set
     from stepblocks.predict.predictions import choose_columns, describe_left_out, predict_all
     from stepblocks.predict.sheaths import tabulate_rings
     from stepblocks.select import find_stimulus_files
     from stepblocks.tables import format_csv
 
-    sets = [load_declared(path) for path in find_stimulus_files(files)]
+    sets = [load_set(path) for path in find_stimulus_files(files)]
     in_time = None if conversion is None else conversion == "simulated"
     if as_built:
         sets, by_name, rows = _predict_as_built(sets, as_built, in_time, speed)

@@ -4,14 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
 from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
-from stepblocks.contact.counterface import Counterface, Step
+from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.domain import Real, require_not_negative
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
@@ -222,112 +221,3 @@ def draw_standard_normal(inputs: int, draws: int, seed: int) -> Floats:
     numbers = np.random.default_rng(seed).standard_normal((inputs, draws))
     numbers.setflags(write=False)
     return numbers
-
-
-_DIMENSIONS = ("height", "edge_radius", "ball_radius")
-
-
-@dataclass(frozen=True)
-class TolerancePlan:
-    """Tolerances that keep the energy of a block within a band, at every corner of the tolerance zone."""
-
-    achievable: bool  # whether the workshop and the setting of the trial leave room for it
-    reason: str  # one sentence: what limits it
-    height: float  # half-width t of the tolerance +-t [m]; 0 where nothing will do
-    edge_radius: float  # the same; for a nominally sharp edge the largest radius allowed
-    ball_radius: float  # the same
-    worst_low: float  # relative change of the energy at the worst corners [1]
-    worst_high: float
-
-
-def find_tolerances_for_energy(
-    face: Step,
-    point: OperatingPoint,
-    energy_tolerance: float,
-    *,
-    finest: Mapping[str, float] | None = None,
-    fixed: Mapping[str, float] | None = None,
-) -> TolerancePlan:
-    """Find the widest tolerances of height, edge radius and tip radius whose worst corner keeps E_v within +-`energy_tolerance`."""
-    # the half-widths that are `fixed`, of any input, spend the budget first; what remains is split
-    # in equal shares
-    finest, fixed = finest or {}, dict(fixed or {})
-    if face.release(point).status is not Status.RELEASES:
-        raise ContactError(
-            f"a step of {face.height:g} m that is {face.release(point).status} has no "
-            "energy "
-            "to "
-            "keep"
-        )
-    free = [name for name in _DIMENSIONS if name not in fixed]
-    at_finest: dict[
-        str, float
-    ] = {}  # what the workshop cannot make as fine as its share keeps to what it holds
-    while True:
-        low, high = compute_energy_at_corners(face, point, fixed | at_finest)
-        if not free or high >= energy_tolerance or low <= -energy_tolerance:
-            given = " and ".join(sorted(name for name, width in fixed.items() if width > 0.0))
-            held = " and ".join(
-                f"{name} to {width * 1e6:.3g} um" for name, width in at_finest.items()
-            )
-            cause = (
-                f"the workshop holds {held}, which" if held else f"the given uncertainty of {given}"
-            )
-            reason = f"{cause} alone changes the energy by {low:+.1%} to {high:+.1%}"
-            return TolerancePlan(False, reason, 0.0, 0.0, 0.0, low, high)
-        found = _find_equal_shares(face, point, energy_tolerance, fixed | at_finest, free)
-        tight = [name for name in free if found[name] < finest.get(name, 0.0)]
-        if not tight:
-            break
-        at_finest |= {name: finest[name] for name in tight}
-        free = [name for name in free if name not in tight]
-    found |= at_finest
-    low, high = compute_energy_at_corners(face, point, fixed | found)
-    height, edge, ball = (found.get(name, fixed.get(name, 0.0)) for name in _DIMENSIONS)
-    reason = "the worst corner of all tolerances just keeps the band"
-    return TolerancePlan(True, reason, height, edge, ball, low, high)
-
-
-def _find_equal_shares(
-    face: Step,
-    point: OperatingPoint,
-    energy_tolerance: float,
-    fixed: dict[str, float],
-    free: list[str],
-) -> dict[str, float]:
-    """Find the widest half-widths in equal shares whose worst corner keeps the energy."""
-    from scipy.optimize import brentq
-
-    slopes = compute_sensitivities(face, point, dict.fromkeys(free, 1.0))
-    unit = {name: 1.0 / len(free) / abs(slopes[name]) for name in free}
-
-    def excess(scale: float) -> float:
-        low, high = compute_energy_at_corners(
-            face, point, fixed | {name: scale * width for name, width in unit.items()}
-        )
-        return min(max(high, -low), 1e6) - energy_tolerance
-
-    # half the tolerance is inside by linearity; four times is outside, since the energy grows
-    # faster than linearly
-    scale = float(brentq(excess, 0.0, 4.0 * energy_tolerance, xtol=1e-9 * energy_tolerance))
-    return {name: scale * width for name, width in unit.items()}
-
-
-def compute_energy_at_corners(
-    face: Step, point: OperatingPoint, widths: Mapping[str, float]
-) -> tuple[float, float]:
-    """Relative change of the energy at the worst corners of a tolerance zone; infinite where the tip is held at one."""
-    nominal = face.release(point).vibration_energy
-    toleranced = {name: width for name, width in widths.items() if width > 0.0}
-    inputs = list_inputs(face, point)
-    if any(
-        inputs[name] <= toleranced.get(name, 0.0)
-        for name in ("ball_radius", "stiffness", "normal_load")
-    ):
-        return -1.0, math.inf
-    signs = np.array(list(product((-1.0, 1.0), repeat=len(toleranced)))).T
-    deviations = {
-        name: sign * width for sign, (name, width) in zip(signs, toleranced.items(), strict=True)
-    }
-    changes = compute_deviated_releases(face, point, deviations)[1] / nominal - 1.0
-    return min(0.0, float(np.min(changes))), max(0.0, float(np.max(changes)))

@@ -10,7 +10,7 @@ from typing import Any, cast
 from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.domain import Scanned
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
@@ -138,7 +138,7 @@ def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
         raise PipelineError(f"{_WANTED}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     else:
         files, wanted = find_stimulus_files(where), text
-    sets = [load_declared(file) for file in files]
+    sets = [load_set(file) for file in files]
     found = [
         (one, part)
         for one in sets

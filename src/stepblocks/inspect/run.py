@@ -304,11 +304,11 @@ def find_declared(identity: str, where: Path) -> tuple[Part, OrderSpec, Predicti
 
     With its order and what is predicted of it.
     """
-    from stepblocks.declare import load_declared
+    from stepblocks.declare import load_set
 
     known = []
     for path in find_stimulus_files(where):
-        declared = load_declared(path)
+        declared = load_set(path)
         for stimulus in declared.stimuli:
             if stimulus.id.lower() == identity.strip().lower():
                 return stimulus, declared.order, declared.prediction

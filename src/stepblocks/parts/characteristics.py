@@ -142,9 +142,6 @@ def make_characteristic(
     method: str = CALIPER,
 ) -> Characteristic:
     """State a dimension as declared; its key with spaces is its label where none is given."""
-    if dimension.unresolved:
-        rule = "have its tolerance worked out (load_declared) before it is made"
-        raise MachiningError(f"{key} must {rule}, got {dimension}")
     name, limits = (
         label or key.replace("_", " "),
         (dimension.nominal, dimension.lower, dimension.upper),

@@ -18,7 +18,6 @@ from stepblocks.parts.conditions import (
     ProbeSpec,
 )
 from stepblocks.parts.declared import Identity, Table, rules_validator
-from stepblocks.parts.energy_tolerance import resolve_energy_tolerance
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.margin import MarginBlock
@@ -149,11 +148,3 @@ def validate_set(declared: Mapping[str, object]) -> StimulusSet:
     if not all(part.crossed for part in parts) and not grid.step_heights:
         more["step_heights"] = PAPER_STEPS
     return StimulusSet(**values | {"prediction": grid.model_copy(update=more)}, stimuli=parts)
-
-
-def resolve_energy_tolerances(stimuli: StimulusSet) -> StimulusSet:
-    """Work out the tolerances of a set that follow from an energy; the same set where none does."""
-    parts = tuple(
-        resolve_energy_tolerance(part, stimuli.prediction, stimuli.name) for part in stimuli.stimuli
-    )
-    return stimuli if parts == stimuli.stimuli else stimuli.with_parts(parts)

@@ -10,7 +10,6 @@ from pydantic import BeforeValidator
 from stepblocks.quantities import format_quantity, parse_quantity
 
 # what stands in place of a tolerance that follows from the energy that shall be felt
-BY_ENERGY = "by energy"
 
 # What a bench has unless it is zero, in SI: beyond lies a slip of the unit; 10 nm are neither cut
 # nor measured
@@ -65,14 +64,6 @@ class Dimension:
     general: bool = (
         False  # whether the deviations are the general ones of ISO 2768-1 rather than stated
     )
-    by_energy: bool = (
-        False  # whether they follow from the energy tolerance; both are 0 until that is resolved
-    )
-
-    @property
-    def unresolved(self) -> bool:
-        """Whether the tolerance follows from an energy and is not yet known."""
-        return self.by_energy and self.upper == self.lower
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -88,7 +79,6 @@ class Dimension:
             "lower_deviation": self.lower,
         }
         origins = {
-            BY_ENERGY: self.by_energy,
             "ISO 2768-m": self.general,
             "default": self.usual,
             "stated": True,
@@ -100,8 +90,6 @@ class Dimension:
     def __str__(self) -> str:
         """Nominal with deviations, as a person reads it."""
         text = format_quantity(self.nominal, self.quantity)
-        if self.unresolved:
-            return f"{text}, tolerance {BY_ENERGY}"
         if self.upper == -self.lower:
             return f"{text} ±{format_quantity(self.upper, self.quantity)}"
         signs = [
@@ -140,7 +128,7 @@ def _read_deviations(raw: object, quantity: str) -> tuple[float, float]:
     return upper, lower
 
 
-def _read_dimension(raw: object, quantity: str, felt: bool = False) -> Dimension:
+def _read_dimension(raw: object, quantity: str) -> Dimension:
     table: dict[str, object] = raw if isinstance(raw, dict) else {"nominal": raw}
     if isinstance(given := table.get("nominal"), Dimension):
         return given
@@ -152,12 +140,6 @@ def _read_dimension(raw: object, quantity: str, felt: bool = False) -> Dimension
     source = table.get("source", "")
     if not isinstance(source, str):
         raise ValueError(f"source must be text, got {source!r}")
-    if table.get("tolerance") == BY_ENERGY:
-        if not felt:
-            raise ValueError(
-                f"tolerance {BY_ENERGY!r} is for height, edge_radius and ball_radius, give a length"
-            )
-        return Dimension(nominal, 0.0, 0.0, quantity, source, by_energy=True)
     if "tolerance" in table:
         return Dimension(nominal, *_read_deviations(table["tolerance"], quantity), quantity, source)
     general = ANGULAR_DEVIATION if quantity == "angle" else find_general_deviation(abs(nominal))
@@ -173,9 +155,7 @@ def _read_dimension(raw: object, quantity: str, felt: bool = False) -> Dimension
     )
 
 
-def _make_validator(
-    quantity: str, rule: str = "", *, above: bool = False, felt: bool = False
-) -> BeforeValidator:
+def _make_validator(quantity: str, rule: str = "", *, above: bool = False) -> BeforeValidator:
     """Make a validator of a dimension.
 
     With a rule it must be at least, or above, 0; an angle is below 180 degrees.
@@ -183,7 +163,7 @@ def _make_validator(
     least = 0.0 if rule else -math.inf
 
     def read(raw: object) -> Dimension:
-        dimension = _read_dimension(raw, quantity, felt)
+        dimension = _read_dimension(raw, quantity)
         value = dimension.nominal
         if (
             value < least
@@ -207,9 +187,4 @@ def _make_validator(
 Length = Annotated[Dimension, _make_validator("length", "not be negative")]
 PositiveLength = Annotated[Dimension, _make_validator("length", "be positive", above=True)]
 SignedLength = Annotated[Dimension, _make_validator("length")]
-# lengths whose tolerance may follow from the energy that is felt
-LengthByEnergy = Annotated[Dimension, _make_validator("length", "not be negative", felt=True)]
-PositiveLengthByEnergy = Annotated[
-    Dimension, _make_validator("length", "be positive", above=True, felt=True)
-]
 Angle = Annotated[Dimension, _make_validator("angle", "be at least 0 and less than 180 deg")]

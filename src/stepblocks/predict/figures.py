@@ -15,7 +15,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import interval_of
 from stepblocks.errors import ContactError
 from stepblocks.figure_file import make_figure, save_figure
-from stepblocks.parts.set import StimulusSet, resolve_energy_tolerances
+from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import collect_uncertainties, find_tip
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,6 @@ def compute_margin_map(
 
 def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
     """Draw what a set predicts, for each of its tips and frictions under its largest load."""
-    stimuli = resolve_energy_tolerances(stimuli)
     grid, tool = stimuli.prediction, stimuli.prediction.as_tool()
     parts = [part for part in stimuli.stimuli if part.crossed]
     faces = {part.id: part.counterface() for part in parts}

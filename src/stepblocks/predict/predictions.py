@@ -18,7 +18,7 @@ from stepblocks.contact.uncertainty import Interval, convert_half_widths, interv
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet, resolve_energy_tolerances
+from stepblocks.parts.set import StimulusSet
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.tables import format_csv
 
@@ -93,7 +93,6 @@ class Prediction:
 
 def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
     """Predict a set over its grid, in the order stimulus, tip, step, direction, friction, load."""
-    stimuli = resolve_energy_tolerances(stimuli)
     for part in stimuli.stimuli:
         grid, ring = stimuli.grid_of(part), stimuli.ring_of(part)
         tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())

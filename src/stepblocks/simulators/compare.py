@@ -16,7 +16,7 @@ from stepblocks.contact.event import (
     compute_ring_force,
     vibration_events,
 )
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
 from stepblocks.predict.perception import PAPER_OBSERVER
 from stepblocks.simulators.conditions import check_overrides, choose_operating_point
@@ -140,7 +140,7 @@ def compare(
 
 def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) -> VibrationEvent:
     """Predict the event of a stimulus that is named by its file and identity."""
-    declared = load_declared(stimulus.parent)
+    declared = load_set(stimulus.parent)
     part = next((one for one in declared.stimuli if one.id == stimulus.name), None)
     if part is None:
         known = ", ".join(one.id for one in declared.stimuli)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
@@ -27,7 +27,7 @@ def load_sets(given: Sets) -> list[tuple[StimulusSet, str]]:
     declared = [(one, one.name) for one in several if isinstance(one, StimulusSet)]
     paths = [one for one in several if not isinstance(one, StimulusSet)]
     files = find_stimulus_files(paths) if paths or not declared else []
-    return [*declared, *((load_declared(path), str(path)) for path in files)]
+    return [*declared, *((load_set(path), str(path)) for path in files)]
 
 
 def check_overrides(overrides: Mapping[str, object]) -> None:

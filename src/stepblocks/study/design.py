@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.predict.perception import choose_energies
 from stepblocks.predict.predictions import predict_one
@@ -356,7 +356,7 @@ def choose_blocks(
             {name: Step(height) for name, height in named.items()},
             replace(PAPER, **dict[str, Any](felt)),
         )
-    stimuli = load_declared(Path(source))
+    stimuli = load_set(Path(source))
     blocks = [
         block
         for block in stimuli.step_block

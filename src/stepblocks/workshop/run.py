@@ -9,7 +9,7 @@ import pandas as pd
 from stepblocks.artefacts.on_paper import make_sheet_table, write_sheet_pdf
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import lock_folder, resolve_inside
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.parts.body import Block
 from stepblocks.parts.kind import Part
@@ -85,7 +85,7 @@ def order_parts(
     orders = []
     with lock_folder(Path(output)):
         for path in find_stimulus_files(files):
-            declared = load_declared(path)
+            declared = load_set(path)
             chosen = [
                 one
                 for one in declared.stimuli

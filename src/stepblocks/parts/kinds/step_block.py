@@ -36,11 +36,6 @@ from stepblocks.parts.declared import (
     declare_default,
     rules_validator,
 )
-from stepblocks.parts.energy_tolerance import (
-    EnergyToleranceField,
-    check_energy_tolerance,
-    describe_energy_tolerance,
-)
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
@@ -51,7 +46,7 @@ from stepblocks.parts.kind import (
     choose_exaggeration,
 )
 from stepblocks.parts.shapes import make_hull, split_solid
-from stepblocks.parts.tolerance import LengthByEnergy, PositiveLength, PositiveLengthByEnergy
+from stepblocks.parts.tolerance import Length, PositiveLength
 
 
 class MetrologyFeature(Table):
@@ -77,17 +72,15 @@ class StepBlock(Block):
     felt_by: ClassVar[dict[str, str]] = {"height": "height", "edge_radius": "edge_radius"}
     governing_field: ClassVar[str] = "height"
 
-    height: PositiveLengthByEnergy = declare_default(
+    height: PositiveLength = declare_default(
         otherwise="1 um"
     )  # H of the step [m]; as grinding and lapping hold it
-    edge_radius: LengthByEnergy = declare_default(
+    edge_radius: Length = declare_default(
         "0 um", otherwise="+2 um / -0 um"
     )  # r of the working edge [m]; 0 is sharp
     body: Body = declare_default({})
     metrology: MetrologyFeature = declare_default({})
     material: MaterialField = declare_default("steel")
-    # of the vibration energy, where tolerances of height, edge radius or tip shall follow from it
-    energy_tolerance: EnergyToleranceField | None = None
     working_faces: WorkingFaces | None = (
         None  # demands on the faces beside the edge, where the file states them
     )
@@ -256,9 +249,6 @@ class StepBlock(Block):
         height = self.height.nominal
         return choose_exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0)
 
-    def derived(self) -> list[list[str]]:
-        return describe_energy_tolerance(self.energy_tolerance)
-
     @rules_validator
     def _is_possible(self) -> Iterator[str]:
         height, radius, body, feature = (
@@ -267,10 +257,6 @@ class StepBlock(Block):
             self.body,
             self.metrology,
         )
-        tip_is_free = (
-            self.energy_tolerance is not None and self.energy_tolerance.ball_radius is None
-        )
-        yield check_energy_tolerance(self.energy_tolerance, self.sizes, tip_is_free)
         yield check_rule(radius <= height, "edge_radius", "not exceed height", height, radius)
         chamfer, rule = (
             body.edge_break.nominal,

@@ -18,11 +18,6 @@ from stepblocks.parts.characteristics import (
     make_characteristic,
 )
 from stepblocks.parts.declared import MaterialField, check_rule, declare_default, rules_validator
-from stepblocks.parts.energy_tolerance import (
-    EnergyToleranceField,
-    check_energy_tolerance,
-    describe_energy_tolerance,
-)
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
@@ -40,7 +35,7 @@ from stepblocks.parts.revolution import (
     make_turned_hull,
 )
 from stepblocks.parts.shapes import make_hull
-from stepblocks.parts.tolerance import Angle, PositiveLength, PositiveLengthByEnergy
+from stepblocks.parts.tolerance import Angle, PositiveLength
 from stepblocks.quantities import format_quantity
 
 SPHERE_LIMIT = 0.1e-6  # radius, form and chordal error of the contact sphere [m]
@@ -53,9 +48,7 @@ class Tip(Turned, HeldPart):
     drawing_title: ClassVar[str] = "Probe tip"
     governing_field: ClassVar[str] = "ball_radius"
 
-    ball_radius: PositiveLengthByEnergy = declare_default(
-        otherwise="2 um"
-    )  # R of the contact sphere [m]
+    ball_radius: PositiveLength = declare_default(otherwise="2 um")  # R of the contact sphere [m]
     cone_angle: Angle = declare_default(
         "8 deg", "0.5 deg"
     )  # half angle of the cone, tangent to the ball [rad]
@@ -63,7 +56,6 @@ class Tip(Turned, HeldPart):
     material: MaterialField = declare_default("stainless")
     # of the vibration energy on the steps of the set, where the ball's tolerance shall follow from
     # it
-    energy_tolerance: EnergyToleranceField | None = None
 
     @property
     def cone_start(self) -> tuple[float, float]:
@@ -125,10 +117,9 @@ class Tip(Turned, HeldPart):
             format_quantity(height, "length", 3)
             for height in (float(compute_locking_height(ball, mu)), ball)
         )
-        held = [
+        return [
             ["locks", f"on steps from {sticks} at mu {mu:g}; from {riser} its ball meets the riser"]
         ]
-        return held + describe_energy_tolerance(self.energy_tolerance)
 
     @rules_validator
     def _is_possible(self) -> Iterator[str]:
@@ -137,11 +128,6 @@ class Tip(Turned, HeldPart):
             self.shank_radius.nominal,
             self.cone_angle.nominal,
         )
-        yield check_energy_tolerance(
-            self.energy_tolerance, {"ball_radius": self.ball_radius}, False
-        )
-        if self.energy_tolerance is not None and self.energy_tolerance.ball_radius is not None:
-            yield "energy_tolerance.ball_radius is for blocks; a tip has its own ball_radius"
         if not 0.0 < half < 0.25 * math.pi:
             yield f"cone_angle must lie between 0 and 45 deg, got {format_quantity(half, 'angle')}"
         yield check_rule(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)

@@ -11,7 +11,7 @@ import numpy as np
 
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS
 from stepblocks.contact.uncertainty import convert_half_widths
-from stepblocks.declare import load_declared
+from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError, QuantityError, StepblocksError
 from stepblocks.mistakes import Mistake, collect_mistakes, find_unknown_names, format_mistakes
 from stepblocks.parts.conditions import PredictionGrid
@@ -322,7 +322,7 @@ def read_sweep_stimuli(
     path: Path, wanted: Any, tolerances: bool
 ) -> tuple[str, list[dict[str, Any]], PredictionGrid]:
     """Read the stimuli that a sweep goes over."""
-    declared = load_declared(path)
+    declared = load_set(path)
     known = {part.id: part for part in declared.stimuli}
     if wanted is None:
         wanted = [part.id for part in declared.stimuli if part.crossed]
