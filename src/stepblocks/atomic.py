@@ -56,7 +56,7 @@ def make_draft_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _make_locked_folder(folder: Path) -> Iterator[Path]:
-    """Give a new folder, locked while its process lives: the next run knows what was left."""
+    # Give a new folder, locked while its process lives: the next run knows what was left
     _remove_stale_drafts_once(folder)
     while True:
         draft = folder / f".partial-{secrets.token_hex(8)}"
@@ -121,7 +121,7 @@ def resolve_inside(folder: Path, name: str) -> Path | None:
 
 
 def _remove_stale_drafts(folder: Path) -> None:
-    """Remove the drafts in a folder that killed runs left: those that nobody holds any more."""
+    # Remove the drafts in a folder that killed runs left: those that nobody holds any more
     for left in folder.glob(".partial-*"):
         with suppress(OSError):  # it is held, or another run sweeps at the same time
             number = os.open(left, os.O_RDONLY | os.O_NOFOLLOW)

@@ -63,8 +63,7 @@ def read_confined(
 
 
 class _Reader:
-    """The process that reads, started when it is needed and again when it has died."""
-
+    # The process that reads, started when it is needed and again when it has died
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._one_at_a_time = threading.Lock()
@@ -127,7 +126,7 @@ class _Reader:
 
 
 def _receive(stream: BufferedReader, count: int, most: int = MEMORY) -> bytearray:
-    """Read so many bytes of an answer."""
+    # Read so many bytes of an answer
     whole = bytearray(count if count <= most else 0)
     if stream.readinto(whole) < count:
         raise EOFError
@@ -158,7 +157,7 @@ def _answer_request(request: dict[str, Any]) -> Answer:
 
 
 def _serve_requests() -> None:
-    """Answer calls until nobody asks any more."""
+    # Answer calls until nobody asks any more
     import resource
 
     resource.setrlimit(resource.RLIMIT_AS, (_MAPPED, _MAPPED))

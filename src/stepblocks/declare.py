@@ -96,7 +96,7 @@ def load_set(path: str | Path) -> StimulusSet:
 def _expand_stanzas(
     kind: str, raw: object, defaults: object, mistakes: list[Mistake], folder: Path
 ) -> Iterator[Mapping[str, Any]]:
-    """Expand the stanzas of a kind; those that cannot be are among the mistakes."""
+    # Expand the stanzas of a kind; those that cannot be are among the mistakes
     if not isinstance(raw, list) or not all(isinstance(stanza, dict) for stanza in raw):
         mistakes.append(("", f"{kind} must be written as [[{kind}]], got {shorten_value(raw)}"))
         return

@@ -44,7 +44,7 @@ def guard(function: Callable[P, R], name: str) -> Callable[P, R]:
 def _describe_call(
     signature: inspect.Signature, named: Mapping[str, object], error: TypeError
 ) -> str:
-    """Say what is wrong with a call, and for an unknown keyword which ones there are."""
+    # Say what is wrong with a call, and for an unknown keyword which ones there are
     known = [name for name, one in signature.parameters.items() if one.kind is not one.VAR_KEYWORD]
     unknown = [name for name in named if name not in known]
     if not unknown or len(known) < len(signature.parameters):
@@ -55,7 +55,7 @@ def _describe_call(
 
 
 def _shorten(value: object) -> str:
-    """Write a value on one line, however long or wide it is."""
+    # Write a value on one line, however long or wide it is
     if (shape := getattr(value, "shape", None)) is not None:
         return f"{type(value).__name__} of shape {shape}"
     text = value if isinstance(value, str) else repr(value)[:1000]

@@ -118,7 +118,7 @@ def list_mistakes(
 
 
 def _format_finding(finding: Mapping[str, Any], name: str) -> list[str]:
-    """Say name, rule and value of one of pydantic's findings, which may state several rules."""
+    # Say name, rule and value of one of pydantic's findings, which may state several rules
     kind, value = finding["type"], finding.get("input")
     if kind == "missing":
         return [f"{name} is missing"]
@@ -153,7 +153,7 @@ def find_similar(word: str, known: Iterable[str]) -> str | None:
 
 
 def _find_meant_name(model: type[BaseModel], place: Sequence[Any]) -> str | None:
-    """Find what a name meant: one like it in its table, or the same in a table below."""
+    # Find what a name meant: one like it in its table, or the same in a table below
     tables = [model]
     for step in place[:-1]:
         fields = [
@@ -183,7 +183,7 @@ def _list_models(annotation: object) -> Iterator[type[BaseModel]]:
 def _correct_names(
     data: object, model: type[BaseModel], unknown: Sequence[Mapping[str, Any]]
 ) -> object:
-    """Take a misspelt name for what was meant, where that is missing, and leave the others out."""
+    # Take a misspelt name for what was meant, where that is missing, and leave the others out
     data = deepcopy(data)
     for one in unknown:
         *way, name = one["loc"]

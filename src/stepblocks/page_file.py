@@ -40,7 +40,7 @@ def render_page(package: str, template: str, **values: object) -> str:
 
 
 def _format_cell(value: object) -> str:
-    """Three digits; a dash for what does not exist."""
+    # Three digits; a dash for what does not exist
     from stepblocks.quantities import format_number
 
     if isinstance(value, bool) or value is None:

@@ -303,7 +303,7 @@ def format_span(low: float, high: float, dimension: str) -> str:
 
 
 def _choose_unit(value: float, dimension: str) -> tuple[float, str]:
-    """Find the unit in which people write a value, and its size in SI."""
+    # Find the unit in which people write a value, and its size in SI
     scales = _SCALES.get(dimension, ((1.0, DIMENSIONS[dimension]),))
     fitting = [scale for scale in scales if value >= scale[0] * 0.9999995]
     return fitting[-1] if fitting else scales[min(1, len(scales) - 1) if value == 0.0 else 0]

@@ -28,7 +28,7 @@ def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) 
 
 
 def _describe_nearby(path: Path) -> str:
-    """Say what there is in place of a file that is not, and how one begins."""
+    # Say what there is in place of a file that is not, and how one begins
     from difflib import get_close_matches
 
     there = (

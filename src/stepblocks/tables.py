@@ -119,7 +119,7 @@ def read_si_columns(
 def _convert_column(
     cells: pd.Series, unit: str, dimension: str, mistakes: list[Mistake]
 ) -> NDArray[np.float64]:
-    """Read a column; cells that are no finite number are among the mistakes."""
+    # Read a column; cells that are no finite number are among the mistakes
     import pandas as pd
 
     numbers = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)

@@ -260,7 +260,7 @@ def _check_npz(part: Part, path: Path) -> Iterator[Verdict]:
 
 
 def _read_sidecar(path: Path) -> dict[str, Any]:
-    """Read where the points of a height field lie."""
+    # Read where the points of a height field lie
     try:
         side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
         names = ("origin_x_m", "origin_y_m", "spacing_x_m", "spacing_y_m")
@@ -274,10 +274,8 @@ def _read_sidecar(path: Path) -> dict[str, Any]:
 def _check_field(
     part: Part, path: Path, heights: NDArray[np.float64], side: dict[str, Any]
 ) -> Iterator[Verdict]:
-    """Compare a height field with the closed form of the profile.
-
-    The step is measured between the outer thirds.
-    """
+    # Compare a height field with the closed form of the profile. The step is measured between the
+    # outer thirds.
     if not isinstance(part, Block):
         raise MetrologyError(f"a height field belongs to a block, got {part.id} [{path}]")
     if heights.ndim != 2 or list(heights.shape) != side["shape"]:

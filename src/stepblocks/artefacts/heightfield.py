@@ -67,7 +67,7 @@ def height_field(part: Part) -> NDArray[np.float64]:
 
 
 def _choose_positions(part: Part) -> NDArray[np.float64]:
-    """Choose positions across the edge so that none lies on a corner of the profile."""
+    # Choose positions across the edge so that none lies on a corner of the profile
     corners = np.array(part.counterface().breakpoints)
     for shift in (0.0, 0.25, -0.25, 0.125, -0.125):
         x = _list_positions(_HALF_X) + shift * SPACING

@@ -212,10 +212,8 @@ def _parse_fit(name: str, part: Mapping[str, Any], laws: Mapping[str, Law]) -> L
 
 @cache
 def _list_constants() -> tuple[Parameter, ...]:
-    """Constants of every session.
-
-    What a single trial adds is the height of its block, which comes last.
-    """
+    # Constants of every session. What a single trial adds is the height of its block, which comes
+    # last.
     columns = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
     return list_constants(
         convert_to_design(np.array(["block"]), {name: np.ones(1) for name in columns}, 1.0)

@@ -76,7 +76,7 @@ def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str
 def _name_slip(
     session: Session, measured: Sequence[tuple[Trial, Mapping[str, float]]], spring: float
 ) -> str:
-    """Say which of gain, spring and speed is wrong: a wrong gain contradicts the blocks too."""
+    # Say which of gain, spring and speed is wrong: a wrong gain contradicts the blocks too
     times = f"{float(f'{1.0 / spring:.2g}'):g}"
     as_is, divided = (_misfit_of_blocks(session, measured, gain) for gain in (1.0, spring))
     if divided < _CLEARLY * as_is:
@@ -92,7 +92,7 @@ def _name_slip(
 def _compare(
     session: Session, measured: Sequence[tuple[Trial, Mapping[str, float]]]
 ) -> tuple[float, float, float]:
-    """Compare spring and normal force with what is declared: medians, with the friction."""
+    # Compare spring and normal force with what is declared: medians, with the friction
     ratios = [
         (
             one["spring_constant_n_per_m"] / session.probe.spring_constant,
@@ -135,7 +135,7 @@ def _measure_corrected(
 def _misfit_of_blocks(
     session: Session, measured: Sequence[tuple[Trial, Mapping[str, float]]], gain: float
 ) -> float:
-    """Median of ``|ln F_px - ln (1)|`` with the tangential force divided by a gain."""
+    # Median of ``|ln F_px - ln (1)|`` with the tangential force divided by a gain
     table = open_trials(session)
     try:
         heights = find_heights(session, table.header, [trial for trial, _ in measured])[1]

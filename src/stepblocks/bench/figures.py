@@ -102,7 +102,7 @@ def _draw(
 
 
 def _curves(trace: Trace, measured: Measurement) -> Iterator[tuple[str, Array, Array]]:
-    """Name, instants and force of what was fitted."""
+    # Name, instants and force of what was fitted
     approach, after, release = measured.approach, measured.aftermath, measured.peak.time
     time = trace.time - measured.start
     slide, ramp = time[time < approach.onset], time[(time >= approach.onset) & (time <= release)]

@@ -244,10 +244,8 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
 
 
 def _iterate_results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
-    """Results in the order of the table.
-
-    No more than a few chunks per worker are under way at any time.
-    """
+    # Results in the order of the table. No more than a few chunks per worker are under way at any
+    # time.
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
         tool = estimate_tool(traces, table)
         waiting_trials = iter(table)
@@ -281,7 +279,7 @@ def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial]) -> 
 def _write_labelled(
     draft: Path, output: Path, table: TrialTable, faults: dict[int, str], width: int
 ) -> MeasureSummary:
-    """Put the faults of labels into the draft, and the draft into its place."""
+    # Put the faults of labels into the draft, and the draft into its place
     counts: Counter[tuple[str, str]] = Counter()
     try:
         with write_atomically(output) as whole:

@@ -222,7 +222,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
 
 
 def _match(name: str | int, names: Mapping[str, object]) -> str:
-    """Find a trial of session.toml in the table, where 73 may be written 0073."""
+    # Find a trial of session.toml in the table, where 73 may be written 0073
     found = [
         one for one in names if one == str(name) or (one.isdigit() and one.lstrip("0") == str(name))
     ]
@@ -246,7 +246,7 @@ def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
 
 
 def _read_rows(session: Session) -> Iterator[tuple[int, list[str]]]:
-    """Rows below the header, from 1; empty lines are none."""
+    # Rows below the header, from 1; empty lines are none
     lines = _read_lines(session)
     next(lines, None)
     whole = (cells for cells in lines if any(cell.strip() for cell in cells))
@@ -356,7 +356,7 @@ def find_heights(
 
 
 def _read_declared_heights(session: Session) -> dict[str, float]:
-    """Heights of the blocks of the stimulus set by their names [um]."""
+    # Heights of the blocks of the stimulus set by their names [um]
     from stepblocks.contact.counterface import Step
     from stepblocks.declare import load_set
 

@@ -120,7 +120,7 @@ def _write_artefacts(stimulus: Part, folder: Path) -> None:
 
 
 def _move_in(workshop: Path, folder: Path, record: Mapping[str, object]) -> None:
-    """Replace a stimulus's files one by one; files that this program did not write stay."""
+    # Replace a stimulus's files one by one; files that this program did not write stay
     folder.mkdir(parents=True, exist_ok=True)
     outputs, before = list_outputs(record), list_outputs(load_json(folder / RECORD))
     (folder / RECORD).unlink(missing_ok=True)

@@ -138,7 +138,7 @@ def _describe_section(
 
 
 def _summarise(predictions: Sequence[Prediction]) -> Iterator[str]:
-    """Range of what is felt in each direction, and what locks."""
+    # Range of what is felt in each direction, and what locks
     for drag in dict.fromkeys(prediction.drag for prediction in predictions):
         releases = [prediction.release for prediction in predictions if prediction.drag == drag]
         felt = [one for one in releases if one.status is Status.RELEASES]
@@ -159,10 +159,8 @@ def _summarise(predictions: Sequence[Prediction]) -> Iterator[str]:
 
 
 def _draw_figure(stimuli: StimulusSet) -> str | None:
-    """Draw step blocks on the curves of equations (1) and (2), as JSON for plotly.
-
-    The curves hold for the first tip and the largest load.
-    """
+    # Draw step blocks on the curves of equations (1) and (2), as JSON for plotly. The curves hold
+    # for the first tip and the largest load.
     blocks = sorted(stimuli.step_block, key=lambda one: one.height.nominal)
     if not blocks:
         return None

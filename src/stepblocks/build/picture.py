@@ -65,7 +65,7 @@ def _make_polydata(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) 
 
 
 def _cut(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
-    """Cut a body in millimetres, closed where it is cut."""
+    # Cut a body in millimetres, closed where it is cut
     import manifold3d
 
     vertices, triangles = mesh
@@ -78,7 +78,7 @@ def _cut(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
 
 
 def _cut_box(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) -> Polydata:
-    """Cut out what of a body lies in a box."""
+    # Cut out what of a body lies in a box
     import manifold3d
 
     box = manifold3d.Manifold.cube([2e3 * half_width] * 3, True).translate(
@@ -88,7 +88,7 @@ def _cut_box(mesh: Arrays, half_width: float, centre: tuple[float, float, float]
 
 
 def _cut_open(meshes: Sequence[Arrays]) -> list[Polydata]:
-    """Cut parts of several bodies open, so that what is inside can be seen."""
+    # Cut parts of several bodies open, so that what is inside can be seen
     if len(meshes) == 1:
         return [_make_polydata(*meshes[0])]
     return [_cut(mesh, lambda solid: solid.trim_by_plane((0.0, 1.0, 0.0), 0.0)) for mesh in meshes]

@@ -174,7 +174,7 @@ def _require_folder(output: Path, sets: Sequence[StimulusSet]) -> None:
 
 
 def _select(sets: Sequence[StimulusSet], only: str | None) -> list[tuple[str, Part]]:
-    """Stimuli that a pattern means, each with the name of its set."""
+    # Stimuli that a pattern means, each with the name of its set
     every = [(stimuli.name, stimulus) for stimuli in sets for stimulus in stimuli.stimuli]
     found = [
         (name, stimulus)
@@ -189,7 +189,7 @@ def _select(sets: Sequence[StimulusSet], only: str | None) -> list[tuple[str, Pa
 def _find_outdated(
     selected: Sequence[tuple[str, Part]], output: Path, code: str
 ) -> list[tuple[str, Part, str]]:
-    """List the stimuli to build, each with its set and the hash of its inputs."""
+    # List the stimuli to build, each with its set and the hash of its inputs
     wanted = []
     for name, stimulus in selected:
         folder = output / name / stimulus.id
@@ -203,10 +203,8 @@ def _find_outdated(
 def _write_tables_and_page(
     sets: Sequence[StimulusSet], output: Path, report: BuildReport, learned: LearnedModel | None
 ) -> tuple[dict[str, str], int]:
-    """Write tables and page from the records.
-
-    Returns the hash of every file of the folder, and the number of stimuli.
-    """
+    # Write tables and page from the records. Returns the hash of every file of the folder, and the
+    # number of stimuli.
     from stepblocks.build.page import Section, write_page
     from stepblocks.predict.predictions import format_predictions_csv, predict_all
     from stepblocks.predict.sheaths import write_sheath_files
@@ -242,7 +240,7 @@ def _write_tables_and_page(
 
 
 def _remove_stale(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
-    """Remove unchanged files of the last build that this one does not write."""
+    # Remove unchanged files of the last build that this one does not write
     for name in sorted(set(before) - set(now), reverse=True):
         path = find_unchanged(output, name, before[name])
         if path is None:
@@ -299,10 +297,8 @@ def check_output(
 
 
 def _check_table(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
-    """Compare the table of predictions cell by cell with a new prediction.
-
-    With a learned model the table must have the hash of the manifest.
-    """
+    # Compare the table of predictions cell by cell with a new prediction. With a learned model the
+    # table must have the hash of the manifest.
     from stepblocks.artefacts.verdict import Verdict
     from stepblocks.predict.predictions import format_predictions_csv, predict_all
 

@@ -48,10 +48,8 @@ def _make_wire(outline: Outline) -> cq.Wire:
 
 
 def _make_arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
-    """Make an arc through three points about a centre that is computed here.
-
-    The centre that the kernel finds varies by 1e-18 from run to run.
-    """
+    # Make an arc through three points about a centre that is computed here. The centre that the
+    # kernel finds varies by 1e-18 from run to run.
     a, b = (
         np.subtract(middle.toTuple(), start.toTuple()),
         np.subtract(end.toTuple(), start.toTuple()),
@@ -107,7 +105,7 @@ def revolve(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) ->
 
 
 def _place(outline: Outline, place: Callable[[float, float], Point]) -> Outline:
-    """Lift a plane outline into space."""
+    # Lift a plane outline into space
     return [_place(item, place) if isinstance(item[0], tuple) else place(*item) for item in outline]
 
 

@@ -132,8 +132,7 @@ def write_step_with_tolerances(
 
 
 class _Document:
-    """An XCAF document that is filled step by step."""
-
+    # An XCAF document that is filled step by step
     def __init__(
         self, bodies: Sequence[tuple[str, Body]], material: tuple[str, float], assembly: str
     ) -> None:
@@ -243,7 +242,7 @@ def _set_presentation(content: Any, callout: Callout | None) -> None:
 
 
 def _find_attribute(label: TDF_Label, kind: type) -> Any:
-    """Return the attribute itself: FindAttribute of these bindings would fill a detached copy."""
+    # Return the attribute itself: FindAttribute of these bindings would fill a detached copy
     iterator = TDF_AttributeIterator(label)
     while iterator.More():
         if iterator.Value().DynamicType().Name() == kind.__name__:

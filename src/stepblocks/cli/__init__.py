@@ -96,7 +96,7 @@ def make_command() -> TyperGroup:
 
 
 def _run(words: Sequence[str]) -> int:
-    """Run one command, and let what goes wrong rise."""
+    # Run one command, and let what goes wrong rise
     root = make_command()
     if _COMPLETE in os.environ:
         from typer.completion import completion_init
@@ -130,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _prepare_process() -> None:
-    """Set streams, threads of the linear algebra, and what a signal to end does."""
+    # Set streams, threads of the linear algebra, and what a signal to end does
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text
             stream.reconfigure(errors="backslashreplace")
@@ -147,7 +147,7 @@ def _prepare_process() -> None:
 
 
 def _describe_error(error: Exception) -> tuple[str, int]:
-    """Return the line that ends a command, and its exit code."""
+    # Return the line that ends a command, and its exit code
     if isinstance(error, typer.TyperException):
         return f"error: {describe_mistake(error)}", 2
     if isinstance(error, StepblocksError):
@@ -166,7 +166,7 @@ def _describe_error(error: Exception) -> tuple[str, int]:
 
 
 def _keep_details(error: Exception) -> str:
-    """Keep the traceback in a file; say in one line what happened and where the file is."""
+    # Keep the traceback in a file; say in one line what happened and where the file is
     message = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     details = f"{sys.version}\n{sys.argv}\n{traceback.format_exc()}"
     try:

@@ -86,7 +86,7 @@ def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
 
 
 def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
-    """Copy the shipped stimuli from where a wheel puts them, or from the checkout."""
+    # Copy the shipped stimuli from where a wheel puts them, or from the checkout
     from stepblocks.errors import PipelineError
 
     installed = Path(sysconfig.get_path("data")) / "share" / "stepblocks" / "stimuli"
@@ -128,7 +128,7 @@ def write_beginning(thing: str, place: Path) -> tuple[str, str]:
 
 
 def _list_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
-    """Write the defaults of a kind as TOML, those of tables below it in tables of their own."""
+    # Write the defaults of a kind as TOML, those of tables below it in tables of their own
     yield f"[{table}]"
     defaults = {name: field.default for name, field in model.model_fields.items()}
     for name, default in defaults.items():

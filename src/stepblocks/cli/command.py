@@ -38,7 +38,7 @@ class Command(TyperCommand):
         return super().parse_args(ctx, list(self._spread_values(ctx, args)))
 
     def _spread_values(self, ctx: Any, args: Sequence[str]) -> Iterator[str]:
-        """Name an option of several values before each of them, and complete an option without."""
+        # Name an option of several values before each of them, and complete an option without
         options = {
             name: one for one in self.params if isinstance(one, TyperOption) for name in one.opts
         }
@@ -68,7 +68,7 @@ class Command(TyperCommand):
 
 
 def _hide_flag_types(parameters: list[Any]) -> list[Any]:
-    """Show no type in the help behind the name of a flag."""
+    # Show no type in the help behind the name of a flag
     for one in parameters:
         if isinstance(one, TyperOption) and one.is_flag:
             one.metavar = ""

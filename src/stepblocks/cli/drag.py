@@ -16,7 +16,7 @@ _LENGTH, _RATIO = quantity("length"), quantity("ratio")
 
 
 def _read_range(text: str) -> tuple[float, float]:
-    """Read two lengths with two dots between them."""
+    # Read two lengths with two dots between them
     first, dots, last = text.partition("..")
     if not dots:
         raise typer.BadParameter(
@@ -241,7 +241,7 @@ def drag(
 
 
 def _describe_drag(summary: Mapping[str, Any]) -> list[str]:
-    """Say under which conditions was dragged, and what came out."""
+    # Say under which conditions was dragged, and what came out
     from stepblocks.quantities import format_quantity
 
     settings, probe = summary["settings"], summary["probe"]

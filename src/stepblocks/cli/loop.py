@@ -74,7 +74,7 @@ def loop(
 
 
 def _summarise_hierarchy(document: Mapping[str, Any]) -> Outcome:
-    """Tabulate the parameters that several sessions share, and say each one's verdict."""
+    # Tabulate the parameters that several sessions share, and say each one's verdict
     rows = [
         {
             "parameter": name,

@@ -84,7 +84,7 @@ def show(
 
 
 def _describe_written(written: Sequence[Path]) -> str:
-    """List a few files by name, and many by their folders."""
+    # List a few files by name, and many by their folders
     folders = {path.parent for path in written}
     top = Path(os.path.commonpath(folders))
     if len(written) <= 4:
@@ -95,7 +95,7 @@ def _describe_written(written: Sequence[Path]) -> str:
 
 
 def _print(shown: "RenderableType", style: str | None = None, width: int | None = None) -> None:
-    """Print through rich, but by our own stream, whose early end `main` handles."""
+    # Print through rich, but by our own stream, whose early end `main` handles
     from rich.console import Console
 
     console = Console(width=width, highlight=False, soft_wrap=width is None)
@@ -144,7 +144,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
 
 
 def _find_constant_columns(cells: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Return the value of each column that is alike in all rows."""
+    # Return the value of each column that is alike in all rows
     return {name: column[0] for name, column in cells.items() if len({*column}) == 1}
 
 
@@ -154,7 +154,7 @@ def _choose_fitting(
     alike: Mapping[str, str],
     width: int,
 ) -> list[str]:
-    """Choose the columns that fit the width, at least one."""
+    # Choose the columns that fit the width, at least one
     left, names = width + 2, list[str]()
     for name in (name for name in cells if name not in alike):
         left -= max(map(len, (*heads[name].split(), *cells[name]))) + 2
@@ -259,7 +259,7 @@ def _read_stamp(path: Path) -> tuple[int, int]:
 
 
 def _read_hashes(file: Path, key: str) -> dict[str, str]:
-    """Read hashes of files by their names."""
+    # Read hashes of files by their names
     try:
         return dict(json.loads(file.read_text(encoding="utf-8"))[key])
     except (OSError, ValueError, KeyError, TypeError):
@@ -267,7 +267,7 @@ def _read_hashes(file: Path, key: str) -> dict[str, str]:
 
 
 def _remember(folder: Path, known: Mapping[str, str], written: Sequence[Path]) -> None:
-    """Keep the hashes of what was written, but for the files that a build's manifest names."""
+    # Keep the hashes of what was written, but for the files that a build's manifest names
     from stepblocks.atomic import replace_text
     from stepblocks.build.manifest import hash_file
 

@@ -123,7 +123,7 @@ def _format_rows(by_name: "dict[str, tuple[Prediction, ...]]") -> list[dict[str,
 def _predict_as_built(
     sets: "list[StimulusSet]", paths: list[Path], in_time: bool | None, speed: float | None
 ) -> "tuple[list[StimulusSet], dict[str, tuple[Prediction, ...]], list[dict[str, str]]]":
-    """Predict what was measured in place of the nominal; give sets, predictions and their rows."""
+    # Predict what was measured in place of the nominal; give sets, predictions and their rows
     from stepblocks.artefacts.as_built import read_records
     from stepblocks.predict import as_built
     from stepblocks.predict.predictions import format_row, predict_all

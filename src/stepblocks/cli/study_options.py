@@ -16,7 +16,7 @@ class Heights(tuple[float, ...]):
 
 
 def _read_heights(text: str) -> Heights:
-    """Read heights in micrometres, or in the unit that each names."""
+    # Read heights in micrometres, or in the unit that each names
     read = quantity("length")
     parts = text.split(",")
     return Heights(read(part if part.strip(" 0123456789.") else f"{part} um") for part in parts)

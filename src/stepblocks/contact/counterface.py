@@ -460,7 +460,7 @@ def _find_steepest_angles(
     edges: Literal["strict", "flat"],
     feature: tuple[float, float] | None = None,
 ) -> tuple[float, float]:
-    """Critical angles over a profile by exact dilation [rad], forward and backward."""
+    # Critical angles over a profile by exact dilation [rad], forward and backward
     # compiled kernels, loaded where they are used
     from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 

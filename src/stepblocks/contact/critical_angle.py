@@ -100,7 +100,7 @@ _RULES = {"ball_radius": require_positive, "rise": require_finite}
 
 
 def _checked(**lengths: Real) -> list[Real]:
-    """Convert lengths to arrays, a single one to a number, and refuse what has no angle."""
+    # Convert lengths to arrays, a single one to a number, and refuse what has no angle
     arrays = {name: np.asarray(value, dtype=np.float64)[()] for name, value in lengths.items()}
     for name, value in arrays.items():
         _RULES.get(name, require_not_negative)(name, value, "m")

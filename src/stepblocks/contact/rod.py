@@ -189,7 +189,8 @@ def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
 def _assemble_matrices(
     rod: Rod, sheath: Sleeve | Hold | None
 ) -> tuple[list[Array], Array, Array, Array]:
-    """Stiffness of rod and sheath, the mass of both, the loss factor of each, what their inertia pushes when shifted."""
+    # Stiffness of rod and sheath, the mass of both, the loss factor of each, what their inertia
+    # pushes when shifted
     nodes = _place_nodes(rod, sheath)
     own, worn, mass = np.zeros((3, 2 * nodes.size, 2 * nodes.size))
     for index, (a, b) in enumerate(itertools.pairwise(nodes)):
@@ -213,7 +214,7 @@ def _assemble_matrices(
 
 
 def _place_nodes(rod: Rod, sheath: Sleeve | Hold | None) -> Array:
-    """Places of the nodes in units of the free length; every end of a sheath is one."""
+    # Places of the nodes in units of the free length; every end of a sheath is one
     ends = {0.0, 1.0}
     if isinstance(sheath, Sleeve):
         ends |= {

@@ -171,8 +171,7 @@ def compute_channels(state: DragState) -> Floats:
 
 
 class _Spring(NamedTuple):
-    """What a spring ``F = u + g u^3`` is at one deflection ``u = k x`` [N], each of shape (n,)."""
-
+    # What a spring ``F = u + g u^3`` is at one deflection ``u = k x`` [N], each of shape (n,)
     stored: Floats  # energy at the peak [J]
     slope: Floats  # of the straight line through its ramp, over k
     level: Floats  # its stiffness at the sliding force, over k

@@ -207,7 +207,7 @@ def interval_of(
 
 
 def _find_quantiles(values: Floats, draws: int) -> tuple[float, float]:
-    """Find both ends by the inverse of the empirical distribution, as numpy's "inverted_cdf" has it."""
+    # Find both ends by the inverse of the empirical distribution, as numpy's "inverted_cdf" has it
     ends = [max(math.ceil(tail * draws) - 1, 0) for tail in _TAILS]
     low, high = np.partition(np.broadcast_to(values, draws), ends)[ends]
     return float(low), float(high)

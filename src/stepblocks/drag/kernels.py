@@ -47,7 +47,7 @@ def _press(
     power: float,
     loss: float,
 ) -> tuple[float, float, float, float]:
-    """Force of one contact pressed in by `gap` > 0: x and y of its elastic part, all of it, its loss."""
+    # Force of one contact pressed in by `gap` > 0: x and y of its elastic part, all of it, its loss
     # the gradient of a potential of the indentation along the normal conserves energy on a curved
     # path too; the loss is Hunt and Crossley's; q is 1 / sqrt(1 + s^2)
     dent = gap * q
@@ -66,7 +66,8 @@ def _grip(
     give: float,
     damping: float,
 ) -> tuple[float, float]:
-    """Friction, and the new stretch of the tangential spring: it sticks below `limit` and yields there."""
+    # Friction, and the new stretch of the tangential spring: it sticks below `limit` and yields
+    # there
     stretch = bristle + travel
     force = stiffness * stretch + damping * rate
     if force > limit:

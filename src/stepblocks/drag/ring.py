@@ -57,7 +57,7 @@ class Ring:
 
 
 def _cut_ring(trace: DragTrace, event: int) -> DragTrace:
-    """Cut what belongs to one release: its pull, from the release to the next one or to the end."""
+    # Cut what belongs to one release: its pull, from the release to the next one or to the end
     if event < 0:
         return replace(trace, rows=trace.rows[trace.column("time_s") >= trace.release_time])
     one = trace.events[event]
@@ -146,7 +146,8 @@ def compute_phase_spectrum(
 
 
 def _find_decay_time(cut: DragTrace) -> float:
-    """Time after the fall in which the greatest deviation of each half period sinks to 1/e of the first [s]."""
+    # Time after the fall in which the greatest deviation of each half period sinks to 1/e of the
+    # first [s]
     force = cut.column("fx_n")[cut.column("time_s") >= _find_fall(cut)]
     rate = cut.settings.sample_rate
     half = max(round(0.5 * rate / cut.probe.frequency), 2)
@@ -163,7 +164,7 @@ def _find_decay_time(cut: DragTrace) -> float:
 
 
 def _find_settled(cut: DragTrace) -> float:
-    """Mean pull over the last whole periods, so that a ring that still goes on averages out [N]."""
+    # Mean pull over the last whole periods, so that a ring that still goes on averages out [N]
     time, force = cut.column("time_s"), cut.column("fx_n")
     span = 0.25 * (time[-1] - cut.release_time)
     periods = max(np.floor(span * cut.probe.frequency), 1.0)
@@ -172,7 +173,7 @@ def _find_settled(cut: DragTrace) -> float:
 
 
 def _find_fall(cut: DragTrace) -> float:
-    """First time after the release at which the pull is down at that of sliding [s]."""
+    # First time after the release at which the pull is down at that of sliding [s]
     below = np.flatnonzero(cut.column("fx_n") <= cut.settings.sliding_force)
     return float(cut.column("time_s")[below[0]]) if below.size else cut.release_time
 

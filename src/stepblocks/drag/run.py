@@ -62,7 +62,7 @@ _GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
 
 def _read_values(given: Mapping[str, object]) -> dict[str, float]:
-    """Read the keywords of a drag as numbers in SI; a text with its unit is read too."""
+    # Read the keywords of a drag as numbers in SI; a text with its unit is read too
     unknown = [name for name in given if name not in _DIMENSIONS]
     if unknown:
         near = get_close_matches(unknown[0], _DIMENSIONS, 1)

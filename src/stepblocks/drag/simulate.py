@@ -132,7 +132,7 @@ class DragTrace:
 
 
 def _open_share(ledger: NDArray[np.float64], least: float = 1e-300) -> float:
-    """Part of a ledger that its entries do not account for, over the greatest of them or `least` [1]."""
+    # Part of a ledger that its entries do not account for, over the greatest of them or `least` [1]
     return float(abs(ledger[0] - ledger[1:].sum()) / max(np.abs(ledger).max(), least))
 
 
@@ -227,7 +227,7 @@ def _list_events(
     needed: NDArray[np.float64],
     settings: DragSettings,
 ) -> Iterator[DragEvent]:
-    """Read the rows of the kernel: which place, whether it held the tip, and its own ledger."""
+    # Read the rows of the kernel: which place, whether it held the tip, and its own ledger
     before = np.zeros(10)
     # between two ripples little energy flows: a fiftieth of that of the drag is the least scale
     least = 0.02 * float(np.abs(passed[:, 7:]).max()) if len(passed) else 0.0
@@ -253,7 +253,7 @@ def _list_events(
 def _answer_for(
     trace: DragTrace, wanted: int, places: CatchPlaces, needed: NDArray[np.float64]
 ) -> DragTrace:
-    """Give the trace the status and the figures of the place that was asked about."""
+    # Give the trace the status and the figures of the place that was asked about
     met = [n for n, one in enumerate(trace.events) if one.place == wanted]
     if not met:
         reason = (
@@ -279,7 +279,7 @@ def _answer_for(
 
 
 def _compute_needed_pulls(places: CatchPlaces, settings: DragSettings) -> NDArray[np.float64]:
-    """Pull that lifts a rigid tip over each place, equation (1) [N]; infinite where none does."""
+    # Pull that lifts a rigid tip over each place, equation (1) [N]; infinite where none does
     total = places.angle + math.atan(settings.friction_at_rest)
     locked = total >= 0.5 * math.pi - 1e-6
     pull = settings.normal_load * np.tan(np.where(locked, 0.0, total)) + settings.tissue_friction
@@ -287,7 +287,7 @@ def _compute_needed_pulls(places: CatchPlaces, settings: DragSettings) -> NDArra
 
 
 def _find_force_limit(track: Track, settings: DragSettings, mu: float) -> float:
-    """Pull past which the tip counts as locked [N]."""
+    # Pull past which the tip counts as locked [N]
     total = track.steepest_angle + math.atan(mu)
     if total >= 0.5 * math.pi - 1e-6:
         return 50.0 * settings.normal_load
@@ -296,7 +296,7 @@ def _find_force_limit(track: Track, settings: DragSettings, mu: float) -> float:
 
 
 def _find_time_step(probe: Probe, settings: DragSettings, limit: float) -> tuple[float, float]:
-    """Step [s] and stiffness of the tangential contact [N/m]."""
+    # Step [s] and stiffness of the tangential contact [N/m]
     # the normal force to be resolved: the climb's, or that of a blow with all of the spring's
     # energy
     stored = 0.5 * (limit / 3.0) ** 2 / probe.stiffness

@@ -75,7 +75,7 @@ def resolve_subject(
 
 
 def _read_profile(given: object) -> Profile:
-    """Take over a scanned profile, or refuse what is none."""
+    # Take over a scanned profile, or refuse what is none
     if not (hasattr(given, "position") and hasattr(given, "height")):
         raise PipelineError(
             f"{_WANTED}, a counterface such as Step(25e-6), or a scanned profile, got "
@@ -87,7 +87,8 @@ def _read_profile(given: object) -> Profile:
 def _declared(
     stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool
 ) -> Subject:
-    """Drag over a part, or with it, under the first tip, load, friction and step of its set unless `values` differ."""
+    # Drag over a part, or with it, under the first tip, load, friction and step of its set unless
+    # `values` differ
     grid = stimuli.grid_of(part)
     own = {
         "edge_radius": "--edge-radius is for a plain step; a stimulus declares its own",
@@ -130,7 +131,7 @@ def change_point(point: OperatingPoint, values: Mapping[str, float]) -> Operatin
 
 
 def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
-    """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
+    # Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``
     head, _, identity = text.rpartition("/")
     if head.endswith(".toml"):
         files, wanted = [Path(head)], identity

@@ -53,11 +53,8 @@ _KnownBandwidth = Annotated[tuple[Frequency, Frequency], AfterValidator(_to_time
 
 
 class _Calibration(Strict):
-    """Value and standard uncertainty of each constant, by its parameter in the laws.
-
-    None where not known.
-    """
-
+    # Value and standard uncertainty of each constant, by its parameter in the laws. None where not
+    # known.
     tangential_zero: _KnownZero = Field(default=None, serialization_alias="zero_n")
     normal_zero: _KnownZero = Field(default=None, serialization_alias="normal_zero_n")
     tangential_gain: _KnownGain = Field(default=None, serialization_alias="ln_gain")
@@ -92,10 +89,8 @@ def read_calibration(session: Path) -> dict[str, tuple[float, float]]:
 
 
 def _read_load_std(session: Path, name: str) -> float:
-    """Largest standard uncertainty of what the weights of an apparatus put on the tip [N].
-
-    It is common to all trials.
-    """
+    # Largest standard uncertainty of what the weights of an apparatus put on the tip [N]. It is
+    # common to all trials.
     path = resolve_inside(session, name)
     if path is None:
         raise PipelineError(

@@ -52,10 +52,8 @@ def _encode_png(figure: Any) -> str:
 
 
 def _draw_agreement(found: Explanation) -> str:
-    """Draw measured against predicted, energy and peak force.
-
-    By the nominal model and by the extended one.
-    """
+    # Draw measured against predicted, energy and peak force. By the nominal model and by the
+    # extended one.
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
@@ -88,7 +86,7 @@ def _draw_agreement(found: Explanation) -> str:
 
 
 def _draw_residuals(found: Explanation, channel: str) -> dict[str, str]:
-    """Residuals of one channel against every covariate that varies, before and after."""
+    # Residuals of one channel against every covariate that varies, before and after
     from matplotlib.figure import Figure
 
     trials = found.problem.trials
@@ -121,7 +119,7 @@ def _draw_residuals(found: Explanation, channel: str) -> dict[str, str]:
 
 
 def _place_values(column: NDArray[Any]) -> tuple[Floats, list[str]]:
-    """Where to draw a column: numbers where they are, labels in a row."""
+    # Where to draw a column: numbers where they are, labels in a row
     if np.issubdtype(column.dtype, np.number):
         return np.asarray(column, dtype=np.float64), []
     labels, inverse = np.unique(column.astype(str), return_inverse=True)
@@ -129,10 +127,8 @@ def _place_values(column: NDArray[Any]) -> tuple[Floats, list[str]]:
 
 
 def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
-    """Draw the change that an effect makes in the channel it moves most, over what it follows.
-
-    With its 95 % band.
-    """
+    # Draw the change that an effect makes in the channel it moves most, over what it follows. With
+    # its 95 % band.
     from matplotlib.figure import Figure
 
     j, change, std = _compute_change(result.found, effect)
@@ -159,10 +155,8 @@ def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, 
 
 
 def _compute_change(found: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
-    """Return the channel that an effect moves most, its change trial by trial.
-
-    And the standard deviation of that.
-    """
+    # Return the channel that an effect moves most, its change trial by trial. And the standard
+    # deviation of that.
     trials, fitted, model = found.problem.trials, found.extended, found.problem.model
     others = [(e, own) for e, own in fitted.active if e is not effect]
 
@@ -184,10 +178,7 @@ def _compute_change(found: Explanation, effect: Law) -> tuple[int, Floats, Float
 
 
 def _find_abscissa(result: LoopResult, effect: Law) -> tuple[Floats, str]:
-    """Return what an effect follows, as numbers, and its name.
-
-    The height where it follows nothing.
-    """
+    # Return what an effect follows, as numbers, and its name. The height where it follows nothing.
     trials, fitted = result.table.trials, result.found.extended
     if effect.covariate == PEAK_FORCE:
         return np.exp(fitted.predicted[:, trials.channels.index("ln_peak_force")]), PEAK_FORCE

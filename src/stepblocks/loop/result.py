@@ -173,10 +173,8 @@ def build_document(
 
 
 def _list_censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
-    """Trials whose peak is known as a bound alone.
-
-    And those whose predicted peak stays below it by 3 deviations.
-    """
+    # Trials whose peak is known as a bound alone. And those whose predicted peak stays below it by
+    # 3 deviations.
     bound = (
         np.full(len(table.trials), np.nan)
         if table.trials.floor is None
@@ -194,11 +192,8 @@ def _list_censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
 
 
 def _list_detectable(found: Explanation) -> list[dict[str, Any]]:
-    """List the smallest effect of each slot.
-
-    List the smallest effect of each slot that the last gate would have let through nine times in
-    ten.
-    """
+    # List the smallest effect of each slot. List the smallest effect of each slot that the last
+    # gate would have let through nine times in ten.
     trials = found.problem.trials
     laws = [
         law
@@ -225,7 +220,7 @@ def _describe_value(value: float, unit: str, std: float, log: bool = False) -> d
 
 
 def _describe_constants(fitted: Fit, spring: float) -> dict[str, Any]:
-    """Constants of a fitted model under the names people use, with 95 % intervals."""
+    # Constants of a fitted model under the names people use, with 95 % intervals
     found = {}
     for parameter in fitted.parameters:
         value, std = fitted.values[parameter.name], fitted.std[parameter.name]
@@ -238,7 +233,7 @@ def _describe_constants(fitted: Fit, spring: float) -> dict[str, Any]:
 
 
 def _list_apart(table: SessionTable, found: Explanation) -> list[dict[str, Any]]:
-    """List the trials that went wrong, with the chance that they did and what they look like."""
+    # List the trials that went wrong, with the chance that they did and what they look like
     alone = np.isfinite(table.measured[:, :2]) & np.isnan(table.trials.values[:, :2])
     chances = dict.fromkeys(np.flatnonzero(alone.any(axis=1)).tolist(), 1.0) | dict(found.apart)
     return [
@@ -275,7 +270,7 @@ def _describe_effect(
 
 
 def _find_slope_unit(where: CovariateRange) -> tuple[float, str]:
-    """Return what a slope per half range is per unit of the covariate, and its unit."""
+    # Return what a slope per half range is per unit of the covariate, and its unit
     if where.pair:
         (one, unit), (other, second) = map(_find_slope_unit, where.pair)
         return one * other, f"{unit} {second}"
@@ -306,10 +301,8 @@ def _describe_finding(finding: Finding, found: Explanation, table: SessionTable)
 def _describe_errors(
     holdouts: tuple[Holdout, Holdout], which: int, floor: list[float]
 ) -> dict[str, Any]:
-    """Errors on held-out trials of the nominal model (0) or the extended one (1).
-
-    Beside the least that noise allows.
-    """
+    # Errors on held-out trials of the nominal model (0) or the extended one (1). Beside the least
+    # that noise allows.
     names = ("ln_energy_rms", "ln_peak_force_rms")
     errors: dict[str, Any] = {}
     for ending, holdout in zip(("", "_blocks_left_out"), holdouts, strict=True):
@@ -318,10 +311,8 @@ def _describe_errors(
 
 
 def _estimate_noise_floor(table: SessionTable, adequacy: Mapping[str, Any]) -> list[float]:
-    """Scatter about a regression that trusts no model.
-
-    Replicates may scatter less than that can follow.
-    """
+    # Scatter about a regression that trusts no model. Replicates may scatter less than that can
+    # follow.
     residual, dof = compute_flexible_residual(table.trials)
     floor = np.sqrt(np.nansum(residual[:, :2] ** 2, axis=0) / max(dof, 1))
     replicates = [
@@ -466,7 +457,7 @@ def write_block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
 
 
 def _choose_pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
-    """Names of two models that are to be told apart, and the models."""
+    # Names of two models that are to be told apart, and the models
     if not found.findings:
         return None
     for finding in (finding for finding in found.findings if finding.rivals):

@@ -159,10 +159,8 @@ def analyse_features(
 def _explain_and_hold_out(
     table: SessionTable, rules: Rules, jobs: int
 ) -> tuple[Explanation, tuple[Holdout, Holdout]]:
-    """Explain all trials, and hold out trials within blocks and whole blocks.
-
-    Every fold chooses its own effects.
-    """
+    # Explain all trials, and hold out trials within blocks and whole blocks. Every fold chooses its
+    # own effects.
     model, trials = table.model, table.trials
     inside = split_within_blocks(trials, _WITHIN, rules.seed)
     outside = split_by_block(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []

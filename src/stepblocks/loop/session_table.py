@@ -200,7 +200,7 @@ def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
 def _select_good(
     features: pd.DataFrame, radius_um: Floats, spring_constant: float
 ) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
-    """Which trials can be used, and why the others cannot: each for the first reason that holds."""
+    # Which trials can be used, and why the others cannot: each for the first reason that holds
     import pandas as pd
 
     good = np.ones(len(features), dtype=bool)
@@ -259,7 +259,7 @@ def _median_or(logarithms: Floats, otherwise: float) -> float:
 
 
 def _imply_covariates(features: pd.DataFrame) -> dict[str, Floats]:
-    """Compute what the log implies: pauses by its clock, passes over a block, the trial before."""
+    # Compute what the log implies: pauses by its clock, passes over a block, the trial before
     order = _read_numbers(features, "run_order")
     rows = np.argsort(order if np.isfinite(order).all() else np.arange(len(order)), kind="stable")
     found: dict[str, Floats] = {}
@@ -281,7 +281,7 @@ def _imply_covariates(features: pd.DataFrame) -> dict[str, Floats]:
 
 
 def _read_covariates(table: pd.DataFrame) -> dict[str, NDArray[Any]]:
-    """Columns that were set or read beside the forces, in their order."""
+    # Columns that were set or read beside the forces, in their order
     found: dict[str, NDArray[Any]] = {}
     for name in takewhile(lambda column: column != _FEATURES_BEGIN, table.columns):
         if name in ("trial", "status", "reason", "block"):
@@ -334,7 +334,7 @@ def scan_blocks(
 
 
 def _measure_scan(path: Path) -> dict[str, float]:
-    """Height and edge radius of the scan of a block; the mean over the lines of a map [m]."""
+    # Height and edge radius of the scan of a block; the mean over the lines of a map [m]
     from stepblocks.artefacts.scans.read import read_scan
     from stepblocks.artefacts.scans.scan import list_profiles
     from stepblocks.inspect.edge import fit_edge

@@ -185,7 +185,7 @@ MaterialField = Annotated[Material, BeforeValidator(find_material)]
 
 
 def _read_zone(raw: object) -> Dimension:
-    """Read the width of a zone as a dimension of nominal 0 that may only grow."""
+    # Read the width of a zone as a dimension of nominal 0 that may only grow
     if isinstance(raw, Dimension):
         return raw
     width = parse_quantity(raw, "length")

@@ -16,7 +16,7 @@ _FLATNESS = 0.01  # of the letter height: curves become chords no further from t
 
 @lru_cache(maxsize=4096)
 def _outline_glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
-    """Advance and polygons of one character for a capital height of 1."""
+    # Advance and polygons of one character for a capital height of 1
     import matplotlib as mpl
     import shapely
     from matplotlib.font_manager import FontProperties

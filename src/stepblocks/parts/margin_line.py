@@ -103,7 +103,7 @@ def stations_in(
 
 
 def _read_closed_line(points: Array, path: Path) -> Any:
-    """Smooth closed line through points, over the length of their chords."""
+    # Smooth closed line through points, over the length of their chords
     from scipy.interpolate import CubicSpline
 
     line = np.vstack([points, points[:1]])
@@ -122,7 +122,7 @@ def _read_closed_line(points: Array, path: Path) -> Any:
 def _cut_section(
     mesh: Any, near: NDArray[np.int64], place: Array, along: Array, middle: Array, draw: Array
 ) -> Array:
-    """Find the outermost points (x to the crown, z outwards) of a section, shape (n, 2)."""
+    # Find the outermost points (x to the crown, z outwards) of a section, shape (n, 2)
     import trimesh
 
     outward = np.cross(along, draw)
@@ -143,7 +143,7 @@ def _cut_section(
 
 
 def _find_sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
-    """Find the missing side, if any; curvature of the tooth, slope of the crown, scatter."""
+    # Find the missing side, if any; curvature of the tooth, slope of the crown, scatter
     # sections share their shape, each at a level of its own, in a frame turned until the tooth, or
     # else the crown, is level
     points, which = (

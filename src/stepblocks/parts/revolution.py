@@ -55,7 +55,7 @@ def compute_revolution_volume(outline: Outline) -> float:
 
 
 def _integrate_arc(start: Point, middle: Point, end: Point) -> float:
-    """Integrate r^2 dz along an arc, with r = c + rho cos t and dz = rho cos t dt."""
+    # Integrate r^2 dz along an arc, with r = c + rho cos t and dz = rho cos t dt
     squares = [p[0] ** 2 + p[1] ** 2 - start[0] ** 2 - start[1] ** 2 for p in (middle, end)]
     (c, _), rho, first, last = _find_circle(start, middle, end, squares)
 
@@ -70,10 +70,8 @@ def _integrate_arc(start: Point, middle: Point, end: Point) -> float:
 def _find_circle(
     start: Point, middle: Point, end: Point, squares: list[float]
 ) -> tuple[Point, float, float, float]:
-    """Find centre, radius, first and last angle of an arc.
-
-    `squares`: by how much middle and end lie further from the origin [m^2].
-    """
+    # Find centre, radius, first and last angle of an arc. `squares`: by how much middle and end lie
+    # further from the origin [m^2].
     # by Cramer's rule: a library's solver gives other last bits on another processor
     (a, b), (c, d) = ((2.0 * (p[0] - start[0]), 2.0 * (p[1] - start[1])) for p in (middle, end))
     double = a * d - b * c

@@ -107,7 +107,7 @@ def compute_enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np
 def _lift_vertices(
     raw: cad.door.Tessellation, deflection: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
-    """Lift vertices of coarse curved faces until the mesh encloses `volume`."""
+    # Lift vertices of coarse curved faces until the mesh encloses `volume`
     # chords cut corners: a mesh inscribed in a hole of 2.5 mm at 10 um is 1e-4 of a block too heavy
     curved = np.array([face.kind != "PLANE" for face in raw.faces])
     finest = deflection.min()
@@ -136,7 +136,7 @@ def _lift_vertices(
 def _lift_to_volume(
     raw: cad.door.Tessellation, direction: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
-    """Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear."""
+    # Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear
     lift, step = 0.0, 1e-7
     for _ in range(6):
         here = compute_enclosed_volume(raw.vertices + lift * direction, raw.triangles)
@@ -182,7 +182,7 @@ def split_solid(solid: Manifold, axis: str, position: float) -> tuple[Manifold, 
 
 
 def _sort_mesh(name: str, piece: Manifold) -> Mesh:
-    """Sort vertices and triangles: the order of the hull varies with its threads."""
+    # Sort vertices and triangles: the order of the hull varies with its threads
     mesh = piece.to_mesh64()
     vertices, index = np.unique(
         np.asarray(mesh.vert_properties)[:, :3], axis=0, return_inverse=True

@@ -108,7 +108,7 @@ _DEVIATIONS = re.compile(r"^\s*(?P<upper>[+-]?[^/]+)/(?P<lower>[+-]?[^/]+)$")
 
 
 def _read_deviations(raw: object, quantity: str) -> tuple[float, float]:
-    """Read ``"1 um"`` (to either side) or ``"+2 um / -0 um"``."""
+    # Read ``"1 um"`` (to either side) or ``"+2 um / -0 um"``
     if isinstance(raw, str) and (match := _DEVIATIONS.match(raw)):
         upper, lower = (
             parse_quantity(match["upper"], quantity),
@@ -156,10 +156,8 @@ def _read_dimension(raw: object, quantity: str) -> Dimension:
 
 
 def _make_validator(quantity: str, rule: str = "", *, above: bool = False) -> BeforeValidator:
-    """Make a validator of a dimension.
-
-    With a rule it must be at least, or above, 0; an angle is below 180 degrees.
-    """
+    # Make a validator of a dimension. With a rule it must be at least, or above, 0; an angle is
+    # below 180 degrees.
     least = 0.0 if rule else -math.inf
 
     def read(raw: object) -> Dimension:

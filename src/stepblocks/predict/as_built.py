@@ -81,7 +81,7 @@ def predict_from_surfaces(
 
 
 def _shift_interval(interval: Interval, release: Release) -> Interval:
-    """Move an interval with its value: the tolerances of setting and block move both alike."""
+    # Move an interval with its value: the tolerances of setting and block move both alike
     names = [(f"{kind}_{end}", kind) for kind in ("force", "energy") for end in ("low", "high")]
     names += [(f"analytic_energy_{end}", "energy") for end in ("low", "high")]
     found = {"force": float(release.pull_force), "energy": float(release.vibration_energy)}

@@ -120,7 +120,7 @@ def _require_frame(table: object) -> pd.DataFrame:
 
 
 def _find_varying(frame: pd.DataFrame) -> list[str]:
-    """Find the conditions that are not alike in all rows, nor a matter of the stimulus alone."""
+    # Find the conditions that are not alike in all rows, nor a matter of the stimulus alone
     names = [name for name in _CONDITIONS if name in frame and frame[name].nunique() > 1]
     if "stimulus" not in names:
         return names
@@ -129,6 +129,6 @@ def _find_varying(frame: pd.DataFrame) -> list[str]:
 
 
 def _find_dimensions(frame: pd.DataFrame) -> list[str]:
-    """Find the conditions that tell all rows apart; none where they do not."""
+    # Find the conditions that tell all rows apart; none where they do not
     names = _find_varying(frame) or [name for name in ("stimulus",) if name in frame]
     return names if names and not frame.duplicated(names).any() else []

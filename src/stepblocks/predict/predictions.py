@@ -145,7 +145,7 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
 
 
 def _find_stiffness_deviation(stimuli: StimulusSet, part: Part) -> float:
-    """Find how far the tolerances of a sheath move the spring [N/m], summed in quadrature."""
+    # Find how far the tolerances of a sheath move the spring [N/m], summed in quadrature
     if stimuli.probe is None or part.sleeve is None:
         return 0.0
     moved = 0.0

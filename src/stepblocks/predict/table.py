@@ -230,11 +230,8 @@ def predict_with_model(
 def _read_conditions(
     table: pd.DataFrame, learned: LearnedModel, wanted: set[str]
 ) -> tuple[dict[str, NDArray[Any]], NDArray[np.object_], NDArray[np.object_]]:
-    """Read the columns to predict from.
-
-    Also gives, for each trial, the names of columns that hold no number, and of those beyond the
-    range of the data.
-    """
+    # Read the columns to predict from. Also gives, for each trial, the names of columns that hold
+    # no number, and of those beyond the range of the data.
     import pandas as pd
 
     ranges = {place.name: place for place in learned.ranges}
@@ -268,8 +265,7 @@ def _read_conditions(
 def _predict_channels(
     design: BenchDesign, fitted: LearnedFit, learned: LearnedModel
 ) -> tuple[Floats, Floats, DragState]:
-    """Predict channels of single trials, their standard deviations, and the slots behind."""
-
+    # Predict channels of single trials, their standard deviations, and the slots behind
     def at(values: Mapping[str, float]) -> Floats:
         return compute_channels(build_extended_state(design, values, fitted.active(values)))
 

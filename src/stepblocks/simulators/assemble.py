@@ -141,7 +141,7 @@ def resolve_contact(
 
 
 def _choose_frame(surface: Part) -> Frame:
-    """Choose the frame: what is turned about the drag lies on its side, its axis below."""
+    # Choose the frame: what is turned about the drag lies on its side, its axis below
     if surface.turn_radius is None:
         return Frame(np.eye(3), np.zeros(3), surface.axes)
     turn = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
@@ -149,7 +149,7 @@ def _choose_frame(surface: Part) -> Frame:
 
 
 def _join_meshes(name: str, meshes: Sequence[Mesh]) -> Mesh:
-    """Put separate closed bodies into one mesh."""
+    # Put separate closed bodies into one mesh
     if len(meshes) == 1:
         return meshes[0]
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
@@ -193,7 +193,7 @@ def _apply_learned_energy(
 def _predict_with_model(
     learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int
 ) -> LearnedDrag:
-    """Predict the drag over this edge as over a step: of its height, or of its critical angle."""
+    # Predict the drag over this edge as over a step: of its height, or of its critical angle
     from stepblocks.predict.table import make_learned_drag
 
     face = surface.counterface()

@@ -139,7 +139,7 @@ def compare(
 
 
 def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) -> VibrationEvent:
-    """Predict the event of a stimulus that is named by its file and identity."""
+    # Predict the event of a stimulus that is named by its file and identity
     declared = load_set(stimulus.parent)
     part = next((one for one in declared.stimuli if one.id == stimulus.name), None)
     if part is None:
@@ -160,7 +160,7 @@ def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) 
 def _read_record(
     record: str | Path | pd.DataFrame, event: VibrationEvent
 ) -> tuple[Array, float, bool]:
-    """Read force along the drag [N], rate of its samples [Hz], and whether it holds the pull."""
+    # Read force along the drag [N], rate of its samples [Hz], and whether it holds the pull
     if isinstance(record, str | Path) and Path(record).suffix in (".h5", ".hdf5"):
         import h5py
 
@@ -200,10 +200,8 @@ def _read_record(
 
 
 def _find_release(force: Array, rate: float, event: VibrationEvent) -> int:
-    """Find where the ring begins: where the changes of the force resemble those of the ideal most.
-
-    The fall of the pull at the release is a change at the same place, and no part of the ring.
-    """
+    # Find where the ring begins: where the changes of the force resemble those of the ideal most.
+    # The fall of the pull at the release is a change at the same place, and no part of the ring.
     from scipy.signal import correlate
 
     ideal = compute_ring_force(event, rate)[: max(len(force) - 1, 2)]
@@ -221,12 +219,10 @@ def _find_release(force: Array, rate: float, event: VibrationEvent) -> int:
 def _measure_ring(
     force: Array, rate: float, event: VibrationEvent
 ) -> tuple[dict[str, float], float]:
-    """Measure energy, frequency, decay and band of a ring by a decaying sine and by its spectrum.
-
-    The second value is the share of the ring and its noise that the sine explains. What changes
-    slowly beside the ring, as the pull of a moving hand does, is taken off. The first cycle is
-    left out, for there the pull falls; the energy is carried back to where the sine begins.
-    """
+    # Measure energy, frequency, decay and band of a ring by a decaying sine and by its spectrum.
+    # The second value is the share of the ring and its noise that the sine explains. What changes
+    # slowly beside the ring, as the pull of a moving hand does, is taken off. The first cycle is
+    # left out, for there the pull falls; the energy is carried back to where the sine begins.
     from scipy.optimize import least_squares
 
     tool, first = event.tool, math.ceil(rate / event.tool.frequency)

@@ -285,7 +285,7 @@ def _choose_scale(device: Device, event: VibrationEvent, point: OperatingPoint) 
 
 
 def _list_refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
-    """List why a device does not render a plan at all."""
+    # List why a device does not render a plan at all
     peak, force = device.peak_force.value, plan.critical_force
     limit = _value_or_infinity(device.stiffness_limit)
     rules = {
@@ -301,7 +301,7 @@ def _list_refusals(device: Device, plan: RenderingPlan, load: float) -> list[str
 def _list_deviations(
     device: Device, plan: RenderingPlan, event: VibrationEvent, load: float
 ) -> list[str]:
-    """List what a device loses of a plan that it renders."""
+    # List what a device loses of a plan that it renders
     resolution, peak = device.position_resolution.value, device.peak_force.value
     held = max(load, _replace_if_not_finite(event.critical_force, 0.0))
     lasting = _value_or_infinity(device.continuous_force)

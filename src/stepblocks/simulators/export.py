@@ -158,7 +158,7 @@ def export(
 
 
 def _write_set(folder: Path, scenes: list[Scene], form: SceneFormat, name: str) -> None:
-    """Write what holds all stimuli of a set, where the format has it and their probes allow it."""
+    # Write what holds all stimuli of a set, where the format has it and their probes allow it
     alike = {(one.ball_radius, one.stiffness, one.point.friction) for one in scenes}
     if form.write_set and len(scenes) > 1 and (len(alike) == 1 or not form.shares_probe):
         folder.mkdir(parents=True)
@@ -172,7 +172,7 @@ def _resolve_set(
     ring: Literal["exponential", "drag"],
     overrides: dict[str, float],
 ) -> list[Contact]:
-    """Resolve the contacts of all stimuli of a set, those that are not written as well."""
+    # Resolve the contacts of all stimuli of a set, those that are not written as well
     from stepblocks.simulators.assemble import resolve_contact
 
     height = step_height or next(iter(stimuli.prediction.step_heights), None)
@@ -192,7 +192,7 @@ def _resolve_set(
 def _build_scenes(
     contacts: list[Contact], meant: list[int], device: Device | None, scale: Scale
 ) -> list[Scene]:
-    """Build the scenes that are meant, at the scale and full scale of the whole set."""
+    # Build the scenes that are meant, at the scale and full scale of the whole set
     from stepblocks.simulators.assemble import build_scene
     from stepblocks.simulators.devices import (
         choose_common_scale,
@@ -216,7 +216,7 @@ def _build_scenes(
 
 
 def _move_into_place(draft: Path, output: Path) -> None:
-    """Move prepared files into their places, after it is sure that each can have its own."""
+    # Move prepared files into their places, after it is sure that each can have its own
     sync_folder(draft)
     files = [path.relative_to(draft) for path in sorted(draft.rglob("*")) if path.is_file()]
     for file in files:

@@ -76,7 +76,7 @@ def feel(files: Sets, page: str | Path) -> int:
 
 
 def _describe_stimulus(stimuli: StimulusSet, part: Part, place: str) -> dict[str, object]:
-    """Describe a stimulus for the page: its conditions, and the outline of each variant."""
+    # Describe a stimulus for the page: its conditions, and the outline of each variant
     point = choose_operating_point(stimuli, part, {})
     limiter, limit = point.tool.limits.first
     steps = (None,) if part.crossed else stimuli.prediction.step_heights
@@ -98,7 +98,7 @@ def _describe_stimulus(stimuli: StimulusSet, part: Part, place: str) -> dict[str
 
 
 def _describe_outline(face: Counterface, step: float | None) -> dict[str, object]:
-    """Describe discs and lines of a counterface [m], and the profile that is drawn."""
+    # Describe discs and lines of a counterface [m], and the profile that is drawn
     discs, lines = face.outline()
     edges = np.array(face.breakpoints)
     across = np.linspace(edges[0], edges[-1], 30)

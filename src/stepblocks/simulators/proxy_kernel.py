@@ -59,7 +59,7 @@ def _compute_slope(x: float, piece: int, path: Records) -> Any:
 def _compute_drive(
     direction: float, x: float, z: float, slope: float, hand: Hand, setting: Any
 ) -> Any:
-    """Force left to move the proxy, times the cosine of the slope; above 0 it slides."""
+    # Force left to move the proxy, times the cosine of the slope; above 0 it slides
     pull, down = direction * setting.stiffness * (hand[0] - x), setting.wall * (z - hand[1])
     rise = direction * slope
     return pull * (1.0 - setting.friction * rise) - down * (rise + setting.friction)
@@ -84,7 +84,7 @@ def _is_sliding(
 
 @numba.njit(cache=True)
 def _slide(direction: float, x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
-    """Move the proxy along the path until friction holds it."""
+    # Move the proxy along the path until friction holds it
     ahead = direction > 0.0
     while _is_sliding(direction, x, piece, hand, setting, path):
         knot = piece + 1 if ahead else piece
@@ -107,7 +107,7 @@ def _slide(direction: float, x: float, piece: int, hand: Hand, setting: Any, pat
 
 @numba.njit(cache=True)
 def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> Any:
-    """Walk from a free proxy at (x, z) straight to the hand, to where the path is met, if it is."""
+    # Walk from a free proxy at (x, z) straight to the hand, to where the path is met, if it is
     hand_x, hand_z = hand
     span = hand_x - x
     while True:
@@ -131,7 +131,7 @@ def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> Any:
 
 @numba.njit(cache=True)
 def _is_pressed(x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
-    """Whether the hand presses the proxy on either side of where it is."""
+    # Whether the hand presses the proxy on either side of where it is
     ahead = behind = _compute_slope(x, piece, path)
     if x == path.x[piece]:
         if piece > 0:
@@ -149,7 +149,7 @@ def _is_pressed(x: float, piece: int, hand: Hand, setting: Any, path: Records) -
 
 @numba.njit(cache=True)
 def _move(state: Any, landed: bool, hand: Hand, setting: Any, path: Records) -> None:
-    """Slide in either direction; leaving a notch uphill is the event, unless it has just landed."""
+    # Slide in either direction; leaving a notch uphill is the event, unless it has just landed
     x, piece, caught = state.x, state.piece, path.up
     at_start, at_end = x == path.x[piece], x == path.x[piece + 1]
     right = piece + 1 if at_end and piece + 2 < len(path.x) else piece

@@ -102,7 +102,7 @@ class Run:
         self.practice = 0 if self._rows else self.practice
 
     def _resume(self) -> list[dict[str, str]]:
-        """Return the answered trials; a last line that a crash cut short is dropped."""
+        # Return the answered trials; a last line that a crash cut short is dropped
         if not self.path.exists():
             return []
         text = self.path.read_text(encoding="utf-8-sig")
@@ -174,7 +174,7 @@ class Run:
         return found
 
     def _set_point(self, row: Row) -> OperatingPoint:
-        """Return where a virtual block is felt, as the trial's factors say."""
+        # Return where a virtual block is felt, as the trial's factors say
         assert self.blocks is not None
         levels = {
             name: parse_quantity(row[f"{FACTOR}{name}"], dimension)
@@ -304,7 +304,7 @@ class Run:
             self.feedback, self._shown = "", now
 
     def _append(self, row: Row) -> None:
-        """Write a line and wait until the disk has it."""
+        # Write a line and wait until the disk has it
         text = format_csv([row], self._header().strip().split(",")).partition("\n")[2]
         if not self.path.exists():
             replace_text(self.path, self._header())
@@ -340,7 +340,7 @@ def _format_time(seconds: float) -> str:
 
 
 def _give_feedback(row: Row, values: Mapping[str, float]) -> str:
-    """Say after a practice trial what was right."""
+    # Say after a practice trial what was right
     height, standard = (read_number(row[name]) for name in ("height_um", "standard_height_um"))
     if "higher" in values:
         return "right" if bool(values["higher"]) == (height > standard) else "wrong"

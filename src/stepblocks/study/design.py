@@ -260,7 +260,7 @@ def design_trials(
 def _shuffle(
     cells: Sequence[tuple[str, str]], last: str, generator: np.random.Generator
 ) -> list[tuple[str, str]]:
-    """Order a set so that no block follows itself, where that can be."""
+    # Order a set so that no block follows itself, where that can be
     for _ in range(_SHUFFLES):
         found = [cells[index] for index in generator.permutation(len(cells))]
         if all(one != two for one, two in itertools.pairwise([last, *(code for code, _ in found)])):
@@ -275,7 +275,7 @@ def _check_size(
     between: Sequence[str],
     standard: str,
 ) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], np.random.Generator]:
-    """Refuse what is impossible; return settings, groups and the source of all chance."""
+    # Refuse what is impossible; return settings, groups and the source of all chance
     (participants, repetitions, seed), known = size, [item.identity for item in items]
     for name, values in {**factors, "blocks": known}.items():
         said = "conditions" if name == "probe" else name

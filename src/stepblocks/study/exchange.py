@@ -93,7 +93,7 @@ def read_foreign_judgements(
 
 
 def _refuse_duplicates(rows: Sequence[Row], participant: str) -> None:
-    """Refuse numbered rows that stand twice, and participants all of whose rows follow twice."""
+    # Refuse numbered rows that stand twice, and participants all of whose rows follow twice
     # without numbers two rows that are alike may be two judgements that agree
     first, people = dict[tuple[str, ...], str](), dict[str, list[tuple[str, ...]]]()
     for row in rows:
@@ -112,7 +112,7 @@ def _refuse_duplicates(rows: Sequence[Row], participant: str) -> None:
 
 
 def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
-    """Text of one of our columns in a foreign row; lengths in micrometres."""
+    # Text of one of our columns in a foreign row; lengths in micrometres
     stem, _, unit = mine.rpartition("_")
     for end, factor in _UNITS.items() if unit == "um" else (("", 1.0),):
         ours = f"{stem}_{end}" if end else mine

@@ -238,7 +238,7 @@ def _analyse_comparisons(frame: Table, margin: float) -> dict[str, Any]:
 def _compare_settings(
     index: int, first: str, second: str, profiles: Mapping[str, tuple[list[str], Population, Grid]]
 ) -> Interval:
-    """Compare a logarithm between two settings: within participants where they met both."""
+    # Compare a logarithm between two settings: within participants where they met both
     (people, one, grid), (others, other, same) = profiles[first], profiles[second]
     both = sorted(set(people) & set(others))
     axis, axis_same = ((found.middles, found.spreads)[index] for found in (grid, same))

@@ -71,7 +71,7 @@ def write_figures(result: StudyResult, folder: Path) -> None:
 
 
 def _save(figure: Figure, form: str) -> bytes:
-    """Return a figure as a file: the same bytes from the same data."""
+    # Return a figure as a file: the same bytes from the same data
     import matplotlib as mpl
 
     stream = io.BytesIO()

@@ -29,7 +29,7 @@ def write_headline(result: StudyResult) -> str:
 
 
 def _describe_finding(result: StudyResult, finding: Finding) -> str:
-    """Say what one planned test found."""
+    # Say what one planned test found
     p = f"p {format_apa_p(finding.corrected)}"
     if (measure := result.measure(finding.name)) is not None:
         return _describe_measure(measure, finding, result.reference, p)
@@ -70,7 +70,7 @@ def _describe_measure(measure: Measure, finding: Finding, reference: str, p: str
 
 
 def _describe_pair(measure: Measure, one: Interval) -> str:
-    """Say how the condition with the larger value differs from the other."""
+    # Say how the condition with the larger value differs from the other
     sign = 1.0 if one.difference > 0.0 else -1.0
     names = (one.first, one.second)[:: int(sign)]
     ends = (sign * one.difference, *sorted((sign * one.low, sign * one.high)))
@@ -83,7 +83,7 @@ def _describe_pair(measure: Measure, one: Interval) -> str:
 
 
 def _describe_levels(result: StudyResult) -> Iterator[str]:
-    """Say what comparisons and magnitudes measured, which claims no difference."""
+    # Say what comparisons and magnitudes measured, which claims no difference
     for found in result.comparisons:
         where = f"with {found.setting}, " if found.setting else ""
         if found.equal and found.spread:

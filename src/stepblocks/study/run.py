@@ -176,7 +176,7 @@ def check_virtual_factor(name: str, levels: Sequence[str]) -> None:
 
 
 def _read_plan(folder: str | Path | None) -> dict[str, str]:
-    """Read what a design names as primary outcome and reference; designs before it name none."""
+    # Read what a design names as primary outcome and reference; designs before it name none
     path = Path(folder or ".") / "plan.json"
     if folder is None or not path.exists():
         return {}

@@ -55,8 +55,7 @@ class RunServer(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers the page of a run and nobody else."""
-
+    # Answers the page of a run and nobody else
     # The policy: requests name this machine and port as their host; one that changes something
     # comes from this page (origin and token); all are small and not too many; the page loads
     # nothing, runs its own script only, and stands in no frame.
@@ -103,7 +102,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._json(400, {"error": "the request is not one of this page"})
 
     def _act(self, run: Run, asked: Mapping[str, Any]) -> dict[str, object] | None:
-        """Do what the page asks; None for what it cannot ask."""
+        # Do what the page asks; None for what it cannot ask
         if self.path == "/hand":
             if isinstance(run.hand, Mouse):
                 run.hand.post(min(max(float(asked["x"]), -1.0), 1.0), bool(asked["held"]))
@@ -127,7 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
         return run.state()
 
     def _is_allowed(self) -> bool:
-        """Whether a request keeps the policy; one that does not is answered and cut off."""
+        # Whether a request keeps the policy; one that does not is answered and cut off
         hosts = [f"{name}:{self.server.port}" for name in ("127.0.0.1", "localhost")]
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         size = self.headers.get("Content-Length", "0" if self.command == "GET" else "")

@@ -120,7 +120,7 @@ class Servo(threading.Thread):
         return "time is up"
 
     def _tick(self, row: Any) -> str:
-        """Feel once; return what is in doubt."""
+        # Feel once; return what is in doubt
         asked, renderer = time.perf_counter(), self.renderer
         position, velocity, held = self.hand.read()
         if self._waits and time.perf_counter() - asked > self.limits.dead:
@@ -151,7 +151,7 @@ class Servo(threading.Thread):
             self.hand.apply(self._applied)
 
     def _wait(self, due: float) -> float:
-        """Sleep until shortly before a tick is due, then watch the clock; return how late it is [s]."""
+        # Sleep until shortly before a tick is due, then watch the clock; return how late it is [s]
         if not self._waits:
             return 0.0
         left = due - time.perf_counter()

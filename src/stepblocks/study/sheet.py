@@ -336,7 +336,7 @@ def join_rows(
 
 
 def _split_groups(frame: Table) -> Table:
-    """Drop factors of one level; those that vary between participants only are their group."""
+    # Drop factors of one level; those that vary between participants only are their group
     names = [name for name in frame if str(name).startswith(FACTOR)]
     own = {name: frame.groupby("participant")[name].nunique().max() for name in names}
     between = [name for name in names if own[name] == 1 and frame[name].nunique() > 1]

@@ -123,7 +123,8 @@ def simulate_comparison(
 
 
 def _share_of(hits: int, runs: int) -> dict[str, float]:
-    """Return the share of studies that find a difference, with the ends of its 95 % interval by Wilson."""
+    # Return the share of studies that find a difference, with the ends of its 95 % interval by
+    # Wilson
     from statsmodels.stats.proportion import proportion_confint
 
     low, high = proportion_confint(hits, runs, method="wilson")

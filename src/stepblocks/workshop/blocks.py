@@ -41,14 +41,14 @@ def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
 
 
 def _list_octagon(low: Point, high: Point, cut: float) -> list[Point]:
-    """Corners of a rectangle with broken edges, from the left end of its lower side."""
+    # Corners of a rectangle with broken edges, from the left end of its lower side
     (x0, z0), (x1, z1) = low, high
     sides = [(x0 + cut, z0), (x1 - cut, z0), (x1, z0 + cut), (x1, z1 - cut)]
     return [*sides, (x1 - cut, z1), (x0 + cut, z1), (x0, z1 - cut), (x0, z0 + cut)]
 
 
 def _draw_body(sheet: Sheet, body: Body, identity: str) -> float:
-    """Draw the body from the front and from above; return the scale of both views."""
+    # Draw the body from the front and from above; return the scale of both views
     largest = 1e3 * max(
         body.length.nominal, body.width.nominal, 75.0 / 45.0 * body.thickness.nominal
     )
@@ -118,7 +118,7 @@ def _draw_body(sheet: Sheet, body: Body, identity: str) -> float:
 
 
 def _draw_holes(sheet: Sheet, body: Body, at: Point, scale: float) -> None:
-    """Draw the fixing holes as hidden lines, with their depth beside the view."""
+    # Draw the fixing holes as hidden lines, with their depth beside the view
     (fx, fz), k, holes = at, 1e3 * scale, body.mounting
     drill, entry, depth = (
         0.5 * holes.hole_diameter * k,
@@ -305,7 +305,7 @@ order part 3 without it, or lap it off."""
 
 
 def _draw_gauge_edge(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) -> None:
-    """Draw the edge with its heights enlarged."""
+    # Draw the edge with its heights enlarged
     zs = choose_scale(40.0 / (block.height.nominal * 1e3))
     top = block.height.nominal * 1e3 * zs
     sheet.polyline([(-50.0, 0.0), (0.0, 0.0), (0.0, top), (50.0, top)])
@@ -319,7 +319,7 @@ def _draw_gauge_edge(sheet: Sheet, block: StepBlock, pair: GaugePair, room: floa
 
 
 def _draw_gauge_section(sheet: Sheet, block: StepBlock, pair: GaugePair, room: float) -> None:
-    """Draw base and blocks as large as they fit, with labels on the left."""
+    # Draw base and blocks as large as they fit, with labels on the left
     thick = block.body.thickness.nominal * 1e3
     across, tall = 2e3 * SECTION[1] + 10.0, thick + pair.upper * 1e3
     s = max(

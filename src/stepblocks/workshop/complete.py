@@ -77,7 +77,7 @@ def _format_requirement(one: Characteristic) -> str:
 
 
 def _entity_says(entity: Any, one: Characteristic) -> bool:
-    """Tell whether a dimension measures, or a text says, what a characteristic states."""
+    # Tell whether a dimension measures, or a text says, what a characteristic states
     if entity.dxftype() != "DIMENSION":
         return _format_requirement(one) in entity.dxf.text
     style = entity.override()

@@ -132,7 +132,7 @@ def _write_all(
 
 @contextmanager
 def _pin_ezdxf() -> Iterator[None]:
-    """Let ezdxf write no time and no random identifier, and use matplotlib's fonts only."""
+    # Let ezdxf write no time and no random identifier, and use matplotlib's fonts only
     import ezdxf
     from ezdxf.fonts import fonts
 
@@ -165,7 +165,7 @@ def _load_fonts() -> tuple[Any, dict[str, object]]:
 
 
 def _render(sheet: Sheet, path: Path) -> None:
-    """Draw what the DXF holds; its letters stay letters, which can be searched."""
+    # Draw what the DXF holds; its letters stay letters, which can be searched
     import matplotlib as mpl
     from ezdxf.addons.drawing import Frontend, RenderContext
     from ezdxf.addons.drawing.config import (

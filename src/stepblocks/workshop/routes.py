@@ -79,7 +79,7 @@ def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> l
 def _list_ways(
     block: StepBlock, process: Process, capability: float
 ) -> Iterator[tuple[str, float, str]]:
-    """Yield name, deviation [m] and note of a process; gauge blocks come in grades."""
+    # Yield name, deviation [m] and note of a process; gauge blocks come in grades
     if process.name == "one piece":
         yield process.name, capability, process.note
     elif process.name == "gauge blocks":
@@ -111,10 +111,7 @@ def _make_route(
     note: str,
     point: OperatingPoint,
 ) -> Route:
-    """Predict one route.
-
-    A burr adds to the height; it may stand as high as the upper deviation.
-    """
+    # Predict one route. A burr adds to the height; it may stand as high as the upper deviation.
     edge, burr = process.edge_spread.value, process.burr_spread.value
     spread = convert_half_widths({"height": deviation, "edge_radius": edge, "burr": burr})
     face = Step(block.height.nominal + process.burr.value, process.edge_radius.value)
@@ -135,7 +132,7 @@ def _make_route(
 
 
 def _compute_share(middle: float, std: float, low: float, high: float) -> float:
-    """Compute the share of a normal law between two limits; certain values are in or out."""
+    # Compute the share of a normal law between two limits; certain values are in or out
     if std == 0.0:
         return float(low <= middle <= high)
     law = NormalDist(middle, std)

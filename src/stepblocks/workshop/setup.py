@@ -85,7 +85,7 @@ def compute_stock(block: Block) -> tuple[tuple[float, float, float], tuple[float
 
 
 def _list_probed(block: Block) -> Iterator[tuple[str, ...]]:
-    """Yield number, name, limits, where it is measured, and what the machine accepts."""
+    # Yield number, name, limits, where it is measured, and what the machine accepts
     guard = GUARD_FACTOR * PROBE
     for number, one in enumerate(block.characteristics(), start=1):
         text = format_limits(one.nominal, one.lower, one.upper, one.quantity)

@@ -117,7 +117,7 @@ class Sheet:
             self._states(entity, key)
 
     def _states(self, entity: Any, key: str) -> None:
-        """Mark what states a characteristic on paper, for whoever checks that all are there."""
+        # Mark what states a characteristic on paper, for whoever checks that all are there
         number, _ = self.listed[key]
         self.numbers.add(number)
         entity.set_xdata("STEPBLOCKS", [(1000, key), (1070, number)])

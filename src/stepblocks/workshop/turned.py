@@ -15,7 +15,7 @@ _CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged
 def _draw_mirrored(
     sheet: Sheet, view: View, outline: Iterable[Point], closed: bool = False
 ) -> None:
-    """Draw a half section on either side of its axis, which lies along the sheet."""
+    # Draw a half section on either side of its axis, which lies along the sheet
     half = list(outline)
     for side in (1.0, -1.0):
         sheet.polyline([view.at(z, side * r) for r, z in half], closed=closed)
@@ -68,7 +68,7 @@ def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
 
 
 def _draw_side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> View:
-    """Draw ball, cone and shank about their axis, and more lines; return the view."""
+    # Draw ball, cone and shank about their axis, and more lines; return the view
     half = list_outline_points(tip.outline(), _CHORD)
     lines = [*([(z, side * r) for r, z in half] for side in (1.0, -1.0)), *more]
     low, high = (
@@ -87,7 +87,7 @@ def _draw_side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]])
 
 
 def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
-    """Write the caption of the side view and draw the ball enlarged; return no notes."""
+    # Write the caption of the side view and draw the ball enlarged; return no notes
     sheet.text((side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {side.scale:g}:1", 2.5)
     (cx, cy), R = (320.0, 215.0), tip.ball_radius.nominal
     view, height = View((cx - 40.0, cy), choose_scale(22.0 / (R * 1e3))), 3.2 * R

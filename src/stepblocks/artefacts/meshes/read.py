@@ -43,7 +43,7 @@ def _with_vtk(path: Path) -> Arrays:
 
 
 def _as_text(lines: Sequence[str], first: int) -> Arrays:
-    """Read one of several objects in an OBJ; meshio would join them."""
+    # Read one of several objects in an OBJ; meshio would join them
     words = [line.split() for line in lines]
     vertices = np.array([one[1:4] for one in words if one and one[0] == "v"], dtype=np.float64)
     triangles = (

@@ -211,7 +211,7 @@ def _read_dimension(
 
 
 def _find_linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
-    """Yield what an entity of two parameters links with an instance (parameter `own`)."""
+    # Yield what an entity of two parameters links with an instance (parameter `own`)
     for user in file.users(ref):
         pair = file.parameters(user, entity)
         if len(pair) == 2 and pair[own] == ref:
@@ -219,10 +219,8 @@ def _find_linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[ob
 
 
 def _read_limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float, str]:
-    """Read the nominal value, the signed deviations, and what is wrong with them.
-
-    Limits stand as deviations or as values of their own.
-    """
+    # Read the nominal value, the signed deviations, and what is wrong with them. Limits stand as
+    # deviations or as values of their own.
     found: dict[str, Measure] = {}
     for representation in _find_linked(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
         for item in (file.parameters(representation, "SHAPE_DIMENSION_REPRESENTATION") or ("", ()))[
@@ -290,7 +288,7 @@ def list_tolerances(file: Exchange) -> list[Characteristic]:
 
 
 def _read_datums(file: Exchange, reference: object) -> tuple[str, ...]:
-    """Read the letters behind a datum system or a list of datum references."""
+    # Read the letters behind a datum system or a list of datum references
     letters: list[str] = []
     refs = list(find_references(reference))
     for ref in refs:  # which grows on the way

@@ -137,7 +137,7 @@ _NAME = re.compile(r"#\d++|[!A-Za-z_][\w-]*+(?=\s*+\()")
 
 
 def _split_instances(text: str) -> tuple[list[str], dict[str, str]]:
-    """Split a file into the statements of its header and its whole instances."""
+    # Split a file into the statements of its header and its whole instances
     text = _COMMENT.sub(lambda found: found[1] or "", text) if "/*" in text else text
     statements, at = [], 0
     while found := _STATEMENT.match(text, at):
@@ -163,10 +163,8 @@ def _split_instances(text: str) -> tuple[list[str], dict[str, str]]:
 
 
 def _parse_instance(body: str) -> dict[str, tuple[Any, ...]]:
-    """Read the entities of an instance with their parameters.
-
-    The text is turned into JSON, whose parser is strict.
-    """
+    # Read the entities of an instance with their parameters. The text is turned into JSON, whose
+    # parser is strict.
     closing: list[str] = []
     several = body.startswith("(")
 
@@ -209,7 +207,7 @@ def _decode(token: str) -> str:
 
 
 def _make_plain(value: Any) -> Any:
-    """Turn lists into tuples; what has a type has one value."""
+    # Turn lists into tuples; what has a type has one value
     if isinstance(value, Typed):
         (inner,) = value.value
         return Typed(value.type, _make_plain(inner))

@@ -59,7 +59,7 @@ def find_faces(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
 
 
 def _units(file: Exchange, representation: str) -> tuple[Unit, Unit]:
-    """Units of length and of angle."""
+    # Units of length and of angle
     for value in (value for values in file.parts(representation).values() for value in values):
         if units := file.parameters(value, "GLOBAL_UNIT_ASSIGNED_CONTEXT"):
             resolved = {one.dimension: one for one in (read_unit(file, ref) for ref in units[0])}
@@ -112,7 +112,7 @@ def _direction(file: Exchange, ref: object, default: Array = _NOWHERE) -> Array:
 
 
 def _placement(file: Exchange, ref: object) -> tuple[Array, Array, Array]:
-    """Location, in the units of the file, direction, and second direction."""
+    # Location, in the units of the file, direction, and second direction
     values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
     if len(values) != 4:
         return _NOWHERE, _NOWHERE, _NOWHERE
@@ -190,7 +190,7 @@ def measure_distance(first: list[Surface], second: list[Surface], kind: str = ""
 
 
 def _beyond_centre(surface: Surface, side: str) -> float:
-    """How far the side of a round feature that a dimension names lies beyond its centre [m]."""
+    # How far the side of a round feature that a dimension names lies beyond its centre [m]
     if surface.kind not in _ROUND or not surface.sizes:
         return 0.0
     return {"outer": surface.sizes[0], "inner": -surface.sizes[0]}.get(side, 0.0)
@@ -231,10 +231,8 @@ def _distance(a: Surface, b: Surface) -> float | None:
 
 
 def _as_steep(cone: Surface, other: Surface) -> bool:
-    """Tell whether a cone and a surface about its axis have one distance.
-
-    They do for a round edge, or a cone of the same angle.
-    """
+    # Tell whether a cone and a surface about its axis have one distance. They do for a round edge,
+    # or a cone of the same angle.
     same_way = 1.0 if cone.axis @ other.axis > 0.0 else -1.0
     cones = (
         other.kind == "CONICAL_SURFACE" and abs(cone.sizes[1] - same_way * other.sizes[1]) <= 1e-12

@@ -121,10 +121,8 @@ def write_conforming(
 
 
 def _choose_pmi_kind(one: Characteristic) -> PmiKind:
-    """Choose the kind that the standard names after the surface.
-
-    A ball, a ring, and a distance to the far side of a ball have their own.
-    """
+    # Choose the kind that the standard names after the surface. A ball, a ring, and a distance to
+    # the far side of a ball have their own.
     surfaces = {rule.kind for rule in one.faces if isinstance(rule, FaceRule)}
     ball, ring = "SPHERE" in surfaces, "TORUS" in surfaces
     kinds: dict[str, PmiKind] = {
@@ -155,7 +153,7 @@ def _format_callout(one: Characteristic, number: int) -> str:
 def _draw_callout(
     text: str, place: int, part: Sequence[door.Face], face: door.Face
 ) -> list[tuple[Point, Point]]:
-    """Draw a callout in the plane before the front of a part."""
+    # Draw a callout in the plane before the front of a part
     low = np.min([one.low for one in part], axis=0)
     high = np.max([one.high for one in part], axis=0)
     size = 0.03 * float(np.max(high - low))
@@ -241,7 +239,7 @@ def make_conforming(
 
 
 def _find_holding(data: dict[str, str], text: str) -> list[str]:
-    """List the instances that hold a text, their spaces left out."""
+    # List the instances that hold a text, their spaces left out
     word = text.partition("(")[0]
     return [ref for ref, body in data.items() if word in body and text in re.sub(r"\s+", "", body)]
 
@@ -267,7 +265,7 @@ def _mend_instance(body: str, waiting: dict[str, list[str]], angular: set[str]) 
 def _add_property(
     data: dict[str, str], names: tuple[str, str, str], of: str, owners: Sequence[str], rule: str
 ) -> None:
-    """Write a property of a product or of the faces that have a tolerance."""
+    # Write a property of a product or of the faces that have a tolerance
     kind, name, shown_as = names
     context = _find_holding(data, "GEOMETRIC_REPRESENTATION_CONTEXT(3)")
     if not owners or not context:
@@ -281,7 +279,7 @@ def _add_property(
 
 
 def _add_instance(data: dict[str, str], entity: str) -> str:
-    """Add an instance under the next number; return its reference."""
+    # Add an instance under the next number; return its reference
     ref = f"#{int(next(reversed(data))[1:]) + 1}"
     data[ref] = entity
     return ref

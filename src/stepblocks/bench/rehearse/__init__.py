@@ -198,7 +198,7 @@ def record_trial(
 def _start_up_ring(
     rig: Rig, time: Array, tool: Tool, end: float, random: np.random.Generator
 ) -> Array:
-    """Ring when the handle starts, up to the edge."""
+    # Ring when the handle starts, up to the edge
     (frequency, decay_time), phase = tool, float(random.uniform(0.0, 2.0 * math.pi))
     ring = np.exp(-time / decay_time) * np.cos(2.0 * np.pi * frequency * time + phase)
     return np.where(time < end, rig.start_up * ring, 0.0)

@@ -158,7 +158,7 @@ def _write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
 def _record_row(
     plan: SessionPlan, row: dict[str, str], heights: dict[float, float], chance: np.random.Generator
 ) -> tuple[Trace, tuple[float, ...]] | None:
-    """Record of one trial and what is true of it, or None where the probe locks."""
+    # Record of one trial and what is true of it, or None where the probe locks
     state = compute_planted_state(plan, row, heights, chance)
     if state is None:
         return None
@@ -185,10 +185,8 @@ def _record_row(
 
 
 def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
-    """Write a profilometer line across the edge, with its own tilt and offset.
-
-    As an instrument does.
-    """
+    # Write a profilometer line across the edge, with its own tilt and offset. As an instrument
+    # does.
     x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
     z = 1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
     z = (

@@ -128,7 +128,7 @@ def _find_saturation(name: str, values: Array, limit: float | None) -> str:
 
 
 def _find_longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    """Length and first index of the longest run of True; of equal ones, the first."""
+    # Length and first index of the longest run of True; of equal ones, the first
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     starts, ends = edges[::2], edges[1::2]
     longest = int(np.argmax(ends - starts))
@@ -166,7 +166,7 @@ def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
 
 
 def _find_motion(force: Array, zero: float, calm: int, pulled_up: bool) -> int:
-    """Find the first sample at the sliding force; `pulled_up` where no sliding came before."""
+    # Find the first sample at the sliding force; `pulled_up` where no sliding came before
     from scipy.ndimage import uniform_filter1d
 
     smooth = np.convolve(force, np.full(5, 0.2), mode="same")
@@ -190,9 +190,7 @@ def _find_motion(force: Array, zero: float, calm: int, pulled_up: bool) -> int:
 
 
 def _mean_std(values: Array) -> float:
-    """Return the standard uncertainty of a mean whose samples hang together.
-
-    By the means of eighths.
-    """
+    # Return the standard uncertainty of a mean whose samples hang together. By the means of
+    # eighths.
     parts = np.array([part.mean() for part in np.array_split(values, 8)])
     return float(np.std(parts, ddof=1) / math.sqrt(8.0))

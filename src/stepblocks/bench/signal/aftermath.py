@@ -242,7 +242,7 @@ def _aftermath_of_rubbing(
 def _fit_best_rubbing(
     time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> RubbingRing | None:
-    """Fit from one trough after the other, until the tip no longer climbs."""
+    # Fit from one trough after the other, until the tip no longer climbs
     clean = force - approach.hum(time)
     after = clean[marks.peak :]
     level = float(np.median(after[int(after.size * (1.0 - _TAIL_SHARE)) :]))
@@ -261,10 +261,8 @@ def _fit_best_rubbing(
 def _guess_tools(
     time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> list[Tool]:
-    """Frequency and decay time of the tool.
-
-    Told, from its start-up, from its late ring, from its first swings.
-    """
+    # Frequency and decay time of the tool. Told, from its start-up, from its late ring, from its
+    # first swings.
     if tool is not None:
         return [tool]
     if approach.start_up is not None:
@@ -286,7 +284,7 @@ def _guess_tools(
 def _find_troughs(
     time: Array, clean: Array, marks: Landmarks, level: float, frequency: float
 ) -> list[int]:
-    """Troughs after the slip."""
+    # Troughs after the slip
     rate = (time.size - 1) / (time[-1] - time[0])
     half = max(int(0.5 * rate / frequency), 2)
     smooth = np.convolve(clean, np.full(5, 0.2), mode="same")

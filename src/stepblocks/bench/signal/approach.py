@@ -116,7 +116,7 @@ def find_bounded_landmarks(time: Array, force: Array) -> Landmarks:
 
 
 def _find_peak_sample(force: Array, smooth: Array, noise: float) -> int:
-    """Last sample before the fall: on a gentle ramp noise lifts an earlier one over it."""
+    # Last sample before the fall: on a gentle ramp noise lifts an earlier one over it
     coarse = int(np.argmax(smooth))
     first = max(coarse - 4, 0)
     peak = first + int(np.argmax(force[first : coarse + 5]))
@@ -125,7 +125,7 @@ def _find_peak_sample(force: Array, smooth: Array, noise: float) -> int:
 
 
 def _add_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
-    """Put the onset where the line through the middle of the ramp meets the sliding level."""
+    # Put the onset where the line through the middle of the ramp meets the sliding level
     climb = smooth[: marks.peak + 1] - marks.level
     low = int(np.flatnonzero(climb < 0.25 * marks.rise)[-1])
     high = max(int(np.flatnonzero(climb < 0.75 * marks.rise)[-1]) + 1, low + 2)
@@ -211,7 +211,7 @@ class Approach:
         )
 
     def _bent(self, since: Array) -> Array:
-        """Return what a bent ramp has over its line [N]."""
+        # Return what a bent ramp has over its line [N]
         return (
             np.zeros_like(since)
             if self.clock.bend is None
@@ -382,10 +382,8 @@ def _fit_until(
 
 
 def _find_end_of_line(miss: Array, noise: float) -> int | None:
-    """First sample from which on the force is off the line of the ramp for good.
-
-    None where it stays on it.
-    """
+    # First sample from which on the force is off the line of the ramp for good. None where it stays
+    # on it.
     if not miss.size:
         return None
     window = min(4, miss.size)

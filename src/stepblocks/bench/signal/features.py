@@ -126,7 +126,7 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
 def _find_corner_of_fall(
     time: Array, force: Array, marks: Landmarks, approach: Approach
 ) -> Peak | None:
-    """Corner of the ramp and a parabola through the first samples after it."""
+    # Corner of the ramp and a parabola through the first samples after it
     # noise decides which of the samples about a corner is the highest; the fall begins where the
     # line is left
     below = approach.line(time) - force

@@ -211,10 +211,7 @@ def _fit_damped(
 
 
 def _columns(since: Array, origin: float, mains: float, shape: Array, about: float = 0.0) -> Array:
-    """Level and drift from the slip on, hum on the clock of the record, rest of the release.
-
-    Ring.
-    """
+    # Level and drift from the slip on, hum on the clock of the record, rest of the release. Ring.
     frequency, decay, release, *cubic = shape.tolist()
     hum = wave_columns(since + origin, mains)
     ring = (
@@ -226,10 +223,8 @@ def _columns(since: Array, origin: float, mains: float, shape: Array, about: flo
 
 
 def _hardening_columns(since: Array, tool: tuple[float, ...], about: float) -> Array:
-    """Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1.
-
-    And its rate over its pulsation.
-    """
+    # Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1. And its
+    # rate over its pulsation.
     # `tool` is the frequency of small swings about the level, the decay time, and g; `about` the
     # level.
     frequency, decay, cubic = tool
@@ -246,7 +241,7 @@ def _hardening_columns(since: Array, tool: tuple[float, ...], about: float) -> A
 def _integrate_swing(
     count: int, tool: tuple[float, float, float], about: float, begin: float, rest: float
 ) -> Array:
-    """Force over its level and its rate, step by step; written for a compiler, nothing checked."""
+    # Force over its level and its rate, step by step; written for a compiler, nothing checked
     omega, decay, cubic = tool
     result = np.empty((count, 2))
     kick, shrink = 0.5 * _FINE_STEP * omega**2, math.exp(-_FINE_STEP / decay)
@@ -316,7 +311,7 @@ def compute_rubbing_force(
 
 @cache
 def _compile_once(kernel: Callable[..., Array]) -> Callable[..., Array]:
-    """Compile a kernel when it is first wanted: a fit calls it some hundred times."""
+    # Compile a kernel when it is first wanted: a fit calls it some hundred times
     from numba import njit
 
     return cast("Callable[..., Array]", njit(cache=True)(kernel))
@@ -329,10 +324,8 @@ def _rubbing_kernel(
     start: tuple[float, float],
     slope: float,
 ) -> Array:
-    """Go half cycle by half cycle.
-
-    Written for a compiler, nothing checked. See `compute_rubbing_force`.
-    """
+    # Go half cycle by half cycle. Written for a compiler, nothing checked. See
+    # `compute_rubbing_force`.
     (level, gap), (frequency, decay), (force, rate) = levels, tool, start
     omega = 2.0 * math.pi * frequency
     result = np.empty_like(time)

@@ -74,7 +74,7 @@ READERS: dict[str, tuple[Any, Any, Any]] = {
 def _open_cached(
     kind: str, path: Path, _stamp: tuple[int, ...], layout: str
 ) -> tuple[Any, ExitStack]:
-    """Open a file that stays open for the trials that follow, as long as what holds it is kept."""
+    # Open a file that stays open for the trials that follow, as long as what holds it is kept
     holder = ExitStack()
     return holder.enter_context(READERS[kind][0](path, json.loads(layout))), holder
 
@@ -113,7 +113,7 @@ def read_columns(
 
 
 def _read_increments(group: Any, names: Sequence[str | int]) -> NDArray[np.float64]:
-    """Read what the attributes of a trial say of the time between two samples."""
+    # Read what the attributes of a trial say of the time between two samples
     kept: dict[str, Any] = {}
     for name in (None, *names):
         with suppress(Exception):  # a group of a TDMS file knows no index, a table no columns
@@ -259,7 +259,7 @@ def _find_trial_file(session: Session, trial: str) -> Path:
 
 
 def _list_group_names(pattern: str | None, trial: str) -> tuple[str, ...]:
-    """Names that the group of a trial may have, the likeliest first."""
+    # Names that the group of a trial may have, the likeliest first
     if pattern is not None:
         return (fill_pattern(pattern, trial=trial),)
     found: dict[str, None] = {}

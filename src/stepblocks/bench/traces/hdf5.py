@@ -60,10 +60,8 @@ def read_hdf5_column(group: Any, name: str | int) -> Any:
 
 
 def _require_own(item: Any, container: Any) -> None:
-    """Refuse what lies in another file, by a link or by storage outside.
-
-    A session is what its folder holds.
-    """
+    # Refuse what lies in another file, by a link or by storage outside. A session is what its
+    # folder holds.
     import h5py
 
     if item.file.filename != container.file.filename or (

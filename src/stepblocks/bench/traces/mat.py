@@ -57,7 +57,7 @@ class Variables:
 
 
 def _extract_variable(path: Path, place: int, length: int) -> io.BytesIO:
-    """Return a file of one variable alone."""
+    # Return a file of one variable alone
     with path.open("rb") as file:
         header = file.read(_HEADER)
         file.seek(place)

@@ -19,7 +19,7 @@ _geometry = partial(Law, slot="contact_geometry")
 
 
 def _apply_give(power: float, state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
-    """Let the edge press its way into the ball, or the block into what holds it."""
+    # Let the edge press its way into the ball, or the block into what holds it
     held = np.cos(np.arctan(state.friction * state.edge_factor))
     across, per_newton = (
         np.maximum(state.load, 1e-3) * held / np.cos(state.angle()),
@@ -105,11 +105,8 @@ _GEOMETRY = (
 
 
 def _height_error_law(block: str) -> Law:
-    """Return the effect of a block far from its nominal height.
-
-    Small errors are priors of the nominal model.
-    """
-
+    # Return the effect of a block far from its nominal height. Small errors are priors of the
+    # nominal model.
     def apply(state: DragState, blocks: Any, values: Mapping[str, float]) -> DragState:
         return state.changed(height=state.height + values["height_error_m"] * (blocks == block))
 

@@ -27,10 +27,8 @@ _softened = njit(cache=True)(compute_softened_force)
 def _climb_kernel(
     height: float, friction: float, stiffness: float, speed: float, damping: float, cubic: float
 ) -> tuple[float, float]:
-    """Peak force over that at which the tip breaks loose.
-
-    Energy of the first swing below sliding over that stored, undamped.
-    """
+    # Peak force over that at which the tip breaks loose. Energy of the first swing below sliding
+    # over that stored, undamped.
     # The mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a +
     # atan mu), while it is pressed on; it may fly off, stop on its way, and slip back. Time in
     # 1/omega, positions in R, forces in N, k R / N = stiffness.

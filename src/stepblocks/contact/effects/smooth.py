@@ -194,7 +194,7 @@ def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
 
 
 def _offset_law(where: CovariateRange) -> Law:
-    """Each label presses by its own force more than the weights."""
+    # Each label presses by its own force more than the weights
     names = tuple(f"added_n[{label}]" for label in where.labels)
 
     def apply(state: DragState, column: NDArray[Any], values: Mapping[str, float]) -> DragState:
@@ -212,7 +212,7 @@ def _offset_law(where: CovariateRange) -> Law:
 
 
 def _step_law(name: str, where: CovariateRange) -> Law:
-    """Change a slot where a covariate passes a value: of the radius along the run a chipped tip."""
+    # Change a slot where a covariate passes a value: of the radius along the run a chipped tip
     run = where.name == "run_order"
     move, chip = SLOT_MOVES[name], name == "radius"
     reach = where.high - where.low
@@ -254,7 +254,7 @@ def _step_law(name: str, where: CovariateRange) -> Law:
 
 
 def _periodic_law(name: str, where: CovariateRange) -> Law:
-    """Let a slot swing along the run, with any period from a few trials to the whole of it."""
+    # Let a slot swing along the run, with any period from a few trials to the whole of it
     move, reach = SLOT_MOVES[name], where.high - where.low
     parts = tuple(Parameter(part, "1", 0.0, -2.0, 2.0, 0.05) for part in ("cosine", "sine"))
     period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 1.2 * reach, 0.5)

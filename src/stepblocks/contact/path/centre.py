@@ -129,8 +129,7 @@ def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float
 
 
 class _Shapes:
-    """Circles and lines as arrays; one row per shape."""
-
+    # Circles and lines as arrays; one row per shape
     def __init__(self, discs: list[Disc], lines: list[Line], ball_radius: float) -> None:
         grown = np.array([(x, z, r + ball_radius) for x, z, r in discs]).reshape(-1, 3)
         self.cx, self.cz, self.r = grown.T

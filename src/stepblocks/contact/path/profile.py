@@ -84,7 +84,7 @@ def build_profile_path(
 
 
 def _elements(x: Floats, z: Floats, radius: float) -> Floats:
-    """Segments of a profile with the offset at which the ball is as steep as each, shape (m, 5) [m]."""
+    # Segments of a profile with the offset at which the ball is as steep as each, shape (m, 5) [m]
     finite = np.isfinite(z)
     joined = finite[:-1] & finite[1:]
     lone = finite & ~np.concatenate([[False], joined]) & ~np.concatenate([joined, [False]])

@@ -18,7 +18,8 @@ _SAME = 1e-6  # share by which slopes may differ along one line, from the roundi
 def _compute_rest_height(
     u: float, x: float, x0: float, z0: float, x1: float, z1: float, radius: float
 ) -> float:
-    """Height at which the ball at `x` rests on a segment's point `u`, within its reach but for rounding."""
+    # Height at which the ball at `x` rests on a segment's point `u`, within its reach but for
+    # rounding
     z = z0 + (z1 - z0) * ((u - x0) / (x1 - x0)) if x1 > x0 else max(z0, z1)
     squared = min((u - x) * (u - x), radius * radius)
     return z - squared / (radius + math.sqrt(radius * radius - squared))
@@ -78,7 +79,7 @@ def dilate_profile(positions: Array, elements: Array, radius: float) -> tuple[Ar
 
 @njit(cache=True)
 def _compute_slope(x: float, u: float, radius: float) -> float:
-    """Slope of the path just ahead of the ball that touches at `u`."""
+    # Slope of the path just ahead of the ball that touches at `u`
     v = u - x
     if abs(v) >= radius:
         return math.copysign(np.inf, v)
@@ -104,7 +105,8 @@ def _find_steepest_between(
     radius: float,
     tolerance: float,
 ) -> tuple[float, float, float]:
-    """Greatest slope over `best` of the path between two `ends` (x, h, x, h), where, and the contact there."""
+    # Greatest slope over `best` of the path between two `ends` (x, h, x, h), where, and the contact
+    # there
     # while one element is touched the path is concave and steepest at its left end: only brackets
     # whose ends touch different elements are halved, and one of the width `tolerance` that still
     # climbs is a jump of infinite slope

@@ -113,8 +113,7 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class _Grown:
-    """What a search has come to."""
-
+    # What a search has come to
     problem: Problem
     extended: Fit
     gates: dict[str, float]  # chance of a false alarm of the gate that let each effect in
@@ -238,10 +237,8 @@ def search_twice(
 
 
 def _follows_time(effect: Law, trials: Trials, order: Floats) -> bool:
-    """Whether an effect follows what drifts with the hour.
-
-    The run itself, or a reading that goes along with it.
-    """
+    # Whether an effect follows what drifts with the hour. The run itself, or a reading that goes
+    # along with it.
     numbers = trials.numeric(effect.covariate) if effect.covariate in trials.covariates else None
     if numbers is None or np.ptp(numbers) == 0.0:
         return False
@@ -250,10 +247,8 @@ def _follows_time(effect: Law, trials: Trials, order: Floats) -> bool:
 
 
 def _find_walks(grown: _Grown, names: Sequence[str]) -> set[int]:
-    """Quantities whose law along the hour explains no more than a walk would.
-
-    Neighbours erring together, no law.
-    """
+    # Quantities whose law along the hour explains no more than a walk would. Neighbours erring
+    # together, no law.
     problem, current = grown.problem, grown.extended
     trials, order = problem.trials, problem.model.order(problem.trials)
     rows = np.argsort(order, kind="stable")
@@ -330,10 +325,8 @@ def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
 def _add_effect(
     problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[Law]
 ) -> Fit | None:
-    """Add the chosen effect; where a law already stands at its place.
-
-    The law is too stiff and a smooth replaces it.
-    """
+    # Add the chosen effect; where a law already stands at its place. The law is too stiff and a
+    # smooth replaces it.
     added = chosen.effect
     same = [
         e
@@ -355,10 +348,8 @@ def _add_effect(
 
 
 def _exchange_effect(problem: Problem, current: Fit, candidates: Sequence[Law]) -> Fit | None:
-    """Look for one of several effects again in the presence of the others.
-
-    Or drop one that is no longer needed.
-    """
+    # Look for one of several effects again in the presence of the others. Or drop one that is no
+    # longer needed.
     for effect in current.effects if len(current.effects) > 1 else ():
         base = fit_without(problem, current, effect)
         if problem.criterion(base) <= problem.criterion(current) + _WORTH:
@@ -471,10 +462,8 @@ def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[
 
 
 def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool:
-    """Whether a law of one amplitude is another one whose amplitudes, of one label each.
-
-    Are alike: no rival of its own.
-    """
+    # Whether a law of one amplitude is another one whose amplitudes, of one label each. Are alike:
+    # no rival of its own.
     sizes = list(effect.pick_own_values(current.values).values())
     if len(sizes) != 1 or len(wider.parameters) == 1:
         return False
@@ -485,5 +474,5 @@ def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool
 
 
 def _family_name(effect: Law) -> str:
-    """Name without the mark of the variant; specimens are no variants of one another."""
+    # Name without the mark of the variant; specimens are no variants of one another
     return effect.id if effect.covariate == "block" else effect.id.split("~")[0]

@@ -137,8 +137,7 @@ class Fit:
 
 
 class _Objective:
-    """Residuals and Jacobian in units of each parameter's scale."""
-
+    # Residuals and Jacobian in units of each parameter's scale
     def __init__(self, problem: Problem, effects: Sequence[Law]) -> None:
         self.problem, self.effects = problem, tuple(effects)
         self.parameters = problem.layout(effects)

@@ -80,10 +80,8 @@ def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str
 def _compute_changes(
     problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]
 ) -> list[Floats]:
-    """Change of the prediction per unit of each amplitude, in units of its scale.
-
-    Each of shape (n, c).
-    """
+    # Change of the prediction per unit of each amplitude, in units of its scale. Each of shape (n,
+    # c).
     neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
     columns = []
     for parameter in (p for p in effect.parameters if p.name in effect.amplitudes):
@@ -143,10 +141,7 @@ def _null_basis(base: Fit) -> Floats:
 
 
 def _project(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
-    """Gains of all directions on all vectors, shape (d, m).
-
-    And the projections on each direction.
-    """
+    # Gains of all directions on all vectors, shape (d, m). And the projections on each direction.
     stacked = np.concatenate([d.basis for d in directions], axis=1)
     last = np.cumsum([d.basis.shape[1] for d in directions])
     parts = np.split(stacked.T @ vectors, last[:-1])
@@ -226,10 +221,7 @@ def compute_detectable(
 
 
 def _draw_noise(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
-    """Noise of the design: residual vectors of whole trials, shuffled and signed.
-
-    At unit variance.
-    """
+    # Noise of the design: residual vectors of whole trials, shuffled and signed. At unit variance.
     generator = np.random.default_rng(seed)
     seen = problem.trials.seen
     n, count, total = len(seen), seen.size, len(base.jacobian)
@@ -307,10 +299,8 @@ def _select_candidates(scores: Sequence[Score], most: int, keep: Sequence[str]) 
 
 
 def _is_at_bound(effect: Law, fitted: Fit) -> bool:
-    """Whether a law was driven to the end of its form.
-
-    A settling that never settles is a drift, not a running-in.
-    """
+    # Whether a law was driven to the end of its form. A settling that never settles is a drift, not
+    # a running-in.
     own = effect.pick_own_values(fitted.values)
     shapes = (
         [p for p in effect.parameters if p.name not in effect.amplitudes] if effect.named else []

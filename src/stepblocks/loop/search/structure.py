@@ -98,7 +98,7 @@ def find_hints(
 
 
 def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
-    """One cause shows in several tests: a walk has heaps too."""
+    # One cause shows in several tests: a walk has heaps too
     kept = []
     for name in dict.fromkeys(hint.quantity for hint in found):
         own = [hint for hint in found if hint.quantity == name]
@@ -107,7 +107,7 @@ def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
 
 
 def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | None:
-    """Two heaps instead of one, by the criterion of Schwarz, and well apart."""
+    # Two heaps instead of one, by the criterion of Schwarz, and well apart
     from sklearn.mixture import GaussianMixture
 
     scaled = ((values - np.median(values)) / np.std(values))[:, None]

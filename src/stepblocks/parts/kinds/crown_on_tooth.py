@@ -264,7 +264,7 @@ class CrownOnTooth(CrownMargin, Turned):
         yield from self._seated(ceiling)
 
     def _seated(self, ceiling: float) -> Iterator[Characteristic]:
-        """Gaps between the two bodies, the crown seated on its tooth."""
+        # Gaps between the two bodies, the crown seated on its tooth
         g, inner, finish = self.marginal_gap, self.internal_gap, self.finish_line.kind
         outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
         ledge = FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
@@ -301,12 +301,12 @@ class CrownOnTooth(CrownMargin, Turned):
         ).doubled
 
     def _walls(self) -> tuple[FaceRule, FaceRule]:
-        """Axial walls of tooth and crown, halfway up, where no bevel is."""
+        # Axial walls of tooth and crown, halfway up, where no bevel is
         middle = {2: 0.5 * self.preparation_height.nominal}
         return FaceRule("CONE", holds=middle, body=0), FaceRule("CONE", holds=middle, body=1)
 
     def _opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
-        """From the cavosurface angle along the path of draw to the margin of the crown."""
+        # From the cavosurface angle along the path of draw to the margin of the crown
         v, g, finish, key = (
             self.opening,
             self.marginal_gap.nominal,

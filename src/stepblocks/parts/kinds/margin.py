@@ -265,7 +265,7 @@ class MarginBlock(CrownMargin, Block):
         yield from self.body_characteristics(tooth, crown, wall)
 
     def _opening(self, wall: FaceRule, crown: FaceRule) -> Iterator[Characteristic]:
-        """From the tooth's wall to the margin of the crown."""
+        # From the tooth's wall to the margin of the crown
         v, g, h, key = self.opening, self.marginal_gap.nominal, self.rise, "vertical_discrepancy"
         if v.nominal > g:
             bevel = FaceRule(

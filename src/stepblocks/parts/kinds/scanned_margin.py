@@ -35,7 +35,7 @@ _USUAL_STATIONS = 50  # round a crown's margin: Groten et al. 2000, J Prosthet D
 
 
 def _read_line(raw: object) -> object:
-    """Read a margin line; in one message what it may be."""
+    # Read a margin line; in one message what it may be
     try:
         points = np.array(raw, dtype=np.float64)
     except (TypeError, ValueError):
@@ -135,7 +135,7 @@ class ScannedMargin(CrownMargin):
         return ProfiledMargin(**level, **bent, crown_slope=math.tan(scan.crown_slope_rad))
 
     def _section(self) -> list[tuple[float, float]]:
-        """Upper outline from end to end (x, z) [m]."""
+        # Upper outline from end to end (x, z) [m]
         half = 0.5 * self.length.nominal
         x, z = self.counterface().section(half - SIDE)
         return list(zip(np.minimum(x, half).tolist(), z.tolist(), strict=True))
@@ -226,6 +226,6 @@ class ScannedMargin(CrownMargin):
 
 @lru_cache(maxsize=8)
 def _read_stations(path: Path, changed: int, *asked: Any) -> list[list[float]]:
-    """Read each state of a file once."""
+    # Read each state of a file once
     found = read_confined(f"{margin_line.__name__}:stations_in", path, *asked, raises=StimulusError)
     return [list(map(float, row)) for row in found["stations"]]

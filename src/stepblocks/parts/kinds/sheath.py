@@ -217,20 +217,19 @@ class Sheath(Turned, HeldPart):
 
 
 def _compute_volume(bore: float, outer: float, length: float, broken: float) -> float:
-    """Tube less two rings of triangular section, by Pappus."""
+    # Tube less two rings of triangular section, by Pappus
     tube = 0.25 * math.pi * (outer**2 - bore**2) * length
     return tube - 2.0 * math.pi * broken**2 * (0.5 * outer - broken / 3.0)
 
 
 class _AsHeavy(Table):
-    """In place of an outer diameter: as heavy as another sheath."""
-
+    # In place of an outer diameter: as heavy as another sheath
     mass_of: str
     tolerance: Any = None
 
 
 def _validate(model: type[Model], table: object, name: object) -> Model:
-    """Validate a table on its own, with one line and its place where it is wrong."""
+    # Validate a table on its own, with one line and its place where it is wrong
     try:
         return model.model_validate(table)
     except ValidationError as error:
@@ -246,17 +245,15 @@ def _validate(model: type[Model], table: object, name: object) -> Model:
 
 
 def _is_open(stanza: Mapping[str, object]) -> bool:
-    """Tell whether the outer diameter of a sheath follows from the mass of another."""
+    # Tell whether the outer diameter of a sheath follows from the mass of another
     return isinstance(outer := stanza.get("outer_diameter"), dict) and "mass_of" in outer
 
 
 def _solve_diameter(
     stanza: Mapping[str, object], stanzas: Sequence[Mapping[str, object]]
 ) -> dict[str, object]:
-    """Find the diameter at which a sheath weighs as much as another one.
-
-    It is rounded to what a drawing states.
-    """
+    # Find the diameter at which a sheath weighs as much as another one. It is rounded to what a
+    # drawing states.
     name = stanza.get("id")
     wish = _validate(_AsHeavy, stanza["outer_diameter"], name)
     other = next((one for one in stanzas if one.get("id") == wish.mass_of), None)

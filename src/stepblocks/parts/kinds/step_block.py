@@ -111,7 +111,7 @@ class StepBlock(Block):
         return [cad.kernel.cut(body, cuts)]
 
     def _feature(self) -> cad.door.Body:
-        """Make the groove to cut or the ridge to add, from z = 0 to the height of the step."""
+        # Make the groove to cut or the ridge to add, from z = 0 to the height of the step
         feature, back = self.metrology, 0.5 * self.body.width.nominal
         near, y0 = feature.distance.nominal, back - feature.lane.nominal
         x0, depth, top = near, feature.lane.nominal + OVER, self.height.nominal + OVER

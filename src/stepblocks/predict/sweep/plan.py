@@ -131,7 +131,7 @@ def load_sweep(path: Path) -> SweepPlan:
 
 
 def _resolve_plan(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> SweepPlan:
-    """Read all that can be read, noting what is wrong on the way."""
+    # Read all that can be read, noting what is wrong on the way
     mistakes += find_unknown_names(data, ("sweep", "parameters", "draws"))
     head, parameters, draws = (
         _read_section(data, name) for name in ("sweep", "parameters", "draws")
@@ -261,7 +261,7 @@ def _read_parameter(
     values: dict[str, list[float]],
     ranges: dict[str, list[float]],
 ) -> None:
-    """Read a constant, a list, or a range into `values` or `ranges`."""
+    # Read a constant, a list, or a range into `values` or `ranges`
     if not isinstance(given, dict):
         listed = given if isinstance(given, list) else [given]
         if not 0 < len(listed) <= _MOST_VALUES:
@@ -369,7 +369,7 @@ def find_setting(grid: PredictionGrid) -> dict[str, list[float]]:
 
 
 def _find_surface(part: Part) -> str:
-    """Find the surface whose dimensions a part has."""
+    # Find the surface whose dimensions a part has
     if not part.crossed:
         return "tip" if part.ball is not None else "sheath"
     return next(

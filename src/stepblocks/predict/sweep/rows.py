@@ -75,7 +75,7 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Floats]:
 
 
 def _draw_uniform(seed: int, stream: int, rows: range, columns: int) -> Floats:
-    """Draw numbers between 0 and 1, shape (rows, columns), each by the number of its row."""
+    # Draw numbers between 0 and 1, shape (rows, columns), each by the number of its row
     blocks = -(-columns // 4)  # the generator counts in blocks of four
     random = np.random.Philox(key=np.array([seed, stream], dtype=np.uint64))
     random.advance(rows.start * blocks)
@@ -117,7 +117,7 @@ def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
 
 
 def _encode_texts(column: Column) -> pa.Array:
-    """Hand over texts by their codes: most of a column are alike."""
+    # Hand over texts by their codes: most of a column are alike
     import pandas as pd
     import pyarrow as pa
 
@@ -128,7 +128,7 @@ def _encode_texts(column: Column) -> pa.Array:
 def _predict_rows(
     plan: SweepPlan, inputs: Mapping[str, Floats], backward: NDArray[np.bool_]
 ) -> dict[str, Column]:
-    """Predict all rows inside the equations at once, and the others one by one."""
+    # Predict all rows inside the equations at once, and the others one by one
     count = len(backward)
     status = np.full(count, "invalid", dtype="U16")
     problem = np.full(count, "", dtype=object)
@@ -163,7 +163,7 @@ def _predict_rows(
 
 
 def _find_inside(surface: str, inputs: Mapping[str, Floats]) -> NDArray[np.bool_]:
-    """Tell for each row whether all of its inputs lie where the equations hold."""
+    # Tell for each row whether all of its inputs lie where the equations hold
     inside = np.ones(len(inputs["friction"]), dtype=bool)
     for name in ("tip_radius", "normal_load", "stiffness", "conversion"):
         inside &= (inputs[name] > 0.0) & np.isfinite(inputs[name])
@@ -202,7 +202,7 @@ def _release_at_once(
 def _make_condition(
     plan: SweepPlan, inputs: Mapping[str, Floats], row: int
 ) -> tuple[Counterface, OperatingPoint]:
-    """Return the counterface and the operating point of one row."""
+    # Return the counterface and the operating point of one row
     one = {name: float(column[row]) for name, column in inputs.items()}
     sizes = {
         name: one[column]
@@ -223,7 +223,7 @@ def _drag_rows(
     backward: NDArray[np.bool_],
     columns: Mapping[str, Column],
 ) -> dict[str, Column]:
-    """Drag every row in time that the equations let slip or lock."""
+    # Drag every row in time that the equations let slip or lock
     found = columns["status"].astype("U16")
     figures = np.full((len(_DRAG), len(found)), math.nan)
     dragged = np.isin(found, [str(Status.RELEASES), str(Status.LOCKED)])

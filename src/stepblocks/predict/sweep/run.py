@@ -184,7 +184,7 @@ def _list_rows(plan: SweepPlan, number: int) -> range:
 
 
 def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
-    """Tell whether a partition is there, and to the byte what is written for its rows."""
+    # Tell whether a partition is there, and to the byte what is written for its rows
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -209,7 +209,7 @@ def _format_parquet(table: pa.Table) -> bytes:
 
 
 def _claim_folder(plan: SweepPlan, folder: Path) -> None:
-    """Write the resolved plan into the folder, or make sure that the same one lies there."""
+    # Write the resolved plan into the folder, or make sure that the same one lies there
     path = folder / PLAN_FILE
     if path.exists():
         try:

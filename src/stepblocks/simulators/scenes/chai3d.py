@@ -16,14 +16,14 @@ def _write(folder: Path, scene: Scene) -> None:
 
 
 def _write_set(folder: Path, scenes: Sequence[Scene], beside: str) -> None:
-    """Write a program that switches the blocks of a set."""
+    # Write a program that switches the blocks of a set
     if not any(scene.stimulus.ball for scene in scenes):  # a tip drags over a step of its own
         files = {f"../{scene.stimulus.id}/{beside}/block.obj": scene for scene in scenes}
         _write_program(folder, folder.parent.name, files)
 
 
 def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None:
-    """Write a program that takes a device, or drags by a virtual hand."""
+    # Write a program that takes a device, or drags by a virtual hand
     blocks = [
         {
             "file": file,

@@ -53,7 +53,7 @@ def _write(folder: Path, scene: Scene) -> None:
 
 
 def _read_tick_source() -> str:
-    """Source of the compiled tick, as it runs uncompiled."""
+    # Source of the compiled tick, as it runs uncompiled
     source = inspect.getsource(proxy_kernel)
     tick = source[source.index("@numba") : source.index("@numba.njit(cache=True)\ndef drag")]
     return "".join(line for line in tick.splitlines(keepends=True) if not line.startswith("@numba"))

@@ -40,7 +40,7 @@ def _describe_block(scene: Scene, y: float = 0.0, prefix: str = "") -> dict[str,
 
 
 def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
-    """Write one scene with all blocks of a set side by side; each has its tip."""
+    # Write one scene with all blocks of a set side by side; each has its tip
     wide = 1.2 * max(float(np.ptp(one.whole.vertices[:, 1])) for one in scenes)
     blocks = [
         _describe_block(one, -number * wide, f"{one.stimulus.id}-")
@@ -71,7 +71,7 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
 
 
 def _is_near_drag_line(piece: Mesh, scene: Scene) -> bool:
-    """Whether a piece's bounding box comes close to the line that the ball is dragged along."""
+    # Whether a piece's bounding box comes close to the line that the ball is dragged along
     reach, (low, high) = (
         _REACH * scene.ball_radius,
         (piece.vertices.min(axis=0), piece.vertices.max(axis=0)),
@@ -80,7 +80,7 @@ def _is_near_drag_line(piece: Mesh, scene: Scene) -> bool:
 
 
 def _write_height_field(path: Path, scene: Scene) -> dict[str, object]:
-    """Write MuJoCo's binary: rows and columns as int32, then float32 from the smallest y."""
+    # Write MuJoCo's binary: rows and columns as int32, then float32 from the smallest y
     field = sample_relief(scene.surface, scene.point.ball_radius)
     low, rise = float(field.heights.min()), float(np.ptp(field.heights))
     values = ((field.heights - low) / (rise or 1.0)).astype("<f4")

@@ -77,7 +77,7 @@ def _in_um(table: Table, names: Sequence[str]) -> Table:
 def _panels(
     figure: Figure | SimpleNamespace, result: Result
 ) -> Iterator[tuple[Axes, Measure, float]]:
-    """Give axes to each measure, with the factor to the unit in which it is shown."""
+    # Give axes to each measure, with the factor to the unit in which it is shown
     panels = np.atleast_1d(figure.subplots(1, len(result.measures)))
     for axes, measure in zip(panels, result.measures, strict=True):
         yield axes, measure, 1.0 if measure.logarithmic else 1e6

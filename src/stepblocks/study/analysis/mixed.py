@@ -60,8 +60,7 @@ class MixedFit:
 
 
 class _Likelihood:
-    """Restricted likelihood of a table whose rows belong to cells, and cells to participants."""
-
+    # Restricted likelihood of a table whose rows belong to cells, and cells to participants
     # Every step is analytic, so that a complex step differentiates it to the last digits.
 
     def __init__(self, y: Array, x: Array, cell: Indices, owner: Indices) -> None:
@@ -211,7 +210,7 @@ def _test_conditions(
     covariance: Array,
     count: Callable[[Array], float],
 ) -> Term:
-    """Test all conditions at once, with the degrees of freedom of lmerTest."""
+    # Test all conditions at once, with the degrees of freedom of lmerTest
     contrasts = np.array([row - rows[0] for row in rows[1:]])
     sizes, axes = np.linalg.eigh(contrasts @ covariance @ contrasts.T)
     turned = axes.T @ contrasts

@@ -100,7 +100,7 @@ class Population:
         self.best = self._climb(self._start)
 
     def _priors(self, point: Array) -> tuple[list[Array], list[Array]]:
-        """Return the distribution along each axis, and the slopes of its logarithm."""
+        # Return the distribution along each axis, and the slopes of its logarithm
         exponents, slopes = list[Array](), list[Array]()
         for index, axis in enumerate(self._axes):
             spread = math.exp(point[2 * index + 1])
@@ -122,7 +122,7 @@ class Population:
         return np.asarray(own)
 
     def _loss(self, point: Array) -> tuple[float, Array]:
-        """Return minus the log likelihood, and its gradient."""
+        # Return minus the log likelihood, and its gradient
         (priors, slopes), gradient = self._priors(point), list[float]()
         for index, (prior, slope) in enumerate(zip(priors, slopes, strict=True)):
             along = self.integrate_others(index, priors)
@@ -132,7 +132,7 @@ class Population:
         return -float(np.log(whole).sum()), -np.array(gradient)
 
     def _climb(self, start: Sequence[float], place: int = -1, value: float = 0.0) -> Any:
-        """Maximise the likelihood, one parameter held where a place is given."""
+        # Maximise the likelihood, one parameter held where a place is given
         from scipy.optimize import minimize
 
         held = [(value, value) if n == place else one for n, one in enumerate(self._bounds)]

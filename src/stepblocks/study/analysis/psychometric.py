@@ -201,7 +201,7 @@ def _checked(
 
 
 def _without_lapses(log_x: Array, k: Array, n: Array) -> tuple[float, float]:
-    """Return a start, middle and ln spread of a probit; refuse answers that have none."""
+    # Return a start, middle and ln spread of a probit; refuse answers that have none
     import statsmodels.api as sm
 
     link = sm.families.Binomial(sm.families.links.Probit())

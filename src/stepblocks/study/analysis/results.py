@@ -259,7 +259,7 @@ def _row(analysis: str, quantity: str, unit: str = "1", **figures: float) -> Row
 
 
 def _span(analysis: str, quantity: str, ends: Ends, unit: str = "1", **more: float) -> Row:
-    """Lay out an estimate with its interval; what is in metres is shown in micrometres."""
+    # Lay out an estimate with its interval; what is in metres is shown in micrometres
     middle, low, high = (value * 1e6 for value in ends) if unit == "um" else ends
     return _row(analysis, quantity, unit, estimate=middle, low_95=low, high_95=high, **more)
 
