@@ -72,7 +72,10 @@ def make_profile(kind, rng, scan):
 
 
 def read_texture(folder):
-    """Spacing and heights of the longest row of the real scan of a ground face; None without one."""
+    """Spacing and heights of the longest row of the real scan of a ground face.
+
+    None without one.
+    """
     if folder is None:
         return None
     from stepblocks.artefacts.scans.read import read_scan

@@ -61,7 +61,7 @@ HONEST = {
 }
 WHOLE = (
     "predict paper-four.toml -o out/t.csv",
-    "predict paper-four.toml --conversion constant --perception out/p.csv -o out/t.csv --wide",
+    "predict paper-four.toml --conversion constant -o out/t.csv --wide",
     "predict t.csv -o out/t.csv --force --json",
     "predict paper-four.toml --plots out/plots",
     "drag 25|um --load 0.5|N --friction 0.15 --edge-radius 3|um --tip-radius 125|um -o "

@@ -98,17 +98,28 @@ def test_results_come_back_as_they_were(identity, tmp_path):
 # by hand after the structure of the standard: no units named (so metres), limits as limits, no
 # uncertainty, a foreign prefix
 BY_HAND = """<q:QIFDocument xmlns:q="http://qifstandards.org/xsd/qif3" versionQIF="3.0.0" idMax="9">
-<q:Characteristics><q:CharacteristicDefinitions n="1"><q:DistanceBetweenCharacteristicDefinition id="1"><q:Tolerance>
-<q:MaxValue>0.000051</q:MaxValue><q:MinValue>0.000049</q:MinValue><q:DefinedAsLimit>true</q:DefinedAsLimit></q:Tolerance>
-</q:DistanceBetweenCharacteristicDefinition></q:CharacteristicDefinitions><q:CharacteristicNominals n="1">
-<q:DistanceBetweenCharacteristicNominal id="2"><q:CharacteristicDefinitionId>1</q:CharacteristicDefinitionId>
-<q:TargetValue>0.00005</q:TargetValue></q:DistanceBetweenCharacteristicNominal></q:CharacteristicNominals>
-<q:CharacteristicItems n="1"><q:DistanceBetweenCharacteristicItem id="3"><q:CharacteristicDesignator><q:Designator>1</q:Designator>
-</q:CharacteristicDesignator><q:CharacteristicNominalId>2</q:CharacteristicNominalId></q:DistanceBetweenCharacteristicItem>
-</q:CharacteristicItems></q:Characteristics><q:Results><q:MeasurementResultsSet n="1"><q:MeasurementResults id="4">
-<q:MeasuredCharacteristics><q:CharacteristicMeasurements n="1"><q:DistanceBetweenCharacteristicMeasurement id="5"><q:Status>
-<q:CharacteristicStatusEnum>PASS</q:CharacteristicStatusEnum></q:Status><q:CharacteristicItemId>3</q:CharacteristicItemId>
-<q:Value>VALUE</q:Value></q:DistanceBetweenCharacteristicMeasurement></q:CharacteristicMeasurements></q:MeasuredCharacteristics>
+<q:Characteristics><q:CharacteristicDefinitions n="1">
+<q:DistanceBetweenCharacteristicDefinition id="1"><q:Tolerance>
+<q:MaxValue>0.000051</q:MaxValue><q:MinValue>0.000049</q:MinValue>
+<q:DefinedAsLimit>true</q:DefinedAsLimit></q:Tolerance>
+</q:DistanceBetweenCharacteristicDefinition></q:CharacteristicDefinitions>
+<q:CharacteristicNominals n="1">
+<q:DistanceBetweenCharacteristicNominal id="2">
+<q:CharacteristicDefinitionId>1</q:CharacteristicDefinitionId>
+<q:TargetValue>0.00005</q:TargetValue></q:DistanceBetweenCharacteristicNominal>
+</q:CharacteristicNominals>
+<q:CharacteristicItems n="1"><q:DistanceBetweenCharacteristicItem id="3">
+<q:CharacteristicDesignator><q:Designator>1</q:Designator>
+</q:CharacteristicDesignator><q:CharacteristicNominalId>2</q:CharacteristicNominalId>
+</q:DistanceBetweenCharacteristicItem>
+</q:CharacteristicItems></q:Characteristics><q:Results><q:MeasurementResultsSet n="1">
+<q:MeasurementResults id="4">
+<q:MeasuredCharacteristics><q:CharacteristicMeasurements n="1">
+<q:DistanceBetweenCharacteristicMeasurement id="5"><q:Status>
+<q:CharacteristicStatusEnum>PASS</q:CharacteristicStatusEnum></q:Status>
+<q:CharacteristicItemId>3</q:CharacteristicItemId>
+<q:Value>VALUE</q:Value></q:DistanceBetweenCharacteristicMeasurement>
+</q:CharacteristicMeasurements></q:MeasuredCharacteristics>
 </q:MeasurementResults></q:MeasurementResultsSet></q:Results></q:QIFDocument>"""
 
 

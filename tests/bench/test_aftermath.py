@@ -87,7 +87,8 @@ def test_a_tip_that_rubs_is_taken_for_one_and_tells_its_friction(tool):
 def test_last_bits_of_a_record_move_no_figure_of_a_rubbing_ring_by_a_hundredth_of_its_uncertainty(
     amplitude, monkeypatch
 ):
-    # docs/explanation/reproducibility.md; with starts that tie decided by rounding, a decay was 379 N/s here and
+    # docs/explanation/reproducibility.md; with starts that tie decided by rounding, a decay was 379
+    # N/s here and
     # 121 N/s on another processor
     monkeypatch.setitem(
         globals(), "RUBBING", replace(RUBBING, peak=0.4 + amplitude, amplitude=amplitude)

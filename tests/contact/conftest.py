@@ -1,4 +1,6 @@
-"""Lengths of micrometres and energies of microjoules: pytest's default absolute tolerance of 1e-12 would be met by anything."""
+"""Lengths of micrometres and energies of microjoules: pytest's default absolute tolerance of 1e-12
+would be met by anything.
+"""
 
 import pytest
 

@@ -1,4 +1,6 @@
-"""The path of the ball's centre over corners and discs: a corner is a disc of no radius, and a ball grows every disc."""
+"""The path of the ball's centre over corners and discs: a corner is a disc of no radius, and a ball
+grows every disc.
+"""
 
 import math
 

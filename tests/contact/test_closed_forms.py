@@ -1,4 +1,6 @@
-"""Every closed form against geometry, statics and integrals worked out here, with no dimensional parameter near 1 or the paper's."""
+"""Every closed form against geometry, statics and integrals worked out here, with no dimensional
+parameter near 1 or the paper's.
+"""
 
 import math
 from dataclasses import replace
@@ -21,7 +23,9 @@ POINT = OperatingPoint(131e-6, 0.73, 0.17, TOOL, 7e-3)
 
 
 def balance(angle, load, mu):
-    """Pulling force and reaction of a ball that is about to slip up an edge whose common tangent rises at `angle`."""
+    """Pulling force and reaction of a ball that is about to slip up an edge whose common tangent
+    rises at `angle`.
+    """
     along_x = [1.0, -(math.sin(angle) + mu * math.cos(angle))]
     along_z = [0.0, math.cos(angle) - mu * math.sin(angle)]
     return np.linalg.solve([along_x, along_z], [0.0, load])

@@ -1,4 +1,7 @@
-"""What a slider meets: closed forms, sections, paths and heights of one counterface tell the same."""
+"""What a slider meets: closed forms, sections.
+
+Paths and heights of one counterface tell the same.
+"""
 
 import math
 from dataclasses import replace

@@ -303,7 +303,7 @@ def test_zeros_and_cross_talk_enter_no_energy_and_move_the_readings_by_themselve
     assert gain[:, :2] == pytest.approx(nominal[:, :2])
 
 
-def test_the_normal_gauge_shows_of_the_pull_what_its_cross_talk_says_and_a_fast_clock_slows_all_that_is_timed() -> (
+def test_cross_talk_shows_the_pull_on_the_normal_gauge_and_a_fast_clock_slows_what_is_timed() -> (
     None
 ):
     nominal = compute_channels(_state())

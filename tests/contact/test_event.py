@@ -1,4 +1,6 @@
-"""The vibration as an event: what equations (1) and (2) say of both drags, and the ring that carries exactly that energy."""
+"""The vibration as an event: what equations (1) and (2) say of both drags, and the ring that
+carries exactly that energy.
+"""
 
 import json
 import math

@@ -1,4 +1,7 @@
-"""How far what is made is felt to be off: signs, inverses, and scanned edges read from either side."""
+"""How far what is made is felt to be off.
+
+Signs, inverses, and scanned edges read from either side.
+"""
 
 import math
 

@@ -1,4 +1,6 @@
-"""The model of a session: its design, its constants, what it shows of a drag, and how that answers to scatter."""
+"""The model of a session: its design, its constants, what it shows of a drag, and how that answers
+to scatter.
+"""
 
 import math
 

@@ -1,4 +1,6 @@
-"""A groove between level shoulders: what is felt from its geometry by hand, and by the dilation of its section."""
+"""A groove between level shoulders: what is felt from its geometry by hand, and by the dilation of
+its section.
+"""
 
 import math
 

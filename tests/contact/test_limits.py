@@ -1,4 +1,6 @@
-"""What cannot happen: a release beyond the tool, its spring, its gauge or a hand is a status with a force, and has no energy."""
+"""What cannot happen: a release beyond the tool, its spring, its gauge or a hand is a status with a
+force, and has no energy.
+"""
 
 import json
 import math

@@ -1,4 +1,7 @@
-"""Laws that hold for every surface and condition: dimensions, mirrors, monotony, limits, inverses."""
+"""Laws that hold for every surface and condition.
+
+Dimensions, mirrors, monotony, limits, inverses.
+"""
 
 import math
 from dataclasses import replace

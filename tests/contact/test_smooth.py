@@ -1,4 +1,7 @@
-"""Smooths: what a slot may follow when no law is known, and what the search may not be fooled by."""
+"""Smooths: what a slot may follow when no law is known.
+
+And what the search may not be fooled by.
+"""
 
 import numpy as np
 import pytest

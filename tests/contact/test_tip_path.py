@@ -226,7 +226,9 @@ def test_a_malformed_tip_is_one_clear_error(ball_radius):
 
 
 def _section(gap, opening, rise, radius):
-    """A margin with a gap that the ball never finds the floor of, its far side bevelled at 45 degrees."""
+    """A margin with a gap that the ball never finds the floor of, its far side bevelled at 45
+    degrees.
+    """
     floor = -4 * radius - abs(rise) - opening
     foot = rise - (opening - gap)
     points = [

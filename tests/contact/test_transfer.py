@@ -1,4 +1,6 @@
-"""From the tip to the clamp and the finger: closed forms of the cantilever, and the same rod by another library's elements."""
+"""From the tip to the clamp and the finger: closed forms of the cantilever, and the same rod by
+another library's elements.
+"""
 
 import itertools
 import math
@@ -36,7 +38,7 @@ def wave_numbers(count):
     ]
 
 
-def test_a_blow_on_the_tip_of_a_uniform_cantilever_reaches_its_clamp_as_the_series_of_its_modes_says():
+def test_a_blow_on_the_tip_of_a_cantilever_reaches_its_clamp_as_the_series_of_its_modes():
     # Origin: Euler-Bernoulli: w = x^2 sqrt(EI / m L^4); mass normalised phi(L) = 2 / sqrt(m L),
     # momentum 2 s sqrt(m L) / x with s = (sinh x - sin x) / (cosh x + cos x): force on the clamp J
     # sum (+-) 4 s / x w exp(-w eta t / 2) sin w t

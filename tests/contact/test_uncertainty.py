@@ -103,7 +103,7 @@ def test_a_margin_without_a_gap_has_the_interval_of_a_step():
     assert (back.status, back.energy_low, back.energy_high) == (Status.NO_CATCH, 0.0, 0.0)
 
 
-def test_where_the_kind_of_contact_changes_within_the_tolerance_the_analytic_interval_does_not_agree():
+def test_the_analytic_interval_fails_where_the_kind_of_contact_changes_within_the_tolerance():
     # a gap as wide as the ball's reach over the step: narrower, the ball rides on the shoulder;
     # wider, it sinks
     reach = math.sqrt(9e-6 * (2 * 117e-6 - 9e-6))

@@ -1,4 +1,7 @@
-"""The drag in time: limits, conservation, convergence, sticking, and the paper's figures in kind."""
+"""The drag in time: limits, conservation, convergence, sticking.
+
+And the paper's figures in kind.
+"""
 
 import math
 from dataclasses import replace

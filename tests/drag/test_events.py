@@ -1,4 +1,7 @@
-"""A drag is a list of events: each catch with its place, its pull, its energies, and whose it is."""
+"""A drag is a list of events.
+
+Each catch with its place, its pull, its energies, and whose it is.
+"""
 
 import json
 import math

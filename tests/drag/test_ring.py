@@ -1,4 +1,7 @@
-"""A ring that is known beforehand is measured as what it is: amplitude, decay, frequency, spectra."""
+"""A ring that is known beforehand is measured as what it is.
+
+Amplitude, decay, frequency, spectra.
+"""
 
 import math
 from dataclasses import replace
@@ -24,7 +27,9 @@ LOAD, MU, PEAK, RELEASE, RATE = 0.5, 0.2, 0.9, 20e-3, 10e3
 
 
 def trace_of(frequency=300.0, decay=12e-3, amplitude=0.4, length=60e-3, status=Status.RELEASES):
-    """A ramp up to the peak, then A exp(-t/T) cos(wt + pi/2) about the level of sliding, sampled like a drag."""
+    """A ramp up to the peak, then A exp(-t/T) cos(wt + pi/2) about the level of sliding, sampled
+    like a drag.
+    """
     time = np.arange(0.0, RELEASE + length, 1.0 / RATE)
     after = time - RELEASE
     swing = MU * LOAD - amplitude * np.exp(-after / decay) * np.sin(math.tau * frequency * after)

@@ -1,4 +1,6 @@
-"""Gum beside the margin: a soft wall that the tool rubs along, and the named setting of the paper's figures."""
+"""Gum beside the margin: a soft wall that the tool rubs along, and the named setting of the paper's
+figures.
+"""
 
 import json
 import math

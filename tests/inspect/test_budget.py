@@ -108,7 +108,7 @@ def test_profiles_that_differ_by_no_more_than_their_noise_show_no_repeatability(
 
 
 @pytest.mark.parametrize("count", [3, 12, 60])
-def test_the_mean_of_independent_profiles_is_as_uncertain_as_their_scatter_over_the_root_of_their_number(
+def test_the_mean_of_independent_profiles_is_uncertain_by_their_scatter_over_root_n(
     count,
 ):
     variances = []

@@ -118,7 +118,7 @@ def test_a_spike_on_the_arc_does_not_make_the_edge_sharper(place):
 
 @pytest.mark.parametrize("missing", [[-3], [0], [1], [0, 1]], ids=str)
 @pytest.mark.parametrize("spike", [None, -28, -31], ids=str)
-def test_the_radius_stays_where_points_at_its_steep_start_are_missing_or_a_spike_stands_at_the_windows_end(
+def test_the_radius_bears_missing_points_at_its_start_and_a_spike_at_the_windows_end(
     missing, spike
 ):
     z = edge_gauge(X, 30e-6, 8e-6, 4e-4, 0.4e-6)

@@ -252,9 +252,7 @@ def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
 
 @pytest.mark.parametrize("count", [2, 3, 6, 12, 60])
 @pytest.mark.parametrize("wander", [0.0, 20e-9, 60e-9])
-def test_budgets_over_profiles_cover_at_their_rate_however_few_profiles_and_however_much_they_scatter(
-    count, wander
-):
+def test_budgets_over_profiles_cover_at_their_rate_for_any_number_and_scatter(count, wander):
     # s / sqrt(n) with n - 1 degrees of freedom covers exactly for normal values (W. S. Gosset
     # 1908), and so do the squares of orthonormal cosines, which are independent normal values of
     # the same variance
@@ -271,9 +269,7 @@ def test_budgets_over_profiles_cover_at_their_rate_however_few_profiles_and_howe
 
 
 @pytest.mark.parametrize(("count", "least"), [(12, 0.90), (60, 0.92)])
-def test_a_budget_over_profiles_whose_neighbours_err_together_is_not_taken_for_that_of_independent_ones(
-    count, least
-):
+def test_profiles_whose_neighbours_err_together_do_not_count_as_independent(count, least):
     # correlation 0.4 from row to row: the mean has 2.3 times the variance of independent rows, by
     # the geometric series
     random = np.random.default_rng(12)

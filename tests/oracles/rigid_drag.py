@@ -57,7 +57,9 @@ class RigidPath:
         return height + d * (slope + 0.5 * d * bend), slope + d * bend, bend
 
     def catches(self, least=LEAST):
-        """Places where the slope has a local maximum above both its sides by `least`, and their angles."""
+        """Places where the slope has a local maximum above both its sides by `least`, and their
+        angles.
+        """
         angle = np.arctan(self.s)
         found, _ = find_peaks(angle, prominence=least, height=least)
         return [(float(self.x[i]), float(angle[i])) for i in found]
@@ -177,7 +179,10 @@ def rigid_drag(path, *, load, friction, speed, stiffness, mass, damping_ratio, l
 
 
 def events_of(rows, path, *, level, stiffness, frequency, least=LEAST):
-    """Each catch that the tip passes: place, greatest pull since the last one, energy of its ring."""
+    """Each catch that the tip passes.
+
+    Place, greatest pull since the last one, energy of its ring.
+    """
     time, force, x = rows.T
     reached = np.maximum.accumulate(x)
     catches = path.catches(least)

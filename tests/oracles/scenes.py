@@ -1,4 +1,7 @@
-"""Scenes of single stimuli, and paths over single profiles, as tests and benchmarks ask for them."""
+"""Scenes of single stimuli, and paths over single profiles.
+
+As tests and benchmarks ask for them.
+"""
 
 from stepblocks.contact.path.centre import build_envelope_path, find_outline
 from stepblocks.simulators.assemble import build_scene, resolve_contact

@@ -280,7 +280,8 @@ def test_what_hangs_on_a_misspelt_name_is_looked_at_as_if_it_were_right(tmp_path
     ],
 )
 def test_three_lines_are_a_valid_file_of_every_kind(stanza, size, tmp_path):
-    # the tolerances are those that docs/reference/stimulus-file.md states for what a file leaves out
+    # the tolerances are those that docs/reference/stimulus-file.md states for what a file leaves
+    # out
     path = tmp_path / "mine.toml"
     path.write_text(stanza)
     (part,) = load_set(path).stimuli

@@ -1,4 +1,6 @@
-"""Bias, absolute error and spread: noise is found where the paper's F-test is blind, held against R, and levels are kept."""
+"""Bias, absolute error and spread: noise is found where the paper's F-test is blind, held against
+R, and levels are kept.
+"""
 
 import json
 from pathlib import Path
@@ -26,7 +28,9 @@ R = json.loads(
 
 @pytest.fixture(scope="module")
 def judgements():
-    """The example of the issue: ten participants, three times the noise with the soft sheath and no bias."""
+    """The example of the issue: ten participants, three times the noise with the soft sheath and no
+    bias.
+    """
     frame = pd.read_csv(DATA / "accuracy.csv", dtype={"participant": str}).rename(
         columns={"height_um": "height"}
     )
@@ -151,7 +155,9 @@ def plan(share=1.0, noise=1.0, measure="bias"):
     ("change", "seen"), [({"noise": 2.5}, (0, 1, 1)), ({"share": 0.8}, (1, 1, 0)), ({}, (0, 0, 0))]
 )
 def test_noise_bias_and_neither_are_told_apart(change, seen):
-    """Power 95 % where there is an effect, 5 % where there is none; benchmarks/study_accuracy.py has 2,000 of each."""
+    """Power 95 % where there is an effect, 5 % where there is none; benchmarks/study_accuracy.py
+    has 2,000 of each.
+    """
     plans = [plan(**change, measure=name) for name in MEASURES]
     hits = [
         np.mean([compute_p_value(one, "f-test", seed) < 0.05 for seed in range(40)])

@@ -1,4 +1,6 @@
-"""What is wrong with a table of answers is said in one line; what is missing is stated, never filled in silently."""
+"""What is wrong with a table of answers is said in one line; what is missing is stated, never
+filled in silently.
+"""
 
 import csv
 import io

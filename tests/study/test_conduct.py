@@ -1,4 +1,6 @@
-"""A run: blinded, in the order of the design, every answer on the disk at once, and taken up where a crash left it."""
+"""A run: blinded, in the order of the design, every answer on the disk at once, and taken up where
+a crash left it.
+"""
 
 import csv
 import http.client

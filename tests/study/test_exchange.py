@@ -1,4 +1,6 @@
-"""Tables and datasets of others: read under their names, with semicolons and decimal commas, and read back the same."""
+"""Tables and datasets of others: read under their names, with semicolons and decimal commas, and
+read back the same.
+"""
 
 import json
 import re
@@ -45,9 +47,8 @@ def test_a_table_of_somebody_else_is_read_with_its_names_and_decimal_commas(
     lines = ["subject;probe;h;answer;remark"]
     for row in judged.itertuples():
         lines.append(
-            f"{row.participant};{row.condition};{row.height_um / 1000:.3f};{row.estimate_um};x".replace(
-                ".", ","
-            )
+            f"{row.participant};{row.condition};{row.height_um / 1000:.3f};"
+            f"{row.estimate_um};x".replace(".", ",")
         )
     (tmp_path / "my.csv").write_text("\n".join(lines) + "\n", encoding="utf-8-sig")
     theirs = analyse_study(None, [tmp_path / "my.csv"], columns=COLUMNS)
@@ -154,7 +155,9 @@ def test_groups_of_participants_are_compared(study, tmp_path):
 
 
 def test_power_of_pairs_is_that_of_the_binomial():
-    """Closed form of 1 participant pair more: at chance a one-sided 5 % test finds 5 %, far apart it always finds."""
+    """Closed form of 1 participant pair more: at chance a one-sided 5 % test finds 5 %, far apart
+    it always finds.
+    """
     table = study_power(
         (49.999e-6, 50e-6, 90e-6),
         seed=3,

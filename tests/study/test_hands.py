@@ -1,4 +1,6 @@
-"""Makers' libraries, spoken to through their C interface: stubs with the same ABI, compiled here, take their place."""
+"""Makers' libraries, spoken to through their C interface: stubs with the same ABI, compiled here,
+take their place.
+"""
 
 import shutil
 import subprocess
@@ -27,9 +29,12 @@ int dhdGetPosition(double *x, double *y, double *z, char ID)
   if (hangs) { usleep(1000 * hangs); hangs = 0; }
   if (pressed >= 0) *y = -0.004; /* it stays before the edge */
   return fails || ID != -1 ? -1 : 0; }
-int dhdGetLinearVelocity(double *x, double *y, double *z, char ID) { *x = 0; *y = 0.02; *z = 0; return 0; }
-int dhdSetForce(double x, double y, double z, char ID) { force[0] = x; force[1] = y; force[2] = z; return ID == -1 ? 0 : -1; }
-int dhdGetButton(int index, char ID) { return index == 0 && (pressed < 0 ? ticks > 5 && ticks < 400 : pressed); }
+int dhdGetLinearVelocity(double *x, double *y, double *z, char ID) { *x = 0; *y = 0.02; *z = 0;
+  return 0; }
+int dhdSetForce(double x, double y, double z, char ID) { force[0] = x; force[1] = y;
+  force[2] = z; return ID == -1 ? 0 : -1; }
+int dhdGetButton(int index, char ID) {
+  return index == 0 && (pressed < 0 ? ticks > 5 && ticks < 400 : pressed); }
 const char *dhdErrorGetLastStr(void) { return "no device found"; }
 void stub_force(double *out) { memcpy(out, force, sizeof force); }
 int stub_enabled(void) { return enabled; }
@@ -47,12 +52,14 @@ typedef struct { unsigned code; int internal; unsigned device; } HDErrorInfo;
 typedef unsigned (*Callback)(void *);
 static Callback call; static void *data; static volatile int on; static pthread_t thread;
 static double force[3]; static int ticks, inside, misused; static unsigned fails;
-static void *loop(void *_) { while (on) { if (call && call(data) != 1) break; usleep(1000); } return 0; }
+static void *loop(void *_) { while (on) { if (call && call(data) != 1) break; usleep(1000);
+  } return 0; }
 unsigned hdInitDevice(const char *name) { return name ? 0xFFFFFFFF : 7; }
 HDErrorInfo hdGetError(void) { HDErrorInfo e = { fails, 0, 7 }; return e; }
 const char *hdGetErrorString(unsigned code) { return code == 0x301 ? "maximum force" : "?"; }
 void hdEnable(unsigned what) { if (what != 0x4000) misused = 1; }
-unsigned long hdScheduleAsynchronous(Callback c, void *d, unsigned short priority) { call = c; data = d; return 42; }
+unsigned long hdScheduleAsynchronous(Callback c, void *d, unsigned short priority) { call = c;
+  data = d; return 42; }
 void hdUnschedule(unsigned long handle) { if (handle != 42) misused = 1; call = 0; }
 void hdStartScheduler(void) { on = 1; pthread_create(&thread, 0, loop, 0); }
 void hdStopScheduler(void) { on = 0; pthread_join(thread, 0); }
@@ -64,7 +71,8 @@ void hdGetDoublev(unsigned what, double *out) {
   if (what == 0x2050) { out[0] = -4.0; out[1] = 11.0; out[2] = 3.0; }
   if (what == 0x2051) { out[0] = 20.0; out[1] = 1.0; out[2] = 2.0; } }
 void hdGetIntegerv(unsigned what, int *out) { *out = what == 0x2000 ? 1 : 0; }
-void hdSetDoublev(unsigned what, const double *in) { if (what != 0x2700 || !inside) misused = 1; memcpy(force, in, sizeof force); }
+void hdSetDoublev(unsigned what, const double *in) { if (what != 0x2700 || !inside) misused = 1;
+  memcpy(force, in, sizeof force); }
 void stub_force(double *out) { memcpy(out, force, sizeof force); }
 int stub_misused(void) { return misused; }
 void stub_fail(unsigned code) { fails = code; }

@@ -16,7 +16,9 @@ R = json.loads((DATA / "population.json").read_text())
 
 
 def judged(seed=1, people=8, response=0.6):
-    """Estimates of two blocks by `people` with two probes, three times each; participants differ in level and response."""
+    """Estimates of two blocks by `people` with two probes, three times each; participants differ in
+    level and response.
+    """
     generator = np.random.default_rng(seed)
     person, probe, block, _ = (index.ravel() for index in np.indices((people, 2, 2, 3)))
     y = (

@@ -1,4 +1,6 @@
-"""The ordinal model over participants: exact derivatives, a sandwich that another model gives too, and a level that holds."""
+"""The ordinal model over participants: exact derivatives, a sandwich that another model gives too,
+and a level that holds.
+"""
 
 import numpy as np
 import pandas as pd

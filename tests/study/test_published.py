@@ -14,7 +14,9 @@ from stepblocks.study.experiments import fit_power_law
 
 
 def nist(name):
-    """Data and certified F of a one-way analysis of variance, NIST Statistical Reference Datasets, as scipy ships them."""
+    """Data and certified F of a one-way analysis of variance, NIST Statistical Reference Datasets,
+    as scipy ships them.
+    """
     import scipy.stats
 
     path = Path(scipy.stats.__file__).parent / "tests" / "data" / "nist_anova" / name

@@ -1,4 +1,6 @@
-"""What is put into simulated participants comes out of the analysis; no effect is found 5 times in 100."""
+"""What is put into simulated participants comes out of the analysis; no effect is found 5 times in
+100.
+"""
 
 import math
 
@@ -31,7 +33,8 @@ def lined(rows):
 
 def test_a_known_weber_fraction_is_recovered_without_bias():
     # Energy in proportion to height, so that the Weber fraction of the energy is that of the
-    # height; 100 fits of 1440 pairs (of 360, as docs/explanation/studies.md says, it comes out low: a lapse rate
+    # height; 100 fits of 1440 pairs (of 360, as docs/explanation/studies.md says, it comes out low:
+    # a lapse rate
     # that cannot be below zero takes what is not its own)
     from scipy.special import ndtr
 

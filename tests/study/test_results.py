@@ -1,4 +1,6 @@
-"""What a study found, as a table, as CSV and on the page: the same figures, in micrometres, blank where there are none."""
+"""What a study found, as a table, as CSV and on the page: the same figures, in micrometres, blank
+where there are none.
+"""
 
 import csv
 import io

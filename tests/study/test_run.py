@@ -1,4 +1,6 @@
-"""The functions of the study as a notebook calls them: paths as text, defaults of the paper, tables back."""
+"""The functions of the study as a notebook calls them: paths as text, defaults of the paper, tables
+back.
+"""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,6 @@
-"""Printed run sheets: every trial once, nothing that unblinds, the same bytes twice, and room to write."""
+"""Printed run sheets: every trial once, nothing that unblinds, the same bytes twice, and room to
+write.
+"""
 
 import pytest
 

@@ -1,4 +1,6 @@
-"""The servo loop: what it logs is what the renderer says, its ring carries E_v, and no hand bears more than its limits."""
+"""The servo loop: what it logs is what the renderer says, its ring carries E_v, and no hand bears
+more than its limits.
+"""
 
 from dataclasses import replace
 
@@ -23,7 +25,9 @@ def renderer(event=True):
 
 
 def recorded():
-    """A hand that lands, drags over the edge under its load and stays: by the renderer's own virtual hand."""
+    """A hand that lands, drags over the edge under its load and stays: by the renderer's own
+    virtual hand.
+    """
     one, load = renderer(), 1.0
     travel = SCALE * EVENT.critical_force / TOOL.stiffness + 6e-3
     x = np.arange(-4e-3, travel, 0.02 / RATE)
@@ -92,7 +96,9 @@ def test_no_force_exceeds_the_limit_or_grows_faster_than_allowed(hand):
 
 
 def test_a_mouse_gets_over_a_block_that_releases_beyond_the_limit_of_force():
-    """100 um at 0.5 N needs 9.5 N, equation (1); a device is asked for 7 N at most, a mouse has no motors."""
+    """100 um at 0.5 N needs 9.5 N, equation (1); a device is asked for 7 N at most, a mouse has no
+    motors.
+    """
     face, point = Step(100e-6), replace(PAPER, normal_load=0.5)
     release = face.release(point).pull_force
     one = Renderer(face.centre_path(point.ball_radius), point, scale=SCALE, rate=RATE)
@@ -161,7 +167,10 @@ def test_a_hand_that_fails_or_hangs_is_let_go_until_it_has_let_go_itself(hand):
 
 
 def test_late_ticks_are_counted_and_the_rate_is_kept(hand):
-    """Bounds that a loaded machine keeps; benchmarks/study_servo.py has the figures of an idle one."""
+    """Bounds that a loaded machine keeps.
+
+    Benchmarks/study_servo.py has the figures of an idle one.
+    """
     servo = Servo(renderer(), Replay(hand), seconds=0.5)
     servo.start()
     servo.join(10.0)

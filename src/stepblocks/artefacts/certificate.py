@@ -23,8 +23,8 @@ _LARGEST_FACTOR = 3.31
 _LINES = 26  # of the table on a page of the PDF
 RULE = (
     f"ISO 14253-1 with a guard band of {GUARD_FACTOR} u, or Student's 95 % point where u has few "
-    "degrees of freedom: inside the limits by it the characteristic conforms, outside by it it does "
-    "not, between neither is proven (conditional pass or fail, ILAC-G8)."
+    "degrees of freedom: inside the limits by it the characteristic conforms, outside by it it "
+    "does not, between neither is proven (conditional pass or fail, ILAC-G8)."
 )
 _HEADINGS = ("no.", "characteristic", "value", "U (95 %)", "k", "limits", "unit", "verdict")
 _WIDTHS = (0.04, 0.34, 0.11, 0.11, 0.05, 0.17, 0.05, 0.13)

@@ -63,14 +63,6 @@ def predict(
         ),
     ] = None,
     speed: Speed = None,
-    perception: Annotated[
-        Path | None,
-        typer.Option(
-            "--perception",
-            metavar="CSV",
-            help="write how well neighbouring blocks can be told apart",
-        ),
-    ] = None,
     wide: Wide = False,
 ) -> Outcome:
     """Predict critical angle, forces and vibration energy of sets, tables or unseen trials.
@@ -96,8 +88,6 @@ def predict(
         by_name = {one.name: predict_all(one, in_time, **given(speed=speed)) for one in sets}
         rows = _format_rows(by_name)
     notes = describe_left_out([one for made in by_name.values() for one in made])
-    if perception:
-        notes.append(_write_perception(sets, by_name, perception))
     if plots:
         from stepblocks.predict.figures import write_plots
 
@@ -149,19 +139,6 @@ def _predict_as_built(
         for one in made
     ]
     return sets, by_name, rows
-
-
-def _write_perception(
-    sets: "list[StimulusSet]", by_name: "dict[str, tuple[Prediction, ...]]", path: Path
-) -> str:
-    import pandas as pd
-
-    from stepblocks.predict.perception import compare_neighbours
-    from stepblocks.tables import write_table
-
-    tables = [compare_neighbours(one, by_name[one.name]) for one in sets]
-    write_table(pd.concat(tables, ignore_index=True), path)
-    return f"{path}: {sum(map(len, tables))} pairs of neighbours"
 
 
 def _predict_table(files: list[Path], output: Path | None, model: Path | None) -> Outcome:

@@ -46,7 +46,10 @@ REACH = 5e-3  # half length of a centre path on either side of the edge [m]
 
 
 class Counterface(ABC):
-    """A surface across the drag: x along the drag, z up, the working edge at x = 0, the near side at z = 0."""
+    """A surface across the drag.
+
+    x along the drag, z up, the working edge at x = 0, the near side at z = 0.
+    """
 
     ways: ClassVar[tuple[str, ...]] = (
         "forward",
@@ -69,19 +72,31 @@ class Counterface(ABC):
 
     @property
     def dimensions(self) -> dict[str, float]:
-        """What the critical angles depend on beside the ball, by name [SI]; empty where they have no closed form."""
+        """What the critical angles depend on beside the ball, by name [SI].
+
+        Empty where they have no closed form.
+        """
         return {name: getattr(self, name) for name in self._dimensions}
 
     @abstractmethod
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
-        """Critical angles [rad], forward and backward, of balls and `dimensions`: 0 where nothing catches, a right angle at a riser."""
+        """Critical angles [rad], forward and backward, of balls and `dimensions`.
+
+        0 where nothing catches, a right angle at a riser.
+        """
 
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
-        """Differentiate the forward angle by the dimensions and the ball's radius [rad/m], where that is a closed form."""
+        """Differentiate the forward angle by the dimensions and the ball's radius [rad/m].
+
+        Where that is a closed form.
+        """
         return {}
 
     def deviate_dimensions(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
-        """Dimensions that deviate by so much from the nominal, kept where the critical angles are defined [m]."""
+        """Dimensions that deviate by so much from the nominal.
+
+        Kept where the critical angles are defined [m].
+        """
         return {
             name: np.maximum(value + deviations.get(name, 0.0), 0.0)
             for name, value in self.dimensions.items()
@@ -93,12 +108,18 @@ class Counterface(ABC):
         return release_at(angle, point.normal_load, point.friction, point.tool)
 
     def heights(self, x: Array) -> Array:
-        """Heights over the near side [m] at positions across the edge [m]; on an edge itself the higher side counts."""
+        """Heights over the near side [m] at positions across the edge [m].
+
+        On an edge itself the higher side counts.
+        """
         return Profile(*self.section(REACH)).heights(x)
 
     @abstractmethod
     def section(self, run: float) -> tuple[Array, Array]:
-        """Corners (x, z) [m] from `run` before the first to `run` behind the last one; a rounding as its chords."""
+        """Corners (x, z) [m] from `run` before the first to `run` behind the last one.
+
+        A rounding as its chords.
+        """
 
     def outline(self) -> tuple[list[Disc], list[Line]]:
         """Discs and lines whose upper envelope, grown by a ball, is the path of its centre [m]."""
@@ -113,7 +134,9 @@ class Counterface(ABC):
 
 @dataclass(frozen=True)
 class Step(Counterface):
-    """A step up at x = 0, its edge rounded: the arc begins at the riser and ends at x = `edge_radius`.
+    """A step up at x = 0, its edge rounded.
+
+    The arc begins at the riser and ends at x = `edge_radius`.
 
     Attributes
     ----------
@@ -161,7 +184,10 @@ class Step(Counterface):
         return np.where(x < 0.0, 0.0, rounded)
 
     def section(self, run: float) -> tuple[Array, Array]:
-        """Lower face, the arc by 400 chords, at most ``r (pi / 800)^2 / 8`` inside it and cut off where r exceeds H, upper face."""
+        """Lower face, the arc by 400 chords.
+
+        At most ``r (pi / 800)^2 / 8`` inside it and cut off where r exceeds H, upper face.
+        """
         height, radius = self.height, self.edge_radius
         span = np.arccos(max(1.0 - height / radius, 0.0)) if radius > 0.0 else 0.0
         angles = np.linspace(span, 0.0, 401 if radius > 0.0 else 1)
@@ -184,7 +210,9 @@ class Step(Counterface):
 
 @dataclass(frozen=True)
 class Margin(Counterface):
-    """Tooth, gap and crown in the terms of Holmes et al. (1989), bevelled at 45 degrees where it opens beyond the gap.
+    """Tooth, gap and crown in the terms of Holmes et al.
+
+    (1989), bevelled at 45 degrees where it opens beyond the gap.
 
     Attributes
     ----------
@@ -268,7 +296,10 @@ class Groove(Counterface):
         convert_field(self, "flank", "angle", 0.5 * math.pi, low=1e-3)
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
-        """From between the shoulders, ``sin a = g / 2R``; a ball that sinks onto the flanks leaves along them."""
+        """From between the shoulders, ``sin a = g / 2R``.
+
+        A ball that sinks onto the flanks leaves along them.
+        """
         at = self.dimensions | dimensions
         angle = unwrap_scalar(
             np.minimum(margin_angles(at["width"], 0.0, ball_radius)[0], at["flank"])
@@ -283,7 +314,9 @@ class Groove(Counterface):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Profile(Counterface):
-    """Any profile, declared by its corners or scanned: joined by straight lines, level beyond both ends.
+    """Any profile, declared by its corners or scanned.
+
+    Joined by straight lines, level beyond both ends.
 
     Attributes
     ----------
@@ -399,14 +432,17 @@ class Profile(Counterface):
 
 @dataclass(frozen=True)
 class ProfiledMargin(Margin):
-    """A margin between sides that are not level, as those of a scan: each a parabola over `SIDE`, level beyond."""
+    """A margin between sides that are not level, as those of a scan.
+
+    Each a parabola over `SIDE`, level beyond.
+    """
 
     tooth_curvature: float = 0.0  # 1/m
     crown_slope: float = 0.0  # against the tooth at the margin [1]
     crown_curvature: float = 0.0  # 1/m
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
-        """By exact dilation; draws about their mean by as much more or less as between level sides."""
+        """By exact dilation; draws differ from their mean as between level sides."""
         at = {"ball_radius": ball_radius, **self.dimensions, **dimensions}
         mean = {name: float(np.mean(one)) for name, one in at.items()}
         ball = mean.pop("ball_radius")
@@ -424,7 +460,10 @@ class ProfiledMargin(Margin):
         return forward, backward
 
     def section(self, run: float) -> tuple[Array, Array]:
-        """Tooth, floor of the gap, bevel, crown; either side by chords within 20 nm of a curvature of 0.2 per mm."""
+        """Tooth, floor of the gap, bevel, crown.
+
+        Either side by chords within 20 nm of a curvature of 0.2 per mm.
+        """
         x, z = super().section(0.0)
         along = np.linspace(SIDE, 0.0, 21)
         tooth = 0.5 * self.tooth_curvature * along**2
@@ -439,7 +478,10 @@ class ProfiledMargin(Margin):
 def find_scanned_angle(
     position: NDArray[np.float64], height: NDArray[np.float64], ball: float
 ) -> float | None:
-    """Critical angle of a scanned edge: the steepest rise of the path of the tip's centre over it, up the step."""
+    """Critical angle of a scanned edge.
+
+    The steepest rise of the path of the tip's centre over it, up the step.
+    """
     known = height[np.isfinite(height)]
     tenth = len(known) // 10
     if tenth == 0:

@@ -1,4 +1,7 @@
-"""Critical angle of a ball on a step, a groove and a margin: the steepest slope of its centre's path, in closed form."""
+"""Critical angle of a ball on a step, a groove and a margin.
+
+The steepest slope of its centre's path, in closed form.
+"""
 
 import numpy as np
 
@@ -50,7 +53,9 @@ def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real
 
 
 def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
-    """Critical angles over a margin or a groove: two shoulders `opening` apart, the second higher by `rise`.
+    """Critical angles over a margin or a groove.
+
+    Two shoulders `opening` apart, the second higher by `rise`.
 
     Parameters
     ----------
@@ -88,7 +93,7 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
 def compute_bevelled_margin_angles(
     gap: Real, opening: Real, rise: Real, ball_radius: Real
 ) -> tuple[Real, Real]:
-    """`margin_angles` over a far side that is bevelled back at 45 degrees where it opens wider than its gap."""
+    """`margin_angles` where a far side that opens wider than its gap is bevelled at 45 degrees."""
     gap, rise, ball_radius = _checked(gap=gap, rise=rise, ball_radius=ball_radius)
     opening = np.asarray(opening, dtype=np.float64)[()]
     require_finite("opening", opening, "m")  # below 0 a lip overlaps

@@ -1,4 +1,7 @@
-"""The domain of the formulas: one wording for every value that lies outside it, alone or in an array."""
+"""The domain of the formulas.
+
+One wording for every value that lies outside it, alone or in an array.
+"""
 
 import math
 from typing import Any, Protocol
@@ -17,7 +20,9 @@ MOST_BALL = 0.05  # of the radius of a tip, magnified models included [m]
 def convert_field(
     owner: object, name: str, dimension: str, high: float, low: float | None = None
 ) -> None:
-    """Read a field of a frozen dataclass as a number in SI, or as a text with its unit, and hold it to its bounds.
+    """Read a field of a frozen dataclass as a number in SI, or as a text with its unit.
+
+    And hold it to its bounds.
 
     Without `low` it must be positive.
     """

@@ -1,4 +1,7 @@
-"""Force and energy of a probe that slips over an edge, by equation (1), to which a locked probe has an energy too: here it has none."""
+"""Force and energy of a probe that slips over an edge, by equation (1).
+
+To which a locked probe has an energy too: here it has none.
+"""
 
 import math
 from dataclasses import dataclass
@@ -39,7 +42,10 @@ _KINDS = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
 
 @dataclass(frozen=True)
 class Release:
-    """What is felt when the probe slips over an edge; of many drags at once, each field is an array over them."""
+    """What is felt when the probe slips over an edge.
+
+    Of many drags at once, each field is an array over them.
+    """
 
     # whether it slips at all, as text in an array; the energies below are not-a-number unless it
     # does
@@ -87,7 +93,8 @@ def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPE
     >>> release = release_at(step_angle(25e-6, 125e-6), normal_load=1.0, friction=0.15)
     >>> f"{release.pull_force:.3f} N, {release.vibration_energy * 1e6:.1f} uJ"
     '1.014 N, 10.5 uJ'
-    >>> release_at(step_angle([25e-6, 100e-6], 125e-6), normal_load=1.0, friction=0.3).status.tolist()
+    >>> angles = step_angle([25e-6, 100e-6], 125e-6)
+    >>> release_at(angles, normal_load=1.0, friction=0.3).status.tolist()
     ['releases', 'locked']
     """
     a, load, mu = (

@@ -1,4 +1,7 @@
-"""The vibration as an event: after the release the tool is a spring that rings freely, its damper spends E_v in all."""
+"""The vibration as an event.
+
+After the release the tool is a spring that rings freely, its damper spends E_v in all.
+"""
 
 import math
 from dataclasses import dataclass
@@ -36,7 +39,8 @@ _RULE = (
 class Waveform:
     """A ring that was simulated in time, instead of the exponential."""
 
-    # shape (n,), on the hand in the direction of the drag [N], scaled so that `compute_ring_energy` is E_v
+    # shape (n,), on the hand in the direction of the drag [N], scaled so that `compute_ring_energy`
+    # is E_v
     force: Array
     rate: float  # of its samples [Hz]
     # from the release to the first sample [s]: the fall of the spring force, which the spring
@@ -60,7 +64,10 @@ class LearnedPrediction:
 
 @dataclass(frozen=True)
 class VibrationEvent:
-    """The ring of one drag; only a probe that releases rings, else forces and energy are not-a-number."""
+    """The ring of one drag; only a probe that releases rings.
+
+    Else forces and energy are not-a-number.
+    """
 
     stimulus: str  # what is felt
     status: Status
@@ -124,7 +131,10 @@ def vibration_events(face: Counterface, point: OperatingPoint, stimulus: str = "
 
 
 def compute_ring_force(event: VibrationEvent, rate: float) -> Array:
-    """Force on the hand in the direction of the drag [N], over seven time constants or the length of the waveform; rate in Hz."""
+    """Force on the hand in the direction of the drag [N].
+
+    Over seven time constants or the length of the waveform; rate in Hz.
+    """
     if event.waveform is not None:
         known = np.arange(len(event.waveform.force)) / event.waveform.rate
         wanted = np.arange(math.floor(known[-1] * rate) + 1) / rate
@@ -137,14 +147,20 @@ def compute_ring_force(event: VibrationEvent, rate: float) -> Array:
 
 
 def compute_ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
-    """Energy that the damper spends [J] on a rendered or recorded ring: its force [N] at a rate of samples [Hz]."""
+    """Energy that the damper spends [J] on a rendered or recorded ring.
+
+    Its force [N] at a rate of samples [Hz].
+    """
     phase = math.tau * tool.frequency * tool.decay_time
     square = float(np.sum(np.asarray(force, dtype=np.float64) ** 2)) / rate
     return 2.0 / (tool.stiffness * tool.decay_time) * (1.0 + 1.0 / phase**2) * square
 
 
 def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
-    """Write an event as plain values for JSON, the unit in every name; None for what is not a number."""
+    """Write an event as plain values for JSON, the unit in every name.
+
+    None for what is not a number.
+    """
     tool, wave, learned = event.tool, event.waveform, event.learned
     record: dict[str, Any] = {
         "stimulus": event.stimulus,

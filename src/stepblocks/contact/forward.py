@@ -1,4 +1,7 @@
-"""The model of a session, equations (1) and (2) and what was found to be missing, for many trials at once."""
+"""The model of a session, equations (1) and (2) and what was found to be missing.
+
+For many trials at once.
+"""
 
 import re
 from collections.abc import Mapping
@@ -64,7 +67,10 @@ def convert_to_design(
 
 
 def parse_tip_radius_um(tip: str, default: float) -> float:
-    """Radius of a tip from its name, ``tip-125`` for 125 um; `default` where the name has no number."""
+    """Radius of a tip from its name, ``tip-125`` for 125 um.
+
+    `default` where the name has no number.
+    """
     match = re.fullmatch(r"tip-(\d+(?:\.\d+)?)(?:um)?", str(tip).strip())
     return float(match.group(1)) if match else default
 
@@ -81,7 +87,10 @@ def list_constants(
     scanned: Mapping[str, tuple[float, float]]
     | None = None,  # height and standard uncertainty of blocks [m]
 ) -> tuple[Parameter, ...]:
-    """List the constants fitted to a session from the ring of `tool` on, and the height error of each block, which may be `scanned`."""
+    """List the constants fitted to a session from the ring of `tool` on.
+
+    And the height error of each block, which may be `scanned`.
+    """
     found = [
         Parameter("friction", "1", PAPER.friction, 0.005, 0.9, 0.02),
         Parameter("ln_conversion", "1", float(np.log(tool.conversion)), -9.0, 4.0, 0.1),
@@ -149,7 +158,10 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float]) -> Dra
 def build_extended_state(
     design: BenchDesign, values: Mapping[str, float], active: Active = ()
 ) -> DragState:
-    """Fill the slots from the constants and apply the effects: release after contact, what follows the peak when it is known."""
+    """Fill the slots from the constants and apply the effects.
+
+    Release after contact, what follows the peak when it is known.
+    """
     state = build_nominal_state(design, values)
 
     def when(pair: tuple[Law, Mapping[str, float]]) -> tuple[bool, bool]:
@@ -183,7 +195,10 @@ def select_covariate(design: BenchDesign, state: DragState, covariate: str) -> A
 
 
 def compute_responses(state: DragState) -> Floats:
-    """Change of the channels per unit of ln friction, ln load and ln conversion, which scatter among trials, shape (n, 7, 3)."""
+    """Change of the channels per unit of ln friction, ln load and ln conversion.
+
+    Which scatter among trials, shape (n, 7, 3).
+    """
     base, step = compute_channels(state), 1e-4
     weight = state.set_load + state.sensed_offset
     moved = (

@@ -1,4 +1,7 @@
-"""The formulas alone, in SI, of numbers or arrays; `critical_angle` and `energy` check what these take as it comes."""
+"""The formulas alone, in SI, of numbers or arrays.
+
+`critical_angle` and `energy` check what these take as it comes.
+"""
 
 import numpy as np
 
@@ -6,7 +9,10 @@ from stepblocks.contact.domain import Real, select_where
 
 
 def compute_angle_on_step(height: Real, radius_sum: Real) -> Real:
-    """Angle of the tangent where a ball on the lower face touches the edge: ``1 - cos a = H / (R + r)``."""
+    """Angle of the tangent where a ball on the lower face touches the edge.
+
+    ``1 - cos a = H / (R + r)``.
+    """
     # by the half angle, sin^2(a/2) = H / 2(R + r), which keeps its digits for a small step
     return 2.0 * np.arcsin(np.sqrt(0.5 * height / radius_sum))
 
@@ -30,7 +36,10 @@ def compute_angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> R
 
 
 def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
-    """Critical angles over two corners `opening` apart, the far one higher by `rise` of either sign: forward, backward."""
+    """Critical angles over two corners `opening` apart.
+
+    The far one higher by `rise` of either sign: forward, backward.
+    """
     # where the ball still rides on the lower shoulder when it meets the higher corner, the step
     # alone counts; where its centre sinks below that corner it leans on the wall, which it never
     # climbs, and meets the lower corner from a radius away
@@ -58,7 +67,7 @@ def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple
 def compute_bevelled_margin_angles(
     gap: Real, opening: Real, rise: Real, ball_radius: Real
 ) -> tuple[Real, Real]:
-    """Critical angles over a margin whose far side is bevelled at 45 degrees where it opens beyond its `gap`."""
+    """Critical angles over a margin whose far side is bevelled at 45 degrees beyond its `gap`."""
     # the ball first touches the outer corner (opening, rise), the bevel, or its inner corner, and
     # on its way back climbs the near corner from the same place; up to `gap` the far side ends
     # square, or in a lip that overlaps the near side
@@ -83,7 +92,10 @@ def compute_bevelled_margin_angles(
 
 
 def compute_pull_force(normal_load: Real, angle: Real, friction: Real) -> Real:
-    """Tangential force at release, ``F_px = F_py tan(a + atan mu)``; equation (1), its fraction summed."""
+    """Tangential force at release, ``F_px = F_py tan(a + atan mu)``.
+
+    Equation (1), its fraction summed.
+    """
     return normal_load * np.tan(angle + np.arctan(friction))
 
 
@@ -93,7 +105,10 @@ def compute_locking_height(ball_radius: Real, friction: Real) -> Real:
 
 
 def compute_height_at_angle(angle: Real, radius_sum: Real) -> Real:
-    """Height of the step of a critical angle, ``H = (R + r)(1 - cos a)``; the inverse of `compute_angle_on_step`."""
+    """Height of the step of a critical angle, ``H = (R + r)(1 - cos a)``.
+
+    The inverse of `compute_angle_on_step`.
+    """
     return 2.0 * radius_sum * np.sin(0.5 * angle) ** 2
 
 
@@ -103,7 +118,10 @@ def compute_stored_energy(force: Real, stiffness: Real) -> Real:
 
 
 def compute_softened_force(force: Real, cubic: Real) -> Real:
-    """Return u of a hardening spring ``force = u + cubic u^3``, the force had it not hardened, by Viete's hyperbolic sine."""
+    """Return u of a hardening spring ``force = u + cubic u^3``, the force had it not hardened.
+
+    By Viete's hyperbolic sine.
+    """
     root = np.sqrt(3.0 * np.maximum(cubic, 1e-9))
     return 2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0)
 
@@ -111,7 +129,10 @@ def compute_softened_force(force: Real, cubic: Real) -> Real:
 def compute_release(
     angle: Real, friction: Real, normal_load: Real, stiffness: Real, conversion: Real
 ) -> tuple[Real, Real]:
-    """Force and vibration energy over arrays: both infinite where the tip is held, both 0 where nothing catches."""
+    """Force and vibration energy over arrays.
+
+    Both infinite where the tip is held, both 0 where nothing catches.
+    """
     held = angle + np.arctan(friction) >= 0.5 * np.pi
     force = compute_pull_force(normal_load, np.where(held, 0.0, angle), friction)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,7 @@
-"""Laws of friction and of the contact as objects, for the drag in time and, at rest, for the equations."""
+"""Laws of friction and of the contact as objects, for the drag in time and, at rest.
+
+For the equations.
+"""
 
 from __future__ import annotations
 

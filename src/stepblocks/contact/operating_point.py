@@ -1,4 +1,7 @@
-"""Under what a counterface is felt: the ball, the load, the friction, the speed, and the tool as a spring that rings."""
+"""Under what a counterface is felt.
+
+The ball, the load, the friction, the speed, and the tool as a spring that rings.
+"""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +18,10 @@ _BAND_SHARE, _HALF_BAND = (
 
 @dataclass(frozen=True)
 class Limits:
-    """Greatest tangential forces [N] that something holds or gives; infinite where the equations alone are asked."""
+    """Greatest tangential forces [N] that something holds or gives.
+
+    Infinite where the equations alone are asked.
+    """
 
     strength: float = math.inf  # at which the tool yields
     spring: float = math.inf  # to which its spring is linear
@@ -35,7 +41,9 @@ class Limits:
 
 @dataclass(frozen=True)
 class Tool:
-    """The explorer as a spring that rings; the defaults are those of the paper, which states no limits.
+    """The explorer as a spring that rings.
+
+    The defaults are those of the paper, which states no limits.
 
     Of its ring the paper says 250 to 350 Hz (figure 5) and "approximately 250 Hz", where less than
     half of a line would lie in that band. The defaults are its middle, a deviation that reaches
@@ -86,13 +94,19 @@ class Tool:
 
     @property
     def damping_ratio(self) -> float:
-        """Share of critical damping with which a tip of that mass on this spring decays so, ``1 / (2 pi f T)`` [1]."""
+        """Share of critical damping with which a tip of that mass on this spring decays so.
+
+        ``1 / (2 pi f T)`` [1].
+        """
         return 1.0 / (math.tau * self.frequency * self.decay_time)
 
 
 @dataclass(frozen=True)
 class Tissue:
-    """A soft wall along which the tool rubs: a spring and a damper (Kelvin, Voigt) between both, until it slips; none by default."""
+    """A soft wall along which the tool rubs.
+
+    A spring and a damper (Kelvin, Voigt) between both, until it slips; none by default.
+    """
 
     stiffness: float = 0.0  # along the drag [N/m]
     damping: float = 0.0  # N s/m

@@ -1,4 +1,7 @@
-"""A probe as a clamped rod with a mass at its tip: what a sheath does to its ring, and what of it reaches clamp and finger."""
+"""A probe as a clamped rod with a mass at its tip.
+
+What a sheath does to its ring, and what of it reaches clamp and finger.
+"""
 
 import itertools
 import math
@@ -65,7 +68,10 @@ class Sleeve:
 
 @dataclass(frozen=True)
 class Hold:
-    """The rod held through a sheath: beyond the clamp's edge it goes on for `length` on an elastic bedding."""
+    """The rod held through a sheath.
+
+    Beyond the clamp's edge it goes on for `length` on an elastic bedding.
+    """
 
     length: float  # of the bedding [m]
     line_stiffness: float  # force per length and displacement [N/m^2]
@@ -116,7 +122,10 @@ def fit_rod(
     modulus: float,
     density: float,
 ) -> Rod:
-    """Find the rod of a diameter that has a stiffness, and the mass at its tip with which it rings at a frequency."""
+    """Find the rod of a diameter that has a stiffness.
+
+    And the mass at its tip with which it rings at a frequency.
+    """
     for name, value in (
         ("stiffness", stiffness),
         ("frequency", frequency),
@@ -158,7 +167,10 @@ def compute_bush_stiffness(bore: float, outer: float, modulus: float, poisson: f
 
 
 def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
-    """Predict the first mode of a rod with a sheath on its free part, or held through one; rigidly clamped without."""
+    """Predict the first mode of a rod with a sheath on its free part, or held through one.
+
+    Rigidly clamped without.
+    """
     from scipy.linalg import eigh, solve
 
     if isinstance(sheath, Sleeve):
@@ -242,7 +254,10 @@ _SAMPLES = 4000  # of a force over the paper's 16 ms
 
 @dataclass(frozen=True)
 class Mode:
-    """A normal mode of a rod that is held still, mass normalised: phi at the tip, momentum G, ``sum G phi = 1``."""
+    """A normal mode of a rod that is held still, mass normalised.
+
+    Phi at the tip, momentum G, ``sum G phi = 1``.
+    """
 
     frequency: float  # Hz
     loss_factor: float  # share of the energy lost per radian [1]
@@ -253,7 +268,10 @@ class Mode:
 
 @dataclass(frozen=True)
 class Hand:
-    """A hand on a handle: the skin and flesh of the grasp, a mass behind it, and the arm; along the drag."""
+    """A hand on a handle: the skin and flesh of the grasp, a mass behind it, and the arm.
+
+    Along the drag.
+    """
 
     handle_mass: float  # of handle or sheath's shell, without the rod [kg]
     grasp_stiffness: float  # N/m
@@ -273,7 +291,10 @@ STYLUS_HAND = Hand(20e-3, 575.0, 1.3, 0.21, 176.0, 11.3)
 def compute_modes(
     rod: Rod, sheath: Sleeve | Hold | None = None, highest: float = _HIGHEST
 ) -> list[Mode]:
-    """Return the modes of a rod, rigidly clamped or held through a sheath, up to a frequency [Hz]."""
+    """Return the modes of a rod, rigidly clamped or held through a sheath.
+
+    Up to a frequency [Hz].
+    """
     from scipy.linalg import eigh
 
     parts, mass, losses, pushes = _assemble_matrices(rod, sheath)
@@ -293,7 +314,10 @@ def compute_modes(
 
 
 def compute_clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) -> Array:
-    """Force on the clamp [N] after a pull of 1 N was let go at the tip, or after a blow of 1 N s there; times in s."""
+    """Force on the clamp [N] after a pull of 1 N was let go at the tip.
+
+    Or after a blow of 1 N s there; times in s.
+    """
     total = np.zeros_like(time)
     for one in modes:
         w = math.tau * one.frequency
@@ -305,7 +329,10 @@ def compute_clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) 
 def compute_sensed_energy(
     modes: Sequence[Mode], duration: float = PAPER.tool.ring_duration
 ) -> float:
-    """Square of the force on a sensor between rod or sheath and clamp, over a time, for a pull of 1 N [s]; its energy goes with it."""
+    """Square of the force on a sensor between rod or sheath and clamp, over a time.
+
+    For a pull of 1 N [s]; its energy goes with it.
+    """
     time = np.linspace(0.0, duration, _SAMPLES)
     return float(np.trapezoid(compute_clamp_force(modes, time) ** 2, time))
 
@@ -317,7 +344,7 @@ def compute_finger_share(
     hand: Hand = STYLUS_HAND,
     duration: float = PAPER.tool.ring_duration,
 ) -> float:
-    """Share of the energy stored at the release that the grasp of a hand takes up as vibration over a time [1]."""
+    """Share of the stored energy that the grasp of a hand takes up as vibration over a time [1]."""
     from scipy.linalg import expm, solve, solve_continuous_lyapunov
 
     # the modes of the held rod ride on a handle that the hand carries: q'' + w eta q' + w^2 q = -G

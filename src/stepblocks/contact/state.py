@@ -1,4 +1,7 @@
-"""The slots of the model of one drag, filled for every trial: what an effect may change, and what a trial shows of it."""
+"""The slots of the model of one drag, filled for every trial.
+
+What an effect may change, and what a trial shows of it.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,10 @@ _LINE_SHARE = 0.9  # of the rise, to which the evaluation of a trace fits the li
 
 @dataclass(frozen=True)
 class DragState:
-    """Every quantity of equations (1) and (2) per trial, and where the bench shows something else than the contact."""
+    """Every quantity of equations (1) and (2) per trial.
+
+    And where the bench shows something else than the contact.
+    """
 
     height: Floats  # of the step H [m]
     radius: Floats  # of ball and edge together, R + r [m]
@@ -95,7 +101,10 @@ class DragState:
         )
 
     def changed(self, **slots: Any) -> DragState:
-        """Return a copy with some slots changed; cheaper than ``dataclasses.replace`` in inner loops."""
+        """Return a copy with some slots changed.
+
+        Cheaper than ``dataclasses.replace`` in inner loops.
+        """
         copy = object.__new__(DragState)
         copy.__dict__.update(self.__dict__)
         copy.__dict__.update(slots)

@@ -1,4 +1,7 @@
-"""Intervals of a prediction from the uncertainties of its inputs, by sensitivities and by drawing; tolerances from those."""
+"""Intervals of a prediction from the uncertainties of its inputs, by sensitivities and by drawing.
+
+Tolerances from those.
+"""
 
 import math
 from collections.abc import Mapping
@@ -48,7 +51,7 @@ class Interval:
 
 
 def convert_half_widths(half_widths: Mapping[str, float]) -> dict[str, float]:
-    """Turn half-widths into standard uncertainties of rectangular distributions (JCGM 100, 4.3.7)."""
+    """Turn half-widths into standard uncertainties, rectangular (JCGM 100, 4.3.7)."""
     return {name: value / math.sqrt(3.0) for name, value in half_widths.items()}
 
 
@@ -69,7 +72,10 @@ def list_inputs(face: Counterface, point: OperatingPoint) -> dict[str, float]:
 def compute_deviated_releases(
     face: Counterface, point: OperatingPoint, deviations: Mapping[str, Real], backward: bool = False
 ) -> tuple[Floats, Floats]:
-    """Compute F_px [N] and E_v [J] where the inputs deviate by so much: infinite where the tip is held, 0 where nothing catches."""
+    """Compute F_px [N] and E_v [J] where the inputs deviate by so much.
+
+    Infinite where the tip is held, 0 where nothing catches.
+    """
     sizes = face.deviate_dimensions(deviations)
     nominal = list_inputs(face, point)
     at = {
@@ -215,7 +221,10 @@ def _find_quantiles(values: Floats, draws: int) -> tuple[float, float]:
 
 @lru_cache(maxsize=4)
 def draw_standard_normal(inputs: int, draws: int, seed: int) -> Floats:
-    """Draw standard normal numbers, shape (inputs, draws); equal arguments give the same numbers."""
+    """Draw standard normal numbers, shape (inputs, draws).
+
+    Equal arguments give the same numbers.
+    """
     if not 100 <= draws <= 10_000_000:
         raise ContactError(f"draws must lie between 100 and 10 million, got {draws}")
     numbers = np.random.default_rng(seed).standard_normal((inputs, draws))

@@ -1,4 +1,7 @@
-"""Where a tip can be caught on its track: every place at which the slope of its path has a maximum."""
+"""Where a tip can be caught on its track.
+
+Every place at which the slope of its path has a maximum.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +61,7 @@ def find_asked_place(places: CatchPlaces, within: tuple[float, float] | None) ->
 
 
 def find_catch_places(track: Track, least: float = LEAST_ANGLE) -> CatchPlaces:
-    """Find every place whose slope exceeds that of the ground on both its sides by `least` [rad]."""
+    """Find every place steeper than the ground on both its sides by `least` [rad]."""
     from scipy.signal import find_peaks
 
     # both slopes of each knot, for a kink has two

@@ -1,4 +1,7 @@
-"""The events of a drag: every place that caught the tip, what it let go, and which was asked about."""
+"""The events of a drag: every place that caught the tip, what it let go.
+
+And which was asked about.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,10 @@ def drag_face(
     settings: Mapping[str, float] | None = None,
     probe: Mapping[str, float] | None = None,
 ) -> DragTrace:
-    """Drag over a counterface in time; the trace answers for the edge that the equations answer for."""
+    """Drag over a counterface in time.
+
+    The trace answers for the edge that the equations answer for.
+    """
     track = build_track(face, point.ball_radius, backward)
     return simulate_drag(
         track,

@@ -20,7 +20,10 @@ _BLUE, _RED, _GREY = "#1f4e79", "#b03030", "#808080"
 
 
 def plot_force(trace: DragTrace, axes: "Axes", channel: str = "fx_n") -> "Axes":
-    """Plot one force against time: the release that was asked about in red, other events in grey."""
+    """Plot one force against time.
+
+    The release that was asked about in red, other events in grey.
+    """
     label = {"fx_n": "tangential $F_x$ [N]", "fy_n": "normal $F_y$ [N]"}.get(channel, channel)
     axes.plot(trace.column("time_s") * 1e3, trace.column(channel), lw=0.8, color=_BLUE)
     axes.set_ylabel(label)
@@ -53,7 +56,10 @@ def draw_force(trace: DragTrace, path: Path, title: str) -> None:
 
 
 def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
-    """Draw the spectra of the loading and of the vibration phase of both forces, as figures 4 and 5 do."""
+    """Draw the spectra of the loading and of the vibration phase of both forces.
+
+    As figures 4 and 5 do.
+    """
     figure, axes = make_figure(2, 2, sharex=True, height=5.0)
     for row, (channel, label) in enumerate((("fx_n", "$F_x$"), ("fy_n", "$F_y$"))):
         for axis, (phase, band) in zip(

@@ -1,4 +1,7 @@
-"""The compiled integrator of a drag: a leapfrog with a fixed step; `stepblocks.drag.simulate` checks its input."""
+"""The compiled integrator of a drag: a leapfrog with a fixed step.
+
+`stepblocks.drag.simulate` checks its input.
+"""
 
 import math
 from collections.abc import Callable

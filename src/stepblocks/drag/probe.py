@@ -1,4 +1,7 @@
-"""The probe and the settings of a drag in time, and the named settings that reproduce the paper's figures."""
+"""The probe and the settings of a drag in time.
+
+And the named settings that reproduce the paper's figures.
+"""
 
 from __future__ import annotations
 
@@ -77,14 +80,20 @@ class Probe:
         return float((force / self.contact_stiffness) ** (1.0 / self.contact_power))
 
     def stretch(self, force: float) -> float:
-        """Stretch of the spring under a force [m]: the real root of the depressed cubic, by Viete's hyperbolic sine."""
+        """Stretch of the spring under a force [m].
+
+        The real root of the depressed cubic, by Viete's hyperbolic sine.
+        """
         if self.hardening == 0.0:
             return force / self.stiffness
         scale = math.sqrt(self.stiffness / (3.0 * self.hardening))
         return 2.0 * scale * math.sinh(math.asinh(1.5 * force / (self.stiffness * scale)) / 3.0)
 
     def energy(self, force: float, rest: float = 0.0) -> float:
-        """Energy of the spring at a force above that at its rest, another force that pulls steadily [J]."""
+        """Energy of the spring at a force above that at its rest.
+
+        Another force that pulls steadily [J].
+        """
         if self.hardening == 0.0:
             return 0.5 * (force - rest) * (force - rest) / self.stiffness
         x, r = self.stretch(force), self.stretch(rest)
@@ -197,7 +206,10 @@ class DragSettings:
 def build_probe(
     tool: Tool, ball_radius: float, contact: ContactLaw | None = None, /, **changes: Any
 ) -> Probe:
-    """Return the probe that rings as a tool does; its contact is that of steel on steel by default."""
+    """Return the probe that rings as a tool does.
+
+    Its contact is that of steel on steel by default.
+    """
     contact_law = (contact or Hertz()).power_law(ball_radius)
     probe = Probe(tool.stiffness, tool.effective_mass, tool.damping_ratio, *contact_law)
     return replace(probe, **changes)
@@ -230,7 +242,10 @@ class Setting:
     holder_mass: float
 
     def changes(self, tool: Tool, normal_load: float) -> dict[str, float]:
-        """Return the changes of the probe: a round rod is as stiff along the normal, the load behind it."""
+        """Return the changes of the probe.
+
+        A round rod is as stiff along the normal, the load behind it.
+        """
         carried = normal_load / 9.81 + self.holder_mass
         return {
             "damping_ratio": self.damping_ratio,

@@ -124,7 +124,10 @@ class Drag:
 
     @cached_property
     def events(self) -> pd.DataFrame:
-        """Every place that the tip came to, one row each; the columns are the fields of `DragEvent`."""
+        """Every place that the tip came to, one row each.
+
+        The columns are the fields of `DragEvent`.
+        """
         import pandas as pd
 
         found = [asdict(one) for one in list_events(self.trace, self.backward, self.within)]
@@ -213,7 +216,10 @@ class Drag:
         return summary
 
     def write(self, folder: Path) -> None:
-        """Write ``trace.csv``, ``events.csv``, ``drag.json``, ``force.png`` and, after a release, ``spectra.png``."""
+        """Write ``trace.csv``, ``events.csv``, ``drag.json``, ``force.png`` and, after a release.
+
+        ``spectra.png``.
+        """
         from stepblocks.drag.figures import draw_force, draw_spectra
 
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,7 @@
-"""One drag: a track, a probe and settings in; the trace, every passage and the energy ledger out."""
+"""One drag: a track, a probe and settings in.
+
+The trace, every passage and the energy ledger out.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The path of a tip as the integrator needs it: cubic pieces between nodes, and the kinks where two contacts share the load."""
+"""The path of a tip as the integrator needs it.
+
+Cubic pieces between nodes, and the kinks where two contacts share the load.
+"""
 
 import math
 from bisect import bisect
@@ -37,7 +40,10 @@ class Track(CentrePath):
 
     @cached_property
     def cubics(self) -> Array:
-        """Coefficients of each piece in powers of the distance from its left knot; shape (n - 1, 4)."""
+        """Coefficients of each piece in powers of the distance from its left knot.
+
+        Shape (n - 1, 4).
+        """
         h, a, b = np.diff(self.x), self.slope_start, self.slope_end
         d = np.diff(self.z) / h
         return np.column_stack(
@@ -46,7 +52,7 @@ class Track(CentrePath):
 
     @cached_property
     def branches(self) -> Array:
-        """Height, slope and half the curvature at each kink of the branch that ends and of the one that begins; shape (m, 2, 3)."""
+        """Height, slope, half the curvature of both branches at each kink; shape (m, 2, 3)."""
         h = np.diff(self.x)[self.kinks - 1]
         k0, k1, k2, k3 = self.cubics[self.kinks - 1].T
         ends = (
@@ -90,7 +96,10 @@ class Track(CentrePath):
 
     @cached_property
     def features(self) -> tuple[float, float]:
-        """Where the path first and last bends or slopes by more than a degree [m]; the middle if it is flat."""
+        """Where the path first and last bends or slopes by more than a degree [m].
+
+        The middle if it is flat.
+        """
         found = np.flatnonzero(np.maximum(*np.abs(self.slopes)) > math.tan(math.radians(1.0)))
         if found.size == 0:
             middle = 0.5 * float(self.x[0] + self.x[-1])
@@ -100,7 +109,10 @@ class Track(CentrePath):
 
 @lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
 def build_track(face: Counterface, ball_radius: float, backward: bool = False) -> Track:
-    """Track over a counterface: up a step in closed form, over anything else by dilating its section."""
+    """Track over a counterface: up a step in closed form.
+
+    Over anything else by dilating its section.
+    """
     if isinstance(face, Step) and not backward:
         return build_step_track(face.height, ball_radius, face.edge_radius)
     track = build_profile_track(*face.section(4.0 * ball_radius), ball_radius, backward=backward)

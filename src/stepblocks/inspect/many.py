@@ -341,7 +341,7 @@ def write_many(
     folder : str or Path
         Made where it is missing; the files of a block lie in a folder of its serial number.
     laboratory : Laboratory, optional
-        For the certificates, as `write_inspection` takes it; its serial number is that of the block.
+        For the certificates, as `write_inspection` takes it; its serial number is the block's.
 
     Returns
     -------

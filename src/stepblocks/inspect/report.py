@@ -356,7 +356,8 @@ def write_inspection(
     _draw(plot, result)
     paths += [plot, page]
     if result.stimulus is not None:
-        # the two formats know no degrees of freedom: the standard uncertainty is that whose 1.96-fold
+        # the two formats know no degrees of freedom: the standard uncertainty is that whose
+        # 1.96-fold
         # is the expanded one, so that it reads back as it was
         measured = evaluation.values
         filled = {

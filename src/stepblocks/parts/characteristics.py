@@ -210,7 +210,10 @@ def make_location(key: str, label: str, at: float, *faces: Rule) -> Characterist
 
 
 def make_edge_characteristics(burr: float, has_riser: bool) -> Iterator[Characteristic]:
-    """State the burr at the working edge (ISO 13715), at most `burr` [m], and the riser below it."""
+    """State the burr at the working edge (ISO 13715), at most `burr` [m].
+
+    And the riser below it.
+    """
     label = f"burr over the upper face within {BURR_ZONE * 1e3:g} mm of the edge"
     how = "profilometer or interferometer, ISO 13715"
     yield Characteristic("burr", label, "note", 0.0, 0.0, burr, method=how)

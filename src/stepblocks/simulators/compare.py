@@ -18,7 +18,7 @@ from stepblocks.contact.event import (
 )
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
-from stepblocks.predict.perception import PAPER_OBSERVER
+from stepblocks.predict.perception import LEVEL_DIFFERENCE
 from stepblocks.simulators.conditions import check_overrides, choose_operating_point
 from stepblocks.tables import read_si_columns, read_table, write_table
 
@@ -34,7 +34,7 @@ _EXPLAINED = 0.5  # least share of a tail that the fitted ring must explain
 _HAPTIC = "doi 10.1109/HAPTIC.2006.1627110"
 # Just noticeable differences as shares of the value, and where they stand. That of a decay was not
 # found for rings this short: an assumption, twice that of the energy which it changes
-_POWER = 10.0 ** (PAPER_OBSERVER.level_difference / 10.0) - 1.0
+_POWER = 10.0 ** (LEVEL_DIFFERENCE / 10.0) - 1.0
 JND = {
     "peak force": (
         0.07,

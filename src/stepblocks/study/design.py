@@ -103,8 +103,8 @@ class Balance:
             return "order of conditions balanced exactly, for position and for carry-over"
         return (
             f"order of conditions balanced to within {self.position_spread} per position and "
-            f"{self.follower_spread} per "
-            f"neighbour; exact at multiples of {len(make_williams_square(self.conditions))} participants"
+            f"{self.follower_spread} per neighbour; exact at multiples of "
+            f"{len(make_williams_square(self.conditions))} participants"
         )
 
 

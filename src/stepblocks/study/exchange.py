@@ -45,7 +45,10 @@ def read_foreign_judgements(
     experiment: str,
     ratings: tuple[int, int] = RATINGS,
 ) -> sheet.Judgements:
-    """Read judgements from tables, or a dataset, that no design of ours stands behind; `columns` gives their name for ours."""
+    """Read judgements from tables, or a dataset, that no design of ours stands behind.
+
+    `columns` gives their name for ours.
+    """
     # The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What
     # is not there is numbered (trial, repetition) or told from the height (stimulus).
     experiment = ALIASES.get(experiment, experiment)
@@ -81,8 +84,8 @@ def read_foreign_judgements(
         for name in ("height_um", "standard_height_um"):
             require(
                 low <= read_number(one.get(name, one["height_um"])) <= high,
-                f"{name} must be a number from {low:g} to {high:g} um, got {one.get(name)!r}; is the "
-                f"unit of its column right? {at}",
+                f"{name} must be a number from {low:g} to {high:g} um, got {one.get(name)!r}; is "
+                f"the unit of its column right? {at}",
             )
         one.setdefault("stimulus", f"step-{height:03.6g}")
         one.setdefault("standard_height_um", one["height_um"])

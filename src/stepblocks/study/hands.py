@@ -1,4 +1,7 @@
-"""Who moves the probe: a mouse, or a device through its maker's C library, loaded when it is asked for."""
+"""Who moves the probe: a mouse, or a device through its maker's C library.
+
+Loaded when it is asked for.
+"""
 
 # A hand says where it is [m], how fast it moves [m/s] and whether its dead-man switch is held, and
 # takes a force [N]; axes are those of the scene: x along the drag, y along the edge, z up,
@@ -51,7 +54,10 @@ class Hand(ABC):
 
 
 class Mouse(Hand):
-    """A mouse whose page sends positions now and then; its virtual hand keeps the load, as the weights of the bench do."""
+    """A mouse whose page sends positions now and then.
+
+    Its virtual hand keeps the load, as the weights of the bench do.
+    """
 
     def __init__(self, load: float, wall: float, top: float) -> None:
         self._load, self._wall, self._top = load, wall, top
@@ -63,7 +69,10 @@ class Mouse(Hand):
         self._target, self._held, self._heard = x, held, time.monotonic()
 
     def read(self) -> tuple[Array, Array, bool]:
-        """Follow the last position smoothly; a hand that takes hold comes down from above where it is."""
+        """Follow the last position smoothly.
+
+        A hand that takes hold comes down from above where it is.
+        """
         held = self._held and time.monotonic() - self._heard < _SILENCE
         if held and not self._down:
             self._position[:] = (self._target, 0.0, self._top)
@@ -150,7 +159,10 @@ class _HDError(ctypes.Structure):
 
 
 class OpenHaptics(Hand):
-    """Touch and Phantom through ``libHD``, whose scheduler calls back a thousand times a second; button 1 is the dead-man switch."""
+    """Touch and Phantom through ``libHD``, whose scheduler calls back a thousand times a second.
+
+    Button 1 is the dead-man switch.
+    """
 
     motors = True
     _POSITION, _VELOCITY, _BUTTONS, _FORCE, _OUTPUT = 0x2050, 0x2051, 0x2000, 0x2700, 0x4000

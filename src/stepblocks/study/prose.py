@@ -35,7 +35,8 @@ def _describe_finding(result: StudyResult, finding: Finding) -> str:
         return _describe_measure(measure, finding, result.reference, p)
     if finding.name == "realism" and result.ordinal:
         ratios = "; ".join(
-            f"{one.ratio:.2g} (95 % {one.low:.2g} to {one.high:.2g}) with {one.first} over {one.second}"
+            f"{one.ratio:.2g} (95 % {one.low:.2g} to {one.high:.2g}) with {one.first} over "
+            f"{one.second}"
             for one in result.ordinal.effects
             if result.reference in ("", one.first, one.second)
         )
@@ -101,7 +102,8 @@ def _describe_levels(result: StudyResult) -> Iterator[str]:
                 f"(95 % {least:.2g} to {most:.2g}), means over {len(found.people)} participants"
             )
         for curve in found.curves if not found.equal else ():
-            yield f"{where}comparisons of participant {curve.who}: {curve.reason or 'see the table'}"
+            reason = curve.reason or "see the table"
+            yield f"{where}comparisons of participant {curve.who}: {reason}"
     for law in result.power_laws:
         where = f"with {law.condition}, " if len(result.power_laws) > 1 else ""
         yield (

@@ -1,4 +1,7 @@
-"""The servo loop: read the hand, tick the renderer, hold the force within limits, give it back; a thousand times a second."""
+"""The servo loop: read the hand, tick the renderer, hold the force within limits, give it back.
+
+A thousand times a second.
+"""
 
 import ctypes
 import gc
@@ -33,7 +36,10 @@ _WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept t
 
 
 def raise_priority(priority: int) -> None:
-    """Ask the system, where it lets us, to wake this thread before others and on time: a sleep may else last 50 us longer."""
+    """Ask the system, where it lets us, to wake this thread before others and on time.
+
+    A sleep may else last 50 us longer.
+    """
     # Threads that it starts take the priority over. Who holds the interpreter while the servo waits
     # for it needs one too, though a lower one: any other program could else put both off.
     with suppress(OSError, AttributeError):
@@ -177,7 +183,10 @@ class Servo(threading.Thread):
         return dict(zip(COLUMNS, self._log[: self.ticks].T.copy(), strict=True))
 
     def summary(self) -> dict[str, float]:
-        """Return how many ticks there were, how many came late, and the 99.9 % quantile of lateness [s]."""
+        """Return how many ticks there were, how many came late.
+
+        And the 99.9 % quantile of lateness [s].
+        """
         late = self._log[: self.ticks, -1]
         worst = float(np.quantile(late, 0.999)) if self.ticks else 0.0
         return {
@@ -188,7 +197,10 @@ class Servo(threading.Thread):
 
 
 def write_motion(path: Path, servo: Servo, told: dict[str, Any]) -> None:
-    """Write a trial's motion and forces as HDF5, one dataset per column, beside its place and renamed."""
+    """Write a trial's motion and forces as HDF5, one dataset per column.
+
+    Beside its place and renamed.
+    """
     import h5py
 
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -84,7 +84,10 @@ def format_key(blocks: Mapping[str, Mapping[str, Item]]) -> str:
 
 
 def write_new_files(folder: Path, texts: Mapping[str, str | bytes]) -> None:
-    """Write files that people work on: one that stands there with another content is theirs and stays."""
+    """Write files that people work on.
+
+    One that stands there with another content is theirs and stays.
+    """
     contents = {
         name: text.encode() if isinstance(text, str) else text for name, text in texts.items()
     }
@@ -107,7 +110,10 @@ def simulate_answers(
     seed: int,
     noise: Mapping[str, float] = MappingProxyType({}),
 ) -> list[dict[str, str]]:
-    """Fill in the run sheets of a design, from each block's energy [J] and the share of it that a condition lets through."""
+    """Fill in the run sheets of a design.
+
+    From each block's energy [J] and the share of it that a condition lets through.
+    """
     import pandas as pd
 
     named = [name for row in design for name in (row["stimulus"], row["standard"]) if name]
@@ -240,7 +246,10 @@ def read_design(path: Path) -> list[dict[str, str]]:
 
 
 def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
-    """Follow folders to the CSV files in them, and datasets as `share_study` writes them to their tables."""
+    """Follow folders to the CSV files in them.
+
+    And datasets as `share_study` writes them to their tables.
+    """
     found = list[Path]()
     for path in map(Path, paths):
         shared = sorted([*path.glob("sub-*/beh/*_beh.tsv"), *path.glob("data/**/*_data.csv")])
@@ -286,7 +295,10 @@ def join_rows(
     asked: Mapping[Key, Row] | None = None,
     mistakes: Sequence[Mistake] = (),
 ) -> Judgements:
-    """Check judgements, each a planned trial and its answer, and tell all mistakes; what was `asked` and not answered is missing."""
+    """Check judgements, each a planned trial and its answer, and tell all mistakes.
+
+    What was `asked` and not answered is missing.
+    """
     import pandas as pd
 
     kind, planned = EXPERIMENTS[experiment], asked or _by_trial([row for row, _ in pairs])

@@ -55,7 +55,10 @@ class Observer:
 
     @property
     def sensation_noise(self) -> float:
-        """Standard deviation of the logarithm of one felt energy [1], whose difference of two is ln(1 + weber) / 0.6745."""
+        """Standard deviation of the logarithm of one felt energy [1].
+
+        Whose difference of two is ln(1 + weber) / 0.6745.
+        """
         return math.log1p(self.weber) / Z75 / math.sqrt(2.0)
 
 
@@ -65,7 +68,10 @@ TYPICAL_OBSERVER = Observer()
 def read_off_height(
     energy: Any, heights: Sequence[float] | Array, energies: Sequence[float] | Array
 ) -> Array:
-    """Read the height that usually gives an energy off those that are known, by straight lines through logarithms."""
+    """Read the height that usually gives an energy off those that are known.
+
+    By straight lines through logarithms.
+    """
     order = np.argsort(heights)
     y, x = (
         np.log(np.asarray(heights, dtype=np.float64)[order]),
@@ -93,7 +99,10 @@ def simulate_sensation(
 def estimate_heights(
     trials: Any, known: tuple[Array, Array], observer: Observer, generator: np.random.Generator
 ) -> Array:
-    """Let participants estimate heights [m]; `known` are heights [m] and undamped energies [J] that they connect."""
+    """Let participants estimate heights [m].
+
+    `known` are heights [m] and undamped energies [J] that they connect.
+    """
     person, setting = trials["person"].to_numpy(), trials["setting"].to_numpy()
     heights = trials["height"].to_numpy()
     estimates = read_off_height(
@@ -134,7 +143,10 @@ def _share_of(hits: int, runs: int) -> dict[str, float]:
 def estimate_detection_power(
     participants: int, trials: int, ratio: float, observer: Observer, runs: int, seed: int
 ) -> dict[str, float]:
-    """Estimate how often a pair of blocks, whose energies have a ratio, is told apart: participants' shares right against one half."""
+    """Estimate how often a pair of blocks, whose energies have a ratio, is told apart.
+
+    Participants' shares right against one half.
+    """
     from scipy import stats
 
     require(participants >= 2, f"a t-test over participants needs at least 2, got {participants}")
@@ -228,7 +240,10 @@ def simulate_frame(plan: SimulatedStudy, seed: int) -> Any:
 def estimate_power(
     plan: SimulatedStudy, analysis: str = "mixed", runs: int = 200, seed: int = 1, jobs: int = 1
 ) -> dict[str, float]:
-    """Estimate the power of a study at the 5 % level by simulation; `analysis` is one of `ANALYSES`."""
+    """Estimate the power of a study at the 5 % level by simulation.
+
+    `analysis` is one of `ANALYSES`.
+    """
     from joblib import Parallel, delayed
 
     from stepblocks.workers import die_with_parent

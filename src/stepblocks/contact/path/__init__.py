@@ -1,1 +1,4 @@
-"""The path of a tip over a surface: exact dilation of profiles and height maps, and where the tip catches."""
+"""The path of a tip over a surface.
+
+Exact dilation of profiles and height maps, and where the tip catches.
+"""

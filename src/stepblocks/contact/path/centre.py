@@ -1,4 +1,7 @@
-"""The path of the ball's centre over a stimulus, what a point-like proxy slides on: corners become circles, planes lines."""
+"""The path of the ball's centre over a stimulus, what a point-like proxy slides on.
+
+Corners become circles, planes lines.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,9 @@ class FeatureRange(NamedTuple):
 
 @dataclass(frozen=True)
 class CentrePath:
-    """Path of one point of a ball as pieces between knots, each with slopes of its own at both ends.
+    """Path of one point of a ball as pieces between knots.
+
+    Each with slopes of its own at both ends.
 
     Attributes
     ----------
@@ -105,7 +110,7 @@ def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
 
 
 def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> CentrePath:
-    """Upper envelope of circles (centre, radius grown by the ball) and of lines lifted by the ball."""
+    """Upper envelope of circles grown by the ball and of lines lifted by it."""
     start, end = lines[0][0][0], lines[-1][1][0]
     shapes = _Shapes(discs, lines, ball_radius)
     knots = np.unique(np.clip(np.concatenate([[start, end], shapes.knots()]), start, end))

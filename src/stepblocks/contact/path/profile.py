@@ -1,4 +1,7 @@
-"""The path of a probe tip over a profile: exact dilation by a ball, what it touches, and where the tip catches."""
+"""The path of a probe tip over a profile.
+
+Exact dilation by a ball, what it touches, and where the tip catches.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,10 @@ def build_profile_path(
     positions: Floats | None = None,
     edges: Edges = "strict",
 ) -> TipPath:
-    """Path of a ball [m] over points in order of `x`, joined by lines; two at one place are a riser, NaN was not measured."""
+    """Path of a ball [m] over points in order of `x`, joined by lines.
+
+    Two at one place are a riser, NaN was not measured.
+    """
     # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase; "strict" keeps
     # to those at which nothing beyond the ends could be touched, "flat" lets the surface go on
     # level
@@ -178,7 +184,10 @@ def _catch(slope: float, where: float, contact: float) -> Catch:
 
 
 def find_interval_slopes(path: TipPath, floor: float) -> NDArray[np.float64]:
-    """Steepest rise between neighbouring positions, where, and the contact there; shape (n - 1, 3)."""
+    """Steepest rise between neighbouring positions, where, and the contact there.
+
+    Shape (n - 1, 3).
+    """
     if path.position.size < 2:
         raise ContactError("a drag needs a path of at least 2 positions")
     radius = path.ball_radius

@@ -1,4 +1,7 @@
-"""Compiled kernels of the exact dilation of a profile; nothing is checked here, see `stepblocks.contact.path.profile`."""
+"""Compiled kernels of the exact dilation of a profile.
+
+Nothing is checked here, see `stepblocks.contact.path.profile`.
+"""
 
 import math
 from typing import Any
@@ -29,7 +32,7 @@ def _compute_rest_height(
 def find_best_contact(
     x: float, first: int, last: int, elements: Array, radius: float
 ) -> tuple[float, float, int]:
-    """Height of the tip at `x`, contact position and element (-1 for none) among elements `first` to `last`."""
+    """Height of the tip at `x`, contact position and element among `first` to `last`, or -1."""
     low, high = x - radius, x + radius
     best, where, which = -np.inf, math.nan, -1
     for e in range(first, last + 1):
@@ -47,7 +50,7 @@ def find_best_contact(
 
 @njit(cache=True)
 def dilate_profile(positions: Array, elements: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Height of the tip, contact position and contact element at each of the increasing `positions`."""
+    """Height of the tip, contact position and element at each of the increasing `positions`."""
     n = positions.size
     height, contact, which = np.empty(n), np.empty(n), np.empty(n, np.int64)
     # first and last element within the tip's reach at each position
@@ -88,7 +91,10 @@ def _compute_slope(x: float, u: float, radius: float) -> float:
 
 @njit(cache=True)
 def compute_path_slopes(positions: Array, contact: Array, which: Array, radius: float) -> Array:
-    """Slope of the path at each position, from the contact found there; NaN where nothing is touched."""
+    """Slope of the path at each position, from the contact found there.
+
+    NaN where nothing is touched.
+    """
     slopes = np.full(positions.size, np.nan)
     for k in range(positions.size):
         if which[k] >= 0:
@@ -149,7 +155,10 @@ def find_steepest_in_each(
     radius: float,
     tolerance: float,
 ) -> Array:
-    """Steepest rise between neighbours, where, and the contact there, shape (n - 1, 3); below `floor` the left end's alone."""
+    """Steepest rise between neighbours, where, and the contact there, shape (n - 1, 3).
+
+    Below `floor` the left end's alone.
+    """
     n = positions.size
     found = np.full((n - 1, 3), np.nan)
     right_slope = compute_path_slopes(positions, contact, which, radius)

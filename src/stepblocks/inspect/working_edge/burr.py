@@ -1,8 +1,8 @@
 """Burr at a working edge (ISO 13715): how far material stands over the upper face near the edge.
 
 A single isolated point is a spike: it does not count, and is reported. Two neighbours that stand up
-together do count. What noise alone lets stand up is known from the valleys of the same face and from
-the lower face, and half of it is taken off.
+together do count. What noise alone lets stand up is known from the valleys of the same face and
+from the lower face, and half of it is taken off.
 """
 
 from dataclasses import dataclass
@@ -34,8 +34,8 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
 
     `across`, shape (ny, nx), is the distance from the edge towards the upper face, and `height`, of
     the same shape, the height over the lower face, tilt removed, nan where nothing was measured.
-    `step` is the height of the upper face over the lower one, `exclusion` the half width kept out of
-    the faces.
+    `step` is the height of the upper face over the lower one, `exclusion` the half width kept out
+    of the faces.
     """
     known = np.isfinite(height)
     asked = (across > 0.0) & (across <= ZONE)

@@ -13,9 +13,9 @@ _WORTH_SAYING = 0.01  # relative change of the energy from which a cause is name
 def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     """Say how the energy that the edge releases differs from the nominal block's, and why.
 
-    The nominal step and the step as built are compared under the first tip, load and friction of the
-    grid; the scanned surface only where the edge is no arc and was seen. Empty where height and edge
-    radius were not both measured.
+    The nominal step and the step as built are compared under the first tip, load and friction of
+    the grid; the scanned surface only where the edge is no arc and was seen. Empty where height and
+    edge radius were not both measured.
     """
     values = result.evaluation.values
     nominal = {one.key: one.nominal for one, _ in result.judged}

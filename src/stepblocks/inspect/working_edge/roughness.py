@@ -9,7 +9,8 @@ from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import Array, Estimate, find_outliers
 
-# ISO 21920-3, defaults by the upper limit of Ra: limit up to, cut-off, nesting index of the S filter,
+# ISO 21920-3, defaults by the upper limit of Ra: limit up to, cut-off, nesting index of the S
+# filter,
 # largest sampling interval [all m]; an evaluation takes five cut-offs
 _SETTINGS = (
     (0.02e-6, 0.08e-3, 2.5e-6, 0.5e-6),

@@ -1,4 +1,7 @@
-"""The junction of crown and tooth (Holmes et al. 1989; docs/reference/stimulus-file.md), as a block."""
+"""The junction of crown and tooth (Holmes et al. 1989; docs/reference/stimulus-file.md).
+
+As a block.
+"""
 
 import itertools
 import math

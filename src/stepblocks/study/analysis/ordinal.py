@@ -136,7 +136,10 @@ def _model() -> Any:
     from statsmodels.tools.numdiff import approx_fprime
 
     class ProportionalOdds(OrderedModel):  # type: ignore[misc]
-        """statsmodels differentiates its likelihood numerically, ten times slower and to six digits."""
+        """statsmodels differentiates its likelihood numerically.
+
+        Ten times slower and to six digits.
+        """
 
         def score_obs(self, params: Any) -> Any:
             low, high = self._bounds(params)

@@ -213,8 +213,8 @@ def _without_lapses(log_x: Array, k: Array, n: Array) -> tuple[float, float]:
     flat = fit.params[1] <= 0.0 or np.ptp(share) == 0.0
     require(not flat, "answers must rise with the level, got ones that do not")
     said = (
-        "answers jump from none to all between two levels: the spread is not determined; add levels "
-        "between them"
+        "answers jump from none to all between two levels: the spread is not determined; add "
+        "levels between them"
     )
     require(np.any((share > 0.0) & (share < 1.0)), said)
     return -fit.params[0] / fit.params[1], math.log(1.0 / fit.params[1])
