@@ -3,6 +3,7 @@
 import difflib
 import functools
 import inspect
+import reprlib
 from collections.abc import Callable, Mapping
 from typing import ParamSpec, TypeVar
 
@@ -13,7 +14,6 @@ R = TypeVar("R")
 
 # what Python and its libraries raise over a value of a wrong type, shape or size
 _MISUSE = (TypeError, AttributeError, ValueError, LookupError, ArithmeticError, RecursionError)
-_LONGEST = 60  # characters of a value in a message
 
 
 def guard(function: Callable[P, R], name: str) -> Callable[P, R]:
@@ -33,8 +33,8 @@ def guard(function: Callable[P, R], name: str) -> Callable[P, R]:
         except _MISUSE as error:
             # the cause stays attached, since it may also be a mistake of this program
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            shown = ", ".join(f"{key}={_shorten(value)}" for key, value in given.items())
-            message = f"{name} cannot use these values: {reason:.200} [{shown}]"
+            shown = " ".join(f"{key}={reprlib.repr(value)}" for key, value in given.items())
+            message = f"{name} cannot use these values: {reason:.200} [{' '.join(shown.split())}]"
             raise UsageError(message) from error
 
     guarded.__module__, guarded.__qualname__ = "stepblocks", name
@@ -52,12 +52,3 @@ def _describe_call(
     close = difflib.get_close_matches(unknown[0], known, 1)
     hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"
     return f"{unknown[0]!r} is not a keyword; {hint}"
-
-
-def _shorten(value: object) -> str:
-    # Write a value on one line, however long or wide it is
-    if (shape := getattr(value, "shape", None)) is not None:
-        return f"{type(value).__name__} of shape {shape}"
-    text = value if isinstance(value, str) else repr(value)[:1000]
-    folded = " ".join(text.split())
-    return folded if len(folded) <= _LONGEST else f"{folded[:_LONGEST]}..."

@@ -54,8 +54,7 @@ _LINKED = {
     ".json",
 }  # files that the page links
 _INK, _COLOURS = "#71828f", ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900")
-_WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH: "no catch"}
-_WORDS |= {
+_WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH: "no catch"} | {
     status: f"beyond the {status.removeprefix('beyond-')}, no energy,"
     for status in Status
     if status.is_beyond_limit

@@ -17,8 +17,15 @@ Floats = NDArray[np.float64]
 
 # what a trial shows: logarithms of J, N, Hz and s; spring constant over its nominal value; measured
 # over set load
-CHANNELS: tuple[str, ...] = ("ln_energy", "ln_peak_force", "sliding_friction", "spring_constant")
-CHANNELS += ("ln_ring_frequency", "ln_decay_time", "normal_load_ratio")
+CHANNELS: tuple[str, ...] = (
+    "ln_energy",
+    "ln_peak_force",
+    "sliding_friction",
+    "spring_constant",
+    "ln_ring_frequency",
+    "ln_decay_time",
+    "normal_load_ratio",
+)
 
 _STEEPEST = np.deg2rad(
     89.0

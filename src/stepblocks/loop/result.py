@@ -39,8 +39,15 @@ _READ = {
     "ln_decay_time": ("decay_time", "s"),
 }
 # units of covariates by the ends of their names, the longest first
-_UNITS = {"_mm_s": "(mm/s)", "run_order": "trial", "_pct": "%", "_um": "um"}
-_UNITS |= {"_c": "K", "_n": "N", "_s": "s"}
+_UNITS = {
+    "_mm_s": "(mm/s)",
+    "run_order": "trial",
+    "_pct": "%",
+    "_um": "um",
+    "_c": "K",
+    "_n": "N",
+    "_s": "s",
+}
 
 
 @dataclass(frozen=True)

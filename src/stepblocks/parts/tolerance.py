@@ -18,8 +18,6 @@ _SENSIBLE = {
     "force": (1e-6, 1e3),
     "stiffness": (1e-3, 1e9),
     "time": (1e-9, 10.0),
-}
-_SENSIBLE |= {
     "frequency": (0.01, 1e7),
     "pressure": (1.0, 1e13),
     "density": (0.1, 1e5),

@@ -28,8 +28,11 @@ COLUMNS = (
     "y_m",
     "z_m",
     *(f"{name}_{axis}_n" for name in ("force", "applied") for axis in "xyz"),
+    "pull_n",
+    "held",
+    "events",
+    "late_s",
 )
-COLUMNS += ("pull_n", "held", "events", "late_s")
 
 
 _WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept through [s]

@@ -31,8 +31,12 @@ _SHOWN: tuple[str, ...] = (
     "conforming_share",
     "energy_uj",
     "energy_95_low_uj",
+    "energy_95_high_uj",
+    "height_deviation_um",
+    "permitted_um",
+    "status",
+    "note",
 )
-_SHOWN += ("energy_95_high_uj", "height_deviation_um", "permitted_um", "status", "note")
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 

@@ -32,9 +32,8 @@ _STYLE = {
     "dimasz": 2.5,
     "dimexe": 1.2,
     "dimexo": 0.8,
-}
-_STYLE |= {"dimgap": 0.8, **dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), 7)}
-_STYLE |= {
+    "dimgap": 0.8,
+    **dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), 7),
     **dict.fromkeys(("dimtad", "dimtofl"), 1),
     **dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0),
 }

@@ -39,15 +39,20 @@ _NAMED = (
     "x3p sdf sur plux gwy opdx nid opd datx al3d plu zon vk4 ezd ibw mi mnt tmd stp top frt spm di"
 )
 # what the reader calls each ending
-FORMATS = {f".{name}": name for name in _NAMED.split()}
-FORMATS |= {".nid": "ezd", ".vk4": "vk", ".stp": "wsxm", ".top": "wsxm", ".spm": "di"}
+FORMATS = {f".{name}": name for name in _NAMED.split()} | {
+    ".nid": "ezd",
+    ".vk4": "vk",
+    ".stp": "wsxm",
+    ".top": "wsxm",
+    ".spm": "di",
+}
 # beginnings of files whose ending says little, such as .dat or .001
 _MAGIC = {
     b"\x88\x1b\x03\x6f": "metropro",
     b"\x88\x1b\x03\x70": "metropro",
     b"\x88\x1b\x03\x71": "metropro",
+    b"\\*Fi": "di",
 }
-_MAGIC |= {b"\\*Fi": "di"}
 # a channel that a reader takes for heights by its unit, and whose name says otherwise
 _NO_HEIGHT = re.compile(
     r"(?i)deflection|amplitude|phase|error|friction|adhesion|current|potential|lateral|user"

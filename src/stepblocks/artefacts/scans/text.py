@@ -25,16 +25,16 @@ LENGTH_UNITS = {
     "mm": 1e3,
     "cm": 1e2,
     "m": 1.0,
-}
-LENGTH_UNITS |= {
     "nanometer": 1e9,
     "micrometer": 1e6,
     "micron": 1e6,
     "microns": 1e6,
     "millimeter": 1e3,
     "meter": 1.0,
+    "angstrom": 1e10,
+    "Å": 1e10,
+    "\u212b": 1e10,
 }
-LENGTH_UNITS |= {"angstrom": 1e10, "Å": 1e10, "\u212b": 1e10}
 
 _MOST_BYTES = 256 * 2**20
 _MOST_HEADER_LINES = 400
