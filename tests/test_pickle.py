@@ -19,7 +19,7 @@ SETS = {
 PARTS = {type(part).__name__: part for one in SETS.values() for part in one.stimuli}
 X = np.linspace(-1e-3, 1e-3, 9)
 EXAMPLES = {
-    "Instrument": lambda: sb.Instrument(0.001, 1e-9),
+    "Instrument": sb.Instrument(0.001, 1e-9),
     **PARTS,
     "StimulusSet": SETS["paper-ten"],
     "Dimension": SETS["paper-ten"].stimuli[0].height,

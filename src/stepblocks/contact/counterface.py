@@ -72,31 +72,19 @@ class Counterface(ABC):
 
     @property
     def dimensions(self) -> dict[str, float]:
-        """What the critical angles depend on beside the ball, by name [SI].
-
-        Empty where they have no closed form.
-        """
+        """Dimensions of the closed form of the critical angles, by name [SI]; empty without one."""
         return {name: getattr(self, name) for name in self._dimensions}
 
     @abstractmethod
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
-        """Critical angles [rad], forward and backward, of balls and `dimensions`.
-
-        0 where nothing catches, a right angle at a riser.
-        """
+        """Critical angles [rad], forward and backward; 0 without a catch, pi / 2 at a riser."""
 
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
-        """Differentiate the forward angle by the dimensions and the ball's radius [rad/m].
-
-        Where that is a closed form.
-        """
+        """Differentiate the forward angle by the dimensions and the ball's radius [rad/m]."""
         return {}
 
     def deviate_dimensions(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
-        """Dimensions that deviate by so much from the nominal.
-
-        Kept where the critical angles are defined [m].
-        """
+        """Dimensions that deviate from the nominal, kept where the angles are defined [m]."""
         return {
             name: np.maximum(value + deviations.get(name, 0.0), 0.0)
             for name, value in self.dimensions.items()
@@ -210,9 +198,7 @@ class Step(Counterface):
 
 @dataclass(frozen=True)
 class Margin(Counterface):
-    """Tooth, gap and crown in the terms of Holmes et al.
-
-    (1989), bevelled at 45 degrees where it opens beyond the gap.
+    """Tooth, gap and crown (Holmes 1989), bevelled at 45 degrees beyond the gap.
 
     Attributes
     ----------
@@ -296,10 +282,7 @@ class Groove(Counterface):
         convert_field(self, "flank", "angle", 0.5 * math.pi, low=1e-3)
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
-        """From between the shoulders, ``sin a = g / 2R``.
-
-        A ball that sinks onto the flanks leaves along them.
-        """
+        """``sin a = g / 2R``, or along the flanks onto which the ball sinks."""
         at = self.dimensions | dimensions
         angle = unwrap_scalar(
             np.minimum(margin_angles(at["width"], 0.0, ball_radius)[0], at["flank"])
