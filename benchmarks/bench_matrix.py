@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
-from stepblocks.bench.measure import measure
+from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
 from stepblocks.loop.calibration import read_calibration
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
@@ -186,7 +186,7 @@ def run_one(name: str, trials: int, seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="stepblocks-matrix-") as scratch:
         folder = Path(scratch) / "session"
         write_session(folder, plan, seed)
-        features = measure(folder, jobs=1)
+        features = measure_session(folder, jobs=1)
         blocks = sorted(set(features["block"].dropna()))
         scans, _ = scan_blocks(folder, "scans/{block}.csv", blocks)
         spring, known = open_session(folder).probe.spring_constant, read_calibration(folder)

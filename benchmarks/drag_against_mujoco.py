@@ -18,8 +18,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import release_at
+from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.energy import find_release
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track
@@ -132,7 +132,7 @@ def main() -> None:
     ratios: dict[tuple[str, float], list[float]] = {}
     for speed in (1e-3, 5e-3):
         for case in CASES:
-            formula = release_at(step_angle(case[0], R), case[1], case[2]).pull_force
+            formula = find_release(find_step_angle(case[0], R), case[1], case[2]).pull_force
             head = f"{speed * 1e3:g} mm/s, H {case[0] * 1e6:3.0f} um"
             limit = mujoco_drag(*case, speed, 2.5e-6)[1]
             theirs = {}

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.contact.counterface import Step
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings, Probe
 from stepblocks.drag.ring import RING_BAND, compute_band_share, compute_phase_spectrum, measure_ring
@@ -48,7 +48,7 @@ def row(
     trace = simulate_drag(
         build_step_track(height, R), probe, DragSettings(load, mu, speed=5e-3, **friction)
     )
-    formula = release_at(step_angle(height, R), load, friction.get("static_friction", mu))
+    formula = find_release(find_step_angle(height, R), load, friction.get("static_friction", mu))
     if trace.status is not Status.RELEASES:
         print(
             f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.status} | | | | | | | | |"

@@ -13,7 +13,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from oracles.virtual_session import Plan, write_session
-from stepblocks.bench.measure import measure
+from stepblocks.bench.measure import measure_session
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.session_table import scan_blocks
 
@@ -30,7 +30,7 @@ def main():
             session = Path(folder) / "integrated"
             plan = Plan(trials=trials)
             write_session(session, plan, seed)
-            features = measure(session)
+            features = measure_session(session)
             scans, _ = scan_blocks(
                 session, "scans/{block}.csv", sorted(set(features["block"].dropna()))
             )

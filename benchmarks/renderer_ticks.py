@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.contact.event import compute_ring_energy, vibration_events
+from stepblocks.contact.event import compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.simulators.renderer import Renderer
@@ -36,7 +36,7 @@ def main() -> None:
 
 def one(stimulus: object) -> np.ndarray:
     renderer = Renderer(stimulus.counterface().centre_path(POINT.ball_radius), POINT, rate=RATE)
-    event = vibration_events(stimulus.counterface(), POINT)[0]
+    event = list_vibration_events(stimulus.counterface(), POINT)[0]
     runs = [drag(renderer, event) for _ in range(REPEATS)]
     nanoseconds, energy = np.array([times for times, _ in runs]), runs[0][1]
     row(stimulus.id, nanoseconds, energy, event.energy)

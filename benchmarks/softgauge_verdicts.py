@@ -4,8 +4,8 @@ Burr, ramp, patch, rotation, cone, form, groove.
 
 Every gauge draws its truth, its instrument (stylus or optical, calibration off by what is stated)
 and its noise from its own number. Each characteristic that was judged is compared with the truth: a
-false "conforms", a false "does not conform", and whether the interval of the value holds the truth. A run
-that is broken off goes on where it was: one line of JSON for each gauge.
+false "conforms", a false "does not conform", and whether the interval of the value holds the truth.
+A run that is broken off goes on where it was: one line of JSON for each gauge.
 
     python benchmarks/softgauge_verdicts.py [COUNT] [FILE]
 """

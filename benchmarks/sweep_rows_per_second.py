@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from stepblocks.predict.sweep.plan import load_sweep
-from stepblocks.predict.sweep.run import sweep
+from stepblocks.predict.sweep.run import run_sweep
 
 TEXT = """
 [sweep]
@@ -37,14 +37,14 @@ def main() -> None:
             path.write_text(TEXT.format(rows=rows, size=size, mode=mode))
             plans[mode] = load_sweep(path)
             begin = time.perf_counter()
-            sweep(plans[mode], folder / f"{mode}-0")
+            run_sweep(plans[mode], folder / f"{mode}-0")
             print(
                 f"{mode:6s} in this process: {rows / (time.perf_counter() - begin):8.0f} rows/s",
                 flush=True,
             )
         for mode, plan in plans.items():
             begin = time.perf_counter()
-            sweep(plan, folder / f"{mode}-2", jobs=2)
+            run_sweep(plan, folder / f"{mode}-2", jobs=2)
             seconds = time.perf_counter() - begin
             same = all(
                 path.read_bytes() == (folder / f"{mode}-0" / path.name).read_bytes()

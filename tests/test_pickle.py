@@ -29,7 +29,7 @@ EXAMPLES = {
     "Profile": sb.Profile(X, np.where(X > 0.0, 25e-6, 0.0)),
     "OperatingPoint": sb.PAPER,
     "Tool": sb.PAPER.tool,
-    "Release": sb.release_at(0.5, 1.0, 0.15),
+    "Release": sb.find_release(0.5, 1.0, 0.15),
     "Status": sb.Status.LOCKED,
     "Stribeck": sb.Stribeck(0.2, 0.1, 1e-3),
     "Hertz": sb.Hertz(),
@@ -73,5 +73,5 @@ def test_every_public_function_can_be_named_to_another_process(name):
 
 def test_an_error_crosses_with_its_message():
     with pytest.raises(sb.StepblocksError) as caught:
-        sb.step_angle(-1.0, 1.0)
+        sb.find_step_angle(-1.0, 1.0)
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)

@@ -4,20 +4,20 @@ Everything that a command does is also a function. The public names, in the orde
 
 - declare: `load_set`, `StimulusSet`, `StepBlock`, `MarginBlock`, `CrownOnTooth`, `ScannedMargin`,
   `StraightTip`, `HookTip`, `Sheath`, `Dimension`; `register_kind` for a kind of your own;
-- shape: `build_solids`, `mesh_solid`, `build_convex_pieces`, `height_field`;
+- shape: `build_solids`, `mesh_solid`, `build_convex_pieces`, `sample_height_field`;
 - build and check: `build_sets`, `BuildReport`, `check_output`, `check_artefact`, `check_step`,
   `Verdict`, `order_parts`;
 - contact: `Counterface`, `Step`, `Margin`, `Groove`, `Profile`, under an `OperatingPoint` with its
   `Tool`; the paper's is `PAPER`;
 - laws of friction and contact: `FrictionLaw`, `Stribeck`, `ContactLaw`, `Hertz`, `LinearContact`;
-- predict: `step_angle`, `margin_angles`, `release_at`, `Release`, `Status`, `interval_of`,
-  `energy_change`, `predict_set`, `predict_table`, `predict_trials`, `to_dataset`,
-  `plot_predictions`,
-  `sweep`, `SweepResult`, `drag_over`, `vibration_events`;
-- render: `export`, `feel`, `compare`, `Renderer`;
+- predict: `find_step_angle`, `find_margin_angles`, `find_release`, `Release`, `Status`,
+  `estimate_interval`, `find_energy_change`, `predict_set`, `predict_table`, `predict_trials`,
+  `to_dataset`, `plot_predictions`, `run_sweep`, `SweepResult`, `drag_over`,
+  `list_vibration_events`;
+- render: `export_scenes`, `write_feel_page`, `compare_record`, `Renderer`;
 - measure: `read_scan`, `list_channels`, `inspect_scan`, `inspect_standard`, `inspect_many`,
   `EvaluationOptions`, `Instrument`, `read_laboratory`, `write_inspection`, `write_many`,
-  `read_as_built`, `measure`,
+  `read_as_built`, `measure_session`,
   `simulate_session`;
 - explain: `loop_session`, `loop_sessions`, `read_model`;
 - experiments: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`,
@@ -37,8 +37,20 @@ __version__ = "1.0.0"
 # names of version 0.1, kept for one release
 _RENAMED = {
     "How": "EvaluationOptions",
+    "compare": "compare_record",
     "convex_pieces": "build_convex_pieces",
+    "energy_change": "find_energy_change",
+    "export": "export_scenes",
+    "feel": "write_feel_page",
+    "height_field": "sample_height_field",
+    "interval_of": "estimate_interval",
+    "margin_angles": "find_margin_angles",
+    "measure": "measure_session",
     "registered": "register_kind",
+    "release_at": "find_release",
+    "step_angle": "find_step_angle",
+    "sweep": "run_sweep",
+    "vibration_events": "list_vibration_events",
 }
 
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

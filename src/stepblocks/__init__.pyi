@@ -1,12 +1,12 @@
 from .artefacts.as_built import read_as_built as read_as_built
 from .artefacts.check import check_artefact as check_artefact
-from .artefacts.heightfield import height_field as height_field
+from .artefacts.heightfield import sample_height_field as sample_height_field
 from .artefacts.laboratory import read_laboratory as read_laboratory
 from .artefacts.model_file import read_model as read_model
 from .artefacts.scans.read import list_channels as list_channels, read_scan as read_scan
 from .artefacts.step.check_step import check_step as check_step
 from .artefacts.verdict import Verdict as Verdict
-from .bench.measure import measure as measure
+from .bench.measure import measure_session as measure_session
 from .bench.rehearse.run import simulate_session as simulate_session
 from .build.run import (
     BuildReport as BuildReport,
@@ -20,10 +20,13 @@ from .contact.counterface import (
     Profile as Profile,
     Step as Step,
 )
-from .contact.critical_angle import margin_angles as margin_angles, step_angle as step_angle
-from .contact.energy import Release as Release, Status as Status, release_at as release_at
-from .contact.energy_change import energy_change as energy_change
-from .contact.event import vibration_events as vibration_events
+from .contact.critical_angle import (
+    find_margin_angles as find_margin_angles,
+    find_step_angle as find_step_angle,
+)
+from .contact.energy import Release as Release, Status as Status, find_release as find_release
+from .contact.energy_change import find_energy_change as find_energy_change
+from .contact.event import list_vibration_events as list_vibration_events
 from .contact.laws import (
     ContactLaw as ContactLaw,
     FrictionLaw as FrictionLaw,
@@ -32,7 +35,7 @@ from .contact.laws import (
     Stribeck as Stribeck,
 )
 from .contact.operating_point import PAPER as PAPER, OperatingPoint as OperatingPoint, Tool as Tool
-from .contact.uncertainty import interval_of as interval_of
+from .contact.uncertainty import estimate_interval as estimate_interval
 from .declare import load_set as load_set
 from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
@@ -61,12 +64,12 @@ from .predict.dataset import (
     to_dataset as to_dataset,
 )
 from .predict.predictions import predict_set as predict_set
-from .predict.sweep.run import SweepResult as SweepResult, sweep as sweep
+from .predict.sweep.run import SweepResult as SweepResult, run_sweep as run_sweep
 from .predict.table import predict_table as predict_table, predict_trials as predict_trials
 from .quantities import format_quantity as format_quantity, parse_quantity as parse_quantity
-from .simulators.compare import compare as compare
-from .simulators.export import export as export
-from .simulators.feel import feel as feel
+from .simulators.compare import compare_record as compare_record
+from .simulators.export import export_scenes as export_scenes
+from .simulators.feel import write_feel_page as write_feel_page
 from .simulators.renderer import Renderer as Renderer
 from .study.conduct import open_run as open_run
 from .study.exchange import share_study as share_study

@@ -14,7 +14,7 @@ import pytest
 from stepblocks import confined
 from stepblocks.artefacts.heightfield import (
     SPACING,
-    height_field,
+    sample_height_field,
     sample_relief,
     write_height_field,
 )
@@ -304,7 +304,7 @@ CROWN = load_set(ROOT / "stimuli" / "crown-margins.toml").crown_on_tooth[0]
 
 
 def test_a_height_field_steps_once_between_two_columns():
-    heights = height_field(BLOCK)
+    heights = sample_height_field(BLOCK)
     assert heights.shape == (round(0.2e-3 / SPACING), round(2e-3 / SPACING))
     assert set(np.unique(heights)) == {0.0, 50e-6}
     assert np.count_nonzero(np.diff(heights[0])) == 1
@@ -349,7 +349,7 @@ def test_no_shift_helps_where_corners_lie_closer_than_the_samples():
             return Profile(x, np.zeros_like(x))
 
     with pytest.raises(HapticsError, match="cannot keep clear of the corners of crowded"):
-        height_field(Crowded())
+        sample_height_field(Crowded())
 
 
 def test_the_relief_of_a_crown_is_round_about_its_axis():

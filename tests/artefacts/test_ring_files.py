@@ -22,7 +22,7 @@ from stepblocks.contact.event import (
     build_event_record,
     compute_ring_energy,
     compute_ring_force,
-    vibration_events,
+    list_vibration_events,
 )
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
@@ -33,7 +33,7 @@ TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
 POINT = OperatingPoint(125e-6, 1.0, 0.15)
 # E_v [J] at mu 0.15, F_py 1 N, R 125 um: the owner's table of equation (1).
 TABLE = {"step-010": 3.86e-6, "step-050": 35.0e-6, "step-100": 3696e-6}
-RINGING = [vibration_events(block.counterface(), POINT, block.id)[0] for block in TEN]
+RINGING = [list_vibration_events(block.counterface(), POINT, block.id)[0] for block in TEN]
 
 
 @pytest.mark.parametrize("event", RINGING, ids=lambda event: event.stimulus)
@@ -309,7 +309,7 @@ def test_the_previews_intensity_decays_with_the_ring(tmp_path):
 
 
 def test_a_locked_probe_has_no_ring_to_write(tmp_path):
-    locked = vibration_events(TEN[9].counterface(), OperatingPoint(125e-6, 1.0, 0.3))[0]
+    locked = list_vibration_events(TEN[9].counterface(), OperatingPoint(125e-6, 1.0, 0.3))[0]
     assert build_event_record(locked)["energy_j"] is None
     for write in (
         lambda path: write_wav(path, locked, 10_000, 3.0),

@@ -9,7 +9,7 @@ import pytest
 
 from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.figures import draw_trials
-from stepblocks.bench.measure import measure
+from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import insert_conditions, read_conditions
@@ -31,17 +31,17 @@ def rewrite(session, table, columns, decimal=".", delimiter=",", more=""):
 
 def features_of(session):
     declared = open_session(session)
-    return insert_conditions(measure(session, jobs=1), read_conditions(declared))
+    return insert_conditions(measure_session(session, jobs=1), read_conditions(declared))
 
 
 def test_a_table_in_the_usual_words_stays_as_it_is(session):
     assert read_conditions(open_session(session)) == {}
-    plain = measure(session, jobs=1)
+    plain = measure_session(session, jobs=1)
     pd.testing.assert_frame_equal(insert_conditions(plain, {}), plain)
 
 
 def test_other_names_units_decimal_commas_and_stamps_come_to_the_same_conditions(session):
-    usual = measure(session, jobs=1)
+    usual = measure_session(session, jobs=1)
     table = pd.read_csv(session / "trials.csv")
     other = pd.DataFrame(
         {
@@ -172,7 +172,7 @@ def test_one_long_record_is_cut_into_its_drags_and_the_cuts_are_drawn(unloaded, 
         .replace('time = "time_s", ', "")
     )
     path.write_text(text.replace("[acquisition]", '[acquisition]\nsplit = "drags"'))
-    found = measure(session, jobs=1)
+    found = measure_session(session, jobs=1)
     assert set(found.status) == {"ok"}
     np.testing.assert_allclose(found.peak_force_n, peaks, rtol=0.02)
     drawn = draw_trials(session, tmp_path / "plots", ["1"])
@@ -182,4 +182,4 @@ def test_one_long_record_is_cut_into_its_drags_and_the_cuts_are_drawn(unloaded, 
         BenchError,
         match="one drag for each of the 7 trials of the table, the record shows 6 releases",
     ):
-        measure(session, jobs=1)
+        measure_session(session, jobs=1)

@@ -5,7 +5,7 @@ import pytest
 
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
-from stepblocks.bench.measure import measure
+from stepblocks.bench.measure import measure_session
 from stepblocks.errors import BenchError
 
 CHANNELS = 'tangential = "fx_n", normal = "fy_n"'
@@ -35,7 +35,7 @@ def session(whole):
 
 
 def test_a_session_that_agrees_is_measured(session):
-    assert (measure(session[0], jobs=1)["status"] == "ok").all()
+    assert (measure_session(session[0], jobs=1)["status"] == "ok").all()
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_each_slip_is_refused_before_the_session_is_measured(session, old, new, 
     assert old in declared
     path.write_text(declared.replace(old, new))
     with pytest.raises(BenchError, match=slip):
-        measure(folder, jobs=1)
+        measure_session(folder, jobs=1)
 
 
 def test_a_rate_that_contradicts_the_increment_of_the_file_is_refused(tmp_path):
@@ -76,11 +76,11 @@ def test_a_rate_that_contradicts_the_increment_of_the_file_is_refused(tmp_path):
             group["x"], group["y"] = np.zeros(500), np.ones(500)
             group.attrs["dt"] = 5e-5
     with pytest.raises(BenchError, match=r"increment of 50 us \(20000 Hz\)"):
-        measure(tmp_path, jobs=1)
+        measure_session(tmp_path, jobs=1)
 
 
 def test_a_column_that_says_volts_needs_to_say_what_a_volt_is(session):
     folder, path, declared = session
     path.write_text(declared.replace('"fx_n"', '"Fx tip (V)"'))
     with pytest.raises(BenchError, match="must say what a volt is"):
-        measure(folder, jobs=1)
+        measure_session(folder, jobs=1)

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stepblocks.bench.measure import measure, write_features
+from stepblocks.bench.measure import measure_session, write_features
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, average_tool
 from stepblocks.bench.trials import insert_conditions, read_conditions
@@ -35,7 +35,7 @@ trials = 18
 
 
 def test_a_table_comes_back_with_its_conditions_and_features(session, tmp_path):
-    table = measure(session, jobs=1)
+    table = measure_session(session, jobs=1)
     assert list(table.columns[:3]) == ["trial", "status", "reason"]
     assert tuple(table.columns[-len(FEATURE_COLUMNS) :]) == FEATURE_COLUMNS
     assert set(table.status) == {"ok"}
@@ -46,7 +46,7 @@ def test_a_table_comes_back_with_its_conditions_and_features(session, tmp_path):
 
 
 def test_the_table_and_the_file_say_the_same(session, tmp_path):
-    table = measure(str(session), str(tmp_path / "f.csv"), jobs=1)
+    table = measure_session(str(session), str(tmp_path / "f.csv"), jobs=1)
     summary = write_features(session, tmp_path / "g.csv", jobs=1)
     assert (tmp_path / "f.csv").read_bytes() == (tmp_path / "g.csv").read_bytes()
     written = pd.read_csv(tmp_path / "f.csv", dtype={"trial": str})
@@ -70,7 +70,7 @@ def test_a_script_without_a_main_guard_may_measure_over_processes(tmp_path):
 
 def test_an_excluded_trial_keeps_its_row_its_conditions_and_its_reason(session):
     (session / "traces" / "0003.csv").unlink()
-    table = measure(session, jobs=1)
+    table = measure_session(session, jobs=1)
     row = table[table.status == "excluded"].iloc[0]
     assert (row.trial, row.block, row.reason) == (
         "3",
@@ -85,7 +85,7 @@ def test_nothing_in_the_table_of_features_is_a_formula_to_a_spreadsheet(session)
     trials.write_text(
         trials.read_text().replace("operator", "@operator").replace("\n3,", "\n=cmd|x,")
     )
-    table = measure(session, jobs=1)
+    table = measure_session(session, jobs=1)
     # origin: OWASP, CSV injection: an apostrophe before what begins with =, +, -, @, a tab or a
     # return
     assert table.trial[2] == "'=cmd|x"
@@ -97,7 +97,9 @@ def test_a_block_column_that_a_spreadsheet_would_run_is_still_the_block(session)
     trials, said = session / "trials.csv", session / "session.toml"
     trials.write_text(trials.read_text().replace("block", "=block", 1))
     said.write_text(said.read_text() + '\n[trials]\ncolumns = { block = "=block" }\n')
-    table = insert_conditions(measure(session, jobs=1), read_conditions(open_session(session)))
+    table = insert_conditions(
+        measure_session(session, jobs=1), read_conditions(open_session(session))
+    )
     assert set(table.block) == {"step-020", "step-040"}
     assert "'=block" not in table
 

@@ -14,7 +14,7 @@ import pytest
 from oracles import virtual_bench, virtual_session
 from oracles.virtual_bench import Bench, drag
 from oracles.virtual_session import Plan, write_session
-from stepblocks.bench.measure import measure
+from stepblocks.bench.measure import measure_session
 
 SILENT = Bench(noise=0.0, hum=0.0, quantum=0.0)
 
@@ -106,7 +106,7 @@ def test_a_session_is_one_that_the_program_reads_and_the_same_seed_gives_the_sam
     plan = Plan(Bench(conversion=0.2), trials=24, operator_load={"B": 0.07})
     told = write_session(tmp_path / "a", plan, 5)
     assert told == write_session(tmp_path / "b", plan, 5)
-    table = measure(tmp_path / "a", jobs=1)
+    table = measure_session(tmp_path / "a", jobs=1)
     assert (table.status == "ok").sum() >= 20
     assert set(table.operator) == {"A", "B"}
     good = table[table.status == "ok"]
@@ -128,7 +128,7 @@ def test_what_a_gauge_could_not_show_is_a_bound_without_an_uncertainty_and_the_r
 ):
     plan = Plan(Bench(limit=0.9), trials=24, scans=False, loads=(0.5, 0.8), speeds=(2e-3, 10e-3))
     true = np.array([row["peak_n"] for row in write_session(tmp_path / "s", plan, 5)])
-    table = measure(tmp_path / "s", jobs=1)
+    table = measure_session(tmp_path / "s", jobs=1)
     beyond = (table.status == "censored").to_numpy()
     np.testing.assert_array_equal(beyond, true > 0.9)
     assert 5 < beyond.sum() < 20

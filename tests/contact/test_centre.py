@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from oracles.scenes import corner_path
-from stepblocks.contact.critical_angle import step_angle
+from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.path.centre import build_envelope_path
 from stepblocks.errors import ContactError
 
@@ -37,7 +37,7 @@ def test_a_corner_is_a_disc_of_no_radius():
     path, same = corner_path(STEP, R), build_envelope_path([(0.0, 30e-6, 0.0)], lines, R)
     assert same.find_notch(+1.0) == pytest.approx(path.find_notch(+1.0), abs=1e-12)
     x, z, angle = path.find_notch(+1.0)
-    assert angle == pytest.approx(step_angle(30e-6, R), rel=1e-9)
+    assert angle == pytest.approx(find_step_angle(30e-6, R), rel=1e-9)
     assert (x, z) == pytest.approx((-R * math.sin(angle), R), rel=1e-9)
 
 
@@ -46,7 +46,7 @@ def test_a_rounding_and_a_ball_exchange_their_radii():
     # sharp edge
     lines = [((-1e-3, 0.0), (0.0, 0.0)), ((12e-6, 30e-6), (1e-3, 30e-6))]
     rounded = build_envelope_path([(12e-6, 18e-6, 12e-6)], lines, R)
-    assert rounded.find_notch(+1.0)[2] == pytest.approx(step_angle(30e-6, R + 12e-6), rel=1e-9)
+    assert rounded.find_notch(+1.0)[2] == pytest.approx(find_step_angle(30e-6, R + 12e-6), rel=1e-9)
 
 
 def test_a_wall_as_high_as_the_ball_is_vertical():

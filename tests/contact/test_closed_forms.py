@@ -11,10 +11,10 @@ from scipy.integrate import quad
 
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Groove, Margin, Step
-from stepblocks.contact.critical_angle import margin_angles, step_angle
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
+from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import OperatingPoint, Tool
-from stepblocks.contact.uncertainty import interval_of
+from stepblocks.contact.uncertainty import estimate_interval
 
 TOOL = Tool(
     8.7e3, 0.23, ring_duration=12e-3, detection_threshold=0.13e-6, frequency=271.0, decay_time=9e-3
@@ -47,7 +47,7 @@ def test_the_tangent_of_a_step_is_that_of_a_ball_drawn_on_face_and_edge(height, 
     # H.
     up = ball + edge - height
     across = math.sqrt((ball + edge) ** 2 - up**2)
-    angle = step_angle(height, ball, edge)
+    angle = find_step_angle(height, ball, edge)
     assert angle == pytest.approx(math.atan2(across, up), rel=1e-12)
     assert kernels.compute_height_at_angle(angle, ball + edge) == pytest.approx(height, rel=1e-12)
     slopes = Step(height, edge).angle_slopes(ball)
@@ -65,11 +65,13 @@ def test_a_ball_that_rests_on_two_corners_leaves_square_to_its_radius_at_each(wi
     # Origin: the centre where two circles about the corners cross; the path leaves square to the
     # radius to a corner.
     x, z = between(width, rise, ball)
-    forward, backward = margin_angles(width, rise, ball)
+    forward, backward = find_margin_angles(width, rise, ball)
     assert forward == pytest.approx(math.atan2(width - x, z - rise), rel=1e-10)
     assert backward == pytest.approx(math.atan2(x, z), rel=1e-10)
     x, z = between(width, 0.0, ball)
-    assert margin_angles(width, 0.0, ball)[0] == pytest.approx(math.atan2(width - x, z), rel=1e-12)
+    assert find_margin_angles(width, 0.0, ball)[0] == pytest.approx(
+        math.atan2(width - x, z), rel=1e-12
+    )
     assert Groove(width, 1.2).angles(ball)[0] == pytest.approx(math.atan2(width - x, z), rel=1e-12)
 
 
@@ -77,7 +79,7 @@ def test_a_ball_that_rests_on_two_corners_leaves_square_to_its_radius_at_each(wi
     ("angle", "load", "mu"), [(0.62, 0.73, 0.17), (1.11, 0.021, 0.38), (0.13, 240.0, 0.0)]
 )
 def test_force_energy_and_power_are_those_of_statics_and_of_a_spring_let_go(angle, load, mu):
-    release = release_at(angle, load, mu, TOOL)
+    release = find_release(angle, load, mu, TOOL)
     force, reaction = balance(angle, load, mu)
     assert release.pull_force == pytest.approx(force, rel=1e-12)
     assert math.hypot(force, load) == pytest.approx(reaction * math.hypot(1.0, mu), rel=1e-12)
@@ -97,8 +99,8 @@ def test_a_tip_locks_where_the_reaction_of_the_edge_grows_beyond_all_bounds(ball
         ball * (1.0 - math.cos(angle)), rel=1e-12
     )
     below, above = angle - 1e-9, angle + 1e-9
-    assert release_at(below, 0.73, mu, TOOL).pull_force > 1e8 * 0.73
-    assert release_at(above, 0.73, mu, TOOL).status is Status.LOCKED
+    assert find_release(below, 0.73, mu, TOOL).pull_force > 1e8 * 0.73
+    assert find_release(above, 0.73, mu, TOOL).status is Status.LOCKED
 
 
 def test_a_bevel_of_45_degrees_is_climbed_at_45_degrees_by_a_ball_that_meets_its_middle():
@@ -147,8 +149,8 @@ def test_no_figure_depends_on_the_units_of_length_force_and_time(face, length, f
         "friction": 1.0,
         "stiffness": force / length,
     }
-    small = interval_of(face, POINT, spread, draws=500)
-    large = interval_of(
+    small = estimate_interval(face, POINT, spread, draws=500)
+    large = estimate_interval(
         larger, point, {name: width * unit[name] for name, width in spread.items()}, draws=500
     )
     for name in ("energy_low", "energy_high", "analytic_energy_low", "analytic_energy_high"):
@@ -164,9 +166,9 @@ def test_numbers_and_arrays_of_one_are_answered_alike_and_in_the_shape_asked_for
         (0.5 * math.pi, 0.73, 0.17),
         (1.5, 0.73, 0.4),
     ):
-        alone = release_at(angle, load, mu, TOOL)
+        alone = find_release(angle, load, mu, TOOL)
         for given in (([angle], load, mu), (angle, [load], mu), (angle, load, [mu])):
-            many = release_at(*given, TOOL)
+            many = find_release(*given, TOOL)
             assert many.status.tolist() == [alone.status]
             assert many.pull_force.shape == many.angle.shape == (1,)
             assert many.pull_force[0] == pytest.approx(alone.pull_force, rel=1e-15, nan_ok=True)

@@ -13,10 +13,10 @@ from oracles.tip_paths import step_path
 from stepblocks.contact.counterface import Groove, Margin, Profile, ProfiledMargin, Step
 from stepblocks.contact.critical_angle import (
     compute_bevelled_margin_angles,
-    margin_angles,
-    step_angle,
+    find_margin_angles,
+    find_step_angle,
 )
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 from stepblocks.errors import ContactError
@@ -109,17 +109,20 @@ def test_arrays_of_dimensions_give_what_each_gives_alone():
     for k in range(gap.size):
         alone = compute_bevelled_margin_angles(gap[k], gap[k] + wider[k], rise[k], ball[k])
         assert (forward[k], backward[k]) == alone
-    assert step_angle([10e-6, 500e-6], R).tolist() == [step_angle(10e-6, R), 0.5 * math.pi]
-    assert margin_angles([[1e-6], [2e-6]], [0.0, 3e-6, 4e-6], R)[0].shape == (2, 3)
+    assert find_step_angle([10e-6, 500e-6], R).tolist() == [
+        find_step_angle(10e-6, R),
+        0.5 * math.pi,
+    ]
+    assert find_margin_angles([[1e-6], [2e-6]], [0.0, 3e-6, 4e-6], R)[0].shape == (2, 3)
 
 
 def test_releases_over_arrays_are_those_of_each_drag():
     angles = [0.0, 0.4, 1.2, 1.5, 0.5 * math.pi]
-    together = release_at(angles, 0.7, [[0.1], [0.3]], PAPER.tool)
+    together = find_release(angles, 0.7, [[0.1], [0.3]], PAPER.tool)
     assert together.status.shape == together.vibration_energy.shape == (2, 5)
     for i, mu in enumerate((0.1, 0.3)):
         for k, angle in enumerate(angles):
-            alone = release_at(angle, 0.7, mu)
+            alone = find_release(angle, 0.7, mu)
             assert together.status[i, k] == alone.status
             for name in (
                 "angle",
@@ -174,7 +177,7 @@ def test_a_profile_answers_many_balls_at_once():
     profile = Profile(np.array([-1e-3, 0.0, 0.0, 1e-3]), np.array([0.0, 0.0, 31e-6, 31e-6]))
     balls = np.array([[60e-6, 117e-6], [200e-6, 60e-6]])
     up, down = profile.angles(balls)
-    assert up == pytest.approx(step_angle(31e-6, balls), rel=1e-9)
+    assert up == pytest.approx(find_step_angle(31e-6, balls), rel=1e-9)
     assert (down == 0.0).all()
     assert isinstance(profile.angles(R)[0], float)
     assert profile.ways == ("forward", "backward")
@@ -215,10 +218,13 @@ def test_draws_over_a_margin_whose_sides_bend_lie_close_to_the_dilation_of_each(
         ),
         (lambda: Margin(1e-6, math.inf, 0.0).angles(R), "opening must be finite"),
         (
-            lambda: step_angle([1e-6, 2e-6], [R, 0.0]),
+            lambda: find_step_angle([1e-6, 2e-6], [R, 0.0]),
             "ball_radius must be positive and finite, got 0 m",
         ),
-        (lambda: release_at([0.1, 3.2], 1.0, 0.1), "angle must lie between 0 and 90 deg, got 183"),
+        (
+            lambda: find_release([0.1, 3.2], 1.0, 0.1),
+            "angle must lie between 0 and 90 deg, got 183",
+        ),
     ],
 )
 def test_what_no_ball_could_meet_is_refused_with_its_name_and_value(call, message):

@@ -8,11 +8,11 @@ import pytest
 from scipy.optimize import brentq
 
 from oracles.virtual_bench import Bench, drag
-from stepblocks.contact.critical_angle import step_angle
+from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.effects.named import SLOTS, list_named_laws
 from stepblocks.contact.effects.release_motion import compute_release
 from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
-from stepblocks.contact.energy import release_at
+from stepblocks.contact.energy import find_release
 from stepblocks.contact.forward import (
     BenchDesign,
     build_nominal_state,
@@ -127,8 +127,8 @@ def test_the_nominal_channels_are_equations_one_and_two() -> None:
     shown = compute_channels(_state())
     design = _design()
     for i in range(len(design.block)):
-        angle = step_angle(float(design.height[i]), 120e-6)
-        one = release_at(angle, float(design.load[i]), 0.17)
+        angle = find_step_angle(float(design.height[i]), 120e-6)
+        one = find_release(angle, float(design.load[i]), 0.17)
         assert shown[i, _FORCE] == pytest.approx(math.log(one.pull_force), abs=1e-12)
         energy = 0.23 * one.pull_force**2 / 2.0 / (1.05 * 9500.0)
         assert shown[i, _ENERGY] == pytest.approx(math.log(energy), abs=1e-12)
@@ -150,8 +150,8 @@ def test_edge_and_tip_add_to_one_radius() -> None:
     edge = _law("edge_rounding").apply(_state(), None, {"edge_radius_m": 14e-6})
     tip = _law("tip_radius_error").apply(_state(), None, {"radius_error_m": 14e-6})
     assert np.array_equal(compute_channels(edge), compute_channels(tip))
-    angle = step_angle(50e-6, 120e-6, 14e-6)
-    one = release_at(angle, float(edge.set_load[1]), 0.17)
+    angle = find_step_angle(50e-6, 120e-6, 14e-6)
+    one = find_release(angle, float(edge.set_load[1]), 0.17)
     assert compute_channels(edge)[1, _FORCE] == pytest.approx(math.log(one.pull_force), abs=1e-12)
 
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from stepblocks.contact.critical_angle import margin_angles, step_angle
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
+from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.kernels import compute_locking_height
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
@@ -26,16 +26,16 @@ R = 125e-6
     ],
 )
 def test_the_papers_constants_give_the_papers_forces_and_energies(height_um, force_n, energy_uj):
-    release = release_at(step_angle(height_um * 1e-6, R), normal_load=1.0, friction=0.15)
+    release = find_release(find_step_angle(height_um * 1e-6, R), normal_load=1.0, friction=0.15)
     assert release.status is Status.RELEASES
     assert release.pull_force == pytest.approx(force_n, rel=1e-3)
     assert release.vibration_energy * 1e6 == pytest.approx(energy_uj, rel=4e-3)
 
 
 def test_equation_one_as_printed_equals_the_tangent_of_a_sum():
-    a, mu, load = step_angle(40e-6, R), 0.21, 0.7
+    a, mu, load = find_step_angle(40e-6, R), 0.21, 0.7
     printed = load * (math.sin(a) + mu * math.cos(a)) / (math.cos(a) - mu * math.sin(a))
-    assert release_at(a, load, mu).pull_force == pytest.approx(printed, rel=1e-14)
+    assert find_release(a, load, mu).pull_force == pytest.approx(printed, rel=1e-14)
 
 
 def test_ten_to_twenty_microjoule_over_sixteen_milliseconds_is_the_papers_power():
@@ -50,20 +50,20 @@ def test_each_of_the_papers_four_blocks_rings_with_ten_to_twenty_microjoule_at_s
     # overlap 10-20 uJ.
     for mu in (0.1, 0.15, 0.2):
         for height in (25e-6, 50e-6, 75e-6):
-            unit = release_at(step_angle(height, R), 1.0, mu).vibration_energy
+            unit = find_release(find_step_angle(height, R), 1.0, mu).vibration_energy
             low, high = math.sqrt(10e-6 / unit), math.sqrt(20e-6 / unit)
-            assert release_at(step_angle(height, R), low, mu).vibration_energy == pytest.approx(
-                10e-6
-            )
-            assert release_at(step_angle(height, R), high, mu).vibration_energy == pytest.approx(
-                20e-6
-            )
+            assert find_release(
+                find_step_angle(height, R), low, mu
+            ).vibration_energy == pytest.approx(10e-6)
+            assert find_release(
+                find_step_angle(height, R), high, mu
+            ).vibration_energy == pytest.approx(20e-6)
             assert 0.1 < low < high < 2.0
 
 
 @pytest.mark.parametrize(("mu", "height"), [(0.3, 100e-6), (0.15, 120e-6)])
 def test_a_locked_probe_has_a_status_and_no_energy(mu, height):
-    release = release_at(step_angle(height, R), 1.0, mu)
+    release = find_release(find_step_angle(height, R), 1.0, mu)
     assert release.status is Status.LOCKED
     assert math.isnan(release.pull_force)
     assert math.isnan(release.vibration_energy)
@@ -72,56 +72,56 @@ def test_a_locked_probe_has_a_status_and_no_energy(mu, height):
 @pytest.mark.parametrize("mu", [0.05, 0.15, 0.3, 0.6])
 def test_locking_begins_at_the_locking_height(mu):
     limit = compute_locking_height(R, mu)
-    assert release_at(step_angle(limit * (1 - 1e-9), R), 1.0, mu).status is Status.RELEASES
-    assert release_at(step_angle(limit * (1 + 1e-9), R), 1.0, mu).status is Status.LOCKED
+    assert find_release(find_step_angle(limit * (1 - 1e-9), R), 1.0, mu).status is Status.RELEASES
+    assert find_release(find_step_angle(limit * (1 + 1e-9), R), 1.0, mu).status is Status.LOCKED
 
 
 @pytest.mark.parametrize("height", [R, 1.5 * R])
 def test_a_step_as_high_as_the_ball_is_a_status(height):
-    assert release_at(step_angle(height, R), 1.0, 0.15).status is Status.TOO_HIGH
+    assert find_release(find_step_angle(height, R), 1.0, 0.15).status is Status.TOO_HIGH
 
 
 def test_scaling_ball_and_step_alike_keeps_the_angle():
-    assert step_angle(37 * 25e-6, 37 * R, 37 * 4e-6) == pytest.approx(
-        step_angle(25e-6, R, 4e-6), rel=1e-14
+    assert find_step_angle(37 * 25e-6, 37 * R, 37 * 4e-6) == pytest.approx(
+        find_step_angle(25e-6, R, 4e-6), rel=1e-14
     )
 
 
 def test_an_edge_radius_that_vanishes_gives_the_sharp_step():
-    sharp = step_angle(25e-6, R)
-    assert step_angle(25e-6, R, 1e-18) == pytest.approx(sharp, rel=1e-12)
-    assert step_angle(25e-6, R, 14e-6) < sharp
+    sharp = find_step_angle(25e-6, R)
+    assert find_step_angle(25e-6, R, 1e-18) == pytest.approx(sharp, rel=1e-12)
+    assert find_step_angle(25e-6, R, 14e-6) < sharp
 
 
 def test_a_nanometre_step_keeps_its_digits():
     # Origin: sin(a) = sqrt(2 H/R - (H/R)^2), expanded in H/R.
     h = 1e-9
-    assert math.sin(step_angle(h, R)) == pytest.approx(
+    assert math.sin(find_step_angle(h, R)) == pytest.approx(
         math.sqrt(2 * h / R - (h / R) ** 2), rel=1e-12
     )
 
 
 def test_tilting_the_block_is_the_same_as_more_friction():
-    a, mu, tilt = step_angle(30e-6, R), 0.17, math.radians(3)
-    tilted = release_at(a + tilt, 0.8, mu)
-    rougher = release_at(a, 0.8, math.tan(math.atan(mu) + tilt))
+    a, mu, tilt = find_step_angle(30e-6, R), 0.17, math.radians(3)
+    tilted = find_release(a + tilt, 0.8, mu)
+    rougher = find_release(a, 0.8, math.tan(math.atan(mu) + tilt))
     assert tilted.pull_force == pytest.approx(rougher.pull_force, rel=1e-12)
 
 
 def test_a_gap_is_felt_alike_both_ways_and_a_discrepancy_is_not():
-    forward, backward = margin_angles(60e-6, 0.0, R)
+    forward, backward = find_margin_angles(60e-6, 0.0, R)
     assert forward == backward == pytest.approx(math.asin(60e-6 / (2 * R)))
-    up, down = margin_angles(60e-6, 5e-6, R)
-    assert up > margin_angles(60e-6, 0.0, R)[0] > down > 0
-    assert margin_angles(60e-6, -5e-6, R) == (down, up)
+    up, down = find_margin_angles(60e-6, 5e-6, R)
+    assert up > find_margin_angles(60e-6, 0.0, R)[0] > down > 0
+    assert find_margin_angles(60e-6, -5e-6, R) == (down, up)
 
 
 def test_a_margin_passes_continuously_from_gap_to_step():
     rise = 20e-6
     reach = math.sqrt(rise * (2 * R - rise))
     below, above = (
-        margin_angles(reach * (1 - 1e-9), rise, R)[0],
-        margin_angles(reach * (1 + 1e-9), rise, R)[0],
+        find_margin_angles(reach * (1 - 1e-9), rise, R)[0],
+        find_margin_angles(reach * (1 + 1e-9), rise, R)[0],
     )
     assert below == pytest.approx(above, rel=1e-6)
 
@@ -129,13 +129,13 @@ def test_a_margin_passes_continuously_from_gap_to_step():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: step_angle(-1e-6, R), "height must be finite and not negative"),
-        (lambda: step_angle(math.nan, R), "height"),
-        (lambda: step_angle(1e-6, 0.0), "ball_radius must be positive"),
-        (lambda: margin_angles(-1e-6, 0.0, R), "opening"),
-        (lambda: release_at(0.5, -1.0, 0.15), "normal_load must be positive"),
-        (lambda: release_at(0.5, 1.0, -0.1), "friction"),
-        (lambda: release_at(2.0, 1.0, 0.1), "angle must lie between"),
+        (lambda: find_step_angle(-1e-6, R), "height must be finite and not negative"),
+        (lambda: find_step_angle(math.nan, R), "height"),
+        (lambda: find_step_angle(1e-6, 0.0), "ball_radius must be positive"),
+        (lambda: find_margin_angles(-1e-6, 0.0, R), "opening"),
+        (lambda: find_release(0.5, -1.0, 0.15), "normal_load must be positive"),
+        (lambda: find_release(0.5, 1.0, -0.1), "friction"),
+        (lambda: find_release(2.0, 1.0, 0.1), "angle must lie between"),
         (lambda: Tool(0.0, 0.2, 16e-3, 8e-8), "stiffness must be positive"),
     ],
 )

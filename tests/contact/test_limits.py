@@ -12,8 +12,8 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from stepblocks.cli import main
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, SHIPPED_LIMITS, Limits, Tool
 from stepblocks.contact.rod import fit_rod
 from stepblocks.declare import load_set
@@ -59,8 +59,8 @@ def test_the_spring_is_linear_to_its_limit_within_one_percent():
 def test_the_paper_s_step_of_100_um_at_mu_0_2_takes_252_n_and_has_no_energy():
     # Origin: project facts: 252 N and 26 mm of deflection, which breaks the tool
     tool = replace(PAPER.tool, limits=SHIPPED_LIMITS)
-    angle = step_angle(100e-6, 125e-6)
-    alone, held = (release_at(angle, 1.0, 0.2, one) for one in (PAPER.tool, tool))
+    angle = find_step_angle(100e-6, 125e-6)
+    alone, held = (find_release(angle, 1.0, 0.2, one) for one in (PAPER.tool, tool))
     assert alone.pull_force == pytest.approx(252.0, rel=2e-3)
     assert alone.pull_force / tool.stiffness == pytest.approx(26e-3, rel=0.02)
     assert held.status is Status.BEYOND_HAND
@@ -73,17 +73,17 @@ def test_the_paper_s_step_of_100_um_at_mu_0_2_takes_252_n_and_has_no_energy():
     ("name", "status"), [(name, Status(f"beyond-{name}")) for name in LIMIT_SOURCES]
 )
 def test_the_limit_that_is_met_first_is_named(name, status):
-    force = release_at(0.9, 1.3, 0.17).pull_force
+    force = find_release(0.9, 1.3, 0.17).pull_force
     limits = Limits(**{**dict.fromkeys(LIMIT_SOURCES, 2.0 * force), name: 0.9 * force})
-    assert release_at(0.9, 1.3, 0.17, Tool(limits=limits)).status is status
+    assert find_release(0.9, 1.3, 0.17, Tool(limits=limits)).status is status
     assert (
-        release_at(0.9, 1.3, 0.17, Tool(limits=replace(limits, **{name: 1.1 * force}))).status
+        find_release(0.9, 1.3, 0.17, Tool(limits=replace(limits, **{name: 1.1 * force}))).status
         is Status.RELEASES
     )
 
 
 def test_an_array_of_drags_has_each_its_own_status():
-    found = release_at([0.0, 0.5, 1.2, 1.45], 1.0, 0.15, Tool(limits=Limits(hand=2.0)))
+    found = find_release([0.0, 0.5, 1.2, 1.45], 1.0, 0.15, Tool(limits=Limits(hand=2.0)))
     assert found.status.tolist() == ["no-catch", "releases", "beyond-hand", "locked"]
     assert np.isfinite(found.vibration_energy).tolist() == [False, True, False, False]
 

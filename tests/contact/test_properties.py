@@ -11,9 +11,9 @@ from hypothesis import given, settings, strategies as st
 
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Groove, Margin, Profile, Step
-from stepblocks.contact.critical_angle import margin_angles, step_angle
-from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.energy_change import energy_change
+from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
+from stepblocks.contact.energy import Status, find_release
+from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.laws import LinearContact
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.contact.path.profile import build_profile_path
@@ -55,10 +55,10 @@ def test_force_goes_with_the_load_and_energy_with_its_square(height, ball, load,
 @MANY
 @given(LENGTHS, LOADS, SCALES)
 def test_energy_goes_inversely_with_the_stiffness_and_with_the_conversion(height, load, scale):
-    angle = step_angle(height, 125e-6)
-    base = release_at(angle, load, 0.1, Tool(conversion=0.04))
-    stiffer = release_at(angle, load, 0.1, Tool(stiffness=scale * 9.81e3, conversion=0.04))
-    livelier = release_at(angle, load, 0.1, Tool(conversion=0.04 * scale))
+    angle = find_step_angle(height, 125e-6)
+    base = find_release(angle, load, 0.1, Tool(conversion=0.04))
+    stiffer = find_release(angle, load, 0.1, Tool(stiffness=scale * 9.81e3, conversion=0.04))
+    livelier = find_release(angle, load, 0.1, Tool(conversion=0.04 * scale))
     np.testing.assert_allclose(stiffer.vibration_energy * scale, base.vibration_energy, rtol=1e-9)
     np.testing.assert_allclose(livelier.vibration_energy, base.vibration_energy * scale, rtol=1e-9)
 
@@ -78,8 +78,8 @@ def test_a_higher_step_holds_no_less(first, second, ball, friction):
 @given(LENGTHS, BALLS, BALLS, st.floats(0.0, 50e-6))
 def test_a_larger_ball_and_a_rounder_edge_climb_more_gently(height, first, second, edge):
     small, large = sorted((first, second))
-    assert step_angle(height, large) <= step_angle(height, small) + 1e-12
-    assert step_angle(height, small, edge) <= step_angle(height, small) + 1e-12
+    assert find_step_angle(height, large) <= find_step_angle(height, small) + 1e-12
+    assert find_step_angle(height, small, edge) <= find_step_angle(height, small) + 1e-12
 
 
 @MANY
@@ -93,7 +93,7 @@ def test_height_and_angle_are_inverse(height, ball):
 @given(BALLS, st.floats(1e-3, 1.5))
 def test_at_the_locking_height_angle_and_friction_make_a_right_angle(ball, friction):
     height = kernels.compute_locking_height(ball, friction)
-    total = step_angle(height, ball) + math.atan(friction)
+    total = find_step_angle(height, ball) + math.atan(friction)
     assert math.isclose(total, 0.5 * math.pi, rel_tol=1e-7)
 
 
@@ -101,14 +101,16 @@ def test_at_the_locking_height_angle_and_friction_make_a_right_angle(ball, frict
 @given(st.floats(0.0, 200e-6), st.floats(-50e-6, 50e-6), BALLS)
 def test_a_margin_seen_from_the_other_side_is_its_mirror(opening, rise, ball):
     np.testing.assert_allclose(
-        margin_angles(opening, rise, ball), margin_angles(opening, -rise, ball)[::-1], atol=1e-12
+        find_margin_angles(opening, rise, ball),
+        find_margin_angles(opening, -rise, ball)[::-1],
+        atol=1e-12,
     )
 
 
 @MANY
 @given(LENGTHS, BALLS)
 def test_a_margin_without_a_gap_is_a_step(rise, ball):
-    assert math.isclose(Margin(0.0, 0.0, rise).angles(ball)[0], step_angle(rise, ball))
+    assert math.isclose(Margin(0.0, 0.0, rise).angles(ball)[0], find_step_angle(rise, ball))
     assert Margin(0.0, 0.0, rise).angles(ball)[1] == 0.0
 
 
@@ -173,8 +175,8 @@ def test_a_groove_holds_the_same_both_ways_and_never_more_than_its_flank(width, 
 @MANY
 @given(LENGTHS, LENGTHS)
 def test_there_and_back_the_change_of_an_energy_is_none(first, second):
-    there = energy_change(Step(first), Step(second), PAPER)
-    back = energy_change(Step(second), Step(first), PAPER)
+    there = find_energy_change(Step(first), Step(second), PAPER)
+    back = find_energy_change(Step(second), Step(first), PAPER)
     if not math.isnan(there):
         assert math.isclose((1.0 + there) * (1.0 + back), 1.0, rel_tol=1e-9)
 

@@ -8,10 +8,10 @@ import pytest
 from oracles import tip_paths
 from stepblocks.contact.critical_angle import (
     compute_bevelled_margin_angles,
-    margin_angles,
-    step_angle,
+    find_margin_angles,
+    find_step_angle,
 )
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 from stepblocks.drag.catches import find_catch_places
 from stepblocks.drag.track import build_profile_track
@@ -44,7 +44,7 @@ def test_a_sharp_step_has_the_path_and_the_angle_of_equation_two(height):
     assert path.height == pytest.approx(
         tip_paths.step_path(path.position, height, R), rel=1e-11, abs=1e-12 * height
     )
-    assert find_steepest_catch(path).angle == pytest.approx(step_angle(height, R), rel=1e-9)
+    assert find_steepest_catch(path).angle == pytest.approx(find_step_angle(height, R), rel=1e-9)
     assert find_steepest_catch(path).contact == 0.0
     assert find_steepest_catch(path.mirrored()).angle == 0.0
 
@@ -53,7 +53,7 @@ def test_a_sharp_step_has_the_path_and_the_angle_of_equation_two(height):
 def test_a_step_as_high_as_the_ball_is_met_at_a_right_angle(height):
     catch = find_steepest_catch(build_profile_path(*sharp_step(height), R))
     assert catch.angle == 0.5 * math.pi
-    assert release_at(catch.angle, 1.0, 0.15).status is Status.TOO_HIGH
+    assert find_release(catch.angle, 1.0, 0.15).status is Status.TOO_HIGH
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,9 @@ def test_a_rounded_step_follows_its_closed_form_also_where_the_face_cuts_the_arc
     expected = tip_paths.step_path(path.position, height, R, radius)
     assert np.abs(path.height - expected).max() < 1e-6 * height
     # the polyline's chords turn by pi/2/4000 per point
-    assert find_steepest_catch(path).angle == pytest.approx(step_angle(height, R, radius), abs=4e-4)
+    assert find_steepest_catch(path).angle == pytest.approx(
+        find_step_angle(height, R, radius), abs=4e-4
+    )
 
 
 @pytest.mark.parametrize(
@@ -88,7 +90,7 @@ def test_a_groove_with_or_without_discrepancy_and_floor_equals_its_closed_form(w
 
 
 def test_a_groove_without_a_near_floor_is_the_papers_junction():
-    assert tip_paths.groove_angles(60e-6, R, 5e-6) == margin_angles(60e-6, 5e-6, R)
+    assert tip_paths.groove_angles(60e-6, R, 5e-6) == find_margin_angles(60e-6, 5e-6, R)
 
 
 def test_a_ridge_is_felt_alike_both_ways():
@@ -100,7 +102,7 @@ def test_a_ridge_is_felt_alike_both_ways():
     )
     up, down = find_steepest_catch(path), find_steepest_catch(path.mirrored())
     assert up.angle == pytest.approx(down.angle, rel=1e-9)
-    assert up.angle == pytest.approx(step_angle(height, R), rel=1e-9)
+    assert up.angle == pytest.approx(find_step_angle(height, R), rel=1e-9)
     assert (up.contact, down.contact) == (0.0, -width)
 
 
@@ -108,7 +110,7 @@ def test_the_angle_does_not_depend_on_where_the_path_is_asked_for():
     x, z = sharp_step(33e-6)
     for positions in (np.linspace(-1e-3, 1e-3, 7), np.linspace(-1e-3, 1e-3, 4001)):
         angle = find_steepest_catch(build_profile_path(x, z, R, positions=positions)).angle
-        assert angle == pytest.approx(step_angle(33e-6, R), rel=1e-9)
+        assert angle == pytest.approx(find_step_angle(33e-6, R), rel=1e-9)
 
 
 def test_a_polyline_is_never_below_its_samples_and_equals_a_dense_resampling():
@@ -153,7 +155,7 @@ def test_every_step_of_a_staircase_is_a_catch_with_its_own_angle():
         find_catch_places(build_profile_track([*x, 4e-3], [*z, level], R, backward=way))
         for way in (False, True)
     )
-    assert there.angle == pytest.approx([step_angle(h, R) for h in heights], rel=1e-8)
+    assert there.angle == pytest.approx([find_step_angle(h, R) for h in heights], rel=1e-8)
     assert there.contact == pytest.approx([0.0, 1e-3, 2e-3], abs=1e-9)
     assert back.angle.size == 0
 
@@ -181,18 +183,18 @@ def test_scaling_surface_and_tip_alike_scales_the_path():
 def test_a_surface_far_from_the_origin_keeps_its_angle():
     x, z = sharp_step(25e-6)
     assert find_steepest_catch(build_profile_path(x + 0.04, z + 0.02, R)).angle == pytest.approx(
-        step_angle(25e-6, R), rel=1e-7
+        find_step_angle(25e-6, R), rel=1e-7
     )
 
 
 def test_a_flat_surface_has_no_catch():
     path = build_profile_path(np.linspace(0, 1e-3, 50), np.full(50, 3e-6), R)
     assert find_steepest_catch(path).angle == 0.0
-    assert release_at(find_steepest_catch(path).angle, 1.0, 0.2).status is Status.NO_CATCH
+    assert find_release(find_steepest_catch(path).angle, 1.0, 0.2).status is Status.NO_CATCH
 
 
 def test_force_and_energy_over_a_profile_are_those_of_equation_one():
-    release = release_at(
+    release = find_release(
         find_steepest_catch(build_profile_path(*sharp_step(25e-6), 125e-6)).angle, 1.0, 0.15
     )
     # Origin: project facts, H 25 um, mu 0.15, 1 N.

@@ -13,7 +13,7 @@ from stepblocks.contact.uncertainty import (
     compute_deviated_releases,
     compute_sensitivities,
     convert_half_widths,
-    interval_of,
+    estimate_interval,
     list_inputs,
 )
 from stepblocks.errors import ContactError
@@ -50,7 +50,7 @@ def test_the_energy_changes_by_five_to_twenty_percent_per_micrometre():
 
 
 def test_drawn_and_analytic_intervals_agree_where_all_is_small():
-    interval = interval_of(STEP, POINT, SMALL, draws=100_000, seed=1)
+    interval = estimate_interval(STEP, POINT, SMALL, draws=100_000, seed=1)
     assert interval.agrees
     assert interval.energy_low == pytest.approx(interval.analytic_energy_low, rel=5e-3)
     assert interval.energy_high == pytest.approx(interval.analytic_energy_high, rel=5e-3)
@@ -60,7 +60,7 @@ def test_drawn_and_analytic_intervals_agree_where_all_is_small():
 def test_a_95_percent_interval_holds_95_percent_of_the_truths():
     rng = np.random.default_rng(2)
     inside = 0
-    interval = interval_of(STEP, POINT, SMALL, draws=20_000, seed=0)
+    interval = estimate_interval(STEP, POINT, SMALL, draws=20_000, seed=0)
     for _ in range(400):
         truth = float(
             compute_deviated_releases(
@@ -85,7 +85,7 @@ def test_drawn_and_analytic_intervals_of_a_margin_agree_where_all_is_small(margi
     }
     if margin is BEVEL:
         spread["opening"] = 0.3e-6
-    interval = interval_of(margin, UNDER, spread, backward=backward, draws=100_000, seed=1)
+    interval = estimate_interval(margin, UNDER, spread, backward=backward, draws=100_000, seed=1)
     assert interval.agrees
     assert interval.energy_low == pytest.approx(interval.analytic_energy_low, rel=0.01)
     assert interval.energy_high == pytest.approx(interval.analytic_energy_high, rel=0.01)
@@ -94,12 +94,12 @@ def test_drawn_and_analytic_intervals_of_a_margin_agree_where_all_is_small(margi
 def test_a_margin_without_a_gap_has_the_interval_of_a_step():
     setting = {name: SMALL[name] for name in NAMES[2:]}
     margin = Margin(gap=0.0, opening=0.0, rise=27e-6)
-    over = interval_of(margin, UNDER, setting | {"rise": 0.1e-6}, draws=100_000)
-    plain = interval_of(Step(27e-6), UNDER, setting | {"height": 0.1e-6}, draws=100_000)
+    over = estimate_interval(margin, UNDER, setting | {"rise": 0.1e-6}, draws=100_000)
+    plain = estimate_interval(Step(27e-6), UNDER, setting | {"height": 0.1e-6}, draws=100_000)
     assert over.energy == pytest.approx(plain.energy, rel=1e-12)
     assert over.analytic_energy_high == pytest.approx(plain.analytic_energy_high, rel=1e-6)
     assert over.energy_high == pytest.approx(plain.energy_high, rel=5e-3)
-    back = interval_of(margin, UNDER, setting | {"rise": 0.1e-6}, backward=True)
+    back = estimate_interval(margin, UNDER, setting | {"rise": 0.1e-6}, backward=True)
     assert (back.status, back.energy_low, back.energy_high) == (Status.NO_CATCH, 0.0, 0.0)
 
 
@@ -108,28 +108,28 @@ def test_the_analytic_interval_fails_where_the_kind_of_contact_changes_within_th
     # wider, it sinks
     reach = math.sqrt(9e-6 * (2 * 117e-6 - 9e-6))
     edge = replace(MARGIN, gap=reach, opening=reach)
-    assert not interval_of(edge, UNDER, {"gap": 4e-6}, backward=True).agrees
+    assert not estimate_interval(edge, UNDER, {"gap": 4e-6}, backward=True).agrees
 
 
 def test_near_locking_the_draws_say_held_and_the_analytic_interval_does_not_agree():
-    interval = interval_of(Step(105e-6), PAPER, {"height": 1e-6}, seed=3)
+    interval = estimate_interval(Step(105e-6), PAPER, {"height": 1e-6}, seed=3)
     assert interval.status is Status.RELEASES
     assert 0.01 < interval.held_probability < 0.5
     assert not interval.agrees
-    locked = interval_of(Step(105e-6), replace(PAPER, friction=0.4), {"height": 1e-6})
+    locked = estimate_interval(Step(105e-6), replace(PAPER, friction=0.4), {"height": 1e-6})
     assert locked.status is Status.LOCKED
     assert math.isnan(locked.energy)
     assert math.isinf(locked.energy_high)
 
 
 def test_known_inputs_give_an_interval_of_no_width():
-    interval = interval_of(STEP, POINT, {})
+    interval = estimate_interval(STEP, POINT, {})
     assert interval.energy_low == pytest.approx(interval.energy, rel=1e-12)
     assert interval.energy_high == pytest.approx(interval.energy, rel=1e-12)
 
 
 def test_the_same_seed_gives_the_same_interval_and_another_nearly_so():
-    a, b, c = (interval_of(STEP, POINT, SMALL, seed=s) for s in (5, 5, 6))
+    a, b, c = (estimate_interval(STEP, POINT, SMALL, seed=s) for s in (5, 5, 6))
     assert a == b
     assert a != c
     assert a.energy_high == pytest.approx(c.energy_high, rel=0.01)
@@ -138,7 +138,7 @@ def test_the_same_seed_gives_the_same_interval_and_another_nearly_so():
 @pytest.mark.parametrize("width", [1.0, 1e100, 1e293])
 def test_an_uncertainty_larger_than_any_block_leaves_the_energy_unknown_and_says_so(width):
     with pytest.raises(ContactError, match="spreads as large as the values"):
-        interval_of(STEP, POINT, {"height": width})
+        estimate_interval(STEP, POINT, {"height": width})
 
 
 def test_a_rectangular_tolerance_has_its_width_over_root_three_as_uncertainty():
@@ -150,7 +150,7 @@ def test_a_profile_of_a_step_has_the_interval_of_the_step():
     profile = Profile(np.array([-1e-3, 0.0, 0.0, 1e-3]), np.array([0.0, 0.0, 27e-6, 27e-6]))
     uncertain = {"ball_radius": 2e-6, "friction": 0.01}
     over, plain = (
-        interval_of(face, POINT, uncertain, draws=200) for face in (profile, Step(27e-6))
+        estimate_interval(face, POINT, uncertain, draws=200) for face in (profile, Step(27e-6))
     )
     assert over.energy == pytest.approx(plain.energy, rel=1e-9)
     assert over.analytic_energy_high == pytest.approx(plain.analytic_energy_high, rel=1e-5)
@@ -160,14 +160,17 @@ def test_a_profile_of_a_step_has_the_interval_of_the_step():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: interval_of(STEP, POINT, {"height": -1.0}), "uncertainty of height"),
-        (lambda: interval_of(MARGIN, UNDER, {"rise": -1.0}), "uncertainty of rise"),
+        (lambda: estimate_interval(STEP, POINT, {"height": -1.0}), "uncertainty of height"),
+        (lambda: estimate_interval(MARGIN, UNDER, {"rise": -1.0}), "uncertainty of rise"),
         (
-            lambda: interval_of(MARGIN, UNDER, {"height": 1e-6}),
+            lambda: estimate_interval(MARGIN, UNDER, {"height": 1e-6}),
             "uncertainty must be of gap, opening, rise, ball_radius",
         ),
-        (lambda: interval_of(replace(MARGIN, gap=-1e-6), UNDER, {}, backward=True), "gap must be"),
-        (lambda: interval_of(STEP, POINT, SMALL, draws=3), "draws"),
+        (
+            lambda: estimate_interval(replace(MARGIN, gap=-1e-6), UNDER, {}, backward=True),
+            "gap must be",
+        ),
+        (lambda: estimate_interval(STEP, POINT, SMALL, draws=3), "draws"),
         (lambda: compute_sensitivities(STEP, replace(POINT, friction=5.0), SMALL), "locked"),
     ],
 )

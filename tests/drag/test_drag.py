@@ -11,8 +11,8 @@ import pytest
 
 from oracles.snap import snap_load
 from oracles.tip_paths import step_path
-from stepblocks.contact.critical_angle import margin_angles, step_angle
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
+from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import Tool
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings, build_probe
 from stepblocks.drag.ring import (
@@ -38,7 +38,7 @@ STIFF = replace(PAPER_DRAG, contact_power=1.0, contact_stiffness=3e8, damping_ra
 def test_the_peak_tends_to_equation_one_as_the_speed_falls_and_the_contact_hardens(
     height, load, mu
 ):
-    formula = release_at(step_angle(height, R), load, mu).pull_force
+    formula = find_release(find_step_angle(height, R), load, mu).pull_force
     errors = []
     for speed in (5e-3, 1e-3, 0.1e-3):
         settings = DragSettings(load, mu, speed=speed, ring_time=1e-3, lead=2e-6)
@@ -53,7 +53,7 @@ def test_the_peak_tends_to_equation_one_as_the_speed_falls_and_the_contact_harde
 
 
 def test_contact_compliance_lowers_the_peak_in_proportion_to_the_indentation():
-    formula = release_at(step_angle(50e-6, R), 1.0, 0.15).pull_force
+    formula = find_release(find_step_angle(50e-6, R), 1.0, 0.15).pull_force
     settings = DragSettings(1.0, 0.15, speed=0.1e-3, ring_time=1e-3, lead=2e-6)
     loss = []
     for stiffness in (4e6, 8e6, 16e6):
@@ -212,12 +212,12 @@ def test_friction_at_rest_that_exceeds_sliding_friction_raises_the_peak():
     sticky = simulate_drag(
         build_step_track(25e-6, R), STIFF, replace(base, static_friction=0.25, stribeck_speed=20e-3)
     ).peak_force
-    limit = release_at(step_angle(25e-6, R), 1.0, 0.25).pull_force
+    limit = find_release(find_step_angle(25e-6, R), 1.0, 0.25).pull_force
     assert plain < sticky <= limit * 1.01
 
 
 def test_a_pulled_handle_needs_more_than_the_peak_force_to_pass():
-    formula = release_at(step_angle(25e-6, R), 1.0, 0.15).pull_force
+    formula = find_release(find_step_angle(25e-6, R), 1.0, 0.15).pull_force
     pulled = DragSettings(
         1.0, 0.15, speed=0.0, pulling_force=0.7 * formula, handle_mass=0.1, handle_damping=500.0
     )
@@ -269,7 +269,7 @@ def test_the_track_of_a_profile_is_the_track_in_closed_form():
     track = build_profile_track(np.insert(x, 1500, 0.0), np.insert(z, 1500, 0.0), R)
     assert track.kinks.size == 1
     assert track.x[track.kinks[0]] == pytest.approx(closed.x[closed.kinks[0]], rel=1e-9)
-    assert track.steepest_angle == pytest.approx(step_angle(height, R), rel=1e-9)
+    assert track.steepest_angle == pytest.approx(find_step_angle(height, R), rel=1e-9)
     assert track.z == pytest.approx(step_path(track.x, height, R), abs=1e-9 * height)
     settings = DragSettings(0.6, 0.15, speed=5e-3)
     assert simulate_drag(track, PAPER_DRAG, settings).peak_force == pytest.approx(
@@ -281,21 +281,23 @@ def test_a_margin_is_felt_in_both_directions_with_its_own_force():
     gap, rise = 70e-6, 6e-6
     x = np.array([-1.5e-3, 0, 0, gap, gap, 1.5e-3])
     z = np.array([0, 0, -1e-3, -1e-3, rise, rise])
-    for backward, angle in zip((False, True), margin_angles(gap, rise, R), strict=True):
+    for backward, angle in zip((False, True), find_margin_angles(gap, rise, R), strict=True):
         settings = DragSettings(0.6, 0.15, speed=1e-3, ring_time=2e-3, lead=30e-6)
         trace = simulate_drag(
             build_profile_track(x, z, R, backward=backward),
             replace(STIFF, contact_stiffness=1e8),
             settings,
         )
-        assert trace.peak_force == pytest.approx(release_at(angle, 0.6, 0.15).pull_force, rel=0.03)
+        assert trace.peak_force == pytest.approx(
+            find_release(angle, 0.6, 0.15).pull_force, rel=0.03
+        )
 
 
 def test_a_rounded_edge_lowers_the_peak_as_the_closed_form_says():
     settings = DragSettings(0.6, 0.15, speed=1e-3, ring_time=1e-3, lead=5e-6)
     peak = simulate_drag(build_step_track(40e-6, R, 14e-6), STIFF, settings).peak_force
     assert peak == pytest.approx(
-        release_at(step_angle(40e-6, R, 14e-6), 0.6, 0.15).pull_force, rel=0.01
+        find_release(find_step_angle(40e-6, R, 14e-6), 0.6, 0.15).pull_force, rel=0.01
     )
 
 
@@ -315,7 +317,7 @@ def test_the_share_that_rings_grows_with_the_height_and_is_no_constant():
 def test_below_the_snap_load_a_slow_tip_climbs_over_without_a_ring():
     # Origin: stability of a spring against a force that falls with position, dF/dx = -k; not from
     # the simulation.
-    angle = step_angle(40e-6, R)
+    angle = find_step_angle(40e-6, R)
     load = snap_load(angle, 0.15, PAPER_DRAG.stiffness, R)
     shares = []
     for factor in (0.7, 3.0):

@@ -15,9 +15,9 @@ import pytest
 from oracles.rigid_drag import RigidPath, events_of, rigid_drag
 from stepblocks.cli import main
 from stepblocks.contact.counterface import Groove, Margin, Profile, Step
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.event import vibration_events
+from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.energy import Status, find_release
+from stepblocks.contact.event import list_vibration_events
 from stepblocks.contact.laws import LinearContact
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.run import drag_over
@@ -51,7 +51,7 @@ def test_the_step_answers_and_not_the_first_ripple_before_it():
     # a ripple of 0.5 um every 100 um has slopes of 1.8 degrees: it hides steps of R (1 - cos a)
     assert done.summary["texture_angle_deg"] == pytest.approx(1.8, abs=0.1)
     hidden = done.summary["texture_hides_step_m"]
-    assert step_angle(hidden, R) == pytest.approx(
+    assert find_step_angle(hidden, R) == pytest.approx(
         math.radians(done.summary["texture_angle_deg"]), rel=1e-9
     )
 
@@ -66,7 +66,7 @@ def test_ripples_lie_a_wavelength_apart_and_ask_the_pull_of_their_slope():
     events = events[1:]  # the first begins where the profile does
     assert np.radians(events.critical_angle_deg.to_numpy()) == pytest.approx(angle, rel=0.02)
     assert events.formula_pull_n.to_numpy() == pytest.approx(
-        release_at(angle, 1.0, 0.15).pull_force, rel=0.02
+        find_release(angle, 1.0, 0.15).pull_force, rel=0.02
     )
     assert events.pull_n.median() == pytest.approx(events.formula_pull_n.median(), rel=0.05)
 
@@ -92,8 +92,8 @@ def test_equation_drag_and_export_speak_of_the_same_edge():
     whole, narrow = face, Profile(face.x, face.z, feature=(0.2e-3, 0.4e-3))
     for one, height in ((whole, 30e-6), (narrow, 18e-6)):
         formula = one.release(PAPER)
-        assert formula.angle == pytest.approx(step_angle(height, R), rel=1e-6)
-        event = vibration_events(Profile(face.x[::4], face.z[::4], one.feature), PAPER)[0]
+        assert formula.angle == pytest.approx(find_step_angle(height, R), rel=1e-6)
+        event = list_vibration_events(Profile(face.x[::4], face.z[::4], one.feature), PAPER)[0]
         assert event.critical_angle == pytest.approx(formula.angle, rel=1e-4)
         done = drag_over(one)
         answer = done.events[done.events.belongs_to == "feature"]
@@ -115,7 +115,7 @@ def test_a_range_on_the_way_back_is_that_of_the_surface():
     assert back.events.contact_x_m[back.events.belongs_to == "feature"].tolist() == pytest.approx(
         [-0.3e-3], abs=1e-6
     )
-    assert back.formula.angle == pytest.approx(step_angle(18e-6, R), rel=1e-6)
+    assert back.formula.angle == pytest.approx(find_step_angle(18e-6, R), rel=1e-6)
 
 
 def test_a_pulled_handle_with_mass_meets_the_edge_itself():
@@ -132,7 +132,7 @@ def test_a_pull_that_is_too_weak_is_no_release():
     assert done.trace.status is Status.LOCKED
     assert "peak_force_n" not in done.summary
     assert "does not pass" in done.summary["reason"]
-    assert done.frame.x_m.iloc[-1] < -R * math.sin(step_angle(25e-6, R)) + 2e-6
+    assert done.frame.x_m.iloc[-1] < -R * math.sin(find_step_angle(25e-6, R)) + 2e-6
 
 
 def test_where_the_equation_holds_the_tip_so_does_the_drag():
@@ -149,7 +149,7 @@ def test_a_slope_of_45_degrees_releases_however_densely_it_is_sampled(pitch):
     x = np.arange(-0.4e-3, 0.4e-3, pitch)
     done = drag_over(Profile(x, np.clip(x, 0.0, 100e-6)))
     assert done.trace.status is Status.RELEASES
-    formula = release_at(math.radians(45.0), 1.0, 0.15).pull_force
+    formula = find_release(math.radians(45.0), 1.0, 0.15).pull_force
     assert done.summary["equation_1"]["peak_force_n"] == pytest.approx(formula, rel=1e-5)
     assert done.trace.peak_force == pytest.approx(formula, rel=0.04)
 
@@ -305,7 +305,7 @@ def test_the_command_answers_for_a_range_and_says_what_else_released(tmp_path, c
     assert main(["drag", str(path), "--x-range", "200um..400um", *out]) == 0
     assert "1 other releases" in "".join(capsys.readouterr())
     record = json.loads((tmp_path / "out" / "drag.json").read_text())
-    expected = release_at(step_angle(18e-6, R), 1.0, 0.15).pull_force
+    expected = find_release(find_step_angle(18e-6, R), 1.0, 0.15).pull_force
     assert record["equation_1"]["peak_force_n"] == pytest.approx(expected, rel=1e-6)
     assert main(["drag", str(path), "--x-range", "200um", *out]) == 2
     assert "two lengths such as" in capsys.readouterr().err

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from stepblocks.contact.counterface import Step
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import release_at
+from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.energy import find_release
 from stepblocks.contact.laws import ContactLaw, FrictionLaw, Hertz, LinearContact, Stribeck
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.drag.run import drag_over
@@ -42,7 +42,7 @@ def test_the_equation_takes_a_law_at_rest_and_the_drag_tends_to_it_slowly():
     # Expected value: equation (1) with the coefficient at rest.
     point = OperatingPoint(125e-6, 0.8, Stribeck(0.1, 0.22))
     assert point.friction == 0.22
-    expected = release_at(step_angle(25e-6, 125e-6), 0.8, 0.22).pull_force
+    expected = find_release(find_step_angle(25e-6, 125e-6), 0.8, 0.22).pull_force
     assert Step(25e-6).release(point).pull_force == expected
     predicted = predict_one(Step(25e-6), point)
     assert predicted.release.pull_force == expected

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.energy import Status, find_release
 from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.ring import (
@@ -96,7 +96,7 @@ def test_figures_that_cost_a_spectrum_are_left_out_where_nobody_asks():
 
 def test_a_trace_is_a_table_with_its_units():
     trace = trace_of()
-    frame = Drag("a ramp", trace, release_at(0.5, LOAD, MU)).frame
+    frame = Drag("a ramp", trace, find_release(0.5, LOAD, MU)).frame
     assert list(frame.columns) == list(COLUMNS)
     assert (frame.fx_n.to_numpy() == trace.column("fx_n")).all()
 

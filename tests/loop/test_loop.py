@@ -17,7 +17,7 @@ from oracles.features_file import features_of
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.artefacts.model_file import read_model
-from stepblocks.bench.measure import measure
+from stepblocks.bench.measure import measure_session
 from stepblocks.contact.forward import parse_tip_radius_um
 from stepblocks.contact.operating_point import Tool
 from stepblocks.declare import load_set
@@ -314,7 +314,7 @@ def test_thirty_trials_at_one_load_that_saturate_end_in_none_or_an_interval_that
     # origin: the truth of another bench, which shares no code with what explains it
     bench = Bench(conversion=0.2, limit=1.0, edge_radius=edge)
     write_session(tmp_path / "session", Plan(bench=bench, trials=30, loads=(0.5,), scans=False), 1)
-    features = measure(tmp_path / "session", jobs=1)
+    features = measure_session(tmp_path / "session", jobs=1)
     table = build_session_table(features, bench.stiffness, bench.tip_radius)
     censored = np.isfinite(table.trials.floor[:, 1])
     assert censored.sum() == (features["status"] == "censored").sum() > 5

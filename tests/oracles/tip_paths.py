@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from stepblocks.contact.critical_angle import margin_angles, step_angle
+from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
 
 
 def _corner(x, at, height, radius):
@@ -59,8 +59,8 @@ def groove_path(position, width, ball_radius, rise=0.0, depth=math.inf):
 def groove_angles(width, ball_radius, rise=0.0, depth=math.inf):
     """Critical angles [rad] of a groove with a floor, towards the far shoulder and back.
 
-    The ball either hangs between the two corners (`margin_angles`) or stands on the floor and meets
-    each shoulder as a step; it climbs the smaller of the two angles, since the higher of the two
+    The ball either hangs between the two corners (`find_margin_angles`) or stands on the floor
+    and meets each shoulder as a step; it climbs the smaller of the two angles, since the higher of the two
     rests is the path.
 
     Examples
@@ -68,11 +68,11 @@ def groove_angles(width, ball_radius, rise=0.0, depth=math.inf):
     >>> groove_angles(400e-6, 125e-6, depth=25e-6)[0] == step_angle(25e-6, 125e-6)
     True
     """
-    hung = margin_angles(width, rise, ball_radius)
+    hung = find_margin_angles(width, rise, ball_radius)
     if math.isinf(depth):
         return hung
-    forward = min(hung[0], step_angle(depth + rise, ball_radius))
-    backward = min(hung[1], step_angle(depth, ball_radius))
+    forward = min(hung[0], find_step_angle(depth + rise, ball_radius))
+    backward = min(hung[1], find_step_angle(depth, ball_radius))
     return forward, backward
 
 

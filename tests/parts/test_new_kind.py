@@ -23,7 +23,7 @@ from stepblocks.parts.revolution import Turned, make_frusta
 from stepblocks.parts.set import list_kinds, register_kind
 from stepblocks.parts.tolerance import PositiveLength
 from stepblocks.predict.predictions import predict_by_formula
-from stepblocks.simulators.export import export
+from stepblocks.simulators.export import export_scenes
 from stepblocks.workshop.run import order_parts
 
 
@@ -180,7 +180,7 @@ def test_it_is_felt_as_steep_as_its_flanks(pins):
 
 
 def test_it_is_exported_lying_on_its_side(pins, tmp_path):
-    (exported,) = export([pins[0]], "chai3d", tmp_path)
+    (exported,) = export_scenes([pins[0]], "chai3d", tmp_path)
     assert exported.name == "pins/collar-050"
     lines = (exported.folder / "block.obj").read_text().splitlines()
     heights = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)[

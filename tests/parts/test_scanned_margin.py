@@ -12,11 +12,11 @@ from oracles.scanned_tooth import BULGE, FLARE, HOLLOW, MARGIN, NOISE, RADIUS, s
 from stepblocks.build.run import build_sets, check_output
 from stepblocks.cli import main
 from stepblocks.contact.counterface import Margin
-from stepblocks.contact.critical_angle import margin_angles
+from stepblocks.contact.critical_angle import find_margin_angles
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import build_solids, mesh_solid
 from stepblocks.predict.predictions import predict_by_formula
-from stepblocks.simulators.export import export
+from stepblocks.simulators.export import export_scenes
 
 BALL, GAP = 125e-6, 80e-6
 
@@ -55,7 +55,7 @@ def test_a_clean_scan_gives_the_profile_itself_in_either_format_and_any_unit(tmp
 def test_the_gap_in_the_prediction_is_the_one_injected_however_bad_the_scan(tmp_path):
     # Origin: sin a = g / 2R between the corners of the gap; a straight cylinder has level sides.
     straight = load_set(scanned_set(tmp_path / "clean", scan(cylinder, noise=0.0)))
-    expected = margin_angles(GAP, 0.0, BALL)[0]
+    expected = find_margin_angles(GAP, 0.0, BALL)[0]
     assert [row.release.angle for row in predict_by_formula(straight)] == pytest.approx(
         [expected] * 6, rel=1e-4
     )
@@ -106,7 +106,7 @@ def test_a_bad_scan_goes_from_its_file_to_solids_meshes_page_and_scenes(built, t
     assert all(verdict.passed for verdict in verdicts)
     assert "no verdict on the scanned one" in (folder / "out" / "index.html").read_text()
     for form in ("mujoco", "chai3d"):
-        assert len(export([path], form, tmp_path / form)) == 1
+        assert len(export_scenes([path], form, tmp_path / form)) == 1
 
 
 def test_it_is_dragged_over_in_both_directions(built, tmp_path):

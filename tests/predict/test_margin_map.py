@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepblocks.contact.energy import release_at
+from stepblocks.contact.energy import find_release
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 from stepblocks.errors import ContactError
@@ -41,7 +41,7 @@ def test_the_margin_map_agrees_with_the_path_over_its_own_rounded_profile():
     point = replace(POINT, ball_radius=radius + r)
     to_tooth, to_crown = compute_margin_map(np.array([gap + 2.0 * r]), np.array([rise]), point)
     forces = [
-        release_at(find_steepest_catch(one).angle, 0.7, 0.21).pull_force
+        find_release(find_steepest_catch(one).angle, 0.7, 0.21).pull_force
         for one in (path, path.mirrored())
     ]
     assert forces == pytest.approx([to_tooth[0, 0], to_crown[0, 0]], rel=2e-3)

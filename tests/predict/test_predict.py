@@ -10,7 +10,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
-from stepblocks.contact.uncertainty import convert_half_widths, interval_of
+from stepblocks.contact.uncertainty import convert_half_widths, estimate_interval
 from stepblocks.declare import load_set
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.predict.predictions import predict_by_formula
@@ -79,7 +79,7 @@ def test_the_interval_of_a_prediction_is_that_of_its_stated_tolerances():
     spread = convert_half_widths(
         lengths | {"friction": 0.01, "normal_load": 0.005, "stiffness": 0.02 * 9810.0}
     )
-    assert p.interval == interval_of(
+    assert p.interval == estimate_interval(
         Step(50e-6, 1e-6), OperatingPoint(125e-6, 0.5, 0.15), spread, draws=2000
     )
 

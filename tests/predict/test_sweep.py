@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from stepblocks.cli import main
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import release_at
+from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.energy import find_release
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
@@ -17,7 +17,7 @@ from stepblocks.predict.figures import compute_margin_map
 from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.predict.sweep.plan import load_sweep
 from stepblocks.predict.sweep.rows import draw_inputs
-from stepblocks.predict.sweep.run import sweep
+from stepblocks.predict.sweep.run import run_sweep
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 pq = pytest.importorskip("pyarrow.parquet")
@@ -55,7 +55,7 @@ def test_rows_do_not_depend_on_the_partitioning(tmp_path):
     results = []
     for size in (7, 50, 1000):
         plan = plan_of(tmp_path, RANDOM.format(rows=40, size=size, mode="static"))
-        sweep(plan, tmp_path / f"by-{size}")
+        run_sweep(plan, tmp_path / f"by-{size}")
         results.append(table(tmp_path / f"by-{size}"))
     for other in results[1:]:
         assert other.equals(results[0])
@@ -64,10 +64,10 @@ def test_rows_do_not_depend_on_the_partitioning(tmp_path):
 
 def test_every_row_is_equations_one_and_two(tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=20, size=100, mode="static"))
-    sweep(plan, tmp_path / "out")
+    run_sweep(plan, tmp_path / "out")
     for row in table(tmp_path / "out").itertuples():
-        release = release_at(
-            step_angle(row.height_m, 125e-6, 3e-6), row.normal_load_n, row.friction
+        release = find_release(
+            find_step_angle(row.height_m, 125e-6, 3e-6), row.normal_load_n, row.friction
         )
         assert row.status == str(release.status)
         assert row.vibration_energy_j == pytest.approx(
@@ -86,7 +86,7 @@ normal_load = ["0.5 N", "1 N"]
     drawn = draw_inputs(plan, range(plan.rows))
     rows = set(zip(drawn["height"], drawn["friction"], drawn["normal_load"], strict=True))
     assert len(rows) == plan.rows == 60
-    sweep(plan, tmp_path / "out")
+    run_sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
     assert set(frame.status) == {"releases", "locked", "beyond-hand"}
     assert frame[frame.status == "beyond-hand"].vibration_energy_j.isna().all()
@@ -104,7 +104,7 @@ def test_draws_of_one_point_scatter_by_their_uncertainty(tmp_path):
 
 def test_a_sweep_in_time_agrees_with_its_static_columns_at_low_speed(tmp_path):
     text = RANDOM.format(rows=3, size=100, mode="drag").replace("30 mm/s", "2 mm/s")
-    sweep(plan_of(tmp_path, text), tmp_path / "out")
+    run_sweep(plan_of(tmp_path, text), tmp_path / "out")
     frame = table(tmp_path / "out")
     released = frame[frame.drag_status == "releases"]
     assert len(released) >= 6
@@ -121,20 +121,20 @@ def test_an_interrupted_sweep_resumes_from_what_is_finished(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        sweep(plan, tmp_path / "out", on_partition=interrupt)
+        run_sweep(plan, tmp_path / "out", on_partition=interrupt)
     stamps = {p.name: p.stat().st_mtime_ns for p in (tmp_path / "out").glob("part-*.parquet")}
     assert len(stamps) == 5
-    assert tuple(sweep(plan, tmp_path / "out")) == (7, 5)
+    assert tuple(run_sweep(plan, tmp_path / "out")) == (7, 5)
     assert all((tmp_path / "out" / name).stat().st_mtime_ns == t for name, t in stamps.items())
-    assert tuple(sweep(plan, tmp_path / "out")) == (0, 12)
-    sweep(plan, tmp_path / "whole")
+    assert tuple(run_sweep(plan, tmp_path / "out")) == (0, 12)
+    run_sweep(plan, tmp_path / "whole")
     for path in sorted((tmp_path / "whole").glob("part-*.parquet")):
         assert path.read_bytes() == (tmp_path / "out" / path.name).read_bytes()
 
 
 def test_a_process_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=60, size=6, mode="drag"))
-    sweep(plan, tmp_path / "alone")
+    run_sweep(plan, tmp_path / "alone")
 
     def kill_workers(_):
         from stepblocks.workers import kill_workers
@@ -142,8 +142,8 @@ def test_a_process_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path)
         kill_workers()
 
     with pytest.raises(PipelineError, match="run it again, and it goes on"):
-        sweep(plan, tmp_path / "by-two", jobs=2, on_partition=kill_workers)
-    computed, found = sweep(plan, tmp_path / "by-two", jobs=2)
+        run_sweep(plan, tmp_path / "by-two", jobs=2, on_partition=kill_workers)
+    computed, found = run_sweep(plan, tmp_path / "by-two", jobs=2)
     assert found >= 1
     assert computed + found == plan.partitions == 30
     whole, again = (
@@ -169,7 +169,9 @@ def test_readers_of_tables_take_the_folder_as_it_is(tmp_path):
     import pandas as pd
     from pyarrow import dataset
 
-    done = sweep(plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static")), tmp_path / "out")
+    done = run_sweep(
+        plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static")), tmp_path / "out"
+    )
     frame = pd.read_parquet(tmp_path / "out")
     assert len(frame) == dataset.dataset(tmp_path / "out").count_rows() == 12
     pd.testing.assert_frame_equal(done.read(), frame)
@@ -179,7 +181,9 @@ def test_readers_of_tables_take_the_folder_as_it_is(tmp_path):
 
 
 def test_a_result_draws_its_table_and_says_what_it_is(tmp_path):
-    done = sweep(plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static")), tmp_path / "out")
+    done = run_sweep(
+        plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static")), tmp_path / "out"
+    )
     axes = done.plot()
     assert done.plot(y="peak_force_n", ax=axes) is axes
     assert axes.get_xlabel() == "height, m"
@@ -190,9 +194,9 @@ def test_a_result_draws_its_table_and_says_what_it_is(tmp_path):
 def test_a_number_of_processes_that_cannot_be_is_refused(jobs, tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static"))
     with pytest.raises(PipelineError, match="jobs must be a whole number from 1 to 1024"):
-        sweep(plan, tmp_path / "out", jobs=jobs)
+        run_sweep(plan, tmp_path / "out", jobs=jobs)
     with pytest.raises(PipelineError, match="plan must be a SweepPlan or a path, got dict"):
-        sweep({}, tmp_path / "out")
+        run_sweep({}, tmp_path / "out")
 
 
 def test_random_inputs_fill_their_ranges_evenly_and_do_not_hang_together(tmp_path):
@@ -224,29 +228,29 @@ def test_a_part_that_is_empty_cut_or_damaged_is_made_anew(damage, tmp_path):
     assert main(command) == 0
     assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == whole
     part.write_bytes(damage(whole[part.name]))
-    assert tuple(sweep(plan, tmp_path / "out")) == (1, 3)
+    assert tuple(run_sweep(plan, tmp_path / "out")) == (1, 3)
 
 
 def test_rows_of_another_version_of_the_program_are_not_mixed_with_ours(tmp_path, monkeypatch):
     plan = plan_of(tmp_path, RANDOM.format(rows=4, size=10, mode="static"))
-    sweep(plan, tmp_path / "out")
+    run_sweep(plan, tmp_path / "out")
     monkeypatch.setattr("stepblocks.__version__", "0.0.1")
     with pytest.raises(PipelineError, match="another version of stepblocks"):
-        sweep(plan, tmp_path / "out")
+        run_sweep(plan, tmp_path / "out")
 
 
 def test_a_folder_of_another_sweep_is_left_alone(tmp_path):
-    sweep(plan_of(tmp_path, RANDOM.format(rows=4, size=10, mode="static")), tmp_path / "out")
+    run_sweep(plan_of(tmp_path, RANDOM.format(rows=4, size=10, mode="static")), tmp_path / "out")
     other = plan_of(tmp_path, RANDOM.format(rows=5, size=10, mode="static"))
     before = {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir()}
     with pytest.raises(PipelineError, match="another sweep"):
-        sweep(other, tmp_path / "out")
+        run_sweep(other, tmp_path / "out")
     assert before == {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir()}
 
 
 def test_rows_outside_the_equations_say_why(tmp_path):
     text = '[parameters]\nheight = ["20 um", "300 um"]\nfriction = [0.1, -0.1]\n'
-    sweep(plan_of(tmp_path, text), tmp_path / "out")
+    run_sweep(plan_of(tmp_path, text), tmp_path / "out")
     frame = table(tmp_path / "out")
     assert sorted(frame.status) == ["invalid", "invalid", "releases", "too-high"]
     assert frame.problem.str.contains("friction must be finite and not negative").sum() == 2
@@ -268,7 +272,7 @@ speed = "30 mm/s"
 
 
 def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
-    sweep(plan_of(tmp_path, MARGINS.format(mode="static")), tmp_path / "out")
+    run_sweep(plan_of(tmp_path, MARGINS.format(mode="static")), tmp_path / "out")
     frame = table(tmp_path / "out")
     assert len(frame) == 12
     axes = (
@@ -289,7 +293,7 @@ def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
 
 
 def test_crown_margins_are_swept_in_time(tmp_path):
-    sweep(
+    run_sweep(
         plan_of(tmp_path, MARGINS.format(mode="drag").replace("30 mm/s", "3 mm/s")),
         tmp_path / "out",
     )
@@ -311,7 +315,7 @@ def test_a_sweep_over_a_set_draws_its_stimuli_from_their_tolerances(tmp_path):
     )
     plan = plan_of(tmp_path, text)
     assert plan.rows == 2 * 4 * 500  # the set declares four loads
-    sweep(plan, tmp_path / "out")
+    run_sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
     for name, height in (("step-030", 30e-6), ("step-060", 60e-6)):
         drawn = frame[frame.stimulus == name]
@@ -329,7 +333,7 @@ def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
         '[sweep]\nset = "crown-margins.toml"\nkind = "random"\nrows = '
         '400\n[parameters]\ndirection = "crown-to-tooth"\n'
     )
-    sweep(plan_of(tmp_path, text), tmp_path / "out")
+    run_sweep(plan_of(tmp_path, text), tmp_path / "out")
     frame = table(tmp_path / "out")
     predicted = {
         (p.stimulus, p.point.ball_radius, p.point.normal_load, p.point.friction): p.release

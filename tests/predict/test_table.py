@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import release_at
+from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.energy import find_release
 from stepblocks.errors import PipelineError
 from stepblocks.predict.table import predict_table
 
@@ -22,7 +22,7 @@ def test_each_row_of_a_table_gets_its_prediction_with_an_interval(tmp_path):
         "a,25,0.5,1.0,0.15,125\nb,100,0.5,1.0,0.3,125\nc,-3,0.5,1.0,0.15,125\n",
     )
     frame = predict_table(source, tmp_path / "p.csv")
-    expected = release_at(step_angle(25e-6, 125e-6), 1.0, 0.15)
+    expected = find_release(find_step_angle(25e-6, 125e-6), 1.0, 0.15)
     assert frame.peak_force_n[0] == pytest.approx(expected.pull_force, rel=1e-12)
     assert (
         frame.vibration_energy_low_j[0]

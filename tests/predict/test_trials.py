@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from oracles.taught import CONSTANTS, taught_model
-from stepblocks.contact.critical_angle import step_angle
-from stepblocks.contact.energy import release_at
+from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.energy import find_release
 from stepblocks.errors import PipelineError
 from stepblocks.predict.table import predict_trials
 
@@ -36,8 +36,8 @@ def test_without_effects_a_trial_is_equations_one_and_two():
     for row, radius in zip(
         range(3), (110e-6, 125e-6, 120e-6), strict=True
     ):  # a name without a number has the probe's
-        one = release_at(
-            step_angle(50e-6, radius), float(table["load_n"][row]), CONSTANTS["friction"]
+        one = find_release(
+            find_step_angle(50e-6, radius), float(table["load_n"][row]), CONSTANTS["friction"]
         )
         assert found["peak_force_n"][row] == pytest.approx(one.pull_force, rel=1e-12)
         energy = 0.23 * one.pull_force**2 / 2.0 / (1.05 * 9500.0)
@@ -63,7 +63,7 @@ def test_scatter_of_single_trials_alone_is_a_factor_either_way():
 
 def test_doubt_about_a_constant_widens_by_its_derivative():
     found = predict_trials(_table(), taught_model(std=1e-4)).iloc[0]
-    angle = step_angle(50e-6, 110e-6) + math.atan(0.17)
+    angle = find_step_angle(50e-6, 110e-6) + math.atan(0.17)
     slope = (
         1.0 / (math.sin(angle) * math.cos(angle)) / (1.0 + 0.17**2)
     )  # d ln tan(a + atan mu) / d mu
@@ -74,7 +74,7 @@ def test_doubt_about_a_constant_widens_by_its_derivative():
 def test_a_block_that_nobody_measured_is_as_uncertain_as_its_height():
     table = _table(block=["step-050", "step-new"])
     found = predict_trials(table, taught_model())
-    angle = step_angle(50e-6, 110e-6)
+    angle = find_step_angle(50e-6, 110e-6)
     slope = 1.0 / (110e-6 * math.sin(angle))  # da/dH
     total = angle + math.atan(0.17)
     expected = slope * 1e-6 / (math.sin(total) * math.cos(total))
@@ -86,8 +86,8 @@ def test_a_block_that_nobody_measured_is_as_uncertain_as_its_height():
 def test_effects_act_in_the_extended_model_alone():
     learned = taught_model({"edge_rounding": {"edge_radius_m": 14e-6}})
     found = predict_trials(_table(), learned).iloc[0]
-    rounded = release_at(step_angle(50e-6, 110e-6, 14e-6), 0.8, 0.17)
-    sharp = release_at(step_angle(50e-6, 110e-6), 0.8, 0.17)
+    rounded = find_release(find_step_angle(50e-6, 110e-6, 14e-6), 0.8, 0.17)
+    sharp = find_release(find_step_angle(50e-6, 110e-6), 0.8, 0.17)
     assert found["peak_force_n"] == pytest.approx(rounded.pull_force, rel=1e-12)
     assert found["nominal_peak_force_n"] == pytest.approx(sharp.pull_force, rel=1e-12)
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.simulators.export import export
+from stepblocks.simulators.export import export_scenes
 
 SET = Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml"
 
 
 def test_the_camera_rides_with_the_tip_and_looks_at_it(tmp_path):
     mujoco = pytest.importorskip("mujoco")
-    export([SET], "mujoco", tmp_path, only="step-050")
+    export_scenes([SET], "mujoco", tmp_path, only="step-050")
     model = mujoco.MjModel.from_xml_path(
         str(tmp_path / "paper-ten" / "step-050" / "mujoco" / "scene.xml")
     )
@@ -35,7 +35,7 @@ def test_the_camera_rides_with_the_tip_and_looks_at_it(tmp_path):
 def test_one_scene_holds_all_blocks_of_a_set_and_each_tip_slips_at_the_force_of_its_own(tmp_path):
     """Expected: equation (1), as `event.json` of each block says it."""
     mujoco = pytest.importorskip("mujoco")
-    export([SET], "mujoco", tmp_path, only="step-0[25]0", device="sigma-7")
+    export_scenes([SET], "mujoco", tmp_path, only="step-0[25]0", device="sigma-7")
     place = tmp_path / "paper-ten"
     assert (
         "python -m mujoco.viewer --mjcf=scene.xml"
@@ -76,7 +76,7 @@ def test_one_scene_holds_all_blocks_of_a_set_and_each_tip_slips_at_the_force_of_
 def delivered(tmp_path_factory):
     """The folder of the block of 50 um, as the command writes it."""
     pytest.importorskip("mujoco")
-    (done,) = export(SET, "mujoco", tmp_path_factory.mktemp("scene"), only="step-050")
+    (done,) = export_scenes(SET, "mujoco", tmp_path_factory.mktemp("scene"), only="step-050")
     return done.folder
 
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from stepblocks.cli import main
-from stepblocks.contact.event import vibration_events
+from stepblocks.contact.event import list_vibration_events
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError, StepblocksError
-from stepblocks.simulators.compare import JND, compare
+from stepblocks.simulators.compare import JND, compare_record
 from stepblocks.simulators.conditions import choose_operating_point
 from stepblocks.simulators.renderer import Renderer
 
@@ -52,7 +52,7 @@ def parts(result):
 
 
 def test_the_ideal_is_less_than_a_tenth_of_a_difference_away(tmp_path):
-    result = compare(recorded(tmp_path / "a.csv"), STEP)
+    result = compare_record(recorded(tmp_path / "a.csv"), STEP)
     assert set(parts(result)) == {*JND, "score"}
     assert parts(result)["score"] < 0.1
 
@@ -69,14 +69,14 @@ def test_the_ideal_is_less_than_a_tenth_of_a_difference_away(tmp_path):
 def test_a_part_that_is_off_by_a_just_noticeable_difference_counts_one(
     tmp_path, change, part, expected
 ):
-    found = parts(compare(recorded(tmp_path / "a.csv", **change, noise=1e-4), STEP))
+    found = parts(compare_record(recorded(tmp_path / "a.csv", **change, noise=1e-4), STEP))
     assert found[part] == pytest.approx(expected, abs=0.12)
     for other in {"peak force", "ring energy", "ring frequency"} - {part}:
         assert found[other] < 0.2
 
 
 def test_a_shorter_ring_is_found_by_its_decay(tmp_path):
-    result = compare(recorded(tmp_path / "a.csv", decay=0.4), STEP)
+    result = compare_record(recorded(tmp_path / "a.csv", decay=0.4), STEP)
     assert result.set_index("part")["recorded"]["ring decay"] == pytest.approx(
         0.4 * ideal().tool.decay_time, rel=0.05
     )
@@ -102,11 +102,11 @@ def test_what_cannot_be_compared_is_said(tmp_path):
     ):
         path.write_text(text)
         with pytest.raises(HapticsError, match=message):
-            compare(path, to)
+            compare_record(path, to)
     with pytest.raises(
         HapticsError, match="the stimulus must release the probe to be compared, it is locked"
     ):
-        compare(path, SET / "step-100", friction=0.6)
+        compare_record(path, SET / "step-100", friction=0.6)
 
 
 def ring_of_event(event, rate=RATE, seconds=0.12, mass=1.0):
@@ -127,7 +127,7 @@ def test_the_exact_ring_of_the_event_scores_nothing_as_an_acceleration(tmp_path,
         "time_s,acceleration_m_s2\n"
         + "".join(f"{n / RATE:.6f},{value:.9g}\n" for n, value in enumerate(rows))
     )
-    found = parts(compare(path, STEP))
+    found = parts(compare_record(path, STEP))
     assert found["score"] < 0.05
     assert "peak force" not in found
     assert time[-1] > 0.1
@@ -136,7 +136,7 @@ def test_the_exact_ring_of_the_event_scores_nothing_as_an_acceleration(tmp_path,
 def test_a_drag_backward_is_compared_with_its_own_event(tmp_path):
     """A margin catches otherwise on the way back: crown 20 um over the tooth, 0.462 and 0.071 N."""
     margins = SET.with_name("crown-margins.toml") / "gap-050-over-020"
-    back = vibration_events(
+    back = list_vibration_events(
         *contact_of("crown-margins", "gap-050-over-020"),
     )[1]
     time, ring = ring_of_event(back)
@@ -147,9 +147,9 @@ def test_a_drag_backward_is_compared_with_its_own_event(tmp_path):
             "force_n": np.concatenate([pull, 0.03 - ring]),
         }
     )
-    assert parts(compare(frame, margins, backward=True))["score"] < 0.1
-    assert parts(compare(frame, margins))["score"] > 5.0
-    assert parts(compare(frame, back))["score"] < 0.1
+    assert parts(compare_record(frame, margins, backward=True))["score"] < 0.1
+    assert parts(compare_record(frame, margins))["score"] > 5.0
+    assert parts(compare_record(frame, back))["score"] < 0.1
 
 
 def contact_of(name, identity):
@@ -166,7 +166,7 @@ def test_a_record_of_the_renderer_is_close_to_the_ideal_at_any_place_of_the_rele
     path.write_text(
         "time_s,force_n\n" + "".join(f"{n / 1e4:.4f},{f:.9g}\n" for n, f in enumerate(record.force))
     )
-    assert parts(compare(path, STEP))["score"] < 1.0
+    assert parts(compare_record(path, STEP))["score"] < 1.0
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ def test_a_record_that_cannot_be_compared_is_refused_with_the_reason(tmp_path, c
     else:
         frame.loc[100, "force_n"] = math.nan
     with pytest.raises(StepblocksError, match=message):
-        compare(frame, STEP)
+        compare_record(frame, STEP)
 
 
 @settings(max_examples=25, deadline=None)
@@ -202,6 +202,6 @@ def test_neither_sign_nor_place_of_a_ring_matters_and_its_energy_goes_with_the_s
     _, ring = ring_of_event(event, mass=event.tool.effective_mass)
     values = np.concatenate([np.zeros(late), sign * gain * ring])
     frame = pd.DataFrame({"time_s": np.arange(len(values)) / RATE, "acceleration_m_s2": values})
-    found = compare(frame, event).set_index("part")["recorded"]
+    found = compare_record(frame, event).set_index("part")["recorded"]
     assert found["ring energy"] == pytest.approx(gain**2 * event.energy, rel=0.02)
     assert found["ring frequency"] == pytest.approx(event.tool.frequency, rel=1e-3)

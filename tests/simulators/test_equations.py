@@ -14,7 +14,7 @@ from oracles.scenes import assemble_scene
 from stepblocks.contact import kernels
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.declare import load_set
-from stepblocks.simulators.feel import feel
+from stepblocks.simulators.feel import write_feel_page
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.simulators.scene import write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
@@ -165,7 +165,7 @@ def in_node(tmp_path_factory):
     if node is None:
         pytest.skip("no node")
     folder = tmp_path_factory.mktemp("page")
-    feel([ROOT / "stimuli" / "paper-ten.toml"], folder / "feel.html")
+    write_feel_page([ROOT / "stimuli" / "paper-ten.toml"], folder / "feel.html")
     page = (folder / "feel.html").read_text()
     stimuli = page.split('<script id="stimuli" type="application/json">')[1].split("</script>")[0]
     script = page.split("<script>")[1].split("// The page:")[0]

@@ -14,7 +14,7 @@ import pytest
 from stepblocks.cli import main, make_command
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
-from stepblocks.simulators.export import export
+from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -74,7 +74,7 @@ def test_a_notebook_exports_what_the_command_exports(tmp_path):
         "sigma-7",
     ]
     assert main([*arguments, "--load", "0.4 N"]) == 0
-    done = export(
+    done = export_scenes(
         [SET],
         "gltf",
         str(tmp_path / "b"),
@@ -94,7 +94,7 @@ def test_a_notebook_exports_what_the_command_exports(tmp_path):
 
 def test_what_is_not_asked_for_is_the_first_of_the_sets_prediction(tmp_path):
     grid = load_set(ROOT / "stimuli" / "sheaths.toml").prediction
-    (done,) = export([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path, only="*hard*")
+    (done,) = export_scenes([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path, only="*hard*")
     scene = json.loads((done.folder / "event.json").read_text())
     assert (scene["normal_load_n"], scene["friction"], scene["ball_radius_m"]) == pytest.approx(
         (grid.normal_loads[0], grid.frictions[0], grid.tip_radii[0])
@@ -105,7 +105,9 @@ def test_a_sheath_changes_how_the_probe_rings(tmp_path):
     """The event rings as the sheathed rod does; the soft sheath ends its ring sooner."""
     stimuli, decays = load_set(ROOT / "stimuli" / "sheaths.toml"), {}
     for part, done in zip(
-        stimuli.stimuli, export([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path), strict=True
+        stimuli.stimuli,
+        export_scenes([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path),
+        strict=True,
     ):
         event, ring = (
             json.loads((done.folder / "event.json").read_text())["events"][0],
@@ -122,13 +124,13 @@ def test_an_unknown_simulator_names_the_known_ones(tmp_path):
     with pytest.raises(
         PipelineError, match=r"--for must be one of mujoco, chai3d, .*, got 'unity'"
     ):
-        export([SET], "unity", tmp_path)
+        export_scenes([SET], "unity", tmp_path)
 
 
 def test_a_folder_that_cannot_be_written_is_named_and_leaves_nothing_half_done(tmp_path):
     (tmp_path / "paper-ten").write_text("in the way")
     with pytest.raises(PipelineError, match="the folder cannot be written"):
-        export([SET], "x3d", tmp_path, only="step-010")
+        export_scenes([SET], "x3d", tmp_path, only="step-010")
     assert [path.name for path in tmp_path.iterdir()] == ["paper-ten"]
 
 

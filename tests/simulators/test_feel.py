@@ -14,10 +14,10 @@ import pytest
 from oracles.browser import browser_without_network
 from stepblocks.cli import main
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import vibration_events
+from stepblocks.contact.event import list_vibration_events
 from stepblocks.declare import load_set
 from stepblocks.simulators.conditions import choose_operating_point
-from stepblocks.simulators.feel import feel
+from stepblocks.simulators.feel import write_feel_page
 
 ROOT = Path(__file__).resolve().parents[2]
 R = 125e-6
@@ -49,7 +49,7 @@ def stimuli_of(page):
 
 def test_every_stimulus_has_the_tip_load_friction_tool_and_limits_of_its_own_file(tmp_path):
     """All shipped sets on one page: none takes over the conditions of another, none is left out."""
-    feel(ROOT / "stimuli", tmp_path / "x.html")
+    write_feel_page(ROOT / "stimuli", tmp_path / "x.html")
     found = {(one["set"], one["name"]): one for one in stimuli_of(tmp_path / "x.html")}
     for name in ("paper-ten", "paper-four", "crown-margins", "probe-tips", "sheaths"):
         stimuli = load_set(ROOT / "stimuli" / f"{name}.toml")
@@ -71,13 +71,15 @@ def test_every_stimulus_has_the_tip_load_friction_tool_and_limits_of_its_own_fil
 
 def test_a_notebook_writes_the_page_of_a_set_of_its_own(tmp_path):
     stimuli = load_set(ROOT / "stimuli" / "crown-margins.toml")
-    assert feel(stimuli.with_parts(stimuli.stimuli[-3:]), tmp_path / "new" / "x.html") == 3
+    assert (
+        write_feel_page(stimuli.with_parts(stimuli.stimuli[-3:]), tmp_path / "new" / "x.html") == 3
+    )
     names = [one["name"] for one in stimuli_of(tmp_path / "new" / "x.html")]
     assert names == [part.id for part in stimuli.stimuli[-3:]]
 
 
 def test_the_profile_that_is_drawn_is_the_parts_own(tmp_path):
-    feel([ROOT / "stimuli" / "paper-ten.toml"], tmp_path / "x.html")
+    write_feel_page([ROOT / "stimuli" / "paper-ten.toml"], tmp_path / "x.html")
     for number, one in enumerate(stimuli_of(tmp_path / "x.html"), start=1):
         x, z = np.array(one["variants"][0]["profile"]).T
         assert (np.diff(x) > 0.0).all()
@@ -129,7 +131,7 @@ def test_each_stimulus_of_all_sets_slips_at_the_force_of_its_own_file(whole):
         declared = load_set(ROOT / "stimuli" / f"{name}.toml")
         for part in declared.stimuli:
             point = choose_operating_point(declared, part, {})
-            event = vibration_events(part.counterface(), point, part.id)[0]
+            event = list_vibration_events(part.counterface(), point, part.id)[0]
             index = stimuli.index([name, part.id])
             found = whole.execute_script(f"{DRAG}\nreturn dragAcross({index})")
             if event.status is Status.RELEASES:
@@ -256,7 +258,7 @@ def test_blind_trials_tell_nothing_but_the_feel_and_keep_the_score(whole):
 @pytest.mark.browser
 def test_what_the_user_did_is_saved_as_compare_reads_it(browser, tmp_path):
     """The page's own drag of the block of 50 um is less than one difference away."""
-    from stepblocks.simulators.compare import compare
+    from stepblocks.simulators.compare import compare_record
 
     text, command = browser.execute_script(
         "$('block').value = 4; choose('block'); startRecord(); let x = -2e-4; hand = wanted = x;"
@@ -271,7 +273,9 @@ def test_what_the_user_did_is_saved_as_compare_reads_it(browser, tmp_path):
     (tmp_path / "record.csv").write_text(text)
     assert command.startswith("stepblocks compare feel-step-050.csv --to ")
     assert command.endswith('--load "0.3 N" --friction 0.15 --tip-radius "125 um"')
-    found = compare(tmp_path / "record.csv", ROOT / "stimuli" / "paper-ten.toml" / "step-050")
+    found = compare_record(
+        tmp_path / "record.csv", ROOT / "stimuli" / "paper-ten.toml" / "step-050"
+    )
     assert found.set_index("part")["difference_jnd"]["score"] < 1.0
 
 
@@ -289,7 +293,7 @@ def test_the_page_to_feel_fits_every_screen(browser, width):
 def whole(tmp_path_factory):
     """The page of all shipped sets, as `stepblocks feel stimuli` writes it."""
     path = tmp_path_factory.mktemp("whole") / "all.html"
-    feel(ROOT / "stimuli", path)
+    write_feel_page(ROOT / "stimuli", path)
     profile = tmp_path_factory.mktemp("profile")
     with browser_without_network("window-size=1200,1100", f"user-data-dir={profile}") as window:
         window.get(path.as_uri())

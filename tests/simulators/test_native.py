@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import vibration_events
+from stepblocks.contact.event import list_vibration_events
 from stepblocks.declare import load_set
 from stepblocks.simulators.conditions import choose_operating_point
-from stepblocks.simulators.export import export
+from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.renderer import Renderer
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,7 +38,7 @@ def compiler(*names):
 def folder(tmp_path_factory):
     """A folder with a space that holds the library, built, and the blocks of two sets."""
     base = tmp_path_factory.mktemp("with space")
-    export([ROOT / "stimuli" / f"{name}.toml" for name in SETS], "native", base, only="*-0*")
+    export_scenes([ROOT / "stimuli" / f"{name}.toml" for name in SETS], "native", base, only="*-0*")
     place = base / "paper-ten" / "native-blocks"
     shutil.copy(base / "crown-margins" / "native-blocks" / "blocks.txt", place / "margins.txt")
     if not shutil.which("cmake"):
@@ -128,7 +128,7 @@ def test_every_tick_is_that_of_the_renderer(world, name, scale):
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_prediction_is_equations_1_and_2(world, name, direction):
     face, point = conditions(name)
-    event = vibration_events(face, point)[0 if direction > 0 else 1]
+    event = list_vibration_events(face, point)[0 if direction > 0 else 1]
     found = world.predict(name, direction)
     status = "beyond" if event.status.value.startswith("beyond") else event.status.value
     assert ("releases", "locked", "too-high", "no-catch", "beyond")[found.status] == status
@@ -485,7 +485,7 @@ def test_the_example_runs_clean_under_the_sanitizers(folder, tmp_path):
 
 def test_a_learned_ring_stands_in_the_file(tmp_path, taught):
     """C_v 0.25 of the model in conftest.py."""
-    (done,) = export(
+    (done,) = export_scenes(
         ROOT / "stimuli" / "paper-ten.toml", "native", tmp_path, only="step-050", model=taught
     )
     text = (done.folder / "blocks.txt").read_text()

@@ -14,8 +14,8 @@ import pytest
 from stepblocks.cli import main
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError, PipelineError
-from stepblocks.simulators.compare import compare
-from stepblocks.simulators.export import export
+from stepblocks.simulators.compare import compare_record
+from stepblocks.simulators.export import export_scenes
 
 SET = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
 BLOCKS = "step-0[15]0"  # 10 and 50 um
@@ -32,7 +32,7 @@ def plans(folder):
 def test_the_scale_belongs_to_the_set_whatever_is_written_of_it(tmp_path):
     """Exported apart or together, blocks of 10 and 80 um have one scale and one spring."""
     for only in ("step-010", "step-080", "step-0[18]0"):
-        export(SET, "forcelaw", tmp_path / only.strip("[]"), device="omega-3", only=only)
+        export_scenes(SET, "forcelaw", tmp_path / only.strip("[]"), device="omega-3", only=only)
     found = [plan for folder in sorted(tmp_path.iterdir()) for plan in plans(folder).values()]
     assert len(found) == 4
     assert len({(plan["scale"], plan["stiffness_n_per_m"]) for plan in found}) == 1
@@ -44,7 +44,7 @@ def test_the_scale_belongs_to_the_set_whatever_is_written_of_it(tmp_path):
 def test_the_full_scale_of_the_wavs_belongs_to_the_set_whatever_is_written_of_it(tmp_path):
     scales = set()
     for only in ("step-010", "step-090", "step-0[19]0"):
-        export(SET, "gltf", tmp_path / only.strip("[]"), only=only)
+        export_scenes(SET, "gltf", tmp_path / only.strip("[]"), only=only)
     for path in tmp_path.rglob("ring-up.json"):
         scales |= set(json.loads(path.read_text())["full_scale_n"].values())
     assert len(scales) == 1
@@ -52,9 +52,9 @@ def test_the_full_scale_of_the_wavs_belongs_to_the_set_whatever_is_written_of_it
 
 def test_a_pattern_without_a_slash_means_stimuli_and_not_the_set(tmp_path):
     margins = str(Path(SET).with_name("crown-margins.toml"))
-    done = export(margins, "gltf", tmp_path, only="crown*")
+    done = export_scenes(margins, "gltf", tmp_path, only="crown*")
     assert {one.name.split("/")[1].split("-")[0] for one in done} == {"crown"}
-    (one,) = export([SET, margins], "gltf", tmp_path, only="crown-*/gap-025")
+    (one,) = export_scenes([SET, margins], "gltf", tmp_path, only="crown-*/gap-025")
     assert one.name == "crown-margins/gap-025"
 
 
@@ -78,7 +78,7 @@ def test_rendered_steps_stand_to_each_other_as_the_blocks_do(tmp_path):
 def test_what_a_device_does_not_render_is_refused_at_every_scale_and_named(tmp_path, scale):
     """A Touch gives 3.3 N: at 0.3 N the steps of 100 and 90 um take 5.7 and 2.2 N."""
     with pytest.raises(HapticsError) as caught:
-        export(SET, "forcelaw", tmp_path / "out", device="touch", only="step-*", scale=scale)
+        export_scenes(SET, "forcelaw", tmp_path / "out", device="touch", only="step-*", scale=scale)
     assert re.search(
         r"touch does not render step-100: the release force of 5.7\d N", str(caught.value)
     )
@@ -103,7 +103,7 @@ def test_what_a_device_loses_at_the_scale_of_the_set_stands_in_the_plan(tmp_path
             )
         )
     )
-    done = export(SET, "forcelaw", tmp_path, device="short", devices=device, only="step-100")
+    done = export_scenes(SET, "forcelaw", tmp_path, device="short", devices=device, only="step-100")
     assert done[0].plan.scale == 200.0  # which the step of 10 um needs
     assert re.search(r"the hand must travel [\d.]+ mm, more than its 40 mm", str(done[0].plan))
 
@@ -113,13 +113,13 @@ def test_of_two_sets_either_both_are_written_or_none(tmp_path):
     (tmp_path / "out" / "paper-ten").write_text("in the way")
     four = Path(SET).with_name("paper-four.toml")
     with pytest.raises(PipelineError, match="the folder cannot be written: Not a directory"):
-        export([four, SET], "gltf", tmp_path / "out", only="*-0[25]0")
+        export_scenes([four, SET], "gltf", tmp_path / "out", only="*-0[25]0")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["paper-ten"]
 
 
 def test_a_set_of_ones_own_is_exported_as_it_is(tmp_path):
     stimuli = load_set(SET)
-    (done,) = export(stimuli.with_parts(stimuli.stimuli[:1]), "gltf", tmp_path)
+    (done,) = export_scenes(stimuli.with_parts(stimuli.stimuli[:1]), "gltf", tmp_path)
     assert done.name == "paper-ten/step-010"
 
 
@@ -135,14 +135,14 @@ def test_a_set_of_ones_own_is_exported_as_it_is(tmp_path):
 )
 def test_wrong_options_of_the_function_are_named(tmp_path, options, message):
     with pytest.raises(PipelineError, match=message):
-        export(SET, "gltf", tmp_path, **options)
+        export_scenes(SET, "gltf", tmp_path, **options)
     with pytest.raises(PipelineError, match="a set must be a path or a StimulusSet"):
-        export([3.0], "gltf", tmp_path)
+        export_scenes([3.0], "gltf", tmp_path)
 
 
 def test_rings_of_a_set_are_as_loud_to_each_other_as_their_forces(tmp_path):
     wavfile = pytest.importorskip("scipy.io.wavfile")
-    export(SET, "forcelaw", tmp_path, only=BLOCKS)
+    export_scenes(SET, "forcelaw", tmp_path, only=BLOCKS)
     peaks, forces = {}, {}
     for block in ("step-010", "step-050"):
         folder = tmp_path / "paper-ten" / block / "forcelaw"
@@ -163,7 +163,7 @@ def test_rings_of_a_set_are_as_loud_to_each_other_as_their_forces(tmp_path):
 
 
 def test_a_set_for_chai3d_brings_a_program_that_switches_its_blocks(tmp_path):
-    export(SET, "chai3d", tmp_path, only=ENDS, device="omega-3")
+    export_scenes(SET, "chai3d", tmp_path, only=ENDS, device="omega-3")
     program = tmp_path / "paper-ten" / "chai3d-omega-3-blocks"
     text = (program / "StepBlock.h").read_text()
     for block in ("step-010", "step-100"):
@@ -216,5 +216,5 @@ def test_a_set_for_chai3d_brings_a_program_that_switches_its_blocks(tmp_path):
         )
         assert released == pytest.approx(force, rel=0.02)
         assert amplitude == pytest.approx(math.sqrt(0.2) * force, rel=0.02)
-        scores = compare(log, f"{SET}/step-010", normal_load=load).set_index("part")
+        scores = compare_record(log, f"{SET}/step-010", normal_load=load).set_index("part")
         assert scores["difference_jnd"]["score"] < 1.0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.contact.event import vibration_events
+from stepblocks.contact.event import list_vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
@@ -30,7 +30,7 @@ FACTS = {
 def plan(device, block, point=POINT, scale=None):
     return plan_rendering(
         find_device(device, DEVICES),
-        vibration_events(block.counterface(), point, block.id)[0],
+        list_vibration_events(block.counterface(), point, block.id)[0],
         point,
         scale,
     )

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from oracles.scenes import corner_path
-from stepblocks.contact.critical_angle import margin_angles, step_angle
-from stepblocks.contact.event import compute_ring_energy, vibration_events
+from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
+from stepblocks.contact.event import compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError, HapticsError
@@ -26,7 +26,7 @@ TABLE = {"step-010": 0.615, "step-050": 1.854, "step-080": 4.48498, "step-100": 
 
 
 def formula(block, point=POINT):
-    angle = step_angle(block.height.nominal, point.ball_radius, block.edge_radius.nominal)
+    angle = find_step_angle(block.height.nominal, point.ball_radius, block.edge_radius.nominal)
     return point.normal_load * math.tan(angle + math.atan(point.friction))
 
 
@@ -41,7 +41,7 @@ def drag_over(block, point=POINT, scale=1.0, resolution=0.0, direction=1.0, even
 @pytest.mark.parametrize("block", TEN, ids=lambda block: block.id)
 def test_notch_of_the_path_is_the_critical_angle_of_the_paper(block):
     _, _, angle = block.counterface().centre_path(R).find_notch(+1.0)
-    assert angle == pytest.approx(step_angle(block.height.nominal, R), rel=1e-9)
+    assert angle == pytest.approx(find_step_angle(block.height.nominal, R), rel=1e-9)
     assert block.counterface().centre_path(R).find_notch(-1.0)[2] == 0.0
 
 
@@ -50,7 +50,7 @@ def test_notch_of_the_path_is_the_critical_angle_of_the_paper(block):
 )
 def test_notches_of_a_margin_are_its_closed_form_in_both_directions(margin):
     opening, rise = margin.opening.nominal, margin.horizontal_discrepancy.nominal
-    forward, backward = margin_angles(opening, rise, R)
+    forward, backward = find_margin_angles(opening, rise, R)
     path = margin.counterface().centre_path(R)
     assert path.find_notch(+1.0)[2] == pytest.approx(forward, rel=1e-6)
     assert path.find_notch(-1.0)[2] == pytest.approx(backward, rel=1e-6)
@@ -132,7 +132,7 @@ def test_a_groove_is_felt_in_both_directions():
 
 
 def test_the_event_carries_the_vibration_energy_of_the_formula_at_any_scale():
-    event = vibration_events(TEN[4].counterface(), POINT)[0]
+    event = list_vibration_events(TEN[4].counterface(), POINT)[0]
     expected = 0.2 * formula(TEN[4]) ** 2 / (2 * 9.81e3)
     for scale in (1.0, 20.0):
         record, _ = drag_over(TEN[4], scale=scale)
@@ -224,7 +224,7 @@ def test_a_measured_profile_is_rendered_like_the_nominal_one():
     x = np.linspace(-2e-4, 2e-4, 401)
     points = [(float(a), 0.0 if a < 0 else 50e-6) for a in x]
     path = corner_path([(-2e-3, 0.0), *points, (2e-3, 50e-6)], R)
-    assert path.find_notch(+1.0)[2] == pytest.approx(step_angle(50e-6, R), abs=2e-3)
+    assert path.find_notch(+1.0)[2] == pytest.approx(find_step_angle(50e-6, R), abs=2e-3)
 
 
 @pytest.mark.parametrize(

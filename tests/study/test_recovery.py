@@ -102,12 +102,12 @@ def test_a_spread_that_a_lapse_explains_away_is_not_reported():
 
 
 def test_height_of_energy_inverts_the_prediction():
-    from stepblocks.contact.critical_angle import step_angle
-    from stepblocks.contact.energy import release_at
+    from stepblocks.contact.critical_angle import find_step_angle
+    from stepblocks.contact.energy import find_release
 
     heights = np.array([25e-6, 50e-6, 75e-6])
     energies = np.array(
-        [release_at(step_angle(h, 125e-6), 1.0, 0.15).vibration_energy for h in heights]
+        [find_release(find_step_angle(h, 125e-6), 1.0, 0.15).vibration_energy for h in heights]
     )
     assert read_off_height(energies, heights, energies) == pytest.approx(heights, rel=1e-12)
     assert read_off_height([energies[0] / 2], heights, energies)[0] < heights[0]

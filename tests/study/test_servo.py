@@ -9,14 +9,14 @@ import pytest
 
 from oracles.recorded_hand import Replay
 from stepblocks.contact.counterface import Step
-from stepblocks.contact.event import compute_ring_energy, vibration_events
+from stepblocks.contact.event import compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study.hands import Mouse
 from stepblocks.study.servo import COLUMNS, RATE, Limits, Servo, write_motion
 
 FACE, SCALE = Step(50e-6), 100.0
-EVENT = vibration_events(FACE, PAPER)[0]
+EVENT = list_vibration_events(FACE, PAPER)[0]
 TOOL = PAPER.tool
 
 

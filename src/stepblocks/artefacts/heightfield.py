@@ -48,7 +48,7 @@ def sample_relief(part: Part, ball_radius: float) -> Relief:
     return Relief(np.sqrt((radius + profile) ** 2 - y[:, None] ** 2) - radius, x, y)
 
 
-def height_field(part: Part) -> NDArray[np.float64]:
+def sample_height_field(part: Part) -> NDArray[np.float64]:
     """Sample the working surface around the edge.
 
     Parameters
@@ -87,7 +87,7 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
     """Write TIFF, npz and sidecar."""
     import tifffile
 
-    heights = height_field(part)
+    heights = sample_height_field(part)
     tiff, npz, sidecar = (
         stem.with_name(stem.name + suffix) for suffix in (".tiff", ".npz", ".json")
     )

@@ -96,7 +96,7 @@ class TrialResult:
         return _OK if not self.reason else _CENSORED if self.features else _EXCLUDED
 
 
-def measure(
+def measure_session(
     session: str | Path,
     output: str | Path | None = None,
     *,
@@ -150,7 +150,7 @@ def write_features(
 ) -> MeasureSummary:
     """Measure every trial of a session into a file, however many there are.
 
-    See `measure`, which also reads it back.
+    See `measure_session`, which also reads it back.
     """
     folder, output = Path(session), Path(output)
     table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS)))

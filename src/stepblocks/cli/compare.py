@@ -46,10 +46,10 @@ def compare(
 
     Prints the differences in just noticeable differences.
     """
-    from stepblocks.simulators.compare import compare
+    from stepblocks.simulators.compare import compare_record
 
     options = given(ball_radius=tip_radius, normal_load=load, friction=friction)
-    found = compare(record, to, output, backward=backward, **options)
+    found = compare_record(record, to, output, backward=backward, **options)
     score = found["difference_jnd"].iloc[-1]
     summary = f"{score:.2g} just noticeable differences from {to.name}, all parts together"
     return Outcome(summary, {"realism": found.iloc[:-1].to_dict("records")})

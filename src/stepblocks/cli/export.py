@@ -101,7 +101,7 @@ def export(
             require_one(**{"for": simulator, "list_devices": list_devices})
         return _list_devices(devices)
     require_one(**{"for": simulator, "list_devices": None})
-    from stepblocks.simulators.export import export
+    from stepblocks.simulators.export import export_scenes
 
     options = given(
         device=device,
@@ -118,7 +118,7 @@ def export(
     )
     progress = make_progress("written", quiet=quiet, lines=1000)
     assert simulator is not None
-    written = export(
+    written = export_scenes(
         files or [], simulator, output, progress=lambda one: progress(name=one.name), **options
     )
     return Outcome(

@@ -26,10 +26,10 @@ def feel(
     Writes one page that needs no network, and opens it: force, spectrum, locking, and the ring as
     sound.
     """
-    from stepblocks.simulators.feel import feel
+    from stepblocks.simulators.feel import write_feel_page
 
     page = output.with_suffix(output.suffix or ".html") if output.name else output
-    count = feel(files or [], page)
+    count = write_feel_page(files or [], page)
     if not no_open:
         import webbrowser
 

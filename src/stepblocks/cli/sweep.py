@@ -36,11 +36,13 @@ def sweep(
     Computes the design into a folder, one Parquet file per partition; finished ones are kept.
     """
     from stepblocks.predict.sweep.plan import load_sweep
-    from stepblocks.predict.sweep.run import PLAN_FILE, sweep
+    from stepblocks.predict.sweep.run import PLAN_FILE, run_sweep
 
     plan = load_sweep(design)
     progress = make_progress("partitions", quiet=quiet)
-    done = sweep(plan, output, jobs=jobs, on_partition=lambda _: progress(total=plan.partitions))
+    done = run_sweep(
+        plan, output, jobs=jobs, on_partition=lambda _: progress(total=plan.partitions)
+    )
     counts = f"{done.computed} computed, {done.found} found"
     return Outcome(
         f"{plan.rows} rows in {plan.partitions} partitions: {counts} [{output}]",

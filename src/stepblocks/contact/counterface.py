@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from stepblocks.contact import kernels
 from stepblocks.contact.critical_angle import (
     compute_bevelled_margin_angles,
-    margin_angles,
-    step_angle,
+    find_margin_angles,
+    find_step_angle,
 )
 from stepblocks.contact.domain import (
     MOST_LENGTH,
@@ -27,7 +27,7 @@ from stepblocks.contact.domain import (
     require_points,
     unwrap_scalar,
 )
-from stepblocks.contact.energy import Release, release_at
+from stepblocks.contact.energy import Release, find_release
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import (
     CentrePath,
@@ -93,7 +93,7 @@ class Counterface(ABC):
     def release(self, point: OperatingPoint, backward: bool = False) -> Release:
         """Force and energy of one drag, equations (1) and (2)."""
         angle = self.angles(point.ball_radius)[backward]
-        return release_at(angle, point.normal_load, point.friction, point.tool)
+        return find_release(angle, point.normal_load, point.friction, point.tool)
 
     def heights(self, x: Array) -> Array:
         """Heights over the near side [m] at positions across the edge [m].
@@ -149,7 +149,7 @@ class Step(Counterface):
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         at = self.dimensions | dimensions
-        return step_angle(at["height"], ball_radius, at["edge_radius"]), 0.0
+        return find_step_angle(at["height"], ball_radius, at["edge_radius"]), 0.0
 
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
         """Where the edge is met, not the riser."""
@@ -285,7 +285,7 @@ class Groove(Counterface):
         """``sin a = g / 2R``, or along the flanks onto which the ball sinks."""
         at = self.dimensions | dimensions
         angle = unwrap_scalar(
-            np.minimum(margin_angles(at["width"], 0.0, ball_radius)[0], at["flank"])
+            np.minimum(find_margin_angles(at["width"], 0.0, ball_radius)[0], at["flank"])
         )
         return angle, angle
 

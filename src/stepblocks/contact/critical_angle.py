@@ -15,7 +15,7 @@ from stepblocks.contact.domain import (
 )
 
 
-def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real:
+def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real:
     """Critical angle where a ball on the lower face meets the edge of a step.
 
     Parameters
@@ -52,7 +52,7 @@ def step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real
     return unwrap_scalar(kernels.compute_step_angle(height, ball_radius + edge_radius))
 
 
-def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
+def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
     """Critical angles over a margin or a groove.
 
     Two shoulders `opening` apart, the second higher by `rise`.
@@ -93,7 +93,7 @@ def margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, R
 def compute_bevelled_margin_angles(
     gap: Real, opening: Real, rise: Real, ball_radius: Real
 ) -> tuple[Real, Real]:
-    """`margin_angles` where a far side that opens wider than its gap is bevelled at 45 degrees."""
+    """`find_margin_angles` where a far side is bevelled at 45 degrees beyond its gap."""
     gap, rise, ball_radius = _checked(gap=gap, rise=rise, ball_radius=ball_radius)
     opening = np.asarray(opening, dtype=np.float64)[()]
     require_finite("opening", opening, "m")  # below 0 a lip overlaps

@@ -59,7 +59,9 @@ class Release:
     threshold_ratio: float = math.nan  # mean power over the detection threshold [1]
 
 
-def release_at(angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPER.tool) -> Release:
+def find_release(
+    angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPER.tool
+) -> Release:
     """Force and energy at release for a critical angle.
 
     Parameters

@@ -7,7 +7,7 @@ from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.operating_point import OperatingPoint
 
 
-def energy_change(
+def find_energy_change(
     before: Counterface | Release,
     after: Counterface | Release,
     point: OperatingPoint,

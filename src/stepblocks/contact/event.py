@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.contact.counterface import Counterface
-from stepblocks.contact.energy import Status, release_at
+from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 
 Array = NDArray[np.float64]
@@ -99,7 +99,7 @@ class VibrationEvent:
 Events = tuple[VibrationEvent, VibrationEvent]  # of the drags towards +x and -x
 
 
-def vibration_events(face: Counterface, point: OperatingPoint, stimulus: str = "") -> Events:
+def list_vibration_events(face: Counterface, point: OperatingPoint, stimulus: str = "") -> Events:
     """Predict the rings of both drags over a counterface, by equations (1) and (2).
 
     Parameters
@@ -123,7 +123,7 @@ def vibration_events(face: Counterface, point: OperatingPoint, stimulus: str = "
 
     def event(direction: int) -> VibrationEvent:
         notch = path.find_notch(direction)
-        release = release_at(notch[2], point.normal_load, point.friction, point.tool)
+        release = find_release(notch[2], point.normal_load, point.friction, point.tool)
         felt = release.pull_force, release.vibration_energy, point.tool
         return VibrationEvent(stimulus, release.status, direction, *notch, *felt)
 

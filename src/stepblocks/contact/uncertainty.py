@@ -128,7 +128,7 @@ def compute_sensitivities(
     return {name: slopes[name] for name in uncertainty}
 
 
-def interval_of(
+def estimate_interval(
     face: Counterface,
     point: OperatingPoint,
     uncertainty: Mapping[str, float],

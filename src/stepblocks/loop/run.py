@@ -88,7 +88,7 @@ def loop_session(
     StepblocksError
         If the session cannot be read, holds too few good trials, or the output cannot be written.
     """
-    from stepblocks.bench.measure import measure
+    from stepblocks.bench.measure import measure_session
     from stepblocks.bench.session import open_session
     from stepblocks.bench.trials import insert_conditions, read_conditions
 
@@ -107,7 +107,7 @@ def loop_session(
     cores = jobs or len(os.sched_getaffinity(0))
     with nullcontext() if output is None else lock_folder(Path(output)):
         table = None if output is None else Path(output) / "features.csv"
-        measured = measure(session, table, jobs=cores, progress=progress)
+        measured = measure_session(session, table, jobs=cores, progress=progress)
         features = insert_conditions(measured, conditions)
         scans: Scans = {}
         failed: dict[str, str] = {}

@@ -8,8 +8,8 @@ from typing import Any
 
 from stepblocks.artefacts.as_built import AsBuilt
 from stepblocks.contact.counterface import find_scanned_angle
-from stepblocks.contact.energy import Release, release_at
-from stepblocks.contact.energy_change import energy_change
+from stepblocks.contact.energy import Release, find_release
+from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
@@ -57,7 +57,7 @@ def prepare_surface_releases(
         return (
             None
             if steepest is None
-            else release_at(steepest, point.normal_load, point.friction, tool)
+            else find_release(steepest, point.normal_load, point.friction, tool)
         )
 
     return release
@@ -138,7 +138,7 @@ def describe_energy_changes(stimuli: StimulusSet, records: Mapping[str, AsBuilt]
 
 
 def _format_energy_change(pairs: Sequence[tuple[Prediction, Release]]) -> str:
-    changes = [energy_change(asked.release, made, asked.point) for asked, made in pairs]
+    changes = [find_energy_change(asked.release, made, asked.point) for asked, made in pairs]
     known = [change for change in changes if not math.isnan(change)]
     return (
         f"E_v {min(known) * 100:+.1f} % to {max(known) * 100:+.1f} % over {len(known)} conditions"

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Margin, Step
-from stepblocks.contact.critical_angle import margin_angles
+from stepblocks.contact.critical_angle import find_margin_angles
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.uncertainty import interval_of
+from stepblocks.contact.uncertainty import estimate_interval
 from stepblocks.errors import ContactError
 from stepblocks.figure_file import make_figure, save_figure
 from stepblocks.parts.set import StimulusSet
@@ -32,7 +32,7 @@ def compute_margin_map(
     """
     # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405: a tooth that stands higher than the
     # crown is positive. The gap is taken to be deeper than the tip sinks.
-    to_tooth, to_crown = margin_angles(gaps[:, None], discrepancies, point.ball_radius)
+    to_tooth, to_crown = find_margin_angles(gaps[:, None], discrepancies, point.ball_radius)
     felt = point.friction, point.normal_load, 1.0, 1.0
     return kernels.compute_release(to_tooth, *felt)[0], kernels.compute_release(to_crown, *felt)[0]
 
@@ -82,7 +82,7 @@ def draw_energy_of_height(
 ) -> None:
     """Draw E_v against H with its 95 % interval and the locking height; `marks` in m."""
     heights = 1e6 * np.array([step.height for step in steps])
-    intervals = [interval_of(step, point, uncertainty, draws=4000) for step in steps]
+    intervals = [estimate_interval(step, point, uncertainty, draws=4000) for step in steps]
     figure, axis = make_figure()
     released = np.array([one.status is Status.RELEASES for one in intervals])
     if not released.any():

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.contact.counterface import Counterface
-from stepblocks.contact.energy import Release, Status, release_at
+from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.kernels import compute_locking_height
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.uncertainty import Interval, convert_half_widths, interval_of
+from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
@@ -123,13 +123,13 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
                         ball.nominal, load, friction, tool, tissue=part.tissue(tool)
                     )
                     release, low, high = (
-                        release_at(angle, load, friction, tool) for angle in angles
+                        find_release(angle, load, friction, tool) for angle in angles
                     )
                     spread = collect_uncertainties(part, grid, ball, load)
                     spread["stiffness"] = math.hypot(spread["stiffness"], worn)
                     at = replace(point, ball_radius=find_zone_middle(ball))
                     drawn = partial(
-                        interval_of, middle, at, spread, backward=bool(backward), draws=_DRAWS
+                        estimate_interval, middle, at, spread, backward=bool(backward), draws=_DRAWS
                     )
                     interval = drawn() if any(spread.values()) else None
                     yield Prediction(
@@ -171,7 +171,7 @@ def find_tip(grid: PredictionGrid, radius: float) -> Dimension:
 def collect_uncertainties(
     part: Part, grid: PredictionGrid, ball: Dimension, load: float
 ) -> dict[str, float]:
-    """Take every tolerance as rectangular over its zone, in the names of `interval_of`."""
+    """Take every tolerance as rectangular over its zone, in the names of `estimate_interval`."""
     off, tool = grid.tolerances, grid.tool
     # a profile without a closed form is taken as known; its corners still stand beside the interval
     known = part.counterface().dimensions if part.crossed else {}

@@ -29,7 +29,7 @@ from stepblocks.contact.forward import (
 from stepblocks.contact.kernels import compute_height_at_angle
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
 from stepblocks.contact.state import CHANNELS, DragState, Floats, compute_channels
-from stepblocks.contact.uncertainty import interval_of
+from stepblocks.contact.uncertainty import estimate_interval
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.predict.predictions import Prediction, format_six_digits
 from stepblocks.tables import read_si_columns, read_table, write_table
@@ -100,7 +100,7 @@ def predict_table(
             tool = Tool(at["stiffness"], at["conversion"], limits=SHIPPED_LIMITS)
             point = OperatingPoint(at["ball_radius"], at["normal_load"], at["friction"], tool)
             face = Step(at["height"], at["edge_radius"])
-            interval = interval_of(face, point, spread, draws=_DRAWS, seed=stream)
+            interval = estimate_interval(face, point, spread, draws=_DRAWS, seed=stream)
             angle = face.angles(point.ball_radius)[0]
         except ContactError as error:
             rows.append({"status": "invalid", "problem": str(error)})

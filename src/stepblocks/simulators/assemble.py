@@ -17,7 +17,7 @@ from stepblocks.contact.event import (
     VibrationEvent,
     Waveform,
     compute_ring_energy,
-    vibration_events,
+    list_vibration_events,
 )
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
@@ -132,7 +132,7 @@ def resolve_contact(
             learned, surface, point, keep_friction=keep_friction
         )
     else:
-        events = vibration_events(surface.counterface(), point, surface.id)
+        events = list_vibration_events(surface.counterface(), point, surface.id)
     if ring == "drag":
         path = surface.counterface().centre_path(point.ball_radius)
         up, down = (simulate_ring_of(event, path, point) for event in events)
@@ -169,7 +169,7 @@ def apply_learned_model(
     if edge is not None and known.edge_radius > 0.0:
         radius = min(known.edge_radius, surface.counterface().far_side)
         surface = surface.model_copy(update={"edge_radius": replace(edge, nominal=radius)})
-    up, down = vibration_events(surface.counterface(), taught, surface.id)
+    up, down = list_vibration_events(surface.counterface(), taught, surface.id)
     return (
         surface,
         taught,

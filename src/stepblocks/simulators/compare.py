@@ -14,7 +14,7 @@ from stepblocks.contact.event import (
     VibrationEvent,
     compute_ring_energy,
     compute_ring_force,
-    vibration_events,
+    list_vibration_events,
 )
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
@@ -50,7 +50,7 @@ JND = {
 }
 
 
-def compare(
+def compare_record(
     record: str | Path | pd.DataFrame,
     stimulus: str | Path | VibrationEvent,
     output: str | Path | None = None,
@@ -149,7 +149,7 @@ def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) 
         )
     point = choose_operating_point(declared, part, overrides)
     step = next(iter(declared.prediction.step_heights), None)
-    event = vibration_events(part.counterface(step), point, part.id)[int(backward)]
+    event = list_vibration_events(part.counterface(step), point, part.id)[int(backward)]
     if event.status is not Status.RELEASES:
         rule = "the stimulus must release the probe to be compared"
         other = "" if backward else "; --backward takes the drag towards -x"

@@ -48,7 +48,7 @@ class Exported:
     plan: RenderingPlan | None
 
 
-def export(
+def export_scenes(
     files: Sets,
     simulator: str,
     output: str | Path,

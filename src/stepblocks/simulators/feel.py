@@ -25,7 +25,7 @@ _LIMITERS = {
 }
 
 
-def feel(files: Sets, page: str | Path) -> int:
+def write_feel_page(files: Sets, page: str | Path) -> int:
     """Write the page on which all stimuli of some sets are felt, each as its file declares it.
 
     Tip, load, friction, tool, ring and limits are the first of each set's prediction. Tips and

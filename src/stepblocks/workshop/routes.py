@@ -11,7 +11,7 @@ from typing import Annotated
 
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.uncertainty import Interval, convert_half_widths, interval_of
+from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
 from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import Sourced, Table, read_sourced
 from stepblocks.parts.kinds.step_block import StepBlock
@@ -128,7 +128,9 @@ def _make_route(
     )
     within *= _compute_share(process.burr.value, spread["burr"], -math.inf, block.height.upper)
     tolerance = min(block.height.upper, -block.height.lower)
-    return Route(process, name, deviation, tolerance, note, interval_of(face, point, felt), within)
+    return Route(
+        process, name, deviation, tolerance, note, estimate_interval(face, point, felt), within
+    )
 
 
 def _compute_share(middle: float, std: float, low: float, high: float) -> float:

@@ -1,8 +1,8 @@
 """How far the energy that an edge releases moved from that of the nominal block, and why."""
 
 from stepblocks.contact.counterface import Step, find_scanned_angle
-from stepblocks.contact.energy import Status, release_at
-from stepblocks.contact.energy_change import energy_change
+from stepblocks.contact.energy import Status, find_release
+from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.inspect.budget import Outcome
 from stepblocks.inspect.report import InspectionResult
 from stepblocks.parts.conditions import PredictionGrid
@@ -48,13 +48,13 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     if surface is not None:
         angle = find_scanned_angle(surface.position, surface.height, point.ball_radius)
     if angle is not None:
-        scanned = release_at(angle, point.normal_load, point.friction, point.tool)
+        scanned = find_release(angle, point.normal_load, point.friction, point.tool)
         if scanned.status is Status.RELEASES:
-            change = energy_change(asked, scanned, point) * 100.0
+            change = find_energy_change(asked, scanned, point) * 100.0
             energy = float(scanned.vibration_energy) * 1e6
             said = f"the edge is no arc; by the scanned surface itself {change:+.1f} %"
             return f"{verdict}; {said}, to {energy:.3g} uJ {where}"
-    causes = {said: energy_change(asked, step, point) for said, step in steps.items()}
+    causes = {said: find_energy_change(asked, step, point) for said, step in steps.items()}
     named = " and ".join(
         f"{cause} {'raises' if change > 0.0 else 'lowers'} E_v by {abs(change) * 100:.1f} %"
         for cause, change in causes.items()
@@ -63,5 +63,5 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     clause = f", and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
     if named:
         clause = f"{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
-    change, energy = energy_change(asked, made, point), float(releases[1].vibration_energy)
+    change, energy = find_energy_change(asked, made, point), float(releases[1].vibration_energy)
     return f"{verdict}{clause}; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ {where}"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Counterface, Margin, Step
-from stepblocks.contact.energy import Release, Status, release_at
+from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
 from stepblocks.errors import ContactError
 from stepblocks.predict.predictions import drag_in_time
@@ -196,7 +196,7 @@ def _release_at_once(
     angle = np.where(backward[inside], *(np.asarray(one, float) for one in reversed(ways)))
     tool = Tool(limits=Limits(**plan.limits))
     load, friction = inputs["normal_load"][inside], inputs["friction"][inside]
-    return angle, release_at(angle, load, friction, tool)
+    return angle, find_release(angle, load, friction, tool)
 
 
 def _make_condition(

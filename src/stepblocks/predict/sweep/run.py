@@ -93,7 +93,7 @@ class SweepResult:
         return axes
 
 
-def sweep(
+def run_sweep(
     plan: SweepPlan | str | Path,
     output: str | Path,
     *,
