@@ -60,8 +60,8 @@ def groove_angles(width, ball_radius, rise=0.0, depth=math.inf):
     """Critical angles [rad] of a groove with a floor, towards the far shoulder and back.
 
     The ball either hangs between the two corners (`find_margin_angles`) or stands on the floor
-    and meets each shoulder as a step; it climbs the smaller of the two angles, since the higher of the two
-    rests is the path.
+    and meets each shoulder as a step; it climbs the smaller of the two angles, since the higher of
+    the two rests is the path.
 
     Examples
     --------
