@@ -41,9 +41,10 @@ def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) ->
 
     Examples
     --------
-    >>> float(np.degrees(step_angle(25e-6, 125e-6)).round(4))
+    >>> import numpy as np
+    >>> float(np.degrees(find_step_angle(25e-6, 125e-6)).round(4))
     36.8699
-    >>> np.degrees(step_angle([25e-6, 125e-6], 125e-6)).round(4).tolist()
+    >>> np.degrees(find_step_angle([25e-6, 125e-6], 125e-6)).round(4).tolist()
     [36.8699, 90.0]
     """
     height, ball_radius, edge_radius = _checked(
@@ -79,10 +80,10 @@ def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Re
     --------
     A gap without a discrepancy is the same in both directions; a step without a gap is felt in one.
 
-    >>> forward, backward = margin_angles(50e-6, 0.0, 125e-6)
+    >>> forward, backward = find_margin_angles(50e-6, 0.0, 125e-6)
     >>> forward == backward
     True
-    >>> margin_angles(0.0, 25e-6, 125e-6) == (step_angle(25e-6, 125e-6), 0.0)
+    >>> find_margin_angles(0.0, 25e-6, 125e-6) == (find_step_angle(25e-6, 125e-6), 0.0)
     True
     """
     opening, rise, ball_radius = _checked(opening=opening, rise=rise, ball_radius=ball_radius)

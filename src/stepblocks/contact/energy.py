@@ -91,12 +91,12 @@ def find_release(
 
     Examples
     --------
-    >>> from stepblocks.contact.critical_angle import step_angle
-    >>> release = release_at(step_angle(25e-6, 125e-6), normal_load=1.0, friction=0.15)
+    >>> from stepblocks.contact.critical_angle import find_step_angle
+    >>> release = find_release(find_step_angle(25e-6, 125e-6), normal_load=1.0, friction=0.15)
     >>> f"{release.pull_force:.3f} N, {release.vibration_energy * 1e6:.1f} uJ"
     '1.014 N, 10.5 uJ'
-    >>> angles = step_angle([25e-6, 100e-6], 125e-6)
-    >>> release_at(angles, normal_load=1.0, friction=0.3).status.tolist()
+    >>> angles = find_step_angle([25e-6, 100e-6], 125e-6)
+    >>> find_release(angles, normal_load=1.0, friction=0.3).status.tolist()
     ['releases', 'locked']
     """
     a, load, mu = (

@@ -29,7 +29,7 @@ def find_energy_change(
     --------
     >>> from stepblocks.contact.counterface import Step
     >>> from stepblocks.contact.operating_point import PAPER
-    >>> f"{energy_change(Step(25e-6), Step(26e-6), PAPER):+.1%}"
+    >>> f"{find_energy_change(Step(25e-6), Step(26e-6), PAPER):+.1%}"
     '+5.4%'
     """
     first, second = (

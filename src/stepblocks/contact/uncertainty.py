@@ -170,7 +170,7 @@ def estimate_interval(
     --------
     >>> from stepblocks.contact.counterface import Step
     >>> from stepblocks.contact.operating_point import PAPER
-    >>> interval = interval_of(Step(25e-6), PAPER, {"height": 0.5e-6})
+    >>> interval = estimate_interval(Step(25e-6), PAPER, {"height": 0.5e-6})
     >>> interval.energy_low < interval.energy < interval.energy_high
     True
     """
