@@ -179,7 +179,8 @@ def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
 
 
 def test_only_what_no_face_carries_is_a_requirement_without_one():
-    # where a sheath sits, how high letters are, what a rounded or missing ledge has no edge for
+    # where a sheath sits, how high letters are, what a rounded or missing ledge has no edge for,
+    # and what an edge is as made: material over it has no face, and a section shows its riser
     notes = {
         (one.id, line.key)
         for one in STIMULI.values()
@@ -188,7 +189,14 @@ def test_only_what_no_face_carries_is_a_requirement_without_one():
     }
     ledges = {("crown-chamfer-over", "finish_line_width"), ("crown-feather", "finish_line_width")}
     letters = {(one.id, "engraving_height") for one in STIMULI.values() if one.has_working_faces}
-    assert notes == {("sheath-hard", "position"), ("sheath-soft", "position"), *ledges, *letters}
+    edges = {
+        (name, key)
+        for name in STIMULI
+        if name.startswith(("step-", "apparatus-"))
+        for key in ("burr", "riser_angle", "riser_straightness")
+    }
+    sheaths = {("sheath-hard", "position"), ("sheath-soft", "position")}
+    assert notes == {*sheaths, *ledges, *letters, *edges}
 
 
 def test_a_tip_reaches_to_the_far_side_of_its_ball_and_a_hook_is_bent_about_a_ring(tmp_path):

@@ -61,8 +61,25 @@ def test_a_tilt_changes_nothing(height, slope):
 @FEW
 @given(sizes, st.floats(0.5, 2.0))
 def test_all_lengths_scale_together(height, factor):
-    z = edge(height)
-    assert values(factor * X, factor * z) == pytest.approx(factor * values(X, z), rel=1e-3)
+    # not the burr: it is what stands within 0.2 mm of the edge, a length that scales with nothing,
+    # so a smaller copy is too short for it, and of a larger one fewer points lie in the zone
+    found, scaled = (
+        measure_edge(Profile(size * X, size * edge(height)), EXACT, OPTICAL).values
+        for size in (1.0, factor)
+    )
+    for key in ("step_height", "edge_radius"):
+        assert scaled[key].value == pytest.approx(factor * found[key].value, rel=1e-3)
+
+
+@FEW
+@given(sizes, st.floats(0.5, 2.0))
+def test_a_burr_is_proportional_to_the_heights_along_the_same_length(height, factor):
+    z = edge(height)[np.newaxis]
+    found, scaled = (
+        find_burr(X[np.newaxis], size * z, size * height * UM, 10 * UM) for size in (1.0, factor)
+    )
+    assert found.height.value > 0.0
+    assert scaled.height.value == pytest.approx(factor * found.height.value, rel=1e-9)
 
 
 @FEW
