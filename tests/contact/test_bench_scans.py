@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.path.profile import build_profile_path, find_catches, find_steepest_catch
+from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
+from stepblocks.drag.catches import find_catch_places
+from stepblocks.drag.track import build_profile_track
 
 R = 125e-6
 
@@ -17,8 +19,9 @@ def radius_seen_by_the_ball(path):
     faces = low | high
     columns = np.column_stack([x, low, high]).astype(float)[faces]
     tilt, lower, upper = np.linalg.lstsq(columns, z[faces], rcond=None)[0]
-    rolled = build_profile_path(x, z - tilt * x - lower, R)
-    assert len(find_catches(rolled, smallest=math.radians(5))) == 1
+    level = z - tilt * x - lower
+    rolled = build_profile_path(x, level, R)
+    assert find_catch_places(build_profile_track(x, level, R), math.radians(5)).x.size == 1
     return (upper - lower) / (1.0 - math.cos(find_steepest_catch(rolled).angle)) - R
 
 

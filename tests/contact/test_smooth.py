@@ -82,11 +82,14 @@ def test_every_slot_is_offered_over_every_covariate_as_a_line_where_that_differs
     trends = [law for law in laws if law.id.startswith("trend_")]
     assert len(smooths) == 3 * len(SLOT_MOVES)
     assert {law.covariate for law in trends} == {"temperature_c"}
-    # of labels one law has a name: each presses by its own force
-    assert [law.id for law in laws if law.named] == ["added_load_operator"]
+    # of numbers jumps have a name, of labels one law: each presses by its own force
+    jumps = ["step_friction_temperature_c", "step_conversion_temperature_c"]
+    assert [law.id for law in laws if law.named] == [*jumps, "added_load_operator"]
     assert max(law.rank for law in trends) < min(law.rank for law in smooths)
     for law in laws:
-        assert law.amplitudes == tuple(p.name for p in law.parameters)
+        # where a jump lies is its shape
+        shape = {"at"} if law.id in jumps else set()
+        assert set(law.amplitudes) == {p.name for p in law.parameters} - shape
 
 
 def test_a_trend_of_friction_is_a_factor_over_the_range(state):

@@ -58,6 +58,7 @@ def test_laws_are_asked_for_by_what_they_follow(trials):
             "speed_mm_s",
             "run_order",
             "temperature_c",
+            "humidity_pct",  # a reading may have a threshold
             "operator",
             PEAK_FORCE,
         )

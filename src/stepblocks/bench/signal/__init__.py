@@ -173,16 +173,23 @@ def _find_motion(force: Array, zero: float, calm: int, pulled_up: bool) -> int:
     smooth[:2], smooth[-2:] = force[:2], force[-2:]
     rest = zero if math.isfinite(zero) else float(np.median(smooth[:calm]))
     climb = smooth[: int(np.argmax(smooth)) + 1] - rest
-    # the line through the middle of the ramp meets the force at rest before the ramp begins
-    middle, upper = (
-        int(np.flatnonzero(np.append(True, climb < share * climb[-1]))[-1]) for share in (0.6, 0.9)
+    # the line through the middle of the ramp meets the force at rest before the ramp begins; where
+    # the spring hardens, time as a parabola of the force does
+    low, middle, upper = (
+        int(np.flatnonzero(np.append(True, climb < share * climb[-1]))[-1])
+        for share in (0.5, 0.7, 0.9)
     )
-    foot = max(middle - 2 * (upper - middle), calm)
+    parabola = 7.875 * low - 11.25 * middle + 4.375 * upper
+    foot = max(int(min(4.5 * middle - 3.5 * upper, parabola)), calm)
     level = float(np.median(climb[max(foot - 3 * calm, 0) : foot]))
     mean = uniform_filter1d(force, calm) - rest
     start = int(np.argmax(np.append(mean[:foot] >= 0.5 * level, True)))
-    still = mean[: max(start - calm, 0)]
-    stands = 2 * calm <= start < foot and float(np.ptp(still)) < _STANDS * level
+    stands = (
+        2 * calm <= start < foot
+        and float(np.ptp(mean[: start - calm])) < _STANDS * level
+        # what still climbs before the foot is a ramp, no sliding
+        and float(mean[foot - calm // 2]) < 1.5 * min(level, float(mean[min(start + calm, foot)]))
+    )
     if not (pulled_up or stands):
         return 0
     first = max(start - calm // 2, 0) if stands else 0
