@@ -257,7 +257,7 @@ def _reconstruct(row: Profile, edge: Edge) -> Profile:
     known = np.concatenate([ends[:1], u[used][order], ends[1:]])
     heights = np.concatenate([[0.0], level[used][order], [top]])
     count = round(_LEVEL / row.spacing)
-    position = np.arange(-count, count + 1, dtype=np.float64) * row.spacing
+    position = np.arange(-count, count, dtype=np.float64) * row.spacing
     return Profile(position, np.interp(position, known, heights), row.source)
 
 
