@@ -57,6 +57,8 @@ def column_unit(name):
 
 def column_base(name):
     """Find the name and the words of a column that says how sure another one is."""
+    if name.startswith("factor_"):
+        return "factor_NAME", "level of a declared factor"
     for word, meaning in DERIVED.items():
         if word in name:
             return name.replace(word, "", 1), meaning

@@ -77,7 +77,7 @@ def test_from_the_block_set_to_the_report(folder, capsys):
     )
     assert float(found["mixed model", "condition, partial eta squared"]["p"]) < 1e-3
     page = (folder / "report" / "report.html").read_text()
-    assert page.count("<svg") == 3
+    assert page.count("<svg") == 2
     assert not re.findall(
         r'(?:src|href)="(?!#)', page
     )  # nothing is loaded, from the network or elsewhere
@@ -85,7 +85,7 @@ def test_from_the_block_set_to_the_report(folder, capsys):
     assert run(capsys, "analyse", folder, answers, "-o", folder / "again")[0] == 0
     assert {path.name: path.read_bytes() for path in (folder / "again").glob("*.*")} == first
     figures = folder / "report" / "figures"
-    for name in ("estimates", "participants", "residuals"):
+    for name in ("estimates", "participants"):
         for form in ("svg", "pdf", "csv"):
             drawn = (figures / f"{name}.{form}").read_bytes()
             assert drawn == (folder / "again" / "figures" / f"{name}.{form}").read_bytes()
@@ -134,7 +134,7 @@ def test_filled_in_sheets_are_analysed_and_never_overwritten(folder, capsys):
     [
         (
             ["--experiment", "virtual", "--repetitions", "1"],
-            4,
+            3,
             "odds of a higher rating, vibration-on over vibration-off",
         ),
         (

@@ -97,7 +97,7 @@ def test_answers_that_tell_no_threshold_are_refused(hits, message):
 def test_a_spread_that_a_lapse_explains_away_is_not_reported():
     # one slip at 30 um and a jump between 50 and 70 um: with a lapse rate any steep function fits
     levels = [10e-6, 20e-6, 30e-6, 40e-6, 60e-6, 70e-6, 80e-6, 90e-6, 100e-6]
-    with pytest.raises(StudyError, match="no spread can be told from 72 trials"):
+    with pytest.raises(StudyError, match="spread is not determined from 72 trials"):
         fit_psychometric(levels, [0, 0, 1, 0, 6, 8, 8, 8, 8], [8] * 9)
 
 
@@ -240,8 +240,11 @@ def test_realism_gain_is_recovered_by_the_ordinal_model():
 
 
 def test_answers_that_leave_the_threshold_open_are_said_to_and_give_no_infinite_interval():
+    with pytest.raises(StudyError, match="threshold open: it is not determined from 32 trials"):
+        fit_psychometric([10.0, 20.0, 30.0, 40.0], [3, 3, 5, 4], [8] * 4)
+
+
+def test_two_answers_a_level_that_a_step_with_lapses_fits_as_well_give_no_spread():
     heights = [10.0, 20.0, 30.0, 40.0, 60.0, 70.0, 80.0, 90.0, 100.0]
-    with pytest.raises(
-        StudyError, match="leave the threshold open: it cannot be told from 18 trials"
-    ):
+    with pytest.raises(StudyError, match="spread is not determined from 18 trials"):
         fit_psychometric(heights, [1, 0, 0, 0, 2, 1, 2, 2, 2], [2] * 9)

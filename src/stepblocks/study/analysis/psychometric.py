@@ -82,52 +82,59 @@ def fit_psychometric(
         p: Array = np.clip(point[2] + (1.0 - 2.0 * point[2]) * rising, 1e-15, 1.0 - 1e-15)
         return p
 
-    def loss(point: Array) -> float:
-        p = predict(point)
-        return -float(np.sum(xlogy(k, p) + xlog1py(n - k, -p)))
+    def miss(p: Array) -> Array:
+        lost: Array = -np.sum(xlogy(k, p) + xlog1py(n - k, -p), axis=-1)
+        return lost
 
-    span = float(np.ptp(log_x))
-    ends = (log_x.min() - 2.0 * span, log_x.max() + 2.0 * span)
-    bounds = [ends, (-8.0, 4.0), (0.0, MAX_LAPSE)]
-    options = {"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000}
+    def loss(point: Array) -> float:
+        return float(miss(predict(point)))
+
+    reach = np.array([-2.0, 2.0]) * np.ptp(log_x) + (log_x.min(), log_x.max())
+    bounds = [(reach[0], reach[1]), (-8.0, 4.0), (0.0, MAX_LAPSE)]
 
     def climb(start: Sequence[float], place: int = -1, value: float = 0.0) -> Any:
         held = [(value, value) if n == place else bound for n, bound in enumerate(bounds)]
-        return minimize(loss, start, method="L-BFGS-B", bounds=held, options=options)
+        return minimize(
+            loss,
+            start,
+            method="L-BFGS-B",
+            bounds=held,
+            options={"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000},
+        )
 
     middle, spread = _without_lapses(log_x, k, n)
     fits = [climb([middle, spread - shrink, 0.02]) for shrink in (0.0, 0.7)]
     found = min(fits, key=lambda one: float(one.fun))
-    require(
-        not found.x[1] <= -7.9,
-        "answers jump between two levels: the spread is not determined; add levels between them",
-    )
+    # what a spread of zero loses more; where that is nothing, all small spreads fit alike
+    sharper = float(miss(_fit_steps(x, k, n)).min()) - float(found.fun)
 
     def find_end(place: int, end: float) -> float:
         """Return where the profile has fallen by the 95 % point of chi squared."""
-        start = float(found.x[place])
 
         def excess(value: float) -> float:
-            point = [value if n == place else one for n, one in enumerate(found.x)]
-            fits = [climb([*point[:2], lapse], place, value) for lapse in (point[2], 0.02)]
-            return 2.0 * (min(float(one.fun) for one in fits) - float(found.fun)) - _CHI95
+            points = ([*found.x], [*found.x[:2], 0.02], [middle, spread, 0.02])
+            least = min(
+                float(climb([*one[:place], value, *one[place + 1 :]], place, value).fun)
+                for one in points
+            )
+            return 2.0 * (least - float(found.fun)) - _CHI95
 
-        return find_crossing(excess, start, end, 0.2 * math.exp(min(found.x[1], 1.0)))
+        return find_crossing(
+            excess, float(found.x[place]), end, 0.2 * math.exp(min(found.x[1], 1.0))
+        )
 
     (low, high), (thin, wide) = ([find_end(n, end) for end in bounds[n]] for n in (0, 1))
-    count = f"from {n.sum():.0f} trials; add"
     # a threshold that is open comes first: its spread is then unknown as well
     require(
         math.isfinite(high - low),
-        f"answers leave the threshold open: it is not determined {count} trials, or levels around "
-        "it",
+        f"answers leave the threshold open: it is not determined from {n.sum():.0f} trials; add "
+        "trials, or levels around it",
     )
     require(
-        math.isfinite(wide),
-        f"answers jump between two of the levels: the spread is not determined {count} levels "
-        "between them",
+        math.isfinite(wide) and sharper > 1e-3,
+        "answers jump between two of the levels: the spread is not determined from "
+        f"{n.sum():.0f} trials; add levels between them",
     )
-    saturated = -float(np.sum(xlogy(k, k / n) + xlogy(n - k, (n - k) / n)))
     dispersion, p_fit = assess_fit(predict, found.x, k, n)
     return Psychometric(
         threshold=math.exp(found.x[0]),
@@ -135,10 +142,10 @@ def fit_psychometric(
         threshold_high=math.exp(high),
         spread=math.exp(found.x[1]),
         weber=compute_weber(found.x[1]),
-        weber_low=compute_weber(thin),
+        weber_low=compute_weber(thin if 2.0 * sharper > _CHI95 else -math.inf),
         weber_high=compute_weber(wide),
         lapse=float(found.x[2]),
-        deviance=2.0 * (float(found.fun) - saturated),
+        deviance=2.0 * (float(found.fun) - float(miss(k / n))),
         df=len(x) - 3,
         trials=int(n.sum()),
         dispersion=dispersion,
@@ -176,6 +183,24 @@ def assess_fit(
     return float(squares[0]) / df, share
 
 
+def _fit_steps(x: Array, k: Array, n: Array) -> Array:
+    # Return what functions of no spread predict, one with its step at each level: there any share
+    # between the lapses. The lapse rate is that of the other levels, or of all where it jumps.
+    same, below = x[:, np.newaxis] == x, x < x[:, np.newaxis]
+    hits, totals, wrong = same @ k, same @ n, np.sum(~same * np.where(below, k, n - k), axis=1)
+    rate = np.clip(
+        [wrong / (n.sum() - totals), (wrong + np.minimum(hits, totals - hits)) / n.sum()],
+        1e-15,
+        MAX_LAPSE,
+    )[..., np.newaxis]
+    p: Array = np.where(
+        same,
+        np.clip((hits / totals)[:, np.newaxis], rate, 1.0 - rate),
+        np.where(below, rate, 1.0 - rate),
+    )
+    return p
+
+
 def compute_weber(log_sigma: float) -> float:
     """Return the Weber fraction of a spread, given as its logarithm."""
     return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
@@ -209,12 +234,13 @@ def _without_lapses(log_x: Array, k: Array, n: Array) -> tuple[float, float]:
         fit = sm.GLM(np.column_stack([k, n - k]), sm.add_constant(log_x), family=link).fit(
             tol=1e-12, maxiter=200
         )
-    share = (k / n)[np.argsort(log_x)]
-    flat = fit.params[1] <= 0.0 or np.ptp(share) == 0.0
-    require(not flat, "answers must rise with the level, got ones that do not")
-    said = (
-        "answers jump from none to all between two levels: the spread is not determined; add "
-        "levels between them"
+    require(
+        fit.params[1] > 0.0 and np.ptp(k / n) > 0.0,
+        "answers must rise with the level, got ones that do not",
     )
-    require(np.any((share > 0.0) & (share < 1.0)), said)
+    require(
+        np.any((k > 0.0) & (k < n)),
+        "answers jump from none to all between two levels: the spread is not determined; add "
+        "levels between them",
+    )
     return -fit.params[0] / fit.params[1], math.log(1.0 / fit.params[1])
