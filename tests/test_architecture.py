@@ -148,7 +148,6 @@ HOOKS = {
     "do_POST",
     "log_message",
     "_repr_html_",
-    "find_catches",  # until a drag lists its events
 }
 Definition = ast.FunctionDef | ast.ClassDef
 
