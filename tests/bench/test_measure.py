@@ -17,11 +17,11 @@ from stepblocks.bench.trials import insert_conditions, read_conditions
 from stepblocks.errors import PipelineError
 
 SCRIPT = """
-from stepblocks.bench.measure import measure
+from stepblocks.bench.measure import measure_session
 from stepblocks.bench.rehearse.run import simulate_session
 print("loaded")
 simulate_session({plan!r}, {session!r})
-table = measure({session!r}, jobs=2)
+table = measure_session({session!r}, jobs=2)
 print(len(table), (table.status == "ok").sum())
 """
 PLAN = """schema = 1

@@ -197,9 +197,10 @@ def test_the_drag_has_no_unit_of_force(height, load, friction, scale):
             speed=20e-3,
         ).trace
 
+    # to the time step, which follows the stiffness of the contact
     one, more = drag(1.0), drag(scale)
-    np.testing.assert_allclose(more.peak_force, one.peak_force * scale, rtol=1e-3)
-    np.testing.assert_allclose(more.stored_energy, one.stored_energy * scale, rtol=2e-3)
+    np.testing.assert_allclose(more.peak_force, one.peak_force * scale, rtol=1e-2)
+    np.testing.assert_allclose(more.stored_energy, one.stored_energy * scale, rtol=2e-2)
 
 
 @FEW

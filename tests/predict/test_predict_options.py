@@ -99,16 +99,3 @@ def test_a_wrong_speed_is_one_line(capsys, speed):
     error = capsys.readouterr().err
     assert "speed" in error
     assert error.count("\n") == 1
-
-
-def test_neighbours_are_told_apart_by_the_ratio_of_their_energies(tmp_path):
-    # Origin: Fechner with a just noticeable difference of 1.5 dB of power: equal ratios of energy.
-    source, pairs = str(STIMULI / "paper-ten.toml"), tmp_path / "pairs.csv"
-    table = tmp_path / "predictions.csv"
-    assert main(["predict", source, "--perception", str(pairs), "-o", str(table)]) == 0
-    found = pd.read_csv(pairs).dropna()
-    ratios = found.higher_level_db - found.lower_level_db
-    expected = (ratios.abs() / 1.5).to_numpy()
-    assert found.just_noticeable_differences.to_numpy() == pytest.approx(expected, rel=1e-4)
-    assert {"drag", "formula"} >= set(found.felt_by)
-    assert found.correct.between(0.5, 1.0).all()
