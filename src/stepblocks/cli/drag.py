@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Stimuli, given, quantity, refuse_both
+from stepblocks.cli.options import Stimuli, given, quantity, quantity_option, refuse_both
 from stepblocks.cli.outcome import Outcome
 
 app = typer.Typer()
@@ -51,30 +51,27 @@ def drag(
     ] = None,
     handle_mass: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "mass",
             "--handle-mass",
-            metavar="MASS",
-            parser=quantity("mass"),
             help="inertia of a pulled handle",
             show_default="100 g",
         ),
     ] = None,
     ring_time: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "time",
             "--ring-time",
-            metavar="TIME",
-            parser=quantity("time"),
             help="time recorded after the release",
             show_default="40 ms",
         ),
     ] = None,
     sample_rate: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "frequency",
             "--sample-rate",
-            metavar="FREQUENCY",
-            parser=quantity("frequency"),
             help="rows of the trace per second",
             show_default="10 kHz",
         ),
@@ -111,10 +108,9 @@ def drag(
     ] = None,
     load: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "force",
             "--load",
-            metavar="FORCE",
-            parser=quantity("force"),
             help="normal load F_py",
             show_default="the set's first, or 1 N",
         ),
@@ -131,20 +127,18 @@ def drag(
     ] = None,
     stiffness: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "stiffness",
             "--stiffness",
-            metavar="STIFFNESS",
-            parser=quantity("stiffness"),
             help="tangential stiffness k",
             show_default="the set's, or 9.81 N/mm",
         ),
     ] = None,
     frequency: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "frequency",
             "--frequency",
-            metavar="FREQUENCY",
-            parser=quantity("frequency"),
             help="natural frequency, which gives the tip's mass",
             show_default="300 Hz, or of the sheath",
         ),
@@ -162,20 +156,20 @@ def drag(
     stimuli: Stimuli = None,
     speed: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "speed",
             "--speed",
-            metavar="SPEED",
-            parser=quantity("speed", above_zero=True),
+            above_zero=True,
             help="constant speed of the handle",
             show_default="5 mm/s",
         ),
     ] = None,
     pull: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "force",
             "--pull",
-            metavar="FORCE",
-            parser=quantity("force", above_zero=True),
+            above_zero=True,
             help="constant pulling force on the handle, in place of a speed",
         ),
     ] = None,

@@ -11,6 +11,7 @@ from stepblocks.cli.options import (
     Stimuli,
     given,
     quantity,
+    quantity_option,
     read_numbers,
     refuse_both,
 )
@@ -201,10 +202,9 @@ def inspect(
     ] = None,
     stylus_cone: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "angle",
             "--stylus-cone",
-            metavar="ANGLE",
-            parser=quantity("angle"),
             help="full angle of the stylus, 0 deg of an optical instrument",
             rich_help_panel=_INSTRUMENT,
         ),

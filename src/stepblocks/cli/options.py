@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.models import OptionInfo
 
 from stepblocks.errors import PipelineError
 from stepblocks.quantities import parse_quantity
@@ -29,6 +30,26 @@ def quantity(dimension: str, *, above_zero: bool = False) -> Callable[[str], flo
         return value
 
     return read
+
+
+def quantity_option(
+    dimension: str,
+    *names: str,
+    help: str,
+    above_zero: bool = False,
+    show_default: str | bool = True,
+    rich_help_panel: str | None = None,
+) -> OptionInfo:
+    """Return an option whose value is a quantity of one dimension."""
+    option: OptionInfo = typer.Option(
+        *names,
+        metavar=dimension.upper(),
+        parser=quantity(dimension, above_zero=above_zero),
+        help=help,
+        show_default=show_default,
+        rich_help_panel=rich_help_panel,
+    )
+    return option
 
 
 def whole_number(least: int, most: int) -> Callable[[str | int], int]:
@@ -159,50 +180,45 @@ NoOpen = Annotated[bool, typer.Option("--no-open", help="open no browser")]
 # Conditions of a drag
 TipRadius = Annotated[
     float | None,
-    typer.Option(
+    quantity_option(
+        "length",
         "--tip-radius",
-        metavar="LENGTH",
-        parser=quantity("length"),
         help="radius of the tip",
         show_default="the first of the set's prediction",
     ),
 ]
 Load = Annotated[
     float | None,
-    typer.Option(
+    quantity_option(
+        "force",
         "--load",
-        metavar="FORCE",
-        parser=quantity("force"),
         help="normal load",
         show_default="the first of the set's prediction",
     ),
 ]
 Friction = Annotated[
     float | None,
-    typer.Option(
+    quantity_option(
+        "ratio",
         "--friction",
-        metavar="RATIO",
-        parser=quantity("ratio"),
         help="coefficient of friction",
         show_default="the first of the set's prediction",
     ),
 ]
 Speed = Annotated[
     float | None,
-    typer.Option(
+    quantity_option(
+        "speed",
         "--speed",
-        metavar="SPEED",
-        parser=quantity("speed"),
         help="speed of the handle",
         show_default="5 mm/s",
     ),
 ]
 StepHeight = Annotated[
     float | None,
-    typer.Option(
+    quantity_option(
+        "length",
         "--step-height",
-        metavar="LENGTH",
-        parser=quantity("length"),
         help="height of the step under a declared tip",
         show_default="the first of the set's prediction",
     ),

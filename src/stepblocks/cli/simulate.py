@@ -17,6 +17,7 @@ from stepblocks.cli.options import (
     TipRadius,
     given,
     quantity,
+    quantity_option,
     read_numbers,
     whole_number,
 )
@@ -72,10 +73,9 @@ Noisier = Annotated[
 ]
 Weber = Annotated[
     float | None,
-    typer.Option(
+    quantity_option(
+        "ratio",
         "--weber",
-        metavar="RATIO",
-        parser=quantity("ratio"),
         help="Weber fraction of the energy",
         show_default="0.2",
         rich_help_panel=_OBSERVER,
@@ -83,10 +83,9 @@ Weber = Annotated[
 ]
 Noise = Annotated[
     float | None,
-    typer.Option(
+    quantity_option(
+        "length",
         "--noise",
-        metavar="LENGTH",
-        parser=quantity("length"),
         help="response noise",
         show_default="5 um",
         rich_help_panel=_OBSERVER,
@@ -94,10 +93,9 @@ Noise = Annotated[
 ]
 Spread = Annotated[
     float | None,
-    typer.Option(
+    quantity_option(
+        "length",
         "--spread",
-        metavar="LENGTH",
-        parser=quantity("length"),
         help="between participants",
         show_default="3 um",
         rich_help_panel=_OBSERVER,
@@ -105,10 +103,9 @@ Spread = Annotated[
 ]
 ConditionSpread = Annotated[
     float | None,
-    typer.Option(
+    quantity_option(
+        "length",
         "--condition-spread",
-        metavar="LENGTH",
-        parser=quantity("length"),
         help="between participants in their response to a condition",
         show_default="0",
         rich_help_panel=_OBSERVER,
@@ -116,10 +113,9 @@ ConditionSpread = Annotated[
 ]
 Lapse = Annotated[
     float | None,
-    typer.Option(
+    quantity_option(
+        "ratio",
         "--lapse",
-        metavar="RATIO",
-        parser=quantity("ratio"),
         help="rate of lapses",
         show_default="0",
         rich_help_panel=_OBSERVER,

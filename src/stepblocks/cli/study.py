@@ -17,7 +17,7 @@ from stepblocks.cli.options import (
     Only,
     TipRadius,
     given,
-    quantity,
+    quantity_option,
     whole_number,
 )
 from stepblocks.cli.outcome import Outcome
@@ -326,10 +326,9 @@ def analyse(
     ] = None,
     equivalent: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--equivalent",
-            metavar="LENGTH",
-            parser=quantity("length"),
             help="conditions that differ by less than this count as equivalent",
         ),
     ] = None,

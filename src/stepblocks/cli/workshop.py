@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Files, Only, Quiet, quantity
+from stepblocks.cli.options import Files, Only, Quiet, quantity_option
 from stepblocks.cli.outcome import Outcome, make_progress
 
 app = typer.Typer()
@@ -28,10 +28,9 @@ def workshop(
     only: Only = None,
     capability: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--capability",
-            metavar="LENGTH",
-            parser=quantity("length"),
             help="deviation of a height that the workshop holds in one piece; ask it",
             show_default="2 um, ground",
         ),
