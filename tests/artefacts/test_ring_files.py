@@ -13,7 +13,6 @@ from oracles.hjif_rules import check_hjif
 from stepblocks.artefacts.rings import (
     WAV_RATES,
     find_largest_force,
-    write_ahap,
     write_hjif,
     write_wav,
 )
@@ -289,23 +288,11 @@ def test_a_frequency_is_written_in_whole_hertz_and_the_sign_of_the_drag_as_a_dir
 def test_the_same_ring_gives_the_same_bytes(tmp_path):
     for name, write in (
         ("a.hjif", write_hjif),
-        ("a.ahap", write_ahap),
         ("a.wav", lambda p, e: write_wav(p, e, 10_000, 3.0)),
     ):
         write(tmp_path / name, RINGING[3])
         write(tmp_path / f"again-{name}", RINGING[3])
         assert (tmp_path / name).read_bytes() == (tmp_path / f"again-{name}").read_bytes()
-
-
-def test_the_previews_intensity_decays_with_the_ring(tmp_path):
-    write_ahap(tmp_path / "ring.ahap", RINGING[0])
-    event, curve = json.loads((tmp_path / "ring.ahap").read_text())["Pattern"]
-    points = curve["ParameterCurve"]["ParameterCurveControlPoints"]
-    assert event["Event"]["EventDuration"] == pytest.approx(7 * PAPER.tool.decay_time, abs=1e-4)
-    for point in points:
-        assert point["ParameterValue"] == pytest.approx(
-            math.exp(-point["Time"] / PAPER.tool.decay_time), abs=3e-3
-        )
 
 
 def test_a_locked_probe_has_no_ring_to_write(tmp_path):
@@ -318,14 +305,6 @@ def test_a_locked_probe_has_no_ring_to_write(tmp_path):
         with pytest.raises(HapticsError):
             write(tmp_path / "none")
     assert not list(tmp_path.iterdir())
-
-
-def test_the_preview_says_that_it_loses(tmp_path):
-    write_ahap(tmp_path / "ring.ahap", RINGING[0])
-    assert (
-        "lossy preview"
-        in json.loads((tmp_path / "ring.ahap").read_text())["Metadata"]["Description"]
-    )
 
 
 def test_positions_scale_and_energy_does_not():

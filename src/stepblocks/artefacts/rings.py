@@ -1,7 +1,4 @@
-"""Files of the ring: WAV for a voice coil, MPEG haptics (ISO/IEC 23090-31), AHAP.
-
-The AHAP file is a preview that states what it loses.
-"""
+"""Files of the ring: WAV for a voice coil, MPEG haptics (ISO/IEC 23090-31)."""
 
 import json
 import math
@@ -109,35 +106,5 @@ def write_hjif(path: Path, event: VibrationEvent) -> None:
         "avatars": [{"id": 1, "lod": 0, "type": "Vibration"}],
         "perceptions": [perception],
         "syncs": [],
-    }
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-
-
-def write_ahap(path: Path, event: VibrationEvent) -> None:
-    """Write a preview for a telephone: it knows neither newton nor hertz, and says so."""
-    length, decay = round(7.0 * event.tool.decay_time, 4), event.tool.decay_time
-    times = np.linspace(0.0, length, 12)
-    curve = [{"Time": round(t, 4), "ParameterValue": round(math.exp(-t / decay), 4)} for t in times]
-    levels = (("HapticIntensity", 1.0), ("HapticSharpness", 0.8))
-    parameters = [{"ParameterID": name, "ParameterValue": level} for name, level in levels]
-    tone = {
-        "Time": 0.0,
-        "EventType": "HapticContinuous",
-        "EventDuration": length,
-        "EventParameters": parameters,
-    }
-    fade = {
-        "ParameterID": "HapticIntensityControl",
-        "Time": 0.0,
-        "ParameterCurveControlPoints": curve,
-    }
-    lost = (
-        "lossy preview: intensity and sharpness are relative; force, energy and frequency are in "
-        "event.json"
-    )
-    document = {
-        "Version": 1.0,
-        "Metadata": {"Project": f"{event.stimulus} {event.drag}", "Description": lost},
-        "Pattern": [{"Event": tone}, {"ParameterCurve": fade}],
     }
     path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")

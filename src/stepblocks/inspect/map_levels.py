@@ -38,6 +38,7 @@ _LEAST_KEPT = 0.8
 # part of the half width of a feature within which its edge changes heights by what part of the
 # depth, where it is a step [1]
 _SUDDEN = 0.1, 0.5
+_LEAST_BANDS = 4  # of rows, over which a scatter is taken
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def measure_masked_step(
         )
     share = weights / weights.sum()
     value = float(np.sum(share[known] * depths[known]))
-    depth = estimate_linear(value, share, depths - value, known, np.ones((1, len(depths))))
+    depth = _estimate_by_bands(depths, share, value, known)
     near = max(3.0 * pitch, _SUDDEN[0] * float(within.max()))
     sides = [level[(np.abs(one - near) <= pitch) & measured] for one in (within, outside)]
     if not all(side.size for side in sides):
@@ -124,6 +125,24 @@ def measure_masked_step(
     return MaskedStep(
         depth, differ, exclusion, *counts, level, inside, floor, int(np.argmax(weights))
     )
+
+
+def _estimate_by_bands(depths: Array, share: Array, depth: float, known: Mask) -> Estimate:
+    # Scatter over bands of rows that cross the same features; rows within a band depend on one
+    # another. Bands whose variance goes as one over their share give ``sum(share deviation^2) /
+    # (bands - 1)`` without bias, with one degree of freedom less than bands; a band that the map
+    # cuts to a sliver counts with its neighbour.
+    rows = np.flatnonzero(known)
+    bands = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    least = 0.5 * float(np.median([share[band].sum() for band in bands]))
+    if len(bands) > 1 and share[bands[0]].sum() < least:
+        bands[:2] = [np.concatenate(bands[:2])]
+    if len(bands) > 1 and share[bands[-1]].sum() < least:
+        bands[-2:] = [np.concatenate(bands[-2:])]
+    if len(bands) < _LEAST_BANDS:
+        return estimate_linear(depth, share, depths - depth, known, np.ones((1, len(depths))))
+    parts = [np.sum(share[one] * (depths[one] - depth)) ** 2 / np.sum(share[one]) for one in bands]
+    return Estimate(depth, float(np.sqrt(np.sum(parts) / (len(bands) - 1))), len(bands) - 1.0)
 
 
 def is_periodic(z: Array) -> bool:

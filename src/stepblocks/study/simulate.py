@@ -16,7 +16,6 @@ from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.psychometric import Z75
 
 Array = NDArray[np.float64]
-Z95 = 1.6448536269514722  # standard normal quantile of 0.95
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ A profile or a height map, in metres and float64, with what is known of its scal
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -77,9 +76,6 @@ class Profile:
         length = float(np.ptp(self.position)) * 1e3
         return f"Profile({len(self.position)} points over {length:.4g} mm{_describe(self)})"
 
-    def _repr_html_(self) -> str:
-        return html.escape(repr(self))
-
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw heights over positions in micrometres, into `ax` or new axes, and return these."""
         axes = _take_axes(ax)
@@ -141,9 +137,6 @@ class HeightMap:
         """Name what it is, its size and its source."""
         (ny, nx), steps = self.height.shape, f"{self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
         return f"HeightMap({nx} x {ny} points of {steps}{_describe(self)})"
-
-    def _repr_html_(self) -> str:
-        return html.escape(repr(self))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw heights in micrometres as an image, into `ax` or new axes, and return these."""

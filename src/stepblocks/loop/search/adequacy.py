@@ -76,6 +76,13 @@ def compute_smooth_p(residual: Floats, columns: Floats) -> float:
     return float(stats.f.sf((whole - left) / (rank - 1) / (left / dof), rank - 1, dof))
 
 
+def depends_on_settings(values: Floats, trials: Trials) -> bool:
+    """Tell whether a number of each trial, such as its chance to be bad, follows a covariate."""
+    columns = [_smooth_columns(trials, name) for name in trials.covariates]
+    found = [compute_smooth_p(values, one) for one in columns if one is not None]
+    return len(found) * min(found, default=1.0) < _LEVEL
+
+
 def compare_with_replicates(residual: Floats, cells: Sequence[object], free: int) -> dict[str, Any]:
     """Test the misfit of a model of so many constants against the scatter among trials.
 

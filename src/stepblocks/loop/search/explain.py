@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from stepblocks.law import Law
-from stepblocks.loop.search.adequacy import check_residuals
+from stepblocks.loop.search.adequacy import check_residuals, depends_on_settings
 from stepblocks.loop.search.fit import Fit, Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
 from stepblocks.loop.search.gate import Trial, choose_candidate, score_candidates
@@ -185,7 +185,9 @@ def explain(
     for _ in range(_ROUNDS):
         chance, _ = find_bad_trials(grown.problem, grown.extended)
         bad = np.flatnonzero(chance > _BAD)
-        if not bad.size or len(apart) + bad.size > _MOST_APART * len(trials):
+        too_many = len(apart) + bad.size > _MOST_APART * len(trials)
+        # what goes wrong under some settings alone is what the model lacks
+        if not bad.size or too_many or depends_on_settings(chance, trials):
             break
         apart |= dict(zip(bad.tolist(), chance[bad].tolist(), strict=True))
         trials = trials.without(list(apart))
