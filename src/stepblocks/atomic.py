@@ -92,11 +92,10 @@ def lock_folder(folder: Path) -> Iterator[None]:
             try:
                 fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                rule = (
-                    "another run is writing into this folder: wait until it has ended, or choose "
-                    "another"
-                )
-                raise PipelineError(f"{rule} [{folder}]") from None
+                raise PipelineError(
+                    "another run is writing into this folder: wait until it has ended, or "
+                    f"choose another [{folder}]"
+                ) from None
         _remove_stale_drafts(folder)
         yield
     finally:

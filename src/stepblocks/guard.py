@@ -34,8 +34,9 @@ def guard(function: Callable[P, R], name: str) -> Callable[P, R]:
             # the cause stays attached, since it may also be a mistake of this program
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             shown = " ".join(f"{key}={reprlib.repr(value)}" for key, value in given.items())
-            message = f"{name} cannot use these values: {reason:.200} [{' '.join(shown.split())}]"
-            raise UsageError(message) from error
+            raise UsageError(
+                f"{name} cannot use these values: {reason:.200} [{' '.join(shown.split())}]"
+            ) from error
 
     guarded.__module__, guarded.__qualname__ = "stepblocks", name
     return guarded

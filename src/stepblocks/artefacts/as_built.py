@@ -186,13 +186,17 @@ def _surface(record: Path, name: str | None, digest: str) -> Profile | None:
     if name is None:
         return None
     if not digest or Path(name).name != name:
-        rule = "profile must be the name of a file beside the record, with profile_sha256"
-        raise MetrologyError(f"{rule}, got {name!r} [{record}]")
+        raise MetrologyError(
+            "profile must be the name of a file beside the record, with profile_sha256, got "
+            f"{name!r} [{record}]"
+        )
     path = record.with_name(name)
     if not is_file(path):
         raise MetrologyError(f"profile must lie beside the record, missing {name!r} [{record}]")
     surface = read_text_scan(path)
     if hashlib.sha256(path.read_bytes()).hexdigest() != digest or not isinstance(surface, Profile):
-        rule = "profile must be the one that was inspected"
-        raise MetrologyError(f"{rule}, got another under the name {name!r} [{record}]")
+        raise MetrologyError(
+            f"profile must be the one that was inspected, got another under the name {name!r} "
+            f"[{record}]"
+        )
     return surface

@@ -279,8 +279,10 @@ def _check_field(
     if not isinstance(part, Block):
         raise MetrologyError(f"a height field belongs to a block, got {part.id} [{path}]")
     if heights.ndim != 2 or list(heights.shape) != side["shape"]:
-        rule = f"must have the rows and columns of its sidecar, {side['shape']}"
-        raise MetrologyError(f"{rule}, got {list(heights.shape)} [{path}]")
+        raise MetrologyError(
+            f"must have the rows and columns of its sidecar, {side['shape']}, got "
+            f"{list(heights.shape)} [{path}]"
+        )
     x = side["origin_x_m"] + side["spacing_x_m"] * np.arange(heights.shape[1])
     worst = np.abs(heights - [part.top(position) for position in x.tolist()]).max()
     yield Verdict(path.name, "largest error of a height", 0.0, float(worst), NANOMETRE)

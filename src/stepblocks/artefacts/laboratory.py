@@ -82,6 +82,8 @@ def read_laboratory(path: str | Path) -> Laboratory:
     document = read_document(path, "laboratory", MetrologyError)
     found: Laboratory = validate_data(Laboratory, document, path, MetrologyError)
     if found.measured_to < found.measured_from:
-        got = f"{found.measured_from} to {found.measured_to}"
-        raise MetrologyError(f"measured_to must not lie before measured_from, got {got} [{path}]")
+        raise MetrologyError(
+            f"measured_to must not lie before measured_from, got {found.measured_from} to "
+            f"{found.measured_to} [{path}]"
+        )
     return found

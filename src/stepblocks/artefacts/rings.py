@@ -54,8 +54,10 @@ def write_hjif(path: Path, event: VibrationEvent) -> None:
         )
     frequency, decay = event.tool.frequency, event.tool.decay_time * _TIMESCALE  # Hz, ticks
     if not 0 <= round(frequency) <= _HIGHEST:
-        rule = f"the ring's frequency must lie within the band of 0 to {_HIGHEST} Hz"
-        raise HapticsError(f"{rule}, got {frequency:g} Hz [{path}]")
+        raise HapticsError(
+            f"the ring's frequency must lie within the band of 0 to {_HIGHEST} Hz, got "
+            f"{frequency:g} Hz [{path}]"
+        )
     # straight lines between samples of an exponential lie above it; this factor restores the energy
     # of each stretch
     x = 1.0 / decay

@@ -66,11 +66,11 @@ def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str
             f"units of `acquisition.channels.normal`, or the unit of the load [{session.table}]"
         )
     declared = session.probe.spring_constant
-    ramp = (
+    raise BenchError(
         f"the ramps show a spring of {1e-3 * declared * spring:.3g} N/mm, "
-        f"`probe.spring_constant` is {1e-3 * declared:.3g} N/mm"
+        f"`probe.spring_constant` is {1e-3 * declared:.3g} N/mm: "
+        f"{_name_slip(session, measured, spring)} [{session.folder}]"
     )
-    raise BenchError(f"{ramp}: {_name_slip(session, measured, spring)} [{session.folder}]")
 
 
 def _name_slip(

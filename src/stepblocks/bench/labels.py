@@ -82,8 +82,10 @@ class LabelCheck:
             return f"the normal force is {normal[i]:.3g} N, the load of this row is {load[i]:.3g} N"
 
         def told_speed(i: int, usual: float) -> str:
-            means = f"the ramp of {slope[i]:.3g} N/s means {slope[i] / usual * 1e3:.3g} mm/s"
-            return f"{means}, the speed of this row is {speed[i] * 1e3:.3g} mm/s"
+            return (
+                f"the ramp of {slope[i]:.3g} N/s means {slope[i] / usual * 1e3:.3g} mm/s, the "
+                f"speed of this row is {speed[i] * 1e3:.3g} mm/s"
+            )
 
         # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
         compare(normal / fit_load_line(load, normal)(load), _LOAD_FACTOR, told_load)

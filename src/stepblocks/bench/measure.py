@@ -312,9 +312,10 @@ def _write_labelled(
             if reasons.total() == table.count:
                 commonest, times = reasons.most_common(1)[0]
                 first = next(iter(faults.values()), commonest)
-                told = f"{times} times {first if first.startswith(commonest) else commonest}"
                 raise PipelineError(
-                    f"no trial of {table.count} could be measured; {told} [{table.session.folder}]"
+                    f"no trial of {table.count} could be measured; {times} times "
+                    f"{first if first.startswith(commonest) else commonest} "
+                    f"[{table.session.folder}]"
                 )
     except OSError as error:
         raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error

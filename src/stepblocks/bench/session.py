@@ -150,10 +150,10 @@ class Channel(Strict):
         if isinstance(self.factor, str):
             found = _PER_VOLT.fullmatch(self.factor)
             if found is None or (unit or "V") not in _VOLTS:
-                rule = (
-                    f"a number, or a {dimension} per volt such as '2.35 N/V' of a column in V or mV"
+                raise BenchError(
+                    f"`{place}.factor` must be a number, or a {dimension} per volt such as "
+                    f"'2.35 N/V' of a column in V or mV, got {self.factor!r}"
                 )
-                raise BenchError(f"`{place}.factor` must be {rule}, got {self.factor!r}")
             return (
                 _parse(found[1], dimension, f"{place}.factor")
                 / _VOLTS[found[2]]

@@ -138,8 +138,7 @@ def _read_scale(text: str | None) -> float | str | None:
     try:
         return float(text)
     except ValueError:
-        message = f"--scale: must be a number or per-block, got {text!r:.40}"
-        raise PipelineError(message) from None
+        raise PipelineError(f"--scale: must be a number or per-block, got {text!r:.40}") from None
 
 
 def _list_devices(own: Path | None) -> Outcome:

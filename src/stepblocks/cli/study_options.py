@@ -32,8 +32,9 @@ def read_names(text: str) -> Names:
     """Read names separated by commas."""
     found = Names(part.strip() for part in text.split(","))
     if not all(name and name.replace("-", "").isalnum() for name in found):
-        rule = "must be names of letters, digits and hyphens, separated by commas"
-        raise ValueError(f"{rule}, got {text!r:.60}")
+        raise ValueError(
+            f"must be names of letters, digits and hyphens, separated by commas, got {text!r:.60}"
+        )
     return found
 
 

@@ -43,9 +43,11 @@ def sweep(
     done = run_sweep(
         plan, output, jobs=jobs, on_partition=lambda _: progress(total=plan.partitions)
     )
-    counts = f"{done.computed} computed, {done.found} found"
     return Outcome(
-        f"{plan.rows} rows in {plan.partitions} partitions: {counts} [{output}]",
+        (
+            f"{plan.rows} rows in {plan.partitions} partitions: {done.computed} computed, "
+            f"{done.found} found [{output}]"
+        ),
         record={"rows": plan.rows, "computed": done.computed, "found": done.found},
         kept=[output / PLAN_FILE, *output.glob("part-*.parquet")],
     )

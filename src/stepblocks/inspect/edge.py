@@ -111,8 +111,10 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         half_width, faces = wider, _fit_faces(x, z, middle, wider)
     planes, roughness, step = faces.planes, faces.roughness, faces.planes.height
     if not step.value > 5.0 * max(step.std, roughness / np.sqrt(len(x))):
-        got = f"{step.value * 1e6:.4g} um with roughness {roughness * 1e6:.3g} um"
-        raise MetrologyError(f"profile must show a step above its noise, got {got}")
+        raise MetrologyError(
+            f"profile must show a step above its noise, got {step.value * 1e6:.4g} um with "
+            f"roughness {roughness * 1e6:.3g} um"
+        )
     known = np.isfinite(z)
     near, spikes = known & (np.abs(x - middle) < half_width), np.zeros_like(known)
     # over the whole profile, so that the points at the ends of the window have their neighbours too
@@ -125,9 +127,9 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         x, levelled, spacing, faces, np.flatnonzero(near & ~spikes)
     )
     if (share := float(spikes.sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
-        got = f"{share:.0%} of those within {half_width * 1e6:.3g} um of it"
         raise MetrologyError(
-            f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got {got}"
+            f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got "
+            f"{share:.0%} of those within {half_width * 1e6:.3g} um of it"
         )
     if (lost := planes.fit.rejected / int(faces.asked.sum())) > _MOST_DROPPED:
         raise MetrologyError(
@@ -206,10 +208,10 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     finite = np.isfinite(z)
     for name, side in (("left", lower), ("right", upper)):
         if (count := int((side & finite).sum())) < LEAST_FACE:
-            rule = (
-                f"must keep {LEAST_FACE} points outside the exclusion of {exclusion * 1e6:.4g} um"
+            raise MetrologyError(
+                f"face {name} of the edge must keep {LEAST_FACE} points outside the exclusion "
+                f"of {exclusion * 1e6:.4g} um, got {count}"
             )
-            raise MetrologyError(f"face {name} of the edge {rule}, got {count}")
     asked = (lower | upper) & finite
     planes = fit_two_planes(x, z, middle, asked)
     kept = np.where(planes.fit.used, planes.fit.residuals, np.nan)

@@ -189,14 +189,10 @@ def _check_level(z: Array, levels: Levels, height: float) -> None:
     rest = float(np.sqrt(np.mean((z - levels.level)[levels.used] ** 2)))
     face = float(levels.used.sum()) / (len(levels.edges) + 1)
     if rest > _LEVEL * abs(height) and levels.together > _LEVEL * face:
-        got = (
-            f"{rest * 1e9:.3g} nm that wander together over {levels.together / face:.0%} of a face"
-        )
         raise MetrologyError(
-            f"faces beside a step of {abs(height) * 1e9:.4g} nm must be level, got "
-            "residuals "
-            "of "
-            f"{got}"
+            f"faces beside a step of {abs(height) * 1e9:.4g} nm must be level, got residuals "
+            f"of {rest * 1e9:.3g} nm that wander together over {levels.together / face:.0%} of "
+            "a face"
         )
     single = np.array([one.height.value for one in levels.features if not np.isfinite(one.end)])
     back = (
@@ -205,8 +201,10 @@ def _check_level(z: Array, levels: Levels, height: float) -> None:
         else 0.0
     )
     if abs(back - 1.0) < _TAKEN_BACK and abs(single.sum()) > _TAKEN_BACK * np.abs(single).sum():
-        got = f"{len(single)} in one direction, of which the slope takes back {back:.0%}"
-        raise MetrologyError(f"steps must not be those of a sawtooth, got {got}")
+        raise MetrologyError(
+            f"steps must not be those of a sawtooth, got {len(single)} in one direction, of "
+            f"which the slope takes back {back:.0%}"
+        )
 
 
 def _evaluate_by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 | None:
@@ -273,8 +271,10 @@ def _measure_by_rows(
     spans = np.array([one.spans for one in found])
     single = not np.isfinite(spans).all()  # steps, which have neither width nor pitch
     if single and isinstance(scan, HeightMap) and is_periodic(scan.height):
-        rule = "single steps must not repeat over a map, as the teeth of a grating do"
-        raise MetrologyError(f"{rule}; a part of it without repetition can be evaluated")
+        raise MetrologyError(
+            "single steps must not repeat over a map, as the teeth of a grating do; a part of "
+            "it without repetition can be evaluated"
+        )
     label, each = key.replace("_", " "), []
     for index in range(count):
         each_row = [one.seen[index].feature.height for one in found]

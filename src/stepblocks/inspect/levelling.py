@@ -64,8 +64,9 @@ def solve_least_squares(design: Array, z: Array, used: Mask) -> tuple[Array, Arr
     try:
         inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
     except np.linalg.LinAlgError as error:
-        rule = "points must determine what is fitted to them"
-        raise MetrologyError(f"{rule}, got {int(used.sum())} of one face") from error
+        raise MetrologyError(
+            f"points must determine what is fitted to them, got {int(used.sum())} of one face"
+        ) from error
     weights = np.where(used, inverse @ design, 0.0)
     return weights, weights[:, used] @ z[used]
 
@@ -369,9 +370,9 @@ def measure_features(
         ]
         if not weak:
             if levels.gain < BEAT:
-                got = f"a likelihood gain of {levels.gain:.1f} on a smooth curve ({BEAT:g} needed)"
                 raise MetrologyError(
-                    f"profile must show a step that a smooth curve does not explain, got {got}"
+                    "profile must show a step that a smooth curve does not explain, got a "
+                    f"likelihood gain of {levels.gain:.1f} on a smooth curve ({BEAT:g} needed)"
                 )
             return levels
         gone = {end for one in weak for end in (one.begin, one.end)}

@@ -85,23 +85,22 @@ def measure_masked_step(
         reference &= ~spikes
         level = _level_rows(z, reference)
     if reference.sum() < _LEAST_KEPT * asked:
-        rule = f"at least {_LEAST_KEPT:.0%} of what lies beside the features must be level"
-        raise MetrologyError(f"{rule}, got {reference.sum() / asked:.0%} [{scan.source}]")
+        raise MetrologyError(
+            f"at least {_LEAST_KEPT:.0%} of what lies beside the features must be level, got "
+            f"{reference.sum() / asked:.0%} [{scan.source}]"
+        )
     depths, weights = _fit_row_depths(scan.x, z, floor, reference)
     known = np.isfinite(depths)
     if known.sum() < 3:
-        rule = (
-            "map must keep at least 3 rows with floor and reference beyond "
-            f"{exclusion * 1e6:.3g} um"
-        )
-        raise MetrologyError(f"{rule}, got {int(known.sum())} [{scan.source}]")
-    if floor.sum() < _LEAST_SEEN * (inside & measured).sum():
-        rule = (
-            f"at least {_LEAST_SEEN:.0%} of the features must lie {exclusion * 1e6:.3g} um from "
-            "their edges, where they are level"
-        )
         raise MetrologyError(
-            f"{rule}, got {floor.sum() / (inside & measured).sum():.1%} [{scan.source}]"
+            "map must keep at least 3 rows with floor and reference beyond "
+            f"{exclusion * 1e6:.3g} um, got {int(known.sum())} [{scan.source}]"
+        )
+    if floor.sum() < _LEAST_SEEN * (inside & measured).sum():
+        raise MetrologyError(
+            f"at least {_LEAST_SEEN:.0%} of the features must lie {exclusion * 1e6:.3g} um "
+            "from their edges, where they are level, got "
+            f"{floor.sum() / (inside & measured).sum():.1%} [{scan.source}]"
         )
     share = weights / weights.sum()
     value = float(np.sum(share[known] * depths[known]))
@@ -114,9 +113,9 @@ def measure_masked_step(
         )
     inner, outer = map(np.median, sides)
     if not (jump := float(outer - inner) / value) > _SUDDEN[1]:
-        got = f"{jump:.0%} within {near * 1e6:.3g} um of an edge [{scan.source}]"
         raise MetrologyError(
-            f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {got}"
+            f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {jump:.0%} "
+            f"within {near * 1e6:.3g} um of an edge [{scan.source}]"
         )
     own = ndimage.label(inside)[0][floor]
     means = np.bincount(own, level[floor]) / np.maximum(np.bincount(own), 1)
@@ -212,11 +211,10 @@ def _find_two_modes(heights: Array, source: str) -> tuple[float, float]:
     }
     apart = [one for one, part in between.items() if part < _GAP]
     if not apart:
-        rule = (
+        raise MetrologyError(
             f"heights of a map must gather at two levels, with less than {_GAP:.0%} as many "
-            "between as at the lesser"
+            f"between as at the lesser, got {min(between.values(), default=1.0):.0%} [{source}]"
         )
-        raise MetrologyError(f"{rule}, got {min(between.values(), default=1.0):.0%} [{source}]")
     best = max(apart, key=lambda one: density[one])
     centres = np.concatenate([[bins[0]], 0.5 * (bins[1:] + bins[:-1]), [bins[-1]]])
     low, high = sorted((float(centres[main]), float(centres[best])))

@@ -194,8 +194,10 @@ def keep_agreeing(
     if not kept or len(kept) < _LEAST_SHARE * asked:
         if asked == 1:
             raise MetrologyError(refused[0])
-        got = f"{len(kept)} of {asked} ({_LEAST_SHARE:.0%} needed), the first other {reason}"
-        raise MetrologyError(f"profiles must agree on the features that they cross, got {got}")
+        raise MetrologyError(
+            f"profiles must agree on the features that they cross, got {len(kept)} of {asked} "
+            f"({_LEAST_SHARE:.0%} needed), the first other {reason}"
+        )
     showing = {id(row) for row, _ in kept}
     places = [number for number, row in enumerate(rows) if id(row) in showing]
     if (between := places[-1] - places[0] + 1) > len(kept):

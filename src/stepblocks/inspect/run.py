@@ -205,8 +205,10 @@ def _find_wanted(
     asked = [str(name) for name in names or ()]
     unknown = [name for name in asked if name not in called]
     if unknown:
-        rule = f"characteristics must be numbers or names of the {len(listed)} on the drawing"
-        raise PipelineError(f"{rule}, got {', '.join(unknown)}")
+        raise PipelineError(
+            f"characteristics must be numbers or names of the {len(listed)} on the drawing, "
+            f"got {', '.join(unknown)}"
+        )
     return frozenset(called[name] for name in asked) or frozenset(one.key for one in listed)
 
 
@@ -223,8 +225,10 @@ def _take_results(path: Path, asked: Sequence[Characteristic]) -> Evaluation:
     found = match_results(results, called)
     if not found:
         names = ", ".join(dict.fromkeys(one.name or one.designator or "?" for one in results))
-        rule = "results must measure a characteristic by its name or number on the drawing"
-        raise PipelineError(f"{rule}, got {names:.120} [{path}]")
+        raise PipelineError(
+            "results must measure a characteristic by its name or number on the drawing, got "
+            f"{names:.120} [{path}]"
+        )
     values = {}
     for key, one in found.items():
         how = "combined standard uncertainty" if one.std == one.std else f"{UNSTATED} in the file"
@@ -291,8 +295,10 @@ def inspect_standard(
     if depth is not None:
         if key not in evaluation.values:
             sizes = ", ".join(f"{one.value * 1e6:.4g} um" for one in evaluation.values.values())
-            rule = "features are unlike, so name the one that the certificate is of by --edges"
-            raise MetrologyError(f"{rule}, got {sizes} [{source.name}]")
+            raise MetrologyError(
+                "features are unlike, so name the one that the certificate is of by --edges, "
+                f"got {sizes} [{source.name}]"
+            )
         decision = judge(evaluation.values[key], asked.nominal, asked.lower, asked.upper)
     judged = () if decision is None else ((asked, decision),)
     verdict = None if decision is None else decision.verdict
@@ -313,8 +319,10 @@ def find_declared(identity: str, where: Path) -> tuple[Part, OrderSpec, Predicti
             if stimulus.id.lower() == identity.strip().lower():
                 return stimulus, declared.order, declared.prediction
             known.append(stimulus.id)
-    rule = f"stimulus must be declared in {where}, got {identity!r}"
-    raise PipelineError(f"{rule}; declared are {', '.join(known):.400}")
+    raise PipelineError(
+        f"stimulus must be declared in {where}, got {identity!r}; declared are "
+        f"{', '.join(known):.400}"
+    )
 
 
 def _require_followed(key: str, how: EvaluationOptions) -> None:
@@ -325,8 +333,10 @@ def _require_followed(key: str, how: EvaluationOptions) -> None:
         if getattr(how, name) != getattr(AS_FOUND, name)
     ]
     if idle:
-        rule = f"leave out {', '.join(idle)}, which this evaluation does not follow"
-        raise PipelineError(f"an evaluation of {key.replace('_', ' ')} must {rule}")
+        raise PipelineError(
+            f"an evaluation of {key.replace('_', ' ')} must leave out {', '.join(idle)}, which "
+            "this evaluation does not follow"
+        )
 
 
 def _evaluate(

@@ -98,8 +98,10 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
             break
         used &= ~spikes
     if used.sum() < 2 * len(design) or not 0.2 < state[3] / nominal < 5.0:
-        got = f"{int(used.sum())} points on one of {state[3] * 1e6:.4g} um"
-        raise MetrologyError(f"tip must show {asked}, got {got} [{scan.source}]")
+        raise MetrologyError(
+            f"tip must show {asked}, got {int(used.sum())} points on one of "
+            f"{state[3] * 1e6:.4g} um [{scan.source}]"
+        )
     spread = np.zeros(z.shape)
     spread[used] = weights[2]
     radius = estimate_linear(float(state[3]), spread, residuals, used, design)

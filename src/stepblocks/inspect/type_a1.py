@@ -84,14 +84,16 @@ def _evaluate_flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA
     used = masks[0] | masks[1] | masks[2]
     fit = fit_without_spikes(_build_design(x, masks), z, used)
     if name := _find_flank_window(fit, dict(zip("ACB", masks, strict=True))):
-        got = f"a flank or a defect reaches into it for {feature}"
-        raise MetrologyError(f"window {name} of type A1 must lie on a face, but {got}")
+        raise MetrologyError(
+            f"window {name} of type A1 must lie on a face, but a flank or a defect reaches "
+            f"into it for {feature}"
+        )
     if fit.rejected > _MOST_OUTLIERS * used.sum() or any(
         (mask & fit.used).sum() < _LEAST_POINTS for mask in masks
     ):
-        got = f"{fit.rejected} of {used.sum()} points for {feature}"
         raise MetrologyError(
-            f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got {got}"
+            f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got "
+            f"{fit.rejected} of {used.sum()} points for {feature}"
         )
     kept = [x[mask & fit.used] for mask in masks]
     inner = (x >= np.mean(kept[0][[0, -1]])) & (x <= np.mean(kept[2][[0, -1]]))

@@ -20,8 +20,7 @@ _READ = {
 def format_value(value: float, unit: str) -> str:
     """Write a figure of a parameter with three digits in the unit that people read."""
     factor, shown = _READ.get(unit, (1.0, "" if unit == "1" else unit))
-    text = f"{value * factor:.3g}"
-    return f"{text} {shown}".rstrip()
+    return f"{value * factor:.3g} {shown}".rstrip()
 
 
 def write_sentence(found: Explanation, document: Mapping[str, Any]) -> str:
@@ -33,8 +32,10 @@ def write_sentence(found: Explanation, document: Mapping[str, Any]) -> str:
             for e in document["could_have_shown"][:3]
         ]
         shown = "".join([*could, " would have shown"]) if could else ""
-        noise = f"error of E_v {errors['before']}, noise {errors['noise']}"
-        return f"Nothing is there that noise would not do{shown}; {noise}"
+        return (
+            f"Nothing is there that noise would not do{shown}; error of E_v "
+            f"{errors['before']}, noise {errors['noise']}"
+        )
     parts = [hint.said for hint in found.told]
     parts += [
         _describe_finding(f, entry)

@@ -42,16 +42,16 @@ def stations_in(
 
     mesh = trimesh.load_mesh(path, file_type=path.suffix[1:].lower())
     if not 0 < len(mesh.faces) <= _MOST_TRIANGLES or not np.isfinite(mesh.vertices).all():
-        rule = f"1 to {_MOST_TRIANGLES} triangles between finite points"
         raise StimulusError(
-            f"a mesh must have {rule}, got {len(mesh.faces)} triangles [{path.name}]"
+            f"a mesh must have 1 to {_MOST_TRIANGLES} triangles between finite points, got "
+            f"{len(mesh.faces)} triangles [{path.name}]"
         )
     mesh.apply_scale(scale)
     size = float(mesh.extents.max())
     if not _SMALLEST <= size <= _LARGEST:
-        rule = f"a tooth of {_SMALLEST * 1e3:g} to {_LARGEST * 1e3:g} mm"
         raise StimulusError(
-            f"unit must make the mesh {rule}, got {size * 1e3:.4g} mm [{path.name}]"
+            f"unit must make the mesh a tooth of {_SMALLEST * 1e3:g} to {_LARGEST * 1e3:g} mm, "
+            f"got {size * 1e3:.4g} mm [{path.name}]"
         )
     mesh.update_faces(mesh.nondegenerate_faces())
     pieces = trimesh.graph.connected_components(
@@ -62,9 +62,9 @@ def stations_in(
     picked = np.asarray(margin, dtype=np.float64) * scale
     beside = cKDTree(mesh.vertices).query(picked)[0] - float(mesh.edges_unique_length.max())
     if beside.max() > _BESIDE:
-        got = f"{beside.max() * 1e3:.3g} mm off at point {int(beside.argmax()) + 1}"
         raise StimulusError(
-            f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got {got} [{path.name}]"
+            f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got "
+            f"{beside.max() * 1e3:.3g} mm off at point {int(beside.argmax()) + 1} [{path.name}]"
         )
     line = _read_closed_line(picked, path)
     around = line(np.linspace(0.0, line.x[-1], 500))
@@ -91,9 +91,9 @@ def stations_in(
             [_cut_section(mesh, near, *frame, middle, draw) for frame in frames], shows
         )
         if hole:
-            rule = f"must show a third of the {hole} within {_FITTED * 1e3:g} mm of the margin"
             raise StimulusError(
-                f"the scan {rule}, got a hole at station {number + 1} [{path.name}]"
+                f"the scan must show a third of the {hole} within {_FITTED * 1e3:g} mm of the "
+                f"margin, got a hole at station {number + 1} [{path.name}]"
             )
         found.append([*place, *sides])
     # digits far below what a scan tells, which are the same on every processor
@@ -109,8 +109,10 @@ def _read_closed_line(points: Array, path: Path) -> Any:
     line = np.vstack([points, points[:1]])
     chords = np.linalg.norm(np.diff(line, axis=0), axis=1)
     if len(points) < 3 or chords.min() == 0.0 or chords.max() > chords.sum() / 3.0:
-        rule = "close round the tooth, no two neighbours further apart than a third of it"
-        raise StimulusError(f"margin must {rule}, got {len(points)} points [{path.name}]")
+        raise StimulusError(
+            "margin must close round the tooth, no two neighbours further apart than a third "
+            f"of it, got {len(points)} points [{path.name}]"
+        )
     at = np.concatenate([[0.0], np.cumsum(chords)])
     if len(points) > _MOST_KNOTS:
         knots = np.linspace(0.0, at[-1], _MOST_KNOTS + 1)

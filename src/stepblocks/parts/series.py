@@ -79,8 +79,10 @@ def _read_values(path: tuple[str, ...], table: Mapping[str, object]) -> list[str
             or "from" in table
             or not all(isinstance(v, str) for v in values)
         ):
-            rule = "values must be a list of quantities such as ['25 um', '50 um']"
-            raise ValueError(f"{name}: {rule}, got {values!r:.60}")
+            raise ValueError(
+                f"{name}: values must be a list of quantities such as ['25 um', '50 um'], got "
+                f"{values!r:.60}"
+            )
         return list(values)
     missing = {"to", "step"} - set(table)
     if missing:
@@ -126,8 +128,10 @@ def _fill_identity(stanza: Mapping[str, object]) -> object:
         found = stanza.get(match["field"])
         nominal = found.get("nominal") if isinstance(found, dict) else found
         if match["unit"] is None or nominal is None:
-            rule = "must name a dimension of the stanza with its unit, such as {height_um:03}"
-            raise ValueError(f"id: {match[0]} {rule}")
+            raise ValueError(
+                f"id: {match[0]} must name a dimension of the stanza with its unit, such as "
+                "{height_um:03}"
+            )
         value = parse_quantity(nominal, _find_quantity(nominal)) * _UNITS[match["unit"]]
         text = f"{value:.9g}"
         sign, digits = ("m", text[1:]) if text.startswith("-") else ("", text)

@@ -112,8 +112,10 @@ class Run:
         rows = read_answers(self.path, self.experiment)
         for row, planned in zip(rows, self.planned, strict=False):
             if row["trial"] != planned["trial"]:
-                said = f"trial must be {planned['trial']} here, as planned"
-                raise StudyError(f"{said}, got {row['trial']} [{row['line']}]")
+                raise StudyError(
+                    f"trial must be {planned['trial']} here, as planned, got {row['trial']} "
+                    f"[{row['line']}]"
+                )
         most = len(self.planned)
         require(len(rows) <= most, f"at most {most} trials are planned, got more [{self.path}]")
         if whole.partition("\n")[0] + "\n" != self._header():

@@ -329,8 +329,10 @@ class Blocks:
             if not found[name] > 0.0:
                 status = face.release(self.point).status
                 said = "walked over in time" if status is Status.RELEASES else status.value
-                rule = "every block must release the probe to be felt by its vibration"
-                raise PipelineError(f"{rule}; {name} is {said} at friction {self.point.friction:g}")
+                raise PipelineError(
+                    f"every block must release the probe to be felt by its vibration; {name} "
+                    f"is {said} at friction {self.point.friction:g}"
+                )
         return found
 
 

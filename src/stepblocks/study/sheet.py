@@ -342,8 +342,10 @@ def join_rows(
     for condition, stimulus in sorted(
         cells - set(zip(frame["condition"], frame["stimulus"], strict=True))
     ):
-        said = f"got no answer for {stimulus} with {condition}"
-        raise StudyError(f"every block must be judged in every condition, {said}")
+        raise StudyError(
+            f"every block must be judged in every condition, got no answer for {stimulus} with "
+            f"{condition}"
+        )
     return Judgements(experiment, frame, missing, tuple(left))
 
 

@@ -78,8 +78,10 @@ def check_height_scale(
     if scale.extent:
         found = float(np.nanmax(height) - np.nanmin(height))
         if abs(found / scale.count - 1.0) > 1e-3:
-            rule = f"heights must reach over {scale.count:g} m ({scale.field})"
-            raise MetrologyError(f"{rule}, got {found:g} m [{place}]")
+            raise MetrologyError(
+                f"heights must reach over {scale.count:g} m ({scale.field}), got {found:g} m "
+                f"[{place}]"
+            )
         return f"{scale.field}: {scale.count:.6g} m, checked"
     if used is not None and abs(abs(used) / scale.count - 1.0) > 1e-6:
         raise MetrologyError(
@@ -95,10 +97,9 @@ def check_height_scale(
     if finite.size and (
         finite.min() < scale.lowest - slack or finite.max() > scale.highest + slack
     ):
-        stated = f"{scale.lowest:g} to {scale.highest:g} m ({scale.field})"
         raise MetrologyError(
-            f"heights must lie within {stated}, got {finite.min():g} to {finite.max():g} m "
-            f"[{place}]"
+            f"heights must lie within {scale.lowest:g} to {scale.highest:g} m ({scale.field}), "
+            f"got {finite.min():g} to {finite.max():g} m [{place}]"
         )
     if not scale.integral:
         return f"{scale.field}: {scale.count:.6g} m, checked"

@@ -35,8 +35,10 @@ def grid_points(x: Array, y: Array, z: Array, source: str, said: str) -> HeightM
         or (1.0 - _MOST_EMPTY) * shape[0] * shape[1] > len(x)
         or max(shape) > _MOST_CELLS / min(shape)
     ):
-        got = f"{len(x)} points on {shape[0]} columns and {shape[1]} rows"
-        raise MetrologyError(f"points must lie on a grid, got {got} [{source}]")
+        raise MetrologyError(
+            f"points must lie on a grid, got {len(x)} points on {shape[0]} columns and "
+            f"{shape[1]} rows [{source}]"
+        )
     steps = [(axis[-1] - axis[0]) / (len(axis) - 1) for axis in axes]
     grid = zip((x, y), axes, steps, strict=True)
     column, row = (np.rint((one - axis[0]) / step).astype(int) for one, axis, step in grid)
@@ -75,8 +77,10 @@ def _find_axes(x: Array, y: Array) -> list[Array]:
             else np.sqrt(extents[0] * extents[1] / len(x))
         )
         if not even > 0.0:
-            rule = "points must lie on a grid: resample a free surface, as of a tooth, on one first"
-            raise MetrologyError(f"{rule}, got {len(x)} points, most of them on one line")
+            raise MetrologyError(
+                "points must lie on a grid: resample a free surface, as of a tooth, on one "
+                f"first, got {len(x)} points, most of them on one line"
+            )
         counts[fast] = round(extents[fast] / float(even)) + 1
     counts = [count or max(round(len(x) / max(counts)), 1) for count in counts]
     pairs = zip(exact, counts, (x, y), strict=True)
@@ -114,8 +118,10 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
     """
     missing = [axis for axis in "xyz" if axis not in sizes]
     if missing:
-        rule = f"a unit must be given for a {path.suffix} file, which states none"
-        raise MetrologyError(f"{rule}, as mm or x=mm,y=mm,z=um [{path.name}]")
+        raise MetrologyError(
+            f"a unit must be given for a {path.suffix} file, which states none, as mm or "
+            f"x=mm,y=mm,z=um [{path.name}]"
+        )
     per = np.array([sizes[axis][0] / sizes[axis][1] for axis in "xyz"])
     if path.suffix.lower() == ".json":
         return _read_json_image(path, per)

@@ -98,8 +98,10 @@ def read_scan(
     if form == "text":
         return read_text_scan(path, unit, channel)
     if unit is not None and form != "points":
-        rule = f"unit must not be given for a {path.suffix.lower()} file"
-        raise MetrologyError(f"{rule}, which says its own [{path.name}]")
+        raise MetrologyError(
+            f"unit must not be given for a {path.suffix.lower()} file, which says its own "
+            f"[{path.name}]"
+        )
     found = read_confined(
         f"{__name__}:scan_in", path, unit or "", channel or "", raises=MetrologyError
     )
@@ -182,8 +184,10 @@ def _check_archive(path: Path) -> None:
     with zipfile.ZipFile(path) as archive:
         sizes = [entry.file_size for entry in archive.infolist()]
     if sum(sizes) > _MOST_UNPACKED or len(sizes) > 10_000:
-        rule = f"archive must unpack to at most {_MOST_UNPACKED >> 20} MiB in 10000 files"
-        raise MetrologyError(f"{rule}, got {sum(sizes) >> 20} MiB in {len(sizes)} [{path.name}]")
+        raise MetrologyError(
+            f"archive must unpack to at most {_MOST_UNPACKED >> 20} MiB in 10000 files, got "
+            f"{sum(sizes) >> 20} MiB in {len(sizes)} [{path.name}]"
+        )
 
 
 def scan_in(path: Path, unit: str = "", channel: str = "") -> dict[str, Any]:
@@ -228,9 +232,9 @@ def _unpacked_sur(path: Path) -> bytes:
     for size, packed in sizes:
         plain.append(zlib.decompressobj().decompress(raw[at : at + packed], size))
         if len(plain[-1]) != size:
-            got = f"{len(plain[-1])} [{path.name}]"
             raise MetrologyError(
-                f"piece of compressed heights must unpack to {size} bytes, got {got}"
+                f"piece of compressed heights must unpack to {size} bytes, got "
+                f"{len(plain[-1])} [{path.name}]"
             )
         at += packed
     return b"".join(plain)
@@ -307,9 +311,9 @@ def _named_channel(channels: list[Any], wanted: str, place: str) -> Any:
     ]
     found = [one for one in heights if not _NO_HEIGHT.search(str(one.name))]
     if not found:
-        rule = "channel must hold heights in a unit of length"
         raise MetrologyError(
-            f"{rule}, and {f'none of {said} says so' if said else 'the file has none'} [{place}]"
+            "channel must hold heights in a unit of length, and "
+            f"{f'none of {said} says so' if said else 'the file has none'} [{place}]"
         )
     return found[0]
 
@@ -322,8 +326,9 @@ def _by_surfacetopography(file: str, form: str, wanted: str, place: str) -> dict
         return {"channels": [f"{one.name} [{one.unit}]" for one in reader.channels]}
     channel = _named_channel(list(reader.channels), wanted, place)
     if channel.unit not in LENGTH_UNITS:
-        rule = f"channel {channel.name!r} must say its unit of length"
-        raise MetrologyError(f"{rule}, got {channel.unit!r} [{place}]")
+        raise MetrologyError(
+            f"channel {channel.name!r} must say its unit of length, got {channel.unit!r} [{place}]"
+        )
     if channel.physical_sizes is None:
         raise MetrologyError(
             f"channel {channel.name!r} must say its lateral size, got none [{place}]"

@@ -58,8 +58,10 @@ class Profile:
     def __post_init__(self) -> None:
         place = f" [{self.source}]" if self.source else ""
         if self.position.ndim != 1 or self.position.shape != self.height.shape:
-            shapes = f"{self.position.shape} and {self.height.shape}"
-            raise MetrologyError(f"profile must be two equally long rows, got {shapes}{place}")
+            raise MetrologyError(
+                f"profile must be two equally long rows, got {self.position.shape} and "
+                f"{self.height.shape}{place}"
+            )
         if len(self.position) < _LEAST_POINTS:
             raise MetrologyError(
                 f"profile must have at least 3 points, got {len(self.position)}{place}"

@@ -275,14 +275,15 @@ def _columns(names: list[str], values: Array, path: Path, channel: str | None) -
             alike = [i for i in lower if channel.lower() in lower[i]]
             named["z"] = [i for i in alike if lower[i] == channel.lower()] or alike
         if len(named["z"]) != 1:
-            rule = "channel must be a part of the name of one column, that of the heights"
             raise MetrologyError(
-                f"{rule}, got {channel or 'none'} for {', '.join(names) or 'no names'} "
-                f"[{path.name}]"
+                "channel must be a part of the name of one column, that of the heights, got "
+                f"{channel or 'none'} for {', '.join(names) or 'no names'} [{path.name}]"
             )
         if len(named["x"]) != 1 or len(named["y"]) > 1:
-            rule = "table of more than 3 columns must name one x, and one y if it is a map"
-            raise MetrologyError(f"{rule}, got {', '.join(names)} [{path.name}]")
+            raise MetrologyError(
+                "table of more than 3 columns must name one x, and one y if it is a map, got "
+                f"{', '.join(names)} [{path.name}]"
+            )
         return {axis: found[0] for axis, found in named.items() if found}
     if len(left) == 2:
         return {"x": left[0], "z": left[1]}
@@ -314,8 +315,10 @@ def _factor(
     if found is not None:
         own = (1.0, LENGTH_UNITS[found.group(1)])
         if asked not in (None, own):
-            rule = f"unit given for {axis} is not that of column {name!r}"
-            raise MetrologyError(f"{rule}, which says another [{path.name}]")
+            raise MetrologyError(
+                f"unit given for {axis} is not that of column {name!r}, which says another "
+                f"[{path.name}]"
+            )
         return own
     if asked is None and common is None:
         rule = f"column {name!r} must name its unit" if name else "columns must name their unit"
@@ -332,11 +335,9 @@ def _forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[str]]:
     if not np.isfinite(x).all() or lost == 0:
         return x, z, []
     if lost > _MOST_BACK * len(x):
-        rule = (
-            f"positions must increase along the profile at all but {_MOST_BACK:.0%} of its points"
-        )
         raise MetrologyError(
-            f"{rule}, got {lost / len(x):.0%} that lie behind one before them [{path.name}]"
+            f"positions must increase along the profile at all but {_MOST_BACK:.0%} of its "
+            f"points, got {lost / len(x):.0%} that lie behind one before them [{path.name}]"
         )
     return x[ahead], z[ahead], [f"{lost} points left out where the profile goes back"]
 
@@ -345,11 +346,10 @@ def _matrix(values: Array, given: dict[str, tuple[float, float]], path: Path) ->
     # Heights without a head: their unit and the step along x (and y) must be given, as
     # ``x=0.5um,z=nm``.
     if not {"x", "z"} <= set(given):
-        rule = (
-            "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a step "
-            "and a unit, as x=0.5um,z=nm"
+        raise MetrologyError(
+            "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a "
+            f"step and a unit, as x=0.5um,z=nm, got {values.shape[1]} columns [{path.name}]"
         )
-        raise MetrologyError(f"{rule}, got {values.shape[1]} columns [{path.name}]")
     dx, dy, one = (size / per for size, per in (given["x"], given.get("y", given["x"]), given["z"]))
     said, count = "matrix with the step and unit given", _last_digit(values.ravel(), given["z"])
     return HeightMap(values * one, dx, dy, source=path.name, scale=said, count=count)

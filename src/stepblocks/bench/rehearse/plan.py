@@ -203,11 +203,10 @@ class PlantedEffect(Strict):
                     f"covariate of effect {number} must have a covariate unless its form is "
                     "constant"
                 )
-            rule = (
-                f"must be one of {', '.join(known)} where its form is {self.form}, got "
-                f"{self.covariate!r}"
+            return (
+                f"covariate of effect {number} must be one of {', '.join(known)} where its "
+                f"form is {self.form}, got {self.covariate!r}"
             )
-            return f"covariate of effect {number} {rule}"
         if self.span == 0.0 or (self.form == "power" and self.reference == 0.0):
             return f"span and, of a power, reference of effect {number} must not be 0"
         return ""

@@ -236,7 +236,6 @@ def _step_law(name: str, where: CovariateRange) -> Law:
         {place: where.low + reach * (i + 0.5) / _STEP_SHAPES} for i in range(_STEP_SHAPES)
     )
     form = f"{'R + w' if chip else f'{move.form}, g'} from one value of {where.name} on"
-    changed = f"{name} changes at once, by ln and from"
     return Law(
         "tip_chip" if chip else f"step_{name}_{where.name}",
         form,
@@ -249,7 +248,7 @@ def _step_law(name: str, where: CovariateRange) -> Law:
         rank=2 if chip else 15,
         said="the tip chipped: its radius changed by, at trial"
         if chip
-        else f"{changed} {'trial' if run else where.name} on",
+        else f"{name} changes at once, by ln and from {'trial' if run else where.name} on",
     )
 
 

@@ -52,8 +52,10 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
         if scanned.status is Status.RELEASES:
             change = find_energy_change(asked, scanned, point) * 100.0
             energy = float(scanned.vibration_energy) * 1e6
-            said = f"the edge is no arc; by the scanned surface itself {change:+.1f} %"
-            return f"{verdict}; {said}, to {energy:.3g} uJ {where}"
+            return (
+                f"{verdict}; the edge is no arc; by the scanned surface itself {change:+.1f} "
+                f"%, to {energy:.3g} uJ {where}"
+            )
     causes = {said: find_energy_change(asked, step, point) for said, step in steps.items()}
     named = " and ".join(
         f"{cause} {'raises' if change > 0.0 else 'lowers'} E_v by {abs(change) * 100:.1f} %"

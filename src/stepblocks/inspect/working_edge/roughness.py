@@ -33,8 +33,10 @@ def measure_ra(face: Profile, limit: float) -> Estimate:
     length = (_SECTIONS + 1) * cutoff  # with half a cut-off at either end
     spacing = face.spacing
     if spacing > largest * 1.001:
-        rule = f"sampling interval must not exceed {largest * 1e6:g} um"
-        raise MetrologyError(f"Ra: {rule} (ISO 21920-3), got {spacing * 1e6:.3g} um")
+        raise MetrologyError(
+            f"Ra: sampling interval must not exceed {largest * 1e6:g} um (ISO 21920-3), got "
+            f"{spacing * 1e6:.3g} um"
+        )
     if face.position[-1] - face.position[0] < length - 2.0 * spacing:
         got = (face.position[-1] - face.position[0]) * 1e3
         raise MetrologyError(

@@ -46,11 +46,10 @@ def _read_line(raw: object) -> object:
         or len(points) < _LEAST_POINTS
         or not np.isfinite(points).all()
     ):
-        rule = (
-            f"a list of {_LEAST_POINTS} or more points [x, y, z] in order round the tooth, in "
-            "the unit of the mesh"
+        raise ValueError(
+            f"must be a list of {_LEAST_POINTS} or more points [x, y, z] in order round the "
+            f"tooth, in the unit of the mesh, got {raw!r:.60}"
         )
-        raise ValueError(f"must be {rule}, got {raw!r:.60}")
     return tuple(map(tuple, points.tolist()))
 
 

@@ -277,9 +277,9 @@ def _solve_diameter(
     root = (rings + math.sqrt(rings**2 + math.pi * length * constant)) / (0.5 * math.pi * length)
     found = tried(f"{round(root / _STEP) * _STEP * 1e3:.9g} mm")
     if abs(found.mass / mass - 1.0) > MASS_MATCH:
-        rule = f"give the mass of {wish.mass_of!r} ({format_mass(mass)}) within {MASS_MATCH:.0%}"
         raise ValueError(
-            f"outer_diameter must {rule}, got {format_mass(found.mass)} [sheath {name!r}]"
+            f"outer_diameter must give the mass of {wish.mass_of!r} ({format_mass(mass)}) "
+            f"within {MASS_MATCH:.0%}, got {format_mass(found.mass)} [sheath {name!r}]"
         )
     return {**stanza, "outer_diameter": found.outer_diameter}
 

@@ -219,9 +219,9 @@ def _claim_folder(plan: SweepPlan, folder: Path) -> None:
                 f"{PLAN_FILE} cannot be read; choose another folder [{folder}]"
             ) from error
         if known != plan.digest:
-            whose = "another sweep, or of another version of stepblocks"
             raise PipelineError(
-                f"folder holds the result of {whose}; choose another folder [{folder}]"
+                "folder holds the result of another sweep, or of another version of "
+                f"stepblocks; choose another folder [{folder}]"
             )
         return
     if any(folder.glob("part-*.parquet")):
