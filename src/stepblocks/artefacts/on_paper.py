@@ -118,8 +118,15 @@ def write_sheet_pdf(path: Path, stimulus: Part, measured: Values | None = None) 
     axes = figure.add_axes((0.04, 0.05, 0.92, 0.80))
     axes.set_axis_off()
     figure.text(0.04, 0.93, f"Inspection sheet   {stimulus.id.upper()}", fontsize=15, weight="bold")
-    rules = f"lengths at 20 deg C     decision ISO 14253-1, guard band {GUARD_FACTOR} u"
-    figure.text(0.04, 0.89, f"material {stimulus.material.designation}     {rules}", fontsize=9)
+    figure.text(
+        0.04,
+        0.89,
+        (
+            f"material {stimulus.material.designation}     lengths at 20 deg C     decision ISO "
+            f"14253-1, guard band {GUARD_FACTOR} u"
+        ),
+        fontsize=9,
+    )
     figure.text(
         0.04, 0.03, (" " * 35).join(("inspector", "instrument", "date", "signature")), fontsize=9
     )

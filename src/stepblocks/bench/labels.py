@@ -108,11 +108,13 @@ class LabelCheck:
         )
         names = list(self.names)
         for index, other in _find_other_blocks(angle, blocks).items():
-            said = (
-                f"the forces are those of block {names[other]}, the row says "
-                f"{names[int(blocks[index])]}"
+            found.setdefault(
+                int(rows[index]),
+                (
+                    f"mislabelled: the forces are those of block {names[other]}, the row says "
+                    f"{names[int(blocks[index])]}"
+                ),
             )
-            found.setdefault(int(rows[index]), f"mislabelled: {said}")
         # two rows that contradict their records and would not after an exchange
         ratios = (slope / speed)[np.isfinite(slope / speed)]
         usual = float(np.median(ratios)) if ratios.size else math.nan

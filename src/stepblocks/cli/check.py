@@ -47,8 +47,10 @@ def check(
         if bad:
             failed.append(name)
         records += [verdict.as_record() | {"path": name} for verdict in verdicts]
-        within = f"{len(verdicts) - len(bad)} of {len(verdicts)} measurements within tolerance"
-        rows.append(f"{'FAIL' if bad else 'ok  '} {name}: {within}")
+        rows.append(
+            f"{'FAIL' if bad else 'ok  '} {name}: {len(verdicts) - len(bad)} of "
+            f"{len(verdicts)} measurements within tolerance"
+        )
         rows += [f"       {verdict}" for verdict in (verdicts if verbose else bad)]
     count = sum(not row.startswith(" ") for row in rows)
     summary = f"{count} artefacts, all within tolerance"

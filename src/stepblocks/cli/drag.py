@@ -229,8 +229,9 @@ def drag(
     )
     done.write(output)
     notes = list(_describe_drag(done.summary))
-    closes = f"ledger closes to {done.summary['ledger_error']:.1e}"
-    summary = f"{done.summary['status']}; {closes} [{output}]"
+    summary = (
+        f"{done.summary['status']}; ledger closes to {done.summary['ledger_error']:.1e} [{output}]"
+    )
     return Outcome(summary, notes=notes, record=done.summary)
 
 

@@ -187,11 +187,13 @@ class InspectionResult:
         )
         said = [f"statement: {self.statement}"] if self.judged and self.stimulus else []
         said += [f"not stated: {', '.join(unstated)} (see the budget)"] if unstated else []
-        guard = (
-            f"guard band {GUARD_FACTOR} u, or Student's 95 % point where u has few degrees of "
-            "freedom"
-        )
-        said += [f"convention: {self.evaluation.convention}", f"decision: ISO 14253-1, {guard}"]
+        said += [
+            f"convention: {self.evaluation.convention}",
+            (
+                f"decision: ISO 14253-1, guard band {GUARD_FACTOR} u, or Student's 95 % point "
+                "where u has few degrees of freedom"
+            ),
+        ]
         said += [f"note: {note}" for note in self.evaluation.notes]
         return [*said, f"energy: {self.energy_statement}"] if self.energy_statement else said
 

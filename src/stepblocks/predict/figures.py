@@ -105,8 +105,13 @@ def draw_energy_of_height(
     axis.axvline(limit, color=_RED, ls="--", lw=1, label=f"locks from {limit:.1f} um")
     axis.set(xlabel="step height H [um]", ylabel="vibration energy $E_v$ [uJ]", yscale="log")
     axis.set_ylim(top=top)
-    under = f"R {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, mu {point.friction:g}"
-    axis.set_title(f"{under}, C_v {point.tool.conversion:g}", fontsize=9)
+    axis.set_title(
+        (
+            f"R {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, mu {point.friction:g}, "
+            f"C_v {point.tool.conversion:g}"
+        ),
+        fontsize=9,
+    )
     for height in marks:
         axis.plot(
             height * 1e6,

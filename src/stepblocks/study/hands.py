@@ -92,8 +92,13 @@ class Mouse(Hand):
 def _load(library: str, *names: str) -> ctypes.CDLL:
     # Load a maker's library by path or by the first of its names that the system finds
     found = library or next((path for name in names if (path := find_library(name))), "")
-    said = f"the library {' or '.join(names)} must be installed to use this device"
-    require(found, f"{said}, got none; or say --library")
+    require(
+        found,
+        (
+            f"the library {' or '.join(names)} must be installed to use this device, got none; or "
+            "say --library"
+        ),
+    )
     try:
         return ctypes.CDLL(found)
     except OSError as error:

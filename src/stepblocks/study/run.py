@@ -211,8 +211,13 @@ def write_sheets(folder: str | Path) -> int:
     design = sheet.read_design(folder / "design.csv")
     sheets = sheet.group_by_participant(sheet.blind_rows(design))
     for person in sheets:  # it becomes the name of a file
-        said = f"participant must be one word of at most 40 characters, got {person!r:.60}"
-        require(re.fullmatch(r"[\w.-]{1,40}", person), f"{said} [{folder / 'design.csv'}]")
+        require(
+            re.fullmatch(r"[\w.-]{1,40}", person),
+            (
+                f"participant must be one word of at most 40 characters, got {person!r:.60} "
+                f"[{folder / 'design.csv'}]"
+            ),
+        )
     digits = len(str(len(sheets)))
     texts = {
         f"sheets/participant-{person:0>{digits}}.csv": format_csv(rows)

@@ -115,7 +115,8 @@ def _find_missing_on_sheet(path: Path, part: Part) -> Iterator[str]:
             says = text and abs(float(text) / scale - one.nominal - value) <= 1e-7
             if not says and (one.kind not in FORM or column == "upper"):
                 limit = (one.nominal + value) * scale
-                rule = f"must have the {column} limit {limit:.6g}, got {text!r}"
-                yield f"{number}  {one.label} {rule}"
+                yield (
+                    f"{number}  {one.label} must have the {column} limit {limit:.6g}, got {text!r}"
+                )
     if len(rows) > number:
         yield f"{len(rows) - number} lines were not asked for"

@@ -89,11 +89,13 @@ def _list_ways(
             except MachiningError:
                 continue
             digits = 4 if round(pair.upper * 1e7) % 10 else 3
-            lengths = f"{pair.lower * 1e3:.{digits}f} mm and {pair.upper * 1e3:.{digits}f} mm"
             yield (
                 f"{process.name}, grade {grade}",
                 pair.worst,
-                f"wring {lengths} side by side onto a lapped base",
+                (
+                    f"wring {pair.lower * 1e3:.{digits}f} mm and {pair.upper * 1e3:.{digits}f} mm "
+                    "side by side onto a lapped base"
+                ),
             )
     else:
         yield (

@@ -52,8 +52,10 @@ def grid_points(x: Array, y: Array, z: Array, source: str, said: str) -> HeightM
     np.add.at(count, (row[seen], column[seen]), 1.0)
     height = np.where(count > 0.0, height / np.maximum(count, 1.0), np.nan)
     if off > _EVEN:
-        cell = f"{steps[0] * 1e6:.4g} x {steps[1] * 1e6:.4g} um"
-        said += f"; points set on a grid of {cell}, up to {off:.2f} of a step off"
+        said += (
+            f"; points set on a grid of {steps[0] * 1e6:.4g} x {steps[1] * 1e6:.4g} um, up to "
+            f"{off:.2f} of a step off"
+        )
     return HeightMap(height, steps[0], steps[1], source=source, scale=said)
 
 

@@ -370,8 +370,12 @@ def format_step_table(report: StepReport) -> str:
             else f"{off * 1e9:.3f} nm"
         )
         name = " ".join([one.name, *(f"|{letter}" for letter in one.datums)]).strip()
-        limits = f"{lower:>11} {upper:>11} {unit:7} {deviation:>17}"
-        lines.append(f"{one.ref:>9} {one.kind:18} {value:>13} {limits}  {name}".rstrip())
+        lines.append(
+            (
+                f"{one.ref:>9} {one.kind:18} {value:>13} {lower:>11} {upper:>11} {unit:7} "
+                f"{deviation:>17}  {name}"
+            ).rstrip()
+        )
     lines.append("")
     lines += [f"WRONG {finding}" for finding in report.findings] or ["nothing wrong found"]
     return "\n".join(lines)

@@ -121,8 +121,10 @@ class CrownMargin(Part):
         )
         if v < 0.0 and h <= g:
             gap, got = format_quantity(g, "length"), format_quantity(h, "length")
-            rule = f"exceed marginal_gap ({gap}) where vertical_discrepancy is negative"
-            yield f"horizontal_discrepancy must {rule}, got {got}"
+            yield (
+                f"horizontal_discrepancy must exceed marginal_gap ({gap}) where "
+                f"vertical_discrepancy is negative, got {got}"
+            )
 
     def _gap_found(self, mesh: MeasuredMesh, length: Dimension) -> Finding:
         reach = 0.25 * length.nominal

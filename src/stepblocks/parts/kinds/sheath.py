@@ -192,11 +192,10 @@ class Sheath(Turned, HeldPart):
         yield from (f"{name} must be declared for a set with sheaths, got none" for name in missing)
         shank = 0.0 if "probe" in missing else conditions["probe"].shank_diameter.value
         if self.bore.limits[0] < shank:
-            rule = (
-                f"not be less than the shank ({format_quantity(shank, 'length')}) within its "
-                "tolerance"
+            yield (
+                f"bore must not be less than the shank ({format_quantity(shank, 'length')}) "
+                f"within its tolerance, got {self.bore} [sheath {self.id!r}]"
             )
-            yield f"bore must {rule}, got {self.bore} [sheath {self.id!r}]"
 
     @rules_validator
     def _is_possible(self) -> Iterator[str]:

@@ -272,8 +272,8 @@ class HookTip(Tip):
         )
         lowest = end - shank * math.sin(angle)
         if lowest <= 0.0:
-            got = (
-                f"got {format_quantity(angle, 'angle')}, which brings it to "
+            yield (
+                "bend_angle must keep the shank above the contact point, got "
+                f"{format_quantity(angle, 'angle')}, which brings it to "
                 f"{format_quantity(lowest, 'length')}"
             )
-            yield f"bend_angle must keep the shank above the contact point, {got}"
