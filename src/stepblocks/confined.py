@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
@@ -40,7 +41,7 @@ _LARGEST_ANSWER = 2**24  # of what is no array [bytes]
 
 
 def read_confined(
-    function: str, path: Path, *arguments: Any, raises: type[Exception]
+    function: str, path: Path, *arguments: object, raises: type[Exception]
 ) -> dict[str, Any]:
     """Call ``module:function`` with a path and arguments of JSON in a process of its own.
 
@@ -69,7 +70,7 @@ class _Reader:
         self._one_at_a_time = threading.Lock()
         atexit.register(self.close)
 
-    def call(self, request: dict[str, Any], seconds: float) -> Answer:
+    def call(self, request: Mapping[str, object], seconds: float) -> Answer:
         late = f"it must be readable within {seconds:.0f} s"
         with self._one_at_a_time:
             process = self._started()

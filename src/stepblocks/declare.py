@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
 from stepblocks.errors import StepblocksError, StimulusError
 from stepblocks.mistakes import (
+    Location,
     Mistake,
     format_mistakes,
     list_mistakes,
@@ -74,7 +74,7 @@ def load_set(path: str | Path) -> StimulusSet:
         raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{path}]")
     declared = {"name": path.stem, "title": path.stem, **raw}
 
-    def locate(location: tuple[Any, ...]) -> tuple[str, tuple[Any, ...]]:
+    def locate(location: Location) -> tuple[str, Location]:
         if len(location) < 2 or location[0] not in known or not isinstance(location[1], int):
             return "", location
         kind, number, *rest = location
@@ -95,7 +95,7 @@ def load_set(path: str | Path) -> StimulusSet:
 
 def _expand_stanzas(
     kind: str, raw: object, defaults: object, mistakes: list[Mistake], folder: Path
-) -> Iterator[Mapping[str, Any]]:
+) -> Iterator[Mapping[str, object]]:
     # Expand the stanzas of a kind; those that cannot be are among the mistakes
     if not isinstance(raw, list) or not all(isinstance(stanza, dict) for stanza in raw):
         mistakes.append(("", f"{kind} must be written as [[{kind}]], got {shorten_value(raw)}"))

@@ -7,13 +7,15 @@ from copy import deepcopy
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from stepblocks.errors import StepblocksError
 
 Model = TypeVar("Model", bound=BaseModel)
 Mistake = tuple[str, str]  # where in the file, empty for the file itself; name, rule and value
 # from a location to the place in the file, and what is left of it
-Located = Callable[[tuple[Any, ...]], tuple[str, tuple[Any, ...]]]
+Location = tuple[Any, ...]
+Located = Callable[[Location], tuple[str, Location]]
 
 
 def validate_data(
@@ -79,7 +81,7 @@ def list_mistakes(
 
     What depends on an unknown name is checked as if the name were corrected.
     """
-    found: dict[tuple[Any, ...], Mapping[str, Any]] = {}
+    found: dict[Location, ErrorDetails] = {}
     for again in (True, False):
         new = {
             (*one["loc"], one["type"], one["msg"]): one for one in error.errors(include_url=False)
@@ -117,7 +119,7 @@ def list_mistakes(
     return sorted(mistakes, key=lambda one: order.index(one[0]))
 
 
-def _format_finding(finding: Mapping[str, Any], name: str) -> list[str]:
+def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
     # Say name, rule and value of one of pydantic's findings, which may state several rules
     kind, value = finding["type"], finding.get("input")
     if kind == "missing":
@@ -152,7 +154,7 @@ def find_similar(word: str, known: Iterable[str]) -> str | None:
     return next(iter(difflib.get_close_matches(word, list(known), 1, 0.7)), None)
 
 
-def _find_meant_name(model: type[BaseModel], place: Sequence[Any]) -> str | None:
+def _find_meant_name(model: type[BaseModel], place: Location) -> str | None:
     # Find what a name meant: one like it in its table, or the same in a table below
     tables = [model]
     for step in place[:-1]:

@@ -11,12 +11,14 @@ import re
 from collections.abc import Callable, Sequence
 from decimal import Decimal
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stepblocks.errors import QuantityError
 
 if TYPE_CHECKING:
     import pint
+
+    from stepblocks.arrays import Number
 
 # Name of each dimension a field can have, the SI unit that its floats are in, and an example
 _KNOWN = {
@@ -48,10 +50,10 @@ _QUANTITY = re.compile(
 
 
 @cache
-def _registry() -> pint.UnitRegistry[Any]:
+def _registry() -> pint.UnitRegistry[float]:
     import pint
 
-    registry: pint.UnitRegistry[Any] = pint.UnitRegistry(
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(
         autoconvert_offset_to_baseunit=True, cache_folder=None
     )
     return registry
@@ -133,7 +135,7 @@ def _magnitude(text: str, unit: str, wanted: str) -> float:
     return float(multiply_by_unit(number, factor))
 
 
-def multiply_by_unit(number: Any, factor: float) -> Any:
+def multiply_by_unit(number: Number, factor: float) -> Number:
     """Multiply by the size of a unit: 25 / 1e6 is the double nearest to 25e-6, 25 * 1e-6 not."""
     inverse = round(1.0 / factor) if 1e-300 < factor < 1.0 else 0  # a foreign file may state any
     return number / inverse if inverse and abs(factor * inverse - 1.0) < 1e-12 else number * factor

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,7 +145,7 @@ def escape_formula(cell: object) -> object:
 
 
 def format_csv(
-    table: Any, columns: Sequence[str] | None = None, float_format: str | None = None
+    table: object, columns: Sequence[str] | None = None, float_format: str | None = None
 ) -> str:
     """Write a table, or rows as mappings, as the text of a CSV."""
     import pandas as pd

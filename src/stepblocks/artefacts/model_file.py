@@ -94,7 +94,7 @@ class LearnedModel:
     extended: LearnedFit
 
 
-def build_model_document(learned: LearnedModel) -> dict[str, Any]:
+def build_model_document(learned: LearnedModel) -> dict[str, object]:
     """Return the extended model as a document of plain numbers."""
     tool = learned.tool
     return {
@@ -120,7 +120,7 @@ def build_model_document(learned: LearnedModel) -> dict[str, Any]:
     }
 
 
-def _build_fit_document(fitted: LearnedFit) -> dict[str, Any]:
+def _build_fit_document(fitted: LearnedFit) -> dict[str, object]:
     return {
         "names": list(fitted.values),
         "units": fitted.units,

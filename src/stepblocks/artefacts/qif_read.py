@@ -7,9 +7,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from stepblocks.errors import MetrologyError
+
+if TYPE_CHECKING:
+    from lxml.etree import _Element
 
 _MOST_BYTES = 64 * 2**20
 _NS = "{http://qifstandards.org/xsd/qif3}"
@@ -79,7 +82,7 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
     return found
 
 
-def _root(path: Path) -> Any:
+def _root(path: Path) -> "_Element":
     from lxml import etree
 
     try:
@@ -101,7 +104,7 @@ def _root(path: Path) -> Any:
     return root
 
 
-def _text(node: Any, where: str) -> str:
+def _text(node: "_Element | None", where: str) -> str:
     found = None if node is None else node.find("/".join(_NS + step for step in where.split("/")))
     return "" if found is None else (found.text or "").strip()
 
@@ -116,7 +119,7 @@ def _number(text: str, path: Path, must: bool = False) -> float:
     return value
 
 
-def _units(root: Any, path: Path) -> dict[str, float]:
+def _units(root: "_Element", path: Path) -> dict[str, float]:
     # How many SI units make a unit of a name; the primary one, 1 where the file names none, goes by
     # its kind too.
     sizes = {"Linear": 1.0, "Angular": 1.0}
@@ -130,7 +133,9 @@ def _units(root: Any, path: Path) -> dict[str, float]:
     return sizes
 
 
-def _limits(definition: Any, factor: float, nominal: float, path: Path) -> tuple[float, float]:
+def _limits(
+    definition: "_Element", factor: float, nominal: float, path: Path
+) -> tuple[float, float]:
     for zone in ("ToleranceValue", "RoughnessAverage"):
         if text := _text(definition, zone):
             return 0.0, _number(text, path) * factor

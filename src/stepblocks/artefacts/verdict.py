@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from stepblocks.quantities import format_quantity
 
@@ -47,7 +46,7 @@ class Verdict:
             f"{'ok  ' if self.passed else 'FAIL'} {self.artefact}: {self.quantity} {text}".rstrip()
         )
 
-    def as_record(self) -> dict[str, Any]:
+    def as_record(self) -> dict[str, object]:
         """Return plain values for JSON, units in the names, to a picometre or nine digits.
 
         What lies below is rounding.

@@ -1,7 +1,5 @@
 """Compares a session with its declarations before it is measured: sign, channels, gain, spring."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 

@@ -78,7 +78,7 @@ def _list_libraries() -> dict[str, str]:
     return found
 
 
-def describe_environment() -> dict[str, object]:
+def describe_environment() -> dict[str, Any]:
     """Describe Python, platform, C library and libraries of this process.
 
     The C library matters: its sine has last bits of its own.

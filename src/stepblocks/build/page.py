@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -272,5 +272,5 @@ def _draw_figure(stimuli: StimulusSet) -> str | None:
     return json.dumps({"data": traces, "layout": layout}, allow_nan=False)
 
 
-def _shorten(values: Any) -> list[float]:
+def _shorten(values: Iterable[float]) -> list[float]:
     return [float(f"{value:.6g}") for value in values if math.isfinite(value)]

@@ -6,7 +6,6 @@ This module alone imports cadquery, which works in millimetres.
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import cadquery as cq
 import numpy as np
@@ -124,7 +123,7 @@ def make_prism(outline: Outline, width: float) -> Body:
     return extrude(_place(outline, lambda x, z: (x, -0.5 * width, z)), (0.0, width, 0.0))
 
 
-def _require_single(shape: Any, what: str) -> Body:
+def _require_single(shape: Body, what: str) -> Body:
     solids = shape.Solids()
     if len(solids) != 1 or not solids[0].isValid():
         raise SolidError(f"{what} must give one valid solid, got {len(solids)}")
@@ -146,7 +145,7 @@ def compute_volume(body: Body) -> float:
     return float(body.Volume()) / _MM**3
 
 
-def _find_corners(shape: Any) -> NDArray[np.float64]:
+def _find_corners(shape: Body) -> NDArray[np.float64]:
     box = shape.BoundingBox()
     return np.array([[box.xmin, box.ymin, box.zmin], [box.xmax, box.ymax, box.zmax]]) / _MM
 

@@ -226,7 +226,9 @@ def _find_enum(kind: str, name: str) -> Any:
     )
 
 
-def _set_presentation(content: Any, callout: Callout | None) -> None:
+def _set_presentation(
+    content: XCAFDimTolObjects.XCAFDimTolObjects_GeomToleranceObject, callout: Callout | None
+) -> None:
     if callout is None:
         return
     compound, builder = TopoDS_Compound(), BRep_Builder()

@@ -6,7 +6,7 @@ import functools
 import inspect
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING
 
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
@@ -15,13 +15,16 @@ from stepblocks.cli.options import Force, Json, Quiet, Wide
 from stepblocks.cli.outcome import Outcome, protect_output, show
 from stepblocks.errors import PipelineError
 
+if TYPE_CHECKING:
+    from typer._click.core import Context, Parameter
+
 Function = Callable[..., Outcome]
 
 
 class Group(TyperGroup):
     """A group of commands."""
 
-    def get_params(self, ctx: Any) -> list[Any]:
+    def get_params(self, ctx: Context) -> list[Parameter]:
         """Return its options."""
         return _hide_flag_types(super().get_params(ctx))
 
@@ -29,15 +32,15 @@ class Group(TyperGroup):
 class Command(TyperCommand):
     """A command whose options may take several values in a row, or be given without one."""
 
-    def get_params(self, ctx: Any) -> list[Any]:
+    def get_params(self, ctx: Context) -> list[Parameter]:
         """Return its options and arguments."""
         return _hide_flag_types(super().get_params(ctx))
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+    def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
         """Parse the words of the command line."""
         return super().parse_args(ctx, list(self._spread_values(ctx, args)))
 
-    def _spread_values(self, ctx: Any, args: Sequence[str]) -> Iterator[str]:
+    def _spread_values(self, ctx: Context, args: Sequence[str]) -> Iterator[str]:
         # Name an option of several values before each of them, and complete an option without
         options = {
             name: one for one in self.params if isinstance(one, TyperOption) for name in one.opts
@@ -67,7 +70,7 @@ class Command(TyperCommand):
             yield word
 
 
-def _hide_flag_types(parameters: list[Any]) -> list[Any]:
+def _hide_flag_types(parameters: list[Parameter]) -> list[Parameter]:
     # Show no type in the help behind the name of a flag
     for one in parameters:
         if isinstance(one, TyperOption) and one.is_flag:

@@ -208,7 +208,7 @@ def drag(
 
     refuse_both(speed=speed, pull=pull)
     within = None if x_range is None else _read_range(x_range)
-    options: dict[str, Any] = given(
+    options = given(
         static_friction=static_friction,
         handle_mass=handle_mass,
         ring_time=ring_time,

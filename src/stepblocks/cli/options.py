@@ -5,8 +5,6 @@ default there. An option of several values (``list[...]``) may be repeated, or b
 of them. A metavar in brackets says that the value may be left out; ``show_default`` is used then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -76,7 +74,7 @@ def read_numbers(text: str) -> Numbers:
     return Numbers(read(part.strip()) for part in text.split(","))
 
 
-def given(**options: Any) -> dict[str, Any]:
+def given(**options: object) -> dict[str, Any]:
     """Keep the options that were given: the default of the others stands in the called function."""
     return {name: value for name, value in options.items() if value is not None}
 

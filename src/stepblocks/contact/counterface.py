@@ -11,6 +11,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.contact import kernels
 from stepblocks.contact.critical_angle import (
     compute_bevelled_margin_angles,
@@ -40,7 +41,6 @@ from stepblocks.contact.path.centre import (
 from stepblocks.errors import ContactError
 from stepblocks.quantities import format_quantity
 
-Array = NDArray[np.float64]
 SIDE = 0.5e-3  # of a margin that was scanned [m]
 REACH = 5e-3  # half length of a centre path on either side of the edge [m]
 

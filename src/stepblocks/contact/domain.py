@@ -101,7 +101,9 @@ def select_where(condition: Real, if_so: Real, otherwise: Real) -> Real:
     return if_so if condition else otherwise
 
 
-def _require(name: str, value: Real, unit: str, good: Any, rule: str) -> None:
+def _require(
+    name: str, value: Real, unit: str, good: NDArray[np.bool_] | np.bool_, rule: str
+) -> None:
     if not good.all():
         first = np.asarray(value)[np.logical_not(good)].flat[0]
         raise ContactError(f"{name} must be {rule}, got {first:g}{unit and ' ' + unit}")

@@ -5,16 +5,15 @@ After the release the tool is a spring that rings freely, its damper spends E_v 
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stepblocks.arrays import Array
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 
-Array = NDArray[np.float64]
 _LENGTH = 7.0  # of a rendered ring in time constants: all but 1e-6 of the energy
 _EXPONENTIAL = (
     "force on the hand along direction_xyz: amplitude_n exp(-t/decay_s) sin(2 pi frequency_hz "
@@ -156,13 +155,13 @@ def compute_ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
     return 2.0 / (tool.stiffness * tool.decay_time) * (1.0 + 1.0 / phase**2) * square
 
 
-def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, Any]:
+def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, object]:
     """Write an event as plain values for JSON, the unit in every name.
 
     None for what is not a number.
     """
     tool, wave, learned = event.tool, event.waveform, event.learned
-    record: dict[str, Any] = {
+    record: dict[str, object] = {
         "stimulus": event.stimulus,
         "drag": event.drag,
         "status": event.status.value,
@@ -205,7 +204,7 @@ def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, A
     return replace_nan_by_none(record)
 
 
-def replace_nan_by_none(record: dict[str, Any]) -> dict[str, Any]:
+def replace_nan_by_none(record: dict[str, object]) -> dict[str, object]:
     """Put None for what is not a number."""
     return {
         k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in record.items()

@@ -32,7 +32,7 @@ class BenchDesign:
     tip_radius: Floats  # m
     spring_constant: float  # nominal, of the probe [N/m]
     # what an effect may follow, as in trials.csv
-    covariates: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    covariates: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("height", "load", "speed", "tip_radius"):
@@ -54,7 +54,7 @@ class BenchDesign:
 
 
 def convert_to_design(
-    block: NDArray[Any], covariates: Mapping[str, NDArray[Any]], spring_constant: float
+    block: NDArray[np.str_], covariates: Mapping[str, NDArray[np.generic]], spring_constant: float
 ) -> BenchDesign:
     """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units."""
     height, load, speed, radius = (
@@ -179,7 +179,9 @@ def list_covariate_columns(covariate: str) -> tuple[str, ...]:
     return () if covariate in ("none", "block", PEAK_FORCE) else tuple(covariate.split(TOGETHER))
 
 
-def select_covariate(design: BenchDesign, state: DragState, covariate: str) -> Any:
+def select_covariate(
+    design: BenchDesign, state: DragState, covariate: str
+) -> NDArray[np.generic] | None:
     """Column of the design, or quantity of the state, that an effect follows."""
     if covariate == "none":
         return None

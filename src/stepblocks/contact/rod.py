@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.contact.domain import require_positive
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
-Array = NDArray[np.float64]
 # Euler-Bernoulli beam in units of the rod: lengths in its free length, stiffness and mass in its
 # own; the loss is taken from the undamped shape, each part's loss factor weighted by its share of
 # the strain energy

@@ -6,7 +6,7 @@ What an effect may change, and what a trial shows of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +107,7 @@ class DragState:
             + self.drag
         )
 
-    def changed(self, **slots: Any) -> DragState:
+    def changed(self, **slots: object) -> DragState:
         """Return a copy with some slots changed.
 
         Cheaper than ``dataclasses.replace`` in inner loops.

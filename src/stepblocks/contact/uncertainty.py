@@ -10,8 +10,8 @@ from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.domain import Real, require_not_negative
@@ -19,7 +19,6 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import ContactError
 
-Floats = NDArray[np.float64]
 _TAILS = 0.5 * (1.0 - 0.95), 0.5 * (1.0 + 0.95)  # of an interval of 95 %
 _SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
 _KNOWN = 300.0  # logarithm of a factor beyond which nothing is known
@@ -71,7 +70,7 @@ def list_inputs(face: Counterface, point: OperatingPoint) -> dict[str, float]:
 
 def compute_deviated_releases(
     face: Counterface, point: OperatingPoint, deviations: Mapping[str, Real], backward: bool = False
-) -> tuple[Floats, Floats]:
+) -> tuple[Array, Array]:
     """Compute F_px [N] and E_v [J] where the inputs deviate by so much.
 
     Infinite where the tip is held, 0 where nothing catches.
@@ -212,7 +211,7 @@ def estimate_interval(
     return Interval(*nominal, *drawn, low, high, float(np.isinf(forces).mean()), agrees)
 
 
-def _find_quantiles(values: Floats, draws: int) -> tuple[float, float]:
+def _find_quantiles(values: Array, draws: int) -> tuple[float, float]:
     # Find both ends by the inverse of the empirical distribution, as numpy's "inverted_cdf" has it
     ends = [max(math.ceil(tail * draws) - 1, 0) for tail in _TAILS]
     low, high = np.partition(np.broadcast_to(values, draws), ends)[ends]
@@ -220,7 +219,7 @@ def _find_quantiles(values: Floats, draws: int) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=4)
-def draw_standard_normal(inputs: int, draws: int, seed: int) -> Floats:
+def draw_standard_normal(inputs: int, draws: int, seed: int) -> Array:
     """Draw standard normal numbers, shape (inputs, draws).
 
     Equal arguments give the same numbers.

@@ -3,8 +3,6 @@
 And which was asked about.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

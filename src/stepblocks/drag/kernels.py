@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 from numba import cfunc, njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stepblocks.arrays import Array
+
 # columns of the rows of a trace
 COLUMNS = (
     "time_s",

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.laws import ContactLaw, FrictionLaw, Hertz
@@ -180,7 +179,7 @@ class DragSettings:
             )
 
     @classmethod
-    def under(cls, point: OperatingPoint, **changes: Any) -> DragSettings:
+    def under(cls, point: OperatingPoint, **changes: object) -> DragSettings:
         """Take load, friction, speed and tissue from an operating point."""
         wall = {f"tissue_{name}": value for name, value in vars(point.tissue).items()}
         known = {"normal_load": point.normal_load, "friction": point.friction, "speed": point.speed}
@@ -204,7 +203,7 @@ class DragSettings:
 
 
 def build_probe(
-    tool: Tool, ball_radius: float, contact: ContactLaw | None = None, /, **changes: Any
+    tool: Tool, ball_radius: float, contact: ContactLaw | None = None, /, **changes: float
 ) -> Probe:
     """Return the probe that rings as a tool does.
 

@@ -3,8 +3,6 @@
 The trace, every passage and the energy ledger out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields, replace

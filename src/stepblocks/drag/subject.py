@@ -1,11 +1,9 @@
 """What a drag goes over, and under what: a height, a file, a declared stimulus or a counterface."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.domain import Scanned
@@ -122,7 +120,7 @@ def _declared(
 def change_point(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
     """Return the point with the given values; a new coefficient replaces a law of friction."""
     of_tool = {name: values[name] for name in OF_TOOL if name in values}
-    moved: dict[str, Any] = {
+    moved: dict[str, object] = {
         field: values[name] for name, field in OF_POINT.items() if name in values
     }
     if "friction" in moved:

@@ -80,7 +80,7 @@ class ManyScans:
         """Count the blocks and give the verdict."""
         return f"ManyScans({len(self.reports)} blocks: {self.verdict.value})"
 
-    def as_record(self) -> dict[str, Any]:
+    def as_record(self) -> dict[str, object]:
         """Return plain data; what is infinite or does not exist is null."""
         tables = {
             name: json.loads(one.to_json(orient="records", double_precision=15))
@@ -95,7 +95,7 @@ class ManyScans:
         }
 
 
-def _show_cell(key: str, cell: Any) -> Any:
+def _show_cell(key: str, cell: object) -> object:
     if not isinstance(cell, float) or not key.endswith("_um"):
         return cell
     return f"{round(cell, 9):.7g}" if math.isfinite(cell) else None

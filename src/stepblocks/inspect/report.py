@@ -11,7 +11,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -127,14 +127,14 @@ class InspectionResult:
         return self.verdict.value
 
     @property
-    def tables(self) -> dict[str, list[dict[str, Any]]]:
+    def tables(self) -> dict[str, list[dict[str, object]]]:
         """Every value with its limits, what was not measured, and every part of its budget."""
         limits = {one.key: (one, decision) for one, decision in self.judged}
         numbers = {}
         if self.stimulus is not None:
             listed = self.stimulus.characteristics()
             numbers = {one.key: number for number, one in enumerate(listed, start=1)}
-        rows, budget = [], []
+        rows, budget = [], list[dict[str, object]]()
         for key, measured in self.evaluation.values.items():
             one, decision = limits.get(key, (None, None))
             unit, factor = ("deg", math.degrees(1.0)) if key.endswith("_angle") else ("um", 1e6)
@@ -145,7 +145,7 @@ class InspectionResult:
             )
             label = measured.name if one is None else one.label
             sign = {"": "", "at most": "<= ", "at least": ">= "}[measured.bound]
-            row: dict[str, Any] = {
+            row: dict[str, object] = {
                 "number": numbers.get(key),
                 "characteristic": label,
                 "value": f"{sign}{measured.value * factor:.{digits}f}",
@@ -172,11 +172,15 @@ class InspectionResult:
                         "how": part.how,
                     }
                 )
-        absent = [
+        absent: list[dict[str, object]] = [
             {"number": numbers.get(one.key), "characteristic": one.label, "needs": why}
             for one, why in self.missing
         ]
-        found = {"characteristics": rows, "uncertainty budget": budget, "not measured": absent}
+        found: dict[str, list[dict[str, object]]] = {
+            "characteristics": rows,
+            "uncertainty budget": budget,
+            "not measured": absent,
+        }
         return {name: lines for name, lines in found.items() if lines}
 
     @property
@@ -239,7 +243,7 @@ class InspectionResult:
         judged = {one.key for one, _ in self.judged}
         return {key: one for key, one in self.evaluation.values.items() if key not in judged}
 
-    def as_record(self) -> dict[str, Any]:
+    def as_record(self) -> dict[str, object]:
         """Return plain data; every number has its unit in its name, infinities are null."""
         return {
             "stimulus": self.identity,
@@ -270,7 +274,7 @@ class InspectionResult:
         }
 
 
-def _describe_measured(measured: Measured, unit: str) -> dict[str, Any]:
+def _describe_measured(measured: Measured, unit: str) -> dict[str, object]:
     half = measured.expanded()
     return {
         f"value_{unit}": measured.value,
@@ -294,7 +298,7 @@ def _describe_measured(measured: Measured, unit: str) -> dict[str, Any]:
 
 def _describe_decision(
     one: Characteristic, decision: Decision, measured: Measured
-) -> dict[str, Any]:
+) -> dict[str, object]:
     unit = "rad" if one.quantity == "angle" else "m"
     return {
         "key": one.key,
@@ -405,7 +409,7 @@ def _draw(path: Path, result: InspectionResult) -> None:
     save_figure(figure, path)
 
 
-def _draw_scan(axis: Any, result: InspectionResult, shown: Shown) -> None:
+def _draw_scan(axis: Axes, result: InspectionResult, shown: Shown) -> None:
     thin = max(len(shown.position) // _MOST_DRAWN, 1)
     x, z = shown.position[::thin] * 1e6, shown.height[::thin] * 1e6
     axis.plot(x, z, color="#1d2a36", linewidth=1.4)

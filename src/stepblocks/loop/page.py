@@ -6,7 +6,7 @@ One file that opens offline.
 import base64
 from collections.abc import Mapping
 from io import BytesIO
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from stepblocks.loop.result import LoopResult
 from stepblocks.loop.search.explain import Explanation
 from stepblocks.loop.search.forward_model import Floats
 from stepblocks.page_file import render_page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _BEFORE, _AFTER = "#b0506a", "#2f6f9f"
 _UNASKED = {"calibration": [], "note": "", "trials": [], "channel": "", "repeats": 0, "block": None}
@@ -45,7 +48,7 @@ def render_loop_page(result: LoopResult) -> str:
     )
 
 
-def _encode_png(figure: Any) -> str:
+def _encode_png(figure: "Figure") -> str:
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
@@ -118,7 +121,7 @@ def _draw_residuals(found: Explanation, channel: str) -> dict[str, str]:
     return {"channel": channel, "image": _encode_png(figure)}
 
 
-def _place_values(column: NDArray[Any]) -> tuple[Floats, list[str]]:
+def _place_values(column: NDArray[np.generic]) -> tuple[Floats, list[str]]:
     # Where to draw a column: numbers where they are, labels in a row
     if np.issubdtype(column.dtype, np.number):
         return np.asarray(column, dtype=np.float64), []

@@ -179,7 +179,7 @@ def build_document(
     return document | {"finding": write_sentence(found, document)}
 
 
-def _list_censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
+def _list_censored(table: SessionTable, found: Explanation) -> dict[str, object]:
     # Trials whose peak is known as a bound alone. And those whose predicted peak stays below it by
     # 3 deviations.
     bound = (
@@ -198,7 +198,7 @@ def _list_censored(table: SessionTable, found: Explanation) -> dict[str, Any]:
     }
 
 
-def _list_detectable(found: Explanation) -> list[dict[str, Any]]:
+def _list_detectable(found: Explanation) -> list[dict[str, object]]:
     # List the smallest effect of each slot. List the smallest effect of each slot that the last
     # gate would have let through nine times in ten.
     trials = found.problem.trials
@@ -208,7 +208,7 @@ def _list_detectable(found: Explanation) -> list[dict[str, Any]]:
         if law.named and law.covariate != "block"
     ]
     shown = compute_detectable(found.problem, found.extended, laws, found.needed)
-    entries: dict[str, dict[str, Any]] = {}
+    entries: dict[str, dict[str, object]] = {}
     for law in (law for law in laws if np.isfinite(shown.get(law.id, np.nan))):
         (name,) = law.amplitudes
         entry = {"id": law.id, "slot": law.slot, "covariate": law.covariate, "parameter": name}
@@ -220,15 +220,15 @@ def _list_detectable(found: Explanation) -> list[dict[str, Any]]:
     return list(entries.values())
 
 
-def _describe_value(value: float, unit: str, std: float, log: bool = False) -> dict[str, Any]:
+def _describe_value(value: float, unit: str, std: float, log: bool = False) -> dict[str, object]:
     ends = value, value - WIDE * std, value + WIDE * std
     middle, low, high = (float(np.exp(end)) for end in ends) if log else ends
     return {"value": middle, "unit": unit, "low": low, "high": high}
 
 
-def _describe_constants(fitted: Fit, spring: float) -> dict[str, Any]:
+def _describe_constants(fitted: Fit, spring: float) -> dict[str, object]:
     # Constants of a fitted model under the names people use, with 95 % intervals
-    found = {}
+    found: dict[str, object] = {}
     for parameter in fitted.parameters:
         value, std = fitted.values[parameter.name], fitted.std[parameter.name]
         name, unit = _READ.get(parameter.name, (parameter.name, parameter.unit))
@@ -239,7 +239,7 @@ def _describe_constants(fitted: Fit, spring: float) -> dict[str, Any]:
     return found
 
 
-def _list_apart(table: SessionTable, found: Explanation) -> list[dict[str, Any]]:
+def _list_apart(table: SessionTable, found: Explanation) -> list[dict[str, object]]:
     # List the trials that went wrong, with the chance that they did and what they look like
     alone = np.isfinite(table.measured[:, :2]) & np.isnan(table.trials.values[:, :2])
     chances = dict.fromkeys(np.flatnonzero(alone.any(axis=1)).tolist(), 1.0) | dict(found.apart)
@@ -254,8 +254,8 @@ def _list_apart(table: SessionTable, found: Explanation) -> list[dict[str, Any]]
 
 
 def _describe_effect(
-    effect: Law, fitted: Fit, evidence: Mapping[str, Any], trials: Trials
-) -> dict[str, Any]:
+    effect: Law, fitted: Fit, evidence: Mapping[str, object], trials: Trials
+) -> dict[str, object]:
     own, std = effect.pick_own_values(fitted.values), effect.pick_own_values(fitted.std)
     scale, unit = 1.0, ""
     if effect.id.startswith("trend_"):
@@ -287,7 +287,9 @@ def _find_slope_unit(where: CovariateRange) -> tuple[float, str]:
     return 2.0 / (where.high - where.low), f"1/{units[0] if units else where.name}"
 
 
-def _describe_finding(finding: Finding, found: Explanation, table: SessionTable) -> dict[str, Any]:
+def _describe_finding(
+    finding: Finding, found: Explanation, table: SessionTable
+) -> dict[str, object]:
     effect, unexplained = finding.effect, finding.verdict is Verdict.UNEXPLAINED
     (row, share), (channel, part) = finding.leading_trial, finding.leading_channel
     evidence = {
@@ -307,11 +309,11 @@ def _describe_finding(finding: Finding, found: Explanation, table: SessionTable)
 
 def _describe_errors(
     holdouts: tuple[Holdout, Holdout], which: int, floor: list[float]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     # Errors on held-out trials of the nominal model (0) or the extended one (1). Beside the least
     # that noise allows.
     names = ("ln_energy_rms", "ln_peak_force_rms")
-    errors: dict[str, Any] = {}
+    errors: dict[str, object] = {}
     for ending, holdout in zip(("", "_blocks_left_out"), holdouts, strict=True):
         errors |= {f"{name}{ending}": holdout.rms(j)[which] for j, name in enumerate(names)}
     return errors | {"noise_floor": dict(zip(names, floor, strict=True))}
@@ -350,7 +352,7 @@ def _describe_adequacy(table: SessionTable, found: Explanation, rules: Rules) ->
     }
 
 
-def _describe_identifiability(found: Explanation) -> dict[str, Any]:
+def _describe_identifiability(found: Explanation) -> dict[str, object]:
     trials = found.problem.trials
     effects = [
         e
@@ -370,8 +372,8 @@ def _describe_identifiability(found: Explanation) -> dict[str, Any]:
     }
 
 
-def _describe_scans(scans: Scans) -> dict[str, Any]:
-    document: dict[str, Any] = {"blocks": {block: dict(scan) for block, scan in scans.items()}}
+def _describe_scans(scans: Scans) -> dict[str, object]:
+    document: dict[str, object] = {"blocks": {block: dict(scan) for block, scan in scans.items()}}
     edges = [
         (s.get("edge_radius_m", np.nan), s.get("edge_radius_std_m", np.nan)) for s in scans.values()
     ]
@@ -384,7 +386,7 @@ def _describe_scans(scans: Scans) -> dict[str, Any]:
     return document
 
 
-def propose_experiment(found: Explanation) -> dict[str, Any] | None:
+def propose_experiment(found: Explanation) -> dict[str, object] | None:
     """Return settings that separate the rivals best, with the expected gain.
 
     None where nothing is open.
@@ -428,13 +430,13 @@ def propose_experiment(found: Explanation) -> dict[str, Any] | None:
     if not proposal:
         note = "no setting within reach tells these apart"
         return {"separates": names, "trials": [], "calibration": moves, "note": note}
-    document: dict[str, Any] = {"separates": names, "calibration": moves, **proposal}
+    document: dict[str, object] = {"separates": names, "calibration": moves, **proposal}
     best = float(proposal["trials"][0]["height_um"])
     if best not in trials.covariates["height_um"]:
         document["block"] = {
             "name": f"step-{best:03.0f}",
             "height": f"{best:g} um",
-            "tip": f"{np.median(trials.covariates['tip_radius_um']):g} um",
+            "tip": f"{np.median(np.asarray(trials.covariates['tip_radius_um'], float)):g} um",
             "friction": f"{np.clip(found.extended.values['friction'], 0.01, 0.9):.3f}",
         }
     return document

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,7 +206,7 @@ def _select_good(
     good = np.ones(len(features), dtype=bool)
     excluded: list[tuple[str, str]] = []
 
-    def leave_out(bad: Any, reasons: Any) -> None:
+    def leave_out(bad: object, reasons: object) -> None:
         rows = good & np.asarray(bad)
         excluded.extend(
             features[["trial"]].assign(reason=reasons)[rows].itertuples(index=False, name=None)
@@ -280,9 +280,9 @@ def _imply_covariates(features: pd.DataFrame) -> dict[str, Floats]:
     return found
 
 
-def _read_covariates(table: pd.DataFrame) -> dict[str, NDArray[Any]]:
+def _read_covariates(table: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
     # Columns that were set or read beside the forces, in their order
-    found: dict[str, NDArray[Any]] = {}
+    found: dict[str, NDArray[np.generic]] = {}
     for name in takewhile(lambda column: column != _FEATURES_BEGIN, table.columns):
         if name in ("trial", "status", "reason", "block"):
             continue

@@ -1,7 +1,6 @@
 """Settings that a next experiment may have: those seen, along columns that can be set."""
 
 import itertools
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ MOST_SETTINGS = 12  # of a column that is set; one of more is read
 def build_grid(trials: Trials, extra: list[str]) -> Trials:
     """Build all combinations of settings, at the middle of what is read."""
 
-    def span(name: str) -> list[Any]:
+    def span(name: str) -> list[object]:
         numbers = trials.numeric(name)
         labels = sorted(set(trials.covariates[name].tolist()))
         if name == "run_order" and numbers is not None:
@@ -32,7 +31,7 @@ def build_grid(trials: Trials, extra: list[str]) -> Trials:
     }
     for name, column in trials.covariates.items():
         numbers = trials.numeric(name)
-        middle: Any = column[0] if numbers is None else float(np.median(numbers))
+        middle: object = column[0] if numbers is None else float(np.median(numbers))
         columns.setdefault(name, np.full(len(rows), middle))
     empty = np.full((len(rows), len(trials.channels)), np.nan)
     known = dict(zip(trials.covariates["height_um"].tolist(), trials.block.tolist(), strict=True))

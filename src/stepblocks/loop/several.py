@@ -73,7 +73,9 @@ def pool_parameter(
     }
 
 
-def fit_hierarchy(results: Mapping[str, LoopResult]) -> tuple[dict[str, Any], LearnedModel]:
+def fit_hierarchy(
+    results: Mapping[str, LoopResult],
+) -> tuple[dict[str, dict[str, Any]], LearnedModel]:
     """Fit the hierarchy of some sessions by name.
 
     Beside it the model that predicts the next one.

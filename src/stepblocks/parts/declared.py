@@ -20,7 +20,7 @@ def rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
     The check yields broken rules; nothing or ``""`` where all hold.
     """
 
-    def checked(self: Any) -> Any:
+    def checked(self: object) -> Any:
         if broken := [text for text in check(self) if text]:
             raise ValueError("\n".join(broken))
         return self
@@ -72,7 +72,7 @@ class Table(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _with_usual_tolerances(cls, raw: Any) -> Any:
+    def _with_usual_tolerances(cls, raw: object) -> Any:
         if not isinstance(raw, dict):
             return raw
         given = dict(raw)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.errors import StimulusError
 
-Array = NDArray[np.float64]
 _MOST_TRIANGLES = 5_000_000
 _SMALLEST, _LARGEST = 2e-3, 0.15  # of what is scanned, from a short crown to a whole arch [m]
 _BESIDE = 0.5e-3  # how far a picked point may lie from the scan [m]
@@ -122,7 +122,7 @@ def _read_closed_line(points: Array, path: Path) -> Any:
 
 
 def _cut_section(
-    mesh: Any, near: NDArray[np.int64], place: Array, along: Array, middle: Array, draw: Array
+    mesh: object, near: NDArray[np.int64], place: Array, along: Array, middle: Array, draw: Array
 ) -> Array:
     # Find the outermost points (x to the crown, z outwards) of a section, shape (n, 2)
     import trimesh

@@ -41,7 +41,7 @@ def expand_series(stanza: Mapping[str, object]) -> Iterator[dict[str, object]]:
     if count > MAX_SERIES:
         raise ValueError(f"a series must have at most {MAX_SERIES} members, got {count}")
     for combination in itertools.product(*series.values()):
-        one: dict[str, object] = copy.deepcopy(dict(stanza))
+        one = copy.deepcopy(dict(stanza))
         for path, nominal in zip(series, combination, strict=True):
             table: dict[str, Any] = one
             for key in path[:-1]:

@@ -5,8 +5,8 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Margin, Step
 from stepblocks.contact.critical_angle import find_margin_angles
@@ -18,14 +18,12 @@ from stepblocks.figure_file import make_figure, save_figure
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import collect_uncertainties, find_tip
 
-Floats = NDArray[np.float64]
-
 _BLUE, _RED = "#1f4e79", "#b03030"
 
 
 def compute_margin_map(
-    gaps: Floats, discrepancies: Floats, point: OperatingPoint
-) -> tuple[Floats, Floats]:
+    gaps: Array, discrepancies: Array, point: OperatingPoint
+) -> tuple[Array, Array]:
     """Compute the peak force [N] from crown to tooth, and back, shape (gaps, discrepancies).
 
     It is 0 where nothing catches, infinite where the tip is held.
@@ -127,8 +125,8 @@ def draw_energy_of_height(
 
 
 def draw_margin_map(
-    gaps: Floats,
-    discrepancies: Floats,
+    gaps: Array,
+    discrepancies: Array,
     point: OperatingPoint,
     path: Path,
     marks: Sequence[tuple[float, float]] = (),

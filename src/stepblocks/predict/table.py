@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,7 @@ def predict_table(
         for name, (names, of, _) in _COLUMNS.items()
     }
     columns = read_si_columns(frame, {**_COLUMNS, **uncertain}, place)
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     for k in range(len(frame)):
         at = {name: float(columns[name][k]) for name in _COLUMNS}
         spread = {name: float(columns[f"u_{name}"][k]) for name in _COLUMNS}
@@ -229,14 +229,14 @@ def predict_with_model(
 
 def _read_conditions(
     table: pd.DataFrame, learned: LearnedModel, wanted: set[str]
-) -> tuple[dict[str, NDArray[Any]], NDArray[np.object_], NDArray[np.object_]]:
+) -> tuple[dict[str, NDArray[np.generic]], NDArray[np.object_], NDArray[np.object_]]:
     # Read the columns to predict from. Also gives, for each trial, the names of columns that hold
     # no number, and of those beyond the range of the data.
     import pandas as pd
 
     ranges = {place.name: place for place in learned.ranges}
     invalid, outside = (np.full(len(table), "", dtype=object) for _ in range(2))
-    columns: dict[str, NDArray[Any]] = {}
+    columns: dict[str, NDArray[np.generic]] = {}
 
     def note(texts: NDArray[np.object_], rows: NDArray[np.bool_], name: str) -> None:
         texts[rows] = np.where(texts[rows] == "", name, texts[rows] + f"; {name}")
@@ -308,7 +308,7 @@ def make_learned_drag(
     """Ask a learned model about one step; friction and tool of the condition are learned."""
     import pandas as pd
 
-    row: dict[str, Any] = {
+    row: dict[str, object] = {
         "trial": "1",
         "block": block,
         "tip": f"tip-{condition.ball_radius * 1e6:.6f}",

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import (
     VibrationEvent,
@@ -25,7 +25,6 @@ from stepblocks.tables import read_si_columns, read_table, write_table
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 _LENGTH = 5.0  # of the ring that is compared, in time constants
 _BEFORE = 0.1  # in which the peak force before the release is sought [s]
 _SAMPLES = 4.0  # least samples of a record in a cycle of the ring

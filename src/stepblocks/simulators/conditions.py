@@ -1,7 +1,5 @@
 """Which stimuli of which sets, and under what each of them is dragged."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

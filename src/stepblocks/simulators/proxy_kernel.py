@@ -12,9 +12,9 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stepblocks.arrays import Array
+
 Hand = tuple[float, float]  # across the edge and up [m]
 Records = Any  # an array with one of the types below: what compiled code is handed fastest
 _BISECTIONS = 40
@@ -57,7 +57,7 @@ def _compute_slope(x: float, piece: int, path: Records) -> Any:
 
 @numba.njit(cache=True, inline="always")
 def _compute_drive(
-    direction: float, x: float, z: float, slope: float, hand: Hand, setting: Any
+    direction: float, x: float, z: float, slope: float, hand: Hand, setting: Records
 ) -> Any:
     # Force left to move the proxy, times the cosine of the slope; above 0 it slides
     pull, down = direction * setting.stiffness * (hand[0] - x), setting.wall * (z - hand[1])
@@ -67,7 +67,7 @@ def _compute_drive(
 
 @numba.njit(cache=True)
 def _is_sliding(
-    direction: float, x: float, piece: int, hand: Hand, setting: Any, path: Records
+    direction: float, x: float, piece: int, hand: Hand, setting: Records, path: Records
 ) -> Any:
     return (
         _compute_drive(
@@ -83,7 +83,9 @@ def _is_sliding(
 
 
 @numba.njit(cache=True)
-def _slide(direction: float, x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
+def _slide(
+    direction: float, x: float, piece: int, hand: Hand, setting: Records, path: Records
+) -> Any:
     # Move the proxy along the path until friction holds it
     ahead = direction > 0.0
     while _is_sliding(direction, x, piece, hand, setting, path):
@@ -130,7 +132,7 @@ def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> Any:
 
 
 @numba.njit(cache=True)
-def _is_pressed(x: float, piece: int, hand: Hand, setting: Any, path: Records) -> Any:
+def _is_pressed(x: float, piece: int, hand: Hand, setting: Records, path: Records) -> Any:
     # Whether the hand presses the proxy on either side of where it is
     ahead = behind = _compute_slope(x, piece, path)
     if x == path.x[piece]:
@@ -148,7 +150,7 @@ def _is_pressed(x: float, piece: int, hand: Hand, setting: Any, path: Records) -
 
 
 @numba.njit(cache=True)
-def _move(state: Any, landed: bool, hand: Hand, setting: Any, path: Records) -> None:
+def _move(state: Records, landed: bool, hand: Hand, setting: Records, path: Records) -> None:
     # Slide in either direction; leaving a notch uphill is the event, unless it has just landed
     x, piece, caught = state.x, state.piece, path.up
     at_start, at_end = x == path.x[piece], x == path.x[piece + 1]

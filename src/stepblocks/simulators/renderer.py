@@ -4,14 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.errors import HapticsError
 from stepblocks.simulators import proxy_kernel as kernel
 
-Array = NDArray[np.float64]
 _APPROACH = 40e-6  # before the notch, and the least travel behind it, unscaled [m]
 _FADE = 0.01  # of the force after an input that is not a number [s]
 _KINK = 1e-3  # change of slope that is a notch of the path, not the chords of a circle [1]

@@ -2,9 +2,10 @@
 
 from typing import TYPE_CHECKING
 
+from stepblocks.arrays import Array
 from stepblocks.errors import StudyError
 
-__all__ = ["Table", "require"]
+__all__ = ["Array", "Table", "require"]
 
 if TYPE_CHECKING:
     from pandas import DataFrame as Table

@@ -14,15 +14,12 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from ctypes.util import find_library
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.errors import PipelineError
-from stepblocks.study import require
+from stepblocks.study import Array, require
 
-Array = NDArray[np.float64]
 _PERIOD = 1e-3  # of a servo loop [s]
 _SILENCE = 0.25  # a page that sends nothing for so long has let go [s]
 _SMOOTH = 0.008  # time constant with which the hand follows what a page sends in steps [s]
@@ -208,7 +205,7 @@ class OpenHaptics(Hand):
                 f"the device must {wanted}: {self._lib.hdGetErrorString(error.code).decode()}"
             )
 
-    def _frame(self, _: Any) -> int:
+    def _frame(self, _: object) -> int:
         values, buttons = (ctypes.c_double * 6)(), ctypes.c_int()
         pointer = ctypes.POINTER(ctypes.c_double)
         self._lib.hdBeginFrame(self._device)

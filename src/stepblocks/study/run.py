@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError, StudyError
@@ -429,7 +429,7 @@ def study_power(
     noises = tuple((noise or {}).get(name, 1.0) for name in names)
     sizes = (tuple(heights.values()), tuple(energies.values()), factors, observer, noises, measure)
     for people, times in itertools.product(participants, repetitions):
-        size: dict[str, Any] = {"participants": people, "repetitions": times}
+        size: dict[str, object] = {"participants": people, "repetitions": times}
         if ALIASES.get(experiment, experiment) == "constant":
             require(
                 standard in energies,

@@ -12,10 +12,10 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from stepblocks.arrays import Array
 from stepblocks.atomic import write_atomically
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study.hands import Hand
@@ -128,7 +128,7 @@ class Servo(threading.Thread):
                 return "stopped"
         return "time is up"
 
-    def _tick(self, row: Any) -> str:
+    def _tick(self, row: Array) -> str:
         # Feel once; return what is in doubt
         asked, renderer = time.perf_counter(), self.renderer
         position, velocity, held = self.hand.read()
@@ -170,7 +170,7 @@ class Servo(threading.Thread):
             pass
         return late
 
-    def _limited(self, force: Any, before: Any) -> Any:
+    def _limited(self, force: Array, before: Array) -> Array:
         size, was = float(np.linalg.norm(force)), float(np.linalg.norm(before))
         most = min(self.limits.force, was + self.limits.growth * self._period)
         return force * (most / size) if size > most else force.copy()
@@ -181,7 +181,7 @@ class Servo(threading.Thread):
         if self.is_alive():
             self.join()
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, Array]:
         """Return the columns of all ticks so far."""
         return dict(zip(COLUMNS, self._log[: self.ticks].T.copy(), strict=True))
 
@@ -199,7 +199,7 @@ class Servo(threading.Thread):
         }
 
 
-def write_motion(path: Path, servo: Servo, told: dict[str, Any]) -> None:
+def write_motion(path: Path, servo: Servo, told: dict[str, object]) -> None:
     """Write a trial's motion and forces as HDF5, one dataset per column.
 
     Beside its place and renamed.

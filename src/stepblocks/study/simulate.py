@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
-from stepblocks.study import require
+from stepblocks.study import Array, Table, require
 from stepblocks.study.analysis.accuracy import ANSWER, MEASURES, compute_measure
 from stepblocks.study.analysis.anova import run_f_test
 from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.psychometric import Z75
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ TYPICAL_OBSERVER = Observer()
 
 
 def read_off_height(
-    energy: Any, heights: Sequence[float] | Array, energies: Sequence[float] | Array
+    energy: Array, heights: Sequence[float] | Array, energies: Sequence[float] | Array
 ) -> Array:
     """Read the height that usually gives an energy off those that are known.
 
@@ -96,7 +93,7 @@ def simulate_sensation(
 
 
 def estimate_heights(
-    trials: Any, known: tuple[Array, Array], observer: Observer, generator: np.random.Generator
+    trials: Table, known: tuple[Array, Array], observer: Observer, generator: np.random.Generator
 ) -> Array:
     """Let participants estimate heights [m].
 

@@ -4,7 +4,7 @@ import csv
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from stepblocks.artefacts.check import check_part_step
 from stepblocks.artefacts.on_paper import format_limits, format_zone
@@ -12,6 +12,9 @@ from stepblocks.artefacts.step.exchange import read_exchange
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import FORM, Characteristic
 from stepblocks.parts.kind import Part
+
+if TYPE_CHECKING:
+    from ezdxf.entities import DXFEntity
 
 _SAME = 1e-9  # between a value read back and the one asked for [m or rad]
 
@@ -50,7 +53,7 @@ def _find_missing_on_drawing(path: Path, part: Part) -> Iterator[str]:
         space = ezdxf.readfile(path).modelspace()
     except (OSError, ezdxf.DXFError) as error:
         raise MachiningError(f"drawing must be a DXF file: {error} [{path}]") from error
-    drawn: dict[str, list[Any]] = {}
+    drawn: dict[str, list[DXFEntity]] = {}
     for entity in space:
         if entity.has_xdata("STEPBLOCKS"):
             drawn.setdefault(str(entity.get_xdata("STEPBLOCKS")[0].value), []).append(entity)
@@ -76,7 +79,7 @@ def _format_requirement(one: Characteristic) -> str:
     )
 
 
-def _entity_says(entity: Any, one: Characteristic) -> bool:
+def _entity_says(entity: "DXFEntity", one: Characteristic) -> bool:
     # Tell whether a dimension measures, or a text says, what a characteristic states
     if entity.dxftype() != "DIMENSION":
         return _format_requirement(one) in entity.dxf.text

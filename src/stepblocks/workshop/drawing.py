@@ -155,7 +155,7 @@ def _pin_ezdxf() -> Iterator[None]:
 
 
 @cache
-def _load_fonts() -> tuple[Any, dict[str, object]]:
+def _load_fonts() -> tuple[object, dict[str, object]]:
     import matplotlib as mpl
     from ezdxf.fonts.font_manager import FontManager
 
@@ -190,7 +190,7 @@ def _render(sheet: Sheet, path: Path) -> None:
         font = FontProperties(fname=Path(mpl.get_data_path()) / "fonts" / "ttf" / FONT)
 
         def letters(
-            text: str, transform: Any, properties: Any, cap_height: float, dxftype: str = "TEXT"
+            text: str, transform: Any, properties: object, cap_height: float, dxftype: str = "TEXT"
         ) -> None:
             origin, ahead = (
                 transform.transform((0.0, 0.0, 0.0)),

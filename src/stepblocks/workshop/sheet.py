@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import ezdxf
 from ezdxf.enums import TextEntityAlignment
@@ -12,6 +12,9 @@ from ezdxf.math import Vec2
 from stepblocks.artefacts.on_paper import choose_decimals, format_limits, format_zone
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.lettering import compute_text_width
+
+if TYPE_CHECKING:
+    from ezdxf.entities import DXFEntity
 
 Point = tuple[float, float]
 WIDTH, HEIGHT = 420.0, 297.0  # A3, landscape [mm]
@@ -71,8 +74,8 @@ class Sheet:
     def __init__(self, listed: Iterable[Characteristic]) -> None:
         self.listed = {one.key: (number, one) for number, one in enumerate(listed, start=1)}
         self.numbers: set[int] = set()  # of those that stand on it in balloons
-        self.document: Any = ezdxf.new("R2010", setup=["linetypes"], units=4)
-        self.space: Any = self.document.modelspace()
+        self.document = ezdxf.new("R2010", setup=["linetypes"], units=4)
+        self.space = self.document.modelspace()
         for name, (colour, weight, dashes) in _LAYERS.items():
             self.document.layers.add(name, color=colour, lineweight=weight, linetype=dashes)
         self.document.header["$LTSCALE"] = 5.0
@@ -115,7 +118,7 @@ class Sheet:
         if key:
             self._states(entity, key)
 
-    def _states(self, entity: Any, key: str) -> None:
+    def _states(self, entity: "DXFEntity", key: str) -> None:
         # Mark what states a characteristic on paper, for whoever checks that all are there
         number, _ = self.listed[key]
         self.numbers.add(number)

@@ -8,9 +8,10 @@ import struct
 import tempfile
 import zipfile
 import zlib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from stepblocks.artefacts.scans.text import (
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 from stepblocks.text_file import is_file
+
+if TYPE_CHECKING:
+    from SurfaceTopography.IO.Reader import ChannelInfo
 
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".xyz", ".asc", ".dat")
 POINT_ENDINGS = (
@@ -190,7 +194,7 @@ def _check_archive(path: Path) -> None:
         )
 
 
-def scan_in(path: Path, unit: str = "", channel: str = "") -> dict[str, Any]:
+def scan_in(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
     """Read a file of points or of an instrument; called in the confined process."""
     if zipfile.is_zipfile(path):
         _check_archive(path)
@@ -210,7 +214,7 @@ def scan_in(path: Path, unit: str = "", channel: str = "") -> dict[str, Any]:
     return _by_surfacetopography(str(path), form, channel, path.name)
 
 
-def _check_size(shape: Any, place: str) -> None:
+def _check_size(shape: Sequence[int], place: str) -> None:
     if int(np.prod(shape)) > _MOST_POINTS:
         raise MetrologyError(f"scan must have at most {_MOST_POINTS} points, got {shape} [{place}]")
 
@@ -240,7 +244,7 @@ def _unpacked_sur(path: Path) -> bytes:
     return b"".join(plain)
 
 
-def _sdf(path: Path) -> dict[str, Any]:
+def _sdf(path: Path) -> dict[str, object]:
     import sdfio
 
     stated = read_height_scale(path, "sdf", "")
@@ -260,11 +264,11 @@ def _sdf(path: Path) -> dict[str, Any]:
     }
 
 
-def _x3p(path: Path) -> dict[str, Any]:
+def _x3p(path: Path) -> dict[str, object]:
     import x3pio
 
     _check_size(x3pio.info(str(path)).shape, path.name)
-    layer: Any = x3pio.read(str(path)).layers[0]
+    layer = x3pio.read(str(path)).layers[0]
     header = layer.header
     scale, count = (
         "ISO 25178-72: heights in metres, checksums verified",
@@ -289,7 +293,7 @@ def _x3p(path: Path) -> dict[str, Any]:
     return {"height": layer.z, "dx": steps[0], "dy": steps[1], "scale": scale, "count": count}
 
 
-def _named_channel(channels: list[Any], wanted: str, place: str) -> Any:
+def _named_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "ChannelInfo":
     # Return the channel that the user names, or the first whose name does not deny that it holds
     # heights.
     names = [f"{one.name} [{one.unit}]" for one in channels]
@@ -318,7 +322,7 @@ def _named_channel(channels: list[Any], wanted: str, place: str) -> Any:
     return found[0]
 
 
-def _by_surfacetopography(file: str, form: str, wanted: str, place: str) -> dict[str, Any]:
+def _by_surfacetopography(file: str, form: str, wanted: str, place: str) -> dict[str, object]:
     from SurfaceTopography import open_topography
 
     reader = open_topography(file, format=form)
@@ -342,7 +346,7 @@ def _by_surfacetopography(file: str, form: str, wanted: str, place: str) -> dict
     first = len(reader.channels) > 1 and not wanted
     others = f", the first of {len(reader.channels)} that is named as heights" if first else ""
     factor = 1.0 if channel.height_scale_factor is None else abs(float(channel.height_scale_factor))
-    content: dict[str, Any] = {
+    content: dict[str, object] = {
         "height": raw,
         "scale": f"channel {channel.name!r} in {channel.unit}{others}",
         "channel": str(channel.name),

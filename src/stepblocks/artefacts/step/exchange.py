@@ -206,7 +206,7 @@ def _decode(token: str) -> str:
     )
 
 
-def _make_plain(value: Any) -> Any:
+def _make_plain(value: object) -> object:
     # Turn lists into tuples; what has a type has one value
     if isinstance(value, Typed):
         (inner,) = value.value

@@ -5,12 +5,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.artefacts.step.exchange import Exchange, find_references, is_reference, read_number
 from stepblocks.artefacts.step.units import Unit, read_unit
-
-Array = NDArray[np.float64]
 
 _PARALLEL = 1e-9
 _ONE_AXIS = 1e-12  # how far apart the axes of what is turned about one may be [m]

@@ -2,8 +2,8 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
+from stepblocks.arrays import Number
 from stepblocks.artefacts.step.exchange import Exchange, Typed, read_number
 from stepblocks.quantities import multiply_by_unit
 
@@ -45,7 +45,7 @@ class Unit:
     dimension: str = "unknown"  # ``length``, ``angle``, ``mass``, ...
     factor: float = math.nan  # SI units per unit
 
-    def si(self, value: Any) -> Any:
+    def si(self, value: Number) -> Number:
         """Convert a value or an array; millimetres are divided by 1000 (nearest double)."""
         return multiply_by_unit(value, self.factor)
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import PipelineError
+
+if TYPE_CHECKING:
+    import h5py
 
 _LEAST_SLIDE, _MOST_SLIDE = 50e-3, 80e-3  # [s] before the edge
 _NAMES = ("time_s", "fx_n", "fy_n")
@@ -272,7 +275,7 @@ def _write_text(path: Path, trace: Trace) -> None:
     )
 
 
-def _write_group(group: Any, trace: Trace) -> None:
+def _write_group(group: "h5py.Group", trace: Trace) -> None:
     for name, values in zip(_NAMES, (trace.time, trace.tangential, trace.normal), strict=True):
         group.create_dataset(
             name, data=values.astype(np.float32), compression="gzip", track_times=False

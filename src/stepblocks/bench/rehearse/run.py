@@ -8,10 +8,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from stepblocks.arrays import Array
 from stepblocks.atomic import make_draft_folder, sync_folder
 from stepblocks.bench.rehearse import (
     TRACE_FILES,
@@ -243,7 +243,7 @@ def compute_planted_state(
     bare = build_nominal_state(design, values)
     if bool(bare.locked()[0]):
         return None
-    told: dict[str, Any] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
+    told: dict[str, float | str] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
     state = build_nominal_state(
         design, values | {format_height_name(row["block"]): heights[nominal] - nominal}
     )
@@ -254,7 +254,7 @@ def compute_planted_state(
             state = law.apply(state, select_covariate(design, state, law.covariate), given)
         else:
             names = _SLOTS.get(str(effect.slot), (str(effect.slot),))
-            changed: dict[str, Any] = {
+            changed: dict[str, Array] = {
                 n: np.array([effect.apply(float(getattr(state, n)[0]), told)]) for n in names
             }
             if effect.slot == "normal_load":

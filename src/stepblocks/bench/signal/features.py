@@ -297,7 +297,7 @@ class Measurement(Loading):
 
 
 _Figures = dict[
-    tuple[str, ...], Callable[[Any], tuple[Any, ...]]
+    tuple[str, ...], Callable[[Any], tuple[object, ...]]
 ]  # columns, and what stands in them
 
 

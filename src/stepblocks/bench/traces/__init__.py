@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.bench.session import Place, Session, fill_pattern, resolve_inside
 from stepblocks.bench.signal import Trace, TraceError, check_size, join_first
 from stepblocks.bench.traces import hdf5, mat, tdms
@@ -73,13 +73,13 @@ READERS: dict[str, tuple[Any, Any, Any]] = {
 @lru_cache(maxsize=1)
 def _open_cached(
     kind: str, path: Path, _stamp: tuple[int, ...], layout: str
-) -> tuple[Any, ExitStack]:
+) -> tuple[object, ExitStack]:
     # Open a file that stays open for the trials that follow, as long as what holds it is kept
     holder = ExitStack()
     return holder.enter_context(READERS[kind][0](path, json.loads(layout))), holder
 
 
-def close_traces(path: Path) -> dict[str, Any]:
+def close_traces(path: Path) -> dict[str, object]:
     """Let a container go; called in the confined process, as the next."""
     _open_cached.cache_clear()
     return {}
@@ -87,7 +87,7 @@ def close_traces(path: Path) -> dict[str, Any]:
 
 def read_columns(
     path: Path, kind: str, layout: Layout, place: list[Any], names: tuple[str | int, ...]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Read columns of one trial, by their number.
 
     Without names it is only seen whether the file can be read.
@@ -112,7 +112,7 @@ def read_columns(
         ) from error
 
 
-def _read_increments(group: Any, names: Sequence[str | int]) -> NDArray[np.float64]:
+def _read_increments(group: Any, names: Sequence[str | int]) -> Array:
     # Read what the attributes of a trial say of the time between two samples
     kept: dict[str, Any] = {}
     for name in (None, *names):
@@ -217,11 +217,11 @@ class Traces(ExitStack):
             found["time"] = np.arange(sizes["tangential"]) / acquisition.sample_rate
         return Trace(**found)
 
-    def _columns(self, path: Path, place: Place, names: Sequence[str | int]) -> dict[str, Any]:
+    def _columns(self, path: Path, place: Place, names: Sequence[str | int]) -> dict[str, Array]:
         asked = self.session.acquisition.kind, self._layout, place, names
         return read_confined(f"{__name__}:read_columns", path, *asked, raises=TraceError)
 
-    def _in_si(self, raw: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+    def _in_si(self, raw: Mapping[str, Array]) -> dict[str, Array]:
         found, rate = {}, self.session.acquisition.sample_rate
         for number, (part, (channel, dimension)) in enumerate(self._channels.items()):
             values = raw[str(number)] * channel.scale(dimension, part)
@@ -236,7 +236,7 @@ class Traces(ExitStack):
         return found
 
 
-def _as_samples(values: object, name: str | int) -> NDArray[np.float64]:
+def _as_samples(values: object, name: str | int) -> Array:
     array = np.asarray(values)
     if array.dtype.kind not in "fiub":
         raise TraceError(f"channel {name!r} holds no numbers but {array.dtype}")

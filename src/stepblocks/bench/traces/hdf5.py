@@ -1,15 +1,18 @@
 """Traces in HDF5: a group per trial with a dataset per channel, or a table per trial."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from stepblocks.bench.session import Place
 from stepblocks.bench.signal import MOST_SAMPLES, TraceError, check_size, join_first
 
+if TYPE_CHECKING:
+    import h5py
+
 _CACHE = 256 * 2**10  # descriptions of groups that are kept, in their size on disk [bytes]
 
 
-def open_hdf5(path: Path, layout: Any) -> Any:
+def open_hdf5(path: Path, layout: object) -> "h5py.File":
     """Open a file, of a MATLAB file from version 7.3 on too."""
     import h5py
 
@@ -29,7 +32,7 @@ def open_hdf5(path: Path, layout: Any) -> Any:
     return file
 
 
-def find_hdf5_group(file: Any, place: Place) -> Any:
+def find_hdf5_group(file: "h5py.File", place: Place) -> "h5py.Group | h5py.Dataset":
     """Find the group or the table of one trial."""
     group = (
         file if place.is_file else next((file[name] for name in place.groups if name in file), None)
@@ -40,7 +43,7 @@ def find_hdf5_group(file: Any, place: Place) -> Any:
     return group
 
 
-def read_hdf5_column(group: Any, name: str | int) -> Any:
+def read_hdf5_column(group: "h5py.Group | h5py.Dataset", name: str | int) -> "h5py.Dataset":
     """Read one channel of a group of datasets, of a compound table.
 
     Or of a plain table of numbers.
@@ -59,7 +62,7 @@ def read_hdf5_column(group: Any, name: str | int) -> Any:
     return dataset[()]
 
 
-def _require_own(item: Any, container: Any) -> None:
+def _require_own(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
     # Refuse what lies in another file, by a link or by storage outside. A session is what its
     # folder holds.
     import h5py
@@ -70,7 +73,7 @@ def _require_own(item: Any, container: Any) -> None:
         raise TraceError(f"{item.name} lies in another file, which is not read")
 
 
-def _read_table_column(table: Any, name: str | int) -> Any:
+def _read_table_column(table: "h5py.Dataset", name: str | int) -> "h5py.Dataset":
     if table.size > 64 * MOST_SAMPLES:
         raise TraceError(f"table of shape {table.shape} is too large")
     if isinstance(name, int):

@@ -64,7 +64,7 @@ def _extract_variable(path: Path, place: int, length: int) -> io.BytesIO:
         return io.BytesIO(header + file.read(length))
 
 
-def open_mat(path: Path, layout: Any) -> AbstractContextManager[Any]:
+def open_mat(path: Path, layout: object) -> AbstractContextManager[Any]:
     """Open a file of any version."""
     with path.open("rb") as file:
         head = file.read(8)
@@ -73,7 +73,7 @@ def open_mat(path: Path, layout: Any) -> AbstractContextManager[Any]:
     return open_hdf5(path, layout) if is_hdf5 else nullcontext(index_variables(path))
 
 
-def find_mat_group(file: Any, place: Place) -> Any:
+def find_mat_group(file: object, place: Place) -> Any:
     """Find the struct or the matrix of one trial; a file of its own is the group itself."""
     if not isinstance(file, Variables):
         return find_hdf5_group(file, place)
@@ -81,7 +81,7 @@ def find_mat_group(file: Any, place: Place) -> Any:
     return value if isinstance(value, dict | Variables) else np.asarray(value)
 
 
-def read_mat_column(group: Any, name: str | int) -> Any:
+def read_mat_column(group: object, name: str | int) -> Any:
     """Read one channel."""
     if isinstance(group, Variables):
         return group.load((str(name),))

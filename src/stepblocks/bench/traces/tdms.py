@@ -3,14 +3,20 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from stepblocks.arrays import Array
 from stepblocks.bench.session import Place
 from stepblocks.bench.signal import TraceError, check_size, join_first
 
+if TYPE_CHECKING:
+    from nptdms import TdmsFile, TdmsGroup
+
 
 @contextmanager
-def open_tdms(path: Path, layout: Any) -> Iterator[Any]:
+def open_tdms(path: Path, layout: object) -> "Iterator[TdmsFile]":
     """Open a file and read its index."""
     from nptdms import TdmsFile
 
@@ -25,7 +31,7 @@ def open_tdms(path: Path, layout: Any) -> Iterator[Any]:
         yield file
 
 
-def read_tdms_column(group: Any, name: str | int) -> Any:
+def read_tdms_column(group: "TdmsGroup", name: str | int) -> Array:
     """Read one channel."""
     try:
         channel = group.channels()[name] if isinstance(name, int) else group[name]
@@ -36,12 +42,12 @@ def read_tdms_column(group: Any, name: str | int) -> Any:
         ) from None
     check_size(len(channel), name)
     try:
-        return channel[:]
+        return np.asarray(channel[:])
     except (OSError, ValueError, EOFError) as error:
         raise TraceError(f"unreadable: channel {name!r}: {str(error)[:120]}") from error
 
 
-def find_tdms_group(file: Any, place: Place) -> Any:
+def find_tdms_group(file: "TdmsFile", place: Place) -> "TdmsGroup":
     """Find the group of one trial; a file of its own may call its one group anything."""
     if place.own_file and len(groups := file.groups()) == 1:
         return groups[0]

@@ -5,7 +5,6 @@ Of the contact, of the tool, and of its gauges.
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,9 @@ SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion
 _geometry = partial(Law, slot="contact_geometry")
 
 
-def _apply_give(power: float, state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def _apply_give(
+    power: float, state: DragState, _: object, values: Mapping[str, float]
+) -> DragState:
     # Let the edge press its way into the ball, or the block into what holds it
     held = np.cos(np.arctan(state.friction * state.edge_factor))
     across, per_newton = (
@@ -107,7 +108,7 @@ _GEOMETRY = (
 def _height_error_law(block: str) -> Law:
     # Return the effect of a block far from its nominal height. Small errors are priors of the
     # nominal model.
-    def apply(state: DragState, blocks: Any, values: Mapping[str, float]) -> DragState:
+    def apply(state: DragState, blocks: object, values: Mapping[str, float]) -> DragState:
         return state.changed(height=state.height + values["height_error_m"] * (blocks == block))
 
     parameters = (Parameter("height_error_m", "m", 0.0, -4e-5, 4e-5, 1e-6),)
@@ -190,7 +191,7 @@ _FRICTION = (
 _conversion = partial(Law, slot="conversion")
 
 
-def _apply_motion(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def _apply_motion(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     weight = values["weight"]
     if weight == 0.0:
         return state
@@ -213,7 +214,7 @@ def _apply_motion(state: DragState, _: Any, values: Mapping[str, float]) -> Drag
     )
 
 
-def _apply_work(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def _apply_work(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     reach = np.sqrt(np.maximum(state.height * (2.0 * state.radius - state.height), 0.0))
     work = state.load * (state.height + state.friction * reach)
     return state.changed(lost_energy=state.lost_energy + values["share"] * work)
@@ -288,7 +289,7 @@ _BIAS = (Parameter("load_bias_n", "N", 0.0, -0.25, 0.6, 0.01),)
 _COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, -20.0, 100.0, 0.5),)
 
 
-def _apply_seen_bias(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def _apply_seen_bias(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     bias = values["load_bias_n"]
     return state.changed(load=state.load + bias, sensed_offset=state.sensed_offset + bias)
 
@@ -369,7 +370,9 @@ _CLOCK = Parameter("ln_clock", "1", 0.0, -0.5, 0.5, 1e-3)
 _LAG = Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4)
 
 
-def apply_instrument_constants(state: DragState, _: Any, values: Mapping[str, float]) -> DragState:
+def apply_instrument_constants(
+    state: DragState, _: object, values: Mapping[str, float]
+) -> DragState:
     """Set whichever constants of the two gauges and of their clock are given."""
     given = values.get
     return state.changed(

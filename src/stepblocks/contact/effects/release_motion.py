@@ -8,11 +8,9 @@ from typing import cast
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.contact.kernels import compute_softened_force
-
-Floats = NDArray[np.float64]
 
 _STEPS_PER_RADIAN = 30.0  # of the tool's swing: E_v within 3 % of that of ever smaller steps
 _MOST_RADIANS = 400.0  # a tip that is still on the edge climbs down with the handle
@@ -103,7 +101,7 @@ def _climb_kernel(
 
 
 @njit(cache=True)
-def _integrate_climbs(asked: Floats) -> Floats:
+def _integrate_climbs(asked: Array) -> Array:
     found = np.empty((asked.shape[1], 2))
     for n in range(asked.shape[1]):
         found[n] = _climb_kernel(
@@ -113,18 +111,18 @@ def _integrate_climbs(asked: Floats) -> Floats:
 
 
 @lru_cache(maxsize=1)  # most parameters of a fit do not change the motion
-def _cached_climbs(asked: bytes) -> Floats:
-    return cast(Floats, _integrate_climbs(np.frombuffer(asked).reshape(6, -1)))
+def _cached_climbs(asked: bytes) -> Array:
+    return cast(Array, _integrate_climbs(np.frombuffer(asked).reshape(6, -1)))
 
 
 def compute_release(
-    height: Floats,
-    friction: Floats,
-    stiffness: Floats,
-    speed: Floats,
-    damping: Floats,
-    cubic: Floats,
-) -> tuple[Floats, Floats]:
+    height: Array,
+    friction: Array,
+    stiffness: Array,
+    speed: Array,
+    damping: Array,
+    cubic: Array,
+) -> tuple[Array, Array]:
     """Compute the logarithms of the peak's excess and of the share that rings.
 
     V k / (omega N), damping ratio and g N^2.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class CovariateRange:
         """Columns of its smooth."""
         return len(self.labels) - 1 if self.labels else min(_PIECES, self.distinct - 1)
 
-    def unit(self, column: NDArray[Any]) -> Floats:
+    def unit(self, column: NDArray[np.generic]) -> Floats:
         """Lay numbers out from 0 to 1; beyond the range they stay at its end."""
         numbers = np.asarray(column, dtype=np.float64)
         low, high = self.low, self.high
@@ -62,7 +62,7 @@ class CovariateRange:
             )
         return np.asarray(np.clip((numbers - low) / (high - low), 0.0, 1.0))
 
-    def line(self, column: NDArray[Any]) -> Floats:
+    def line(self, column: NDArray[np.generic]) -> Floats:
         """Return the one column of a straight line, from -1 to 1 over the range.
 
         Of a pair the product of two.
@@ -72,7 +72,7 @@ class CovariateRange:
             return first.line(column[:, 0]) * second.line(column[:, 1])
         return (2.0 * self.unit(column) - 1.0)[:, None]
 
-    def basis(self, column: NDArray[Any]) -> Floats:
+    def basis(self, column: NDArray[np.generic]) -> Floats:
         """Columns of the smooth, each zero in the middle of the range.
 
         Cubic B-splines, or one per label.
@@ -197,7 +197,9 @@ def _offset_law(where: CovariateRange) -> Law:
     # Each label presses by its own force more than the weights
     names = tuple(f"added_n[{label}]" for label in where.labels)
 
-    def apply(state: DragState, column: NDArray[Any], values: Mapping[str, float]) -> DragState:
+    def apply(
+        state: DragState, column: NDArray[np.generic], values: Mapping[str, float]
+    ) -> DragState:
         added = np.select(
             [np.asarray(column) == label for label in where.labels], [values[n] for n in names], 0.0
         )
@@ -225,7 +227,9 @@ def _step_law(name: str, where: CovariateRange) -> Law:
         else Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
     )
 
-    def apply(state: DragState, order: NDArray[Any], values: Mapping[str, float]) -> DragState:
+    def apply(
+        state: DragState, order: NDArray[np.generic], values: Mapping[str, float]
+    ) -> DragState:
         after = 0.5 * (
             1.0 + np.tanh((np.asarray(order, dtype=np.float64) - values[place]) / (2.0 * width))
         )
@@ -258,7 +262,9 @@ def _periodic_law(name: str, where: CovariateRange) -> Law:
     parts = tuple(Parameter(part, "1", 0.0, -2.0, 2.0, 0.05) for part in ("cosine", "sine"))
     period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 1.2 * reach, 0.5)
 
-    def apply(state: DragState, order: NDArray[Any], values: Mapping[str, float]) -> DragState:
+    def apply(
+        state: DragState, order: NDArray[np.generic], values: Mapping[str, float]
+    ) -> DragState:
         phase = 2.0 * np.pi * np.asarray(order, dtype=np.float64) / values["period_trials"]
         return move.change(state, values["cosine"] * np.cos(phase) + values["sine"] * np.sin(phase))
 
@@ -281,9 +287,11 @@ def _smooth_law(kind: str, name: str, where: CovariateRange) -> Law:
     move, trend = SLOT_MOVES[name], kind == "trend"
     names = ("slope",) if trend else tuple(f"g{i + 1}" for i in range(where.freedom))
     basis = where.line if trend else where.basis
-    last: list[Any] = [None, None]
+    last: list[NDArray[np.generic] | None] = [None, None]
 
-    def apply(state: DragState, column: NDArray[Any], values: Mapping[str, float]) -> DragState:
+    def apply(
+        state: DragState, column: NDArray[np.generic], values: Mapping[str, float]
+    ) -> DragState:
         # a fit asks for the same column hundreds of times; the reference kept makes its identity
         # safe
         if last[0] is not column:

@@ -83,7 +83,9 @@ def depends_on_settings(values: Floats, trials: Trials) -> bool:
     return len(found) * min(found, default=1.0) < _LEVEL
 
 
-def compare_with_replicates(residual: Floats, cells: Sequence[object], free: int) -> dict[str, Any]:
+def compare_with_replicates(
+    residual: Floats, cells: Sequence[object], free: int
+) -> dict[str, float]:
     """Test the misfit of a model of so many constants against the scatter among trials.
 
     Test the misfit of a model of so many constants against the scatter among trials of equal
@@ -107,7 +109,7 @@ def compare_with_replicates(residual: Floats, cells: Sequence[object], free: int
     return {"replicate_std": std, "replicate_dof": dof, "lack_of_fit_p_value": p_value}
 
 
-def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> dict[str, Any]:
+def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> dict[str, object]:
     """Compare the directions in which effects and constants move the prediction.
 
     What the design cannot tell apart.

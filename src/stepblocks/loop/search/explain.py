@@ -1,7 +1,5 @@
 """The loop: gate, choice, addition, exchange, until nothing is left that noise would not do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum

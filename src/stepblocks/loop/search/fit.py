@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import log_ndtr
 
@@ -148,7 +148,7 @@ class _Objective:
         low, high = np.array([(p.low, p.high) for p in self.parameters]).T / self.scale
         self.bounds = low, high
         blocks = np.asarray([p.block for p in self.parameters])
-        self.rows: dict[str, Any] = {
+        self.rows: dict[str, NDArray[np.intp] | slice] = {
             b: np.flatnonzero(problem.trials.block == b) for b in set(blocks.tolist())
         }
         self.rows[""] = slice(None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ class Trials:
 
     Attributes
     ----------
-    covariates : Mapping[str, NDArray[Any]]
+    covariates : Mapping[str, NDArray[np.generic]]
         Conditions, numbers or labels, each of shape (n,).
     channels : tuple[str, ...]
         What was measured.
@@ -28,17 +28,17 @@ class Trials:
         Shape (n, c); not-a-number where a channel failed.
     std : Floats
         Shape (n, c), standard uncertainty of each value from its own measurement.
-    block : NDArray[Any]
+    block : NDArray[np.str_]
         Shape (n,), specimen of each trial; errors of a specimen are common to its trials.
     floor : Floats | None
         Shape (n, c), what a censored value exceeds; not-a-number elsewhere.
     """
 
-    covariates: Mapping[str, NDArray[Any]]
+    covariates: Mapping[str, NDArray[np.generic]]
     channels: tuple[str, ...]
     values: Floats
     std: Floats
-    block: NDArray[Any]
+    block: NDArray[np.str_]
     floor: Floats | None = None
 
     def __len__(self) -> int:
@@ -49,7 +49,7 @@ class Trials:
         """Which values exist, shape (n, c)."""
         return np.asarray(np.isfinite(self.values) & np.isfinite(self.std))
 
-    def take(self, rows: NDArray[Any]) -> Trials:
+    def take(self, rows: NDArray[np.generic]) -> Trials:
         """Return the trials of a mask or an index."""
         covariates = {name: column[rows] for name, column in self.covariates.items()}
         floor = None if self.floor is None else self.floor[rows]

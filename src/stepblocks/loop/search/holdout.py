@@ -1,7 +1,5 @@
 """Errors on trials that took no part in a search, and what they leave of its claims."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -224,7 +224,7 @@ class ScannedMargin(CrownMargin):
 
 
 @lru_cache(maxsize=8)
-def _read_stations(path: Path, changed: int, *asked: Any) -> list[list[float]]:
+def _read_stations(path: Path, changed: int, *asked: object) -> list[list[float]]:
     # Read each state of a file once
     found = read_confined(f"{margin_line.__name__}:stations_in", path, *asked, raises=StimulusError)
     return [list(map(float, row)) for row in found["stations"]]

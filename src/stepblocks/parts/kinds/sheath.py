@@ -224,7 +224,7 @@ def _compute_volume(bore: float, outer: float, length: float, broken: float) -> 
 class _AsHeavy(Table):
     # In place of an outer diameter: as heavy as another sheath
     mass_of: str
-    tolerance: Any = None
+    tolerance: object = None
 
 
 def _validate(model: type[Model], table: object, name: object) -> Model:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -97,7 +97,7 @@ class StepBlock(Block):
 
     def solids(self) -> list[cad.door.Body]:
         height, radius = self.height.nominal, self.edge_radius.nominal
-        crest: list[Any] = [(radius, height)]
+        crest: list[object] = [(radius, height)]
         if radius > 0.0:
             bow = radius * (1.0 - math.sqrt(0.5))
             crest.append(((bow, height - bow), (0.0, height - radius)))

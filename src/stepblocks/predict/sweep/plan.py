@@ -255,7 +255,7 @@ def _resolve_plan(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -
 
 def _read_parameter(
     name: str,
-    given: Any,
+    given: object,
     dimension: str,
     kind: str,
     values: dict[str, list[float]],
@@ -290,7 +290,7 @@ def _read_parameter(
             values[name] = np.linspace(low, high, count).tolist()
 
 
-def _read_quantity(name: str, given: Any, dimension: str, place: str) -> float:
+def _read_quantity(name: str, given: object, dimension: str, place: str) -> float:
     if dimension == "direction":
         if given not in DIRECTIONS:
             raise PipelineError(
@@ -303,7 +303,7 @@ def _read_quantity(name: str, given: Any, dimension: str, place: str) -> float:
         raise PipelineError(f"{name} {error} [{place}]") from error
 
 
-def _read_count(name: str, given: Any, place: str, most: int = _MOST_ROWS) -> int:
+def _read_count(name: str, given: object, place: str, most: int = _MOST_ROWS) -> int:
     if not isinstance(given, int) or isinstance(given, bool) or not 1 <= given <= most:
         raise PipelineError(
             f"{name} must be a whole number from 1 to {most}, got {given!r} [{place}]"
@@ -319,7 +319,7 @@ def _read_section(data: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def read_sweep_stimuli(
-    path: Path, wanted: Any, tolerances: bool
+    path: Path, wanted: object, tolerances: bool
 ) -> tuple[str, list[dict[str, Any]], PredictionGrid]:
     """Read the stimuli that a sweep goes over."""
     declared = load_set(path)

@@ -5,14 +5,13 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stepblocks.arrays import Array
 from stepblocks.contact.energy import Status
 from stepblocks.simulators import proxy_kernel
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
-Array = NDArray[np.float64]
 _ROWS = 2000
 _PATH = {
     "x_m": "x",

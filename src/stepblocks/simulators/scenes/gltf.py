@@ -1,15 +1,15 @@
 """glTF: the block as GLB, and a JSON with its axes in Unity, Unreal and the web."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from stepblocks.arrays import Array
 from stepblocks.artefacts.meshes.write import GLB_FROM_PART, write_glb
 from stepblocks.simulators.scene import Scene, SceneFormat, write_json
 
 # Handedness, units per metre and rotation from the part's axes, as the usual importers make it
-ENGINE_FROM_PART: dict[str, tuple[str, float, Any]] = {
+ENGINE_FROM_PART: dict[str, tuple[str, float, Array]] = {
     "gltf": ("right-handed, y up", 1.0, GLB_FROM_PART),
     # glTFast and UnityGLTF mirror x when they import
     "unity": ("left-handed, y up", 1.0, np.diag([-1.0, 1.0, 1.0]) @ GLB_FROM_PART),
@@ -33,7 +33,7 @@ def _write(folder: Path, scene: Scene) -> None:
     write_json(folder / "scene.json", content)
 
 
-def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Any) -> dict[str, Any]:
+def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Array) -> dict[str, object]:
     return {
         "axes": axes,
         "units_per_metre": unit,
@@ -51,7 +51,7 @@ def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Any) -> dict[
     }
 
 
-def _turn_point(matrix: Any, x: float, z: float, scale: float) -> list[float]:
+def _turn_point(matrix: Array, x: float, z: float, scale: float) -> list[float]:
     return [float(value) + 0.0 for value in matrix @ np.array([x, 0.0, z]) * scale]
 
 

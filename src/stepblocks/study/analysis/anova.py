@@ -5,15 +5,11 @@ import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
-from stepblocks.study import Table, require
-
-Array = NDArray[np.float64]
+from stepblocks.study import Array, Table, require
 
 
 @dataclass(frozen=True)
@@ -150,7 +146,7 @@ def run_f_test(
     return FTest(tuple(terms), float(fit.df_resid), tuple(family))
 
 
-def standardise_response(frame: Table, response: str, **names: str) -> tuple[Any, float, float]:
+def standardise_response(frame: Table, response: str, **names: str) -> tuple[Table, float, float]:
     """Rename columns and standardise the response; return its scale and shift as well."""
     # a large offset costs the digits of squares
     import pandas as pd
@@ -224,7 +220,7 @@ def compare_all_pairs(
         )
 
 
-def find_mean_rows(model: Any, data: Table, levels: Sequence[str]) -> list[Array]:
+def find_mean_rows(model: Table, data: Table, levels: Sequence[str]) -> list[Array]:
     """Return a row of the design matrix for each level, averaged over the second factor."""
     letters = [letter for letter in "ab" if letter in data]
     first = data.reset_index(drop=True).drop_duplicates(letters)

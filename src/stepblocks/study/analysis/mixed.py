@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.study import Table, require
+from stepblocks.study import Array, Table, require
 from stepblocks.study.analysis.anova import (
     Interval,
     Term,
@@ -24,7 +24,6 @@ from stepblocks.study.analysis.anova import (
     standardise_response,
 )
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -8,12 +8,17 @@ import math
 import warnings
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
-from stepblocks.study import Table, require
+from stepblocks.study import Array, Table, require
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from statsmodels.miscmodels.ordinal_model import OrderedModel, OrderedResults
 
 
 @dataclass(frozen=True)
@@ -131,7 +136,7 @@ def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: st
 
 
 @cache
-def _model() -> Any:
+def _model() -> "type[OrderedModel]":
     from statsmodels.miscmodels.ordinal_model import OrderedModel
     from statsmodels.tools.numdiff import approx_fprime
 
@@ -141,7 +146,7 @@ def _model() -> Any:
         Ten times slower and to six digits.
         """
 
-        def score_obs(self, params: Any) -> Any:
+        def score_obs(self, params: Array) -> Array:
             low, high = self._bounds(params)
             share = np.maximum(self.prob(low, high), 1e-300)
             above, below = self.pdf(high) / share, self.pdf(low) / share
@@ -154,17 +159,17 @@ def _model() -> Any:
                 columns.append(moved * (1.0 if index == 0 else np.exp(steps[index])))
             return np.column_stack([-(above - below)[:, np.newaxis] * self.exog, *columns])
 
-        def score(self, params: Any) -> Any:
-            return self.score_obs(params).sum(axis=0)
+        def score(self, params: Array) -> Array:
+            return np.asarray(self.score_obs(params).sum(axis=0))
 
-        def hessian(self, params: Any) -> Any:
+        def hessian(self, params: Array) -> Array:
             found = approx_fprime(np.asarray(params), self.score, centered=True)
-            return 0.5 * (found + found.T)
+            return np.asarray(0.5 * (found + found.T))
 
     return ProportionalOdds
 
 
-def fit_proportional_odds(ordered: Any, exog: Any) -> Any:
+def fit_proportional_odds(ordered: "pd.Series", exog: "pd.DataFrame") -> "OrderedResults":
     """Fit cumulative logits by maximum likelihood."""
     with warnings.catch_warnings(action="ignore"):  # what went wrong is read from the result
         try:
@@ -177,7 +182,7 @@ def fit_proportional_odds(ordered: Any, exog: Any) -> Any:
             ) from error
 
 
-def compute_cluster_covariance(fit: Any, clusters: Any) -> Any:
+def compute_cluster_covariance(fit: "OrderedResults", clusters: NDArray[np.intp]) -> Array:
     """Return the covariance of the parameters when only whole clusters are independent."""
     # Liang, K.-Y., Zeger, S. L. (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
     params = np.asarray(fit.params)
@@ -186,4 +191,4 @@ def compute_cluster_covariance(fit: Any, clusters: Any) -> Any:
     summed = np.zeros((count, scores.shape[1]))
     np.add.at(summed, clusters, scores)
     bread = np.linalg.pinv(-fit.model.hessian(params))
-    return bread @ (summed.T @ summed) @ bread * count / (count - 1)
+    return np.asarray(bread @ (summed.T @ summed) @ bread * count / (count - 1))

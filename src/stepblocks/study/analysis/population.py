@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stepblocks.study import require
+from stepblocks.study import Array, require
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z975, find_crossing
 
-Array = NDArray[np.float64]
 _LAPSES = np.array([0.0, 0.01, 0.025, 0.05, MAX_LAPSE])
 _STEEP = 100.0  # unit of the rate with which lapse rates fall off over participants
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.errors import StudyError
-from stepblocks.study import require
+from stepblocks.study import Array, require
 
 # Largest lapse rate that a fit may take; Wichmann and Hill (2001) bound it so that it cannot stand
 # in for the slope
@@ -18,7 +17,6 @@ MAX_LAPSE = 0.1
 Z75 = 0.6744897501960817  # standard normal quantile of 0.75
 Z975 = 1.959963984540054
 _CHI95 = 3.841458820694124  # 95 % point of chi squared with one degree of freedom
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepblocks.study import Table
+from stepblocks.study import Array, Table
 from stepblocks.study.analysis.anova import Interval, Term, make_interval, make_term
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
