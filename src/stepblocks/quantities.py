@@ -11,14 +11,16 @@ import re
 from collections.abc import Callable, Sequence
 from decimal import Decimal
 from functools import cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from stepblocks.errors import QuantityError
 
 if TYPE_CHECKING:
+    import numpy as np
     import pint
+    from numpy.typing import NDArray
 
-    from stepblocks.arrays import Number
+Number = TypeVar("Number", float, "NDArray[np.float64]")  # one number or an array of them
 
 # Name of each dimension a field can have, the SI unit that its floats are in, and an example
 _KNOWN = {

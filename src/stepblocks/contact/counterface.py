@@ -11,8 +11,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.arrays import Array
-from stepblocks.contact import kernels
+from stepblocks.contact import Array, kernels
 from stepblocks.contact.critical_angle import (
     compute_bevelled_margin_angles,
     find_margin_angles,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stepblocks.arrays import Array
+from stepblocks.contact import Array
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import OperatingPoint, Tool

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stepblocks.arrays import Array
+from stepblocks.contact import Array
 from stepblocks.contact.domain import require_positive
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError

@@ -11,8 +11,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from stepblocks.arrays import Array
-from stepblocks.contact import kernels
+from stepblocks.contact import Array, kernels
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.domain import Real, require_not_negative
 from stepblocks.contact.energy import Status

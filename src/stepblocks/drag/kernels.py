@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import cfunc, njit
 
-from stepblocks.arrays import Array
+from stepblocks.contact import Array
 
 # columns of the rows of a trace
 COLUMNS = (

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.arrays import Array
+from stepblocks.contact import Array
 from stepblocks.errors import StimulusError
 
 _MOST_TRIANGLES = 5_000_000

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.arrays import Array
-from stepblocks.contact import kernels
+from stepblocks.contact import Array, kernels
 from stepblocks.contact.counterface import Margin, Step
 from stepblocks.contact.critical_angle import find_margin_angles
 from stepblocks.contact.energy import Status

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stepblocks.arrays import Array
+from stepblocks.contact import Array
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import (
     VibrationEvent,

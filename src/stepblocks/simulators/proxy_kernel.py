@@ -13,7 +13,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from stepblocks.arrays import Array
+from stepblocks.contact import Array
 
 Hand = tuple[float, float]  # across the edge and up [m]
 Records = Any  # an array with one of the types below: what compiled code is handed fastest

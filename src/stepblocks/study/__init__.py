@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from stepblocks.arrays import Array
+from stepblocks.contact import Array
 from stepblocks.errors import StudyError
 
 __all__ = ["Array", "Table", "require"]

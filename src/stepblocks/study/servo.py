@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.arrays import Array
 from stepblocks.atomic import write_atomically
+from stepblocks.contact import Array
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study.hands import Hand
 

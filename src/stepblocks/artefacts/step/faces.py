@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stepblocks.arrays import Array
 from stepblocks.artefacts.step.exchange import Exchange, find_references, is_reference, read_number
 from stepblocks.artefacts.step.units import Unit, read_unit
+from stepblocks.contact import Array
 
 _PARALLEL = 1e-9
 _ONE_AXIS = 1e-12  # how far apart the axes of what is turned about one may be [m]

@@ -3,9 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from stepblocks.arrays import Number
 from stepblocks.artefacts.step.exchange import Exchange, Typed, read_number
-from stepblocks.quantities import multiply_by_unit
+from stepblocks.quantities import Number, multiply_by_unit
 
 _PREFIXES = {  # symbol and factor
     **{

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.arrays import Array
 from stepblocks.atomic import make_draft_folder, sync_folder
 from stepblocks.bench.rehearse import (
     TRACE_FILES,
@@ -24,6 +23,7 @@ from stepblocks.bench.rehearse import (
 )
 from stepblocks.bench.rehearse.plan import NUMBERS, SessionPlan, name_block, read_plan
 from stepblocks.bench.signal import Trace
+from stepblocks.contact import Array
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.forward import (

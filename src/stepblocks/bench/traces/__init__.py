@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.arrays import Array
 from stepblocks.bench.session import Place, Session, fill_pattern, resolve_inside
 from stepblocks.bench.signal import Trace, TraceError, check_size, join_first
 from stepblocks.bench.traces import hdf5, mat, tdms
 from stepblocks.confined import read_confined
+from stepblocks.contact import Array
 from stepblocks.errors import BenchError
 from stepblocks.text_file import is_file
 

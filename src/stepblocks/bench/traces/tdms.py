@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stepblocks.arrays import Array
 from stepblocks.bench.session import Place
 from stepblocks.bench.signal import TraceError, check_size, join_first
+from stepblocks.contact import Array
 
 if TYPE_CHECKING:
     from nptdms import TdmsFile, TdmsGroup

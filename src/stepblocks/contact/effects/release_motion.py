@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 from numba import njit
 
-from stepblocks.arrays import Array
+from stepblocks.contact import Array
 from stepblocks.contact.kernels import compute_softened_force
 
 _STEPS_PER_RADIAN = 30.0  # of the tool's swing: E_v within 3 % of that of ever smaller steps

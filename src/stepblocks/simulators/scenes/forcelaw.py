@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.arrays import Array
+from stepblocks.contact import Array
 from stepblocks.contact.energy import Status
 from stepblocks.simulators import proxy_kernel
 from stepblocks.simulators.renderer import Renderer

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.arrays import Array
 from stepblocks.artefacts.meshes.write import GLB_FROM_PART, write_glb
+from stepblocks.contact import Array
 from stepblocks.simulators.scene import Scene, SceneFormat, write_json
 
 # Handedness, units per metre and rotation from the part's axes, as the usual importers make it
