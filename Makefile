@@ -76,7 +76,7 @@ fuzz: $(VENV)/ready-dev graphics
 # Put small mistakes into a copy of the core, one at a time, and see whether the tests notice.
 # A run can be interrupted: the record in out/ keeps what is done.
 mutations: $(VENV)/ready-dev graphics
-	$(BIN)/python benchmarks/mutations.py --jobs 2
+	$(BIN)/python benchmarks/mutations.py
 
 # Measure the figures that the docs quote again, part by part (hours on two cores);
 # `make report PARTS="scans drag-paper"` measures some. Records go to docs/records.

@@ -1,12 +1,16 @@
 """Change the core in one place at a time, and see whether the tests notice.
 
-python benchmarks/mutations.py [ROOM ...] [--count N] [--jobs N] [--record FILE]
+python benchmarks/mutations.py [ROOM ...] [--count N] [--seed N] [--record FILE]
+python benchmarks/mutations.py --keys KEY ... [--tests "tests/drag/test_drag.py -k foot"]
 python benchmarks/mutations.py --sample 20 --seed 7 --seconds 300
 
 A mutant changes one operator, number or condition of one function in a copy of the checkout. It is
 noticed when a test fails. The full run goes room by room in an order drawn from ``--seed``, keeps
-every outcome in the record and goes on from there the next time; a mutant that the tests of its
-module let pass is tried against all tests of its room (not with ``--near``). A sample tries few
+every outcome in the record and goes on from there the next time. A mutant meets the tests of its
+room that call its function, the quickest first, then the other tests of these files; which tests
+call what is measured once and kept beside the record (``reach-ROOM.json``; delete it to measure
+again). Survivors that no test can notice stand with their reason in
+``mutations_equivalent.json``. A sample tries few
 mutants of all rooms, 60 s each and ``--seconds`` in all; what does not end in that time is
 undecided. Its exit code is 1 only where fewer than half of at least six that ended are noticed.
 """
@@ -15,24 +19,28 @@ from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
 import hashlib
+import importlib
 import json
 import os
 import random
 import re
 import resource
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from queue import Queue
+from typing import Any
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 HOUSE = Path("src") / "stepblocks"
@@ -73,6 +81,9 @@ CALLS = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "ceil"
 CALLS |= {"minimum": "maximum", "maximum": "minimum", "sin": "cos", "cos": "sin"}
 MEMORY = 6 * 2**30  # B, of one run of tests
 SLOW = 30.0  # s; slower tests are left out of the runs of mutants
+OUTCOMES = {0: "passed", 5: "passed"}  # 5: no test is left after those that are slow
+PRELOADED = ("numpy", "scipy.optimize", "scipy.stats", "scipy.signal", "scipy.interpolate")
+PRELOADED += ("pandas", "numba", "pydantic", "matplotlib.figure", "typer", "lxml.etree", "jinja2")
 
 
 @dataclass(frozen=True)
@@ -236,30 +247,38 @@ class Tree:
         shutil.copytree(ROOT, folder, ignore=junk, dirs_exist_ok=True)
         (folder / "out").mkdir(exist_ok=True)
 
+    @contextlib.contextmanager
+    def changed(self, mutant: Mutant | None) -> Iterator[bool]:
+        """Let a mutant stand meanwhile; says whether its file holds kernels to compile."""
+        path = self.root / mutant.path if mutant else None
+        whole = path.read_bytes() if path else b""
+        try:
+            if path and mutant:
+                times = path.stat().st_atime_ns, path.stat().st_mtime_ns
+                start, end = mutant.span
+                path.write_bytes(whole[:start] + mutant.after.encode() + whole[end:])
+            yield b"numba" in whole  # compiled callers of a kernel are cached, too
+        finally:
+            if path:
+                path.write_bytes(whole)
+                os.utime(path, ns=times)  # so that what is compiled of it still counts
+
     def run(self, tests: list[str], limit: float, *words: str, mutant: Mutant | None = None) -> str:
-        """Run tests: ``passed``, ``failed``, ``time`` or ``none``; a mutant stands meanwhile."""
+        """Run tests: ``passed``, ``failed`` or ``time``; a mutant stands meanwhile."""
+        paths = [str(self.root / "src"), str(self.root / "benchmarks")]
         environment = {
             **os.environ,
-            "PYTHONPATH": str(self.root / "src"),
+            "PYTHONPATH": os.pathsep.join(paths),
             "OPENBLAS_NUM_THREADS": "1",
             "OMP_NUM_THREADS": "1",
             "PYTHONDONTWRITEBYTECODE": "1",
         }
-        with tempfile.TemporaryDirectory() as scratch:
-            path = self.root / mutant.path if mutant else None
-            whole = path.read_bytes() if path else b""
-            try:
-                if path and mutant:
-                    start, end = mutant.span
-                    path.write_bytes(whole[:start] + mutant.after.encode() + whole[end:])
-                    if b"numba" in whole:  # compiled callers of a kernel are cached, too
-                        environment["NUMBA_CACHE_DIR"] = f"{scratch}/numba"
-                command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-                command += ["--basetemp", f"{scratch}/base", *words, *tests]
-                return self._outcome(command, environment, limit)
-            finally:
-                if path:
-                    path.write_bytes(whole)
+        with tempfile.TemporaryDirectory() as scratch, self.changed(mutant) as compiled:
+            if compiled:
+                environment["NUMBA_CACHE_DIR"] = f"{scratch}/numba"
+            command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+            command += ["--basetemp", f"{scratch}/base", *words, *tests]
+            return self._outcome(command, environment, limit)
 
     def _outcome(self, command: list[str], environment: dict[str, str], limit: float) -> str:
         process = subprocess.Popen(
@@ -278,10 +297,7 @@ class Tree:
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
             return "time"
-        # 5: no test is left after those that are slow or fail anyhow
-        return {0: "passed", 1: "failed", 2: "failed", 5: "passed"}.get(
-            process.returncode, "failed"
-        )
+        return OUTCOMES.get(process.returncode, "failed")
 
 
 def bounded() -> None:
@@ -290,87 +306,162 @@ def bounded() -> None:
     os.nice(10)
 
 
-class Baseline:
-    """How long tests take without a mutant, and which of them are slow or fail anyhow."""
-
-    def __init__(self) -> None:
-        self.known: dict[tuple[str, ...], tuple[float, list[str]]] = {}
-
-    def of(self, tree: Tree, tests: list[str]) -> tuple[float, list[str]]:
-        """Seconds of the tests that mutants meet, and the words that leave the others out."""
-        missing = [one for one in tests if (one,) not in self.known]
-        for one in missing:
-            with tempfile.NamedTemporaryFile(suffix=".xml") as report:
-                tree.run([one], 600.0, f"--junitxml={report.name}")
-                try:
-                    cases = list(ET.parse(report.name).iter("testcase"))
-                except ET.ParseError:
-                    cases = []
-            seconds, left_out = 0.0, []
-            for case in cases:
-                spent = float(case.get("time", 0.0))
-                bad = case.find("failure") is not None or case.find("error") is not None
-                if bad or spent > SLOW:
-                    place = case.get("classname", "").replace(".", "/") + ".py"
-                    left_out += ["--deselect", f"{place}::{case.get('name')}"]
-                else:
-                    seconds += spent
-            self.known[(one,)] = (seconds, left_out if cases else ["--ignore", one])
-        parts = [self.known[(one,)] for one in tests]
-        return sum(part[0] for part in parts), [word for part in parts for word in part[1]]
+def is_there(test: str, root: Path) -> bool:
+    """Whether a test still stands in its file."""
+    path, *names = test.split("[")[0].split("::")
+    return (root / path).exists() and f"def {names[-1]}(" in read_text(root / path)
 
 
-def try_one(tree: Tree, mutant: Mutant, baseline: Baseline, near_only: bool) -> dict[str, object]:
-    """Run the tests of the module and, if these pass, those of the whole room."""
-    begun = time.monotonic()
-    near = tests_of(tree.root, mutant)
-    everything = room_tests(tree.root, mutant)
-    if not near[0].endswith(".py"):
-        near = everything
-    rest = [] if near_only else [one for one in everything if one not in near]
-    for tests in (near, rest):
-        if tests:
-            seconds, words = baseline.of(tree, tests)
-            outcome = tree.run(tests, 60.0 + 4.0 * seconds, "-x", *words, mutant=mutant)
-            if outcome not in {"passed", "none"}:
-                break
-    return {**described(mutant, outcome, begun), "tests": "module" if near_only else "room"}
+@cache
+def read_text(path: Path) -> str:
+    """Read a file of tests once."""
+    return path.read_text(encoding="utf-8")
+
+
+class Reach:
+    """Which tests of each room call which function, measured once for each room and kept."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.known: dict[str, dict[str, Any]] = {}
+
+    def of(self, tree: Tree, room: str) -> dict[str, Any]:
+        """Read what is known of a room, or run its tests under the plugin that watches calls."""
+        if room not in self.known:
+            path = self.folder / f"reach-{ROOMS[room]}.json"
+            if not path.exists():
+                print(f"{room}: which tests call which function", flush=True)
+                os.environ |= {"REACH_SOURCE": str(tree.root), "REACH_RECORD": str(path)}
+                tree.run([f"tests/{ROOMS[room]}"], 7200.0, "-p", "mutations_reach")
+            self.known[room] = json.loads(path.read_text(encoding="utf-8"))
+        return self.known[room]
+
+    def stages(self, tree: Tree, mutant: Mutant) -> list[list[str]]:
+        """Name the tests that a mutant must pass, the quickest first, in the order of two stages.
+
+        First the tests that call its function, then the whole files of these tests and the files
+        that name its module. What fails anyhow or is slow is left out. Compiled kernels are not
+        seen when they are called: there the tests count that call the modules around them.
+        """
+        found = self.of(tree, mutant.room)
+        spent, left_out = found["seconds"], set(found["failed"])
+        usable = {
+            one
+            for one, time in spent.items()
+            if time <= SLOW and one not in left_out and is_there(one, tree.root)
+        }
+        name = f"{mutant.path}::{mutant.function}"
+        direct, setups = found["tests"].get(name, []), found["setups"].get(name, [])
+        if not direct and not setups and b"numba" in (tree.root / mutant.path).read_bytes():
+            stem = Path(mutant.path).stem
+            around = {
+                path.relative_to(tree.root).as_posix()
+                for path in (tree.root / HOUSE / mutant.room).rglob("*.py")
+                if re.search(rf"\b{stem}\b", path.read_text(encoding="utf-8"))
+            }
+            direct = sorted(
+                {
+                    test
+                    for other, tests in found["tests"].items()
+                    if other.split("::")[0] in around
+                    for test in tests
+                }
+            )
+        files = {one.split("::")[0] for one in (*direct, *setups)}
+        files |= {one for one in tests_of(tree.root, mutant) if one.endswith(".py")}
+        first = sorted(usable & {*direct, *setups}, key=lambda one: (spent[one], one))
+        second = sorted(
+            (one for one in usable if one.split("::")[0] in files and one not in first),
+            key=lambda one: (spent[one], one),
+        )
+        return [stage for stage in (first, second) if stage]
+
+    def seconds(self, room: str, tests: list[str]) -> float:
+        """Sum what tests take without a mutant."""
+        return sum(self.known[room]["seconds"].get(one, 0.0) for one in tests)
+
+
+def run_forked(tree: Tree, tests: list[str], limit: float, mutant: Mutant) -> str:
+    """Run tests as `Tree.run` does, in a fork of this process, which has the libraries loaded."""
+    with tempfile.TemporaryDirectory() as scratch, tree.changed(mutant) as compiled:
+        child = os.fork()
+        if child == 0:
+            code = 70
+            try:
+                os.setsid()
+                bounded()
+                os.chdir(tree.root)
+                null = os.open(os.devnull, os.O_RDWR)
+                for number in range(3):
+                    os.dup2(null, number)
+                os.environ["PYTHONPATH"] = str(tree.root / "src")
+                os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+                sys.dont_write_bytecode = True
+                sys.path[:] = [
+                    str(tree.root / "src"),
+                    *(one for one in sys.path if "stepblocks" not in one and one != str(ROOT)),
+                ]
+                if compiled:
+                    import numba
+
+                    os.environ["NUMBA_CACHE_DIR"] = f"{scratch}/numba"
+                    numba.core.config.reload_config()
+                words = ["-q", "-x", "-p", "no:cacheprovider", "--basetemp", f"{scratch}/base"]
+                words += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
+                code = int(pytest.main([*words, *tests]))
+            finally:
+                os._exit(code)
+        end = time.monotonic() + limit
+        while time.monotonic() < end:
+            done, status = os.waitpid(child, os.WNOHANG)
+            if done:
+                return OUTCOMES.get(os.waitstatus_to_exitcode(status), "failed")
+            time.sleep(0.02)
+        os.killpg(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        return "time"
+
+
+def try_one(
+    tree: Tree, mutant: Mutant, reach: Reach, given: list[str] | None = None
+) -> dict[str, object]:
+    """Run the tests that call the function, then those of their files; or tests that are given."""
+    begun, outcome = time.monotonic(), "passed"
+    for tests in [given] if given else reach.stages(tree, mutant):
+        limit = 600.0 if given else 60.0 + 5.0 * reach.seconds(mutant.room, tests)
+        outcome = run_forked(tree, tests, limit, mutant)
+        if outcome != "passed":
+            break
+    return described(mutant, outcome, begun)
 
 
 def described(mutant: Mutant, outcome: str, begun: float) -> dict[str, object]:
     """Make the line of the record; tests that no longer end have noticed, too."""
-    said = "survived" if outcome in {"passed", "none"} else "noticed"
     return {
         "key": mutant.key,
         "room": mutant.room,
-        "outcome": said,
+        "outcome": "survived" if outcome == "passed" else "noticed",
         "by": outcome,
         "mutant": str(mutant),
         "seconds": round(time.monotonic() - begun, 1),
     }
 
 
-def run_all(mutants: list[Mutant], jobs: int, record: Path, near_only: bool) -> None:
-    """Try every mutant that the record lacks, several at a time."""
+def run_all(
+    mutants: list[Mutant], record: Path, reach: Reach, given: list[str] | None = None
+) -> None:
+    """Try every mutant, one after the other."""
     record.parent.mkdir(parents=True, exist_ok=True)
-    baselines: Baseline = Baseline()
+    for library in PRELOADED:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(library)
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
-        trees: Queue[Tree] = Queue()
-        for number in range(jobs):
-            trees.put(Tree(Path(scratch) / str(number)))
-
-        def one(mutant: Mutant) -> None:
-            tree = trees.get()
-            try:
-                line = try_one(tree, mutant, baselines, near_only)
-            finally:
-                trees.put(tree)
+        tree = Tree(Path(scratch))
+        for mutant in mutants:
+            line = try_one(tree, mutant, reach, given)
             with record.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
             print(f"{line['outcome']:9} {line['seconds']:6} s  {line['mutant']}", flush=True)
-
-        with ThreadPoolExecutor(jobs) as pool:
-            list(pool.map(one, mutants))
 
 
 def sample(mutants: list[Mutant], seconds: float) -> int:
@@ -388,7 +479,7 @@ def sample(mutants: list[Mutant], seconds: float) -> int:
             rest = [one for one in room_tests(tree.root, mutant) if one not in near]
             tests = near + rest if near[0].endswith(".py") else rest
             outcome = tree.run(tests, min(left, 60.0), "-x", mutant=mutant)
-            if outcome in {"time", "none"}:
+            if outcome == "time":
                 print(f"undecided after {time.monotonic() - begun:.0f} s  {mutant}", flush=True)
                 continue
             tried.append(described(mutant, outcome, begun))
@@ -407,8 +498,11 @@ def read_record(record: Path) -> list[dict[str, str]]:
 
 def summary(record: Path) -> int:
     """Print the share of every room, and each survivor with the reason where it is equivalent."""
-    lines = read_record(record)
+    present = {mutant.key for room in ROOMS for mutant in find_mutants(ROOT, room)}
+    tried = read_record(record)
+    lines = [line for line in tried if line["key"] in present]
     reasons = json.loads(EQUIVALENT.read_text(encoding="utf-8")) if EQUIVALENT.exists() else {}
+    print("Mutants:")
     print("\n| room | mutants | noticed | equivalent | survive |\n|---|---|---|---|---|")
     for room in [*ROOMS, None]:
         own = [line for line in lines if room in (None, line["room"])]
@@ -416,10 +510,15 @@ def summary(record: Path) -> int:
         equal = sum(line["outcome"] == "survived" and line["key"] in reasons for line in own)
         rest = len(own) - noticed - equal
         print(f"| {room or 'all'} | {len(own)} | {noticed} | {equal} | {rest} |")
+    print("\nSurvivors:\n\n| place | change | why no test can notice it |\n|---|---|---|")
     for line in lines:
         if line["outcome"] == "survived":
-            reason = reasons.get(line["key"], "survives")
-            print(f"- `{line['key']}` {line['mutant']}: {reason}")
+            place, change = line["mutant"].removeprefix("src/stepblocks/").split(": ", 1)
+            why = reasons.get(line["key"], {}).get("reason", "none known: a test is missing")
+            print(f"| {place} | {change} | {why} |".replace("||", "or"))
+    gone = len(tried) - len(lines)
+    if gone:
+        print(f"\n{gone} more were tried in functions that have changed since.")
     return 0
 
 
@@ -428,12 +527,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("rooms", nargs="*", help=f"of {', '.join(ROOMS)}; all when left out")
     parser.add_argument("--count", type=int, default=60, help="mutants of each room (default 60)")
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--record", type=Path, default=ROOT / "out" / "mutations.jsonl")
-    parser.add_argument(
-        "--near", action="store_true", help="run the tests of the module alone; quicker"
-    )
+    parser.add_argument("--keys", nargs="+", help="these mutants alone, tried or not")
+    parser.add_argument("--tests", help="words for pytest: try --keys against these tests")
     parser.add_argument("--sample", type=int, help="so many mutants of all rooms, and no record")
     parser.add_argument("--seconds", type=float, default=300.0, help="that a sample may take")
     parser.add_argument("--summary", action="store_true", help="only print what the record holds")
@@ -449,20 +546,20 @@ def main() -> int:
         of_room = find_mutants(ROOT, room)
         draw.shuffle(of_room)
         chosen.append(of_room)
+    pool = [mutant for of_room in chosen for mutant in of_room]
     if asked.sample:
-        pool = [mutant for of_room in chosen for mutant in of_room]
         return sample(draw.sample(pool, asked.sample), asked.seconds)
-    done = {
-        line["key"]
-        for line in read_record(asked.record)
-        if line["outcome"] == "noticed" or line["tests"] == "room" or asked.near
-    }
+    reach = Reach(asked.record.resolve().parent)
+    if asked.keys:
+        left = [mutant for mutant in pool if mutant.key in asked.keys]
+        run_all(left, asked.record, reach, shlex.split(asked.tests or ""))
+        return 0
+    done = {line["key"] for line in read_record(asked.record)}
     # the rooms take turns, so that a run that is broken off has seen them all
     turns = [
         of_room[place] for place in range(asked.count) for of_room in chosen if place < len(of_room)
     ]
-    left = [mutant for mutant in turns if mutant.key not in done]
-    run_all(left, asked.jobs, asked.record, asked.near)
+    run_all([mutant for mutant in turns if mutant.key not in done], asked.record, reach)
     return summary(asked.record)
 
 

@@ -1,5 +1,6 @@
 """A file that somebody else made costs one line, whatever its reader does with it."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -130,6 +131,27 @@ def test_a_pipe_a_folder_and_nothing_are_no_files(kind, words, file, tmp_path):
         path.mkdir()
     with pytest.raises(MetrologyError, match=words):
         call(path, "good", 1.0)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_reader_that_was_killed_leaves_no_open_pipe_and_no_unsent_bytes(seen, file):
+    # the kernel kills what takes too much memory; whoever asks next may or may not see it first
+    reader = confined._reader(os.getpid())
+    call(file, "number")
+    killed = reader._process
+    killed.kill()
+    os.waitid(os.P_PID, killed.pid, os.WEXITED | os.WNOWAIT)
+    if not seen:
+        killed.poll = lambda: None  # it dies after it was looked at
+    if seen:
+        assert call(file, "good", 1.0)["name"] == "x.bin"
+    else:
+        with pytest.raises(MetrologyError, match=r"its reader ended with -9 \[x.bin\]"):
+            call(file, "good", 1.0)
+        assert call(file, "good", 1.0)["name"] == "x.bin"
+    assert killed.stdin.closed
+    assert killed.stdout.closed
+    gc.collect()  # anything left open is a warning, which is an error here
 
 
 def test_a_reader_ends_with_the_process_that_asked(file, tmp_path):

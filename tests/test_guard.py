@@ -1,7 +1,11 @@
 """The promise to users of the library: a wrong call ends in one line of ours, not in Python's."""
 
+import dataclasses
+import enum
+import inspect
 import pickle
 
+import numpy as np
 import pytest
 
 import stepblocks as sb
@@ -47,3 +51,95 @@ def test_an_error_of_ours_keeps_its_class_and_words():
 def test_public_functions_are_pickled_by_name(name):
     function = getattr(sb, name)
     assert pickle.loads(pickle.dumps(function)) is function
+
+
+CLASSES = [
+    name
+    for name in sb.__all__
+    if inspect.isclass(kind := getattr(sb, name))
+    and not issubclass(kind, enum.Enum | Exception)
+    and not inspect.isabstract(kind)
+]
+STRANGE = {
+    "object": object(),
+    "nan": float("nan"),
+    "text": "strange",
+    "None": None,
+    "list": [],
+    "nested": [[1.0, [2.0]]],
+    "array": np.ones((2, 2, 2)),
+    "huge": 10**400,
+    "class": dict,
+}
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_a_class_refuses_an_unknown_keyword_in_one_line_that_names_both(name):
+    with pytest.raises(sb.StepblocksError) as caught:
+        getattr(sb, name)(no_such_keyword=1)
+    assert str(caught.value).startswith(f"{name}: ")
+    assert "no_such_keyword" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value, TypeError)  # who catches Python's error still does
+    assert caught.value.__cause__ is not None
+
+
+@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("strange", STRANGE)
+def test_a_class_takes_a_strange_value_or_refuses_it_in_one_line(name, strange):
+    kind = getattr(sb, name)
+    for field in inspect.signature(kind).parameters:
+        given = dict.fromkeys(inspect.signature(kind).parameters, 1e-6) | {field: STRANGE[strange]}
+        for arguments in (given, {field: STRANGE[strange]}):
+            try:
+                kind(**arguments)
+            except sb.StepblocksError as error:
+                assert "\n" not in str(error)  # noqa: PT017  a value may also be taken
+
+
+def test_all_mistakes_of_a_stimulus_are_told_in_the_words_of_its_file():
+    with pytest.raises(sb.StepblocksError) as caught:
+        sb.StepBlock(id="A b", heigth="25 um")
+    said = str(caught.value)
+    assert "heigth is not a known field, got '25 um'; did you mean height?" in said
+    assert "id must be lower-case words" in said
+    assert isinstance(caught.value, ValueError)  # as pydantic's own is
+
+
+def test_a_guarded_class_stays_the_class_that_it_is():
+    from stepblocks.contact.counterface import Step
+
+    assert sb.Step is Step
+    assert (
+        str(inspect.signature(sb.Step)) == "(height: 'float', edge_radius: 'float' = 0.0) -> None"
+    )
+    step = sb.Step(25e-6)
+    assert pickle.loads(pickle.dumps(step)) == step
+    assert dataclasses.replace(step, edge_radius="5 um") == sb.Step(25e-6, 5e-6)
+    with pytest.raises(sb.StepblocksError, match="did you mean edge_radius"):
+        dataclasses.replace(step, edge_radios=5e-6)
+
+
+def test_a_subclass_of_a_user_makes_itself_as_it_likes_and_is_still_guarded():
+    class Mine(sb.Step):
+        def __init__(self, height):
+            super().__init__(height, edge_radius=[])
+
+    with pytest.raises(sb.StepblocksError, match="edge_radius must be one number"):
+        Mine(25e-6)
+
+    class Own(sb.StepBlock):
+        tilt: int = 3
+
+    assert Own(id="a", height="25 um", tilt=4).tilt == 4
+    assert Own.model_validate({"id": "a", "height": "25 um"}).height.nominal == 25e-6
+    with pytest.raises(sb.StepblocksError, match=r"^Own: tilt: input should be a valid integer"):
+        Own(id="a", height="25 um", tilt="x")
+
+
+def test_a_status_that_is_none_is_refused_with_those_that_there_are():
+    assert sb.Status("locked") is sb.Status.LOCKED
+    with pytest.raises(
+        sb.StepblocksError, match=r"status must be one of releases, locked.*'stuck'"
+    ):
+        sb.Status("stuck")

@@ -63,9 +63,9 @@ def __getattr__(name: str) -> object:
         warnings.warn(message, DeprecationWarning, stacklevel=2)
         name = _RENAMED[name]
     found = _load(name)
-    if callable(found) and not isinstance(found, type):
-        from stepblocks.guard import guard
+    if callable(found):
+        from stepblocks.guard import guard, guard_class
 
-        found = guard(found, name)
+        found = guard_class(found) if isinstance(found, type) else guard(found, name)
     globals()[name] = found  # one object, so that it can be pickled by its name
     return found

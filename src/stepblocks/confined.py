@@ -71,7 +71,6 @@ class _Reader:
         atexit.register(self.close)
 
     def call(self, request: Mapping[str, object], seconds: float) -> Answer:
-        late = f"it must be readable within {seconds:.0f} s"
         with self._one_at_a_time:
             process = self._started()
             assert process.stdin is not None
@@ -79,8 +78,11 @@ class _Reader:
             watch = threading.Timer(_WAITING * seconds, process.kill)
             watch.start()
             try:
-                process.stdin.write(json.dumps({**request, "seconds": seconds}).encode() + b"\n")
-                process.stdin.flush()
+                # nothing stays in a buffer, which closing the pipe of a dead reader would flush
+                os.write(
+                    process.stdin.fileno(),
+                    json.dumps({**request, "seconds": seconds}).encode() + b"\n",
+                )
                 size = int.from_bytes(_receive(process.stdout, 8), "little")
                 answer = json.loads(_receive(process.stdout, size, _LARGEST_ANSWER))
                 found = answer["values"]
@@ -89,8 +91,9 @@ class _Reader:
                     found[name] = np.frombuffer(_receive(process.stdout, size), kind).reshape(shape)
             except (EOFError, BrokenPipeError):
                 code = self.close(5.0)
-                too_long = code == -signal.SIGXCPU or watch.finished.is_set()
-                return {}, late if too_long else f"its reader ended with {code}", False
+                if code == -signal.SIGXCPU or watch.finished.is_set():
+                    return {}, f"it must be readable within {seconds:.0f} s", False
+                return {}, f"its reader ended with {code}", False
             except BaseException:
                 self.close()
                 raise
@@ -100,16 +103,19 @@ class _Reader:
 
     def _started(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
+            self.close()  # the pipes of one that has died
             paths = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
-            own = {
-                "OMP_NUM_THREADS": "1",
-                "OPENBLAS_NUM_THREADS": "1",
-                "PYTHONPATH": os.pathsep.join(paths),
-            }
-            command = [sys.executable, "-P", "-W", "ignore", "-m", "stepblocks.confined"]
-            pipe, null, environment = subprocess.PIPE, subprocess.DEVNULL, {**os.environ, **own}
             self._process = subprocess.Popen(
-                command, stdin=pipe, stdout=pipe, stderr=null, env=environment
+                [sys.executable, "-P", "-W", "ignore", "-m", "stepblocks.confined"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env={
+                    **os.environ,
+                    "OMP_NUM_THREADS": "1",
+                    "OPENBLAS_NUM_THREADS": "1",
+                    "PYTHONPATH": os.pathsep.join(paths),
+                },
             )
         return self._process
 
@@ -146,11 +152,7 @@ def _answer_request(request: dict[str, Any]) -> Answer:
             raise TypeError("objects where numbers should be")
     except MemoryError:
         return {}, f"it needs more than {MEMORY >> 30} GiB of memory", False
-    except KeyboardInterrupt:
-        raise
-    except (
-        BaseException
-    ) as error:  # a foreign reader may raise anything, and one of them leaves the interpreter
+    except BaseException as error:  # a foreign reader may raise anything, even SystemExit
         said = " ".join(str(error).split())[:300] or type(error).__name__
         said = f"no {said}" if isinstance(error, KeyError) else said
         return {}, said, type(error).__module__.startswith("stepblocks.")
@@ -178,9 +180,12 @@ def _serve_requests() -> None:
             for name, one in found.items()
             if isinstance(one, np.ndarray)
         }
-        values = {name: one for name, one in found.items() if name not in arrays}
-        told = [[name, one.dtype.str, one.shape] for name, one in arrays.items()]
-        content = {"refused": refused, "ours": ours, "values": values, "arrays": told}
+        content = {
+            "refused": refused,
+            "ours": ours,
+            "values": {name: one for name, one in found.items() if name not in arrays},
+            "arrays": [[name, one.dtype.str, one.shape] for name, one in arrays.items()],
+        }
         head = json.dumps(content, default=float).encode()
         answers.write(len(head).to_bytes(8, "little") + head)
         for one in arrays.values():

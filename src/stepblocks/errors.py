@@ -54,5 +54,8 @@ class PipelineError(StepblocksError):
     """A run that cannot start or go on: output folder, selection, options."""
 
 
-class UsageError(StepblocksError, TypeError):
-    """A public function was called with values or keywords that it cannot use."""
+class UsageError(StepblocksError, TypeError, ValueError):
+    """A public function or class was called with values or keywords that it cannot use.
+
+    It is also what Python and pydantic raise then, so that who catches theirs catches it.
+    """

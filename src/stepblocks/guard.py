@@ -18,37 +18,63 @@ _MISUSE = (TypeError, AttributeError, ValueError, LookupError, ArithmeticError, 
 
 def guard(function: Callable[P, R], name: str) -> Callable[P, R]:
     """Return a function under its public name; it answers a wrong call with a `UsageError`."""
-    signature = inspect.signature(function)
 
     @functools.wraps(function)
     def guarded(*values: P.args, **named: P.kwargs) -> R:
-        try:
-            given = signature.bind(*values, **named).arguments
-        except TypeError as error:
-            raise UsageError(f"{name}: {_describe_call(signature, named, error)}") from None
         try:
             return function(*values, **named)
         except StepblocksError:
             raise
         except _MISUSE as error:
             # the cause stays attached, since it may also be a mistake of this program
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            shown = " ".join(f"{key}={reprlib.repr(value)}" for key, value in given.items())
-            raise UsageError(
-                f"{name} cannot use these values: {reason:.200} [{' '.join(shown.split())}]"
-            ) from error
+            raise UsageError(_describe_misuse(function, name, values, named, error)) from error
 
     guarded.__module__, guarded.__qualname__ = "stepblocks", name
     return guarded
+
+
+def guard_class(kind: type[R]) -> type[R]:
+    """Let the construction of a public class answer as a public function; it stays that class."""
+    make = kind.__init__
+    # neither Python's own, of abstract classes and errors, nor one that is guarded
+    if inspect.isfunction(make) and not hasattr(make, "__wrapped__"):
+        kind.__init__ = guard(make, "__init__")  # type: ignore[method-assign]
+    return kind
+
+
+def _describe_misuse(
+    function: Callable[..., object],
+    name: str,
+    values: tuple[object, ...],
+    named: Mapping[str, object],
+    error: Exception,
+) -> str:
+    # Say what is wrong with a call, or with the construction of what is its first value
+    if name == "__init__":
+        name = type(values[0]).__name__
+        if type(error).__name__ == "ValidationError":  # in the words of the readers of files
+            from stepblocks import mistakes
+
+            found = mistakes.list_mistakes(error, type(values[0]), named)  # type: ignore[arg-type]
+            return f"{name}: {' '.join('; '.join(text for _, text in found).split())}"
+    signature = inspect.signature(function)
+    try:
+        given = signature.bind(*values, **named).arguments
+    except TypeError as wrong:
+        return f"{name}: {_describe_call(signature, named, wrong)}"
+    shown = (f"{key}={reprlib.repr(value)}" for key, value in given.items() if key != "self")
+    reason = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"{name} cannot use these values: {reason:.200} [{' '.join(' '.join(shown).split())}]"
 
 
 def _describe_call(
     signature: inspect.Signature, named: Mapping[str, object], error: TypeError
 ) -> str:
     # Say what is wrong with a call, and for an unknown keyword which ones there are
-    known = [name for name, one in signature.parameters.items() if one.kind is not one.VAR_KEYWORD]
+    rest = signature.parameters.items()
+    known = [name for name, one in rest if one.kind is not one.VAR_KEYWORD and name != "self"]
     unknown = [name for name in named if name not in known]
-    if not unknown or len(known) < len(signature.parameters):
+    if not unknown or any(one.kind is one.VAR_KEYWORD for _, one in rest):
         return str(error)
     close = difflib.get_close_matches(unknown[0], known, 1)
     hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"

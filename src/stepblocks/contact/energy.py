@@ -6,7 +6,7 @@ To which a locked probe has an energy too: here it has none.
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Never
 
 import numpy as np
 
@@ -30,6 +30,10 @@ class Status(StrEnum):
     BEYOND_SPRING = "beyond-spring"  # than its spring is linear to,
     BEYOND_GAUGE = "beyond-gauge"  # than the gauge shows,
     BEYOND_HAND = "beyond-hand"  # or than a hand exerts
+
+    @classmethod
+    def _missing_(cls, value: object) -> Never:
+        raise ContactError(f"status must be one of {', '.join(cls)}, got {value!r:.60}")
 
     @property
     def is_beyond_limit(self) -> bool:
