@@ -153,6 +153,60 @@ def _rounded(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     )
 
 
+def _let_go(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    return _rounded(random, replace(plan, let_go=0.07))
+
+
+def _hard(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    cubic = float(random.uniform(0.18, 0.28))
+    return _bench(plan, hardening=cubic * plan.bench.stiffness**3), (
+        {("stiffness", "peak_force_n")},
+        {"hardening_spring.cubic_per_n2": cubic},
+    )
+
+
+def _swing(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    period = float(random.uniform(35.0, 45.0))
+    changed = replace(plan, swing=float(random.uniform(0.1, 0.2)), swing_trials=period)
+    truth = {"periodic_friction_run_order.period_trials": period}
+    return changed, ({("friction", "run_order")}, truth)
+
+
+def _days(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    levels = np.exp(_sign(random) * random.permutation([0.0, 0.12, 0.25]))
+    places = {("friction", "run_order"), ("told", "friction")}
+    return replace(plan, day_levels=tuple(levels.tolist())), (places, {})
+
+
+def _carry_over(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    changed = replace(plan, carry_over=_sign(random) * float(random.uniform(0.15, 0.3)))
+    return changed, ({("friction", "previous_load_n")}, {})
+
+
+def _wet(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    factor = float(random.uniform(1.2, 1.35))
+    truth = {"step_friction_humidity_pct.step": math.log(factor)}
+    return replace(plan, wet_friction=factor), ({("friction", "humidity_pct")}, truth)
+
+
+def _soft(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    softening = _sign(random) * float(random.uniform(0.015, 0.03))
+    return replace(plan, softening=softening), ({("stiffness", "temperature_c")}, {})
+
+
+def _hersey(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    excess, number = float(random.uniform(0.5, 1.2)), float(random.uniform(4e-3, 12e-3))
+    changed = replace(plan, hersey_excess=excess, hersey_number=number)
+    return changed, ({("friction", "speed_mm_s / load_n")}, {})
+
+
+def _polish(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    growth = float(random.uniform(0.8e-6, 2e-6))
+    truth = {"edge_polish.growth_m_per_pass": growth}
+    changed = replace(plan, polish=growth)
+    return changed, ({("contact_geometry", "passes_of_block")}, truth)
+
+
 _GAIN = _constant("tangential_gain", 0.01, 0.06, "sensor_gain", "ln_gain", 1.0)
 
 FAMILIES: dict[str, Family] = {
@@ -176,6 +230,18 @@ FAMILIES: dict[str, Family] = {
     "rounded edges": _rounded,
     "tangential gain 1-6 %, spring certified to 0.5 %": _certified(0.005, _GAIN),
     "nothing, spring certified to 0.5 %": _certified(0.005, _null),
+    "let go early in 7 %, rounded edges": _let_go,
+    "bent tangential gauge": _constant(
+        "tangential_square", 0.02, 0.05, "gauge_not_linear", "square_per_n"
+    ),
+    "friction swings every 40 trials": _swing,
+    "three days, three frictions": _days,
+    "friction follows the load of the trial before": _carry_over,
+    "friction jumps with humidity": _wet,
+    "spring softens per K": _soft,
+    "spring hardens, 0.23 per N^2": _hard,
+    "friction by speed over load": _hersey,
+    "edges polished by passes": _polish,
 }
 
 
@@ -194,6 +260,7 @@ def run_one(name: str, trials: int, seed: int) -> dict[str, Any]:
     table = build_session_table(features, spring, plan.bench.tip_radius, scans, known)
     found = explain(table.model, table.trials, table.model.candidates(table.trials), Rules())
     shown = found.extended
+    energy = found.problem.trials.values[:, 0]
     return {
         "task": [name, trials, seed],
         "outcome": judge(found, places),
@@ -209,6 +276,11 @@ def run_one(name: str, trials: int, seed: int) -> dict[str, Any]:
         "values": {
             k: [v, shown.values[k], shown.std[k]] for k, v in values.items() if k in shown.values
         },
+        # rms of ln E_v beside the nominal model and beside the extended one
+        "error": [
+            float(np.sqrt(np.nanmean((energy - one.predicted[:, 0]) ** 2)))
+            for one in (found.nominal, shown)
+        ],
         "seconds": time.process_time() - began,
     }
 
@@ -279,7 +351,7 @@ def main() -> None:
         rows[done["task"][0]].append(done)
     print(
         f"{'planted':50s} right place; median error of the amplitude; 95 % intervals that hold "
-        "it; seconds"
+        "it; error of ln E_v before and after; seconds"
     )
     every = [r for own in rows.values() for r in own]
     for name, own in rows.items():
@@ -293,8 +365,11 @@ def main() -> None:
             if errors
             else "-; -"
         )
+        known = [r["error"] for r in own if "error" in r]
+        before, after = np.median(known, axis=0).tolist() if known else (math.nan, math.nan)
         print(
             f"{name:50s} {_share(right, len(own))}; {told}; "
+            f"ln E_v {before:.3f} -> {after:.3f}; "
             f"{np.mean([r['seconds'] for r in own]):.1f} s"
         )
     print(

@@ -66,6 +66,9 @@ def _covariate(law: Law, state: DragState) -> object:
         "load_n": state.set_load,
         "operator": np.array(["A", "B"] * (n // 2)),
         "block": _design().block,
+        "passes_of_block": np.arange(n) // 3 + 1.0,
+        "previous_load_n": np.roll(state.set_load, 1),
+        "speed_mm_s / load_n": state.speed * 1e3 / state.set_load,
         "peak_force_n": state.peak_force(),
     }
     return columns.get(law.covariate)
@@ -110,7 +113,8 @@ def test_a_slot_shows_only_in_its_channels(law: Law) -> None:
         },
         "friction": {_ENERGY, _FORCE, _FRICTION},
         "normal_load": {_ENERGY, _FORCE, _FRICTION, _LOAD},
-        "stiffness": {_ENERGY, _SPRING, _RING},
+        # what rubs in a warm spring may die away otherwise
+        "stiffness": {_ENERGY, _SPRING, _RING, _DECAY},
         "conversion": {_ENERGY, _FORCE} if law.id == "real_release" else {_ENERGY},
         "drag": {_ENERGY, _FORCE, _FRICTION},
         "sensor": {_ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD},
@@ -144,6 +148,33 @@ def test_tilt_is_friction_tan_of_atan_mu_plus_tilt() -> None:
     tilted = compute_channels(_law("block_tilt").apply(_state(), None, {"tilt_rad": 0.03}))
     other = build_nominal_state(_design(), _VALUES | {"friction": math.tan(math.atan(0.17) + 0.03)})
     assert np.allclose(tilted, compute_channels(other), atol=1e-12)
+
+
+def test_friction_by_speed_over_load_is_its_formula() -> None:
+    # origin: mu (1 + s exp(-(v / F) / h)), written out for one trial
+    state = _state()
+    ratio = state.speed[1] / state.set_load[1]
+    values = {"excess": 0.8, "number_m_per_n_s": 7e-3}
+    law = _law("hersey_friction")
+    shown = compute_channels(law.apply(state, _covariate(law, state), values))
+    assert shown[1, _FRICTION] == pytest.approx(0.17 * (1.0 + 0.8 * math.exp(-ratio / 7e-3)))
+    power = _law("hersey_friction~power")
+    shown = compute_channels(power.apply(state, _covariate(power, state), {"exponent": 0.2}))
+    assert shown[1, _FRICTION] == pytest.approx(0.17 * (ratio / 0.01) ** -0.2)
+
+
+def test_a_spring_that_softens_rings_lower_and_keeps_the_energy_that_is_read() -> None:
+    # E_v is A^2 / 2k with the declared k, and A^2 goes as F^2: no softening shows in it
+    law, state = _law("softening_spring"), _state()
+    celsius = np.full(24, 25.0)
+    values = {"softening_per_k": 0.02, "damping_power": 0.5}
+    moved = compute_channels(law.apply(state, celsius, values)) - compute_channels(state)
+    left = 1.0 - 3.0 * 0.02
+    assert moved[:, _ENERGY] == pytest.approx(np.zeros(24), abs=1e-12)
+    assert moved[:, _SPRING] == pytest.approx(np.full(24, 1.05 * (left - 1.0)))
+    assert moved[:, _RING] == pytest.approx(np.full(24, 0.5 * math.log(left)))
+    # a damper of constant ratio: the time constant goes with one over the pitch
+    assert moved[:, _DECAY] == pytest.approx(np.full(24, -0.5 * math.log(left)))
 
 
 def test_edge_and_tip_add_to_one_radius() -> None:

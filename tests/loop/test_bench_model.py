@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oracles.feature_bench import bench_trials, design_columns, noise_free
-from stepblocks.contact.forward import PEAK_FORCE
+from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
@@ -61,6 +61,7 @@ def test_laws_are_asked_for_by_what_they_follow(trials):
             "humidity_pct",  # a reading may have a threshold
             "operator",
             PEAK_FORCE,
+            SPEED_OVER_LOAD,
         )
     }
     heights = [law.id for law in asked if law.covariate == "block" and law.named]

@@ -65,6 +65,8 @@ class Bench:
     normal_zero: float = 0.0  # [N]
     tangential_gain: float = 1.0  # shown over true
     normal_gain: float = 1.0
+    tangential_square: float = 0.0  # q of a gauge that shows F (1 + q F) [1/N]
+    let_go: float = 1.0  # share of the peak at which the tool springs free, with a `conversion`
     normal_in_tangential: float = (
         0.0  # cross-talk: share of the normal force that the tangential gauge shows too
     )
@@ -287,6 +289,10 @@ def drag(
         return None
     if bench.conversion is not None:  # the snap is sudden there
         truth |= {"release_s": truth["left_s"], "peak_n": truth["left_n"]}
+    if bench.let_go < 1.0:
+        late = np.arange(fx.size) > slide / dt
+        early = int(np.argmax(late & (fx >= max(bench.let_go * truth["peak_n"], 1.05 * level))))
+        truth |= {"release_s": early * dt, "peak_n": float(fx[early])}
     truth |= {"friction": bench.friction, "load_n": load, "level_n": level, "height_m": height}
     truth["stored_j"] = _stored(bench, _stretch(bench, truth["peak_n"]))
     if bench.conversion is not None:
@@ -347,6 +353,7 @@ def _read(
     short.
     """
     tangential, normal = fx[::_FINE], fy.reshape(-1, _FINE).mean(axis=1)
+    tangential = tangential * (1.0 + bench.tangential_square * tangential)
     before = round(bench.unloaded * RATE)
     if before:
         still = np.zeros(before)

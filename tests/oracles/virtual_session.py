@@ -52,6 +52,24 @@ class Plan:
     running_in_trials: float = 25.0  # over which that falls to 1/e
     change_at: int | None = None  # from this trial on friction is another
     change_friction: float = 1.0  # factor
+    let_go: float = 0.0  # share of trials in which the operator lets go at 45 to 80 % of the peak
+    swing: float = 0.0  # of friction along the run, relative
+    swing_trials: float = 40.0  # its period
+    day_levels: tuple[float, ...] = ()  # factors of friction, one for each equal part of the run
+    carry_over: float = 0.0  # exponent of friction over the load of the trial before
+    wet_friction: float = 1.0  # factor above the median humidity of the session
+    softening: float = 0.0  # of the spring about 22 degrees C [1/K]
+    hersey_excess: float = 0.0  # mu (1 + s exp(-(v / F_py) / h)): s
+    hersey_number: float = 5e-3  # h [m/(s N)]
+    polish: float = 0.0  # growth of the radius of an edge with each pass over its block [m]
+
+
+def _follow_the_hour(plan: Plan, number: int) -> float:
+    """Factor of friction in one trial by what goes with its number alone."""
+    factor = 1.0 + plan.swing * math.cos(2.0 * math.pi * number / plan.swing_trials)
+    if plan.day_levels:
+        factor *= plan.day_levels[(number - 1) * len(plan.day_levels) // plan.trials]
+    return factor
 
 
 def scan(height: float, radius: float, random: np.random.Generator) -> tuple[Floats, Floats]:
@@ -106,7 +124,8 @@ def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
     order = random.permutation(np.arange(plan.trials) % len(used))
     walk = np.cumsum(random.standard_normal(plan.trials)) / math.sqrt(plan.trials)
     warmth, wet = 22.0 + np.cumsum(random.normal(0.0, 0.15, (2, plan.trials)), axis=1)
-    told = []
+    told, passes, before = [], dict.fromkeys(plan.heights, 0), math.nan
+    careless = np.random.default_rng([seed, 4])
     with (
         h5py.File(folder / "traces.h5", "w") as file,
         (folder / "trials.csv").open("w", newline="") as table,
@@ -134,6 +153,11 @@ def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
             factor *= 1.0 + plan.running_in * math.exp(-number / plan.running_in_trials)
             factor *= plan.batch_friction if um in plan.batch_blocks else 1.0
             factor *= plan.change_friction if plan.change_at and number >= plan.change_at else 1.0
+            factor *= _follow_the_hour(plan, number)
+            factor *= 1.0 if math.isnan(before) else (before / 0.6) ** plan.carry_over
+            factor *= plan.wet_friction if wet[number - 1] > np.median(wet) else 1.0
+            factor *= 1.0 + plan.hersey_excess * math.exp(-speed / load / plan.hersey_number)
+            before = load
             share = plan.conversion_scatter * random.standard_normal()
             bench = replace(plan.bench, friction=plan.bench.friction * factor)
             if bench.conversion is not None:
@@ -141,6 +165,17 @@ def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
                 bench = replace(bench, conversion=bench.conversion * own * math.exp(share))
             if plan.chip_at and number >= plan.chip_at:
                 bench = replace(bench, tip_radius=plan.chip_radius)
+            bench = replace(
+                bench,
+                stiffness=bench.stiffness * (1.0 - plan.softening * (warmth[number - 1] - 22.0)),
+                frequency=bench.frequency
+                * math.sqrt(1.0 - plan.softening * (warmth[number - 1] - 22.0)),
+                edge_radius=bench.edge_radius + plan.polish * passes[height],
+                let_go=float(careless.uniform(0.45, 0.8))
+                if careless.random() < plan.let_go
+                else 1.0,
+            )
+            passes[height] += 1
             added = plan.operator_load.get(operator, 0.0)
             done = drag(
                 bench,

@@ -19,6 +19,8 @@ from stepblocks.law import Active, Law, Parameter
 
 TOGETHER = " * "  # between the names of two covariates that act together
 PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
+SPEED_OVER_LOAD = "speed_mm_s / load_n"  # of a viscous film: Hersey's number
+_COMPUTED = ("none", "block", PEAK_FORCE, SPEED_OVER_LOAD)  # no columns of their own
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,7 @@ def build_extended_state(
 
 def list_covariate_columns(covariate: str) -> tuple[str, ...]:
     """Columns of the table of trials that an effect over a covariate needs."""
-    return () if covariate in ("none", "block", PEAK_FORCE) else tuple(covariate.split(TOGETHER))
+    return () if covariate in _COMPUTED else tuple(covariate.split(TOGETHER))
 
 
 def select_covariate(
@@ -189,6 +191,8 @@ def select_covariate(
         return design.block
     if covariate == PEAK_FORCE:
         return state.peak_force()
+    if covariate == SPEED_OVER_LOAD:
+        return 1e3 * design.speed / design.load
     if TOGETHER in covariate:
         return np.stack(
             [design.covariates[name] for name in list_covariate_columns(covariate)], axis=1

@@ -12,9 +12,10 @@ from typing import ClassVar
 import numpy as np
 
 from stepblocks.contact import forward
-from stepblocks.contact.effects.named import apply_instrument_constants, list_named_laws
+from stepblocks.contact.effects.gauges import apply_instrument_constants
+from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
-from stepblocks.contact.forward import PEAK_FORCE, TOGETHER, BenchDesign
+from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER, BenchDesign
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, DragState, compute_channels
 from stepblocks.law import Active, Law, Parameter
@@ -32,7 +33,7 @@ _COMMON = {
     "normal_load_ratio": 0.002,
 }
 
-_SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE)
+_SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE, SPEED_OVER_LOAD)
 _INTERACTING = 3  # readings of the surroundings that are asked for pair by pair
 _SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
 # friction imitates a tilt exactly; a search would only find the rounding between the two
@@ -208,6 +209,12 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
         force = np.exp(force[np.isfinite(force)])
         if force.size > 10 and force.max() > 1.001 * force.min():
             found.append(CovariateRange(PEAK_FORCE, float(force.min()), float(force.max()), True))
+    settings = {place.name for place in found}
+    if settings.issuperset(("load_n", "speed_mm_s")):
+        ratio = np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"])
+        low, high = float(ratio.min()), float(ratio.max())
+        distinct = len(np.unique(ratio))
+        found.append(CovariateRange(SPEED_OVER_LOAD, low, high, True, distinct=distinct))
     climate = [
         place
         for place in found

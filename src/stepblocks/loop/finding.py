@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
 
 # a factor and a unit that people read, by the unit that a parameter has; beyond the limit the plain
@@ -15,6 +16,28 @@ _READ = {
     "m/s": (1e3, "mm/s"),
     "rad": (1e3, "mrad"),
 }
+# what an effect follows, in words
+_COVARIATES = {
+    "height_um": "the height",
+    "load_n": "the load",
+    "speed_mm_s": "the speed",
+    "run_order": "the order of the run",
+    "temperature_c": "the temperature",
+    "humidity_pct": "the humidity",
+    "previous_load_n": "the load of the trial before",
+    "previous_height_um": "the height of the step before",
+    "passes_of_block": "the passes over a block",
+    "pause_s": "the pause before a trial",
+    PEAK_FORCE: "the peak force",
+    SPEED_OVER_LOAD: "speed over load",
+    "none": "nothing that is set",
+    "block": "the block",
+}
+
+
+def describe_covariate(name: str) -> str:
+    """Say in words what an effect follows; a column that only this session has by its name."""
+    return " times ".join(_COVARIATES.get(one, one) for one in name.split(TOGETHER))
 
 
 def format_value(value: float, unit: str) -> str:
@@ -41,6 +64,8 @@ def write_sentence(found: Explanation, document: Mapping[str, Any]) -> str:
         _describe_finding(f, entry)
         for f, entry in zip(found.findings, document["effects"], strict=True)
     ]
+    if found.verdict is Verdict.UNEXPLAINED and found.reason:
+        parts.append(f"unexplained as a whole, as {found.reason}")
     if any(hint.kind != "stick-slip" for hint in found.told):
         parts.append("write down what differs between these trials")
     text = (
@@ -78,9 +103,10 @@ def _describe_finding(finding: Finding, entry: Mapping[str, Any]) -> str:
     name = "" if finding.verdict is Verdict.UNEXPLAINED else law.said
     if not name:
         along = {"none": "is another", "block": "differs by block"}.get(
-            law.covariate, f"follows {law.covariate}"
+            law.covariate, f"follows {describe_covariate(law.covariate)}"
         )
-        return f"{law.slot.replace('_', ' ')} {along}, no law claimed"
+        why = f": {finding.reason}" if finding.reason else ""
+        return f"{law.slot.replace('_', ' ')} {along}, no law claimed{why}"
     figures = [
         f"{format_value(p['value'], p['unit'])} ({format_value(p['low'], p['unit'])} to "
         f"{format_value(p['high'], p['unit'])})"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE
-from stepblocks.contact.forward import PEAK_FORCE
+from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD
 from stepblocks.law import Law
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.search.explain import Explanation
@@ -185,6 +185,9 @@ def _find_abscissa(result: LoopResult, effect: Law) -> tuple[Floats, str]:
     trials, fitted = result.table.trials, result.found.extended
     if effect.covariate == PEAK_FORCE:
         return np.exp(fitted.predicted[:, trials.channels.index("ln_peak_force")]), PEAK_FORCE
+    if effect.covariate == SPEED_OVER_LOAD:
+        ratio = np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"])
+        return ratio, SPEED_OVER_LOAD
     name = effect.covariate if effect.covariate in trials.covariates else "height_um"
     return _place_values(trials.covariates[name])[0], name
 

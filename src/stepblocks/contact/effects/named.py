@@ -8,8 +8,10 @@ from functools import partial
 
 import numpy as np
 
+from stepblocks.contact.effects.gauges import GAUGE_LAWS
+from stepblocks.contact.forward import SPEED_OVER_LOAD
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.contact.state import DragState
+from stepblocks.contact.state import DragState, Floats
 from stepblocks.law import Law, Parameter
 
 # the parts of the model that an effect may change
@@ -59,6 +61,18 @@ _GEOMETRY = (
         covariate="run_order",
         said="the tip wears: its radius grows per trial by",
         how_to_decide="swap the tip",
+    ),
+    _geometry(
+        "edge_polish",
+        "r(n) = r + w n, n passes over the block",
+        (Parameter("growth_m_per_pass", "m", 0.0, -5e-6, 2e-5, 1e-7),),
+        lambda state, passes, v: state.changed(
+            radius=state.radius + v["growth_m_per_pass"] * passes
+        ),
+        covariate="passes_of_block",
+        rank=1,
+        said="each pass polishes the edge of its block: the radius grows by",
+        how_to_decide="scan an edge before and after, or drag a block that nobody has used",
     ),
     _geometry(
         "tip_radius_error",
@@ -171,6 +185,43 @@ _FRICTION = (
         rank=1,
     ),
     _friction(
+        "hersey_friction",  # of a film that speed builds and load presses out
+        "mu (1 + s exp(-(v / F_py) / h))",
+        (
+            Parameter("excess", "1", 0.0, -0.95, 10.0, 0.05),
+            Parameter("number_m_per_n_s", "m/(N s)", 8e-3, 5e-4, 2e-1, 1e-3),
+        ),
+        lambda state, ratio, v: state.changed(
+            friction=state.friction
+            * (1.0 + v["excess"] * np.exp(-1e-3 * ratio / v["number_m_per_n_s"]))
+        ),
+        covariate=SPEED_OVER_LOAD,
+        shapes=tuple({"number_m_per_n_s": h} for h in (3e-3, 8e-3, 2e-2, 5e-2)),
+        said="friction follows speed over load: excess at rest and number",
+    ),
+    _friction(
+        "hersey_friction~power",
+        "mu ((v / F_py) / 0.01 m/(N s))^-p",
+        (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
+        lambda state, ratio, v: state.changed(
+            friction=state.friction * (0.1 * ratio) ** -v["exponent"]
+        ),
+        covariate=SPEED_OVER_LOAD,
+        rank=1,
+        said="friction follows speed over load: exponent",
+    ),
+    _friction(
+        "carried_over",
+        "mu (F_before / 0.6 N)^p",
+        (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
+        lambda state, before, v: state.changed(
+            friction=state.friction * (before / 0.6) ** v["exponent"]
+        ),
+        covariate="previous_load_n",
+        said="friction follows the load of the trial before: exponent",
+        how_to_decide="repeat one trial after a light and after a heavy one",
+    ),
+    _friction(
         "running_in",
         "mu (1 + s exp(-n / n0))",
         (
@@ -264,9 +315,7 @@ _CONVERSION = (
 )
 
 
-_stiffness, _load, _sensor = (
-    partial(Law, slot=slot) for slot in ("stiffness", "normal_load", "sensor")
-)
+_stiffness, _load = (partial(Law, slot=slot) for slot in ("stiffness", "normal_load"))
 _bias = partial(
     _load,
     said="the load differs from the weights by",
@@ -294,6 +343,27 @@ def _apply_seen_bias(state: DragState, _: object, values: Mapping[str, float]) -
     return state.changed(load=state.load + bias, sensed_offset=state.sensed_offset + bias)
 
 
+_SOFTENING = Parameter("softening_per_k", "1/K", 0.0, -0.05, 0.05, 1e-3)
+_softening = partial(
+    _stiffness,
+    covariate="temperature_c",
+    how_to_decide="load the tool with a known weight, cold and warm",
+)
+
+
+def _soften(celsius: Floats, values: Mapping[str, float]) -> Floats:
+    return np.asarray(np.maximum(1.0 - values["softening_per_k"] * (celsius - 22.0), 0.1))
+
+
+def _apply_softening(state: DragState, celsius: Floats, values: Mapping[str, float]) -> DragState:
+    left = _soften(celsius, values)
+    return state.changed(
+        stiffness=state.stiffness * left,
+        ring_stiffness=state.ring_stiffness * left,
+        damping=state.damping * left ** values["damping_power"],
+    )
+
+
 _TOOL = (
     _stiffness(
         "hardening_spring",  # after Duffing
@@ -314,6 +384,29 @@ _TOOL = (
         given=False,
         shapes=({"pitch_share": 0.0}, {"pitch_share": 0.4}),
         said="the spring hardens: g and the share of the first swing that its pitch shows",
+    ),
+    _softening(
+        "softening_spring",
+        "k (1 - s (T - 22 C)), rate of decay with the power q of k",
+        (
+            _SOFTENING,
+            # a damper of oil keeps its coefficient (0), one of rubber its ratio (1/2)
+            Parameter("damping_power", "1", 0.25, -1.0, 1.5, 0.1, 0.5),
+        ),
+        _apply_softening,
+        shapes=({"damping_power": 0.0}, {"damping_power": 0.5}),
+        said="the spring softens as it warms: per K, and the power of k that its damping follows",
+    ),
+    _softening(
+        "softening_spring~pitch_unchanged",
+        "k (1 - s (T - 22 C)) of the ramp alone",
+        (_SOFTENING,),
+        lambda state, celsius, v: state.changed(
+            stiffness=state.stiffness * _soften(celsius, v),
+            conversion=state.conversion * _soften(celsius, v),
+        ),
+        rank=1,
+        said="the spring softens as it warms, though its pitch does not: per K by",
     ),
     _bias("load_bias", "F_py -> F_py + b, as the gauge sees it", _BIAS, _apply_seen_bias),
     _bias(
@@ -358,128 +451,17 @@ _TOOL = (
     ),
 )
 
-_ZERO = Parameter("zero_n", "N", 0.0, -0.2, 0.2, 5e-3)
-_NORMAL_ZERO = Parameter("normal_zero_n", "N", 0.0, -0.2, 0.2, 5e-3)
-_NORMAL_GAIN = Parameter("normal_ln_gain", "1", 0.0, -0.5, 0.5, 0.01)
-_CROSS_TALK = Parameter("cross_talk", "1", 0.0, -0.2, 0.2, 5e-3)
-_GAIN = Parameter("ln_gain", "1", 0.0, -1.5, 1.5, 0.02)
-# before the edge it shows as a gain of the normal gauge: the usual size of either cross-talk alone
-# tells them apart
-_NORMAL_CROSS_TALK = Parameter("normal_cross_talk", "1", 0.0, -0.3, 0.3, 5e-3, 0.03)
-_CLOCK = Parameter("ln_clock", "1", 0.0, -0.5, 0.5, 1e-3)
-_LAG = Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4)
-
-
-def apply_instrument_constants(
-    state: DragState, _: object, values: Mapping[str, float]
-) -> DragState:
-    """Set whichever constants of the two gauges and of their clock are given."""
-    given = values.get
-    return state.changed(
-        zero=state.zero + given("zero_n", 0.0),
-        cross_talk=state.cross_talk + given("cross_talk", 0.0),
-        normal_zero=state.normal_zero + given("normal_zero_n", 0.0),
-        normal_gain=state.normal_gain * np.exp(given("normal_ln_gain", 0.0)),
-        normal_cross_talk=state.normal_cross_talk + given("normal_cross_talk", 0.0),
-        gain=state.gain * np.exp(given("ln_gain", 0.0)),
-        gauge_square=state.gauge_square + given("square_per_n", 0.0),
-        normal_square=state.normal_square + given("normal_square_per_n", 0.0),
-        lag=state.lag + given("time_constant_s", 0.0),
-        ln_clock=state.ln_clock + given("ln_clock", 0.0),
-    )
-
-
-_gauge = partial(_sensor, apply=apply_instrument_constants)
-_zero = partial(
-    _gauge, how_to_decide="tare: record both gauges unloaded before and after the drags"
-)
-
-_SENSOR = (
-    _gauge(
-        "sensor_gain",
-        "F_x -> G F_x",
-        (_GAIN,),
-        said="the tangential gauge reads by ln G of",
-        how_to_decide="hang a known weight on the tangential gauge",
-    ),
-    _zero(
-        "tangential_zero",
-        "F_x shown + z; a tare enters no stored energy",
-        (_ZERO,),
-        said="the tangential gauge reads without force",
-    ),
-    _zero(
-        "normal_zero", "F_y shown + z", (_NORMAL_ZERO,), said="the normal gauge reads without force"
-    ),
-    _gauge(
-        "normal_gain",
-        "F_y shown times G",
-        (_NORMAL_GAIN,),
-        said="the normal gauge reads by ln G of",
-        how_to_decide="put a known weight on the normal gauge",
-    ),
-    _gauge(
-        "cross_talk",
-        "F_x shown + c F_y; it enters no stored energy",
-        (_CROSS_TALK,),
-        said="the tangential gauge also shows of the normal force",
-        how_to_decide="drag in the other direction: friction changes its sign, cross-talk does not",
-    ),
-    _gauge(
-        "gauge_not_linear",
-        "F_x shown F_x (1 + q F_x)",
-        (Parameter("square_per_n", "1/N", 0.0, -0.2, 0.2, 5e-3),),
-        said="the tangential gauge is not linear: it shows F (1 + q F) with q of",
-        how_to_decide="hang five known weights on the tangential gauge",
-    ),
-    _gauge(
-        "normal_not_linear",
-        "F_y shown F_y (1 + q F_y)",
-        (Parameter("normal_square_per_n", "1/N", 0.0, -0.2, 0.2, 5e-3),),
-        rank=1,
-        said="the normal gauge is not linear: it shows F (1 + q F) with q of",
-        how_to_decide="put five known weights on the normal gauge",
-    ),
-    _gauge(
-        "normal_cross_talk",
-        "F_y shown + c F_x",
-        (_NORMAL_CROSS_TALK,),
-        rank=1,
-        said="the normal gauge also shows of the tangential force",
-        how_to_decide="pull the tip along without a load on it",
-    ),
-    _gauge(
-        "clock",
-        "time shown times c: ring slower, decay longer, ramp softer",
-        (_CLOCK,),
-        rank=8,
-        said="the clock of the record runs by ln c of",
-        how_to_decide="record a signal of known frequency",
-    ),
-    _gauge(
-        # several constants of one instrument off together: the rival of whatever looks like
-        # geometry
-        "instrument",
-        "F_x shown G F_x + z + c F_y, F_y shown G' F_y + z'",
-        (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
-        rank=9,
-        said="several constants of the gauges are off: zeros, gain, cross-talk, gain",
-        how_to_decide="tare both gauges, hang known weights on each, drag in both directions",
-    ),
-    _gauge(
-        "sensor_bandwidth",
-        "gauge of first order: peak short by k v tau (1 - exp(-t_ramp / tau))",
-        (_LAG,),
-        covariate="speed_mm_s",
-        said="the gauge is slow: time constant",
-        how_to_decide="tap the tool: the ring of a free tool shows the bandwidth",
-    ),
-)
-
 
 def list_named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
     """Return the laws with names (smooths are in `smooth`).
 
     The height error of each of `blocks` among them.
     """
-    return (*_GEOMETRY, *_FRICTION, *_TOOL, *_CONVERSION, *_SENSOR, *map(_height_error_law, blocks))
+    return (
+        *_GEOMETRY,
+        *_FRICTION,
+        *_TOOL,
+        *_CONVERSION,
+        *GAUGE_LAWS,
+        *map(_height_error_law, blocks),
+    )

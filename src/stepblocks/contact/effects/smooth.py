@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.contact.forward import SPEED_OVER_LOAD
 from stepblocks.contact.state import DragState, Floats
 from stepblocks.law import Law, Parameter
 
@@ -166,6 +167,7 @@ _MOVED_BY: dict[str, tuple[str, ...]] = {
     "passes_of_block": ("radius",),
     "previous_load_n": _JUMPING,
     "previous_height_um": _JUMPING,
+    SPEED_OVER_LOAD: _JUMPING,
 }
 _SHORTEST_PERIOD = 6.0  # trials
 _STEP_SHAPES = 12  # places along the run at which a search looks for a sudden change

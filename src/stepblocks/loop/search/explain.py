@@ -34,6 +34,8 @@ _ROUNDS = 3
 _MOST_APART = 0.2  # share of the trials
 _WORTH = 4.0  # of the criterion, below which an exchange is not made
 
+LEFT = "something is left in the residual that noise would not do"  # why a whole is not claimed
+
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
 Rival = tuple[
     Law, Fit, float
@@ -98,6 +100,8 @@ class Finding:
         Row of the trial that gains most by the effect, and its share of the gain.
     leading_channel : tuple of int and float
         Number of the channel that gains most, and its share.
+    reason : str
+        Why no law is claimed of it; empty where one is.
     """
 
     effect: Law
@@ -107,6 +111,7 @@ class Finding:
     rivals: tuple[Rival, ...] = ()
     leading_trial: tuple[int, float] = (0, 0.0)
     leading_channel: tuple[int, float] = (0, 0.0)
+    reason: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +140,8 @@ class Explanation(_Grown):
         Whether the residual of the extended model follows no covariate.
     apart : tuple of pairs
         Row of each trial that went wrong and took no part, and the chance that it did.
+    reason : str
+        Why the whole is not claimed although every finding may be; empty elsewhere.
     """
 
     nominal: Fit
@@ -143,6 +150,7 @@ class Explanation(_Grown):
     checks: tuple[tuple[str, str, float], ...]
     adequate: bool
     apart: tuple[tuple[int, float], ...] = ()
+    reason: str = ""
 
 
 def explain(
@@ -376,22 +384,26 @@ def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explana
     checks, adequate = check_residuals(problem, current)
     kinds = {f.verdict for f in findings}
     order = (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT)
-    verdict = next((kind for kind in order if kind in kinds), Verdict.NONE)
+    verdict, reason = next((kind for kind in order if kind in kinds), Verdict.NONE), ""
     if verdict is Verdict.EFFECT and not (adequate and grown.last_gate_p > rules.alpha):
         # it improves the fit, not the explanation
-        verdict = Verdict.UNEXPLAINED
+        verdict, reason = Verdict.UNEXPLAINED, LEFT
     nominal = fit(problem)
     if grown.last_gate_p <= rules.alpha:
         # something is left: what explains little may only stand in for it, and gets no name
         least = _LEAST_SHARE * (nominal.cost - current.cost)
         findings = tuple(
-            f if f.gain >= least else replace(f, verdict=Verdict.UNEXPLAINED) for f in findings
+            f
+            if f.gain >= least
+            else replace(f, verdict=Verdict.UNEXPLAINED, reason="it may stand in for what is left")
+            for f in findings
         )
         if findings and verdict is not Verdict.NONE:
             leading = max(findings, key=lambda f: f.gain)
             verdict = (
                 Verdict.AMBIGUOUS if leading.verdict is Verdict.AMBIGUOUS else Verdict.UNEXPLAINED
             )
+            reason = LEFT
     if grown.told and verdict in (Verdict.NONE, Verdict.EFFECT):
         # something differs between trials that no column names
         verdict = Verdict.UNEXPLAINED
@@ -402,6 +414,7 @@ def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explana
         verdict=verdict,
         checks=checks,
         adequate=adequate,
+        reason=reason,
     )
 
 
@@ -446,6 +459,7 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
         select_likeliest(rivals, elsewhere[:1]),
         (row, share),
         (channel, float(gains[:, channel].sum()) / whole),
+        "few trials carry it" if carried else "" if effect.named else "no law of the list fits it",
     )
 
 

@@ -36,19 +36,20 @@ def check_claims(
     lacking = bool(known) and min(known) * len(known) < _LACKING
     folds = [set(names) for names in selected]
     findings = tuple(
-        replace(f, verdict=_judge_folds(f, folds)) if f.verdict is Verdict.EFFECT else f
-        for f in found.findings
+        _judge_folds(f, folds) if f.verdict is Verdict.EFFECT else f for f in found.findings
     )
-    verdict = found.verdict
+    verdict, reason = found.verdict, found.reason
     if verdict is Verdict.EFFECT:
         doubts = {f.verdict for f in findings} - {Verdict.EFFECT}
-        verdict = (
-            Verdict.UNEXPLAINED
-            if lacking
-            else min(doubts, default=verdict, key=list(Verdict).index)
-        )
+        verdict = min(doubts, default=verdict, key=list(Verdict).index)
+        if lacking:
+            verdict, reason = Verdict.UNEXPLAINED, "trials of equal settings agree better than it"
     return replace(
-        found, findings=findings, verdict=verdict, adequate=found.adequate and not lacking
+        found,
+        findings=findings,
+        verdict=verdict,
+        adequate=found.adequate and not lacking,
+        reason=reason,
     )
 
 
@@ -56,20 +57,23 @@ def withdraw_claims(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
     """Take back every name where something outside the model's reach is known to have gone on."""
     if not told:
         return found
-    findings = tuple(replace(f, verdict=Verdict.UNEXPLAINED) for f in found.findings)
-    return replace(found, findings=findings, verdict=Verdict.UNEXPLAINED, told=(*told, *found.told))
+    lost, why = Verdict.UNEXPLAINED, told[0].said
+    findings = tuple(replace(f, verdict=lost, reason=why) for f in found.findings)
+    return replace(found, findings=findings, verdict=lost, told=(*told, *found.told))
 
 
-def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Verdict:
+def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Finding:
     # Say what may be claimed of a law beside the choices of the folds. Each made of fewer trials.
     family = finding.effect.id.split("~")[0]
     same = [any(name.split("~")[0] == family for name in names) for names in folds]
     if all(same):
-        return Verdict.EFFECT
+        return finding
     # a fold that is blind to it agrees with nothing; one that puts another in its place contradicts
     # it
     others = [names for names, agrees in zip(folds, same, strict=True) if not agrees and names]
-    return Verdict.AMBIGUOUS if others else Verdict.UNEXPLAINED
+    if others:
+        return replace(finding, verdict=Verdict.AMBIGUOUS)
+    return replace(finding, verdict=Verdict.UNEXPLAINED, reason="parts of the trials miss it")
 
 
 @dataclass(frozen=True)
@@ -196,12 +200,14 @@ def deliver(
         findings, errors = tuple(f for f in findings if f is not weakest), nominal
     if len(findings) < len(found.findings):
         extended = fit(found.problem, [f.effect for f in findings], extended.values)
-        findings = tuple(replace(f, verdict=Verdict.UNEXPLAINED) for f in findings)
+        worse = "with another effect it predicts held-out trials worse"
+        findings = tuple(replace(f, verdict=Verdict.UNEXPLAINED, reason=worse) for f in findings)
         found = replace(
             found,
             findings=findings,
             extended=extended,
             verdict=Verdict.UNEXPLAINED,
             adequate=False,
+            reason=worse,
         )
     return found, list(zip(nominal[:-1], errors[:-1], strict=True))
