@@ -19,14 +19,13 @@ from functools import cache
 from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from stepblocks.text_file import measure_plain_file
+from stepblocks.text_file import Document, measure_plain_file
 
 Answer = tuple[
-    dict[str, Any], str, bool
+    Document, str, bool
 ]  # what was found; else what is wrong, and whether our own code says so
 
 MEMORY = (
@@ -42,7 +41,7 @@ _LARGEST_ANSWER = 2**24  # of what is no array [bytes]
 
 def read_confined(
     function: str, path: Path, *arguments: object, raises: type[Exception]
-) -> dict[str, Any]:
+) -> Document:
     """Call ``module:function`` with a path and arguments of JSON in a process of its own.
 
     Returns arrays and values of JSON, by name.
@@ -143,7 +142,7 @@ def _receive(stream: BufferedReader, count: int, most: int = MEMORY) -> bytearra
 _reader = cache(lambda pid: _Reader())  # one for each process: a fork must not share its parent's
 
 
-def _answer_request(request: dict[str, Any]) -> Answer:
+def _answer_request(request: Document) -> Answer:
     module, _, name = request["function"].partition(":")
     path, *arguments = request["arguments"]
     try:

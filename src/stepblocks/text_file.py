@@ -10,6 +10,8 @@ from typing import Any
 
 from stepblocks.errors import StepblocksError
 
+Document = dict[str, Any]  # an object of JSON or a table of TOML, before its values are checked
+
 
 def is_file(path: Path) -> bool:
     """Tell whether a path leads to a file; an impossible name, too long say, leads to none."""

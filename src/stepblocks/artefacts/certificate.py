@@ -5,9 +5,8 @@ certificate is a draft that says so in each place. It is not signed: the signer'
 XML signature (XMLDSig) to the file.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from stepblocks.artefacts.laboratory import Laboratory
 from stepblocks.atomic import replace_text, write_atomically
@@ -15,6 +14,7 @@ from stepblocks.page_file import render_page
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import GUARD_FACTOR
+from stepblocks.text_file import Document
 
 _BLANK = "to be completed by the laboratory"
 _PINNED = "2000-01-01"  # where neither laboratory nor order states a date
@@ -33,7 +33,7 @@ _WIDTHS = (0.04, 0.34, 0.11, 0.11, 0.05, 0.17, 0.05, 0.13)
 def write_certificate(
     path: Path,
     part: Part,
-    record: Mapping[str, Any],
+    record: Document,
     order: OrderSpec,
     digest: str,
     laboratory: Laboratory | None = None,
@@ -51,11 +51,11 @@ def write_certificate(
 
 def _collect_content(
     part: Part,
-    record: Mapping[str, Any],
+    record: Document,
     order: OrderSpec,
     digest: str,
     laboratory: Laboratory | None,
-) -> dict[str, Any]:
+) -> Document:
     # Return what both forms of a certificate say.
     from stepblocks import __version__
 
@@ -98,7 +98,7 @@ def _collect_content(
     }
 
 
-def _find_obstacle(one: Mapping[str, Any]) -> str:
+def _find_obstacle(one: Document) -> str:
     # Say why a value is not certified; empty where nothing stands against it.
     if not one["uncertainty_stated"]:
         return "measured, without a stated uncertainty"
@@ -110,7 +110,7 @@ def _find_obstacle(one: Mapping[str, Any]) -> str:
     return ""
 
 
-def _line(number: int, one: Mapping[str, Any]) -> dict[str, Any]:
+def _line(number: int, one: Document) -> Document:
     # Return one characteristic, every size as text in metres or radians.
     unit = one["unit"]
     low, high = one[f"interval_95_{unit}"]
@@ -152,7 +152,7 @@ def _write_decimal(size: float) -> str:
     return "0" if text in ("", "-0") else text
 
 
-def _write_pdf(path: Path, content: Mapping[str, Any]) -> None:
+def _write_pdf(path: Path, content: Document) -> None:
     # Write the certificate as A4 pages.
     from matplotlib.backends.backend_pdf import PdfPages
     from matplotlib.figure import Figure
@@ -182,7 +182,7 @@ def _write_pdf(path: Path, content: Mapping[str, Any]) -> None:
                 document.savefig(figure)
 
 
-def _write_row(one: Mapping[str, Any]) -> list[str]:
+def _write_row(one: Document) -> list[str]:
     factor, unit = (1e6, "um") if one["unit"] == "\\metre" else (57.29577951308232, "deg")
     ends = {side: f"{float(size) * factor:.7g}" for side, size in one["limits"]}
     limits = f"{ends.get('lower', '')} to {ends.get('upper', '')}".strip()
@@ -191,7 +191,7 @@ def _write_row(one: Mapping[str, Any]) -> list[str]:
     return [str(one["number"]), label, value, half, one["factor"], limits, unit, one["verdict"]]
 
 
-def _list_lines(content: Mapping[str, Any]) -> Iterator[str]:
+def _list_lines(content: Document) -> Iterator[str]:
     # Yield the text of a certificate, line by line.
     lab: Laboratory | None = content["laboratory"]
     yield f"{content['title']} {content['identity']}, material {content['material']}"

@@ -9,7 +9,6 @@ import math
 from base64 import b64decode
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +28,7 @@ from stepblocks.errors import MetrologyError
 from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import FORM, Characteristic as Wanted
 from stepblocks.parts.kind import NANOMETRE, Part
-from stepblocks.text_file import read_document
+from stepblocks.text_file import Document, read_document
 
 VOLUME_LIMIT = 1e-6  # volume against its closed form, relative
 _PIECES_LIMIT = 2e-3  # pieces of a body of revolution are polygons of 96 sides: 1 - sin(t)/t
@@ -259,7 +258,7 @@ def _check_npz(part: Part, path: Path) -> Iterator[Verdict]:
         yield Verdict(path.name, f"positions along {name}", 0.0, float(worst), NANOMETRE)
 
 
-def _read_sidecar(path: Path) -> dict[str, Any]:
+def _read_sidecar(path: Path) -> Document:
     # Read where the points of a height field lie
     try:
         side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
@@ -272,7 +271,7 @@ def _read_sidecar(path: Path) -> dict[str, Any]:
 
 
 def _check_field(
-    part: Part, path: Path, heights: NDArray[np.float64], side: dict[str, Any]
+    part: Part, path: Path, heights: NDArray[np.float64], side: Document
 ) -> Iterator[Verdict]:
     # Compare a height field with the closed form of the profile. The step is measured between the
     # outer thirds.

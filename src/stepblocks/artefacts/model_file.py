@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -19,7 +18,7 @@ from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, Floats
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.law import Active, Law, Parameter
-from stepblocks.text_file import read_document
+from stepblocks.text_file import Document, read_document
 
 WIDE = 1.959964  # standard deviations either side of a 95 % interval
 _FORMAT = "stepblocks-model-2"
@@ -162,7 +161,7 @@ def read_model(path: str | Path) -> LearnedModel:
         raise PipelineError(f"model is incomplete or damaged: {reason:.80} [{path}]") from error
 
 
-def _parse_model(document: Mapping[str, Any]) -> LearnedModel:
+def _parse_model(document: Document) -> LearnedModel:
     probe, start, scatter = document["probe"], document["start"], document["scatter"]
     ranges = TypeAdapter(tuple[CovariateRange, ...]).validate_python(document["covariates"])
     blocks = tuple(str(block) for block in document["blocks"])
@@ -188,7 +187,7 @@ def _parse_model(document: Mapping[str, Any]) -> LearnedModel:
     )
 
 
-def _parse_fit(name: str, part: Mapping[str, Any], laws: Mapping[str, Law]) -> LearnedFit:
+def _parse_fit(name: str, part: Document, laws: Mapping[str, Law]) -> LearnedFit:
     names = [str(n) for n in part["names"]]
     values = dict(
         zip(

@@ -23,6 +23,7 @@ from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
 from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import (
     FEATURE_COLUMNS,
+    Features,
     Measurement,
     average_tool,
     measure_censored,
@@ -79,7 +80,7 @@ class TrialResult:
     trial : Trial
     reason : str
         Why it is excluded or censored; empty where it was measured whole.
-    features : dict[str, Any]
+    features : Features
         Empty where it is excluded.
     digest : int
         Two traces share it only if they have the same samples.
@@ -87,7 +88,7 @@ class TrialResult:
 
     trial: Trial
     reason: str = ""
-    features: dict[str, Any] = field(default_factory=dict)
+    features: Features = field(default_factory=dict)
     digest: int = 0
 
     @property

@@ -9,11 +9,10 @@ import platform
 from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import stepblocks
 from stepblocks.atomic import replace_text, resolve_inside
-from stepblocks.text_file import measure_plain_file
+from stepblocks.text_file import Document, measure_plain_file
 
 MANIFEST = "manifest.json"  # in the output folder
 RECORD = "record.json"  # in the folder of each stimulus
@@ -78,7 +77,7 @@ def _list_libraries() -> dict[str, str]:
     return found
 
 
-def describe_environment() -> dict[str, Any]:
+def describe_environment() -> dict[str, object]:
     """Describe Python, platform, C library and libraries of this process.
 
     The C library matters: its sine has last bits of its own.
@@ -97,7 +96,7 @@ def _compute_seal(content: Mapping[str, object]) -> str:
     return hash_bytes(json.dumps(content, sort_keys=True).encode())
 
 
-def load_json(path: Path) -> dict[str, Any]:
+def load_json(path: Path) -> Document:
     """Read a JSON object that this program wrote; empty for anything else."""
     try:
         content = (
@@ -117,7 +116,7 @@ def list_outputs(record: Mapping[str, object]) -> dict[str, str]:
     return outputs if isinstance(outputs, dict) else {}
 
 
-def load_record(folder: Path) -> dict[str, Any]:
+def load_record(folder: Path) -> Document:
     """Read the record of a stimulus; empty where it was not made or is not whole."""
     record = load_json(folder / RECORD)
     return record if list_outputs(record) else {}

@@ -6,19 +6,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepblocks.atomic import replace_text
 from stepblocks.build.manifest import RECORD, find_linked_files
-from stepblocks.contact import kernels
+from stepblocks.contact import Array, kernels
 from stepblocks.contact.energy import Status
 from stepblocks.page_file import render_page
 from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import Prediction, tabulate_prediction
 from stepblocks.quantities import format_span
+from stepblocks.text_file import Document
 
 # colours of the view
 _MATERIALS = {"brass": "#d8b44e", "pmma": "#bfe3ee", "zirconia": "#f1ead8", "stainless": "#bcc6ce"}
@@ -67,7 +66,7 @@ class Section:
 
     stimuli: StimulusSet
     predictions: Sequence[Prediction]
-    records: Mapping[str, Mapping[str, Any]]  # by stimulus, of those that were made
+    records: Mapping[str, Document]  # by stimulus, of those that were made
     files: Sequence[str] = ()  # of the whole set
 
 
@@ -106,9 +105,7 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     return [script, page]
 
 
-def _describe_section(
-    section: Section, links: Mapping[str, Sequence[Sequence[str]]]
-) -> dict[str, Any]:
+def _describe_section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> Document:
     stimuli = section.stimuli
     materials = {part.id: part.material for part in stimuli.stimuli}
     rows = []
@@ -171,10 +168,10 @@ def _draw_figure(stimuli: StimulusSet) -> str | None:
     top = min(1.25 * marks[-1], radius)
     curve = np.linspace(0.002 * top, top, 300)
 
-    traces: list[dict[str, Any]] = []
+    traces: list[Document] = []
     shapes = []
 
-    def draw(y: Callable[[Any], Any], least: float, name: str, colour: str, axis: str) -> None:
+    def draw(y: Callable[[Array], Array], least: float, name: str, colour: str, axis: str) -> None:
         """Draw a curve up to a height, and mark the blocks on it."""
         for heights, kind in ((curve, "lines"), (marks, "markers")):
             x = heights[heights <= least]
@@ -197,11 +194,12 @@ def _draw_figure(stimuli: StimulusSet) -> str | None:
                 trace["hovertemplate"] = "%{text}: %{y:.4g}<extra></extra>"
             traces.append(trace)
 
-    def energy(heights: NDArray[np.float64], friction: float) -> Any:
+    def energy(heights: Array, friction: float) -> Array:
         force = kernels.compute_pull_force(
             load, kernels.compute_angle_on_step(heights, radius), friction
         )
-        return 1e6 * tool.conversion * kernels.compute_stored_energy(force, tool.stiffness)
+        energies: Array = kernels.compute_stored_energy(force, tool.stiffness)
+        return 1e6 * tool.conversion * energies
 
     draw(
         lambda heights: np.degrees(kernels.compute_angle_on_step(heights, radius)),

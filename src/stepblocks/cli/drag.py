@@ -1,14 +1,14 @@
 """``stepblocks drag``: a tip over a step or a profile, in time."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from stepblocks.cli.command import command
 from stepblocks.cli.options import Stimuli, given, quantity, quantity_option, refuse_both
 from stepblocks.cli.outcome import Outcome
+from stepblocks.text_file import Document
 
 app = typer.Typer()
 
@@ -235,7 +235,7 @@ def drag(
     return Outcome(summary, notes=notes, record=done.summary)
 
 
-def _describe_drag(summary: Mapping[str, Any]) -> list[str]:
+def _describe_drag(summary: Document) -> list[str]:
     # Say under which conditions was dragged, and what came out
     from stepblocks.quantities import format_quantity
 

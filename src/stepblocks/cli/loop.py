@@ -1,15 +1,15 @@
 """``stepblocks loop``: find what the model lacks for a measured session."""
 
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import AsBuilt, Jobs, Quiet
+from stepblocks.cli.options import AsBuilt, Jobs, Quiet, given
 from stepblocks.cli.outcome import Outcome, make_progress
+from stepblocks.text_file import Document
 
 app = typer.Typer()
 
@@ -50,12 +50,12 @@ def loop(
     from stepblocks.loop.several import loop_sessions
     from stepblocks.quantities import format_units
 
-    options: dict[str, Any] = {
-        "jobs": jobs,
-        "forces_only": forces_only,
-        "as_built": as_built or [],
-        "progress": make_progress("measured trials", quiet=quiet),
-    }
+    options = given(
+        jobs=jobs,
+        forces_only=forces_only,
+        as_built=as_built or [],
+        progress=make_progress("measured trials", quiet=quiet),
+    )
     if len(session) > 1:
         return _summarise_hierarchy(loop_sessions(session, output, **options))
     result = loop_session(session[0], output, **options)
@@ -73,7 +73,7 @@ def loop(
     )
 
 
-def _summarise_hierarchy(document: Mapping[str, Any]) -> Outcome:
+def _summarise_hierarchy(document: Document) -> Outcome:
     # Tabulate the parameters that several sessions share, and say each one's verdict
     rows = [
         {

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface, Profile
@@ -26,6 +26,7 @@ from stepblocks.drag.simulate import DragEvent, DragTrace
 from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.tables import write_table
+from stepblocks.text_file import Document
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -161,11 +162,11 @@ class Drag:
         return axes
 
     @cached_property
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Document:
         """What ``drag.json`` says of the release that was asked about, units in the names."""
         trace, ring, by = self.trace, self.ring, self.formula
         others = self.events[self.events.belongs_to != "feature"]
-        summary: dict[str, Any] = {
+        summary: Document = {
             "subject": self.title,
             "status": str(trace.status),
             "ledger_j": trace.ledger,

@@ -1,11 +1,10 @@
 """The finding in one sentence, as a terminal, a report and result.json open with it."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
+from stepblocks.text_file import Document
 
 # a factor and a unit that people read, by the unit that a parameter has; beyond the limit the plain
 # one
@@ -46,7 +45,7 @@ def format_value(value: float, unit: str) -> str:
     return f"{value * factor:.3g} {shown}".rstrip()
 
 
-def write_sentence(found: Explanation, document: Mapping[str, Any]) -> str:
+def write_sentence(found: Explanation, document: Document) -> str:
     """Say what was found, how large, how far the error fell, and what noise leaves."""
     errors = _format_errors(document)
     if found.verdict is Verdict.NONE:
@@ -82,7 +81,7 @@ def write_sentence(found: Explanation, document: Mapping[str, Any]) -> str:
     return text[0].upper() + text[1:]
 
 
-def _format_errors(document: Mapping[str, Any]) -> dict[str, str]:
+def _format_errors(document: Document) -> dict[str, str]:
     extended = document["extended"]["error"]
     figures = {
         "before": document["nominal"]["error"]["ln_energy_rms"],
@@ -98,7 +97,7 @@ def _format_errors(document: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _describe_finding(finding: Finding, entry: Mapping[str, Any]) -> str:
+def _describe_finding(finding: Finding, entry: Document) -> str:
     law = finding.effect
     name = "" if finding.verdict is Verdict.UNEXPLAINED else law.said
     if not name:

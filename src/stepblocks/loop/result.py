@@ -6,7 +6,6 @@ The verdict, what it rests on, and what to measure next.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
-from typing import Any
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from stepblocks.loop.search.holdout import Holdout
 from stepblocks.loop.search.noise import compute_flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 from stepblocks.loop.settings import MOST_SETTINGS, SHOWN, build_grid
+from stepblocks.text_file import Document
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
 # constants that people know by another name and unit
@@ -65,7 +65,7 @@ class LoopResult:
         Errors on trials held out within blocks.
     between : Holdout
         Errors on blocks held out.
-    document : dict[str, Any]
+    document : Document
         Contents of result.json.
     model : LearnedModel
         Contents of model.json.
@@ -76,7 +76,7 @@ class LoopResult:
     found: Explanation
     within: Holdout
     between: Holdout
-    document: dict[str, Any]
+    document: Document
     model: LearnedModel
 
     @property
@@ -126,7 +126,7 @@ def build_document(
     holdouts: tuple[Holdout, Holdout],
     scans: Scans,
     rules: Rules,
-) -> dict[str, Any]:
+) -> Document:
     """Return the contents of result.json; units stand in keys or beside the values."""
     adequacy = _describe_adequacy(table, found, rules)
     floor = _estimate_noise_floor(table, adequacy)
@@ -319,7 +319,7 @@ def _describe_errors(
     return errors | {"noise_floor": dict(zip(names, floor, strict=True))}
 
 
-def _estimate_noise_floor(table: SessionTable, adequacy: Mapping[str, Any]) -> list[float]:
+def _estimate_noise_floor(table: SessionTable, adequacy: Document) -> list[float]:
     # Scatter about a regression that trusts no model. Replicates may scatter less than that can
     # follow.
     residual, dof = compute_flexible_residual(table.trials)
@@ -331,7 +331,7 @@ def _estimate_noise_floor(table: SessionTable, adequacy: Mapping[str, Any]) -> l
     return [float(value) for value in np.fmin(floor, replicates)]
 
 
-def _describe_adequacy(table: SessionTable, found: Explanation, rules: Rules) -> dict[str, Any]:
+def _describe_adequacy(table: SessionTable, found: Explanation, rules: Rules) -> Document:
     trials = table.trials
     cells = table.model.cells(trials)
     tests = {}
@@ -442,7 +442,7 @@ def propose_experiment(found: Explanation) -> dict[str, object] | None:
     return document
 
 
-def write_block_stimulus(experiment: Mapping[str, Any] | None) -> str | None:
+def write_block_stimulus(experiment: Document | None) -> str | None:
     """Stimulus file of the block that an experiment asks for, as `stepblocks build` reads it.
 
     None where it asks none.

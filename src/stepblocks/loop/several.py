@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -18,13 +17,12 @@ from stepblocks.errors import PipelineError
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.run import loop_session
 from stepblocks.loop.search.fit import fit
+from stepblocks.text_file import Document
 
 _LEVEL = 0.975  # quantile of a 95 % interval
 
 
-def pool_parameter(
-    name: str, unit: str, sessions: Mapping[str, tuple[float, float]]
-) -> dict[str, Any]:
+def pool_parameter(name: str, unit: str, sessions: Mapping[str, tuple[float, float]]) -> Document:
     """Pool one parameter by its value and standard error in each session that has it.
 
     As sessions.json shows it.
@@ -75,7 +73,7 @@ def pool_parameter(
 
 def fit_hierarchy(
     results: Mapping[str, LoopResult],
-) -> tuple[dict[str, dict[str, Any]], LearnedModel]:
+) -> tuple[dict[str, Document], LearnedModel]:
     """Fit the hierarchy of some sessions by name.
 
     Beside it the model that predicts the next one.
@@ -114,7 +112,7 @@ def loop_sessions(
     forces_only: bool = False,
     as_built: Sequence[str | Path] = (),
     progress: Callable[[int, int], None] | None = None,
-) -> dict[str, Any]:
+) -> Document:
     """Explain every session in a folder of its own, and all of them in one hierarchy.
 
     Parameters
@@ -144,7 +142,7 @@ def loop_sessions(
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PipelineError(f"sessions must have names of their own, got {twice[0]!r} twice")
     output = Path(output)
-    given: dict[str, Any] = {
+    given: Document = {
         "jobs": jobs,
         "forces_only": forces_only,
         "as_built": as_built,

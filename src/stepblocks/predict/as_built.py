@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 from stepblocks.artefacts.as_built import AsBuilt
 from stepblocks.contact.counterface import find_scanned_angle
@@ -89,8 +88,7 @@ def _shift_interval(interval: Interval, release: Release) -> Interval:
         name: getattr(interval, name) * found[kind] / getattr(interval, kind)
         for name, kind in names
     }
-    changes: dict[str, Any] = {"status": release.status, **found, **limits}
-    return replace(interval, **changes)
+    return replace(interval, status=release.status, **(found | limits))
 
 
 def format_surface_columns(release: Release | None) -> dict[str, str]:

@@ -44,13 +44,13 @@ STATE = np.dtype(
 
 
 @numba.njit(cache=True, inline="always")
-def _compute_height(x: float, piece: int, path: Records) -> Any:
+def _compute_height(x: float, piece: int, path: Records) -> float:
     x0, z0 = path.x[piece], path.z[piece]
     return z0 + (path.z[piece + 1] - z0) * (x - x0) / (path.x[piece + 1] - x0)
 
 
 @numba.njit(cache=True, inline="always")
-def _compute_slope(x: float, piece: int, path: Records) -> Any:
+def _compute_slope(x: float, piece: int, path: Records) -> float:
     share = (x - path.x[piece]) / (path.x[piece + 1] - path.x[piece])
     return path.first[piece] + share * (path.last[piece] - path.first[piece])
 
@@ -58,7 +58,7 @@ def _compute_slope(x: float, piece: int, path: Records) -> Any:
 @numba.njit(cache=True, inline="always")
 def _compute_drive(
     direction: float, x: float, z: float, slope: float, hand: Hand, setting: Records
-) -> Any:
+) -> float:
     # Force left to move the proxy, times the cosine of the slope; above 0 it slides
     pull, down = direction * setting.stiffness * (hand[0] - x), setting.wall * (z - hand[1])
     rise = direction * slope
@@ -68,7 +68,7 @@ def _compute_drive(
 @numba.njit(cache=True)
 def _is_sliding(
     direction: float, x: float, piece: int, hand: Hand, setting: Records, path: Records
-) -> Any:
+) -> bool:
     return (
         _compute_drive(
             direction,
@@ -85,7 +85,7 @@ def _is_sliding(
 @numba.njit(cache=True)
 def _slide(
     direction: float, x: float, piece: int, hand: Hand, setting: Records, path: Records
-) -> Any:
+) -> tuple[float, int]:
     # Move the proxy along the path until friction holds it
     ahead = direction > 0.0
     while _is_sliding(direction, x, piece, hand, setting, path):
@@ -108,7 +108,7 @@ def _slide(
 
 
 @numba.njit(cache=True)
-def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> Any:
+def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> tuple[float, int, bool]:
     # Walk from a free proxy at (x, z) straight to the hand, to where the path is met, if it is
     hand_x, hand_z = hand
     span = hand_x - x
@@ -132,7 +132,7 @@ def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> Any:
 
 
 @numba.njit(cache=True)
-def _is_pressed(x: float, piece: int, hand: Hand, setting: Records, path: Records) -> Any:
+def _is_pressed(x: float, piece: int, hand: Hand, setting: Records, path: Records) -> bool:
     # Whether the hand presses the proxy on either side of where it is
     ahead = behind = _compute_slope(x, piece, path)
     if x == path.x[piece]:

@@ -39,6 +39,8 @@ Texts = Sequence[tuple[str, ...]]
 LARGEST_ESTIMATE = 10_000.0  # um; the same for every study, so that it reveals no height
 RATINGS = (1, 7)  # lowest and highest
 
+Fields = dict[str, Any]  # of a `StudyResult`, by name
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -75,7 +77,7 @@ class Experiment:
     factors: Mapping[str, Sequence[str]]
     read: Callable[[Row, Row, tuple[int, int]], dict[str, float]]
     simulate: Callable[[Table, Observer, np.random.Generator], Texts]
-    analyse: Callable[[Table, float], dict[str, Any]]
+    analyse: Callable[[Table, float], Fields]
     takes: tuple[str, ...] = ("factors",)
     paired: bool = False
 
@@ -147,7 +149,7 @@ def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Ge
     ]
 
 
-def _analyse_estimates(frame: Table, margin: float) -> dict[str, Any]:
+def _analyse_estimates(frame: Table, margin: float) -> Fields:
     if frame["condition"].nunique() < 2:
         raise StudyError("errors of estimates are compared between conditions; this study has one")
     found, lacking = [], list[str]()
@@ -191,7 +193,7 @@ def _simulate_comparisons(
     return answers
 
 
-def _analyse_comparisons(frame: Table, margin: float) -> dict[str, Any]:
+def _analyse_comparisons(frame: Table, margin: float) -> Fields:
     import pandas as pd
 
     require(
@@ -306,7 +308,7 @@ def fit_power_law(
     return PowerLaw(mean, mean - reach, mean + reach, tuple(found), condition)
 
 
-def _analyse_magnitudes(frame: Table, margin: float) -> dict[str, Any]:
+def _analyse_magnitudes(frame: Table, margin: float) -> Fields:
     import pandas as pd
 
     laws = [

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -211,7 +210,7 @@ def compute_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
     return term.p
 
 
-def simulate_frame(plan: SimulatedStudy, seed: int) -> Any:
+def simulate_frame(plan: SimulatedStudy, seed: int) -> Table:
     """Simulate one study to its tidy table."""
     import pandas as pd
 

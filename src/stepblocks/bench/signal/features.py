@@ -39,6 +39,7 @@ from stepblocks.bench.signal.regimes import (
 from stepblocks.bench.signal.ring import Ring, guess_ring
 from stepblocks.bench.signal.separable import fit_with_covariance, propagate_std
 
+Features = dict[str, Any]  # one value for each of `FEATURE_COLUMNS`, a number or a word
 LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
 VIBRATION_BAND = (
     250.0,
@@ -223,7 +224,7 @@ class Loading:
     saw: Saw | None = None
 
     @property
-    def features(self) -> dict[str, Any]:
+    def features(self) -> Features:
         """What can be said of `FEATURE_COLUMNS`."""
         return _compute_figures(_OF_LOADING, self)
 
@@ -266,7 +267,7 @@ class Measurement(Loading):
     noise: float
 
     @cached_property
-    def features(self) -> dict[str, Any]:
+    def features(self) -> Features:
         """One value for each of `FEATURE_COLUMNS`.
 
         Not-a-number where the trace does not show it.
@@ -301,7 +302,7 @@ _Figures = dict[
 ]  # columns, and what stands in them
 
 
-def _compute_figures(of: _Figures, seen: Loading) -> dict[str, Any]:
+def _compute_figures(of: _Figures, seen: Loading) -> Features:
     return {
         name: value
         for names, told in of.items()
@@ -399,9 +400,7 @@ def measure_trace(
     )
 
 
-def measure_censored(
-    trace: Trace, spring_constant: float, speed: float, reason: str
-) -> dict[str, Any]:
+def measure_censored(trace: Trace, spring_constant: float, speed: float, reason: str) -> Features:
     """Say what a record shows whose gauge saturated or whose tip never slipped.
 
     Its peak force is a lower bound.

@@ -8,7 +8,6 @@ import struct
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -36,7 +35,7 @@ class Variables:
     path: Path
     places: dict[str, tuple[int, int]]
 
-    def load(self, names: tuple[str, ...]) -> Any:
+    def load(self, names: tuple[str, ...]) -> object:
         """Read the first of `names` that is there."""
         from scipy.io import loadmat
 
@@ -64,7 +63,7 @@ def _extract_variable(path: Path, place: int, length: int) -> io.BytesIO:
         return io.BytesIO(header + file.read(length))
 
 
-def open_mat(path: Path, layout: object) -> AbstractContextManager[Any]:
+def open_mat(path: Path, layout: object) -> AbstractContextManager[object]:
     """Open a file of any version."""
     with path.open("rb") as file:
         head = file.read(8)
@@ -73,7 +72,7 @@ def open_mat(path: Path, layout: object) -> AbstractContextManager[Any]:
     return open_hdf5(path, layout) if is_hdf5 else nullcontext(index_variables(path))
 
 
-def find_mat_group(file: object, place: Place) -> Any:
+def find_mat_group(file: object, place: Place) -> object:
     """Find the struct or the matrix of one trial; a file of its own is the group itself."""
     if not isinstance(file, Variables):
         return find_hdf5_group(file, place)
@@ -81,7 +80,7 @@ def find_mat_group(file: object, place: Place) -> Any:
     return value if isinstance(value, dict | Variables) else np.asarray(value)
 
 
-def read_mat_column(group: object, name: str | int) -> Any:
+def read_mat_column(group: object, name: str | int) -> object:
     """Read one channel."""
     if isinstance(group, Variables):
         return group.load((str(name),))

@@ -4,14 +4,15 @@ Nothing is checked here, see `stepblocks.contact.path.profile`.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+from stepblocks.contact import Array
 
 # The surface is a row of elements, segments from (x0, z0) to (x1, z1) in order of x; a lone sample
 # is one of no length
-Array = Any
 _CHUNK = 512
 _JUMP = 1e6  # slope of 89.99994 deg
 _SAME = 1e-6  # share by which slopes may differ along one line, from the rounding of its points
@@ -49,7 +50,9 @@ def find_best_contact(
 
 
 @njit(cache=True)
-def dilate_profile(positions: Array, elements: Array, radius: float) -> tuple[Array, Array, Array]:
+def dilate_profile(
+    positions: Array, elements: Array, radius: float
+) -> tuple[Array, Array, NDArray[np.int64]]:
     """Height of the tip, contact position and element at each of the increasing `positions`."""
     n = positions.size
     height, contact, which = np.empty(n), np.empty(n), np.empty(n, np.int64)

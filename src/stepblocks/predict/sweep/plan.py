@@ -5,7 +5,6 @@ import json
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.predict.predictions import find_half_width, find_zone_middle
 from stepblocks.quantities import parse_quantity
-from stepblocks.text_file import read_document
+from stepblocks.text_file import Document, read_document
 
 # dimensions of a counterface, and the parameters of a sweep that stand for them
 SURFACES: dict[str, dict[str, str]] = {
@@ -86,7 +85,7 @@ class SweepPlan:
     spreads: dict[str, float]  # by name: standard uncertainty of a draw [SI]
     shares: dict[str, float]  # by name: standard uncertainty of a draw as a share of the value [1]
     stimuli: list[
-        dict[str, Any]
+        Document
     ]  # of a set that the sweep goes over, see `axes.stimuli_of`; empty without a set
     limits: dict[str, float]  # tangential forces beyond which a tip does not slip, by name [N]
 
@@ -130,7 +129,7 @@ def load_sweep(path: Path) -> SweepPlan:
     return plan
 
 
-def _resolve_plan(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> SweepPlan:
+def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> SweepPlan:
     # Read all that can be read, noting what is wrong on the way
     mistakes += find_unknown_names(data, ("sweep", "parameters", "draws"))
     head, parameters, draws = (
@@ -146,7 +145,7 @@ def _resolve_plan(data: dict[str, Any], folder: Path, mistakes: list[Mistake]) -
             )
             chosen[name] = known[0]
     kind, mode, surface = (str(chosen[name]) for name in _CHOICES)
-    stimuli: list[dict[str, Any]] = []
+    stimuli: list[Document] = []
     declared: dict[str, list[float]] = {}
     spreads: dict[str, float] = {}
     shares: dict[str, float] = {}
@@ -311,7 +310,7 @@ def _read_count(name: str, given: object, place: str, most: int = _MOST_ROWS) ->
     return given
 
 
-def _read_section(data: dict[str, Any], name: str) -> dict[str, Any]:
+def _read_section(data: Document, name: str) -> Document:
     table = data.get(name, {})
     if not isinstance(table, dict):
         raise PipelineError(f"{name} must be a table, got {table!r}")
@@ -320,7 +319,7 @@ def _read_section(data: dict[str, Any], name: str) -> dict[str, Any]:
 
 def read_sweep_stimuli(
     path: Path, wanted: object, tolerances: bool
-) -> tuple[str, list[dict[str, Any]], PredictionGrid]:
+) -> tuple[str, list[Document], PredictionGrid]:
     """Read the stimuli that a sweep goes over."""
     declared = load_set(path)
     known = {part.id: part for part in declared.stimuli}
@@ -378,7 +377,7 @@ def _find_surface(part: Part) -> str:
     )
 
 
-def _read_axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> dict[str, Any]:
+def _read_axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> Document:
     named = {columns[name]: part.sizes[name] for name in columns if name in part.sizes}
     values = {
         name: find_zone_middle(one) if tolerances else one.nominal for name, one in named.items()

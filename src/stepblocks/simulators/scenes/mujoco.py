@@ -3,7 +3,6 @@
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from stepblocks.artefacts.heightfield import sample_relief
 from stepblocks.contact.energy import Status
 from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
+from stepblocks.text_file import Document
 
 # pieces that come closer to the drag line than this many radii of the ball collide, the others are
 # seen
@@ -19,7 +19,7 @@ _BASE = 100e-6  # thickness under a height field, unscaled [m]
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    common: dict[str, Any] = {
+    common: Document = {
         "name": scene.stimulus.id,
         "blocks": [_describe_block(scene)],
         "near": _is_near_drag_line,
@@ -56,7 +56,7 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
         + 2.0 * scenes[0].ball_radius
     )
     clip = scenes[0].ball_radius / (len(scenes) * wide)  # nearer to a camera nothing is drawn
-    common: dict[str, Any] = {"reach": reach, "clip": clip}
+    common: Document = {"reach": reach, "clip": clip}
     write_from_template(
         folder / "scene.xml",
         name=folder.parent.name,
