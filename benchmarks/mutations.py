@@ -83,7 +83,16 @@ MEMORY = 6 * 2**30  # B, of one run of tests
 SLOW = 30.0  # s; slower tests are left out of the runs of mutants
 OUTCOMES = {0: "passed", 5: "passed"}  # 5: no test is left after those that are slow
 PRELOADED = ("numpy", "scipy.optimize", "scipy.stats", "scipy.signal", "scipy.interpolate")
-PRELOADED += ("pandas", "numba", "pydantic", "matplotlib.figure", "typer", "lxml.etree", "jinja2")
+PRELOADED += (
+    "hypothesis",
+    "pandas",
+    "numba",
+    "pydantic",
+    "matplotlib.figure",
+    "typer",
+    "lxml.etree",
+    "jinja2",
+)
 
 
 @dataclass(frozen=True)

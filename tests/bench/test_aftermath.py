@@ -17,7 +17,8 @@ from stepblocks.bench.signal.aftermath import (
     measure_sympathetic_force,
 )
 from stepblocks.bench.signal.approach import find_landmarks, fit_approach
-from stepblocks.bench.signal.ring import RubbingRing, compute_rubbing_force
+from stepblocks.bench.signal.features import _find_corner_of_fall
+from stepblocks.bench.signal.ring import RubbingRing, _rubbing_kernel, compute_rubbing_force
 
 COURSE = Course()
 TIME = COURSE.clock()
@@ -142,3 +143,27 @@ def test_a_normal_force_at_rest_has_no_sympathetic_ring():
         TIME, COURSE.load + noise(TIME.size, seed=1), approach, after
     )
     assert size < 4.0 * std
+
+
+def test_the_kernel_of_a_rubbing_ring_gives_compiled_what_it_gives_as_python():
+    # and as Python it reads and writes no sample behind the last one
+    time = TIME[:400]
+    arguments = (time, (0.12, GAP), (270.0, 28e-3), (1.6, -50.0), 98.1)
+    force = compute_rubbing_force(time, 0.12, GAP, (270.0, 28e-3), (1.6, -50.0), 98.1)
+    np.testing.assert_allclose(_rubbing_kernel(*arguments), force, rtol=1e-9)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])
+def test_the_corner_before_a_tip_that_rubs_lies_between_two_samples(shift):
+    # a ramp that a parabola leaves at the release: c - a t - b t^2 about the line through it
+    release, peak = RUBBING.release + shift * 1e-4, RUBBING.peak + RUBBING.slope * shift * 1e-4
+    force = rubbed(TIME)
+    since = TIME - release
+    fall = peak - 900.0 * since - 2e4 * since**2
+    force = np.where(since < 0.0, peak + RUBBING.slope * since, np.maximum(fall, force))
+    force[RUBBING.onset > TIME] = RUBBING.level
+    marks = find_landmarks(TIME, force)
+    approach = fit_approach(TIME, force, marks, None)
+    found = _find_corner_of_fall(TIME, force, marks, approach)
+    assert found.time == pytest.approx(release, abs=2e-6)
+    assert found.force == pytest.approx(peak, abs=1e-3)

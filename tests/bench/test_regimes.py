@@ -5,8 +5,9 @@ import pytest
 
 from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.signal import Trace
+from stepblocks.bench.signal.approach import find_landmarks
 from stepblocks.bench.signal.features import measure_trace
-from stepblocks.bench.signal.regimes import Motion, find_first_swing
+from stepblocks.bench.signal.regimes import Motion, find_first_swing, find_saw
 
 K, TOOL = 9810.0, (300.0, 1.0 / (0.025 * 2.0 * np.pi * 300.0))
 
@@ -124,3 +125,19 @@ def test_what_the_gauges_read_before_the_tip_is_set_down_is_their_zero():
         assert features[f"{gauge}_zero_n"] == pytest.approx(zero, abs=4.0 * std)
         assert std < 2e-3
     assert np.isnan(made({}, 40e-6, 0.8, 5e-3)[0].features["normal_zero_n"])
+
+
+@pytest.mark.parametrize("teeth", [4, 16])
+def test_the_amplitude_of_a_saw_is_known_by_noise_over_the_root_of_its_teeth(teeth):
+    # tops and bottoms alike but for white noise; their difference has the noise of both
+    noise, rate, slope = 2e-3, 20e3, 4.0
+    tooth = np.interp(np.arange(520) / 520.0, [0.0, 500.0 / 520.0, 1.0], [0.2, 0.3, 0.2])
+    climb = np.minimum(0.2 + slope * np.arange(5000) / rate, 1.2)
+    since = np.arange(3000) / rate
+    ring = 0.25 + 0.95 * np.exp(-since / 20e-3) * np.cos(2.0 * np.pi * 300.0 * since)
+    force = np.concatenate([np.full(2000, 0.2), np.tile(tooth, teeth), climb, ring])
+    force += noise * np.random.default_rng(4).standard_normal(force.size)
+    time = np.arange(force.size) / rate
+    saw = find_saw(time, force, find_landmarks(time, force), (300.0, 20e-3), 9.81e3)
+    assert saw.amplitude[0] == pytest.approx(0.1, abs=4e-3)
+    assert 0.3 < saw.amplitude[1] / (noise * np.sqrt(2.0 / teeth)) < 2.0

@@ -158,3 +158,11 @@ def test_the_misfit_of_white_noise_is_a_few_standard_errors_and_grows_with_a_wro
         4.0 / math.sqrt(2.0 / 80.0), rel=0.3
     )
     assert compute_misfit(noise, 10, 80, 0.0) == math.inf
+
+
+def test_a_residual_twice_the_noise_misses_by_its_chi_square():
+    # n - p degrees of freedom: (chi^2 / f - 1) over the standard deviation sqrt(2 / f)
+    residuals = np.full(100, 6e-3)
+    freedom = 100 - 10
+    expected = (100 * 4.0 / freedom - 1.0) / math.sqrt(2.0 / freedom)
+    assert compute_misfit(residuals, 10, 20, 3e-3) == pytest.approx(expected, rel=1e-12)

@@ -183,3 +183,13 @@ def test_numbers_and_arrays_of_one_are_answered_alike_and_in_the_shape_asked_for
         for name, value in (("gap", gap), ("opening", opening), ("rise", rise)):
             many = Margin(gap, opening, rise).angles(131e-6, **{name: np.array([value, value])})
             assert [angle.tolist() for angle in many] == [[angle] * 2 for angle in alone]
+
+
+def test_a_softened_spring_hardens_back_to_its_force():
+    # the root of u + c u^3 = F by Viete, put back in
+    force = np.array([0.02, 0.4, 3.1, 40.0])[:, None]
+    cubic = np.array([1e-7, 3e-3, 0.7, 11.0])
+    spring = kernels.compute_softened_force(force, cubic)
+    np.testing.assert_allclose(
+        spring + cubic * spring**3, np.broadcast_to(force, (4, 4)), rtol=1e-9
+    )

@@ -242,3 +242,30 @@ def test_height_and_critical_angle_are_inverse(height):
     assert compute_height_at_angle(compute_angle_on_step(height, 120e-6), 120e-6) == pytest.approx(
         height, rel=1e-12
     )
+
+
+def test_the_damper_takes_its_share_of_the_pull_in_proportion_to_the_speed(design):
+    # while the tip is held the handle moves on at v: the damper 2 k / (omega^2 T) pulls c v
+    state = build_nominal_state(design, _VALUES | {"damper_share": 0.7})
+    omega = 2.0 * math.pi * 290.0
+    damper = 2.0 * 9500.0 / (omega**2 * 0.021)
+    assert state.climb_drag == pytest.approx(-0.7 * damper * np.array([2e-3, 5e-3, 10e-3, 20e-3]))
+
+
+def test_a_release_in_motion_knows_no_unit_of_length_and_none_of_force(design):
+    # lengths and speeds times a, forces times b, so stiffness times b / a
+    def move(a, b):
+        state = build_nominal_state(design, _VALUES)
+        state = state.changed(
+            height=state.height * a,
+            radius=state.radius * a,
+            speed=state.speed * a,
+            load=state.load * b,
+            stiffness=state.stiffness * b / a,
+        )
+        return _law("real_release").apply(state, None, {"weight": 1.0})
+
+    one, other = move(1.0, 1.0), move(1.3, 1.7)
+    assert one.climb_load.max() > 1e-3
+    assert other.climb_load == pytest.approx(one.climb_load * 1.7, rel=1e-6)
+    assert other.conversion == pytest.approx(one.conversion, rel=1e-6)

@@ -22,7 +22,7 @@ from stepblocks.drag.ring import (
     compute_phase_spectrum,
     measure_ring,
 )
-from stepblocks.drag.simulate import simulate_drag
+from stepblocks.drag.simulate import _find_time_step, simulate_drag
 from stepblocks.drag.track import build_profile_track, build_step_track
 from stepblocks.errors import ContactError
 
@@ -429,3 +429,31 @@ def test_a_hard_spring_leaves_the_peak_where_it_is_stores_less_and_keeps_the_led
         rates.append(np.polyfit(time[ramp], [trace.probe.stretch(f) for f in force[ramp]], 1)[0])
     assert rates[1] == pytest.approx(rates[0], rel=5e-3)
     assert rates[1] == pytest.approx(10e-3, rel=0.03)
+
+
+@pytest.mark.parametrize("factor", [0.04, 30.0])
+def test_the_time_step_knows_no_unit_of_force(factor):
+    # loads, stiffnesses and masses times a factor: every period stays
+    def step(f):
+        probe = replace(
+            PAPER_DRAG,
+            stiffness=PAPER_DRAG.stiffness * f,
+            mass=PAPER_DRAG.mass * f,
+            contact_stiffness=PAPER_DRAG.contact_stiffness * f,
+        )
+        return _find_time_step(probe, DragSettings(0.7 * f, 0.15), 90.0 * f)
+
+    (one, grip), (other, more) = step(1.0), step(factor)
+    assert other == pytest.approx(one, rel=1e-9)
+    assert more == pytest.approx(factor * grip, rel=1e-9)
+
+
+def test_while_it_slides_the_tool_pulls_the_friction_of_the_tip_and_that_of_the_tissue():
+    settings = DragSettings(1.2, 0.2, tissue_friction=0.3)
+    assert settings.sliding_force == pytest.approx(1.2 * 0.2 + 0.3, rel=1e-12)
+
+
+def test_a_sprung_carrier_must_have_a_mass_and_a_rigid_one_need_not():
+    with pytest.raises(ContactError, match="carrier_mass must be positive"):
+        replace(PAPER_DRAG, normal_stiffness=9.81e3, carrier_mass=0.0)
+    assert replace(PAPER_DRAG, normal_stiffness=0.0, carrier_mass=0.0).carrier_mass == 0.0

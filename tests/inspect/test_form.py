@@ -210,3 +210,13 @@ def test_a_profile_without_a_gap_is_refused():
     x, z = margin(1, 80e-6, 0.0)
     with pytest.raises(MetrologyError, match="gap"):
         fit_margin(x, np.where(x < 0.0, 0.0, 10e-6) + 0.0 * z)
+
+
+def test_the_radius_of_a_circle_is_found_on_a_profile_of_it():
+    x = np.linspace(-60e-6, 60e-6, 1201)
+    z = np.sqrt((125e-6) ** 2 - (x - 3e-6) ** 2) - 125e-6
+    noise = np.random.default_rng(7).normal(0.0, 2e-9, x.size)
+    cap = fit_cap(Profile(x, z + noise), 120e-6)
+    assert cap.radius.value == pytest.approx(125e-6, abs=5.0 * cap.radius.std)
+    assert cap.radius.std < 0.1e-6
+    assert cap.points > 300

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge
-from stepblocks.inspect.levelling import fit_two_planes, remove_spikes
+from stepblocks.inspect.levelling import (
+    Fit,
+    _compute_gain,
+    _compute_window_differences,
+    fit_two_planes,
+    remove_spikes,
+)
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     compute_estimator_covariance,
@@ -148,3 +154,40 @@ def test_no_residuals_leave_no_uncertainty():
     ones = np.ones(100)
     quiet = estimate_linear(0.0, ones / 100, 0.0 * ones, ones > 0.0, ones[np.newaxis])
     assert (quiet.std, quiet.dof) == (0.0, math.inf)
+
+
+def test_the_taper_of_an_autocovariance_is_the_window_of_parzen():
+    # Parzen 1961: 1 - 6 u^2 + 6 u^3 up to the middle, 2 (1 - u)^3 behind it
+    rng = np.random.default_rng(11)
+    residuals = 1e-7 * np.convolve(rng.normal(size=4000), np.ones(9), mode="valid")
+    gamma = estimate_autocovariance([residuals], parameters=0)
+    n = len(residuals)
+    plain = np.array([residuals[: n - k] @ residuals[k:] / n for k in range(len(gamma))])
+    window = gamma / plain
+    u = np.arange(len(gamma)) / len(gamma)
+    inner = u <= 0.5
+    np.testing.assert_allclose(window[inner], (1 - 6 * u**2 + 6 * u**3)[inner], rtol=1e-6)
+    np.testing.assert_allclose(window[~inner], (2 * (1 - u) ** 3)[~inner], rtol=1e-6)
+
+
+@pytest.mark.parametrize("count", [400, 401])
+def test_windows_beside_a_gap_see_a_step_and_no_slope(count):
+    known = np.ones(count, dtype=bool)
+    x = np.arange(count)
+    seen = _compute_window_differences(3e-9 * x + np.where(x < 200, 0.0, 5e-6), known, 12)
+    assert int(np.nanargmax(seen)) + 1 == pytest.approx(200, abs=6)
+    assert np.nanmax(seen) == pytest.approx(5e-6, rel=1e-3)
+    assert np.nanmedian(np.abs(seen)) < 1e-9
+
+
+def test_the_gain_of_an_exact_fit_is_bounded_by_the_rounding_of_a_processor():
+    # n ln((S + n e^2) / (n e^2)), S what a smooth curve of as many parameters leaves
+    t = np.linspace(-1.0, 1.0, 200)
+    z = np.where(t > 0.0, 4e-12, 0.0)
+    nothing, terms = np.zeros((2, 200)), 2
+    fit = Fit(nothing, nothing, np.zeros(2), np.zeros(200), np.ones(200, dtype=bool), 0)
+    curve = np.stack([t, np.ones(200), np.cos(0.5 * np.pi * (t + 1.0))]).T
+    left = z - curve @ np.linalg.lstsq(curve, z, rcond=None)[0]
+    floor = 200 * LEAST_SCATTER**2
+    expected = 200 * math.log((float(left @ left) + floor) / floor)
+    assert _compute_gain(t, z, fit, terms)[0] == pytest.approx(expected, rel=1e-9)

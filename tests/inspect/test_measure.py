@@ -17,7 +17,13 @@ from oracles.softgauge import (
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.edge_arc import Window, compute_edge_profile, fit_arc
+from stepblocks.inspect.edge_arc import (
+    Window,
+    _unresolved,
+    compute_edge_profile,
+    fit_arc,
+    fit_flank,
+)
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.map_levels import measure_masked_step
 from stepblocks.inspect.measure import measure_margin, measure_tip
@@ -255,3 +261,39 @@ def test_a_round_nose_of_a_profile_has_an_interval_from_its_form():
         found.append(measure_tip(Profile(x, z), EXACT, nominal=190e-6).values["ball_radius"])
     assert sum(abs(one.value - 200e-6) < one.expanded() for one in found) >= 11
     assert np.median([one.expanded() for one in found]) < 10e-6
+
+
+def test_a_point_off_the_arc_misses_it_by_its_radial_distance():
+    # distance d along the radius, over the cosine with which the surface leans there
+    x = np.arange(-40, 40) * 1e-6
+    riser, radius, off = 0.3e-6, 14e-6, 0.2e-6
+    across = x - riser - radius
+    on = (across > -radius + off) & (across < 0.0)
+    z = compute_edge_profile(x, riser, 30e-6, radius)
+    z[on] = 30e-6 - radius + np.sqrt((radius - off) ** 2 - across[on] ** 2)
+    window = Window(x, z, 30e-6, 1e-6, np.array([20e-9**2]), np.zeros((1, len(x))))
+    missed = window.across(np.array([riser]), np.array([radius]))[0]
+    lean = np.sqrt(radius**2 - across[on] ** 2) / radius
+    steep = lean > 0.3
+    np.testing.assert_allclose(missed[on][steep], (-off / lean)[steep], rtol=1e-6)
+    np.testing.assert_allclose(missed[~on], 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("offset", [0.1, 0.5, 0.9])
+def test_where_an_edge_too_sharp_for_the_sampling_may_lie_holds_the_place_where_it_lies(offset):
+    # an arc higher than half the step begins well before half the height
+    x, spacing = np.arange(-30, 30) * 10e-6, 10e-6
+    riser, radius = offset * spacing, 5.9 * spacing
+    z = compute_edge_profile(x, riser, 40e-6, radius)
+    window = Window(x, z, 40e-6, spacing, np.array([20e-9**2]), np.zeros((1, len(x))))
+    radii, risers, _ = _unresolved(window)
+    assert radii[-1] > radius
+    assert risers[0] <= riser + radius - np.sqrt(radius**2 - (radius - 40e-6) ** 2) <= risers[-1]
+
+
+def test_the_angle_of_an_exact_ramp_is_that_of_the_ramp():
+    x = np.arange(-60, 60) * 1e-6
+    levelled = np.clip(np.tan(np.radians(35.0)) * x, 0.0, 30e-6)
+    flank = fit_flank(x, levelled, 30e-6, 1e-6, np.array([1e-18]))
+    assert np.degrees(flank.angle) == pytest.approx(35.0, abs=0.05)
+    assert flank.radius < 1e-6

@@ -63,3 +63,19 @@ def test_least_squares_fits_of_simulated_releases_scatter_by_the_bound_and_not_m
 def test_an_impossible_test_is_refused(name, value, rule):
     with pytest.raises(ContactError, match=rule):
         plan_decay_test(Tool(**RING), **(RIG | {name: value}))
+
+
+def test_as_many_periods_stand_above_noise_as_swings_of_the_envelope_do():
+    # counted one by one: periods k whose amplitude d exp(-k / (f T)) is over three times the noise
+    test = plan_decay_test(Tool(**RING), **RIG)
+    swings = np.arange(1, 1000) / (RING["frequency"] * RING["decay_time"])
+    above = RIG["displacement"] * np.exp(-swings) > 3.0 * RIG["noise"]
+    assert test["periods_above_noise"] == above.sum() == 12
+
+
+def test_a_release_just_over_three_times_the_noise_is_planned_and_one_just_below_is_not():
+    least = 3.0 * RIG["noise"]
+    rig = RIG | {"wanted": 0.5}
+    assert plan_decay_test(Tool(**RING), **(rig | {"displacement": 1.05 * least}))["releases"] > 0
+    with pytest.raises(ContactError, match="three times the noise"):
+        plan_decay_test(Tool(**RING), **(rig | {"displacement": 0.95 * least}))

@@ -99,3 +99,12 @@ def test_columns_say_the_same_as_a_plain_step_of_the_same_critical_angle(name):
                 prediction.release.vibration_energy, rel=1e-5, abs=0.0
             )
     assert "releases" in seen
+
+
+def test_a_model_that_follows_the_speed_is_asked_about_the_speed_of_the_condition():
+    # C_v (v / 6 mm/s)^q: at 8 mm/s the energy is (8 / 6)^q times that of the same model at q = 0
+    def energy(exponent):
+        learned = taught_model({"speed_dependent_conversion": {"exponent": exponent}})
+        return make_learned_drag(learned, "step-050", 50e-6, _CONDITION).energy[0]
+
+    assert energy(0.7) / energy(0.0) == pytest.approx((8.0 / 6.0) ** 0.7, rel=1e-9)

@@ -96,3 +96,9 @@ def test_a_drag_with_a_sheath_rings_as_the_probe_in_that_sheath():
     # a loss factor is twice the share of critical damping (any text on vibration; at resonance)
     assert 2.0 * tool.damping_ratio == pytest.approx(ring.loss_factor, rel=1e-15)
     assert (subject.point.friction, subject.face.far_side) == (0.25, SET.prediction.step_heights[0])
+
+
+def test_a_bare_probe_wears_no_mass_and_each_sheath_that_of_its_tube():
+    worn = {one.id: one.mass for one in SET.stimuli if hasattr(one, "sleeve")}
+    for one in predict_conditions(SET):
+        assert one.mass == worn.get(one.sheath, 0.0)

@@ -156,3 +156,11 @@ def test_files_that_cannot_be_read_or_written_are_named(tmp_path):
 def test_a_model_whose_figures_are_out_of_all_measure_is_refused_and_never_ok_without_an_energy():
     with pytest.raises(PipelineError, match="is not finite: its conditions or the model"):
         predict_trials(_table(), replace(taught_model(), channel_std=np.full(7, 1e300)))
+
+
+def test_trials_without_a_tip_are_those_of_the_tip_that_the_model_was_measured_with():
+    learned = taught_model()
+    own = f"tip-{learned.tip_radius_um:g}"
+    named = predict_trials(_table(load_n=[0.3, 0.8], tip=own), learned)
+    plain = predict_trials(_table(load_n=[0.3, 0.8]).drop(columns="tip"), learned)
+    assert plain[_NUMBERS].to_numpy() == pytest.approx(named[_NUMBERS].to_numpy(), rel=1e-12)

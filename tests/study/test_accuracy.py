@@ -178,3 +178,10 @@ def test_power_is_of_the_statistic_that_is_asked_for():
         StudyError, match="measure must be one of bias, absolute error, spread, got 'x'"
     ):
         plan(measure="x")
+
+
+def test_errors_are_blocked_by_stimulus_where_there_are_two_and_not_where_there_is_one(judgements):
+    first, second = judgements["stimulus"].unique()[:2]
+    two = judgements[judgements["stimulus"].isin([first, second])]
+    assert compute_measure(two, "error")[1] == "stimulus"
+    assert compute_measure(two[two["stimulus"] == first], "error")[1] == ""

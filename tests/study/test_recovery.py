@@ -248,3 +248,9 @@ def test_two_answers_a_level_that_a_step_with_lapses_fits_as_well_give_no_spread
     heights = [10.0, 20.0, 30.0, 40.0, 60.0, 70.0, 80.0, 90.0, 100.0]
     with pytest.raises(StudyError, match="spread is not determined from 18 trials"):
         fit_psychometric(heights, [1, 0, 0, 0, 2, 1, 2, 2, 2], [2] * 9)
+
+
+@pytest.mark.parametrize("level", [math.inf, math.nan, 0.0, -1e-6])
+def test_a_level_that_no_block_can_have_is_refused(level):
+    with pytest.raises(StudyError, match="levels must be positive and finite"):
+        fit_psychometric([10e-6, 20e-6, 30e-6, level], [1, 4, 7, 8], [8] * 4)

@@ -10,11 +10,12 @@ from scipy.stats import norm
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.errors import PipelineError
 from stepblocks.law import Law, Parameter
-from stepblocks.loop.search.fit import Problem, build_problem, fit
+from stepblocks.loop.search.fit import Problem, _Objective, build_problem, fit
 from stepblocks.loop.search.forward_model import Systematic, Trials
 from stepblocks.loop.search.noise import (
     Scatter,
     build_noise,
+    compute_replicate_residual,
     estimate_scatter,
     find_outliers,
     take_least_scatter,
@@ -171,3 +172,29 @@ def test_censored_values_count_as_what_they_exceed_and_do_not_bend_the_fit() -> 
     assert found.cost == pytest.approx(best.fun, rel=1e-5)
     assert abs(found.values["b"] - 2.0) < 2.5 * found.std["b"]
     assert abs(dropped.values["b"] - 2.0) > 3.0 * dropped.std["b"]
+
+
+def test_replicates_scatter_as_their_unbiased_variance_also_in_cells_of_unlike_size() -> None:
+    # pairs and fours: on average over the trials each cell's square is its variance over n - 1
+    sizes = [2] * 10 + [4] * 10
+    cells = np.repeat(np.arange(20), sizes)
+    trials = toy_trials(60, 4)
+    residual, dof = compute_replicate_residual(trials, cells.tolist())
+    assert dof == 60 - 20
+    for j in range(2):
+        variances = [np.var(trials.values[cells == one, j], ddof=1) for one in range(20)]
+        expected = np.average(variances, weights=sizes) * dof / 60
+        assert np.mean(residual[:, j] ** 2) == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_slope_of_the_cost_is_its_derivative_where_values_are_censored() -> None:
+    trials = toy_trials(60, 6)
+    floor = np.full((60, 2), np.nan)
+    floor[::3, 0] = trials.values[::3, 0] - 0.2
+    values = np.where(np.isfinite(floor), np.nan, trials.values)
+    problem = build_problem(Toy(), replace(trials, values=values, floor=floor))
+    objective = _Objective(problem, ())
+    x = objective.start + np.array([0.37, -0.21])
+    for i, one in enumerate(np.eye(len(x)) * 1e-5):
+        slope = (objective.residual(x + one) - objective.residual(x - one)) / 2e-5
+        np.testing.assert_allclose(objective.jacobian(x)[:, i], slope, rtol=1e-4, atol=1e-6)

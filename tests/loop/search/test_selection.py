@@ -79,3 +79,31 @@ def test_a_law_driven_to_the_end_of_its_form_is_no_law():
 def test_an_effect_that_is_to_be_kept_is_fitted_however_badly_it_scores(squared):
     _, _, choice = _chosen(squared, toy_effects(), most=1, keep=("line_of_w",))
     assert "line_of_w" in {trial.effect.id for trial in choice[1]}
+
+
+def test_a_law_that_gains_less_but_may_surprise_is_fitted_in_full(squared):
+    # a first-order gain within 30 of what could lead counts: a fit in full may gain more
+    problem = build_problem(Toy(), squared)
+    base = fit(problem)
+    z = squared.covariates["z"]
+    own = toy_effects()[0].apply(np.zeros(len(squared)), squared, {"size": 1.0})
+
+    def mixed(share):
+        other = np.random.default_rng(3).standard_normal(len(z)) * own.std()
+        shape = share * own + (1.0 - share) * other
+        law = toy_effects()[0]
+        return replace(
+            law,
+            id=f"mixed_{share:.2f}",
+            apply=lambda level, trials, values: level + values["size"] * shape,
+        )
+
+    laws = [toy_effects()[0], *(mixed(share) for share in np.linspace(0.05, 0.95, 13))]
+    opened = score_candidates(problem, base, laws, draws=0)
+    gains = {score.effect.id: score.gain for score in opened.scores}
+    choice = choose_candidate(problem, base, opened)
+    lead = base.cost - choice[0].fit.cost
+    near = {name for name, gain in gains.items() if gain > 0.4 * lead - 30.0}
+    doubtful = {name for name in near if gains[name] < 0.4 * lead + 30.0}
+    assert doubtful
+    assert near <= {trial.effect.id for trial in choice[1]}

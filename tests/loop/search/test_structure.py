@@ -1,13 +1,20 @@
 """What nobody wrote down: each kind is told by its own test, and chance by none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.loop.search.explain import Rules, Verdict, explain
+from stepblocks.loop.search.explain import Rules, Verdict, _follows_time, explain
 from stepblocks.loop.search.fit import build_problem, fit
-from stepblocks.loop.search.structure import estimate_quantity_errors, find_hints, fit_walk
+from stepblocks.loop.search.structure import (
+    build_wandering,
+    estimate_quantity_errors,
+    find_hints,
+    fit_walk,
+)
 
 _MODEL = Toy()
 
@@ -74,3 +81,32 @@ def test_the_likelihood_of_a_walk_is_that_of_its_covariance():
     assert gain == pytest.approx(
         2.0 * (dense(found_step, found_scatter) - dense(0.0, alone)), abs=1e-6
     )
+
+
+def test_the_waves_of_a_wandering_quantity_are_those_that_carry_most_of_a_walk():
+    # Karhunen and Loeve: variances are the eigenvalues of the covariance of a walk about its mean
+    trials = toy_trials(90, 3)
+    problem = build_problem(_MODEL, trials)
+    values = np.cumsum(np.random.default_rng(2).standard_normal(90))
+    found = build_wandering(problem, fit(problem), {0: values})
+    place = np.arange(90)
+    about_mean = np.eye(90) - 1.0 / 90
+    walk = about_mean @ np.minimum.outer(place, place) @ about_mean
+    power = np.linalg.eigvalsh(walk)[::-1] * fit_walk(values)[1] ** 2
+    assert len(found) == 23
+    assert [one.std**2 for one in found] == pytest.approx(power[:23].tolist(), rel=1e-9)
+    waves = np.array([one.column[:, 0] for one in found])
+    np.testing.assert_allclose(waves @ waves.T, np.eye(23), atol=1e-12)
+
+
+def test_an_effect_follows_time_where_its_covariate_does_and_not_where_it_is_constant():
+    trials = toy_trials(60, 4)
+    columns = trials.covariates | {"hour": np.arange(60.0), "same": np.full(60, 3.0)}
+    trials = replace(trials, covariates=columns)
+    law = toy_effects()[0]
+    order = _MODEL.order(trials)
+    follows = {
+        name: _follows_time(replace(law, covariate=name), trials, order)
+        for name in ("hour", "same", "w")
+    }
+    assert follows == {"hour": True, "same": False, "w": False}
