@@ -1,9 +1,13 @@
 """The public face: every promised name is there, and importing the package costs nothing."""
 
+import dataclasses
 import inspect
+import itertools
+import re
 import runpy
 import subprocess
 import sys
+from enum import Enum
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -57,3 +61,40 @@ def test_every_public_function_says_what_it_takes_and_gives():
 def test_an_old_name_still_works_and_says_the_new_one(old):
     with pytest.warns(DeprecationWarning, match="is now stepblocks"):
         assert getattr(stepblocks, old).__name__ in stepblocks.__all__
+
+
+def list_fields(kind):
+    """Return what an instance of a class holds: fields of dataclasses and models, members."""
+    if issubclass(kind, Enum):
+        return [member.name for member in kind]
+    if dataclasses.is_dataclass(kind):
+        return [one.name for one in dataclasses.fields(kind)]
+    return list(getattr(kind, "model_fields", ()))
+
+
+CLASSES = [name for name in stepblocks.__all__ if inspect.isclass(getattr(stepblocks, name))]
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_every_public_class_describes_its_fields(name):
+    kind = getattr(stepblocks, name)
+    lines = inspect.cleandoc(kind.__doc__).splitlines()
+    described = {
+        name
+        for line, below in itertools.pairwise(lines)
+        if re.match(r"\w+(, \w+)*( : |$)", line) and below.startswith("    ")
+        for name in line.partition(" : ")[0].split(", ")
+    }
+    fields = list_fields(kind)
+    assert not fields or {"Attributes", "Parameters"} & set(lines)
+    assert set(fields) - described == set()
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_every_number_of_a_public_class_has_its_unit(name):
+    lines = inspect.cleandoc(getattr(stepblocks, name).__doc__).splitlines()
+    starts = [row for row, line in enumerate(lines) if re.match(r"[\w, ]+ : ", line)]
+    for start in starts:
+        below = itertools.takewhile(lambda line: line[:1] in (" ", ""), lines[start + 1 :])
+        if re.search(r"\b(float|Dimension)\b", lines[start].partition(" : ")[2]):
+            assert re.search(r"\[[^\]]+\]", " ".join(below)), lines[start]

@@ -6,7 +6,13 @@ The message of each is a single line that says name, rule, value and place, for 
 
 
 class StepblocksError(Exception):
-    """Anything that the user can correct; a command prints it in one line and exits with 2."""
+    """Anything that the user can correct; a command prints it in one line and exits with 2.
+
+    Attributes
+    ----------
+    exit_code : int
+        Code with which a command ends, always 2.
+    """
 
     exit_code = 2
 

@@ -8,14 +8,32 @@ from stepblocks.quantities import format_quantity
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a check found."""
+    """What a check found.
 
-    artefact: str  # name of the file
-    quantity: str  # what was measured
-    nominal: float  # in SI, or a count
+    Attributes
+    ----------
+    artefact : str
+        Name of the file.
+    quantity : str
+        What was measured.
+    nominal, measured : float
+        Expected and found value [m, m^3, kg or a count].
+    limit : float
+        Largest permitted difference [m, m^3, kg or a count]; relative to the nominal value where
+        `relative` is true [1].
+    dimension : str
+        ``"length"``, ``"volume"``, ``"mass"`` or ``"count"``; ``"file"`` where the file cannot be
+        read.
+    relative : bool
+        Whether `limit` is relative.
+    """
+
+    artefact: str
+    quantity: str
+    nominal: float
     measured: float
-    limit: float  # largest permitted difference, in SI; relative to the nominal where `relative`
-    dimension: str = "length"  # or volume, mass, count; file, where it could not be read
+    limit: float
+    dimension: str = "length"
     relative: bool = False
 
     @property

@@ -52,14 +52,24 @@ _LARGEST_TABLE = 200_000_000  # bytes
 
 @dataclass
 class BuildReport:
-    """What a build did; a notebook shows it as a few lines with a link to the page."""
+    """What a build did; a notebook shows it as a few lines with a link to the page.
 
-    output: str  # the output folder
+    Attributes
+    ----------
+    output : str
+        Folder of the output.
+    built : list of str
+        Stimuli that were built, each as ``"set/id"``.
+    current : int
+        How many were up to date.
+    failures : list of str
+        Failed checks of all stimuli in the folder, one line each.
+    """
+
+    output: str
     built: list[str] = field(default_factory=list)  # stimuli that were built, ``"set/id"``
-    current: int = 0  # how many were up to date
-    failures: list[str] = field(
-        default_factory=list
-    )  # failed verdicts of all stimuli of the folder, one line each
+    current: int = 0
+    failures: list[str] = field(default_factory=list)
 
     def _repr_html_(self) -> str:
         page = escape(str(Path(self.output) / "index.html"))

@@ -48,12 +48,17 @@ class Counterface(ABC):
     """A surface across the drag.
 
     x along the drag, z up, the working edge at x = 0, the near side at z = 0.
+
+    Attributes
+    ----------
+    ways : tuple of str
+        Names of the directions that are felt, forward first.
     """
 
     ways: ClassVar[tuple[str, ...]] = (
         "forward",
         "backward",
-    )  # names of the directions that are felt, forward first
+    )
     _dimensions: ClassVar[
         tuple[str, ...]
     ] = ()  # fields on which the angles depend, where they have a closed form
@@ -296,9 +301,7 @@ class Groove(Counterface):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Profile(Counterface):
-    """Any profile, declared by its corners or scanned.
-
-    Joined by straight lines, level beyond both ends.
+    """A profile, declared by its corners or scanned: straight lines, level beyond both ends.
 
     Attributes
     ----------

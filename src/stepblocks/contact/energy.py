@@ -17,7 +17,29 @@ from stepblocks.errors import ContactError
 
 
 class Status(StrEnum):
-    """What becomes of a probe at an edge."""
+    """What becomes of a probe at an edge.
+
+    Attributes
+    ----------
+    RELEASES
+        The tip climbs, slips and rings.
+    LOCKED
+        ``a + atan mu`` is a right angle or more: no pulling force lifts the tip.
+    TOO_HIGH
+        The step is as high as the ball or higher: the ball meets the riser, not the edge.
+    RUN_OVER
+        The tip comes in flight from the place before and is not caught; in the drag in time alone.
+    NO_CATCH
+        The path of the ball's centre never rises in this direction.
+    BEYOND_STRENGTH
+        The slip takes more pull than the tool bears.
+    BEYOND_SPRING
+        The slip takes more pull than that up to which the spring is linear.
+    BEYOND_GAUGE
+        The slip takes more pull than the gauge shows.
+    BEYOND_HAND
+        The slip takes more pull than a hand exerts.
+    """
 
     RELEASES = "releases"  # it climbs, slips and rings
     LOCKED = "locked"  # ``a + atan mu`` is a right angle or more: no pulling force lifts it
@@ -49,18 +71,29 @@ class Release:
     """What is felt when the probe slips over an edge.
 
     Of many drags at once, each field is an array over them.
+
+    Attributes
+    ----------
+    status : Status or ndarray of str
+        Whether the probe slips at all; the energies are not-a-number unless it does.
+    angle : float or ndarray
+        Critical angle a [rad].
+    pull_force : float or ndarray
+        Tangential force at release F_px [N]; beyond a limit, what it would take.
+    vibration_energy : float or ndarray
+        Energy of the ring E_v [J].
+    mean_power : float or ndarray
+        E_v over the duration of the ring [W].
+    threshold_ratio : float or ndarray
+        Mean power over the detection threshold [1].
     """
 
-    # whether it slips at all, as text in an array; the energies below are not-a-number unless it
-    # does
     status: Status
-    angle: float  # critical angle a [rad]
-    pull_force: float = (
-        math.nan
-    )  # tangential force at release F_px [N]; beyond a limit what it would take
-    vibration_energy: float = math.nan  # energy of the ring E_v [J]
-    mean_power: float = math.nan  # E_v over the duration of the ring [W]
-    threshold_ratio: float = math.nan  # mean power over the detection threshold [1]
+    angle: float
+    pull_force: float = math.nan
+    vibration_energy: float = math.nan
+    mean_power: float = math.nan
+    threshold_ratio: float = math.nan
 
 
 def find_release(

@@ -1,6 +1,6 @@
-"""Laws of friction and of the contact as objects, for the drag in time and, at rest.
+"""Laws of friction and of the contact as objects.
 
-For the equations.
+The drag in time takes their value at every step, the equations their value at rest.
 """
 
 from __future__ import annotations
@@ -63,6 +63,11 @@ class Stribeck(FrictionLaw):
         Over which the one falls to the other, to 1/e of the difference [m/s].
     viscous : float
         Rise of the coefficient per speed [s/m].
+
+    Attributes
+    ----------
+    coefficient : callable
+        As of `FrictionLaw`.
     """
 
     _numbers: tuple[float, ...]

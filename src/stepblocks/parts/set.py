@@ -74,16 +74,37 @@ def register_kind(kind: type[Part]) -> Iterator[None]:
 
 
 class StimulusSet(Table):
-    """Everything one stimulus file declares."""
+    """Everything one stimulus file declares.
 
-    name: Identity  # of the set and of its file
-    title: Annotated[str, Field(min_length=1, max_length=200)]  # for the page: what it is
-    source: Annotated[str, Field(max_length=500)] = ""  # where it comes from
+    Attributes
+    ----------
+    name : str
+        Name of the set and of its file.
+    title : str
+        What it is, for the page.
+    source : str
+        Where it comes from.
+    prediction : PredictionGrid
+        Conditions under which it is predicted.
+    stimuli : tuple of Part
+        All parts, in the order of the kinds; the parts of one kind are also an attribute with the
+        name of its stanza, such as ``step_block``.
+    order : OrderSpec
+        Author, date, revision and quantity, for the drawings.
+    probe : ProbeSpec or None
+        Probe that the sheaths are made for.
+    damping_rig : DampingRig or None
+        Rig on which the ring of the probe is measured.
+    """
+
+    name: Identity
+    title: Annotated[str, Field(min_length=1, max_length=200)]
+    source: Annotated[str, Field(max_length=500)] = ""
     prediction: PredictionGrid = PredictionGrid()
-    stimuli: tuple[Part, ...]  # in the order of the kinds
-    order: OrderSpec = OrderSpec()  # author, date, revision and quantity for the drawings
-    probe: ProbeSpec | None = None  # that the sheaths are made for
-    damping_rig: DampingRig | None = None  # on which its ring is measured
+    stimuli: tuple[Part, ...]
+    order: OrderSpec = OrderSpec()
+    probe: ProbeSpec | None = None
+    damping_rig: DampingRig | None = None
 
     def __getattr__(self, name: str) -> tuple[Any, ...]:
         """Parts of one kind, by the name of its stanza."""

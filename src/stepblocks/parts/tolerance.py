@@ -49,19 +49,31 @@ def parse_sensible(raw: object, quantity: str) -> float:
 
 @dataclass(frozen=True)
 class Dimension:
-    """A nominal value with its limits."""
+    """A nominal value with its limits.
 
-    nominal: float  # m or rad
-    upper: float  # permitted deviation, signed [m or rad]
-    lower: float  # permitted deviation, signed, at most `upper` [m or rad]
+    Attributes
+    ----------
+    nominal : float
+        Nominal value [m or rad].
+    upper, lower : float
+        Permitted deviations, signed; `lower` is at most `upper` [m or rad].
+    quantity : str
+        ``"length"`` or ``"angle"``.
+    source : str
+        Where the nominal value comes from; empty where the file does not say.
+    usual : bool
+        Whether the deviations are the defaults of this program, because none are stated.
+    general : bool
+        Whether the deviations are the general ones of ISO 2768-1, because none are stated.
+    """
+
+    nominal: float
+    upper: float
+    lower: float
     quantity: str = "length"  # ``"length"`` or ``"angle"``
-    source: str = ""  # of the nominal; empty where the file does not say
-    usual: bool = (
-        False  # whether the deviations are those that this program takes where none are stated
-    )
-    general: bool = (
-        False  # whether the deviations are the general ones of ISO 2768-1 rather than stated
-    )
+    source: str = ""
+    usual: bool = False
+    general: bool = False
 
     @property
     def limits(self) -> tuple[float, float]:

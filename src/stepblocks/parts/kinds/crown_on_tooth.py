@@ -67,25 +67,45 @@ class FinishLine(Table):
 
 
 class CrownOnTooth(CrownMargin, Turned):
-    """A prepared tooth and its crown, bodies of revolution about the path of draw."""
+    """A prepared tooth and its crown, bodies of revolution about the path of draw.
 
-    margin_radius: PositiveLength = declare_default(
-        "4 mm", "0.02 mm"
-    )  # outer radius of the tooth at the finish line [m]
+    Attributes
+    ----------
+    id : str
+        Name in the set, in lower case.
+    marginal_gap : Dimension
+        Gap g between tooth and crown [m].
+    horizontal_discrepancy : Dimension
+        Height h of the crown over the tooth; positive where it is overextended [m].
+    vertical_discrepancy : Dimension or None
+        Distance v of the crown's margin along the path of draw [m]; None means that it is the gap.
+    gum : Gum or None
+        Gum beside the margin; None where the file does not say.
+    material : Material
+        What it is made of, with its density [kg/m^3].
+    margin_radius : Dimension
+        Outer radius of the tooth at the finish line [m].
+    finish_line : FinishLine
+        How the preparation ends.
+    taper : Dimension
+        Angle of the axial wall to the path of draw, half the total convergence [rad].
+    preparation_height : Dimension
+        Height of the preparation over the finish line [m].
+    root_length : Dimension
+        Length of the root below the finish line [m].
+    internal_gap : Dimension
+        Gap between axial wall and crown, across the wall [m].
+    shell_thickness : Dimension
+        Thickness of the crown over the preparation [m].
+    """
+
+    margin_radius: PositiveLength = declare_default("4 mm", "0.02 mm")
     finish_line: FinishLine = declare_default({})
-    taper: Angle = declare_default(
-        "6 deg", "0.5 deg"
-    )  # of the axial wall to the path of draw, half the total convergence [rad]
-    preparation_height: PositiveLength = declare_default(
-        "5 mm", "0.1 mm"
-    )  # over the finish line [m]
-    root_length: PositiveLength = declare_default("8 mm")  # below the finish line [m]
-    internal_gap: Length = declare_default(
-        "60 um", otherwise="15 um"
-    )  # between axial wall and crown, across the wall [m]
-    shell_thickness: PositiveLength = declare_default(
-        "1.5 mm", "0.1 mm"
-    )  # of the crown over the preparation [m]
+    taper: Angle = declare_default("6 deg", "0.5 deg")
+    preparation_height: PositiveLength = declare_default("5 mm", "0.1 mm")
+    root_length: PositiveLength = declare_default("8 mm")
+    internal_gap: Length = declare_default("60 um", otherwise="15 um")
+    shell_thickness: PositiveLength = declare_default("1.5 mm", "0.1 mm")
 
     stanza: ClassVar[str] = "crown_on_tooth"
     kind_name: ClassVar[str] = "crown on tooth"

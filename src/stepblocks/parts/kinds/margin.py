@@ -145,7 +145,29 @@ class CrownMargin(Part):
 
 
 class MarginBlock(CrownMargin, Block):
-    """A bench block: the tooth at z = 0 and x < 0, the crown at z = h beyond the gap."""
+    """A bench block: the tooth at z = 0 and x < 0, the crown at z = h beyond the gap.
+
+    Attributes
+    ----------
+    id : str
+        Name in the set, in lower case.
+    marginal_gap : Dimension
+        Gap g between tooth and crown [m].
+    horizontal_discrepancy : Dimension
+        Height h of the crown over the tooth; positive where it is overextended [m].
+    vertical_discrepancy : Dimension or None
+        Distance v of the crown's margin along the path of draw [m]; None means that it is the gap.
+    gum : Gum or None
+        Gum beside the margin; None where the file does not say.
+    material : Material
+        What it is made of, with its density [kg/m^3].
+    gap_depth : Dimension
+        Depth of the gap below the surface of the tooth [m].
+    body : Body
+        Size of the block and its mounting.
+    working_faces : WorkingFaces or None
+        Demands on the faces of tooth and crown; None where the file states none.
+    """
 
     stanza: ClassVar[str] = "margin_block"
     kind_name: ClassVar[str] = "margin block"
@@ -156,13 +178,9 @@ class MarginBlock(CrownMargin, Block):
     horizontal_discrepancy: SignedLength = declare_default("0 um", otherwise="2 um")
     vertical_discrepancy: SignedLength | None = declare_default(None, otherwise="3 um")
     material: MaterialField = declare_default("steel")
-    gap_depth: PositiveLength = declare_default(
-        "0.4 mm", otherwise="0.05 mm"
-    )  # of the gap below the tooth's surface [m]
+    gap_depth: PositiveLength = declare_default("0.4 mm", otherwise="0.05 mm")
     body: Body = declare_default({})
-    working_faces: WorkingFaces | None = (
-        None  # demands on tooth and crown face, where the file states them
-    )
+    working_faces: WorkingFaces | None = None
 
     @property
     def floor(self) -> tuple[float, float]:

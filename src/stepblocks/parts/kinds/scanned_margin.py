@@ -65,7 +65,43 @@ class Station(Table):
 
 
 class ScannedMargin(CrownMargin):
-    """A bar with the section of a scanned margin, the tooth level at x = 0."""
+    """A bar with the section of a scanned margin, the tooth level at x = 0.
+
+    Attributes
+    ----------
+    id : str
+        Name in the set, in lower case.
+    marginal_gap : Dimension
+        Gap g between tooth and crown [m].
+    horizontal_discrepancy : Dimension
+        Height h of the crown over the tooth; positive where it is overextended [m].
+    vertical_discrepancy : Dimension or None
+        Distance v of the crown's margin along the path of draw [m]; None means that it is the gap.
+    gum : Gum or None
+        Gum beside the margin; None where the file does not say.
+    material : Material
+        What it is made of, with its density [kg/m^3].
+    mesh : str
+        Name of the STL or PLY file, in the folder of the set.
+    unit : str
+        Unit of the mesh, ``"um"``, ``"mm"``, ``"cm"`` or ``"m"``; such files do not say.
+    margin : tuple of tuple of float, shape (n, 3)
+        Points of the margin line in order round the tooth, in its frame [unit of the mesh].
+    stations : int
+        Number of places round the margin.
+    crown_towards : tuple of float
+        Rough direction of the crown from the root, in the frame of the mesh [1].
+    shows : str
+        What the scan shows: ``"tooth"``, ``"crown"`` or ``"both"``.
+    station : Station
+        What the scan says at the place of this part; computed from the mesh, never in a file.
+    gap_depth : Dimension
+        Depth of the gap below the surface of the tooth [m].
+    length, width : Dimension
+        Of the bar, along x and y [m].
+    thickness : Dimension
+        From the base to the tooth at the margin [m].
+    """
 
     stanza: ClassVar[str] = "scanned_margin"
     kind_name: ClassVar[str] = "scanned margin"
@@ -73,24 +109,20 @@ class ScannedMargin(CrownMargin):
     governing_field: ClassVar[str] = "horizontal_discrepancy"
 
     mesh: str
-    unit: Literal["um", "mm", "cm", "m"]  # of the mesh; such files do not say
+    unit: Literal["um", "mm", "cm", "m"]
     margin: Annotated[Any, BeforeValidator(_read_line)]
     stations: Annotated[int, Field(ge=1, le=1000)] = _USUAL_STATIONS
     crown_towards: tuple[float, float, float] = (
         0.0,
         0.0,
         1.0,
-    )  # roughly, from the root, in the frame of the mesh
+    )
     shows: Literal["tooth", "crown", "both"] = "both"
     station: Station = Station()
-    gap_depth: PositiveLength = declare_default(
-        "0.4 mm", otherwise="0.05 mm"
-    )  # of the gap below the tooth's surface [m]
-    length: PositiveLength = declare_default("4 mm")  # of the bar, along x [m]
-    width: PositiveLength = declare_default("2 mm")  # along y [m]
-    thickness: PositiveLength = declare_default(
-        "3 mm"
-    )  # from the base to the tooth at the margin [m]
+    gap_depth: PositiveLength = declare_default("0.4 mm", otherwise="0.05 mm")
+    length: PositiveLength = declare_default("4 mm")
+    width: PositiveLength = declare_default("2 mm")
+    thickness: PositiveLength = declare_default("3 mm")
 
     @classmethod
     def expand_stanza(

@@ -53,18 +53,35 @@ class SheathMaterial(Material):
 
 
 class Sheath(Turned, HeldPart):
-    """A tube over the shank; its end near the clamp lies at z = 0, its axis is z."""
+    """A tube over the shank; its end near the clamp lies at z = 0, its axis is z.
+
+    Attributes
+    ----------
+    id : str
+        Name in the set, in lower case.
+    bore, outer_diameter : Dimension
+        Inner and outer diameter [m].
+    length : Dimension
+        From end to end [m].
+    edge_break : Dimension
+        Leg of the 45 degree chamfer on the two outer edges [m].
+    position : Dimension
+        From the clamp to the near end, along the shank [m].
+    material : SheathMaterial
+        What it is made of, with density [kg/m^3], Young's modulus [Pa], Poisson's ratio and loss
+        factor [1] at the frequency of the ring.
+    """
 
     stanza: ClassVar[str] = "sheath"
     kind_name: ClassVar[str] = "sheath of the probe"
     drawing_title: ClassVar[str] = "Sheath"
     governing_field: ClassVar[str] = "bore"
 
-    bore: PositiveLength  # inner diameter [m]
-    outer_diameter: PositiveLength  # m
-    length: PositiveLength  # from end to end [m]
-    edge_break: Length  # leg of the 45 degree chamfer on the two outer edges [m]
-    position: Length  # from the clamp to the near end, on the shank [m]
+    bore: PositiveLength
+    outer_diameter: PositiveLength
+    length: PositiveLength
+    edge_break: Length
+    position: Length
     material: SheathMaterial
 
     @classmethod

@@ -64,7 +64,25 @@ class MetrologyFeature(Table):
 
 
 class StepBlock(Block):
-    """A block with one working edge, at x = 0."""
+    """A block with one working edge, at x = 0.
+
+    Attributes
+    ----------
+    id : str
+        Name in the set, in lower case.
+    height : Dimension
+        Height H of the step [m].
+    edge_radius : Dimension
+        Radius r of the working edge; 0 is sharp [m].
+    body : Body
+        Size of the block and its mounting.
+    metrology : MetrologyFeature
+        Groove or ridge that ISO 5436-1 type A1 can evaluate.
+    material : Material
+        What it is made of, with its density [kg/m^3].
+    working_faces : WorkingFaces or None
+        Demands on the faces beside the edge; None where the file states none.
+    """
 
     stanza: ClassVar[str] = "step_block"
     kind_name: ClassVar[str] = "step block"
@@ -72,18 +90,12 @@ class StepBlock(Block):
     felt_by: ClassVar[dict[str, str]] = {"height": "height", "edge_radius": "edge_radius"}
     governing_field: ClassVar[str] = "height"
 
-    height: PositiveLength = declare_default(
-        otherwise="1 um"
-    )  # H of the step [m]; as grinding and lapping hold it
-    edge_radius: Length = declare_default(
-        "0 um", otherwise="+2 um / -0 um"
-    )  # r of the working edge [m]; 0 is sharp
+    height: PositiveLength = declare_default(otherwise="1 um")
+    edge_radius: Length = declare_default("0 um", otherwise="+2 um / -0 um")
     body: Body = declare_default({})
     metrology: MetrologyFeature = declare_default({})
     material: MaterialField = declare_default("steel")
-    working_faces: WorkingFaces | None = (
-        None  # demands on the faces beside the edge, where the file states them
-    )
+    working_faces: WorkingFaces | None = None
 
     def make_counterface(self, **sizes: float) -> Step:
         return Step(sizes["height"], max(sizes["edge_radius"], 0.0))

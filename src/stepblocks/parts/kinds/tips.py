@@ -134,7 +134,23 @@ class Tip(Turned, HeldPart):
 
 
 class StraightTip(Tip):
-    """Ball, cone and cylindrical shank on one axis."""
+    """Ball, cone and cylindrical shank on one axis.
+
+    Attributes
+    ----------
+    id : str
+        Name in the set, in lower case.
+    ball_radius : Dimension
+        Radius R of the contact sphere [m].
+    cone_angle : Dimension
+        Half angle of the cone, which is tangent to the ball [rad].
+    shank_radius : Dimension
+        Radius of the shank, at the end of the cone [m].
+    material : Material
+        What it is made of, with its density [kg/m^3].
+    length : Dimension
+        From the contact point to the end of the shank [m].
+    """
 
     stanza: ClassVar[str] = "straight_tip"
     kind_name: ClassVar[str] = "straight probe tip"
@@ -142,9 +158,7 @@ class StraightTip(Tip):
     shank_radius: PositiveLength = declare_default(
         "1.175 mm", "+0 mm / -0.016 mm", source="ISO 1797 type 1 shank, 2.35 mm"
     )
-    length: PositiveLength = declare_default(
-        "40 mm"
-    )  # from the contact point to the end of the shank [m]
+    length: PositiveLength = declare_default("40 mm")
 
     def outline(self) -> Outline:
         """Half section with the shank."""
@@ -171,17 +185,35 @@ class StraightTip(Tip):
 
 
 class HookTip(Tip):
-    """The shepherd's hook: ball and cone, then a wire bent in one arc, then the straight shank."""
+    """The shepherd's hook: ball and cone, then a wire bent in one arc, then the straight shank.
+
+    Attributes
+    ----------
+    id : str
+        Name in the set, in lower case.
+    ball_radius : Dimension
+        Radius R of the contact sphere [m].
+    cone_angle : Dimension
+        Half angle of the cone, which is tangent to the ball [rad].
+    shank_radius : Dimension
+        Radius of the shank, at the end of the cone [m].
+    material : Material
+        What it is made of, with its density [kg/m^3].
+    bend_radius : Dimension
+        Radius of the bend, at the axis of the wire [m].
+    bend_angle : Dimension
+        Angle of the bend, below 180 degrees [rad].
+    straight_length : Dimension
+        Length of the shank beyond the bend [m].
+    """
 
     stanza: ClassVar[str] = "hook_tip"
     kind_name: ClassVar[str] = "shepherd's hook"
 
     shank_radius: PositiveLength = declare_default("0.5 mm", "0.02 mm")
-    bend_radius: PositiveLength = declare_default("4 mm")  # of the bend at the wire's axis [m]
-    bend_angle: Angle = declare_default(
-        "75 deg", "1 deg"
-    )  # through which the wire is bent [rad], in degrees up to below 180
-    straight_length: PositiveLength = declare_default("20 mm")  # of the shank beyond the bend [m]
+    bend_radius: PositiveLength = declare_default("4 mm")
+    bend_angle: Angle = declare_default("75 deg", "1 deg")
+    straight_length: PositiveLength = declare_default("20 mm")
 
     def solids(self) -> list[cad.door.Body]:
         top, wire = self.cone_end, self.shank_radius.nominal
