@@ -1,5 +1,7 @@
 """The page: what it draws is what was found."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -24,13 +26,20 @@ def test_the_page_holds_every_claim_and_its_grounds(result):
         "Verdict: <b>effect</b>",
         "Friction runs in",
         "measured against predicted",
-        "running_in",
+        "On the bench tomorrow",
+        "Running in",
+        "follows <b>the order of the run</b>",
+        "Held apart",
         "95 % low",
         "mu (1 + s exp(-n / n0))",
         "by the equations:",
         "truncated",
     ):
         assert text in page
+    # names are those of people; identifiers stay in result.json
+    assert not {"ln_decay_time", "edge_radius_m", "running_in", "height_um"} & set(
+        re.findall(r"\w+", page.split("<nav", 1)[1])
+    )
     assert (
         page.count("data:image/png;base64,") == 1 + 3 + 1
     )  # measured against predicted, residuals of three channels, one curve

@@ -32,6 +32,16 @@ _COVARIATES = {
     "none": "nothing that is set",
     "block": "the block",
 }
+# what a trial shows, in words, its residual a difference of logarithms or of numbers
+CHANNELS_IN_WORDS = {
+    "ln_energy": "vibration energy",
+    "ln_peak_force": "peak force",
+    "sliding_friction": "friction before the edge",
+    "spring_constant": "stiffness of the ramp",
+    "ln_ring_frequency": "pitch of the ring",
+    "ln_decay_time": "decay of the ring",
+    "normal_load_ratio": "normal force over set load",
+}
 
 
 def describe_covariate(name: str) -> str:

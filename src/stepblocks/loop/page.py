@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD
+from stepblocks.figure_file import make_figure
 from stepblocks.law import Law
+from stepblocks.loop.finding import CHANNELS_IN_WORDS, describe_covariate, format_value
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.search.explain import Explanation
 from stepblocks.loop.search.forward_model import Floats
 from stepblocks.page_file import render_page
+from stepblocks.quantities import format_column_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,14 +40,20 @@ def render_loop_page(result: LoopResult) -> str:
         "stepblocks.loop",
         "loop.html.j2",
         title=result.title,
-        asked=_UNASKED | asked if asked else None,
+        asked=_UNASKED | (asked or {}),
+        words=CHANNELS_IN_WORDS,
+        say=describe_covariate,
+        value=format_value,
         r=result.document,
         constants=[
             (n, p) for n, p in result.document["extended"]["parameters"].items() if "." not in n
         ],
         agreement=_draw_agreement(result.found),
         residuals=[_draw_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
-        curves=[_draw_effect(result, finding.effect, str(entry["id"])) for finding, entry in named],
+        curves=[
+            _draw_effect(result, finding.effect, str(entry["id"]).replace("_", " "))
+            for finding, entry in named
+        ],
     )
 
 
@@ -57,12 +66,11 @@ def _encode_png(figure: "Figure") -> str:
 def _draw_agreement(found: Explanation) -> str:
     # Draw measured against predicted, energy and peak force. By the nominal model and by the
     # extended one.
-    from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
-    named = (("ln_energy", 1e6, "vibration energy [uJ]"), ("ln_peak_force", 1.0, "peak force [N]"))
-    for axis, (channel, scale, title) in zip(figure.subplots(1, 2), named, strict=True):
+    figure, axes = make_figure(1, 2, width=10.0, height=4.4)
+    named = (("ln_energy", 1e6, "vibration energy, µJ"), ("ln_peak_force", 1.0, "peak force, N"))
+    for axis, (channel, scale, title) in zip(axes, named, strict=True):
         j = found.problem.trials.channels.index(channel)
         measured = scale * np.exp(found.problem.trials.values[:, j])
         for fitted, colour, label in (
@@ -90,8 +98,6 @@ def _draw_agreement(found: Explanation) -> str:
 
 def _draw_residuals(found: Explanation, channel: str) -> dict[str, str]:
     # Residuals of one channel against every covariate that varies, before and after
-    from matplotlib.figure import Figure
-
     trials = found.problem.trials
     j = trials.channels.index(channel)
     before, after = (
@@ -104,21 +110,23 @@ def _draw_residuals(found: Explanation, channel: str) -> dict[str, str]:
         found.extended.predicted[:, trials.channels.index("ln_peak_force")]
     )
     rows = -(-len(columns) // 3)
-    figure = Figure(figsize=(11.0, 2.6 * rows), layout="constrained")
-    axes = figure.subplots(rows, 3, sharey=True).ravel()
+    figure, grid = make_figure(rows, 3, width=11.0, height=2.6 * rows)
+    axes = grid.ravel()
     for axis, (name, column) in zip(axes, columns.items(), strict=False):
         x, ticks = _place_values(np.asarray(column))
         axis.axhline(0.0, color="0.6", lw=0.8)
         axis.plot(x, before, ".", ms=3, color=_BEFORE, alpha=0.55, label="nominal")
         axis.plot(x, after, ".", ms=3, color=_AFTER, alpha=0.75, label="extended")
-        axis.set_xlabel(name)
+        axis.set_xlabel(format_column_label(name))
+        axis.sharey(axes[0])
         if ticks:
             axis.set_xticks(range(len(ticks)), ticks)
     for axis in axes[len(columns) :]:
         axis.set_visible(False)
     axes[0].legend(fontsize=8)
-    axes[0].set_ylabel(f"residual of {channel}")
-    return {"channel": channel, "image": _encode_png(figure)}
+    # of a logarithm that is small, which is a relative difference
+    axes[0].set_ylabel("measured over predicted - 1" if "ln_" in channel else "difference")
+    return {"channel": CHANNELS_IN_WORDS[channel], "image": _encode_png(figure)}
 
 
 def _place_values(column: NDArray[np.generic]) -> tuple[Floats, list[str]]:
@@ -132,28 +140,18 @@ def _place_values(column: NDArray[np.generic]) -> tuple[Floats, list[str]]:
 def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
     # Draw the change that an effect makes in the channel it moves most, over what it follows. With
     # its 95 % band.
-    from matplotlib.figure import Figure
-
     j, change, std = _compute_change(result.found, effect)
     along, name = _find_abscissa(result, effect)
     x, curve, band = _average_by_setting(along, change, std)
-    unit = (
-        "vibration energy"
-        if result.found.problem.trials.channels[j] == "ln_energy"
-        else "peak force"
-    )
+    unit = CHANNELS_IN_WORDS[result.found.problem.trials.channels[j]]
     low, middle, high = (100.0 * np.expm1(curve + side * band) for side in (-WIDE, 0.0, WIDE))
-    figure = Figure(figsize=(6.0, 3.4), layout="constrained")
-    axis = figure.subplots()
+    figure, axis = make_figure(width=6.0, height=3.4)
     axis.fill_between(x, low, high, color=_AFTER, alpha=0.25, lw=0)
     axis.plot(x, middle, color=_AFTER)
     axis.axhline(0.0, color="0.6", lw=0.8)
-    axis.set_xlabel(name)
-    axis.set_ylabel(f"change of {unit} [%]")
-    title = (
-        f"{name_shown} ({effect.slot}): change of {unit} that it makes, average over the other "
-        "settings"
-    )
+    axis.set_xlabel(format_column_label(name))
+    axis.set_ylabel(f"change of {unit}, %")
+    title = f"{name_shown}: change of {unit} that it makes, average over the other settings"
     return {"title": title, "image": _encode_png(figure)}
 
 
