@@ -3,9 +3,12 @@
 The steepest slope of its centre's path, in closed form.
 """
 
+from collections.abc import Sequence
+from typing import overload
+
 import numpy as np
 
-from stepblocks.contact import kernels
+from stepblocks.contact import Array, kernels
 from stepblocks.contact.domain import (
     Real,
     require_finite,
@@ -15,6 +18,14 @@ from stepblocks.contact.domain import (
 )
 
 
+@overload
+def find_step_angle(height: float, ball_radius: float, edge_radius: float = 0.0) -> float: ...
+@overload
+def find_step_angle(
+    height: Array | Sequence[float], ball_radius: Real, edge_radius: Real = 0.0
+) -> Array: ...
+@overload
+def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> float | Array: ...
 def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real:
     """Critical angle where a ball on the lower face meets the edge of a step.
 
@@ -53,6 +64,16 @@ def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) ->
     return unwrap_scalar(kernels.compute_step_angle(height, ball_radius + edge_radius))
 
 
+@overload
+def find_margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[float, float]: ...
+@overload
+def find_margin_angles(
+    opening: Array | Sequence[float], rise: Real, ball_radius: Real
+) -> tuple[Array, Array]: ...
+@overload
+def find_margin_angles(
+    opening: Real, rise: Real, ball_radius: Real
+) -> tuple[float, float] | tuple[Array, Array]: ...
 def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
     """Critical angles over a margin or a groove.
 
