@@ -32,12 +32,13 @@ def _describe_nearby(path: Path) -> str:
     from difflib import get_close_matches
 
     there = (
-        [str(path.parent / one.name) for one in path.parent.glob("*.toml")]
+        [str(path.parent / one.name) for one in path.parent.glob("*.toml") if one.is_file()]
         if path.parent.is_dir()
         else []
     )
     near = get_close_matches(str(path), there, 1, 0.6)
-    return f"did you mean {near[0]}?" if near else f"'stepblocks new block {path}' writes one"
+    begun = path / "mine.toml" if path.is_dir() else path
+    return f"did you mean {near[0]}?" if near else f"'stepblocks new block {begun}' writes one"
 
 
 def matches_pattern(only: str, set_name: str, identity: str) -> bool:

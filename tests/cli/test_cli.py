@@ -66,6 +66,7 @@ def test_every_command_has_help_with_examples_that_parse_and_takes_what_all_take
     help_text = capsys.readouterr().out
     assert f"Usage: {command}" in help_text
     assert max(map(len, help_text.splitlines())) <= 100
+    assert "list[" not in help_text  # a type of Python's
     options = {name for one in EVERY[command].params for name in one.opts}
     assert {"--quiet", "--json", "--wide", "--force"} <= options
     examples = [line.strip() for line in EVERY[command].epilog.splitlines()[1:]]

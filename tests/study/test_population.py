@@ -63,6 +63,14 @@ def test_with_one_spread_for_all_it_is_the_mixed_model_of_glmer():
     assert math.exp(found.x[1]) == pytest.approx(between, rel=0.02)
 
 
+def test_a_spread_that_all_answers_leave_open_downwards_has_no_lower_end():
+    # all answers jump between two levels: every smaller spread fits as well
+    hits = np.tile(np.where(LEVELS > -0.15, 9, 0), (4, 1))
+    wide = fitted(hits, np.full(hits.shape, 9)).estimate(1)
+    assert wide.low == -math.inf
+    assert wide.low < wide.value <= wide.high
+
+
 def test_the_marginal_likelihood_is_that_of_brute_force_integration():
     hits, totals = compared()
     grid = Grid(LEVELS, hits[:3], totals[:3])

@@ -35,8 +35,16 @@ _BESIDE = {
 _OF_A_PART = {
     "drawing": "{}/*.drawing.pdf",
     "drawing, SVG": "{}/*.drawing.svg",
+    "drawing, DXF": "{}/*.drawing.dxf",
     "inspection sheet": "{}/*.inspection-sheet.pdf",
-    "inspection": "inspect/*{id}*.inspection.svg",
+    "sheet to fill in": "{}/*.inspection-sheet.csv",
+    "inspection plan": "{}/*.plan.qif",
+    "setup sheet": "{}/*.setup.html",
+    "stock": "{}/*.stock.step",
+    "routes": "{}/*.routes.csv",
+    "gauge blocks, drawing": "{}/*.gauge.pdf",
+    "gauge blocks, STEP": "{}/*.gauge.step",
+    "inspection": "inspect/*{id}*.inspection.html",
     "scene": "scenes/{}/*/README.md",
 }
 

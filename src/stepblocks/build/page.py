@@ -254,7 +254,7 @@ def _draw_figure(stimuli: StimulusSet) -> str | None:
         "yaxis": {"title": {"text": "critical angle, °"}},
         "xaxis2": {"title": height, "domain": [0.56, 1.0], "range": across, "anchor": "y2"},
         "yaxis2": {
-            "title": {"text": "vibration energy"},
+            "title": {"text": "vibration energy", "standoff": 8},
             "type": "log",
             "anchor": "x2",
             "range": felt_range,

@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import typer
-from typer.core import TyperCommand, TyperGroup, TyperOption
+from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
 from stepblocks.cli.options import Force, Json, Quiet, Wide
 from stepblocks.cli.outcome import Outcome, protect_output, show
@@ -71,10 +71,12 @@ class Command(TyperCommand):
 
 
 def _hide_flag_types(parameters: list[Parameter]) -> list[Parameter]:
-    # Show no type in the help behind the name of a flag
+    # Show no type in the help behind the name of a flag or of several values
     for one in parameters:
         if isinstance(one, TyperOption) and one.is_flag:
             one.metavar = ""
+        elif isinstance(one, TyperArgument) and one.nargs != 1:  # "list[Path]" otherwise
+            one.display_type_rich = lambda ctx: None  # type: ignore[method-assign]
     return parameters
 
 

@@ -50,6 +50,8 @@ def compare(
 
     options = given(ball_radius=tip_radius, normal_load=load, friction=friction)
     found = compare_record(record, to, output, backward=backward, **options)
-    score = found["difference_jnd"].iloc[-1]
-    summary = f"{score:.2g} just noticeable differences from {to.name}, all parts together"
-    return Outcome(summary, {"realism": found.iloc[:-1].to_dict("records")})
+    return Outcome(
+        f"{found['difference_jnd'].iloc[-1]:.3g} just noticeable differences from {to.name}, all "
+        "parts together",
+        {"realism": found.iloc[:-1].to_dict("records")},
+    )

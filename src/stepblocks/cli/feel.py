@@ -34,4 +34,4 @@ def feel(
         import webbrowser
 
         webbrowser.open(page.resolve().as_uri())
-    return Outcome(f"{page}: {count} blocks", page=page)
+    return Outcome(f"{page}: {count} block{'s' if count != 1 else ''}", page=page)

@@ -154,5 +154,8 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
         return Outcome(f"{output}: {len(predict_table(files[0], output))} predictions")
     from stepblocks.predict.table import predict_trials
 
-    flagged = predict_trials(files[0], model, output)["status"] != "ok"
-    return Outcome(f"{output}: {int(flagged.sum())} trials flagged, see the column status")
+    status = predict_trials(files[0], model, output)["status"]
+    return Outcome(
+        f"{output}: {len(status)} trials predicted, {int((status != 'ok').sum())} of them not ok, "
+        "see the column status"
+    )

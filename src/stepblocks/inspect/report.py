@@ -135,7 +135,9 @@ class InspectionResult:
             listed = self.stimulus.characteristics()
             numbers = {one.key: number for number, one in enumerate(listed, start=1)}
         rows, budget = [], list[dict[str, object]]()
-        for key, measured in self.evaluation.values.items():
+        for key, measured in sorted(
+            self.evaluation.values.items(), key=lambda one: numbers.get(one[0], len(numbers) + 1)
+        ):
             one, decision = limits.get(key, (None, None))
             unit, factor = ("deg", math.degrees(1.0)) if key.endswith("_angle") else ("um", 1e6)
             half = measured.expanded() * factor
@@ -158,9 +160,14 @@ class InspectionResult:
                 size = (
                     None if decision is None else _finite_or_none(getattr(decision, name) * factor)
                 )
-                row[name] = None if size is None else f"{round(size, 9):.7g}"
-            said = "no limits" if decision is None else decision.verdict.value
-            rows.append({**row, "verdict": said})
+                row[name] = (
+                    None
+                    if size is None
+                    else f"{round(size, 9):{'.3g' if name == 'guard' else '.7g'}}"
+                )
+            rows.append(
+                {**row, "verdict": "no limits" if decision is None else decision.verdict.value}
+            )
             for part in measured.components:
                 std = "not stated" if math.isnan(part.std) else f"{part.std * factor:.3g}"
                 budget.append(

@@ -140,6 +140,6 @@ def _format_energy_change(pairs: Sequence[tuple[Prediction, Release]]) -> str:
     known = [change for change in changes if not math.isnan(change)]
     return (
         f"E_v {min(known) * 100:+.1f} % to {max(known) * 100:+.1f} % over {len(known)} conditions"
-        if known
-        else ""
+        if len(known) > 1
+        else "".join(f"E_v {one * 100:+.1f} %" for one in known)
     )

@@ -34,7 +34,9 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
         f"its burr of {burr * 1e6:.3g} um": Step(asked.height + burr, asked.edge_radius),
     }
     releases = [face.release(point) for face in (asked, made, *steps.values())]
-    verdict = f"{result.identity} {result.said}"
+    verdict = f"{result.identity} " + (
+        "is measured in part" if result.said == result.statement else result.said
+    )
     where = (
         f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction "
         f"{point.friction:g})"

@@ -35,9 +35,9 @@ static int drag(sb_world *world, int block, int direction)
         hand[0] += direction * step;
         hand[2] += (out.load - load) / stiffness; /* the hand keeps its load */
     }
-    printf("%s %s: peak %.6g N, formula %.6g N, %s, releases %u\n", sb_name(world, block),
-           direction > 0 ? "+x" : "-x", peak, formula.force, STATUS[formula.status],
-           (unsigned)out.events);
+    printf("%s %s: peak %.6g N, ", sb_name(world, block), direction > 0 ? "+x" : "-x", peak);
+    if (isfinite(formula.force)) printf("formula %.6g N, ", formula.force);
+    printf("%s, releases %u\n", STATUS[formula.status], (unsigned)out.events);
     return formula.status != SB_RELEASES || fabs(peak / formula.force - 1.0) < 0.01;
 }
 

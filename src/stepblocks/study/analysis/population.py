@@ -156,8 +156,8 @@ class Population:
             return 2.0 * (float(self._climb(best.x, place, value).fun) - float(best.fun))
 
         low, high = (
-            find_crossing(lambda value: ratio(value) - limit, middle, end, 0.5 * spread)
-            for end in self._bounds[place]
+            find_crossing(lambda value: ratio(value) - limit, middle, end, step)
+            for end, step in zip(self._bounds[place], (-0.5 * spread, 0.5 * spread), strict=True)
         )
         p = math.nan
         if self._bounds[place][0] < 0.0 < self._bounds[place][1]:

@@ -106,8 +106,8 @@ def fit_psychometric(
     # what a spread of zero loses more; where that is nothing, all small spreads fit alike
     sharper = float(miss(_fit_steps(x, k, n)).min()) - float(found.fun)
 
-    def find_end(place: int, end: float) -> float:
-        """Return where the profile has fallen by the 95 % point of chi squared."""
+    def find_end(place: int, side: int) -> float:
+        """Return where the profile has fallen by the 95 % point of chi squared, below or above."""
 
         def excess(value: float) -> float:
             points = ([*found.x], [*found.x[:2], 0.02], [middle, spread, 0.02])
@@ -118,10 +118,13 @@ def fit_psychometric(
             return 2.0 * (least - float(found.fun)) - _CHI95
 
         return find_crossing(
-            excess, float(found.x[place]), end, 0.2 * math.exp(min(found.x[1], 1.0))
+            excess,
+            float(found.x[place]),
+            bounds[place][side],
+            (-0.2, 0.2)[side] * math.exp(min(found.x[1], 1.0)),
         )
 
-    (low, high), (thin, wide) = ([find_end(n, end) for end in bounds[n]] for n in (0, 1))
+    (low, high), (thin, wide) = ([find_end(n, side) for side in (0, 1)] for n in (0, 1))
     # a threshold that is open comes first: its spread is then unknown as well
     require(
         math.isfinite(high - low),
@@ -152,15 +155,17 @@ def fit_psychometric(
 
 
 def find_crossing(excess: Callable[[float], float], start: float, end: float, step: float) -> float:
-    """Step from a start, where a function is negative, to its root; infinite beyond the end."""
+    """Step from a start, where a function is negative, to its root; infinite beyond the end.
+
+    The sign of the step is the direction, also where the start is the end.
+    """
     from scipy.optimize import brentq
 
     outer, above = start, -1.0
     while above <= 0.0 and outer != end:
-        inner, outer = outer, min(outer + step, end) if end > start else max(outer - step, end)
+        inner, outer = outer, (min if step > 0.0 else max)(outer + step, end)
         above, step = excess(outer), 2.0 * step
-    found = brentq(excess, inner, outer, xtol=1e-8) if above > 0.0 else math.inf
-    return float(found) if above > 0.0 else math.copysign(found, end - start)
+    return float(brentq(excess, inner, outer, xtol=1e-8)) if above > 0.0 else step * math.inf
 
 
 def assess_fit(
