@@ -1,6 +1,6 @@
-"""No file is left half-written: it is made beside its place, synced to the disk, and renamed.
+"""Write files whole: each is made beside its place, synced to the disk, and renamed.
 
-And nothing outside: a name that stands in a file is followed only where it stays in its folder.
+A name that stands in a file is followed only where it stays in its folder.
 """
 
 import fcntl

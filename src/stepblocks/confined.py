@@ -44,7 +44,7 @@ def read_confined(
 ) -> Document:
     """Call ``module:function`` with a path and arguments of JSON in a process of its own.
 
-    Returns arrays and values of JSON, by name.
+    The result holds arrays and values of JSON, by name.
     """
     # What our own code says of the file is raised as it stands; a limit, or what a library says of
     # it, with the file's name.

@@ -1,7 +1,7 @@
-"""Units at the border, SI floats inside.
+"""Units at the border; inside, values are floats in SI.
 
 A stimulus file says ``"25 um"``; everything behind this module holds ``2.5e-05``. Pint knows the
-units; this module knows which dimension each field must have and says so when it does not fit.
+units; this module knows the dimension of each field and says where a value does not fit it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The as-built record.
+"""The as-built record: what a machined stimulus measures, with uncertainty.
 
-What a machined stimulus measures, with uncertainty, for prediction and the closed loop.
+Predictions and the closed loop read it.
 """
 
 import hashlib
@@ -55,10 +55,7 @@ class AsBuilt:
 
     @property
     def height(self) -> AsBuiltValue | None:
-        """Height of the step.
-
-        Measured at the edge itself, or at the feature beside it that is as high.
-        """
+        """Height of the step, measured at the edge itself or at the feature that is as high."""
         keys = ("step_height", "groove_depth", "ridge_height")
         return next((self.values[key] for key in keys if key in self.values), None)
 
@@ -77,10 +74,7 @@ class _Record(BaseModel):
 
 
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
-    """Write a record as TOML with units, and its surface beside it as CSV.
-
-    Return the paths of both.
-    """
+    """Write a record as TOML with units, and its surface beside it as CSV; return both paths."""
     lines = [
         f"schema = {_SCHEMA}",
         *(f"{name} = {_quoted(format_file_name(getattr(record, name)))}" for name in _TEXTS),
@@ -143,10 +137,7 @@ def read_as_built(path: str | Path) -> AsBuilt:
 
 
 def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
-    """Read files, and all records of folders, by the stimulus that each is of.
-
-    One record of each.
-    """
+    """Read one record of each stimulus from files and folders of records."""
     files = [
         file
         for path in paths
@@ -165,10 +156,7 @@ def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
 
 
 def list_measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
-    """List heights and edge radii of inspected blocks for the closed loop.
-
-    The unit in every name.
-    """
+    """List heights and edge radii of inspected blocks for the closed loop, units in the names."""
     edges: dict[str, dict[str, float]] = {}
     for block, record in records.items():
         for name, one in (

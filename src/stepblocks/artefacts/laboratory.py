@@ -1,7 +1,4 @@
-"""What only the laboratory knows of a certificate, from a small file that it keeps.
-
-``lab.toml``.
-"""
+"""What only the laboratory knows of a certificate, read from its ``lab.toml``."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,6 +1,6 @@
-"""model.json: an extended model, complete.
+"""``model.json``: a complete extended model.
 
-So that it can be predicted from without the session it came from.
+Predictions from it do not need the session that it came from.
 """
 
 from collections.abc import Mapping

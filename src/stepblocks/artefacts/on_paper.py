@@ -53,7 +53,7 @@ def format_millimetres(length: float, decimals: int) -> str:
 def format_limits(nominal: float, lower: float, upper: float, quantity: str = "length") -> str:
     """Format nominal and deviations as on a drawing.
 
-    Examples: ``0.010 ±0.001``, ``0.000 +0.002/0``, ``16° ±1°``.
+    It writes ``0.010 ±0.001``, ``0.000 +0.002/0`` or ``16° ±1°``.
     """
     if quantity == "angle":
         value, low, high = (f"{math.degrees(one):.6g}°" for one in (nominal, lower, upper))

@@ -1,6 +1,6 @@
 """Plan and results of an inspection as QIF 3.0 (ISO 23952:2020).
 
-Characteristics numbered as on the drawing and in the STEP file.
+Characteristics have the numbers of the drawing and of the STEP file.
 
 A plan holds every characteristic with its tolerance, its datum and the order to measure all of
 them; results add what was measured, with combined standard uncertainties and the outcomes of ISO
@@ -45,12 +45,11 @@ def write_qif(
     measured: Values | None = None,
     is_complete: bool = True,
 ) -> None:
-    """Write the plan of a part.
+    """Write the plan of a part, and its results where they are given.
 
-    With values, their standard uncertainties and outcomes by key also its results.
+    Values, their standard uncertainties and outcomes are given by key.
 
     A part passes as a whole only where all that the order asks for was measured.
-
     """
     order, listed, values = order or OrderSpec(), list(part.characteristics()), measured or {}
     said = repr((part.record(), sorted(values.items())))

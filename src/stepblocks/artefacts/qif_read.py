@@ -1,6 +1,6 @@
-"""Results in QIF 3.0, whoever wrote them.
+"""Read results in QIF 3.0 of any origin.
 
-Each measured characteristic with its value, uncertainty, limits and outcome in SI.
+Each measured characteristic has its value, uncertainty and limits in SI, and its outcome.
 """
 
 import math
@@ -148,9 +148,9 @@ def _limits(
 
 
 def match_results(results: list[QifResult], keys: Mapping[str, str]) -> dict[str, QifResult]:
-    """Find results by all that a characteristic may be called: key, label, number on the drawing.
+    """Find results by key, label or number on the drawing of each characteristic.
 
-    The last one counts.
+    Where several match, the last one counts.
     """
     found: dict[str, QifResult] = {}
     for one in results:

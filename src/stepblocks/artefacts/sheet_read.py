@@ -1,6 +1,6 @@
 """A filled inspection sheet, as CSV with any separator or as a spreadsheet.
 
-Each measured line in SI.
+Each measured line is read in SI.
 """
 
 import math

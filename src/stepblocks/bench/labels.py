@@ -1,6 +1,6 @@
-"""Compares each trace with its row.
+"""Compare each trace with its row.
 
-A trial that contradicts its session is flagged, a group that does is data.
+A trial that contradicts its session is flagged; a group that does so is data.
 """
 
 from __future__ import annotations
@@ -131,9 +131,9 @@ class LabelCheck:
 
 
 def fit_load_line(load: Array, normal: Array) -> Callable[[Array], Array]:
-    """Return the line that the normal forces of a session lie on against their loads.
+    """Return the line of the normal forces of a session against their loads.
 
-    Whatever some of them do.
+    A minority of wrong rows does not move it.
     """
     from scipy.stats import theilslopes
 
@@ -157,9 +157,9 @@ def fit_load_line(load: Array, normal: Array) -> Callable[[Array], Array]:
 def find_shared_faults(
     rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, str]
 ) -> dict[int, str]:
-    """Find rows whose faults they share with their like, each with what they have in common.
+    """Find rows whose faults are shared by their like, and what these have in common.
 
-    Those are data.
+    Such rows are data.
     """
     # `rows` are the measured ones with their cells. Like are trials that share a label or two, or
     # that follow one another.

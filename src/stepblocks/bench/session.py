@@ -1,6 +1,7 @@
-"""What a session folder declares.
+"""The declaration of a session folder.
 
-Probe, acquisition, where traces, trials and scans lie, and how columns are named.
+It says what the probe and the acquisition are, where traces, trials and scans lie, and how columns
+are named.
 """
 
 from __future__ import annotations
@@ -200,7 +201,7 @@ class Channel(Strict):
 def check_channels(channels: Mapping[str, tuple[Channel, str]]) -> None:
     """Refuse units, factors, offsets and tares that say nothing, all at once.
 
-    By place, each channel with its dimension.
+    Channels stand by their places, each with its dimension.
     """
     mistakes: list[Mistake] = []
     for place, (channel, dimension) in channels.items():
@@ -418,9 +419,9 @@ class Session(_Open):
 
 
 def open_session(folder: str | Path) -> Session:
-    """Read ``session.toml`` of a folder and look whether all that it names is there.
+    """Read ``session.toml`` of a folder and check that all files that it names are there.
 
-    Else `BenchError` with all that is wrong.
+    Otherwise a `BenchError` lists all that is wrong.
     """
     folder = Path(folder)
     path = folder / "session.toml"

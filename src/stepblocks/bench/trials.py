@@ -1,6 +1,6 @@
-"""The table of trials: row by row.
+"""The table of trials, row by row.
 
-And under the names and in the units that an analysis asks for.
+Columns have the names and units that an analysis asks for.
 """
 
 from __future__ import annotations
@@ -155,9 +155,9 @@ class TrialTable:
 
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
-    """Look through the table of trials once: header, number of rows, duplicates.
+    """Read the table of trials once: header, number of rows, duplicates.
 
-    Of a row nothing but its name is held.
+    Only the names of its rows are kept.
     """
     columns, header = (
         session.trials.columns,
@@ -267,7 +267,7 @@ def _read_lines(session: Session) -> Iterator[list[str]]:
 def read_conditions(session: Session) -> dict[str, tuple[str, pd.Series]]:
     """Read what an analysis needs beside the forces.
 
-    By name, the column it takes the place of and one value per trial.
+    The result gives, by name, the column that it replaces and one value per trial.
     """
     # What the table already has under that name and in that unit is left out.
     import pandas as pd
@@ -313,11 +313,7 @@ def read_conditions(session: Session) -> dict[str, tuple[str, pd.Series]]:
 def insert_conditions(
     features: pd.DataFrame, conditions: dict[str, tuple[str, pd.Series]]
 ) -> pd.DataFrame:
-    """Return a table of features of all trials with `conditions` in the places.
-
-    Return a table of features of all trials with `conditions` in the places of the columns they
-    come from.
-    """
+    """Return a table of features with `conditions` in place of the columns they come from."""
     table = features.copy()
     for name, (column, values) in conditions.items():
         source, there = escape_formula(column), list(table.columns)

@@ -110,7 +110,7 @@ class Counterface(ABC):
     def section(self, run: float) -> tuple[Array, Array]:
         """Corners (x, z) [m] from `run` before the first to `run` behind the last one.
 
-        A rounding as its chords.
+        A rounding is drawn by its chords.
         """
 
     def outline(self) -> tuple[list[Disc], list[Line]]:
@@ -176,9 +176,9 @@ class Step(Counterface):
         return np.where(x < 0.0, 0.0, rounded)
 
     def section(self, run: float) -> tuple[Array, Array]:
-        """Lower face, the arc by 400 chords.
+        """Lower face, arc and upper face; the arc by 400 chords.
 
-        At most ``r (pi / 800)^2 / 8`` inside it and cut off where r exceeds H, upper face.
+        They lie at most ``r (pi / 800)^2 / 8`` inside it, and it ends where r exceeds H.
         """
         height, radius = self.height, self.edge_radius
         span = np.arccos(max(1.0 - height / radius, 0.0)) if radius > 0.0 else 0.0
@@ -417,9 +417,9 @@ class Profile(Counterface):
 
 @dataclass(frozen=True)
 class ProfiledMargin(Margin):
-    """A margin between sides that are not level, as those of a scan.
+    """A margin between sides that are not level, such as those of a scan.
 
-    Each a parabola over `SIDE`, level beyond.
+    Each side is a parabola over `SIDE`, level beyond.
     """
 
     tooth_curvature: float = 0.0  # 1/m
@@ -445,7 +445,7 @@ class ProfiledMargin(Margin):
         return forward, backward
 
     def section(self, run: float) -> tuple[Array, Array]:
-        """Tooth, floor of the gap, bevel, crown.
+        """Tooth, floor of the gap, bevel and crown.
 
         Either side by chords within 20 nm of a curvature of 0.2 per mm.
         """

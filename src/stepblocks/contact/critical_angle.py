@@ -1,6 +1,6 @@
-"""Critical angle of a ball on a step, a groove and a margin.
+"""Critical angle of a ball on a step, a groove and a margin, in closed form.
 
-The steepest slope of its centre's path, in closed form.
+It is the steepest slope of the path of the ball's centre.
 """
 
 from collections.abc import Sequence

@@ -130,9 +130,9 @@ def list_vibration_events(face: Counterface, point: OperatingPoint, stimulus: st
 
 
 def compute_ring_force(event: VibrationEvent, rate: float) -> Array:
-    """Force on the hand in the direction of the drag [N].
+    """Force on the hand in the direction of the drag [N], sampled at a rate [Hz].
 
-    Over seven time constants or the length of the waveform; rate in Hz.
+    It lasts for seven time constants, or for the length of the waveform.
     """
     if event.waveform is not None:
         known = np.arange(len(event.waveform.force)) / event.waveform.rate
@@ -146,9 +146,9 @@ def compute_ring_force(event: VibrationEvent, rate: float) -> Array:
 
 
 def compute_ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
-    """Energy that the damper spends [J] on a rendered or recorded ring.
+    """Energy that the damper spends on a rendered or recorded ring [J].
 
-    Its force [N] at a rate of samples [Hz].
+    The ring is a force [N], sampled at a rate [Hz].
     """
     phase = math.tau * tool.frequency * tool.decay_time
     square = float(np.sum(np.asarray(force, dtype=np.float64) ** 2)) / rate

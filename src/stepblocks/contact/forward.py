@@ -1,6 +1,6 @@
-"""The model of a session, equations (1) and (2) and what was found to be missing.
+"""The model of a session: equations (1) and (2), and the effects that were found missing.
 
-For many trials at once.
+It is evaluated for many trials at once.
 """
 
 import re

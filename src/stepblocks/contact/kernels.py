@@ -11,7 +11,7 @@ from stepblocks.contact.domain import Real, select_where
 def compute_angle_on_step(height: Real, radius_sum: Real) -> Real:
     """Angle of the tangent where a ball on the lower face touches the edge.
 
-    ``1 - cos a = H / (R + r)``.
+    It follows from ``1 - cos a = H / (R + r)``.
     """
     # by the half angle, sin^2(a/2) = H / 2(R + r), which keeps its digits for a small step
     return 2.0 * np.arcsin(np.sqrt(0.5 * height / radius_sum))
@@ -94,7 +94,7 @@ def compute_bevelled_margin_angles(
 def compute_pull_force(normal_load: Real, angle: Real, friction: Real) -> Real:
     """Tangential force at release, ``F_px = F_py tan(a + atan mu)``.
 
-    Equation (1), its fraction summed.
+    This is equation (1) with its fraction summed.
     """
     return normal_load * np.tan(angle + np.arctan(friction))
 
@@ -107,7 +107,7 @@ def compute_locking_height(ball_radius: Real, friction: Real) -> Real:
 def compute_height_at_angle(angle: Real, radius_sum: Real) -> Real:
     """Height of the step of a critical angle, ``H = (R + r)(1 - cos a)``.
 
-    The inverse of `compute_angle_on_step`.
+    It is the inverse of `compute_angle_on_step`.
     """
     return 2.0 * radius_sum * np.sin(0.5 * angle) ** 2
 
@@ -118,9 +118,9 @@ def compute_stored_energy(force: Real, stiffness: Real) -> Real:
 
 
 def compute_softened_force(force: Real, cubic: Real) -> Real:
-    """Return u of a hardening spring ``force = u + cubic u^3``, the force had it not hardened.
+    """Return u of a hardening spring ``force = u + cubic u^3``, by Viete's hyperbolic sine.
 
-    By Viete's hyperbolic sine.
+    It is the force that the spring would have if it did not harden.
     """
     root = np.sqrt(3.0 * np.maximum(cubic, 1e-9))
     return 2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0)

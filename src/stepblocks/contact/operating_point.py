@@ -94,18 +94,15 @@ class Tool:
 
     @property
     def damping_ratio(self) -> float:
-        """Share of critical damping with which a tip of that mass on this spring decays so.
-
-        ``1 / (2 pi f T)`` [1].
-        """
+        """Share of critical damping that gives this decay time, ``1 / (2 pi f T)`` [1]."""
         return 1.0 / (math.tau * self.frequency * self.decay_time)
 
 
 @dataclass(frozen=True)
 class Tissue:
-    """A soft wall along which the tool rubs.
+    """A soft wall along which the tool rubs; none by default.
 
-    A spring and a damper (Kelvin, Voigt) between both, until it slips; none by default.
+    A spring and a damper (Kelvin, Voigt) lie between both until the wall slips.
     """
 
     stiffness: float = 0.0  # along the drag [N/m]

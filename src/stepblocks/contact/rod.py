@@ -168,7 +168,7 @@ def compute_bush_stiffness(bore: float, outer: float, modulus: float, poisson: f
 def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
     """Predict the first mode of a rod with a sheath on its free part, or held through one.
 
-    Rigidly clamped without.
+    Without a sheath the rod is clamped rigidly.
     """
     from scipy.linalg import eigh, solve
 
@@ -290,9 +290,9 @@ STYLUS_HAND = Hand(20e-3, 575.0, 1.3, 0.21, 176.0, 11.3)
 def compute_modes(
     rod: Rod, sheath: Sleeve | Hold | None = None, highest: float = _HIGHEST
 ) -> list[Mode]:
-    """Return the modes of a rod, rigidly clamped or held through a sheath.
+    """Return the modes of a rod up to a frequency [Hz].
 
-    Up to a frequency [Hz].
+    The rod is clamped rigidly or held through a sheath.
     """
     from scipy.linalg import eigh
 
@@ -313,9 +313,9 @@ def compute_modes(
 
 
 def compute_clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) -> Array:
-    """Force on the clamp [N] after a pull of 1 N was let go at the tip.
+    """Force on the clamp [N] after a pull of 1 N was let go at the tip; times in s.
 
-    Or after a blow of 1 N s there; times in s.
+    It can also follow a blow of 1 N s there.
     """
     total = np.zeros_like(time)
     for one in modes:
@@ -328,9 +328,9 @@ def compute_clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) 
 def compute_sensed_energy(
     modes: Sequence[Mode], duration: float = PAPER.tool.ring_duration
 ) -> float:
-    """Square of the force on a sensor between rod or sheath and clamp, over a time.
+    """Square of the force on a sensor between rod or sheath and clamp, over a time [s].
 
-    For a pull of 1 N [s]; its energy goes with it.
+    It is for a pull of 1 N; the energy there is in proportion to it.
     """
     time = np.linspace(0.0, duration, _SAMPLES)
     return float(np.trapezoid(compute_clamp_force(modes, time) ** 2, time))

@@ -110,7 +110,7 @@ class DragState:
     def changed(self, **slots: object) -> DragState:
         """Return a copy with some slots changed.
 
-        Cheaper than ``dataclasses.replace`` in inner loops.
+        It is cheaper than ``dataclasses.replace`` in inner loops.
         """
         copy = object.__new__(DragState)
         copy.__dict__.update(self.__dict__)

@@ -1,6 +1,6 @@
-"""Intervals of a prediction from the uncertainties of its inputs, by sensitivities and by drawing.
+"""Intervals of a prediction from the uncertainties of its inputs.
 
-Tolerances from those.
+They come from sensitivities and from drawing; tolerances follow from them.
 """
 
 import math

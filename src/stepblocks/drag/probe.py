@@ -1,6 +1,6 @@
 """The probe and the settings of a drag in time.
 
-And the named settings that reproduce the paper's figures.
+Named settings reproduce the figures of the paper.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Probe:
     def stretch(self, force: float) -> float:
         """Stretch of the spring under a force [m].
 
-        The real root of the depressed cubic, by Viete's hyperbolic sine.
+        It is the real root of the depressed cubic, by Viete's hyperbolic sine.
         """
         if self.hardening == 0.0:
             return force / self.stiffness
@@ -89,9 +89,9 @@ class Probe:
         return 2.0 * scale * math.sinh(math.asinh(1.5 * force / (self.stiffness * scale)) / 3.0)
 
     def energy(self, force: float, rest: float = 0.0) -> float:
-        """Energy of the spring at a force above that at its rest.
+        """Energy of the spring at a force, above that at its rest [J].
 
-        Another force that pulls steadily [J].
+        Another force pulls steadily at rest.
         """
         if self.hardening == 0.0:
             return 0.5 * (force - rest) * (force - rest) / self.stiffness

@@ -217,9 +217,9 @@ class Drag:
         return summary
 
     def write(self, folder: Path) -> None:
-        """Write ``trace.csv``, ``events.csv``, ``drag.json``, ``force.png`` and, after a release.
+        """Write ``trace.csv``, ``events.csv``, ``drag.json`` and ``force.png``.
 
-        ``spectra.png``.
+        After a release, ``spectra.png`` is written too.
         """
         from stepblocks.drag.figures import draw_force, draw_spectra
 

@@ -1,6 +1,6 @@
-"""One drag: a track, a probe and settings in.
+"""One drag: it takes a track, a probe and settings.
 
-The trace, every passage and the energy ledger out.
+It gives the trace, every passage and the ledger of energy.
 """
 
 import math

@@ -42,7 +42,7 @@ class Track(CentrePath):
     def cubics(self) -> Array:
         """Coefficients of each piece in powers of the distance from its left knot.
 
-        Shape (n - 1, 4).
+        The shape is (n - 1, 4).
         """
         h, a, b = np.diff(self.x), self.slope_start, self.slope_end
         d = np.diff(self.z) / h
@@ -109,10 +109,7 @@ class Track(CentrePath):
 
 @lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
 def build_track(face: Counterface, ball_radius: float, backward: bool = False) -> Track:
-    """Track over a counterface: up a step in closed form.
-
-    Over anything else by dilating its section.
-    """
+    """Track over a counterface: up a step in closed form, else by dilating its section."""
     if isinstance(face, Step) and not backward:
         return build_step_track(face.height, ball_radius, face.edge_radius)
     track = build_profile_track(*face.section(4.0 * ball_radius), ball_radius, backward=backward)

@@ -83,10 +83,7 @@ class Edge:
     dropped: Mask
 
     def measure_across(self, position: Array, height: Array) -> tuple[Array, Array]:
-        """Return distances from the edge towards the upper face.
-
-        And heights over the lower one [m].
-        """
+        """Return distances from the edge to the upper face, and heights over the lower one [m]."""
         sign = 1.0 if self.rising else -1.0
         return sign * (position - self.middle), height - self.offset - self.tilt * position
 

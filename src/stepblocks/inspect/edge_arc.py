@@ -76,9 +76,9 @@ class Window:
         gamma: Array,
         shared: Array,
     ) -> None:
-        """Take positions and heights over the lower face [m], of shape.
+        """Take positions and heights over the lower face [m], shape (n,).
 
-        (n,), the step and the sampling interval [m].
+        The step and the sampling interval are in metres too.
         """
         # `gamma` is the autocovariance of the noise by lag [m^2]; rows of `shared`, shape (m, n),
         # have products that add up to the covariance of the levels [m^2].
@@ -110,7 +110,7 @@ class Window:
     def across(self, risers: Array, radii: Array) -> Array:
         """Residuals from the ideal surface [m].
 
-        One row per position of the riser and its radius.
+        There is one row for each position of the riser and its radius.
         """
         radius = radii[:, np.newaxis]
         from_riser = self.x - risers[:, np.newaxis]
@@ -285,9 +285,9 @@ def _compute_moments(values: Array, weight: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Flank:
-    """Edge whose flank slopes.
+    """Edge with a sloping flank.
 
-    A line, tangent to the arc of its corner, tangent to the upper face.
+    The flank is a line, tangent to the arc of its corner, which is tangent to the upper face.
     """
 
     angle: float  # of the flank from the face [rad]

@@ -1,6 +1,6 @@
 """Flatness of a face and parallelism to a datum, by minimum zone (ISO 1101).
 
-Of points, and of the form apart from the noise.
+Both are found of points, and of the form without the noise.
 
 The zone that holds all measured points grows with noise and with their number, and says little of a
 face. Stated is that of the form, a polynomial of total degree three or less over what was scanned;
@@ -37,7 +37,7 @@ def compute_flatness(points: Array) -> float:
 def compute_parallelism(points: Array, datum: Array) -> float:
     """Parallelism of a face to a datum [m], points of shape (n, 3).
 
-    Its width along the normal of the datum's minimum zone.
+    It is the width along the normal of the minimum zone of the datum.
     """
     return float(
         np.ptp(_require_face_points(points) @ _find_minimum_zone(_require_face_points(datum))[1])
@@ -109,7 +109,7 @@ class FaceForm:
     def draws(self, random: np.random.Generator) -> list[Array]:
         """Return what noise may have added to the coefficients [m].
 
-        Every draw and its mirror image.
+        It gives every draw and its mirror image.
         """
         # With mirror images the mean over the draws keeps only what curves, and that is the growth.
         half = random.normal(size=(_DRAWS // 2, len(self.root))) @ self.root
@@ -119,7 +119,7 @@ class FaceForm:
 def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     """Fit the form of a face of a map.
 
-    `height` and `face` of shape (ny, nx) over columns `x` and rows `y` [m].
+    `height` and `face` have the shape (ny, nx) over columns `x` and rows `y` [m].
     """
     used = face & np.isfinite(height)
     rows, columns = np.flatnonzero(used.any(axis=1)), np.flatnonzero(used.any(axis=0))

@@ -1,6 +1,6 @@
-"""Many scans, sheets and results of others.
+"""Many scans, sheets and results of others: one report for each block.
 
-One report for each block, with what repeats and reproduces.
+The report says how well readings repeat and reproduce.
 
 A table names the scans (``scan``), their part and block, and every other column is a condition
 under which they were taken: day, line, direction, operator. Of a block that was scanned several
@@ -68,7 +68,7 @@ class ManyScans:
     def shown(self) -> dict[str, Sequence[Mapping[str, object]]]:
         """Rows of the tables as text.
 
-        Limits unrounded and values to the digits of their uncertainty.
+        Limits are not rounded; values have the digits of their uncertainty.
         """
         return {
             name: [{key: _show_cell(key, cell) for key, cell in row.items()} for row in rows]
@@ -301,7 +301,7 @@ def is_table(paths: Sequence[Path]) -> bool:
 def estimate_repeatability(table: pd.DataFrame) -> tuple[float, float]:
     """Return the standard deviation of a reading of a block and its degrees of freedom.
 
-    Pooled over blocks.
+    Both are pooled over blocks.
 
     Columns of `table` are ``value``, ``block`` and conditions. Where readings were repeated under a
     condition, their mean is one reading: so what a day or an operator changes counts as well.

@@ -1,6 +1,6 @@
-"""A scan in, measured characteristics out, each with its budget.
+"""Measure the characteristics of a scan: an edge, a groove, a margin or a tip.
 
-The evaluation of an edge, a groove, a margin, a tip.
+Each characteristic has its uncertainty budget.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -134,7 +134,7 @@ def sample_profiles(
 ) -> tuple[list[Profile], list[str]]:
     """Return the profiles of a scan that are evaluated, cropped and in equal steps.
 
-    And notes on what that took.
+    Notes say what was left out or resampled.
     """
     rows, notes = list_profiles(scan), []
     if len(rows) > _MOST_PROFILES:

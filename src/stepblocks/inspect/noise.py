@@ -54,9 +54,9 @@ class Estimate:
 
 
 def estimate_robust_scale(residuals: Array) -> float:
-    """Return the standard deviation of the bulk of `residuals`.
+    """Return the standard deviation of the bulk of `residuals` [same unit].
 
-    From their median absolute deviation [same unit].
+    It follows from their median absolute deviation.
     """
     return float(_GAUSS_PER_MAD * np.median(np.abs(residuals - np.median(residuals))))
 

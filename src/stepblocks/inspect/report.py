@@ -231,9 +231,9 @@ class InspectionResult:
         return f"<pre>{html.escape(str(self))}</pre>"
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the scan with what was fitted and its limits, into `ax` or new axes.
+        """Draw the scan with what was fitted and its limits; return the axes.
 
-        Return these.
+        They are `ax`, or new ones where none are given.
         """
         if self.evaluation.shown is None:
             raise MetrologyError("only what was scanned here can be drawn, got results of others")
@@ -328,9 +328,9 @@ def _finite_or_none(value: float) -> float | None:
 def write_inspection(
     result: InspectionResult, folder: str | Path, laboratory: Laboratory | None = None
 ) -> list[Path]:
-    """Write page, plot and JSON of an inspection, the as-built record, the sheet filled in.
+    """Write page, plot and JSON of an inspection, the as-built record and the filled sheet.
 
-    And a certificate.
+    A certificate is written where it is asked for.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Radius and form of a probe tip.
 
-A sphere through the heights of the cap of a map, or a circle through those of a profile.
+A sphere is fitted to the heights of the cap of a map, a circle to those of a profile.
 
 The noise of a scan is along z and correlated. So the sphere is fitted to heights, with the forms
 that leave its curvature alone (astigmatism, coma), and its uncertainty goes through the
@@ -37,9 +37,9 @@ class Cap:
 
 
 def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> Cap:
-    """Fit a sphere, or a circle.
+    """Fit a sphere, or a circle, to the heights around the apex.
 
-    To the heights within `reach` of the nominal radius [m] around the apex.
+    `reach` is a share of the nominal radius [1].
     """
     if isinstance(scan, Profile):
         x, y, z = (

@@ -44,9 +44,9 @@ class TypeA1:
 
 
 def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
-    """Depth of one groove or ridge between `edges` L and R [m] in one profile.
+    """Depth of one groove or ridge between `edges` L and R in one profile [m].
 
-    (ISO 5436-1:2000, 5.2 and figure 7).
+    ISO 5436-1:2000, 5.2 and figure 7, defines it.
     """
     # Where the middle third is domed by more than its noise, the depth is that of type A2: to the
     # apex of the arc through it.

@@ -1,6 +1,6 @@
-"""Contact's model of a session in the shape that the search asks for.
+"""The model of a session in the form that the search takes.
 
-Channels, constants, effects, common errors.
+It has channels, constants, effects and common errors.
 """
 
 from collections.abc import Mapping, Sequence
@@ -236,7 +236,7 @@ def list_candidates(
 ) -> tuple[Law, ...]:
     """Return every effect that may be asked of a table.
 
-    Laws whose covariate varies, and all smooths.
+    These are the laws whose covariate varies, and all smooths.
     """
     names = {place.name for place in ranges} | {"none", "block"}
     sharp = scanned_radius is not None and scanned_radius < _SHARP

@@ -1,6 +1,6 @@
 """What is known of the gauges before the trials.
 
-Certificates in session.toml, and the unloaded samples of every trace.
+It comes from certificates in session.toml and from the unloaded samples of every trace.
 """
 
 from __future__ import annotations
@@ -74,9 +74,9 @@ class _Session(BaseModel):
 
 
 def read_calibration(session: Path) -> dict[str, tuple[float, float]]:
-    """Read the optional table ``[calibration]`` of a session, all mistakes told at once.
+    """Read the optional table ``[calibration]`` of a session.
 
-    Each in a line.
+    All mistakes are listed at once, one a line.
     """
     path = session / "session.toml"
     declared = validate_data(

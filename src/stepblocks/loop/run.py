@@ -146,7 +146,7 @@ def analyse_features(
 ) -> LoopResult:
     """Find what the nominal model lacks for a table of features.
 
-    Of the gauges `known` constants, else any.
+    `known` gives constants of the gauges that are known, if there are any.
     """
     rules = rules or Rules()
     table = build_session_table(features, spring_constant, tip_radius, scans, known)
@@ -199,9 +199,9 @@ def _explain_and_hold_out(
 
 
 def write_loop(result: LoopResult, output: Path) -> None:
-    """Write result.json, model.json, report.html and, where a block is asked for.
+    """Write result.json, model.json and report.html, each at once.
 
-    Next-block.toml, each at once.
+    Where a block is asked for, next-block.toml is written too.
     """
     from stepblocks.loop.page import render_loop_page
 

@@ -1,6 +1,6 @@
-"""What a session says, as the search takes it.
+"""The table of a session as the search takes it.
 
-The table of features as trials with channels, and the scans of the blocks.
+The table of features becomes trials with channels; the scans of the blocks stand beside it.
 """
 
 from __future__ import annotations
@@ -182,9 +182,9 @@ _STICKING = 0.1  # share of the trials from which sticking is the rule of a sess
 
 
 def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
-    """Say where the tip moved before the edge otherwise than the model has it.
+    """Say where the tip moved before the edge in another way than in the model.
 
-    No law of sliding is read off that.
+    No law of sliding follows from it.
     """
     stuck, n = table.regimes.get("stick-slip", 0), len(table.trials)
     if stuck < _STICKING * n:

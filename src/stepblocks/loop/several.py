@@ -1,6 +1,6 @@
 """Several sessions in one hierarchy.
 
-What days, tips and operators share, how they differ, and the next before it is run.
+It says what days, tips and operators share and how they differ, and predicts the next session.
 """
 
 import json
@@ -25,7 +25,7 @@ _LEVEL = 0.975  # quantile of a 95 % interval
 def pool_parameter(name: str, unit: str, sessions: Mapping[str, tuple[float, float]]) -> Document:
     """Pool one parameter by its value and standard error in each session that has it.
 
-    As sessions.json shows it.
+    The result is as sessions.json shows it.
     """
     # a draw from a distribution over sessions: an empirical-Bayes fit of random effects after Paule
     # and Mandel
@@ -76,7 +76,7 @@ def fit_hierarchy(
 ) -> tuple[dict[str, Document], LearnedModel]:
     """Fit the hierarchy of some sessions by name.
 
-    Beside it the model that predicts the next one.
+    Beside it stands the model that predicts the next session.
     """
     wanted = dict.fromkeys(
         f.effect.id for result in results.values() for f in result.found.findings

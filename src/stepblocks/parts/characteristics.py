@@ -210,9 +210,9 @@ def make_location(key: str, label: str, at: float, *faces: Rule) -> Characterist
 
 
 def make_edge_characteristics(burr: float, has_riser: bool) -> Iterator[Characteristic]:
-    """State the burr at the working edge (ISO 13715), at most `burr` [m].
+    """State the burr at the working edge, and the riser below it.
 
-    And the riser below it.
+    The burr is at most `burr` [m] (ISO 13715).
     """
     label = f"burr over the upper face within {BURR_ZONE * 1e3:g} mm of the edge"
     how = "profilometer or interferometer, ISO 13715"

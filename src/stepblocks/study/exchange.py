@@ -45,9 +45,9 @@ def read_foreign_judgements(
     experiment: str,
     ratings: tuple[int, int] = RATINGS,
 ) -> sheet.Judgements:
-    """Read judgements from tables, or a dataset, that no design of ours stands behind.
+    """Read judgements from tables or a dataset of a study that was not designed here.
 
-    `columns` gives their name for ours.
+    `columns` gives the name of each of their columns for one of ours.
     """
     # The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What
     # is not there is numbered (trial, repetition) or told from the height (stimulus).

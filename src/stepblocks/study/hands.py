@@ -1,6 +1,6 @@
-"""Who moves the probe: a mouse, or a device through its maker's C library.
+"""The hand that moves the probe: a mouse, or a device.
 
-Loaded when it is asked for.
+The C library of a device's maker is loaded when the device is asked for.
 """
 
 # A hand says where it is [m], how fast it moves [m/s] and whether its dead-man switch is held, and
@@ -68,7 +68,7 @@ class Mouse(Hand):
     def read(self) -> tuple[Array, Array, bool]:
         """Follow the last position smoothly.
 
-        A hand that takes hold comes down from above where it is.
+        A hand that takes hold comes down from above its place.
         """
         held = self._held and time.monotonic() - self._heard < _SILENCE
         if held and not self._down:

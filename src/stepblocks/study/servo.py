@@ -1,6 +1,6 @@
-"""The servo loop: read the hand, tick the renderer, hold the force within limits, give it back.
+"""The servo loop, a thousand times a second.
 
-A thousand times a second.
+It reads the hand, ticks the renderer, holds the force within limits and gives it back.
 """
 
 import ctypes
@@ -39,9 +39,9 @@ _WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept t
 
 
 def raise_priority(priority: int) -> None:
-    """Ask the system, where it lets us, to wake this thread before others and on time.
+    """Ask the system to wake this thread before others and on time, where it can.
 
-    A sleep may else last 50 us longer.
+    A sleep may otherwise last 50 us longer.
     """
     # Threads that it starts take the priority over. Who holds the interpreter while the servo waits
     # for it needs one too, though a lower one: any other program could else put both off.
@@ -186,9 +186,9 @@ class Servo(threading.Thread):
         return dict(zip(COLUMNS, self._log[: self.ticks].T.copy(), strict=True))
 
     def summary(self) -> dict[str, float]:
-        """Return how many ticks there were, how many came late.
+        """Return how many ticks there were, how many were late, and how late.
 
-        And the 99.9 % quantile of lateness [s].
+        The lateness is its 99.9 % quantile [s].
         """
         late = self._log[: self.ticks, -1]
         worst = float(np.quantile(late, 0.999)) if self.ticks else 0.0
@@ -202,7 +202,7 @@ class Servo(threading.Thread):
 def write_motion(path: Path, servo: Servo, told: dict[str, object]) -> None:
     """Write a trial's motion and forces as HDF5, one dataset per column.
 
-    Beside its place and renamed.
+    The file is written beside its place and renamed.
     """
     import h5py
 

@@ -86,7 +86,7 @@ def format_key(blocks: Mapping[str, Mapping[str, Item]]) -> str:
 def write_new_files(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     """Write files that people work on.
 
-    One that stands there with another content is theirs and stays.
+    A file that is there with other content is theirs and stays.
     """
     contents = {
         name: text.encode() if isinstance(text, str) else text for name, text in texts.items()
@@ -110,9 +110,9 @@ def simulate_answers(
     seed: int,
     noise: Mapping[str, float] = MappingProxyType({}),
 ) -> list[dict[str, str]]:
-    """Fill in the run sheets of a design.
+    """Fill in the run sheets of a design by simulation.
 
-    From each block's energy [J] and the share of it that a condition lets through.
+    Answers follow each block's energy [J] and the share of it that a condition lets through.
     """
     import pandas as pd
 
@@ -246,9 +246,9 @@ def read_design(path: Path) -> list[dict[str, str]]:
 
 
 def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
-    """Follow folders to the CSV files in them.
+    """Find the CSV files in folders.
 
-    And datasets as `share_study` writes them to their tables.
+    Datasets as `share_study` writes them lead to their tables.
     """
     found = list[Path]()
     for path in map(Path, paths):
@@ -295,9 +295,9 @@ def join_rows(
     asked: Mapping[Key, Row] | None = None,
     mistakes: Sequence[Mistake] = (),
 ) -> Judgements:
-    """Check judgements, each a planned trial and its answer, and tell all mistakes.
+    """Check judgements, each a planned trial and its answer, and list all mistakes.
 
-    What was `asked` and not answered is missing.
+    A judgement that was `asked` and not answered is missing.
     """
     import pandas as pd
 

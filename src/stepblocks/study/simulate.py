@@ -52,7 +52,7 @@ class Observer:
     def sensation_noise(self) -> float:
         """Standard deviation of the logarithm of one felt energy [1].
 
-        Whose difference of two is ln(1 + weber) / 0.6745.
+        That of the difference of two is ln(1 + weber) / 0.6745.
         """
         return math.log1p(self.weber) / Z75 / math.sqrt(2.0)
 
@@ -65,7 +65,7 @@ def read_off_height(
 ) -> Array:
     """Read the height that usually gives an energy off those that are known.
 
-    By straight lines through logarithms.
+    Between these it is interpolated in logarithms.
     """
     order = np.argsort(heights)
     y, x = (
@@ -140,7 +140,7 @@ def estimate_detection_power(
 ) -> dict[str, float]:
     """Estimate how often a pair of blocks, whose energies have a ratio, is told apart.
 
-    Participants' shares right against one half.
+    The shares of right answers of participants are tested against one half.
     """
     from scipy import stats
 

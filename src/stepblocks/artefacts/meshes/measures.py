@@ -97,7 +97,7 @@ class MeshMeasures:
     def sphere(self, radius: float, below: float) -> tuple[float, float, float]:
         """Fit the ball of a tip on the z axis, up to a height.
 
-        Returns radius, form and chordal error against `radius` [m].
+        The results are radius, form and chordal error against `radius` [m].
         """
         of_ball = (self.vertices[:, 2] <= below + 1e-9) & (self.radii < 1.5 * radius)
         fitted, form = fit_sphere_radius(self.vertices[of_ball])

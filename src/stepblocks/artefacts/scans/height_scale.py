@@ -1,6 +1,6 @@
-"""The height scale of a scan, read by us from the file itself.
+"""The height scale of a scan, read from the file itself.
 
-Since readers of instrument files disagree by factors.
+It is the check on readers of instrument files, which disagree by factors.
 """
 
 import struct
@@ -46,7 +46,7 @@ class HeightScale:
 def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None:
     """Read the height scale of a channel from the file itself.
 
-    None for a format that states none that is read here.
+    The result is None for a format that states none that is read here.
     """
     try:
         if form in _PACKED:

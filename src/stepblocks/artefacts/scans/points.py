@@ -1,6 +1,6 @@
 """Clouds of points as height maps, and the files that hold them.
 
-Meshes, PCD, height images in JSON, X3P with absolute axes.
+These are meshes, PCD, height images in JSON, and X3P with absolute axes.
 """
 
 import base64
@@ -18,9 +18,9 @@ _MOST_CELLS = 64_000_000
 
 
 def grid_points(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
-    """Put points [m] on the grid they lie on.
+    """Put points [m] on the grid that they lie on, and say which it is.
 
-    Or the nearest one that holds each within half a step, and say which.
+    Where they lie on none, it is the nearest grid that holds each point within half a step.
     """
     known = np.isfinite(x) & np.isfinite(y)
     if not known.all() and np.isfinite(z[~known]).any():
@@ -114,9 +114,9 @@ def _find_exact_axis(positions: Array) -> Array | None:
 
 
 def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
-    """Read a file whose numbers have no unit of their own, with the size of a stored 1 per axis.
+    """Read a PLY, STL, OBJ, PCD or JSON file, whose numbers have no unit of their own.
 
-    PLY, STL, OBJ, PCD, JSON.
+    The size of a stored 1 is given for each axis.
     """
     missing = [axis for axis in "xyz" if axis not in sizes]
     if missing:

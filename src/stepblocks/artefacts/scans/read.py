@@ -1,6 +1,6 @@
-"""One door for every scan.
+"""Read a scan from any file: text, or the file of an instrument.
 
-Text, and the files of instruments, read by SurfaceTopography and x3pio in the confined process.
+SurfaceTopography and x3pio read the files of instruments, in the confined process.
 """
 
 import re

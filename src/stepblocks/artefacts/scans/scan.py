@@ -1,7 +1,4 @@
-"""What an instrument measured.
-
-A profile or a height map, in metres and float64, with what is known of its scale.
-"""
+"""A measured profile or height map, in metres and float64, with what is known of its scale."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Profiles and maps from plain text.
+"""Profiles and maps from plain text: CSV, TSV and XYZ.
 
-CSV, TSV and XYZ, whose columns or user say their units (``x_um``, ``Raw (Å)``) or are refused.
+The columns or the user say the units (``x_um``, ``Raw (Å)``); a file without units is refused.
 """
 
 import io
@@ -68,7 +68,7 @@ _CONSTANT = 1e-3
 def parse_given_units(unit: str | None) -> dict[str, tuple[float, float]]:
     """Read ``um`` or ``x=mm,z=0.5 um``.
 
-    By axis the length of a stored 1 as a number and its units per metre.
+    The result gives, for each axis, the length of a stored 1 as a number and its units per metre.
     """
     found: dict[str, tuple[float, float]] = {}
     for one in (unit or "").split(",") if unit else ():
@@ -83,9 +83,9 @@ def parse_given_units(unit: str | None) -> dict[str, tuple[float, float]]:
 
 
 def holds_matrix(path: Path) -> bool:
-    """Whether a text states the size of a matrix of heights in its head, as SPIP.
+    """Tell whether the head of a text states the size of a matrix of heights.
 
-    Gwyddion and others write it.
+    SPIP, Gwyddion and others write it so.
     """
     with path.open("rb") as file:
         return _MATRIX.search(_decoded(file.read(4000))) is not None
@@ -94,9 +94,10 @@ def holds_matrix(path: Path) -> bool:
 def read_text_scan(
     path: Path, unit: str | None = None, channel: str | None = None
 ) -> Profile | HeightMap:
-    """Read a profile (two columns), a grid of points.
+    """Read a profile or a map of heights from text.
 
-    (three), columns by their names or a matrix of heights from text.
+    A profile has two columns, a grid of points three or columns by their names; a matrix holds
+    heights.
     """
     if (length := path.stat().st_size) > _MOST_BYTES:
         raise MetrologyError(

@@ -34,9 +34,9 @@ def read_number(value: object) -> float | None:
 
 
 class Exchange:
-    """All instances of a file by their texts; one is parsed when it is asked for.
+    """All instances of a file by their texts; each is parsed when it is asked for.
 
-    Most instances are shape, thousands of them.
+    Thousands of instances describe shape, and few of them are ever needed.
     """
 
     def __init__(self, name: str, schema: tuple[str, ...], raw: dict[str, str]) -> None:

@@ -1,7 +1,4 @@
-"""Records of trials of known truth, as a rig would have written them.
-
-In the layouts that laboratories keep.
-"""
+"""Records of trials of known truth, in the layouts of laboratories."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -136,9 +133,9 @@ class Rig:
         return 1 if math.isinf(self.bandwidth) else _OVERSAMPLING
 
     def disturb(self, tangential: Array, normal: Array, random: np.random.Generator) -> Trace:
-        """Put on true forces what the rig adds.
+        """Add to true forces what the rig adds.
 
-        The sensor's lag, hum, drift, noise, the steps of the converter.
+        These are the lag of the sensor, hum, drift, noise and the steps of the converter.
         """
         from scipy.signal import lfilter
 

@@ -1,6 +1,6 @@
-"""What a simulated session is to be.
+"""The plan of a simulated session, read from a TOML file.
 
-Design, model, scatter, rig and planted effects, read from a TOML file.
+It holds the design, the model, the scatter, the rig and the planted effects.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Model(Strict):
 class Design(Strict):
     """Conditions: the full factorial of heights, loads and speeds, `repeats` times.
 
-    Of which `trials` are drawn.
+    Of these, `trials` are drawn.
     """
 
     heights: list[_Length] = Field(min_length=1)

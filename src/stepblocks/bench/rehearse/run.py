@@ -1,6 +1,6 @@
-"""A session as a laboratory would bring it, from equations (1) and (2) or the drag in time.
+"""Simulate a session as a laboratory would bring it, with any planted effect.
 
-Any effect planted.
+Its truth comes from equations (1) and (2) or from the drag in time.
 """
 
 import csv
@@ -72,9 +72,7 @@ class SimulationSummary:
 
 
 def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
-    """Write a simulated session: declaration, table of trials, traces, scans.
-
-    And the truth behind them.
+    """Write a simulated session: declaration, table of trials, traces, scans, and the truth.
 
     Parameters
     ----------
@@ -287,7 +285,7 @@ def rig_of_state(plan: SessionPlan, state: DragState) -> Rig:
 def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
     """Figures of a trial by equations (1) and (2), before gauge and rig.
 
-    None where nothing catches or rings.
+    The result is None where nothing catches or rings.
     """
     one = np.ones(1)
     shown = compute_channels(state.changed(gain=one, lag=0.0 * one))[0]
@@ -312,7 +310,7 @@ def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
 def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
     """Return the same trial for the drag in time.
 
-    With the steady force along the drag beside the tip's [N].
+    Beside the force of the tip it has the steady force along the drag [N].
     """
     moved = [name for name in _NOT_IN_TIME if bool(np.any(getattr(state, name) != 0.0))]
     if moved:

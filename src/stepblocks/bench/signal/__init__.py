@@ -1,7 +1,4 @@
-"""One trace: whether it is fit to be measured.
-
-Where things happen in it, and every figure that it gives.
-"""
+"""One trace: whether it can be measured, where things happen in it, and its figures."""
 
 import math
 from collections.abc import Iterable
@@ -64,10 +61,7 @@ class Trace:
 
 
 def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -> str:
-    """Look for what makes a trace unusable, and say it in one line.
-
-    Empty where there is nothing.
-    """
+    """Say in one line what makes a trace unusable; empty where nothing does."""
     count = trace.time.size
     if count < _FEWEST_SAMPLES:
         few = f"{count} samples are too few (at least {_FEWEST_SAMPLES})"

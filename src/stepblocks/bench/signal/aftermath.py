@@ -1,7 +1,4 @@
-"""After the slip: which kind of ring it is.
-
-And its figures carried back to the instant of release.
-"""
+"""The kind of ring after the slip, and its figures carried back to the release."""
 
 from __future__ import annotations
 
@@ -79,7 +76,7 @@ class Swing:
     def amplitude(self, instant: float) -> Estimate:
         """Amplitude carried back to `instant`, and its standard uncertainty [N].
 
-        Viscous decay alone takes from it.
+        Viscous decay alone is taken into account.
         """
         (depth, depth_std), (decay, decay_std) = self.depth, self.decay_time
         reach = self.instant - instant
@@ -149,10 +146,7 @@ def fit_aftermath(
     *,
     saw: Saw | None = None,
 ) -> Aftermath:
-    """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs.
-
-    As that of a tool whose tip rubs.
-    """
+    """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs."""
     marks = replace(marks, noise=estimate_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
     if (
@@ -305,9 +299,9 @@ def _find_troughs(
 
 
 def measure_normal_level(time: Array, normal: Array, approach: Approach) -> Estimate:
-    """Return the normal force while sliding, hum and drift apart.
+    """Return the normal force while sliding, without hum and drift.
 
-    And its standard uncertainty [N].
+    Its standard uncertainty stands beside it [N].
     """
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
     weights, covariance = fit_with_covariance(_is_still(time[:end], approach), normal[:end])
@@ -321,10 +315,9 @@ def _is_still(t: Array, approach: Approach) -> Array:
 def measure_sympathetic_force(
     time: Array, normal: Array, approach: Approach, after: Aftermath
 ) -> Estimate:
-    """Amplitude at the release of what rings.
+    """Amplitude at the release of the ring in the normal force [N].
 
-    Amplitude at the release of what rings in the normal force with the tangential frequency and
-    decay [N].
+    The ring has the frequency and the decay of the tangential force.
     """
     begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.ring.origin)))
     still, since = _is_still(time[begin:], approach), time[begin:] - after.start

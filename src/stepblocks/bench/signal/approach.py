@@ -1,6 +1,6 @@
-"""Sliding and loading: where they lie, level before the edge, onset and slope of the ramp.
+"""Sliding and loading: where they lie, the level before the edge, and the ramp.
 
-With hum, drift and start-up.
+The ramp has an onset and a slope; hum, drift and start-up are fitted beside them.
 """
 
 import math
@@ -68,7 +68,7 @@ class Landmarks:
 def estimate_white_noise(values: Array) -> float:
     """Return the standard deviation of white noise, from fourth differences.
 
-    Blind to what is slow and to spikes.
+    Slow changes and spikes do not count.
     """
     fourth = np.abs(np.diff(values, n=4))
     # the median alone comes in steps where the record is quantised; it only says what is a spike
@@ -105,7 +105,7 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
 def find_bounded_landmarks(time: Array, force: Array) -> Landmarks:
     """Find sliding and loading up to the first sample at the top.
 
-    Be that the end of a gauge or of the record.
+    That sample is where the range of a gauge or the record ends.
     """
     noise, peak = estimate_white_noise(force), int(np.argmax(force))
     level = float(np.median(force[: max(peak // 4, 1)]))
@@ -196,7 +196,7 @@ class Approach:
     def mean_slope(self, rise: float) -> Estimate:
         """Slope of the straight line through the ramp up to a share of its rise.
 
-        And its standard uncertainty [N/s].
+        Its standard uncertainty stands beside it [N/s].
         """
         first, gradient = self.fit.shape.size, np.zeros(self.fit.covariance.shape[0])
         gradient[first + 2] = 1.0
@@ -222,7 +222,7 @@ class Approach:
     def start_up(self) -> Tool | None:
         """Frequency [Hz] and decay time [s] of the ring when the handle started.
 
-        Where there is one.
+        The result is None where there is no such ring.
         """
         return (
             (float(self.fit.shape[1]), float(self.fit.shape[2]))
@@ -253,9 +253,9 @@ class Approach:
         return np.asarray(wave_columns(time, self.mains) @ self.fit.weights[3:5], dtype=float)
 
     def sliding(self, time: Array) -> Array:
-        """Level with hum and, where there is one, the start-up ring [N].
+        """Level with hum and the ring of the start [N].
 
-        On the clock of the fit.
+        The ring is left out where there is none; times are on the clock of the fit.
         """
         force = self.level + self.hum(time)
         if self.start_up is None:
@@ -295,9 +295,9 @@ def _approach_columns(time: Array, onset: float, clock: Clock) -> Array:
 
 
 def bend_of_ramp(since: Array, bend: tuple[float, float]) -> Array:
-    """Return what a spring that hardens adds, per g.
+    """Return what a hardening spring adds to a ramp, per g.
 
-    To a ramp that begins at a level with a slope.
+    The ramp begins at a level with a slope.
     """
     level, slope = bend
     return 3.0 * level * (slope * since) ** 2 + (slope * since) ** 3
@@ -308,7 +308,7 @@ def fit_approach(
 ) -> Approach:
     """Fit sliding and ramp together.
 
-    And how the ramp bends where it clearly does and need not be straight.
+    The ramp may bend, where it clearly does.
     """
     slide_end = int(np.searchsorted(time, marks.onset))
     mains = find_mains(time[:slide_end], force[:slide_end])

@@ -1,6 +1,6 @@
-"""What one trace says: friction, load, ramp, peak, release, ring, energy.
+"""The figures of one trace: friction, load, ramp, peak, release, ring, energy.
 
-Each with its standard uncertainty.
+Each has its standard uncertainty.
 """
 
 import math
@@ -87,7 +87,7 @@ def find_peak(
 ) -> Peak:
     """Find the peak: the corner of ramp and release, both fitted.
 
-    Or the top of a cubic through a rounded one.
+    Where the corner is rounded, it is the top of a cubic.
     """
     # the highest sample is no measure of it: noise lifts it, and the release falls between two
     # samples
@@ -195,9 +195,9 @@ def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Ap
 
 @dataclass(frozen=True)
 class Loading:
-    """What a record shows up to its peak, with the fits behind it.
+    """Figures of a record up to its peak, with the fits behind them.
 
-    Alone, of a record whose peak is only a lower bound.
+    It stands alone where the peak is only a lower bound.
 
     Attributes
     ----------
@@ -270,14 +270,14 @@ class Measurement(Loading):
     def features(self) -> Features:
         """One value for each of `FEATURE_COLUMNS`.
 
-        Not-a-number where the trace does not show it.
+        A value is not-a-number where the trace does not show it.
         """
         return _compute_figures(_FIGURES, self)
 
     def sticking(self) -> tuple[float, ...]:
         """Amplitude and time of sticking, and static friction, from the saw before the edge.
 
-        Else not-a-number.
+        They are not-a-number without a saw.
         """
         if self.saw is None:
             return (math.nan,) * 6
@@ -287,9 +287,9 @@ class Measurement(Loading):
         return (*self.saw.amplitude, *self.saw.stick_time, static, spread)
 
     def energy(self) -> tuple[float, float, float]:
-        """Energy of the amplitude at the release on the declared spring.
+        """Energy of the amplitude at the release on the declared spring [J].
 
-        Its standard uncertainty [J], their ratio.
+        Its standard uncertainty [J] and their ratio follow.
         """
         amplitude, std = self.aftermath.amplitude
         energy = amplitude**2 / (2.0 * self.spring_constant)
@@ -444,9 +444,9 @@ def _compute_shares(
 
 
 def compute_band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
-    """Share of the energy of a transient that lies in a band.
+    """Share of the energy of a transient that lies in a band, by Parseval's theorem.
 
-    As in figures 4 and 5 of the paper, by Parseval's theorem.
+    Figures 4 and 5 of the paper show it.
     """
     # no window: a transient ends by itself, and a window would move energy from the release into
     # the band
@@ -463,9 +463,9 @@ def compute_band_share(values: Array, rate: float, band: tuple[float, float]) ->
 
 
 def average_tool(features: Iterable[dict[str, float]]) -> Tool | None:
-    """Frequency [Hz] and decay time [s] of the tool from some trials that show them well.
+    """Average frequency [Hz] and decay time [s] of the tool over trials that show them well.
 
-    Or None.
+    The result is None where too few do.
     """
     clear = [
         (row["ring_frequency_hz"], row["decay_time_s"])

@@ -1,4 +1,4 @@
-"""What the tip did, told on the waveform before an E_v is quoted.
+"""What the tip did, found from the waveform before an E_v is reported.
 
 It snapped, climbed down, flew, rubbed, or stuck and slipped.
 
@@ -161,7 +161,7 @@ def find_extremum(
 def find_first_swing(motion: Motion) -> tuple[float, float, float]:
     """Bottom of the first swing below the sliding level after a slip.
 
-    Depth, its standard uncertainty [N], instant [s].
+    The results are its depth, the standard uncertainty of that [N], and its instant [s].
     """
     # the tip runs forward all through that swing, so that friction is part of the level, whatever
     # comes after it
@@ -236,7 +236,7 @@ class Motion:
     def fallen(self) -> int:
         """First sample after the release at which the force is down at that of sliding.
 
-        To the noise.
+        The noise is the tolerance.
         """
         below = np.flatnonzero(
             self.smooth[self.peak : -2] <= self.level + 2.0 * self.noise / math.sqrt(5.0)
@@ -245,9 +245,9 @@ class Motion:
 
 
 def classify_regime(motion: Motion, saw: Saw | None, bell: bool) -> str:
-    """Say what the tip did; `bell` where a damped cosine explains the ring.
+    """Say what the tip did.
 
-    As of a tool whose tip hangs free.
+    `bell` says that a damped cosine explains the ring, as of a tool whose tip hangs free.
     """
     if saw is not None:
         return "stick-slip"

@@ -112,7 +112,7 @@ class Ring:
     def amplitude(self, instant: float) -> Estimate:
         """Amplitude of the ring, carried to an instant by its decay.
 
-        And its standard uncertainty [N].
+        Its standard uncertainty stands beside it [N].
         """
         cosine, sine = self.fit.weights[5:7]
         reach, decay = instant - self.origin, self.decay_time[0]
@@ -156,7 +156,7 @@ def guess_ring(time: Array, values: Array) -> Tool:
 def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
     """Fit a damped ring to the samples after a slip.
 
-    Of a tool that hardens, after Duffing, where that is seen.
+    Where it is seen that the tool hardens, the ring is that of Duffing.
     """
     ring = _fit_damped(
         time, force, origin, mains, noise, np.array([*guess_ring(time, force), _RELEASE_DECAY[1]])
@@ -299,7 +299,7 @@ def compute_rubbing_force(
 ) -> Array:
     """Force of the tool after the slip [N], piece by piece in closed form.
 
-    1e6 from where on the tip chatters without end.
+    It is 1e6 from where the tip chatters without end.
     """
     # `level` holds while the tip slips forward and is lower by `gap` while it slips back [N];
     # `start` is the force [N] and its rate [N/s] at 0; `slope` is that of the force while the tip
@@ -409,9 +409,9 @@ def fit_rubbing_ring(
     *,
     spread: Tool = GUESSED,
 ) -> RubbingRing:
-    """Fit a ring limited by friction, hum taken off before.
+    """Fit a ring limited by friction, from a guess of its level and of the tool.
 
-    From a guess of its level and of the tool.
+    Hum has been taken off before.
     """
     from scipy.optimize import least_squares
 

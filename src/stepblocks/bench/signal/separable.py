@@ -1,6 +1,6 @@
 """Least squares by variable projection (Golub and Pereyra 1973, doi:10.1137/0710036).
 
-With the covariance of all parameters.
+The covariance of all parameters comes with the fit.
 
 A trace is a sum of known shapes whose weights enter linearly; only two or three times and
 frequencies are searched.
@@ -140,7 +140,7 @@ def compute_numeric_jacobian(
 def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None = None) -> Array:
     """Covariance of the parameters, widened by the autocorrelation of the residuals.
 
-    They carry less than their number.
+    Correlated residuals say less than their number.
     """
     # Rows of `known`, in the unit of the data per parameter, count as further exact measurements.
     count, parameters = jacobian.shape
@@ -178,10 +178,9 @@ def compute_correlation_inflation(residuals: Array) -> float:
 
 
 def propagate_std(gradient: Array, covariance: Array) -> float:
-    """Return the standard uncertainty of a quantity with this gradient in the parameters.
+    """Return the standard uncertainty of a quantity by its gradient.
 
-    Return the standard uncertainty of a quantity with this gradient in the parameters of a
-    covariance.
+    The gradient is taken in the parameters of a covariance.
     """
     variance = float(gradient @ covariance @ gradient)
     return math.sqrt(variance) if variance > 0.0 else 0.0
@@ -190,7 +189,7 @@ def propagate_std(gradient: Array, covariance: Array) -> float:
 def compute_misfit(residuals: Array, parameters: int, begin: int, noise: float) -> float:
     """Return by how many standard errors a fit misses its noise.
 
-    Of the whole or of its begin, whichever is worse.
+    It is that of the whole or of its beginning, whichever is worse.
     """
     # a fit of a ring that is wrong is wrong where the ring is largest; over the whole record that
     # goes under

@@ -1,6 +1,6 @@
-"""The traces of a session: read in a confined process, as CSV or in any of the formats beside.
+"""The traces of a session: read in a confined process, or given in SI.
 
-And one given in SI.
+A session has them as CSV or in one of the formats of this folder.
 """
 
 import json
@@ -125,10 +125,7 @@ def _read_increments(group: Any, names: Sequence[str | int]) -> Array:
 
 
 class Traces(ExitStack):
-    """Traces of a session, open for reading.
-
-    One container that stays open, or one file per trial.
-    """
+    """Traces of a session, open for reading: one open container, or one file per trial."""
 
     def __init__(self, session: Session) -> None:
         super().__init__()

@@ -44,10 +44,7 @@ def find_hdf5_group(file: "h5py.File", place: Place) -> "h5py.Group | h5py.Datas
 
 
 def read_hdf5_column(group: "h5py.Group | h5py.Dataset", name: str | int) -> "h5py.Dataset":
-    """Read one channel of a group of datasets, of a compound table.
-
-    Or of a plain table of numbers.
-    """
+    """Read one channel of a group of datasets, of a compound table or of a plain one."""
     import h5py
 
     if isinstance(group, h5py.Dataset):

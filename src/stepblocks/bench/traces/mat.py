@@ -1,6 +1,6 @@
 """Traces in MATLAB files: a struct or a matrix per trial.
 
-Or a variable per channel in a file of the trial's own.
+A file of one trial may also hold a variable per channel.
 """
 
 import io

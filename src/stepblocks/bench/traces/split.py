@@ -18,9 +18,9 @@ _SMOOTH = 5
 
 
 def cut_drags(trace: Trace, count: int) -> list[slice]:
-    """Find `count` drags: by the lifted tip where it is lifted between them.
+    """Find `count` drags, by the lifted tip where it is lifted between them.
 
-    Else by the releases that fall most.
+    Otherwise the releases that fall most are their ends.
     """
     from scipy.ndimage import uniform_filter1d
 

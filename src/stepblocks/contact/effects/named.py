@@ -1,6 +1,6 @@
 """Effects that equations (1) and (2) lack and that have a name, slot by slot.
 
-Of the contact, of the tool, and of its gauges.
+They belong to the contact, to the tool or to its gauges.
 """
 
 from collections.abc import Mapping, Sequence
@@ -453,9 +453,9 @@ _TOOL = (
 
 
 def list_named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
-    """Return the laws with names (smooths are in `smooth`).
+    """Return the laws that have names, the height error of each of `blocks` among them.
 
-    The height error of each of `blocks` among them.
+    Laws without a name are in `smooth`.
     """
     return (
         *_GEOMETRY,

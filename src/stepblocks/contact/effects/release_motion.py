@@ -1,6 +1,6 @@
-"""Motion of the tip from breaking loose to its first swing, in units of radius sum.
+"""Motion of the tip from breaking loose to its first swing.
 
-Load and the tool's mass.
+It is in units of radius sum, load and the mass of the tool.
 """
 
 from functools import lru_cache
@@ -125,7 +125,7 @@ def compute_release(
 ) -> tuple[Array, Array]:
     """Compute the logarithms of the peak's excess and of the share that rings.
 
-    V k / (omega N), damping ratio and g N^2.
+    They depend on V k / (omega N), the damping ratio and g N^2.
     """
     asked = np.stack([np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping, cubic])
     excess, share = _cached_climbs(asked.tobytes()).T

@@ -66,7 +66,7 @@ class CovariateRange:
     def line(self, column: NDArray[np.generic]) -> Floats:
         """Return the one column of a straight line, from -1 to 1 over the range.
 
-        Of a pair the product of two.
+        For a pair it is the product of two.
         """
         if self.pair:
             first, second = self.pair
@@ -76,7 +76,7 @@ class CovariateRange:
     def basis(self, column: NDArray[np.generic]) -> Floats:
         """Columns of the smooth, each zero in the middle of the range.
 
-        Cubic B-splines, or one per label.
+        They are cubic B-splines, or one column per label.
         """
         from scipy.interpolate import BSpline
 

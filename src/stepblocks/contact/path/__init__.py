@@ -1,4 +1,4 @@
-"""The path of a tip over a surface.
+"""The path of a tip over a surface, and where the tip catches.
 
-Exact dilation of profiles and height maps, and where the tip catches.
+Profiles and height maps are dilated exactly.
 """

@@ -184,9 +184,9 @@ def _catch(slope: float, where: float, contact: float) -> Catch:
 
 
 def find_interval_slopes(path: TipPath, floor: float) -> NDArray[np.float64]:
-    """Steepest rise between neighbouring positions, where, and the contact there.
+    """Steepest rise between neighbouring positions, its place, and the contact there.
 
-    Shape (n - 1, 3).
+    The shape is (n - 1, 3).
     """
     if path.position.size < 2:
         raise ContactError("a drag needs a path of at least 2 positions")

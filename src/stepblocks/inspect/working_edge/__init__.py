@@ -1,4 +1,4 @@
 """Characteristics of a working edge.
 
-Height, edge radius, burr, riser, form and roughness of its faces, and the energy.
+They are height, edge radius, burr, riser, form and roughness of its faces, and the energy.
 """

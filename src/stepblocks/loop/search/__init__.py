@@ -1,4 +1,4 @@
-"""Residuals traced to effects that a model lacks. Knows any forward model.
+"""Trace residuals to effects that a model lacks.
 
-No teeth and no steel.
+The search takes any forward model; it knows neither teeth nor steel.
 """

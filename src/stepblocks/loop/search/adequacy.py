@@ -1,6 +1,6 @@
-"""Whether the extended model is enough, what no trial of this design can tell apart.
+"""Whether the extended model is adequate, and what this design cannot tell apart.
 
-And which trials would.
+It also ranks the trials that would tell it apart.
 """
 
 from collections.abc import Sequence
@@ -61,10 +61,7 @@ def check_residuals(
 
 
 def compute_smooth_p(residual: Floats, columns: Floats) -> float:
-    """F-test of what some columns explain of a residual beside its mean.
-
-    1 where that cannot be asked.
-    """
+    """F-test of what some columns explain of a residual beside its mean; 1 where it has none."""
     design = np.column_stack([np.ones(len(residual)), columns])
     solution, _, rank, _ = np.linalg.lstsq(design, residual, rcond=None)
     rest = residual - design @ solution
@@ -86,10 +83,9 @@ def depends_on_settings(values: Floats, trials: Trials) -> bool:
 def compare_with_replicates(
     residual: Floats, cells: Sequence[object], free: int
 ) -> dict[str, float]:
-    """Test the misfit of a model of so many constants against the scatter among trials.
+    """Test the misfit of a model against the scatter among trials of equal settings.
 
-    Test the misfit of a model of so many constants against the scatter among trials of equal
-    settings.
+    `free` is the number of its constants.
     """
     seen = np.isfinite(residual)
     values = residual[seen]
@@ -112,7 +108,7 @@ def compare_with_replicates(
 def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> dict[str, object]:
     """Compare the directions in which effects and constants move the prediction.
 
-    What the design cannot tell apart.
+    Where they agree, the design cannot tell them apart.
     """
     rows = base.residual.size
     scaled = base.jacobian / np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)

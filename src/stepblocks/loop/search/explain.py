@@ -208,9 +208,9 @@ def search_twice(
     rules: Rules,
     deployed: Deployed | None = None,
 ) -> _Grown:
-    """Search, ask what nobody wrote down.
+    """Search for effects, then for structure in the residuals.
 
-    And search again where trials that follow one another err together.
+    The search is repeated where trials that follow one another err together.
     """
     problem = build_problem(model, trials)
     grown = _search(problem, candidates, rules, deployed)
@@ -464,9 +464,9 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
 
 
 def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
-    """Return the likeliest of some rivals.
+    """Return the likeliest rivals of an effect, and those in `always`.
 
-    As many as hold the truth with the effect by `_GROUP`, and those in `always`.
+    As many are kept as hold the truth together with the effect by `_GROUP`.
     """
     odds = np.exp([-0.5 * behind for _, _, behind in rivals])
     before = (1.0 + np.cumsum(odds) - odds) / (1.0 + odds.sum())

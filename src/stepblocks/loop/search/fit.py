@@ -1,6 +1,6 @@
 """Fit of a forward model with effects.
 
-Whitened least squares with priors, on all channels at once.
+It is a whitened least-squares fit with priors, on all channels at once.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class Problem:
     common: tuple[Systematic, ...] = ()
 
     def tighten(self, fitted: Fit) -> Problem:
-        """Take the scatter about a fitted model where.
+        """Take the scatter about a fitted model where it is below that of the regression.
 
-        Take the scatter about a fitted model where that is less than about the flexible regression.
+        The regression is the flexible one.
         """
         trials = self.trials
         dof = max(len(trials) - len(fitted.parameters), len(trials) // 2)

@@ -76,7 +76,7 @@ class Trials:
     def dummies(self, name: str, most: int) -> list[Floats]:
         """Return a column of zeros and ones for every label but the first.
 
-        None where there are more than `most`.
+        The result is None where there are more than `most`.
         """
         labels = np.unique(self.covariates[name])[1:]
         return (

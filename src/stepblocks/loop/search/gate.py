@@ -1,6 +1,6 @@
-"""Is there anything at all? Score statistics of every candidate.
+"""The first gate: whether the trials show any effect at all.
 
-Judged together by a bootstrap of their maximum.
+Score statistics of all candidates are judged together by a bootstrap of their maximum.
 """
 
 from collections.abc import Mapping, Sequence
@@ -72,7 +72,7 @@ class _Direction:
 def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]) -> Floats:
     """Whitened change of the prediction per unit of each amplitude, in units of its scale.
 
-    Shape (n c, p).
+    The shape is (n c, p).
     """
     return problem.noise.whiten(np.stack(_compute_changes(problem, base, effect, shape), axis=2))
 
@@ -203,9 +203,9 @@ def score_candidates(
 def compute_detectable(
     problem: Problem, base: Fit, effects: Sequence[Law], needed: float
 ) -> dict[str, float]:
-    """Return the amplitude of each effect of one amplitude.
+    """Return the amplitude at which each effect opens the gate nine times in ten.
 
-    Return the amplitude of each effect of one amplitude that opens the gate nine times in ten.
+    These are the effects of one amplitude.
     """
     # the root of its expected gain exceeds that of the gain that opens the gate by 1.28 standard
     # deviations
@@ -258,7 +258,7 @@ def choose_candidate(
 ) -> tuple[Trial, list[Trial]] | None:
     """Fit the candidates that score best and choose among them.
 
-    Beside the choice all of them in order.
+    The result holds the choice, and all of them in order.
     """
     tried: list[Trial] = []
     leading = 0.0

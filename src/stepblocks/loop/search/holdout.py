@@ -23,10 +23,7 @@ Asked = Callable[[Trials], Sequence[Law]]  # candidates of a table
 def check_claims(
     found: Explanation, selected: Sequence[Sequence[str]], cells: Sequence[object]
 ) -> Explanation:
-    """Leave `effect` to what the scatter of replicates allows.
-
-    Leave `effect` to what the scatter of replicates allows and what every fold chose for itself.
-    """
+    """Keep the claim of an effect only where replicates and every fold support it."""
     seen, free = found.problem.trials.seen, len(found.extended.parameters)
     residual = np.where(seen, found.extended.residual.reshape(seen.shape), np.nan)
     misfit = [
@@ -80,7 +77,7 @@ def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Finding:
 class Holdout:
     """Errors on held-out trials, measured less predicted.
 
-    Not-a-number where a trial was never held out.
+    They are not-a-number where a trial was never held out.
 
     Attributes
     ----------
@@ -99,7 +96,7 @@ class Holdout:
     def rms(self, channel: int) -> tuple[float, float]:
         """Root mean square of both errors in one channel.
 
-        Not-a-number where nothing was held out.
+        It is not-a-number where nothing was held out.
         """
         seen = [
             error[np.isfinite(error[:, channel]), channel]

@@ -78,10 +78,7 @@ class Noise:
 
 
 def build_flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
-    """Regressors flexible enough to follow any smooth effect.
-
-    So that their residual is scatter alone.
-    """
+    """Regressors flexible enough to follow any smooth effect: their residual is scatter alone."""
     n = len(trials)
     labels, inverse = np.unique(trials.block, return_inverse=True)
     first: list[Floats] = [np.ones(n)]
@@ -143,7 +140,7 @@ def compute_replicate_residual(
 ) -> tuple[Floats, int] | None:
     """Return the same about the mean of each cell of replicates.
 
-    None where they are too few to know a scatter by.
+    It is None where there are too few replicates to know a scatter by.
     """
     _, inverse, counts = np.unique(
         [str(cell) for cell in cells], return_inverse=True, return_counts=True
@@ -192,9 +189,9 @@ def find_outliers(trials: Trials, threshold: float = 6.0) -> NDArray[np.bool_]:
 
 
 def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int) -> Scatter:
-    """Estimate from residuals which quantity scatters by how much from trial to trial.
+    """Estimate by maximum likelihood how much each quantity scatters from trial to trial.
 
-    By maximum likelihood.
+    The estimate is made from residuals.
     """
     seen = np.isfinite(residual) & np.isfinite(std)
     n, c = residual.shape
@@ -237,9 +234,9 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
 
 
 def take_least_scatter(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
-    """Return of every quantity, and of every channel in all.
+    """Return the least of several estimates of scatter.
 
-    The least scatter of several estimates.
+    It is taken for every quantity, and for every channel in all.
     """
     # what a channel scatters on its own and by a quantity that moves little else is hardly told
     # apart: the least of either part would come to less than any estimate saw

@@ -1,6 +1,6 @@
-"""What nobody wrote down: how trials err beside the model.
+"""Structure in the residuals: how trials err, each by itself and beside its neighbours.
 
-Each by itself and beside its neighbours.
+Its causes stand in no column of the table.
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,9 +54,9 @@ class Hint:
 
 
 def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Floats]:
-    """Estimate for every trial by how much its quantities differ from the model.
+    """Estimate for every trial by how much its quantities differ from the model, shape (n, k).
 
-    And the uncertainty, both (n, k).
+    The uncertainty has the same shape.
     """
     trials, scatter = problem.trials, problem.noise.scatter
     responses = problem.model.responses(trials, fitted.values, fitted.active)
@@ -131,9 +131,10 @@ def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | 
 
 
 def fit_walk(values: Floats) -> tuple[float, float, float]:
-    """Fit a walk beside scatter: twice the log likelihood that it gains.
+    """Fit a random walk beside scatter.
 
-    Step and scatter (standard deviations).
+    The result is twice the log likelihood that it gains, with the standard deviations of step and
+    scatter.
     """
     # The cosine transform diagonalises a walk whose mean is taken off, so that the likelihood costs
     # one transform.
@@ -169,7 +170,7 @@ def build_wandering(
 ) -> list[Systematic]:
     """Directions of the noise in which quantities wander along the run.
 
-    `wanders` gives the values they were seen in.
+    `wanders` gives the values of the wanderings that were found.
     """
     trials = problem.trials
     responses = problem.model.responses(trials, fitted.values, fitted.active)

@@ -1,6 +1,6 @@
-"""The junction of crown and tooth (Holmes et al. 1989; docs/reference/stimulus-file.md).
+"""The junction of crown and tooth, as a block.
 
-As a block.
+Terms are those of Holmes et al. 1989; see docs/reference/stimulus-file.md.
 """
 
 import itertools

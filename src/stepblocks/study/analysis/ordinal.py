@@ -141,9 +141,9 @@ def _model() -> "type[OrderedModel]":
     from statsmodels.tools.numdiff import approx_fprime
 
     class ProportionalOdds(OrderedModel):  # type: ignore[misc]
-        """statsmodels differentiates its likelihood numerically.
+        """The model of statsmodels with derivatives in closed form.
 
-        Ten times slower and to six digits.
+        statsmodels takes them numerically, which is ten times slower and right to six digits.
         """
 
         def score_obs(self, params: Array) -> Array:
