@@ -41,6 +41,12 @@ def test_a_long_value_is_shortened():
     assert len(str(caught.value)) < 500
 
 
+@pytest.mark.parametrize("call", [{"output": 1e-300}, {"files": 3j}])
+def test_a_check_refuses_before_it_begins_and_not_where_the_first_artefact_is_taken(call):
+    with pytest.raises(sb.StepblocksError, match="check_output cannot use these values"):
+        sb.check_output(**call)
+
+
 def test_an_error_of_ours_keeps_its_class_and_words():
     with pytest.raises(sb.StepblocksError, match=r"kg") as caught:
         sb.parse_quantity("25 kg", "length")

@@ -90,9 +90,9 @@ class _Reader:
                     found[name] = np.frombuffer(_receive(process.stdout, size), kind).reshape(shape)
             except (EOFError, BrokenPipeError):
                 code = self.close(5.0)
-                if code == -signal.SIGXCPU or watch.finished.is_set():
-                    return {}, f"it must be readable within {seconds:.0f} s", False
-                return {}, f"its reader ended with {code}", False
+                late = code == -signal.SIGXCPU or watch.finished.is_set()
+                rule = f"it must be readable within {seconds:.0f} s"
+                return {}, rule if late else f"its reader ended with {code}", False
             except BaseException:
                 self.close()
                 raise
@@ -103,7 +103,6 @@ class _Reader:
     def _started(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
             self.close()  # the pipes of one that has died
-            paths = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-W", "ignore", "-m", "stepblocks.confined"],
                 stdin=subprocess.PIPE,
@@ -113,7 +112,9 @@ class _Reader:
                     **os.environ,
                     "OMP_NUM_THREADS": "1",
                     "OPENBLAS_NUM_THREADS": "1",
-                    "PYTHONPATH": os.pathsep.join(paths),
+                    "PYTHONPATH": os.pathsep.join(
+                        filter(None, [str(Path(__file__).parents[1]), os.getenv("PYTHONPATH")])
+                    ),
                 },
             )
         return self._process

@@ -71,10 +71,9 @@ def _describe_call(
     signature: inspect.Signature, named: Mapping[str, object], error: TypeError
 ) -> str:
     # Say what is wrong with a call, and for an unknown keyword which ones there are
-    rest = signature.parameters.items()
-    known = [name for name, one in rest if one.kind is not one.VAR_KEYWORD and name != "self"]
+    known = [name for name in signature.parameters if name != "self"]
     unknown = [name for name in named if name not in known]
-    if not unknown or any(one.kind is one.VAR_KEYWORD for _, one in rest):
+    if not unknown or any(one.kind is one.VAR_KEYWORD for one in signature.parameters.values()):
         return str(error)
     close = difflib.get_close_matches(unknown[0], known, 1)
     hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"

@@ -3,13 +3,14 @@ grows every disc.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from oracles.scenes import corner_path
 from stepblocks.contact.critical_angle import find_step_angle
-from stepblocks.contact.path.centre import build_envelope_path
+from stepblocks.contact.path.centre import FeatureRange, build_envelope_path
 from stepblocks.errors import ContactError
 
 R = 90e-6
@@ -58,3 +59,16 @@ def test_more_corners_than_can_be_compared_are_refused():
     x = np.linspace(0.0, 1e-3, 2001)
     with pytest.raises(ContactError, match="2 to 2000 finite points"):
         corner_path(np.column_stack([x, 0.0 * x]), R)
+
+
+def test_a_catch_is_looked_for_where_the_ball_touches_and_not_where_its_centre_is():
+    # a low step at 0 and a high one 1 mm on, up; the same from the other side
+    low, high = 12e-6, 30e-6
+    corners = [(-1e-3, 0.0), (0.0, 0.0), (0.0, low), (1e-3, low), (1e-3, low + high)]
+    path = corner_path([*corners, (2e-3, low + high)], R)
+    angles = {0.0: find_step_angle(low, R), 1e-3: find_step_angle(high, R)}
+    assert path.find_notch(+1.0)[2] == pytest.approx(angles[1e-3], rel=1e-6)
+    for edge, angle in angles.items():
+        near = replace(path, feature=FeatureRange(edge - 2e-6, edge + 2e-6, R))
+        assert near.find_notch(+1.0)[2] == pytest.approx(angle, rel=1e-6)
+        assert near.mirrored().find_notch(-1.0)[2] == pytest.approx(angle, rel=1e-6)

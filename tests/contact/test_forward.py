@@ -254,14 +254,14 @@ def test_the_damper_takes_its_share_of_the_pull_in_proportion_to_the_speed(desig
 
 def test_a_release_in_motion_knows_no_unit_of_length_and_none_of_force(design):
     # lengths and speeds times a, forces times b, so stiffness times b / a
-    def move(a, b):
+    def move(a, b, soft=1.0):
         state = build_nominal_state(design, _VALUES)
         state = state.changed(
             height=state.height * a,
             radius=state.radius * a,
             speed=state.speed * a,
             load=state.load * b,
-            stiffness=state.stiffness * b / a,
+            stiffness=state.stiffness * b / a / soft,
         )
         return _law("real_release").apply(state, None, {"weight": 1.0})
 
@@ -269,3 +269,6 @@ def test_a_release_in_motion_knows_no_unit_of_length_and_none_of_force(design):
     assert one.climb_load.max() > 1e-3
     assert other.climb_load == pytest.approx(one.climb_load * 1.7, rel=1e-6)
     assert other.conversion == pytest.approx(one.conversion, rel=1e-6)
+    # and it is no limit of a hard tool that is the same for all: k R / N counts
+    softer = move(1.0, 1.0, soft=2.0)
+    assert np.abs(softer.conversion / one.conversion - 1.0).min() > 0.01

@@ -103,3 +103,17 @@ def test_a_design_holds_every_cell_as_often_for_everybody(seed, people, repetiti
     cells = pd.DataFrame(design.trials).groupby(["participant", "condition", "stimulus"]).size()
     assert len(cells) == people * 4 * 3
     assert (cells == repetitions).all()
+
+
+def test_f_of_conditions_is_that_of_an_analysis_of_variance_with_repeated_measures():
+    # origin: AnovaRM of statsmodels on the same table
+    from scipy.linalg import helmert
+    from statsmodels.stats.anova import AnovaRM
+
+    table = np.random.default_rng(5).normal([0.0, 0.4, 0.9, 1.1], 0.7, (8, 4))
+    frame = pd.DataFrame(
+        [(i, j, table[i, j]) for i in range(8) for j in range(4)], columns=["who", "what", "value"]
+    )
+    (row,) = AnovaRM(frame, "value", "who", within=["what"]).fit().anova_table.to_dict("records")
+    term, _ = assess_effect("x", table, helmert(4))
+    assert term.f == pytest.approx(row["F Value"], rel=1e-9)

@@ -298,12 +298,17 @@ def check_output(
     sets = [load_set(path) for path in find_stimulus_files(files)]
     if not folder.is_dir():
         raise PipelineError(f"the output folder must exist; run stepblocks build first [{folder}]")
-    for name, stimulus in _select(sets, only):
-        for path in checked_files(stimulus, folder / name / stimulus.id):
-            yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
-    for stimuli in sets if only is None else ():
-        name = f"{stimuli.name}/predictions.csv"
-        yield name, [_check_table(stimuli, folder, name)]
+    selected = _select(sets, only)
+
+    def check() -> Iterator[tuple[str, list[Verdict]]]:
+        for name, stimulus in selected:
+            for path in checked_files(stimulus, folder / name / stimulus.id):
+                yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
+        for stimuli in sets if only is None else ():
+            name = f"{stimuli.name}/predictions.csv"
+            yield name, [_check_table(stimuli, folder, name)]
+
+    return check()  # what was asked wrongly is refused at once, not where the first is taken
 
 
 def _check_table(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
