@@ -52,7 +52,7 @@ _QUANTITY = re.compile(
 
 
 @cache
-def _registry() -> pint.UnitRegistry[float]:
+def _build_registry() -> pint.UnitRegistry[float]:
     import pint
 
     registry: pint.UnitRegistry[float] = pint.UnitRegistry(
@@ -102,13 +102,13 @@ def parse_quantity(text: object, dimension: str) -> float:
         hint = " (a number needs its unit, in quotes)" if isinstance(text, int | float) else ""
         raise QuantityError(f"{wanted}, got {text!r}{hint}")
     else:
-        value = _magnitude(text, unit, wanted)
+        value = _find_magnitude(text, unit, wanted)
     if not math.isfinite(value):
         raise QuantityError(f"{wanted} and finite, got {text!r}")
     return value
 
 
-def _magnitude(text: str, unit: str, wanted: str) -> float:
+def _find_magnitude(text: str, unit: str, wanted: str) -> float:
     shown = text if len(text) <= _MAX_TEXT else text[: _MAX_TEXT - 3] + "..."
     found = _QUANTITY.fullmatch(text) if len(text) <= _MAX_TEXT else None
     if not found or (unit and not found[2]):
@@ -117,8 +117,8 @@ def _magnitude(text: str, unit: str, wanted: str) -> float:
 
     number, symbol = float(found[1]), found[2] or "dimensionless"
     try:
-        meant = _registry().Quantity(1.0, symbol).units
-        factor = float(_registry().Quantity(1.0, meant).to(unit or "dimensionless").magnitude)
+        meant = _build_registry().Quantity(1.0, symbol).units
+        factor = float(_build_registry().Quantity(1.0, meant).to(unit or "dimensionless").magnitude)
         offset_free = meant.is_compatible_with(unit or "dimensionless")
     except (
         pint.PintError,
@@ -133,7 +133,7 @@ def _magnitude(text: str, unit: str, wanted: str) -> float:
     if not offset_free:
         raise QuantityError(f"{wanted}, got {shown!r}")
     if unit == "K":  # a scale of temperature has an offset beside the size of its degree
-        return float(_registry().Quantity(number, meant).to(unit).magnitude)
+        return float(_build_registry().Quantity(number, meant).to(unit).magnitude)
     return float(multiply_by_unit(number, factor))
 
 

@@ -27,7 +27,7 @@ from oracles.scan_files import (
     write_x3p,
 )
 from stepblocks.artefacts.scans.height_scale import check_height_scale, read_height_scale
-from stepblocks.artefacts.scans.read import FORMATS, read_scan, scan_in
+from stepblocks.artefacts.scans.read import FORMATS, read_scan, read_scan_confined
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 
@@ -39,7 +39,7 @@ SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".
 def test_every_format_gives_back_the_heights_and_steps_that_were_written(name, tmp_path):
     path = tmp_path / name
     WRITERS[name](path)
-    content = scan_in(
+    content = read_scan_confined(
         path
     )  # the confined process itself is exercised below; here only what it runs
     height = np.asarray(content["height"])

@@ -19,7 +19,7 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge_arc import (
     Window,
-    _unresolved,
+    _evaluate_unresolved,
     compute_edge_profile,
     fit_arc,
     fit_flank,
@@ -286,7 +286,7 @@ def test_where_an_edge_too_sharp_for_the_sampling_may_lie_holds_the_place_where_
     riser, radius = offset * spacing, 5.9 * spacing
     z = compute_edge_profile(x, riser, 40e-6, radius)
     window = Window(x, z, 40e-6, spacing, np.array([20e-9**2]), np.zeros((1, len(x))))
-    radii, risers, _ = _unresolved(window)
+    radii, risers, _ = _evaluate_unresolved(window)
     assert radii[-1] > radius
     assert risers[0] <= riser + radius - np.sqrt(radius**2 - (radius - 40e-6) ** 2) <= risers[-1]
 

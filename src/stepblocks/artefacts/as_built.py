@@ -124,7 +124,7 @@ def read_as_built(path: str | Path) -> AsBuilt:
     raw = validate_data(
         _Record, read_document(path, "record", MetrologyError), path, MetrologyError
     )
-    surface = _surface(path, raw.profile, raw.profile_sha256)
+    surface = _read_surface(path, raw.profile, raw.profile_sha256)
     return AsBuilt(
         raw.stimulus,
         raw.scan,
@@ -170,7 +170,7 @@ def list_measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, floa
     return edges
 
 
-def _surface(record: Path, name: str | None, digest: str) -> Profile | None:
+def _read_surface(record: Path, name: str | None, digest: str) -> Profile | None:
     if name is None:
         return None
     if not digest or Path(name).name != name:

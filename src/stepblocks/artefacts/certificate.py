@@ -70,7 +70,7 @@ def _collect_content(
         (numbers[one["key"]], one["label"], f"not measured: {one['needs']}")
         for one in record["not_measured"]
     ]
-    results = [_line(numbers[one["key"]], one) for one in listed if not _find_obstacle(one)]
+    results = [_format_line(numbers[one["key"]], one) for one in listed if not _find_obstacle(one)]
     worst_first = ("fail", "conditionalFail", "conditionalPass", "pass")
     worst = min((one["conformity"] for one in results), key=worst_first.index, default="")
     complete = not any(one["asked"] for one in record["not_measured"])
@@ -110,7 +110,7 @@ def _find_obstacle(one: Document) -> str:
     return ""
 
 
-def _line(number: int, one: Document) -> Document:
+def _format_line(number: int, one: Document) -> Document:
     # Return one characteristic, every size as text in metres or radians.
     unit = one["unit"]
     low, high = one[f"interval_95_{unit}"]

@@ -77,7 +77,9 @@ def _check_step(stimulus: Part, path: Path) -> Iterator[Verdict]:
         0.0,
         "count",
     )
-    found_volumes = read_confined(f"{__name__}:volumes_in", path, raises=MetrologyError)["volumes"]
+    found_volumes = read_confined(f"{__name__}:measure_volumes", path, raises=MetrologyError)[
+        "volumes"
+    ]
     volumes = stimulus.volumes()
     yield Verdict(name, "solids", len(volumes), len(found_volumes), 0.0, "count")
     for index, (volume, found_volume) in enumerate(
@@ -104,7 +106,7 @@ def _check_step(stimulus: Part, path: Path) -> Iterator[Verdict]:
     )
 
 
-def volumes_in(path: Path) -> dict[str, object]:
+def measure_volumes(path: Path) -> dict[str, object]:
     """Integrate the volume of each solid by the kernel, in the confined process."""
     from stepblocks.cad import kernel
 
@@ -165,7 +167,7 @@ def match_characteristics(
             (
                 item
                 for item in left
-                if item.name == label and _values_agree(item, one.kind, _list_values(one))
+                if item.name == label and _is_same_value(item, one.kind, _list_values(one))
             ),
             None,
         )
@@ -187,7 +189,7 @@ _NAMES = {
 }
 
 
-def _values_agree(item: Characteristic, kind: str, wanted: tuple[float, ...]) -> bool:
+def _is_same_value(item: Characteristic, kind: str, wanted: tuple[float, ...]) -> bool:
     names = _NAMES.get(kind, (kind,))
     got = (item.value,) if len(wanted) == 1 else (item.value, item.lower, item.upper)
     return item.kind in names and all(
@@ -222,15 +224,15 @@ def _check_pieces(part: Part, path: Path) -> Iterator[Verdict]:
     yield Verdict(name, "volume of the pieces", whole, total, limit, "volume", relative=True)
 
 
-def image_in(path: Path, mode: str = "") -> dict[str, object]:
-    """Read an image; called in the confined process, as `arrays_in` is."""
+def read_image(path: Path, mode: str = "") -> dict[str, object]:
+    """Read an image; called in the confined process, as `read_arrays` is."""
     from PIL import Image
 
     with Image.open(path) as image:
         return {"pixels": np.asarray(image.convert(mode) if mode else image)}
 
 
-def arrays_in(path: Path) -> dict[str, object]:
+def read_arrays(path: Path) -> dict[str, object]:
     """Read the heights and positions of an npz."""
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         return {
@@ -239,14 +241,14 @@ def arrays_in(path: Path) -> dict[str, object]:
 
 
 def _check_tiff(part: Part, path: Path) -> Iterator[Verdict]:
-    heights = read_confined(f"{__name__}:image_in", path, raises=MetrologyError)["pixels"]
+    heights = read_confined(f"{__name__}:read_image", path, raises=MetrologyError)["pixels"]
     bits = 8.0 * heights.dtype.itemsize * (heights.dtype.kind == "f")
     yield Verdict(path.name, "bits per height, floating point", 32.0, bits, 0.0, "count")
     yield from _check_field(part, path, heights.astype(np.float64) * 1e-6, _read_sidecar(path))
 
 
 def _check_npz(part: Part, path: Path) -> Iterator[Verdict]:
-    found = read_confined(f"{__name__}:arrays_in", path, raises=MetrologyError)
+    found = read_confined(f"{__name__}:read_arrays", path, raises=MetrologyError)
     heights, columns, rows = (found[name] for name in ("height_m", "x_m", "y_m"))
     side = _read_sidecar(path)
     yield from _check_field(part, path, heights, side)
@@ -293,14 +295,14 @@ def _check_field(
     yield Verdict(path.name, "step between the outer thirds", part.rise, step, NANOMETRE)
 
 
-def _picture(part: Part, path: Path) -> Iterator[Verdict]:
-    found = read_confined(f"{__name__}:image_in", path, "L", raises=MetrologyError)
+def _check_picture(part: Part, path: Path) -> Iterator[Verdict]:
+    found = read_confined(f"{__name__}:read_image", path, "L", raises=MetrologyError)
     pixels = found["pixels"].astype(np.float64)
     drawn = float(np.mean(np.abs(pixels - np.median(pixels)) > 8.0) > 0.02)
     yield Verdict(path.name, "something is drawn", 1.0, drawn, 0.0, "count")
 
 
-def _specification(part: Part, path: Path) -> Iterator[Verdict]:
+def _check_specification(part: Part, path: Path) -> Iterator[Verdict]:
     found, wanted = read_document(path, "specification", MetrologyError, form="JSON"), part.record()
     wanted = json.loads(json.dumps(wanted))
     wrong = (
@@ -348,8 +350,8 @@ _CHECKERS: dict[str, Callable[[Part, Path], Iterator[Verdict]]] = {
     ".convex.obj": _check_pieces,
     ".tiff": _check_tiff,
     ".npz": _check_npz,
-    ".png": _picture,
-    ".json": _specification,
+    ".png": _check_picture,
+    ".json": _check_specification,
     ".js": _view,
     **dict.fromkeys(MESH_READERS, _check_mesh),
 }

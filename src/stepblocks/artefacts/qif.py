@@ -69,8 +69,8 @@ def write_qif(
         **{
             "form": FORM,
             "framed": any(one.kind == "parallelism" for one in listed),
-            "kind": _kind,
-            "scaled": _scaled,
+            "kind": _name_qif_kind,
+            "scaled": _format_scaled,
         },
         **{"has_results": measured is not None, "taken": taken},
         name=uuid.uuid5(
@@ -88,7 +88,7 @@ def write_qif(
     )
 
 
-def _kind(one: Characteristic) -> str:
+def _name_qif_kind(one: Characteristic) -> str:
     # Name the QIF characteristic that states one of ours: of a ball a spherical radius, between two
     # faces an angle between.
     if one.kind == "radius" and any(
@@ -100,7 +100,7 @@ def _kind(one: Characteristic) -> str:
     return "AngleBetween" if one.kind == "angle" and len(one.faces) == 2 else _KINDS[one.kind]
 
 
-def _scaled(value: float, one: Characteristic) -> str:
+def _format_scaled(value: float, one: Characteristic) -> str:
     # Return a value in the units of the file to a picometre, without the exponent that its decimals
     # may not have.
     text = f"{math.degrees(value) if one.quantity == 'angle' else value * 1e3:.9f}".rstrip(

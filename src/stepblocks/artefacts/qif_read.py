@@ -48,31 +48,31 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
     Entities and files that the document asks for are not loaded.
     """
     path = Path(path)
-    root = _root(path)
+    root = _parse_root(path)
     by_id = {one.get("id"): one for one in root.iter("{*}*") if one.get("id")}
-    units = _units(root, path)
+    units = _read_units(root, path)
     found = []
     for one in root.iterfind(f".//{_NS}CharacteristicMeasurements/{{*}}*"):
         kind = str(one.tag).removeprefix(_NS).removesuffix("CharacteristicMeasurement")
         shown = next(one.iterchildren(f"{_NS}Value", f"{_NS}RoughnessAverageValue"), None)
         if shown is None:
             continue
-        item = by_id.get(_text(one, "CharacteristicItemId"))
-        nominal = by_id.get(_text(item, "CharacteristicNominalId"))
-        definition = by_id.get(_text(nominal, "CharacteristicDefinitionId"))
+        item = by_id.get(_find_text(one, "CharacteristicItemId"))
+        nominal = by_id.get(_find_text(item, "CharacteristicNominalId"))
+        definition = by_id.get(_find_text(nominal, "CharacteristicDefinitionId"))
         primary = units["Angular" if kind in _ANGULAR else "Linear"]
         factor = units.get(shown.get("linearUnit") or shown.get("angularUnit"), primary)
-        target = _number(_text(nominal, "TargetValue"), path) * factor
+        target = _parse_number(_find_text(nominal, "TargetValue"), path) * factor
         found.append(
             QifResult(
-                name=_text(item, "Name"),
-                designator=_text(item, "CharacteristicDesignator/Designator"),
+                name=_find_text(item, "Name"),
+                designator=_find_text(item, "CharacteristicDesignator/Designator"),
                 kind=kind,
-                value=_number(shown.text or "", path, must=True) * factor,
-                std=_number(shown.get("combinedUncertainty") or "", path) * factor,
-                status=_text(one, "Status/CharacteristicStatusEnum"),
+                value=_parse_number(shown.text or "", path, must=True) * factor,
+                std=_parse_number(shown.get("combinedUncertainty") or "", path) * factor,
+                status=_find_text(one, "Status/CharacteristicStatusEnum"),
                 nominal=target,
-                limits=_limits(definition, factor, target, path),
+                limits=_read_limits(definition, factor, target, path),
             )
         )
     if not found:
@@ -82,7 +82,7 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
     return found
 
 
-def _root(path: Path) -> "_Element":
+def _parse_root(path: Path) -> "_Element":
     from lxml import etree
 
     try:
@@ -104,12 +104,12 @@ def _root(path: Path) -> "_Element":
     return root
 
 
-def _text(node: "_Element | None", where: str) -> str:
+def _find_text(node: "_Element | None", where: str) -> str:
     found = None if node is None else node.find("/".join(_NS + step for step in where.split("/")))
     return "" if found is None else (found.text or "").strip()
 
 
-def _number(text: str, path: Path, must: bool = False) -> float:
+def _parse_number(text: str, path: Path, must: bool = False) -> float:
     try:
         value = float(text) if text or must else math.nan
     except ValueError as error:
@@ -119,31 +119,32 @@ def _number(text: str, path: Path, must: bool = False) -> float:
     return value
 
 
-def _units(root: "_Element", path: Path) -> dict[str, float]:
+def _read_units(root: "_Element", path: Path) -> dict[str, float]:
     # How many SI units make a unit of a name; the primary one, 1 where the file names none, goes by
     # its kind too.
     sizes = {"Linear": 1.0, "Angular": 1.0}
     for unit in root.iterfind(f"{_NS}FileUnits//{{*}}*"):
-        if name := _text(unit, "UnitName"):
+        if name := _find_text(unit, "UnitName"):
             size = sizes.setdefault(
-                name, _number(_text(unit, "UnitConversion/Factor") or "1", path, must=True)
+                name,
+                _parse_number(_find_text(unit, "UnitConversion/Factor") or "1", path, must=True),
             )
             if unit.getparent().tag == f"{_NS}PrimaryUnits":
                 sizes[str(unit.tag).removeprefix(_NS).removesuffix("Unit")] = size
     return sizes
 
 
-def _limits(
+def _read_limits(
     definition: "_Element", factor: float, nominal: float, path: Path
 ) -> tuple[float, float]:
     for zone in ("ToleranceValue", "RoughnessAverage"):
-        if text := _text(definition, zone):
-            return 0.0, _number(text, path) * factor
+        if text := _find_text(definition, zone):
+            return 0.0, _parse_number(text, path) * factor
     low, high = (
-        _number(_text(definition, f"Tolerance/{side}Value"), path) * factor
+        _parse_number(_find_text(definition, f"Tolerance/{side}Value"), path) * factor
         for side in ("Min", "Max")
     )
-    whole = _text(definition, "Tolerance/DefinedAsLimit") in ("true", "1")
+    whole = _find_text(definition, "Tolerance/DefinedAsLimit") in ("true", "1")
     return (low - nominal, high - nominal) if whole else (low, high)
 
 

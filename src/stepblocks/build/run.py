@@ -337,12 +337,12 @@ def _check_table(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
     )
     rows = zip_longest(wanted, got, fillvalue=())
     wrong = sum(
-        not _cells_agree(*cells) for pair in rows for cells in zip_longest(*pair, fillvalue="")
+        not _is_same_cell(*cells) for pair in rows for cells in zip_longest(*pair, fillvalue="")
     )
     return Verdict(path.name, "cells that differ from the prediction", 0.0, wrong, 0.0, "count")
 
 
-def _cells_agree(wanted: str, found: str) -> bool:
+def _is_same_cell(wanted: str, found: str) -> bool:
     try:
         return wanted == found or math.isclose(float(wanted), float(found), rel_tol=1e-6)
     except ValueError:

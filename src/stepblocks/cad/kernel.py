@@ -27,18 +27,18 @@ from stepblocks.errors import MetrologyError, SolidError
 _MM = 1e3  # metres to the kernel's millimetres
 
 
-def _vector(point: Point) -> cq.Vector:
+def _make_vector(point: Point) -> cq.Vector:
     return cq.Vector(*(coordinate * _MM for coordinate in point))
 
 
 def _make_wire(outline: Outline) -> cq.Wire:
-    start = here = _vector(outline[0])
+    start = here = _make_vector(outline[0])
     made = []
     for item in outline[1:]:
         is_arc = isinstance(item[0], tuple)
-        end = _vector(item[1] if is_arc else item)
+        end = _make_vector(item[1] if is_arc else item)
         made.append(
-            _make_arc(here, _vector(item[0]), end) if is_arc else cq.Edge.makeLine(here, end)
+            _make_arc(here, _make_vector(item[0]), end) if is_arc else cq.Edge.makeLine(here, end)
         )
         here = end
     if here.toTuple() != start.toTuple():
@@ -77,7 +77,7 @@ def outline_circle(centre: Point, u: Point, v: Point) -> Outline:
 def extrude(outline: Outline, direction: Point, holes: Sequence[Outline] = ()) -> Body:
     """Extrude a plane outline."""
     return cq.Solid.extrudeLinear(
-        _make_wire(outline), [_make_wire(hole) for hole in holes], _vector(direction)
+        _make_wire(outline), [_make_wire(hole) for hole in holes], _make_vector(direction)
     )
 
 
@@ -100,7 +100,7 @@ def find_end_faces(body: Body, axis: int) -> tuple[int, int]:
 def revolve(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) -> Body:
     """Revolve a plane outline about an axis in its plane, by degrees."""
     end = tuple(f + a for f, a in zip(foot, axis, strict=True))
-    return cq.Solid.revolve(_make_wire(outline), [], angle, _vector(foot), _vector(end))
+    return cq.Solid.revolve(_make_wire(outline), [], angle, _make_vector(foot), _make_vector(end))
 
 
 def _place(outline: Outline, place: Callable[[float, float], Point]) -> Outline:
@@ -180,7 +180,7 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     for face, description in zip(faces, described, strict=True):
         parameters.DeflectionInterior = deflection(description) * _MM
         BRepMesh_IncrementalMesh(face.wrapped, parameters)
-    nodes, corners = zip(*map(_triangulation, faces), strict=True)
+    nodes, corners = zip(*map(_read_triangulation, faces), strict=True)
     starts = np.cumsum([0, *map(len, nodes[:-1])])
     triangles = np.concatenate([own + start for own, start in zip(corners, starts, strict=True)])
     owner = np.repeat(np.arange(len(faces)), [len(own) for own in corners])
@@ -193,7 +193,7 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     return Tessellation(points[first], triangles[whole], owner[whole], described)
 
 
-def _triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _read_triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     location = TopLoc_Location()
     triangulation = BRep_Tool.Triangulation_s(face.wrapped, location)
     if triangulation is None:

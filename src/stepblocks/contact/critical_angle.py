@@ -58,7 +58,7 @@ def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) ->
     >>> np.degrees(find_step_angle([25e-6, 125e-6], 125e-6)).round(4).tolist()
     [36.8699, 90.0]
     """
-    height, ball_radius, edge_radius = _checked(
+    height, ball_radius, edge_radius = _check_lengths(
         height=height, ball_radius=ball_radius, edge_radius=edge_radius
     )
     return unwrap_scalar(kernels.compute_step_angle(height, ball_radius + edge_radius))
@@ -107,7 +107,7 @@ def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Re
     >>> find_margin_angles(0.0, 25e-6, 125e-6) == (find_step_angle(25e-6, 125e-6), 0.0)
     True
     """
-    opening, rise, ball_radius = _checked(opening=opening, rise=rise, ball_radius=ball_radius)
+    opening, rise, ball_radius = _check_lengths(opening=opening, rise=rise, ball_radius=ball_radius)
     forward, backward = kernels.compute_margin_angles(opening, rise, ball_radius)
     return unwrap_scalar(forward), unwrap_scalar(backward)
 
@@ -116,7 +116,7 @@ def compute_bevelled_margin_angles(
     gap: Real, opening: Real, rise: Real, ball_radius: Real
 ) -> tuple[Real, Real]:
     """`find_margin_angles` where a far side is bevelled at 45 degrees beyond its gap."""
-    gap, rise, ball_radius = _checked(gap=gap, rise=rise, ball_radius=ball_radius)
+    gap, rise, ball_radius = _check_lengths(gap=gap, rise=rise, ball_radius=ball_radius)
     opening = np.asarray(opening, dtype=np.float64)[()]
     require_finite("opening", opening, "m")  # below 0 a lip overlaps
     forward, backward = kernels.compute_bevelled_margin_angles(gap, opening, rise, ball_radius)
@@ -126,7 +126,7 @@ def compute_bevelled_margin_angles(
 _RULES = {"ball_radius": require_positive, "rise": require_finite}
 
 
-def _checked(**lengths: Real) -> list[Real]:
+def _check_lengths(**lengths: Real) -> list[Real]:
     # Convert lengths to arrays, a single one to a number, and refuse what has no angle
     arrays = {name: np.asarray(value, dtype=np.float64)[()] for name, value in lengths.items()}
     for name, value in arrays.items():

@@ -121,7 +121,7 @@ class DragState:
 def compute_channels(state: DragState) -> Floats:
     """Show the `CHANNELS` of n trials, shape (n, 7)."""
     force, sliding = state.peak_force(), state.sliding_force()
-    spring = _spring(state, force, sliding)
+    spring = _compute_spring(state, force, sliding)
     energy = state.conversion * spring.stored
     if np.any(
         state.lost_energy
@@ -194,7 +194,7 @@ class _Spring(NamedTuple):
     pitch: Floats  # the stiffness that it rings with, over k
 
 
-def _spring(state: DragState, force: Floats, sliding: Floats) -> _Spring:
+def _compute_spring(state: DragState, force: Floats, sliding: Floats) -> _Spring:
     if not np.any(state.hardening):
         one = np.ones_like(force)
         return _Spring(kernels.compute_stored_energy(force, state.stiffness), one, one, one)

@@ -33,7 +33,7 @@ LEDGER = ("handle_work", *_STORED, *_LOST)
 
 # Stands in the call of `integrate` where the friction is no function; it is never called
 @cfunc("float64(float64, float64, float64, float64)", cache=True)
-def no_friction(speed: float, load: float, place: float, time: float) -> float:
+def return_no_friction(speed: float, load: float, place: float, time: float) -> float:
     """No friction."""
     return 0.0
 
@@ -60,7 +60,7 @@ def _press(
 
 
 @njit(cache=True, inline="always")
-def _grip(
+def _compute_grip(
     bristle: float,
     travel: float,
     rate: float,
@@ -218,16 +218,18 @@ def integrate(
             here = mu1 * n1 * give if driven else 0.0
             stored_before = 0.5 * kt * here * here
         if n1 > 0.0:
-            t1, here = _grip(here, rate1 * travel, rate1, mu1 * n1, kt, give, ct)
+            t1, here = _compute_grip(here, rate1 * travel, rate1, mu1 * n1, kt, give, ct)
         else:
             here = 0.0
         if n2 > 0.0:
-            t2, there = _grip(there, rate2 * travel, rate2, mu2 * n2, kt, give, ct)
+            t2, there = _compute_grip(there, rate2 * travel, rate2, mu2 * n2, kt, give, ct)
         else:
             there = 0.0
         wall, wall_before = 0.0, stretch
         if walled:
-            wall, stretch = _grip(stretch, vx * travel, vx, wall_most, wall_k, 1.0 / wall_k, wall_c)
+            wall, stretch = _compute_grip(
+                stretch, vx * travel, vx, wall_most, wall_k, 1.0 / wall_k, wall_c
+            )
         # ---- forces on the tip (elastic and lossy contact, friction, springs)
         loss_x, loss_y = -d1 * sx * q1 - d2 * s2 * q2, d1 * q1 + d2 * q2
         grip_x, grip_y = -t1 * q1 - t2 * q2, -t1 * sx * q1 - t2 * s2 * q2

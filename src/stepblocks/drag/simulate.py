@@ -189,7 +189,7 @@ def simulate_drag(
             places.start,
             np.isinf(needed).astype(np.float64),
         ),
-        kernels.no_friction if own is None else compile_coefficient(own.coefficient),
+        kernels.return_no_friction if own is None else compile_coefficient(own.coefficient),
     )
     if not np.isfinite(rows[:count]).all():
         raise ContactError("the law of friction returned no number during the drag")
@@ -219,7 +219,7 @@ def simulate_drag(
         1.02 * mu_s * settings.normal_load + settings.tissue_friction
     ):
         return trace
-    return _answer_for(trace, wanted, places, needed)
+    return _choose_answer(trace, wanted, places, needed)
 
 
 def _list_events(
@@ -251,7 +251,7 @@ def _list_events(
         before = row[7:]
 
 
-def _answer_for(
+def _choose_answer(
     trace: DragTrace, wanted: int, places: CatchPlaces, needed: NDArray[np.float64]
 ) -> DragTrace:
     # Give the trace the status and the figures of the place that was asked about

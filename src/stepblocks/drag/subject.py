@@ -65,7 +65,7 @@ def resolve_subject(
     try:
         height = parse_quantity(str(given), "length")
     except QuantityError:
-        return _declared(*_find(str(given), where), values, backward)
+        return _drag_declared_part(*_find(str(given), where), values, backward)
     face = Step(height, values.get("edge_radius", 0.0))
     return Subject(
         f"a step of {format_quantity(height, 'length')}", face, change_point(PAPER, values)
@@ -82,7 +82,7 @@ def _read_profile(given: object) -> Profile:
     return Profile.from_scan(cast(Scanned, given))
 
 
-def _declared(
+def _drag_declared_part(
     stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool
 ) -> Subject:
     # Drag over a part, or with it, under the first tip, load, friction and step of its set unless

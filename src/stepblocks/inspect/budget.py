@@ -162,8 +162,8 @@ class Measured:
         # one more component brings must not narrow the interval
         own = [one for one in self.components if math.isfinite(one.std) and one.is_type_a]
         few = math.sqrt(sum(part.std**2 for part in own))
-        alone = student_quantile(share, _find_effective_dof(own, few)) * few
-        return max(alone, student_quantile(share, self.dof) * self.std)
+        alone = compute_student_quantile(share, _find_effective_dof(own, few)) * few
+        return max(alone, compute_student_quantile(share, self.dof) * self.std)
 
 
 def _find_effective_dof(components: Iterable[Component], std: float) -> float:
@@ -173,7 +173,7 @@ def _find_effective_dof(components: Iterable[Component], std: float) -> float:
     return std**4 / weight if weight > 0.0 else math.inf
 
 
-def student_quantile(share: float, dof: float) -> float:
+def compute_student_quantile(share: float, dof: float) -> float:
     """Return the point below which this share of Student's law lies [1]."""
     # `scipy.stats` says the same, and takes as long to load as all the rest
     from scipy.special import stdtrit
@@ -331,7 +331,7 @@ def decide(
     from scipy.special import stdtr
 
     if guard is None:
-        guard = max(GUARD_FACTOR, student_quantile(0.95, dof)) * std
+        guard = max(GUARD_FACTOR, compute_student_quantile(0.95, dof)) * std
     if lower + guard <= value <= upper - guard:
         verdict = Outcome.CONFORMS
     elif value < lower - guard or value > upper + guard:

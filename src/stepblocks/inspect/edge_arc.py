@@ -149,7 +149,7 @@ class Window:
 def fit_arc(window: Window) -> Arc:
     """Radius of the edge in a window."""
     starts = _search_coarsely(window)
-    radii, risers, costs = _unresolved(window)
+    radii, risers, costs = _evaluate_unresolved(window)
     mean, _ = _compute_moments(radii, np.exp(costs.min() - costs).sum(axis=1))
     larger = min((cost for cost, radius, _ in starts if radius > radii[-1]), default=np.inf)
     if mean >= _UNRESOLVED * window.spacing or larger < costs.min():
@@ -183,7 +183,7 @@ def fit_arc(window: Window) -> Arc:
     return Arc(mean, std, limit, riser, excess, float(costs.min()), suspects)
 
 
-def _unresolved(window: Window) -> tuple[Array, Array, Array]:
+def _evaluate_unresolved(window: Window) -> tuple[Array, Array, Array]:
     # Costs over all that an edge too sharp for the sampling may be.
     # Many places are as likely there, so nothing is sought: a search would end in one or another of
     # them by the last bits.

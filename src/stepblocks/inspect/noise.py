@@ -146,7 +146,7 @@ def estimate_linear(
     if gamma.flat[0] <= LEAST_SCATTER**2:
         return Estimate(value, 0.0)
     count = float(inside.sum())
-    taper = _taper(gamma, residuals.shape, count)
+    taper = _taper_lags(gamma, residuals.shape, count)
     c = lags.autocorrelation(w)
     white = float(c.flat[0] * gamma.flat[0])
     variance = max(float(np.sum(c * gamma * taper)), _LEAST_OF_WHITE * white)
@@ -158,7 +158,7 @@ def estimate_linear(
     )
     spectrum = np.maximum(lags.transform(lifted * taper).real, 0.0)
     form = lags.transform(np.where(known, c * taper / np.maximum(pairs, 1.0), 0.0)).real
-    trace, seen = _expectations(lags, spectrum, form, pairs, inside, design)
+    trace, seen = _compute_expectations(lags, spectrum, form, pairs, inside, design)
     true = float(np.sum(c * lags.back(spectrum)))
     restored = min(max(true / seen, 1.0), _MOST_RESTORED) if seen > 0.0 else _MOST_RESTORED
     both = form * spectrum
@@ -194,7 +194,7 @@ class _Lags:
         return self.back(spectrum * self.transform(columns))[(slice(None), *self._cut)]
 
 
-def _expectations(
+def _compute_expectations(
     lags: _Lags, spectrum: Array, form: Array, pairs: Array, inside: Array, design: Array
 ) -> tuple[float, float]:
     # Traces of Q Gamma and of M Q M Gamma; the projection has few columns, so no large matrix is
@@ -216,7 +216,7 @@ def _expectations(
     return trace, trace - float(swallowed) + float(twice)
 
 
-def _taper(gamma: Array, shape: tuple[int, ...], count: float) -> Array:
+def _taper_lags(gamma: Array, shape: tuple[int, ...], count: float) -> Array:
     # Flat top over the correlated lags of each axis, then linear to zero at twice as far.
     taper = np.ones(gamma.shape)
     limit = 2.0 * np.sqrt(np.log10(max(count, 10.0)) / count)

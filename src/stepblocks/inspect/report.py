@@ -158,7 +158,7 @@ class InspectionResult:
             }
             for name in ("lower", "upper", "guard"):
                 size = (
-                    None if decision is None else _finite_or_none(getattr(decision, name) * factor)
+                    None if decision is None else _drop_infinite(getattr(decision, name) * factor)
                 )
                 row[name] = (
                     None
@@ -286,7 +286,7 @@ def _describe_measured(measured: Measured, unit: str) -> dict[str, object]:
     return {
         f"value_{unit}": measured.value,
         f"std_{unit}": measured.std,
-        "dof": _finite_or_none(measured.dof),
+        "dof": _drop_infinite(measured.dof),
         "coverage_factor": measured.coverage_factor,
         f"interval_95_{unit}": [measured.value - half, measured.value + half],
         "bound": measured.bound,
@@ -294,8 +294,8 @@ def _describe_measured(measured: Measured, unit: str) -> dict[str, object]:
         "budget": [
             {
                 "name": part.name,
-                f"std_{unit}": _finite_or_none(part.std),
-                "dof": _finite_or_none(part.dof),
+                f"std_{unit}": _drop_infinite(part.std),
+                "dof": _drop_infinite(part.dof),
                 "how": part.how,
             }
             for part in measured.components
@@ -312,8 +312,8 @@ def _describe_decision(
         "label": one.label,
         "unit": unit,
         f"nominal_{unit}": one.nominal,
-        f"lower_limit_{unit}": _finite_or_none(decision.lower),
-        f"upper_limit_{unit}": _finite_or_none(decision.upper),
+        f"lower_limit_{unit}": _drop_infinite(decision.lower),
+        f"upper_limit_{unit}": _drop_infinite(decision.upper),
         f"guard_band_{unit}": decision.guard,
         "conformance_probability": decision.probability,
         "verdict": decision.verdict.value,
@@ -321,7 +321,7 @@ def _describe_decision(
     }
 
 
-def _finite_or_none(value: float) -> float | None:
+def _drop_infinite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 

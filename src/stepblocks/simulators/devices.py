@@ -55,7 +55,7 @@ class Figure(BaseModel, frozen=True, extra="forbid"):
     confidence: Literal["datasheet", "code", "remembered", "assumed"]
 
 
-def _figure(dimension: str) -> BeforeValidator:
+def _parse_figure(dimension: str) -> BeforeValidator:
     def parse(raw: object) -> object:
         if isinstance(raw, dict) and "value" in raw:
             value = parse_quantity(raw["value"], dimension)
@@ -67,8 +67,8 @@ def _figure(dimension: str) -> BeforeValidator:
     return BeforeValidator(parse)
 
 
-Length = Annotated[Figure, _figure("length")]
-Force = Annotated[Figure, _figure("force")]
+Length = Annotated[Figure, _parse_figure("length")]
+Force = Annotated[Figure, _parse_figure("force")]
 
 
 class Device(BaseModel, frozen=True, extra="forbid"):
@@ -96,8 +96,8 @@ class Device(BaseModel, frozen=True, extra="forbid"):
     position_resolution: Length
     peak_force: Force
     continuous_force: Force | None = None
-    stiffness_limit: Annotated[Figure, _figure("stiffness")] | None = None
-    update_rate: Annotated[Figure, _figure("frequency")]
+    stiffness_limit: Annotated[Figure, _parse_figure("stiffness")] | None = None
+    update_rate: Annotated[Figure, _parse_figure("frequency")]
     travel: Length | None = None
     actuated_axes: Annotated[int, Field(ge=1, le=12)]
     sensed_axes: Annotated[int, Field(ge=1, le=12)]
@@ -260,7 +260,7 @@ def _replace_if_not_finite(value: float, otherwise: float) -> float:
     return value if math.isfinite(value) else otherwise
 
 
-def _value_or_infinity(figure: Figure | None) -> float:
+def _take_value_or_infinity(figure: Figure | None) -> float:
     return math.inf if figure is None else figure.value
 
 
@@ -272,11 +272,11 @@ def _choose_scale(device: Device, event: VibrationEvent, point: OperatingPoint) 
     k, q = point.tool.stiffness, device.position_resolution.value
     wanted = max(
         0.5 * k * q / (FORCE_ERROR * _find_smallest_force(event, point)),
-        k / _value_or_infinity(device.stiffness_limit),
+        k / _take_value_or_infinity(device.stiffness_limit),
     )
     most = (
         0.5
-        * _value_or_infinity(device.travel)
+        * _take_value_or_infinity(device.travel)
         * k
         / _replace_if_not_finite(event.critical_force, device.peak_force.value)
     )
@@ -287,7 +287,7 @@ def _choose_scale(device: Device, event: VibrationEvent, point: OperatingPoint) 
 def _list_refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
     # List why a device does not render a plan at all
     peak, force = device.peak_force.value, plan.critical_force
-    limit = _value_or_infinity(device.stiffness_limit)
+    limit = _take_value_or_infinity(device.stiffness_limit)
     rules = {
         f"the load of {load:g} N exceeds its peak force of {peak:g} N": load > peak,
         f"the release force of {force:.3g} N exceeds its peak force of {peak:g} N: it would slip "
@@ -304,8 +304,8 @@ def _list_deviations(
     # List what a device loses of a plan that it renders
     resolution, peak = device.position_resolution.value, device.peak_force.value
     held = max(load, _replace_if_not_finite(event.critical_force, 0.0))
-    lasting = _value_or_infinity(device.continuous_force)
-    travel, most = plan.hand_travel, _value_or_infinity(device.travel)
+    lasting = _take_value_or_infinity(device.continuous_force)
+    travel, most = plan.hand_travel, _take_value_or_infinity(device.travel)
     locks = event.status in (Status.LOCKED, Status.TOO_HIGH)
     rules = {
         f"positions rounded to {resolution * 1e6:g} um err by {100.0 * plan.force_error:.2g} % of "

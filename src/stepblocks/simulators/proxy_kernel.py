@@ -108,7 +108,9 @@ def _slide(
 
 
 @numba.njit(cache=True)
-def _land(x: float, z: float, piece: int, hand: Hand, path: Records) -> tuple[float, int, bool]:
+def _find_landing(
+    x: float, z: float, piece: int, hand: Hand, path: Records
+) -> tuple[float, int, bool]:
     # Walk from a free proxy at (x, z) straight to the hand, to where the path is met, if it is
     hand_x, hand_z = hand
     span = hand_x - x
@@ -193,7 +195,7 @@ def tick(
         z = _compute_height(state.x, state.piece, path)
         if not state.touching:  # the proxy was where the hand was, which may be high above the path
             z = max(z, state.height)
-        state.x, state.piece, state.touching = _land(state.x, z, state.piece, hand, path)
+        state.x, state.piece, state.touching = _find_landing(state.x, z, state.piece, hand, path)
         state.y, state.height = position[1], position[2]
     if state.touching:
         _move(state, landed, hand, setting, path)

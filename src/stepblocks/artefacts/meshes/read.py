@@ -16,7 +16,7 @@ _MM = 1e-3
 _MAX_BYTES = 500_000_000
 
 
-def _with_meshio(path: Path) -> Arrays:
+def _read_with_meshio(path: Path) -> Arrays:
     import meshio
 
     if path.suffix == ".ply" and b"end_header" not in path.read_bytes():
@@ -27,7 +27,7 @@ def _with_meshio(path: Path) -> Arrays:
     return np.asarray(mesh.points, dtype=np.float64) * _MM, triangles
 
 
-def _with_vtk(path: Path) -> Arrays:
+def _read_with_vtk(path: Path) -> Arrays:
     import pyvista as pv
 
     found = pv.read(path)
@@ -42,7 +42,7 @@ def _with_vtk(path: Path) -> Arrays:
     return upright, np.asarray(found.regular_faces, dtype=np.int64)
 
 
-def _as_text(lines: Sequence[str], first: int) -> Arrays:
+def _read_as_text(lines: Sequence[str], first: int) -> Arrays:
     # Read one of several objects in an OBJ; meshio would join them
     words = [line.split() for line in lines]
     vertices = np.array([one[1:4] for one in words if one and one[0] == "v"], dtype=np.float64)
@@ -58,7 +58,7 @@ def _as_text(lines: Sequence[str], first: int) -> Arrays:
     return vertices * _MM, triangles
 
 
-def _with_lib3mf(path: Path) -> Arrays:
+def _read_with_lib3mf(path: Path) -> Arrays:
     from lib3mf import Lib3MF, get_wrapper
 
     model = get_wrapper().CreateModel()
@@ -76,20 +76,20 @@ def _with_lib3mf(path: Path) -> Arrays:
 
 
 MESH_READERS: dict[str, Callable[[Path], Arrays]] = {
-    **dict.fromkeys((".stl", ".ply", ".obj"), _with_meshio),
-    ".glb": _with_vtk,
-    ".3mf": _with_lib3mf,
+    **dict.fromkeys((".stl", ".ply", ".obj"), _read_with_meshio),
+    ".glb": _read_with_vtk,
+    ".3mf": _read_with_lib3mf,
 }
 
 
 def read_mesh(path: Path) -> Arrays:
     """Read a mesh file."""
-    found = read_confined(f"{__name__}:mesh_in", path, raises=MetrologyError)
+    found = read_confined(f"{__name__}:read_mesh_confined", path, raises=MetrologyError)
     return found["vertices"], found["triangles"]
 
 
-def mesh_in(path: Path) -> dict[str, object]:
-    """Read a mesh file; called in the confined process, as `pieces_in` is."""
+def read_mesh_confined(path: Path) -> dict[str, object]:
+    """Read a mesh file; called in the confined process, as `read_pieces_confined` is."""
     if (size := path.stat().st_size) > _MAX_BYTES:
         raise MetrologyError(
             f"a mesh file must be at most {_MAX_BYTES} bytes, got {size} [{path.name}]"
@@ -108,14 +108,14 @@ def is_whole(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> boo
 
 def read_pieces(path: Path) -> list[Arrays]:
     """Read an OBJ of several objects."""
-    found = read_confined(f"{__name__}:pieces_in", path, raises=MetrologyError)
+    found = read_confined(f"{__name__}:read_pieces_confined", path, raises=MetrologyError)
     return [
         (found[f"vertices {number}"], found[f"triangles {number}"])
         for number in range(found["count"])
     ]
 
 
-def pieces_in(path: Path) -> dict[str, object]:
+def read_pieces_confined(path: Path) -> dict[str, object]:
     """Read the objects of an OBJ."""
     found: dict[str, object] = {}
     first, objects = (
@@ -123,7 +123,7 @@ def pieces_in(path: Path) -> dict[str, object]:
         path.read_text(encoding="ascii").split("\no ")[1:],
     )  # after the head of the file
     for number, lines in enumerate(objects):
-        vertices, triangles = _as_text(lines.splitlines()[1:], first)
+        vertices, triangles = _read_as_text(lines.splitlines()[1:], first)
         first += len(vertices)
         found |= {f"vertices {number}": vertices, f"triangles {number}": triangles}
     if not found:

@@ -20,7 +20,7 @@ _PINNED_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip archive can hold
 GLB_FROM_PART = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
-def _trimesh(mesh: Mesh, scale: float) -> Any:
+def _build_trimesh(mesh: Mesh, scale: float) -> Any:
     import trimesh
 
     return trimesh.Trimesh(mesh.vertices * scale, mesh.triangles, process=False, validate=False)
@@ -28,12 +28,12 @@ def _trimesh(mesh: Mesh, scale: float) -> Any:
 
 def write_stl(path: Path, mesh: Mesh) -> None:
     """Write binary STL in millimetres, float32."""
-    path.write_bytes(_trimesh(mesh, _MM).export(file_type="stl"))
+    path.write_bytes(_build_trimesh(mesh, _MM).export(file_type="stl"))
 
 
 def write_obj(path: Path, mesh: Mesh) -> None:
     """Write OBJ in millimetres with 12 decimals, which is a femtometre."""
-    text = _trimesh(mesh, _MM).export(
+    text = _build_trimesh(mesh, _MM).export(
         file_type="obj", digits=12, include_normals=False, header=f"{mesh.name}, mm"
     )
     path.write_text(text + "\n", encoding="ascii")
@@ -41,22 +41,24 @@ def write_obj(path: Path, mesh: Mesh) -> None:
 
 def write_ply(path: Path, mesh: Mesh) -> None:
     """Write binary PLY in millimetres, float32."""
-    path.write_bytes(_trimesh(mesh, _MM).export(file_type="ply", vertex_normal=False))
+    path.write_bytes(_build_trimesh(mesh, _MM).export(file_type="ply", vertex_normal=False))
 
 
 def write_3mf(path: Path, mesh: Mesh) -> None:
     """Write 3MF in millimetres, decimal text, its random identifiers replaced by counted ones."""
-    raw = zipfile.ZipFile(io.BytesIO(_trimesh(mesh, _MM).export(file_type="3mf")))
+    raw = zipfile.ZipFile(io.BytesIO(_build_trimesh(mesh, _MM).export(file_type="3mf")))
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
         for name in raw.namelist():
             archive.writestr(
-                zipfile.ZipInfo(name, _PINNED_DATE), _counted(raw.read(name)), zipfile.ZIP_DEFLATED
+                zipfile.ZipInfo(name, _PINNED_DATE),
+                _count_identifiers(raw.read(name)),
+                zipfile.ZIP_DEFLATED,
             )
     path.write_bytes(buffer.getvalue())
 
 
-def _counted(text: bytes) -> bytes:
+def _count_identifiers(text: bytes) -> bytes:
     found = dict.fromkeys(
         re.findall(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", text)
     )
@@ -69,7 +71,7 @@ def write_glb(path: Path, mesh: Mesh) -> None:
     """Write GLB in metres, y up, float32."""
     x, y, z = mesh.vertices.T + 0.0  # no zero keeps a sign
     turned = Mesh(mesh.name, np.column_stack([x, z, 0.0 - y]), mesh.triangles)
-    path.write_bytes(_trimesh(turned, 1.0).export(file_type="glb", include_normals=False))
+    path.write_bytes(_build_trimesh(turned, 1.0).export(file_type="glb", include_normals=False))
 
 
 # Every mesh format that is written, by its ending; a new one is tested by standing here

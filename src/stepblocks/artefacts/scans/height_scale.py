@@ -112,7 +112,7 @@ def check_height_scale(
     return f"{scale.field}: {scale.count:.6g} m per count, checked"
 
 
-def _nid(head: bytes, channel: str) -> HeightScale | None:
+def _read_nid_scale(head: bytes, channel: str) -> HeightScale | None:
     # Nanosurf: the sections of channels state Frame, Dim2Name, Dim2Unit, Dim2Range, Dim2Min and
     # SaveBits.
     for section in head.decode("latin-1").split("\r\n["):
@@ -135,7 +135,7 @@ def _nid(head: bytes, channel: str) -> HeightScale | None:
     raise ValueError("no channel in units of length")
 
 
-def _sur(head: bytes, channel: str) -> HeightScale | None:
+def _read_sur_scale(head: bytes, channel: str) -> HeightScale | None:
     # Digital Surf: Z spacing as float32 at byte 128, its unit as text at byte 212, limits in counts
     # at byte 100.
     if head[:12] not in (b"DIGITAL SURF", b"DSCOMPRESSED"):
@@ -148,7 +148,7 @@ def _sur(head: bytes, channel: str) -> HeightScale | None:
     return HeightScale(count, -reach, reach, "Z spacing of the header")
 
 
-def _sdf(head: bytes, channel: str) -> HeightScale | None:
+def _read_sdf_scale(head: bytes, channel: str) -> HeightScale | None:
     # ISO 25178-71: Zscale in metres per count; floating types have no counts.
     if head[:8] == b"bISO-1.0":
         count, kind = struct.unpack_from("<d", head, 62)[0], head[79]
@@ -168,7 +168,7 @@ def _sdf(head: bytes, channel: str) -> HeightScale | None:
     )
 
 
-def _opdx(head: bytes, channel: str) -> HeightScale | None:
+def _read_opdx_scale(head: bytes, channel: str) -> HeightScale | None:
     # Dektak: the quantity DataScale of a channel, value as float64, then name and symbol of its
     # unit, each with its length.
     mark = struct.pack("<I", 9) + b"DataScale\x13"
@@ -183,7 +183,7 @@ def _opdx(head: bytes, channel: str) -> HeightScale | None:
     return HeightScale(count, -np.inf, np.inf, "DataScale of the channel", integral=False)
 
 
-def _gwy(head: bytes, _: str) -> HeightScale | None:
+def _read_gwy_scale(head: bytes, _: str) -> HeightScale | None:
     # Gwyddion: heights are float64 in the unit that the object si_unit_z spells out; an empty one
     # is none.
     at = head.find(b"si_unit_z\0o")
@@ -196,7 +196,7 @@ def _gwy(head: bytes, _: str) -> HeightScale | None:
     )
 
 
-def _mi(head: bytes, channel: str) -> HeightScale | None:
+def _read_mi_scale(head: bytes, channel: str) -> HeightScale | None:
     # Agilent: each buffer states its label, range and unit; counts of 16 or 32 bits, or text, reach
     # over the range.
     text = head.split(b"\ndata", 1)
@@ -212,7 +212,7 @@ def _mi(head: bytes, channel: str) -> HeightScale | None:
     return HeightScale(reach / 2.0**bits, -reach, reach, "bufferRange of the header", integral=True)
 
 
-def _wsxm(head: bytes, _: str) -> HeightScale | None:
+def _read_wsxm_scale(head: bytes, _: str) -> HeightScale | None:
     # WSxM: "Z Amplitude" states how far the heights of the image reach from the lowest to the
     # highest.
     amount, unit = head.decode("latin-1").split("Z Amplitude: ", 1)[1].split(None, 2)[:2]
@@ -220,7 +220,7 @@ def _wsxm(head: bytes, _: str) -> HeightScale | None:
     return HeightScale(reach, -np.inf, np.inf, "Z Amplitude of the header", False, extent=True)
 
 
-def _metropro(head: bytes, _: str) -> HeightScale | None:
+def _read_metropro_scale(head: bytes, _: str) -> HeightScale | None:
     # Zygo: a count is wavelength times obliquity times scale factor over the resolution of the
     # phase.
     (scale, wavelength), (obliquity,) = (
@@ -234,7 +234,7 @@ def _metropro(head: bytes, _: str) -> HeightScale | None:
     )
 
 
-def _x3p(archive: zipfile.ZipFile) -> HeightScale:
+def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:
     # ISO 25178-72: ``Axes/CZ`` states type and increment; heights in metres are the stored number
     # times the increment.
     index = _index(archive, "main.xml")
@@ -251,21 +251,23 @@ def _x3p(archive: zipfile.ZipFile) -> HeightScale:
         link is not None and link.text and grid is not None
     ):  # else the points stand in the index as text
         lowest, highest = sorted(
-            increment * end for end in _range(archive, link.text.strip(), kind)
+            increment * end for end in _read_range(archive, link.text.strip(), kind)
         )
         # readers keep or drop the offset of the axis, which a step height does not see
         lowest, highest = lowest + min(offset, 0.0), highest + max(offset, 0.0)
     return HeightScale(abs(increment), lowest, highest, "Increment of CZ", integral="i" in kind)
 
 
-def _plux(archive: zipfile.ZipFile) -> HeightScale:
+def _read_plux_scale(archive: zipfile.ZipFile) -> HeightScale:
     # Sensofar: float32 of every layer in micrometres, as many as the index states.
     index = _index(archive, "index.xml")
-    name = _text(index, "LAYER_0/FILENAME_Z")
-    points = int(_text(index, "GENERAL/IMAGE_SIZE_X")) * int(_text(index, "GENERAL/IMAGE_SIZE_Y"))
+    name = _read_text(index, "LAYER_0/FILENAME_Z")
+    points = int(_read_text(index, "GENERAL/IMAGE_SIZE_X")) * int(
+        _read_text(index, "GENERAL/IMAGE_SIZE_Y")
+    )
     if archive.getinfo(name).file_size != 4 * points:
         raise ValueError(f"{archive.getinfo(name).file_size} bytes in {name} for {points} points")
-    lowest, highest = (end * _MICROMETRE for end in _range(archive, name, "<f4"))
+    lowest, highest = (end * _MICROMETRE for end in _read_range(archive, name, "<f4"))
     return HeightScale(
         _MICROMETRE, lowest, highest, f"numbers of {name}, um by the format", integral=False
     )
@@ -282,13 +284,13 @@ def _index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
     return ElementTree.fromstring(text)
 
 
-def _text(index: ElementTree.Element, path: str) -> str:
+def _read_text(index: ElementTree.Element, path: str) -> str:
     if (text := index.findtext(path)) is None:
         raise ValueError(f"no {path}")
     return text.strip()
 
 
-def _range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float]:
+def _read_range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float]:
     # Least and largest stored number, read piece by piece since a member may be large.
     lowest, highest = np.inf, -np.inf
     with archive.open(name) as file:
@@ -303,13 +305,13 @@ def _range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float
 
 
 _HEADERS = {
-    "ezd": _nid,
-    "sur": _sur,
-    "sdf": _sdf,
-    "opdx": _opdx,
-    "gwy": _gwy,
-    "mi": _mi,
-    "wsxm": _wsxm,
+    "ezd": _read_nid_scale,
+    "sur": _read_sur_scale,
+    "sdf": _read_sdf_scale,
+    "opdx": _read_opdx_scale,
+    "gwy": _read_gwy_scale,
+    "mi": _read_mi_scale,
+    "wsxm": _read_wsxm_scale,
 }
-_HEADERS = _HEADERS | {"metropro": _metropro}
-_PACKED = {"x3p": _x3p, "plux": _plux}
+_HEADERS = _HEADERS | {"metropro": _read_metropro_scale}
+_PACKED = {"x3p": _read_x3p_scale, "plux": _read_plux_scale}

@@ -98,7 +98,7 @@ def read_scan(
         If the file is missing, broken, hostile, ambiguous in its units or channels, or read with
         another scale than it states.
     """
-    path, form = _known_form(Path(path))
+    path, form = _find_form(Path(path))
     if form == "text":
         return read_text_scan(path, unit, channel)
     if unit is not None and form != "points":
@@ -107,7 +107,7 @@ def read_scan(
             f"[{path.name}]"
         )
     found = read_confined(
-        f"{__name__}:scan_in", path, unit or "", channel or "", raises=MetrologyError
+        f"{__name__}:read_scan_confined", path, unit or "", channel or "", raises=MetrologyError
     )
     height, told = found["height"], (path.name, found["scale"], found.get("count"))
     profile = height.ndim == 1
@@ -149,15 +149,17 @@ def list_channels(path: str | Path) -> list[str]:
     MetrologyError
         If the file cannot be read.
     """
-    path, form = _known_form(Path(path))
+    path, form = _find_form(Path(path))
     if form in ("text", "points", "x3p", "sdf"):
         return []
     return list(
-        read_confined(f"{__name__}:scan_in", path, "", _LIST, raises=MetrologyError)["channels"]
+        read_confined(f"{__name__}:read_scan_confined", path, "", _LIST, raises=MetrologyError)[
+            "channels"
+        ]
     )
 
 
-def _known_form(path: Path) -> tuple[Path, str]:
+def _find_form(path: Path) -> tuple[Path, str]:
     # Return by which reader a file is read: by its first bytes where its ending says little.
     if not is_file(path):
         raise MetrologyError(f"scan must be a file, got {str(path)!r}")
@@ -194,24 +196,24 @@ def _check_archive(path: Path) -> None:
         )
 
 
-def scan_in(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
+def read_scan_confined(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
     """Read a file of points or of an instrument; called in the confined process."""
     if zipfile.is_zipfile(path):
         _check_archive(path)
-    _, form = _known_form(path)
+    _, form = _find_form(path)
     if form == "points":
         found = read_points(path, parse_given_units(unit))
         return {"height": found.height, "dx": found.dx, "dy": found.dy, "scale": found.scale}
     if form == "x3p":
-        return _x3p(path)
+        return _read_x3p(path)
     if form == "sdf":
-        return _sdf(path)
+        return _read_sdf(path)
     if form == "sur" and path.read_bytes()[:12] == b"DSCOMPRESSED":
         with tempfile.NamedTemporaryFile(suffix=".sur") as plain:
-            plain.write(_unpacked_sur(path))
+            plain.write(_unpack_sur(path))
             plain.flush()
-            return _by_surfacetopography(plain.name, form, channel, path.name)
-    return _by_surfacetopography(str(path), form, channel, path.name)
+            return _read_by_surfacetopography(plain.name, form, channel, path.name)
+    return _read_by_surfacetopography(str(path), form, channel, path.name)
 
 
 def _check_size(shape: Sequence[int], place: str) -> None:
@@ -219,7 +221,7 @@ def _check_size(shape: Sequence[int], place: str) -> None:
         raise MetrologyError(f"scan must have at most {_MOST_POINTS} points, got {shape} [{place}]")
 
 
-def _unpacked_sur(path: Path) -> bytes:
+def _unpack_sur(path: Path) -> bytes:
     # Compressed Digital Surf file as a plain one: 512 bytes of header, comments, then a directory
     # of deflated pieces.
     raw = path.read_bytes()
@@ -244,7 +246,7 @@ def _unpacked_sur(path: Path) -> bytes:
     return b"".join(plain)
 
 
-def _sdf(path: Path) -> dict[str, object]:
+def _read_sdf(path: Path) -> dict[str, object]:
     import sdfio
 
     stated = read_height_scale(path, "sdf", "")
@@ -264,7 +266,7 @@ def _sdf(path: Path) -> dict[str, object]:
     }
 
 
-def _x3p(path: Path) -> dict[str, object]:
+def _read_x3p(path: Path) -> dict[str, object]:
     import x3pio
 
     _check_size(x3pio.info(str(path)).shape, path.name)
@@ -293,7 +295,7 @@ def _x3p(path: Path) -> dict[str, object]:
     return {"height": layer.z, "dx": steps[0], "dy": steps[1], "scale": scale, "count": count}
 
 
-def _named_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "ChannelInfo":
+def _find_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "ChannelInfo":
     # Return the channel that the user names, or the first whose name does not deny that it holds
     # heights.
     names = [f"{one.name} [{one.unit}]" for one in channels]
@@ -322,13 +324,13 @@ def _named_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "C
     return found[0]
 
 
-def _by_surfacetopography(file: str, form: str, wanted: str, place: str) -> dict[str, object]:
+def _read_by_surfacetopography(file: str, form: str, wanted: str, place: str) -> dict[str, object]:
     from SurfaceTopography import open_topography
 
     reader = open_topography(file, format=form)
     if wanted == _LIST:
         return {"channels": [f"{one.name} [{one.unit}]" for one in reader.channels]}
-    channel = _named_channel(list(reader.channels), wanted, place)
+    channel = _find_channel(list(reader.channels), wanted, place)
     if channel.unit not in LENGTH_UNITS:
         raise MetrologyError(
             f"channel {channel.name!r} must say its unit of length, got {channel.unit!r} [{place}]"

@@ -88,7 +88,7 @@ def holds_matrix(path: Path) -> bool:
     SPIP, Gwyddion and others write it so.
     """
     with path.open("rb") as file:
-        return _MATRIX.search(_decoded(file.read(4000))) is not None
+        return _MATRIX.search(_decode(file.read(4000))) is not None
 
 
 def read_text_scan(
@@ -104,17 +104,17 @@ def read_text_scan(
             f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]"
         )
     raw = path.read_bytes()
-    text = _decoded(raw)
+    text = _decode(raw)
     if "\0" in text[:4096]:
         raise MetrologyError(f"file must be text, got binary data [{path.name}]")
-    head, values = _table(text, path)
-    names, common = _names(head, values)
+    head, values = _parse_table(text, path)
+    names, common = _parse_names(head, values)
     given = parse_given_units(unit)
     if values.shape[1] > 3 and not names and channel is None:
-        return _matrix(values, given, path)
-    columns = _columns(names, values, path, channel)
+        return _read_matrix(values, given, path)
+    columns = _choose_columns(names, values, path, channel)
     named = {axis: names[column] if names else None for axis, column in columns.items()}
-    factors = {axis: _factor(name, axis, common, given, path) for axis, name in named.items()}
+    factors = {axis: _find_factor(name, axis, common, given, path) for axis, name in named.items()}
     said = ", ".join(filter(None, named.values())) or f"unit {unit or 'of the head'} as given"
     axes = {
         axis: values[:, column] * factors[axis][0] / factors[axis][1]
@@ -122,17 +122,23 @@ def read_text_scan(
     }
     if "y" in axes:
         grid = grid_points(axes["x"], axes["y"], axes["z"], path.name, f"columns {said}")
-        return replace(grid, count=_last_digit(values[:, columns["z"]], factors["z"]))
-    x, z, notes = _forward(axes["x"], axes["z"], path)
-    x, snapped = _equal_steps(x, _last_digit(values[:, columns["x"]], factors["x"], least=1))
+        return replace(grid, count=_find_last_digit(values[:, columns["z"]], factors["z"]))
+    x, z, notes = _keep_forward(axes["x"], axes["z"], path)
+    x, snapped = _snap_to_equal_steps(
+        x, _find_last_digit(values[:, columns["x"]], factors["x"], least=1)
+    )
     notes += ["positions set to equal steps within their last digit"] if snapped else []
     said = "; ".join([f"columns {said}", *notes])
     return Profile(
-        x, z, source=path.name, scale=said, count=_last_digit(values[:, columns["z"]], factors["z"])
+        x,
+        z,
+        source=path.name,
+        scale=said,
+        count=_find_last_digit(values[:, columns["z"]], factors["z"]),
     )
 
 
-def _last_digit(values: Array, unit: tuple[float, float], least: int = 0) -> float:
+def _find_last_digit(values: Array, unit: tuple[float, float], least: int = 0) -> float:
     # Length of the last digit that numbers are printed with, from the shortest decimal that gives
     # each back [m].
     decimals = least
@@ -142,7 +148,7 @@ def _last_digit(values: Array, unit: tuple[float, float], least: int = 0) -> flo
     return float(10.0**-decimals) * unit[0] / unit[1]
 
 
-def _decoded(raw: bytes) -> str:
+def _decode(raw: bytes) -> str:
     wide = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}.get(raw[:2])
     try:
         return raw[: len(raw) - len(raw) % 2].decode(wide) if wide else raw.decode("utf-8-sig")
@@ -150,13 +156,14 @@ def _decoded(raw: bytes) -> str:
         return raw.decode("latin-1")  # profilometers write the micro sign so
 
 
-def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
+def _parse_table(text: str, path: Path) -> tuple[list[list[str]], Array]:
     # Fields of the lines above the first table of numbers, and the table; text after it is a
     # footer.
     lines = text.splitlines()
-    begin, mark, comma, width = _beginning(lines, path)
+    begin, mark, comma, width = _find_beginning(lines, path)
     head = [
-        [field.lstrip("# ").strip('"') for field in _fields(line, mark)] for line in lines[:begin]
+        [field.lstrip("# ").strip('"') for field in _split_fields(line, mark)]
+        for line in lines[:begin]
     ]
     if width > _MOST_COLUMNS and any(len(fields) == width for fields in head):
         raise MetrologyError(
@@ -173,16 +180,18 @@ def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
     rows: list[list[float]] = []
     failed = 0
     for number, line in enumerate(lines[begin:], start=begin + 1):
-        fields = _fields(line, mark)
+        fields = _split_fields(line, mark)
         values = (
-            _numbers(fields + [""] * (width - len(fields)), comma) if len(fields) <= width else None
+            _parse_numbers(fields + [""] * (width - len(fields)), comma)
+            if len(fields) <= width
+            else None
         )
         missing = bool(fields) and values is not None and len(line.split(mark)) < width
         if fields and (failed or missing or values is None):
             failed = failed or number
             # a footer holds words: a line that begins with numbers belongs to the table
-            if _numbers(fields[:1], comma) or missing:
-                shown = ",".join(_fields(lines[failed - 1], mark))[:60]
+            if _parse_numbers(fields[:1], comma) or missing:
+                shown = ",".join(_split_fields(lines[failed - 1], mark))[:60]
                 raise MetrologyError(
                     f"line must hold {width} numbers, got {shown!r} [{path.name}, line {failed}]"
                 )
@@ -191,7 +200,7 @@ def _table(text: str, path: Path) -> tuple[list[list[str]], Array]:
     return head, np.array(rows, dtype=np.float64)
 
 
-def _fields(line: str, mark: str | None) -> list[str]:
+def _split_fields(line: str, mark: str | None) -> list[str]:
     # Return fields without the empty ones that some instruments append.
     fields = [field.strip() for field in line.split(mark)]
     while fields and not fields[-1]:
@@ -199,7 +208,7 @@ def _fields(line: str, mark: str | None) -> list[str]:
     return fields
 
 
-def _beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool, int]:
+def _find_beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool, int]:
     # Where the table begins, what divides its fields, whether commas are decimal, and how many
     # columns it has.
     sample = [line for line in lines[: _MOST_HEADER_LINES + 50] if line.strip()][-50:]
@@ -209,12 +218,16 @@ def _beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool, int
             parsed = [
                 1
                 for line in sample
-                if len(fields := _fields(line, mark)) > 1 and _numbers(fields, comma)
+                if len(fields := _split_fields(line, mark)) > 1 and _parse_numbers(fields, comma)
             ]
             best = max(best, (len(parsed), mark, comma), key=lambda one: one[0])
     _, mark, comma = best
     for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
-        if best[0] and len(fields := _fields(line, mark)) > 1 and _numbers(fields, comma):
+        if (
+            best[0]
+            and len(fields := _split_fields(line, mark)) > 1
+            and _parse_numbers(fields, comma)
+        ):
             return number, mark, comma, len(fields)
     if len(lines) > _MOST_HEADER_LINES:
         raise MetrologyError(f"table must begin within {_MOST_HEADER_LINES} lines [{path.name}]")
@@ -223,7 +236,7 @@ def _beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool, int
     )
 
 
-def _numbers(fields: list[str], comma: bool) -> list[float] | None:
+def _parse_numbers(fields: list[str], comma: bool) -> list[float] | None:
     try:
         texts = [field.replace(",", ".") if comma else field for field in fields]
         values = [np.nan if text.lower() in _MISSING else float(text) for text in texts]
@@ -232,7 +245,9 @@ def _numbers(fields: list[str], comma: bool) -> list[float] | None:
     return None if all(np.isnan(value) for value in values) else values
 
 
-def _names(head: list[list[str]], values: Array) -> tuple[list[str], tuple[float, float] | None]:
+def _parse_names(
+    head: list[list[str]], values: Array
+) -> tuple[list[str], tuple[float, float] | None]:
     # Names of the columns, with a line of units under them, and a unit that stands alone; numbered
     # points get the step of the head.
     width = values.shape[1]
@@ -240,13 +255,13 @@ def _names(head: list[list[str]], values: Array) -> tuple[list[str], tuple[float
     single = [fields[0].lower() for fields in kept if len(fields) == 1]
     alone = [LENGTH_UNITS[word] for word in single if word in LENGTH_UNITS]
     common = (1.0, alone[-1]) if alone else None
-    words = kept and not any(_numbers([one], comma=False) for one in kept[-1])
+    words = kept and not any(_parse_numbers([one], comma=False) for one in kept[-1])
     if words and len(kept[-1]) == width - 1 > 1 and (np.diff(values[:, 0]) == 1.0).all():
         step = next(
             (
                 one
                 for one in kept
-                if len(one) == 2 and _STEP.match(one[0]) and _numbers(one[1:], comma=False)
+                if len(one) == 2 and _STEP.match(one[0]) and _parse_numbers(one[1:], comma=False)
             ),
             None,
         )
@@ -260,7 +275,9 @@ def _names(head: list[list[str]], values: Array) -> tuple[list[str], tuple[float
     return kept[-1], common
 
 
-def _columns(names: list[str], values: Array, path: Path, channel: str | None) -> dict[str, int]:
+def _choose_columns(
+    names: list[str], values: Array, path: Path, channel: str | None
+) -> dict[str, int]:
     # Return which column holds which axis: by name, else in the order x, z or x, y, z; what counts
     # the points is none.
     left = [
@@ -303,7 +320,7 @@ def _columns(names: list[str], values: Array, path: Path, channel: str | None) -
     )
 
 
-def _factor(
+def _find_factor(
     name: str | None,
     axis: str,
     common: tuple[float, float] | None,
@@ -327,7 +344,7 @@ def _factor(
     return asked or common  # type: ignore[return-value]
 
 
-def _forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[str]]:
+def _keep_forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[str]]:
     # Turn a profile that runs backwards, and leave out the few points at which it goes back.
     if x[-1] < x[0]:
         x, z = x[::-1], z[::-1]
@@ -343,7 +360,7 @@ def _forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[str]]:
     return x[ahead], z[ahead], [f"{lost} points left out where the profile goes back"]
 
 
-def _matrix(values: Array, given: dict[str, tuple[float, float]], path: Path) -> HeightMap:
+def _read_matrix(values: Array, given: dict[str, tuple[float, float]], path: Path) -> HeightMap:
     # Heights without a head: their unit and the step along x (and y) must be given, as
     # ``x=0.5um,z=nm``.
     if not {"x", "z"} <= set(given):
@@ -352,11 +369,14 @@ def _matrix(values: Array, given: dict[str, tuple[float, float]], path: Path) ->
             f"step and a unit, as x=0.5um,z=nm, got {values.shape[1]} columns [{path.name}]"
         )
     dx, dy, one = (size / per for size, per in (given["x"], given.get("y", given["x"]), given["z"]))
-    said, count = "matrix with the step and unit given", _last_digit(values.ravel(), given["z"])
+    said, count = (
+        "matrix with the step and unit given",
+        _find_last_digit(values.ravel(), given["z"]),
+    )
     return HeightMap(values * one, dx, dy, source=path.name, scale=said, count=count)
 
 
-def _equal_steps(x: Array, digit: float) -> tuple[Array, bool]:
+def _snap_to_equal_steps(x: Array, digit: float) -> tuple[Array, bool]:
     if len(x) < 3 or not np.isfinite(x).all():
         return x, False
     even = np.polynomial.Polynomial.fit(np.arange(len(x)), x, 1)(np.arange(len(x)))

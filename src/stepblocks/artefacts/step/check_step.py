@@ -125,11 +125,13 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
     MetrologyError
         If the file is not whole ISO 10303-21 text, or is larger than 128 MiB.
     """
-    found = read_confined(f"{__name__}:report_in", Path(path), require_ap242, raises=MetrologyError)
+    found = read_confined(
+        f"{__name__}:report_confined", Path(path), require_ap242, raises=MetrologyError
+    )
     return TypeAdapter(StepReport).validate_python(found)
 
 
-def report_in(path: Path, require_ap242: bool) -> dict[str, object]:
+def report_confined(path: Path, require_ap242: bool) -> dict[str, object]:
     """Check a file, in the confined process."""
     file = read_exchange(path)
     dimensions, tolerances = list_dimensions(file), list_tolerances(file)

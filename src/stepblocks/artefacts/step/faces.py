@@ -47,7 +47,7 @@ def find_faces(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
             values = parts.get(name, ())
             if len(values) == 5 and values[2] == aspect:
                 found += [
-                    _surface(file, item, str(values[3])) for item in find_references(values[4])
+                    _read_surface(file, item, str(values[3])) for item in find_references(values[4])
                 ]
         related = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
         if len(related) == 4 and related[2] == aspect and "DATUM" not in file.parts(related[3]):
@@ -56,7 +56,7 @@ def find_faces(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
     return list(unique.values())
 
 
-def _units(file: Exchange, representation: str) -> tuple[Unit, Unit]:
+def _read_units(file: Exchange, representation: str) -> tuple[Unit, Unit]:
     # Units of length and of angle
     for value in (value for values in file.parts(representation).values() for value in values):
         if units := file.parameters(value, "GLOBAL_UNIT_ASSIGNED_CONTEXT"):
@@ -65,8 +65,8 @@ def _units(file: Exchange, representation: str) -> tuple[Unit, Unit]:
     return Unit(), Unit()
 
 
-def _surface(file: Exchange, item: str, representation: str) -> Surface:
-    length, angle = _units(file, representation)
+def _read_surface(file: Exchange, item: str, representation: str) -> Surface:
+    length, angle = _read_units(file, representation)
     under = {"EDGE_CURVE": 3, "ADVANCED_FACE": 2, "FACE_SURFACE": 2}
     carrier = next(
         (
@@ -86,9 +86,9 @@ def _surface(file: Exchange, item: str, representation: str) -> Surface:
         return Surface(item, kind, representation=representation)
     if kind == "LINE":
         along = (*file.parameters(parameters[-1], "VECTOR"), None, None)[1]
-        line = length.si(_coordinates(file, parameters[1])), _direction(file, along)
+        line = length.si(_read_coordinates(file, parameters[1])), _read_direction(file, along)
         return Surface(item, kind, *line, representation=representation)
-    point, axis, _ = _placement(file, parameters[1])
+    point, axis, _ = _read_placement(file, parameters[1])
     numbers = [
         math.nan if (size := read_number(value)) is None else size for value in parameters[2:]
     ]
@@ -98,26 +98,26 @@ def _surface(file: Exchange, item: str, representation: str) -> Surface:
     return Surface(item, kind, length.si(point), axis, tuple(sizes), representation)
 
 
-def _coordinates(file: Exchange, ref: object) -> Array:
+def _read_coordinates(file: Exchange, ref: object) -> Array:
     values = file.parameters(ref, "CARTESIAN_POINT")
     return np.array(values[1], dtype=np.float64) if len(values) == 2 else _NOWHERE
 
 
-def _direction(file: Exchange, ref: object, default: Array = _NOWHERE) -> Array:
+def _read_direction(file: Exchange, ref: object, default: Array = _NOWHERE) -> Array:
     values = file.parameters(ref, "DIRECTION")
     direction = np.array(values[1], dtype=np.float64) if len(values) == 2 else default
     return np.asarray(direction / np.linalg.norm(direction))
 
 
-def _placement(file: Exchange, ref: object) -> tuple[Array, Array, Array]:
+def _read_placement(file: Exchange, ref: object) -> tuple[Array, Array, Array]:
     # Location, in the units of the file, direction, and second direction
     values = file.parameters(ref, "AXIS2_PLACEMENT_3D")
     if len(values) != 4:
         return _NOWHERE, _NOWHERE, _NOWHERE
     return (
-        _coordinates(file, values[1]),
-        _direction(file, values[2], _UPWARDS),
-        _direction(file, values[3], _UPWARDS),
+        _read_coordinates(file, values[1]),
+        _read_direction(file, values[2], _UPWARDS),
+        _read_direction(file, values[3], _UPWARDS),
     )
 
 
@@ -127,7 +127,7 @@ def is_placed_where_drawn(file: Exchange) -> bool:
     Only then can two bodies be compared.
     """
     for _, values in file.named("ITEM_DEFINED_TRANSFORMATION"):
-        first, second = (_placement(file, item) for item in values[2:4])
+        first, second = (_read_placement(file, item) for item in values[2:4])
         if not np.allclose(first, second, rtol=0.0, atol=1e-12):
             return False
     return True
@@ -181,20 +181,20 @@ def measure_distance(first: list[Surface], second: list[Surface], kind: str = ""
     one, other = sides if len(sides) == 2 else ("", "")
     known = []
     for a, b in itertools.product(first, second):
-        if (apart := _distance(a, b)) is None:
+        if (apart := _measure_distance(a, b)) is None:
             return None
-        known.append(apart + _beyond_centre(a, one) + _beyond_centre(b, other))
+        known.append(apart + _measure_beyond_centre(a, one) + _measure_beyond_centre(b, other))
     return known[0] if known and max(known) - min(known) <= 1e-12 else None
 
 
-def _beyond_centre(surface: Surface, side: str) -> float:
+def _measure_beyond_centre(surface: Surface, side: str) -> float:
     # How far the side of a round feature that a dimension names lies beyond its centre [m]
     if surface.kind not in _ROUND or not surface.sizes:
         return 0.0
     return {"outer": surface.sizes[0], "inner": -surface.sizes[0]}.get(side, 0.0)
 
 
-def _distance(a: Surface, b: Surface) -> float | None:
+def _measure_distance(a: Surface, b: Surface) -> float | None:
     if b.kind == "PLANE" or (a.kind in _CURVES and b.kind not in _CURVES):
         a, b = b, a
     between, parallel = (
@@ -214,7 +214,7 @@ def _distance(a: Surface, b: Surface) -> float | None:
     one_axis = parallel and apart <= _ONE_AXIS
     if b.kind == "CIRCLE" and one_axis and a.kind == "CIRCLE":
         return math.hypot(along_axis, b.sizes[0] - a.sizes[0])
-    if a.kind == "CONICAL_SURFACE" and one_axis and _as_steep(a, b):  # square to the cone
+    if a.kind == "CONICAL_SURFACE" and one_axis and _is_as_steep(a, b):  # square to the cone
         wider = b.sizes[0] - a.sizes[0] - along_axis * math.tan(a.sizes[1])
         return abs(wider) * math.cos(a.sizes[1])
     if a.kind not in _TURNED or not (
@@ -228,7 +228,7 @@ def _distance(a: Surface, b: Surface) -> float | None:
     return apart
 
 
-def _as_steep(cone: Surface, other: Surface) -> bool:
+def _is_as_steep(cone: Surface, other: Surface) -> bool:
     # Tell whether a cone and a surface about its axis have one distance. They do for a round edge,
     # or a cone of the same angle.
     same_way = 1.0 if cone.axis @ other.axis > 0.0 else -1.0

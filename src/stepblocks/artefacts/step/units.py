@@ -112,7 +112,7 @@ def read_densities(file: Exchange) -> tuple[list[float], list[str]]:
         )
         if len(stated) != 3 or "density" not in str(stated[0]).lower():
             continue
-        value, (factor, powers) = read_number(stated[1]), _derived(file, stated[2])
+        value, (factor, powers) = read_number(stated[1]), _read_derived_unit(file, stated[2])
         if powers != _DENSITY:
             said = (
                 " ".join(f"{name}^{power:g}" for name, power in sorted(powers.items())) or "nothing"
@@ -126,7 +126,7 @@ def read_densities(file: Exchange) -> tuple[list[float], list[str]]:
     return densities, findings
 
 
-def _derived(file: Exchange, ref: object) -> tuple[float, dict[str, float]]:
+def _read_derived_unit(file: Exchange, ref: object) -> tuple[float, dict[str, float]]:
     factor = 1.0
     powers: dict[str, float] = {}
     for element in (file.parameters(ref, "DERIVED_UNIT") or ((),))[0]:

@@ -119,7 +119,7 @@ _GEOMETRY = (
 )
 
 
-def _height_error_law(block: str) -> Law:
+def _make_height_error_law(block: str) -> Law:
     # Return the effect of a block far from its nominal height. Small errors are priors of the
     # nominal model.
     def apply(state: DragState, blocks: object, values: Mapping[str, float]) -> DragState:
@@ -463,5 +463,5 @@ def list_named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
         *_TOOL,
         *_CONVERSION,
         *GAUGE_LAWS,
-        *map(_height_error_law, blocks),
+        *map(_make_height_error_law, blocks),
     )

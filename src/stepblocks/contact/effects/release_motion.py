@@ -22,7 +22,7 @@ _softened = njit(cache=True)(compute_softened_force)
 
 
 @njit(cache=True, error_model="numpy")
-def _climb_kernel(
+def _integrate_climb(
     height: float, friction: float, stiffness: float, speed: float, damping: float, cubic: float
 ) -> tuple[float, float]:
     # Peak force over that at which the tip breaks loose. Energy of the first swing below sliding
@@ -104,14 +104,14 @@ def _climb_kernel(
 def _integrate_climbs(asked: Array) -> Array:
     found = np.empty((asked.shape[1], 2))
     for n in range(asked.shape[1]):
-        found[n] = _climb_kernel(
+        found[n] = _integrate_climb(
             asked[0, n], asked[1, n], asked[2, n], asked[3, n], asked[4, n], asked[5, n]
         )
     return found
 
 
 @lru_cache(maxsize=1)  # most parameters of a fit do not change the motion
-def _cached_climbs(asked: bytes) -> Array:
+def _compute_climbs(asked: bytes) -> Array:
     return cast(Array, _integrate_climbs(np.frombuffer(asked).reshape(6, -1)))
 
 
@@ -128,5 +128,5 @@ def compute_release(
     They depend on V k / (omega N), the damping ratio and g N^2.
     """
     asked = np.stack([np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping, cubic])
-    excess, share = _cached_climbs(asked.tobytes()).T
+    excess, share = _compute_climbs(asked.tobytes()).T
     return np.log(excess), np.log(np.maximum(share, _LEAST_SHARE**2))

@@ -191,7 +191,7 @@ def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
             continue
         run = where.name == "run_order"
         laws += [_step_law(name, where) for name in (_STEPPING if run else _JUMPING)]
-        laws += [_periodic_law(name, where) for name in (_JUMPING if run else ())]
+        laws += [_make_periodic_law(name, where) for name in (_JUMPING if run else ())]
     return tuple(laws)
 
 
@@ -258,7 +258,7 @@ def _step_law(name: str, where: CovariateRange) -> Law:
     )
 
 
-def _periodic_law(name: str, where: CovariateRange) -> Law:
+def _make_periodic_law(name: str, where: CovariateRange) -> Law:
     # Let a slot swing along the run, with any period from a few trials to the whole of it
     move, reach = SLOT_MOVES[name], where.high - where.low
     parts = tuple(Parameter(part, "1", 0.0, -2.0, 2.0, 0.05) for part in ("cosine", "sine"))

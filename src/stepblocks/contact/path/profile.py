@@ -67,9 +67,9 @@ def build_profile_path(
     # to those at which nothing beyond the ends could be touched, "flat" lets the surface go on
     # level
     require_positive("ball radius", ball_radius, "m")
-    xs, zs = _checked(x, z)
+    xs, zs = _check_profile(x, z)
     finite, width = np.isfinite(zs), 2.0 * ball_radius
-    elements = _elements(xs, zs, ball_radius)
+    elements = _list_elements(xs, zs, ball_radius)
     span = float(np.ptp(zs[finite]))  # of the heights: it says how much of the ball can touch
     reach = (
         ball_radius if span >= ball_radius else float(np.sqrt(span * (2.0 * ball_radius - span)))
@@ -83,13 +83,13 @@ def build_profile_path(
             f"tip reaches over {reach + reach:.3g} m and must not be larger than the profile "
             f"({xs[-1] - xs[0]:.3g} m); shorten it or use edges='flat'"
         )
-    where = _positions(xs, width, reach, edges) if positions is None else positions
+    where = _choose_positions(xs, width, reach, edges) if positions is None else positions
     height, contact, which = kernels.dilate_profile(where, elements, ball_radius)
     slope = kernels.compute_path_slopes(where, contact, which, ball_radius)
     return TipPath(where, height, contact, slope, which, elements, ball_radius)
 
 
-def _elements(x: Floats, z: Floats, radius: float) -> Floats:
+def _list_elements(x: Floats, z: Floats, radius: float) -> Floats:
     # Segments of a profile with the offset at which the ball is as steep as each, shape (m, 5) [m]
     finite = np.isfinite(z)
     joined = finite[:-1] & finite[1:]
@@ -106,7 +106,7 @@ def _elements(x: Floats, z: Floats, radius: float) -> Floats:
     return np.ascontiguousarray(np.column_stack([x0, z0, x1, z1, offset]))
 
 
-def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
+def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     require_points(xs, zs)
     if not np.isfinite(xs).all():
@@ -125,7 +125,7 @@ def _checked(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
     return xs, zs
 
 
-def _positions(x: Floats, width: float, reach: float, edges: Edges) -> Floats:
+def _choose_positions(x: Floats, width: float, reach: float, edges: Edges) -> Floats:
     pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * width)), 1)
     if pieces.sum() > _MOST_POSITIONS:
         raise ContactError(
@@ -175,10 +175,10 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
         if not inside.any():
             return Catch(math.nan, math.nan, 0.0)  # the tip touches nothing there
         slopes = slopes[inside]
-    return _catch(*slopes[np.nanargmax(slopes[:, 0])])
+    return _make_catch(*slopes[np.nanargmax(slopes[:, 0])])
 
 
-def _catch(slope: float, where: float, contact: float) -> Catch:
+def _make_catch(slope: float, where: float, contact: float) -> Catch:
     angle = 0.5 * math.pi if np.isposinf(slope) else math.atan(max(slope, 0.0))
     return Catch(float(where), float(contact), angle)
 
