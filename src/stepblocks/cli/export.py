@@ -16,10 +16,10 @@ from stepblocks.cli.options import (
     StepHeight,
     TipRadius,
     given,
+    quantity_option,
     require_one,
 )
 from stepblocks.cli.outcome import Outcome, make_progress
-from stepblocks.errors import PipelineError
 
 app = typer.Typer()
 
@@ -59,11 +59,12 @@ def export(
     ] = None,
     only: Only = None,
     scale: Annotated[
-        str | None,
-        typer.Option(
+        float | None,
+        quantity_option(
+            "ratio",
             "--scale",
-            metavar="S",
-            help="magnification; per-block: each its own",
+            above_zero=True,
+            help="magnification",
             show_default="one that all of the set can have, or 1",
         ),
     ] = None,
@@ -107,7 +108,7 @@ def export(
         device=device,
         devices=devices,
         only=only,
-        scale=_read_scale(scale),
+        scale=scale,
         ring=ring,
         model=model,
         speed=speed,
@@ -130,15 +131,6 @@ def export(
             one.name: {"folder": str(one.folder), "plan": str(one.plan or "")} for one in written
         },
     )
-
-
-def _read_scale(text: str | None) -> float | str | None:
-    if text is None or text == "per-block":
-        return text
-    try:
-        return float(text)
-    except ValueError:
-        raise PipelineError(f"--scale: must be a number or per-block, got {text!r:.40}") from None
 
 
 def _list_devices(own: Path | None) -> Outcome:

@@ -33,10 +33,60 @@ def stations_in(
 ) -> dict[str, object]:
     """Measure `count` sections across a margin, in a confined process.
 
-    Each has x, y, z, curvature, slope, curvature and scatter [SI].
+    Each has place, axis across, axis outwards, curvature, slope, curvature and scatter [SI].
     """
     # a scan errs by more than a gap: only slope and curvature of either side are taken from it, by
     # least squares
+    from scipy.spatial import cKDTree
+
+    mesh, line, around = _load_tooth(path, scale, margin)
+    middle = around.mean(axis=0)
+    draw = np.linalg.svd(around - middle, full_matrices=False)[2][2]
+    draw *= math.copysign(1.0, float(draw @ towards))
+    if draw @ towards < 0.5 * np.linalg.norm(towards):
+        raise StimulusError(
+            f"crown_towards must leave the plane of the margin by 30 deg or more [{path.name}]"
+        )
+    radii = np.linalg.norm(mesh.triangles - mesh.triangles_center[:, None], axis=2).max(axis=1)
+    beside = cKDTree(around).query(mesh.triangles_center)[0] < 3.0 * _FITTED + radii
+    mesh.update_faces(beside)
+    mesh.remove_unreferenced_vertices()
+    found = []
+    for number in range(count):
+        where = line.x[-1] * number / count + np.linspace(-0.5 * _FITTED, 0.5 * _FITTED, _SECTIONS)
+        place = line(where[_SECTIONS // 2])
+        near = np.flatnonzero(
+            np.linalg.norm(mesh.triangles_center - place, axis=1) < 3.0 * _FITTED + radii[beside]
+        )
+        frames = [
+            (at, _face_section(at, along, middle, draw))
+            for at, along in zip(line(where), line(where, 1), strict=True)
+        ]
+        hole, sides, level = _find_sides(
+            [_cut_section(mesh, near, *frame) for frame in frames], shows
+        )
+        if hole:
+            raise StimulusError(
+                f"the scan must show a third of the {hole} within {_FITTED * 1e3:g} mm of the "
+                f"margin, got a hole at station {number + 1} [{path.name}]"
+            )
+        # where the sides meet, the axis across and the axis outwards, both along the level tooth
+        lying = level @ frames[_SECTIONS // 2][1][:2] + np.outer([1.0, 0.0, 0.0], place)
+        found.append([*lying.ravel(), *sides])
+    # digits far below what a scan tells, which are the same on every processor
+    return {
+        "stations": np.where([0] * 9 + [1, 1, 1, 0], np.round(found, 6), np.round(found, 9)) + 0.0
+    }
+
+
+def tooth_in(path: Path, scale: float, margin: list[list[float]]) -> dict[str, object]:
+    """Read the surface that a margin runs along, in a confined process: vertices [m], triangles."""
+    mesh, *_ = _load_tooth(path, scale, margin)
+    return {"vertices": np.asarray(mesh.vertices), "triangles": np.asarray(mesh.faces)}
+
+
+def _load_tooth(path: Path, scale: float, margin: list[list[float]]) -> tuple[Any, Any, Array]:
+    # Load the shells of a scan that a margin runs along, its line, and points on that
     import trimesh
     from scipy.spatial import cKDTree
 
@@ -57,10 +107,10 @@ def stations_in(
     pieces = trimesh.graph.connected_components(
         mesh.face_adjacency, nodes=np.arange(len(mesh.faces))
     )
-    least = 0.05 * max(map(len, pieces))  # smaller ones are debris
-    mesh.update_faces(np.concatenate([piece for piece in pieces if len(piece) > least]))
     picked = np.asarray(margin, dtype=np.float64) * scale
-    beside = cKDTree(mesh.vertices).query(picked)[0] - float(mesh.edges_unique_length.max())
+    longest = float(mesh.edges_unique_length.max())
+    points = [mesh.vertices[np.unique(mesh.faces[piece])] for piece in pieces]
+    beside = cKDTree(np.concatenate(points)).query(picked)[0] - longest
     if beside.max() > _BESIDE:
         raise StimulusError(
             f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got "
@@ -68,38 +118,14 @@ def stations_in(
         )
     line = _read_closed_line(picked, path)
     around = line(np.linspace(0.0, line.x[-1], 500))
-    middle = around.mean(axis=0)
-    draw = np.linalg.svd(around - middle, full_matrices=False)[2][2]
-    draw *= math.copysign(1.0, float(draw @ towards))
-    if draw @ towards < 0.5 * np.linalg.norm(towards):
-        raise StimulusError(
-            f"crown_towards must leave the plane of the margin by 30 deg or more [{path.name}]"
-        )
-    radii = np.linalg.norm(mesh.triangles - mesh.triangles_center[:, None], axis=2).max(axis=1)
-    beside = cKDTree(around).query(mesh.triangles_center)[0] < 3.0 * _FITTED + radii
-    mesh.update_faces(beside)
+    # debris and loose islands are no side of a margin: tooth and crown go along most of its line
+    shares = [float((cKDTree(one).query(around)[0] < _FITTED + longest).mean()) for one in points]
+    kept = zip(pieces, shares, strict=True)
+    mesh.update_faces(
+        np.concatenate([piece for piece, share in kept if share >= min(_COVERED, max(shares))])
+    )
     mesh.remove_unreferenced_vertices()
-    found = []
-    for number in range(count):
-        where = line.x[-1] * number / count + np.linspace(-0.5 * _FITTED, 0.5 * _FITTED, _SECTIONS)
-        place = line(where[_SECTIONS // 2])
-        near = np.flatnonzero(
-            np.linalg.norm(mesh.triangles_center - place, axis=1) < 3.0 * _FITTED + radii[beside]
-        )
-        frames = zip(line(where), line(where, 1), strict=True)
-        hole, sides = _find_sides(
-            [_cut_section(mesh, near, *frame, middle, draw) for frame in frames], shows
-        )
-        if hole:
-            raise StimulusError(
-                f"the scan must show a third of the {hole} within {_FITTED * 1e3:g} mm of the "
-                f"margin, got a hole at station {number + 1} [{path.name}]"
-            )
-        found.append([*place, *sides])
-    # digits far below what a scan tells, which are the same on every processor
-    return {
-        "stations": np.where([0, 0, 0, 1, 1, 1, 0], np.round(found, 6), np.round(found, 9)) + 0.0
-    }
+    return mesh, line, around
 
 
 def _read_closed_line(points: Array, path: Path) -> Any:
@@ -121,18 +147,22 @@ def _read_closed_line(points: Array, path: Path) -> Any:
     return CubicSpline(at, line, bc_type="periodic")
 
 
-def _cut_section(
-    mesh: object, near: NDArray[np.int64], place: Array, along: Array, middle: Array, draw: Array
-) -> Array:
-    # Find the outermost points (x to the crown, z outwards) of a section, shape (n, 2)
-    import trimesh
-
+def _face_section(place: Array, along: Array, middle: Array, draw: Array) -> Array:
+    # Find the axes of a section: across to the crown, outwards, along the margin; shape (3, 3)
     outward = np.cross(along, draw)
     outward *= math.copysign(
         1.0 / float(np.linalg.norm(outward)), float(outward @ (place - middle))
     )
     across = np.cross(outward, along)
     across *= math.copysign(1.0 / float(np.linalg.norm(across)), float(across @ draw))
+    return np.stack([across, outward, along])
+
+
+def _cut_section(mesh: object, near: NDArray[np.int64], place: Array, axes: Array) -> Array:
+    # Find the outermost points (x to the crown, z outwards) of a section, shape (n, 2)
+    import trimesh
+
+    across, outward, along = axes
     cut = trimesh.intersections.mesh_plane(mesh, along, place, local_faces=near) - place
     x, z = cut @ across, cut @ outward
     upright = x[:, 0] == x[:, 1]
@@ -144,8 +174,9 @@ def _cut_section(
     return np.asarray(np.column_stack([where, top])[top > -2.0 * _FITTED])
 
 
-def _find_sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
-    # Find the missing side, if any; curvature of the tooth, slope of the crown, scatter
+def _find_sides(sections: list[Array], shows: str) -> tuple[str, list[float], Array]:
+    # Find the missing side, if any; curvature of the tooth, slope of the crown, scatter; and in the
+    # frame of the middle section the origin and the axes of the level one
     # sections share their shape, each at a level of its own, in a frame turned until the tooth, or
     # else the crown, is level
     points, which = (
@@ -153,13 +184,14 @@ def _find_sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
         np.repeat(np.arange(_SECTIONS), [len(one) for one in sections]),
     )
     fit, scatter = np.zeros(_SECTIONS + 4), 0.0
+    origin, axes = np.zeros(2), np.eye(2)
     for _ in range(6):  # the turn converges by a factor of a hundred each time
         within = np.abs(points[:, 0]) <= _FITTED
         sides = {"tooth": within & (points[:, 0] < 0.0), "crown": within & (points[:, 0] > 0.0)}
         sides = {name: side for name, side in sides.items() if shows in (name, "both")}
         for name, side in sides.items():
             if side.sum() < _COVERED * _SAMPLES * _SECTIONS:
-                return name, []
+                return name, [], axes
         kept = np.any(list(sides.values()), axis=0)
         (x, z), own = points[kept].T, which[kept][:, None] == np.arange(_SECTIONS)
         bows = [np.where(side, x**k / k, 0.0) for side in (x < 0.0, x > 0.0) for k in (1, 2)]
@@ -173,5 +205,8 @@ def _find_sides(sections: list[Array], shows: str) -> tuple[str, list[float]]:
         c, s = math.cos(turn), math.sin(turn)
         points[:, 1] -= fit[which]
         points = points @ np.array([[c, -s], [s, c]])
+        origin = origin + fit[_SECTIONS // 2] * axes[1]
+        axes = np.array([[c, s], [-s, c]]) @ axes
     tooth, slope, crown = map(float, fit[-3:])
-    return "", [tooth, math.atan(slope) if shows == "both" else 0.0, crown, scatter]
+    lean = math.atan(slope) if shows == "both" else 0.0
+    return "", [tooth, lean, crown, scatter], np.vstack([origin, axes])

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -23,6 +25,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.scanned_margin import ScannedMargin
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.shapes import Mesh, build_convex_pieces, build_solids, mesh_solid
 from stepblocks.simulators.devices import Device, plan_rendering
@@ -83,7 +86,6 @@ def build_scene(
     device: Device | None = None,
     scale: float | None = None,
     *,
-    own_scale: bool = False,
     full_scale: float = 0.0,
 ) -> Scene:
     """Build the scene of a contact: meshes, pieces and path, turned and magnified."""
@@ -105,8 +107,33 @@ def build_scene(
         path=surface.counterface().centre_path(point.ball_radius).scaled(size),
         events=contact.events,
         plan=plan,
-        own_scale=own_scale,
         full_scale=full_scale,
+    )
+
+
+def lay_out_teeth(scenes: Sequence[Scene], folder: Path) -> Iterator[tuple[Mesh, list[Scene]]]:
+    """Lay the sections of scanned margins round their teeth, each beside the surface of its scan.
+
+    The meshes lie in `folder`.
+    """
+    margins = [(one, one.surface) for one in scenes if isinstance(one.surface, ScannedMargin)]
+    for _, some in itertools.groupby(margins, key=lambda pair: pair[1].id.rpartition("-")[0]):
+        stations = list(some)
+        places = np.array([part.station.place_m for _, part in stations])
+        apart = np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1).max()
+        scan = stations[0][1].read_tooth(folder, stations[0][0].scale)
+        yield scan, [_lay_section(scene, part, 1.02 * apart) for scene, part in stations]
+
+
+def _lay_section(scene: Scene, part: ScannedMargin, width: float) -> Scene:
+    # Lay a section at its station; the level ends of the bar, which a tooth has not, are left out
+    at = part.station
+    turn = np.column_stack([at.across, np.cross(at.outward, at.across), at.outward])
+    frame = Frame(turn, np.array(at.place_m), "those of the scan")
+    size = np.array([1.0, width / part.width.nominal, 1.0]) / scene.scale
+    pieces = [replace(one, vertices=one.vertices * size) for one in scene.pieces[1:-1]]
+    return replace(
+        scene, frame=frame, pieces=tuple(frame.of(piece, scene.scale) for piece in pieces)
     )
 
 

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from stepblocks.simulators.devices import Device, RenderingPlan
     from stepblocks.simulators.scene import Scene, SceneFormat
 
-Scale = float | Literal["per-block"] | None
-
 
 @dataclass(frozen=True)
 class Exported:
@@ -57,13 +55,16 @@ def export_scenes(
     devices: str | Path | None = None,
     only: str | None = None,
     step_height: float | None = None,
-    scale: Scale = None,
+    scale: float | None = None,
     ring: Literal["exponential", "drag"] = "exponential",
     model: str | Path | None = None,
     progress: Callable[[Exported], object] | None = None,
     **overrides: float,
 ) -> list[Exported]:
     """Write scenes of every stimulus of some sets, each folder complete in itself.
+
+    A scanned margin of a file is also written as one scene of its tooth, ``set/id/simulator-tooth``,
+    where the format has it.
 
     Scale and full scale of the WAV files are those of the whole set, whatever is written of it.
     Either all folders are written, or none.
@@ -82,10 +83,9 @@ def export_scenes(
         Pattern of the stimuli that are meant, such as ``step-0?0`` or ``paper-*/step-0?0``.
     step_height : float, optional
         Of the step under a declared tip [m]; the first of the set's prediction if left out.
-    scale : float or "per-block", optional
+    scale : float, optional
         Magnification of every scene [1]; if left out 1, or with a device the largest that a
-        stimulus of the set needs. Each stimulus at the scale of its own plan (``"per-block"``) is
-        confounded: springs and travels then tell heights apart.
+        stimulus of the set needs.
     ring : str
         Waveform of the WAV files: ``"exponential"``, or ``"drag"`` for that of the time-domain drag
         with the same energy.
@@ -111,27 +111,26 @@ def export_scenes(
     """
     from stepblocks.artefacts.model_file import read_model
     from stepblocks.simulators.devices import find_device, load_devices
-    from stepblocks.simulators.scene import write_scene
+    from stepblocks.simulators.assemble import lay_out_teeth
+    from stepblocks.simulators.scene import write_scene, write_tooth
     from stepblocks.simulators.scenes import SCENE_FORMATS
 
     if simulator not in SCENE_FORMATS:
         raise PipelineError(f"--for must be one of {', '.join(SCENE_FORMATS)}, got {simulator!r}")
     if ring not in ("exponential", "drag"):
         raise PipelineError(f"--ring must be one of exponential, drag, got {ring!r}")
-    if isinstance(scale, str) and scale != "per-block":
-        raise PipelineError(f"--scale must be a number or per-block, got {scale!r}")
     check_overrides(overrides)
     known = load_devices(devices)  # a missing file is named even where no device is asked for
     chosen = None if device is None else find_device(device, known)
     learned = None if model is None else read_model(Path(model))
-    sets = [stimuli for stimuli, _ in load_sets(files)]
-    contacts = [_resolve_set(one, learned, step_height, ring, overrides) for one in sets]
+    sets = load_sets(files)
+    contacts = [_resolve_set(one, learned, step_height, ring, overrides) for one, _ in sets]
     form = SCENE_FORMATS[simulator]
     name = simulator if chosen is None else f"{simulator}-{chosen.id}"
     done: list[Exported] = []
     try:
         with make_draft_folder(Path(output)) as draft:
-            for stimuli, each in zip(sets, contacts, strict=True):
+            for (stimuli, source), each in zip(sets, contacts, strict=True):
                 parts = enumerate(stimuli.stimuli)
                 meant = {
                     part.id: number
@@ -148,6 +147,10 @@ def export_scenes(
                     if progress is not None:
                         progress(one)
                 _write_set(draft / stimuli.name / f"{name}-blocks", scenes, form, name)
+                if form.write_tooth and Path(source).is_file():
+                    for scan, stations in lay_out_teeth(scenes, Path(source).parent):
+                        folder = draft / stimuli.name / scan.name / f"{name}-tooth"
+                        write_tooth(folder, scan, stations, form)
             if not done:
                 raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
             _move_into_place(draft, Path(output))
@@ -190,7 +193,7 @@ def _resolve_set(
 
 
 def _build_scenes(
-    contacts: list[Contact], meant: list[int], device: Device | None, scale: Scale
+    contacts: list[Contact], meant: list[int], device: Device | None, scale: float | None
 ) -> list[Scene]:
     # Build the scenes that are meant, at the scale and full scale of the whole set
     from stepblocks.simulators.assemble import build_scene
@@ -201,18 +204,13 @@ def _build_scenes(
     )
     from stepblocks.simulators.scene import find_loudest_force
 
-    own_scale = scale == "per-block"
-    size = None if isinstance(scale, str) else scale
     if device is not None:
         if scale is None:
-            size = choose_common_scale(device, [(one.events[0], one.point) for one in contacts])
+            scale = choose_common_scale(device, [(one.events[0], one.point) for one in contacts])
         each = [contacts[number] for number in meant]
-        require_renderable(plan_rendering(device, one.events[0], one.point, size) for one in each)
+        require_renderable(plan_rendering(device, one.events[0], one.point, scale) for one in each)
     loudest = max((find_loudest_force(one.events) for one in contacts), default=0.0)
-    return [
-        build_scene(contacts[number], device, size, own_scale=own_scale, full_scale=loudest)
-        for number in meant
-    ]
+    return [build_scene(contacts[number], device, scale, full_scale=loudest) for number in meant]
 
 
 def _move_into_place(draft: Path, output: Path) -> None:

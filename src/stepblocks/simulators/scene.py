@@ -82,9 +82,6 @@ class Scene:
         Of the drags towards +x and -x, unmagnified.
     plan : RenderingPlan or None
         How the device renders it, where one was named.
-    own_scale : bool
-        Whether the scale is that of this stimulus alone: the travel of the hand then tells stimuli
-        apart.
     full_scale : float
         Force at full scale of the WAV files, one for a set [N]; 0 for the largest of the ring.
     """
@@ -99,7 +96,6 @@ class Scene:
     path: CentrePath
     events: Events
     plan: RenderingPlan | None = None
-    own_scale: bool = False
     full_scale: float = 0.0
 
     @property
@@ -146,9 +142,7 @@ class Scene:
             "stimulus": self.stimulus.id,
             "surface": self.surface.id,
             "scale": self.scale,
-            "scale_is_of": "this block alone: confounded with its height"
-            if self.own_scale
-            else "the set",
+            "scale_is_of": "the set",
             "ball_radius_m": self.ball_radius,
             "normal_load_n": self.point.normal_load,
             "friction": self.point.friction,
@@ -180,6 +174,8 @@ class SceneFormat:
         What of it was run or read back by another program, and what was not.
     write_set : callable or None
         Takes a folder, the scenes of a set, and what the folder of each is called: all in one.
+    write_tooth : callable or None
+        Takes a folder, the surface of a scanned tooth, and the scenes of its stations.
     shares_probe : bool
         Whether `write_set` needs scenes of one ball, spring and friction.
     """
@@ -192,6 +188,7 @@ class SceneFormat:
     settings: tuple[str, ...]
     verified: str
     write_set: Callable[[Path, Sequence[Scene], str], None] | None = None
+    write_tooth: Callable[[Path, Mesh, Sequence[Scene]], None] | None = None
     shares_probe: bool = True
 
 
@@ -233,6 +230,31 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
     write_from_template(
         folder / "README.md", scene=scene, form=form, names=names, math=math, Status=Status
     )
+
+
+def write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene], form: SceneFormat) -> None:
+    """Write a scanned tooth as one scene, with the section and the events of every station."""
+    assert form.write_tooth is not None
+    folder.mkdir(parents=True)
+    form.write_tooth(folder, scan, stations)
+    content = [
+        # the centre of the ball at both releases, in the axes of the scan
+        one.parameters()
+        | {
+            "trigger_places_m": [
+                (
+                    one.frame.turn @ [event.trigger_position, 0.0, event.trigger_height]
+                    + one.frame.shift
+                )
+                .dot(one.scale)
+                .tolist()
+                for event in one.events
+            ]
+        }
+        for one in stations
+    ]
+    write_json(folder / "tooth.json", {"stations": content})
+    write_from_template(folder / "README.md", "tooth.md", stations=stations, form=form)
 
 
 def write_from_template(path: Path, template: str = "", **values: object) -> None:

@@ -26,7 +26,7 @@ from stepblocks.parts.declared import (
 )
 from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh
 from stepblocks.parts.kinds.margin import ACROSS, CrownMargin
-from stepblocks.parts.shapes import make_hull
+from stepblocks.parts.shapes import Mesh, make_hull
 from stepblocks.parts.tolerance import PositiveLength
 
 _UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
@@ -58,6 +58,9 @@ class Station(Table):
 
     number: int = 1
     place_m: tuple[float, ...] = (0.0, 0.0, 0.0)  # in the frame of the mesh
+    # unit vectors there: along the tooth towards the crown, and outwards
+    across: tuple[float, ...] = (1.0, 0.0, 0.0)
+    outward: tuple[float, ...] = (0.0, 0.0, 1.0)
     tooth_curvature_per_m: float = 0.0  # negative where it bulges
     crown_slope_rad: float = 0.0  # against the tooth
     crown_curvature_per_m: float = 0.0
@@ -145,13 +148,24 @@ class ScannedMargin(CrownMargin):
             path, changed, _UNITS[one.unit], one.margin, one.stations, one.crown_towards, one.shows
         )
         for number, row in enumerate(rows, start=1):
-            values = number, row[:3], *row[3:]
+            values = number, row[:3], row[3:6], row[6:9], *row[9:]
             station = dict(zip(Station.model_fields, values, strict=True))
             yield {
                 **stanza,
                 "id": f"{one.id}-{number:0{len(str(one.stations))}}",
                 "station": station,
             }
+
+    def read_tooth(self, folder: Path, scale: float = 1.0) -> Mesh:
+        """Read the surface that the margin runs along [m], magnified; islands are left out."""
+        found = read_confined(
+            f"{margin_line.__name__}:tooth_in",
+            folder / self.mesh,
+            _UNITS[self.unit],
+            self.margin,
+            raises=StimulusError,
+        )
+        return Mesh(self.id.rpartition("-")[0], found["vertices"] * scale, found["triangles"])
 
     @property
     def floor(self) -> tuple[float, float]:

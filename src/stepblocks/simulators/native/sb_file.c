@@ -3,6 +3,7 @@
  *   stepblocks-blocks 1
  *   block step-050              then any of the parameters, one a line, such as
  *   tip_radius_m 0.000125
+ *   frame 0 0 0 1 0 0 0 0 1     place [m], axis across, axis outwards; of the stations of a tooth only
  *   discs 1                     x z radius [m], one disc a line
  *   0 5e-05 0
  *   lines 2                     x0 z0 x1 z1 [m], one line a line
@@ -110,6 +111,24 @@ static int read_parameter(reader *r, sb_block *block)
     return SB_OK;
 }
 
+static int read_frame(reader *r, const char *rest, sb_block *block)
+{
+    double values[9];
+    int result;
+    r->length -= (size_t)(rest - r->line);
+    r->line = rest;
+    result = read_numbers(r, values, 9);
+    if (result != SB_OK) return result;
+    for (int i = 0; i < 3; ++i) {
+        block->place[i] = values[i];
+        block->across[i] = values[3 + i];
+        block->outward[i] = values[6 + i];
+    }
+    block->placed = 1;
+    block->line = r->world->loads;
+    return SB_OK;
+}
+
 static int read_block(reader *r, const char *name)
 {
     const size_t length = (size_t)(r->line + r->length - name);
@@ -126,7 +145,12 @@ static int read_block(reader *r, const char *name)
             if (block.lines) result = sb_put_block(r->world, &block);
             else result = wrong(r, "a block must have lines");
             if (result == SB_ERROR_ARGUMENT) result = SB_ERROR_FORMAT;
+            if (result >= 0 && block.placed &&
+                sb_place(r->world, result, block.place, block.across, block.outward) != SB_OK)
+                return SB_ERROR_FORMAT;
             if (result >= 0) return SB_OK;
+        } else if ((rest = after(r, "frame")) != NULL) {
+            result = read_frame(r, rest, &block);
         } else if ((rest = after(r, "discs")) != NULL) {
             result = read_table(r, rest, 3, &block.discs, &block.disc_count);
         } else if ((rest = after(r, "lines")) != NULL) {
@@ -179,6 +203,7 @@ int sb_load(sb_world *world, const char *path)
     int before, result;
     if (!world || !path) return SB_ERROR_ARGUMENT;
     before = world->count;
+    ++world->loads;
     text = read_all(world, path);
     if (!text) return SB_ERROR_FILE;
     memset(&r, 0, sizeof r);

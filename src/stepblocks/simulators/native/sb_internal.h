@@ -21,6 +21,8 @@ typedef struct {
     double *discs, *lines;
     size_t disc_count, line_count;
     sb_path path;
+    int placed, line; /* whether it lies on a margin line, and with which load it came */
+    double place[3], across[3], outward[3]; /* in the axes of the scan, unmagnified */
 } sb_block;
 
 struct sb_world {
@@ -36,6 +38,8 @@ struct sb_world {
     double gain, ramp; /* 0 to 1, of the force after a start or a fault, and how long it grows [s] */
     double good[3]; /* last force of a good tick [N] */
     sb_output last; /* of the last good tick */
+    int loads, riding; /* files so far; whether the tip goes along a margin line */
+    double way, origin[3], axes[3][3]; /* of the section at the last tick, in the axes of the scan */
     char message[SB_MESSAGE_LENGTH];
 };
 
@@ -48,6 +52,7 @@ int sb_check_parameter(sb_world *world, int parameter, double value);
 int sb_parameter_named(const char *name, size_t length);
 void sb_start_block(sb_block *block);
 int sb_put_block(sb_world *world, const sb_block *block);
+void sb_turn_to(sb_world *world, int block); /* to the section beside, the tip in contact */
 double sb_read_number(const char *text, const char **end);
 
 #endif

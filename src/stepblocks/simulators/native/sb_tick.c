@@ -356,6 +356,34 @@ int sb_tick_loaded(sb_world *world, double hand_x, double velocity_x, double dt,
     return tick(world, hand, velocity, load, dt, output);
 }
 
+/* Whether a path holds the tip at a knot. */
+static int is_caught(const sb_path *p, size_t knot)
+{
+    return p->up[knot] || p->down[knot];
+}
+
+void sb_turn_to(sb_world *world, int block)
+{
+    const sb_path *from = &world->blocks[world->active].path, *to = &world->blocks[block].path;
+    const size_t i = world->piece;
+    const double x = world->x;
+    const double near = 0.2 * world->blocks[block].parameter[SB_TIP_RADIUS] *
+                        world->blocks[block].parameter[SB_SCALE];
+    const int caught = (x == from->x[i] && is_caught(from, i)) ||
+                       (x == from->x[i + 1] && is_caught(from, i + 1));
+    world->active = block;
+    world->x = x < to->x[0] ? to->x[0] : x > to->x[to->count - 1] ? to->x[to->count - 1] : x;
+    world->piece = piece_at(to, world->x);
+    if (!world->touching || !caught) return;
+    /* a tip that rests in the notch rests in that of the section beside, a little to one side */
+    for (size_t k = 0; k + 1 < to->count; ++k)
+        if (is_caught(to, k) && fabs(to->x[k] - x) < near &&
+            (world->x == x || fabs(to->x[k] - x) < fabs(world->x - x))) {
+            world->x = to->x[k];
+            world->piece = k;
+        }
+}
+
 int sb_reset(sb_world *world, const double hand[3])
 {
     if (!world || !hand || world->count == 0) return SB_ERROR_ARGUMENT;

@@ -147,6 +147,19 @@ SB_API int sb_reset(sb_world *world, const double hand[3]); /* put the tip where
 SB_API int sb_tick(sb_world *world, const double hand[3], const double velocity[3], double dt,
                    sb_output *output);
 
+/* The same for a whole tooth: the blocks are the stations of a margin line (`frame` in the file, or
+ * sb_place), loaded together and in order. Hand, velocity, force and tip are in the axes of the scan,
+ * magnified as the blocks are. The section is that of the place of the tip along the line, and answers
+ * within 1 mm on either side of the margin; farther away, and deeper, there is no force. output->block
+ * is the station; pull and ring are across the margin, load is outwards. */
+SB_API int sb_tick_tooth(sb_world *world, const double hand[3], const double velocity[3], double dt,
+                         sb_output *output);
+
+/* Put a block on a margin line: its place, unmagnified [m], and the axes across the margin towards the
+ * crown and outwards, of any length, at right angles. */
+SB_API int sb_place(sb_world *world, int block, const double place[3], const double across[3],
+                    const double outward[3]);
+
 /* The same for an input without a height (mouse, gamepad, linear stage): the load is SB_LOAD. */
 SB_API int sb_tick_loaded(sb_world *world, double hand_x, double velocity_x, double dt,
                           sb_output *output);

@@ -1,7 +1,6 @@
 """The force law alone: a table and a function, for interfaces that take no geometry."""
 
 import inspect
-import math
 from pathlib import Path
 
 import numpy as np
@@ -38,16 +37,13 @@ def _write(folder: Path, scene: Scene) -> None:
         _write_columns(folder / name, columns | {"normal_load_n": np.full(len(keep), load)})
     knots = renderer.knots
     _write_columns(folder / "path.csv", {column: knots[name] for column, name in _PATH.items()})
-    # amplitude of the ring over the force at release: sqrt(C_v), or what a session has taught
-    ratios = [
-        event.amplitude / event.critical_force
-        for event in scene.events
-        if event.status is Status.RELEASES
-    ]
-    ring = next(iter(ratios), math.sqrt(scene.point.tool.conversion))
     for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):
         write_from_template(
-            folder / name, scene=scene, ring=ring, knots=knots, kernel=_read_tick_source()
+            folder / name,
+            scene=scene,
+            ring=scene.ring_ratio,
+            knots=knots,
+            kernel=_read_tick_source(),
         )
 
 

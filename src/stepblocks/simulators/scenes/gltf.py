@@ -1,11 +1,13 @@
 """glTF: the block as GLB, and a JSON with its axes in Unity, Unreal and the web."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from stepblocks.artefacts.meshes.write import GLB_FROM_PART, write_glb
 from stepblocks.contact import Array
+from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, write_json
 
 # Handedness, units per metre and rotation from the part's axes, as the usual importers make it
@@ -31,6 +33,21 @@ def _write(folder: Path, scene: Scene) -> None:
         },
     }
     write_json(folder / "scene.json", content)
+
+
+def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
+    # Write the scan and its margin line as one picture; y is up
+    import trimesh
+
+    line = np.array([one.frame.shift * one.scale for one in [*stations, stations[0]]])
+    seen = trimesh.Scene(
+        {
+            "tooth": trimesh.Trimesh(scan.vertices, scan.triangles, process=False),
+            "margin": trimesh.load_path(line),
+        }
+    )
+    seen.apply_transform(np.pad(GLB_FROM_PART, (0, 1)) + np.diag([0.0, 0.0, 0.0, 1.0]))
+    (folder / "tooth.glb").write_bytes(seen.export(file_type="glb"))
 
 
 def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Array) -> dict[str, object]:
@@ -60,6 +77,7 @@ GLTF = SceneFormat(
     title="glTF (Unity, Unreal, web)",
     unit="metres",
     write=_write,
+    write_tooth=_write_tooth,
     run="Import `block.glb` for the picture and the convex pieces as colliders; read contact, "
     "spring and events from `scene.json`.",
     settings=(

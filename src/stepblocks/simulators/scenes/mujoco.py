@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.artefacts.heightfield import sample_relief
+from stepblocks.artefacts.meshes.write import write_obj
 from stepblocks.contact.energy import Status
 from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
@@ -21,7 +22,7 @@ _BASE = 100e-6  # thickness under a height field, unscaled [m]
 def _write(folder: Path, scene: Scene) -> None:
     common: Document = {
         "name": scene.stimulus.id,
-        "blocks": [_describe_block(scene)],
+        "blocks": [{"scene": scene, "y": 0.0, "prefix": ""}],
         "near": _is_near_drag_line,
         "reach": None,
     }
@@ -35,15 +36,11 @@ def _write(folder: Path, scene: Scene) -> None:
     write_from_template(folder / "drag.py")
 
 
-def _describe_block(scene: Scene, y: float = 0.0, prefix: str = "") -> dict[str, object]:
-    return {"scene": scene, "y": y, "prefix": prefix}
-
-
 def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     # Write one scene with all blocks of a set side by side; each has its tip
     wide = 1.2 * max(float(np.ptp(one.whole.vertices[:, 1])) for one in scenes)
     blocks = [
-        _describe_block(one, -number * wide, f"{one.stimulus.id}-")
+        {"scene": one, "y": -number * wide, "prefix": f"{one.stimulus.id}-"}
         for number, one in enumerate(scenes)
     ]
     forces = [
@@ -68,6 +65,16 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     write_from_template(
         folder / "README.md", "mujoco-blocks.md", name=folder.parent.name, scenes=scenes
     )
+
+
+def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
+    # Write one scene with the whole tooth: a tip that keyframes put before each station
+    from scipy.spatial.transform import Rotation
+
+    write_obj(folder / "tooth.obj", scan)
+    turns = Rotation.from_matrix([one.frame.turn for one in stations]).as_quat(scalar_first=True)
+    write_from_template(folder / "scene.xml", "tooth.xml", stations=stations, turns=turns)
+    write_from_template(folder / "drag.py", "drag_tooth.py", stations=stations)
 
 
 def _is_near_drag_line(piece: Mesh, scene: Scene) -> bool:
@@ -100,6 +107,7 @@ MUJOCO = SceneFormat(
     unit="metres",
     write=_write,
     write_set=_write_set,
+    write_tooth=_write_tooth,
     run=(
         "`pip install mujoco`, then `python drag.py` (towards +x) or `python drag.py --down`, from "
         "any directory; `--heightfield` drags over `scene-heightfield.xml` instead of the convex "

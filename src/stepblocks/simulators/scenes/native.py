@@ -19,6 +19,7 @@ NATIVE = SceneFormat(
     title="C, C++, Python, Unity, Unreal: libstepblocks",
     unit="metres",
     write=lambda folder, scene: _write_blocks(folder, [scene]),
+    write_tooth=lambda folder, _, stations: _write_blocks(folder, stations),
     write_set=lambda folder, scenes, _: _write_blocks(folder, scenes),
     shares_probe=False,
     run=(
