@@ -63,7 +63,6 @@ def export(
         quantity_option(
             "ratio",
             "--scale",
-            above_zero=True,
             help="magnification",
             show_default="one that all of the set can have, or 1",
         ),

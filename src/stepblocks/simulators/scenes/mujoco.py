@@ -13,9 +13,6 @@ from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 from stepblocks.text_file import Document
 
-# pieces that come closer to the drag line than this many radii of the ball collide, the others are
-# seen
-_REACH = 10.0
 _BASE = 100e-6  # thickness under a height field, unscaled [m]
 
 
@@ -23,7 +20,6 @@ def _write(folder: Path, scene: Scene) -> None:
     common: Document = {
         "name": scene.stimulus.id,
         "blocks": [{"scene": scene, "y": 0.0, "prefix": ""}],
-        "near": _is_near_drag_line,
         "reach": None,
     }
     write_from_template(folder / "scene.xml", field=None, **common)
@@ -58,7 +54,6 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
         folder / "scene.xml",
         name=folder.parent.name,
         blocks=blocks,
-        near=_is_near_drag_line,
         field=None,
         **common,
     )
@@ -75,15 +70,6 @@ def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
     turns = Rotation.from_matrix([one.frame.turn for one in stations]).as_quat(scalar_first=True)
     write_from_template(folder / "scene.xml", "tooth.xml", stations=stations, turns=turns)
     write_from_template(folder / "drag.py", "drag_tooth.py", stations=stations)
-
-
-def _is_near_drag_line(piece: Mesh, scene: Scene) -> bool:
-    # Whether a piece's bounding box comes close to the line that the ball is dragged along
-    reach, (low, high) = (
-        _REACH * scene.ball_radius,
-        (piece.vertices.min(axis=0), piece.vertices.max(axis=0)),
-    )
-    return bool(low[1] < reach and high[1] > -reach and high[2] > -reach and low[2] < reach)
 
 
 def _write_height_field(path: Path, scene: Scene) -> dict[str, object]:
