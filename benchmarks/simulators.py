@@ -115,18 +115,6 @@ def in_mujoco(folder: Path, scene: Scene, _: argparse.Namespace) -> Result:
     )
 
 
-def in_mujoco_over_heights(folder: Path, scene: Scene, _: argparse.Namespace) -> Result:
-    return result(
-        [
-            sys.executable,
-            "-I",
-            str(written(folder, scene, "mujoco") / "drag.py"),
-            "--json",
-            "--heightfield",
-        ]
-    )
-
-
 def in_chai3d(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Result:
     if not arguments.chai3d:
         return None
@@ -160,7 +148,6 @@ COLUMNS: dict[str, Callable[[Path, Scene, argparse.Namespace], Result]] = {
     "force law, Python": in_python,
     "force law, C": in_c,
     "MuJoCo, pieces": in_mujoco,
-    "MuJoCo, height field": in_mujoco_over_heights,
     "CHAI3D": in_chai3d,
     "Newton": in_newton,
 }

@@ -15,7 +15,6 @@ from stepblocks import confined
 from stepblocks.artefacts.heightfield import (
     SPACING,
     sample_height_field,
-    sample_relief,
     write_height_field,
 )
 from stepblocks.artefacts.meshes.measures import MeshMeasures, fit_sphere_radius
@@ -300,7 +299,6 @@ def test_what_could_not_be_measured_has_failed_and_stays_valid_json():
 
 
 BLOCK = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli[4]
-CROWN = load_set(ROOT / "stimuli" / "crown-margins.toml").crown_on_tooth[0]
 
 
 def test_a_height_field_steps_once_between_two_columns():
@@ -350,32 +348,6 @@ def test_no_shift_helps_where_corners_lie_closer_than_the_samples():
 
     with pytest.raises(HapticsError, match="cannot keep clear of the corners of crowded"):
         sample_height_field(Crowded())
-
-
-def test_the_relief_of_a_crown_is_round_about_its_axis():
-    field = sample_relief(CROWN, 125e-6)
-    middle = field.heights[len(field.y) // 2]
-    assert np.allclose(middle, CROWN.counterface().heights(field.x), atol=1e-15)
-    radius = CROWN.margin_radius.nominal
-    # every column lies on a circle about the tooth's axis
-    assert np.allclose(
-        np.hypot(field.heights + radius, field.y[:, None]), middle + radius, rtol=1e-12
-    )
-
-
-def test_the_relief_of_a_block_is_the_same_along_its_edge_and_reaches_as_far_as_the_ball():
-    field = sample_relief(BLOCK, 300e-6)
-    assert np.ptp(field.heights, axis=0).max() == 0.0
-    assert field.x[-1] >= 4.0 * 300e-6
-    assert field.y.tolist() == [-600e-6, 0.0, 600e-6]
-
-
-def test_both_walls_of_a_gap_lie_on_samples():
-    for margin in load_set(ROOT / "stimuli" / "crown-margins.toml").margin_block:
-        field = sample_relief(margin, 125e-6)
-        for corner in margin.counterface().breakpoints:
-            if corner in (0.0, max(margin.counterface().breakpoints)):
-                assert corner in field.x
 
 
 def test_a_dimension_is_not_needed_to_state_a_verdict():

@@ -85,38 +85,12 @@ def test_a_probe_that_the_formula_locks_stays_locked_in_mujoco(tmp_path, block):
     assert result["peak_force_n"] > 9.0 * LOAD
 
 
-@pytest.mark.parametrize("block", TEN[4::5], ids=lambda block: block.id)
-def test_mujoco_follows_the_formula_on_the_height_field(scenes, tmp_path, block):
-    pytest.importorskip("mujoco")
-    folder = write("mujoco", tmp_path / "a b" / block.id, scenes[block.id])
-    result = json.loads(run(folder / "drag.py", "--json", "--heightfield"))
-    assert result["peak_force_n"] == pytest.approx(paper_force(block.height.nominal), rel=0.01)
-    assert result["crossed"]
-
-
-def test_the_height_field_of_mujoco_has_its_row_0_at_the_smallest_y(folders):
-    raw = (folders["mujoco"] / "heightfield.bin").read_bytes()
-    rows, columns = np.frombuffer(raw, "<i4", count=2)
-    values = np.frombuffer(raw, "<f4", offset=8).reshape(rows, columns)
-    assert (values.min(), values.max()) == (0.0, 1.0)
-    assert (values[:, : columns // 2] == 0.0).all()  # the lower face lies at the smaller x
-    size = (
-        (folders["mujoco"] / "scene-heightfield.xml")
-        .read_text()
-        .split('size="')[1]
-        .split('"')[0]
-        .split()
-    )
-    assert float(size[2]) == pytest.approx(50e-6)
-
-
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [
         ("crown-shoulder", ()),
         ("crown-shoulder", ("--down",)),
         ("crown-chamfer-over", ()),
-        ("crown-chamfer-over", ("--heightfield",)),
     ],
 )
 def test_mujoco_feels_a_crown_as_the_section_through_its_axis(tmp_path, name, arguments):

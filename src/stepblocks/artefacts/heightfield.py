@@ -4,48 +4,17 @@
 """
 
 import json
-import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.counterface import Step
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
 
 SPACING = 2e-6  # distance of neighbouring samples in x and y [m]
 _HALF_X = 1e-3
 _HALF_Y = 0.1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class Relief:
-    """Heights of a surface over a rectangular patch around its working edge."""
-
-    heights: NDArray[np.float64]  # z [m], shape (rows, columns); rows ascend in y, columns in x
-    x: NDArray[np.float64]  # of the columns [m], evenly spaced
-    y: NDArray[np.float64]  # of the rows
-
-
-def sample_relief(part: Part, ball_radius: float) -> Relief:
-    """Sample the surface as far as a ball that is dragged over its edge can touch it."""
-    face = part.counterface()
-    opening = 0.0 if isinstance(face, Step) else max(face.breakpoints)
-    spacing = opening / math.ceil(opening / SPACING) if opening > 0.0 else SPACING
-    count = math.ceil(max(0.4e-3, 4.0 * ball_radius) / spacing)
-    x = np.asarray(np.arange(-count, count + 1) * spacing, dtype=np.float64)
-    for corner in face.breakpoints:  # on an edge in every bit, or rounding makes a gap wider
-        x[np.abs(x - corner) < 1e-6 * spacing] = corner
-    profile, radius = face.heights(x), part.turn_radius
-    if radius is None:
-        return Relief(
-            np.tile(profile, (3, 1)), x, np.array([-2.0 * ball_radius, 0.0, 2.0 * ball_radius])
-        )
-    rows = 4  # of 5 um on either side: the ball touches the middle one
-    y = np.asarray(np.arange(-rows, rows + 1) * 5e-6, dtype=np.float64)
-    return Relief(np.sqrt((radius + profile) ** 2 - y[:, None] ** 2) - radius, x, y)
 
 
 def sample_height_field(part: Part) -> NDArray[np.float64]:

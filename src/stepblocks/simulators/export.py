@@ -110,8 +110,8 @@ def export_scenes(
         stimulus that is meant.
     """
     from stepblocks.artefacts.model_file import read_model
-    from stepblocks.simulators.devices import find_device, load_devices
     from stepblocks.simulators.assemble import lay_out_teeth
+    from stepblocks.simulators.devices import find_device, load_devices
     from stepblocks.simulators.scene import write_scene, write_tooth
     from stepblocks.simulators.scenes import SCENE_FORMATS
 

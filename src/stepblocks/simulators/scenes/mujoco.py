@@ -1,33 +1,23 @@
-"""MuJoCo: a scene of convex pieces, one with a height field, and a script that drags the tip."""
+"""MuJoCo: a scene of convex pieces, the whole tooth of a scan, and a script that drags the tip."""
 
-import struct
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from stepblocks.artefacts.heightfield import sample_relief
 from stepblocks.artefacts.meshes.write import write_obj
 from stepblocks.contact.energy import Status
 from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 from stepblocks.text_file import Document
 
-_BASE = 100e-6  # thickness under a height field, unscaled [m]
-
 
 def _write(folder: Path, scene: Scene) -> None:
-    common: Document = {
-        "name": scene.stimulus.id,
-        "blocks": [{"scene": scene, "y": 0.0, "prefix": ""}],
-        "reach": None,
-    }
-    write_from_template(folder / "scene.xml", field=None, **common)
     write_from_template(
-        folder / "scene-heightfield.xml",
-        "scene.xml",
-        **common,
-        field=_write_height_field(folder / "heightfield.bin", scene),
+        folder / "scene.xml",
+        name=scene.stimulus.id,
+        blocks=[{"scene": scene, "y": 0.0, "prefix": ""}],
+        reach=None,
     )
     write_from_template(folder / "drag.py")
 
@@ -54,7 +44,6 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
         folder / "scene.xml",
         name=folder.parent.name,
         blocks=blocks,
-        field=None,
         **common,
     )
     write_from_template(
@@ -72,21 +61,6 @@ def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
     write_from_template(folder / "drag.py", "drag_tooth.py", stations=stations)
 
 
-def _write_height_field(path: Path, scene: Scene) -> dict[str, object]:
-    # Write MuJoCo's binary: rows and columns as int32, then float32 from the smallest y
-    field = sample_relief(scene.surface, scene.point.ball_radius)
-    low, rise = float(field.heights.min()), float(np.ptp(field.heights))
-    values = ((field.heights - low) / (rise or 1.0)).astype("<f4")
-    path.write_bytes(struct.pack("<2i", *values.shape) + values.tobytes())
-    half_x, half_y = 0.5 * float(np.ptp(field.x)), 0.5 * float(np.ptp(field.y))
-    size = np.array([half_x, half_y, rise or 1e-9, _BASE]) * scene.scale
-    return {
-        "file": path.name,
-        "size": size,
-        "centre": np.array([field.x.mean(), field.y.mean(), low]) * scene.scale,
-    }
-
-
 MUJOCO = SceneFormat(
     name="mujoco",
     title="MuJoCo",
@@ -96,8 +70,7 @@ MUJOCO = SceneFormat(
     write_tooth=_write_tooth,
     run=(
         "`pip install mujoco`, then `python drag.py` (towards +x) or `python drag.py --down`, from "
-        "any directory; `--heightfield` drags over `scene-heightfield.xml` instead of the convex "
-        "pieces of `scene.xml`. To look at it: `python -m mujoco.viewer --mjcf=scene.xml` (the "
+        "any directory. To look at it: `python -m mujoco.viewer --mjcf=scene.xml` (the "
         "camera `tip` rides with the tip). `-blocks` beside the blocks of a set is one scene with "
         "all of them.\n\n"
         "In a program of your own start from the keyframe `before`, in which the tip rests before "
@@ -131,11 +104,6 @@ MUJOCO = SceneFormat(
         "the ring of the formula play the `ring-up` WAV at the release",
         "sensors: `pull` and `press` are the forces of spring and load, `tip_x`, `tip_z` and "
         "`tip_velocity` the ball, `ring` its acceleration",
-        "`heightfield.bin` is MuJoCo's own binary in float32; its PNG path has 8 bits, "
-        "which "
-        "are "
-        "coarser than a step",
     ),
-    verified="run in MuJoCo by the test suite and by the table of "
-    "docs/explanation/simulators.md, pieces and height field.",
+    verified="run in MuJoCo by the test suite and by the table of docs/explanation/simulators.md.",
 )
