@@ -36,18 +36,22 @@ EXAMPLES = {
     "LinearContact": sb.LinearContact(1e6),
     "EvaluationOptions": sb.EvaluationOptions(),
     "LearnedModel": taught_model(),
+    "Parameter": sb.Parameter("gravity", "m/s^2", 9.8, 8.0, 11.0, 0.05),
     "Prediction": next(iter(predict_by_formula(SETS["paper-ten"]))),
 }
-# abstract, an enumeration, made only by a run that other tests have, or bound to a device
+# abstract, an enumeration, made only by a run that other tests have, bound to a device, or of a
+# user's own functions
 ELSEWHERE = {
     "BuildReport",
     "ContactLaw",
+    "Law",
     "Counterface",
     "FrictionLaw",
     "Renderer",
     "ScannedMargin",
     "StepblocksError",
     "SweepResult",
+    "Trials",
     "Verdict",
 }
 

@@ -44,7 +44,10 @@ from .inspect.many import inspect_many as inspect_many, write_many as write_many
 from .inspect.measure import EvaluationOptions as EvaluationOptions
 from .inspect.report import write_inspection as write_inspection
 from .inspect.run import inspect_scan as inspect_scan, inspect_standard as inspect_standard
+from .law import Law as Law, Parameter as Parameter
 from .loop.run import loop_session as loop_session
+from .loop.search.explain import explain as explain
+from .loop.search.forward_model import Trials as Trials
 from .loop.several import loop_sessions as loop_sessions
 from .parts.kinds.crown_on_tooth import CrownOnTooth as CrownOnTooth
 from .parts.kinds.margin import MarginBlock as MarginBlock

@@ -18,15 +18,19 @@ class Parameter:
     Attributes
     ----------
     name : str
+        Of one parameter among those of a law, or of a model.
     unit : str
+        As it is shown, such as ``m`` or ``1/N^2``; ``1`` where it has none.
     start : float
-        Where a fit begins, the middle of the prior; an amplitude vanishes there.
+        Where a fit begins, the middle of the prior; an amplitude vanishes there [`unit`].
     low : float
+        It is never less [`unit`].
     high : float
+        It is never more [`unit`].
     scale : float
-        A change that matters; it sets the step of differences.
+        A change that matters; it sets the step of differences [`unit`].
     prior_std : float
-        Of a normal prior about the start.
+        Of a normal prior about the start [`unit`].
     block : str
         The specimen whose trials alone it moves; empty for all.
     """
@@ -56,13 +60,15 @@ class Law:
     form : str
         The law written out.
     parameters : tuple[Parameter, ...]
-    apply : Apply
+        What is fitted: amplitudes, and what gives the law its shape.
+    apply : callable
+        ``apply(state, covariate, values)`` returns the state of the model with the law in it.
     slot : str
         The part of the model that it changes.
     covariate : str
         A column of the table of trials, a quantity of the model, or ``block``.
     shapes : tuple[Mapping[str, float], ...]
-        Values at which a search looks of the parameters that are no amplitudes.
+        Values at which a search looks of the parameters that are no amplitudes [their units].
     named : bool
         False for a smooth, which claims no law.
     rank : int

@@ -154,7 +154,7 @@ def test_friction_by_speed_over_load_is_its_formula() -> None:
     # origin: mu (1 + s exp(-(v / F) / h)), written out for one trial
     state = _state()
     ratio = state.speed[1] / state.set_load[1]
-    values = {"excess": 0.8, "number_m_per_n_s": 7e-3}
+    values = {"excess": 0.8, "number": 7e-3}
     law = _law("hersey_friction")
     shown = compute_channels(law.apply(state, _covariate(law, state), values))
     assert shown[1, _FRICTION] == pytest.approx(0.17 * (1.0 + 0.8 * math.exp(-ratio / 7e-3)))

@@ -189,14 +189,13 @@ _FRICTION = (
         "mu (1 + s exp(-(v / F_py) / h))",
         (
             Parameter("excess", "1", 0.0, -0.95, 10.0, 0.05),
-            Parameter("number_m_per_n_s", "m/(N s)", 8e-3, 5e-4, 2e-1, 1e-3),
+            Parameter("number", "m/(N s)", 8e-3, 5e-4, 2e-1, 1e-3),
         ),
         lambda state, ratio, v: state.changed(
-            friction=state.friction
-            * (1.0 + v["excess"] * np.exp(-1e-3 * ratio / v["number_m_per_n_s"]))
+            friction=state.friction * (1.0 + v["excess"] * np.exp(-1e-3 * ratio / v["number"]))
         ),
         covariate=SPEED_OVER_LOAD,
-        shapes=tuple({"number_m_per_n_s": h} for h in (3e-3, 8e-3, 2e-2, 5e-2)),
+        shapes=tuple({"number": h} for h in (3e-3, 8e-3, 2e-2, 5e-2)),
         said="friction follows speed over load: excess at rest and number",
     ),
     _friction(
