@@ -108,7 +108,7 @@ class Law:
     def pick_own_values(self, values: Mapping[str, float]) -> dict[str, float]:
         """Pick the values of its parameters out of those of a fit.
 
-        Where they are called ``law.parameter``.
+        A fit calls them ``law.parameter``.
         """
         return {p.name: values[f"{self.id}.{p.name}"] for p in self.parameters}
 

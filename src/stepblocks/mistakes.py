@@ -79,7 +79,7 @@ def list_mistakes(
 ) -> list[Mistake]:
     """List what is wrong by its places, unknown names first.
 
-    What depends on an unknown name is checked as if the name were corrected.
+    What depends on an unknown name is checked as if the name were right.
     """
     found: dict[Location, ErrorDetails] = {}
     for again in (True, False):

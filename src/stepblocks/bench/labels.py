@@ -202,8 +202,7 @@ def find_shared_faults(
 
 
 def _find_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
-    # Find trials whose angle fits another block and not their own. Fits another block and not their
-    # own.
+    # Find trials whose angle fits another block and not their own.
     size = np.sin(0.5 * angle)
     known = np.isfinite(size)
     names, counts = np.unique(block[known], return_counts=True)

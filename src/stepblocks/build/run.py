@@ -213,7 +213,7 @@ def _find_outdated(
 def _write_tables_and_page(
     sets: Sequence[StimulusSet], output: Path, report: BuildReport, learned: LearnedModel | None
 ) -> tuple[dict[str, str], int]:
-    # Write tables and page from the records. Returns the hash of every file of the folder, and the
+    # Write tables and page from the records. Return the hash of every file of the folder, and the
     # number of stimuli.
     from stepblocks.build.page import Section, write_page
     from stepblocks.predict.predictions import format_predictions_csv, predict_all

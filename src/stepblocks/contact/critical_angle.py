@@ -77,7 +77,7 @@ def find_margin_angles(
 def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
     """Critical angles over a margin or a groove.
 
-    Two shoulders `opening` apart, the second higher by `rise`.
+    Its two shoulders are `opening` apart, the second higher by `rise`.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """The domain of the formulas.
 
-One wording for every value that lies outside it, alone or in an array.
+Each value outside it, alone or in an array, is refused in the same words.
 """
 
 import math
@@ -20,11 +20,9 @@ MOST_BALL = 0.05  # of the radius of a tip, magnified models included [m]
 def convert_field(
     owner: object, name: str, dimension: str, high: float, low: float | None = None
 ) -> None:
-    """Read a field of a frozen dataclass as a number in SI, or as a text with its unit.
+    """Read a field of a frozen dataclass in SI, or as a text with its unit, and check it.
 
-    And hold it to its bounds.
-
-    Without `low` it must be positive.
+    Its bounds are `low` and `high`; without `low` it must be positive.
     """
     unit = DIMENSIONS[dimension]
     value = read_number(name, getattr(owner, name), dimension)

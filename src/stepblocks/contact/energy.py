@@ -1,6 +1,6 @@
 """Force and energy of a probe that slips over an edge, by equation (1).
 
-To which a locked probe has an energy too: here it has none.
+The equation gives a locked probe an energy too; here such a probe has none.
 """
 
 import math

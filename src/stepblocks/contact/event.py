@@ -65,7 +65,7 @@ class LearnedPrediction:
 class VibrationEvent:
     """The ring of one drag; only a probe that releases rings.
 
-    Else forces and energy are not-a-number.
+    Otherwise forces and energy are not-a-number.
     """
 
     stimulus: str  # what is felt
@@ -158,7 +158,7 @@ def compute_ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
 def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, object]:
     """Write an event as plain values for JSON, the unit in every name.
 
-    None for what is not a number.
+    What is not a number is written as None.
     """
     tool, wave, learned = event.tool, event.waveform, event.learned
     record: dict[str, object] = {

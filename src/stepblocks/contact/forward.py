@@ -89,9 +89,10 @@ def list_constants(
     scanned: Mapping[str, tuple[float, float]]
     | None = None,  # height and standard uncertainty of blocks [m]
 ) -> tuple[Parameter, ...]:
-    """List the constants fitted to a session from the ring of `tool` on.
+    """List the constants fitted to a session.
 
-    And the height error of each block, which may be `scanned`.
+    They are those from the ring of `tool` on, and the height error of each block, which may be
+    `scanned`.
     """
     found = [
         Parameter("friction", "1", PAPER.friction, 0.005, 0.9, 0.02),
@@ -203,7 +204,7 @@ def select_covariate(
 def compute_responses(state: DragState) -> Floats:
     """Change of the channels per unit of ln friction, ln load and ln conversion.
 
-    Which scatter among trials, shape (n, 7, 3).
+    These three scatter among trials; the shape is (n, 7, 3).
     """
     base, step = compute_channels(state), 1e-4
     weight = state.set_load + state.sensed_offset

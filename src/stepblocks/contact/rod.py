@@ -1,6 +1,6 @@
 """A probe as a clamped rod with a mass at its tip.
 
-What a sheath does to its ring, and what of it reaches clamp and finger.
+The model says what a sheath does to its ring, and how much reaches clamp and finger.
 """
 
 import itertools
@@ -123,7 +123,7 @@ def fit_rod(
 ) -> Rod:
     """Find the rod of a diameter that has a stiffness.
 
-    And the mass at its tip with which it rings at a frequency.
+    The mass at its tip is that with which it rings at a frequency.
     """
     for name, value in (
         ("stiffness", stiffness),

@@ -1,6 +1,6 @@
 """The slots of the model of one drag, filled for every trial.
 
-What an effect may change, and what a trial shows of it.
+An effect may change a slot; the channels are what a trial shows of them.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _LINE_SHARE = 0.9  # of the rise, to which the evaluation of a trace fits the li
 class DragState:
     """Every quantity of equations (1) and (2) per trial.
 
-    And where the bench shows something else than the contact.
+    Other slots hold what the bench shows differently from the contact.
     """
 
     height: Floats  # of the step H [m]

@@ -1,6 +1,6 @@
-"""The events of a drag: every place that caught the tip, what it let go.
+"""The events of a drag: every place that caught the tip, and how it let go.
 
-And which was asked about.
+One of them is the event that was asked about.
 """
 
 from collections.abc import Mapping

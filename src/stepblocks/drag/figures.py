@@ -56,10 +56,7 @@ def draw_force(trace: DragTrace, path: Path, title: str) -> None:
 
 
 def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
-    """Draw the spectra of the loading and of the vibration phase of both forces.
-
-    As figures 4 and 5 do.
-    """
+    """Draw the spectra of both forces while loading and vibrating, as figures 4 and 5 do."""
     figure, axes = make_figure(2, 2, sharex=True, height=5.0)
     for row, (channel, label) in enumerate((("fx_n", "$F_x$"), ("fy_n", "$F_y$"))):
         for axis, (phase, band) in zip(

@@ -207,7 +207,7 @@ def build_probe(
 ) -> Probe:
     """Return the probe that rings as a tool does.
 
-    Its contact is that of steel on steel by default.
+    The contact of the probe is that of steel on steel by default.
     """
     contact_law = (contact or Hertz()).power_law(ball_radius)
     probe = Probe(tool.stiffness, tool.effective_mass, tool.damping_ratio, *contact_law)

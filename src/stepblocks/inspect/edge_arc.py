@@ -131,7 +131,7 @@ class Window:
     def costs(self, risers: Array, radii: Array) -> Array:
         """Robust half sums of squares of the whitened residuals.
 
-        (Cauchy's loss far out, as form is not noise).
+        Cauchy's loss holds far out, because form is not noise.
         """
         parts = max(len(risers) * len(self.x) // _AT_ONCE, 1)
         pairs = zip(np.array_split(risers, parts), np.array_split(radii, parts), strict=True)
@@ -301,7 +301,7 @@ def fit_flank(
 ) -> Flank | None:
     """Fit flank and corner to the upper three quarters of an edge.
 
-    None where fewer than six points lie on its flank.
+    The result is None where fewer than six points lie on the flank.
     """
     # The arguments are those of `Window`. Errors of flank and radius go together through the
     # autocovariance of the faces.

@@ -29,7 +29,7 @@ _GRID = 9  # points along either side at which the form is judged
 def compute_flatness(points: Array) -> float:
     """Flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3).
 
-    Those with a nan are left out.
+    Points with a nan are left out.
     """
     return _find_minimum_zone(_require_face_points(points))[0]
 
@@ -176,9 +176,9 @@ def _evaluate_terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> 
 
 
 def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
-    """Return the zone of the form of faces.
+    """Return the zone of the form of faces, less what noise adds to it.
 
-    What noise adds to it is taken off, and counts, as a rectangle, beside the scatter.
+    What is taken off counts in the uncertainty, as a rectangle beside the scatter.
     """
     # The fit holds the noise once, draws at the two scales hold it as its root of two and twice.
     # Where one term sets the zone, the zone grows with the standard deviation of the noise and the

@@ -1,6 +1,6 @@
 """Ridges, grooves and gratings.
 
-All features of each profile, or of a map where its profiles do not agree.
+All features of each profile are measured, or those of a map where its profiles do not agree.
 """
 
 from collections.abc import Callable
@@ -61,7 +61,7 @@ def measure_groove(
 ) -> Evaluation:
     """Depth of all grooves or ridges of a scan.
 
-    By type A1 or A2 where their windows fit, else on a masked polynomial.
+    It is by type A1 or A2 where their windows fit, and otherwise on a masked polynomial.
     """
     # A map whose rows do not agree on what they cross is evaluated across its columns, then by two
     # levels.

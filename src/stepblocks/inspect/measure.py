@@ -32,9 +32,9 @@ _MOST_PROFILES = 60  # of a map that are evaluated; of more, as many are taken e
 
 @dataclass(frozen=True)
 class Shown:
-    """What a plot shows.
+    """What a plot shows of a scan.
 
-    One profile, levelled on its lower or outer face, and the map that it is of.
+    It is one profile, levelled on its lower or outer face, and the map that it belongs to.
 
     Attributes
     ----------
@@ -260,7 +260,7 @@ def measure_tip(
 ) -> Evaluation:
     """Radius of a probe tip of about `nominal` [m].
 
-    From a height map that looks at it along its axis, or a profile over it.
+    The scan is a height map that looks along the axis of the tip, or a profile over it.
     """
     notes: list[str] = []
     if isinstance(scan, Profile):

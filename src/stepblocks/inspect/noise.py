@@ -1,6 +1,6 @@
 """What the residuals of a fit say about its noise.
 
-And the standard uncertainty that an estimate has from it.
+An estimate has its standard uncertainty from them.
 
 Machined faces carry roughness that is correlated over micrometres, so 4,000 points are not 4,000
 observations: each uncertainty of this room goes through the autocovariance of the residuals. A
@@ -115,9 +115,9 @@ def pad_autocovariance(gamma: Array, count: int) -> Array:
 
 
 def factor_covariance(covariance: Array) -> Array:
-    """Return rows whose products add up to a covariance, by its eigenvectors.
+    """Return rows whose products add up to a covariance.
 
-    Since it may be singular.
+    They come from its eigenvectors, because it may be singular.
     """
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)
@@ -126,9 +126,9 @@ def factor_covariance(covariance: Array) -> Array:
 def estimate_linear(
     value: float, weights: Array, residuals: Array, used: Mask, design: Array
 ) -> Estimate:
-    """State `value`, which is ``sum(weights * z)``.
+    """State the uncertainty of `value`, which is ``sum(weights * z)``.
 
-    With its uncertainty from the residuals of the fit.
+    It follows from the residuals of the fit.
     """
     # With residuals ``r = M z``, M the projection of the fit, the estimate of the variance is a
     # quadratic form ``r Q r``; Q holds ``c(k) taper(k) / pairs(k)``. Its mean is ``tr(M Q M

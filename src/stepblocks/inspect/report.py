@@ -1,7 +1,6 @@
-"""A judged scan.
+"""A judged scan: its table, its record as plain data, and its files.
 
-As a table that a person reads, as plain data, and as files with the plot of scan, limits and guard
-bands.
+The plot shows the scan, its limits and the guard bands.
 """
 
 from __future__ import annotations
@@ -118,7 +117,7 @@ class InspectionResult:
     def said(self) -> str:
         """The verdict in words.
 
-        What was measured of how many, where that leaves the verdict open.
+        Where it is open, it says how many of the characteristics were measured.
         """
         if self.verdict is None:
             return "measured"

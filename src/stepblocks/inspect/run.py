@@ -254,7 +254,7 @@ def inspect_standard(
 ) -> InspectionResult:
     """Evaluate a depth standard, a grating or a ball.
 
-    To prove an instrument before blocks are measured with it.
+    It proves an instrument before blocks are measured with it.
 
     Parameters
     ----------
@@ -308,7 +308,7 @@ def inspect_standard(
 def find_declared(identity: str, where: Path) -> tuple[Part, OrderSpec, PredictionGrid]:
     """Find a stimulus by its identity, also as engraved.
 
-    With its order and what is predicted of it.
+    Its order and its prediction come with it.
     """
     from stepblocks.declare import load_set
 

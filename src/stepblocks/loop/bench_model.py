@@ -174,7 +174,7 @@ class SessionModel:
     ) -> Floats:
         """Change of the channels with friction, load and conversion.
 
-        Which scatter from trial to trial.
+        These scatter from trial to trial.
         """
         return forward.compute_responses(self.state(trials, values, effects))
 

@@ -53,8 +53,8 @@ _KnownBandwidth = Annotated[tuple[Frequency, Frequency], AfterValidator(_to_time
 
 
 class _Calibration(Strict):
-    # Value and standard uncertainty of each constant, by its parameter in the laws. None where not
-    # known.
+    # Value and standard uncertainty of each constant, by its parameter in the laws; None where it
+    # is not known.
     tangential_zero: _KnownZero = Field(default=None, serialization_alias="zero_n")
     normal_zero: _KnownZero = Field(default=None, serialization_alias="normal_zero_n")
     tangential_gain: _KnownGain = Field(default=None, serialization_alias="ln_gain")

@@ -1,6 +1,6 @@
-"""The page about a session: what was found, on what grounds, and what is left.
+"""The page about a session: what was found, why, and what is left to explain.
 
-One file that opens offline.
+It is one file that opens offline.
 """
 
 import base64
@@ -64,7 +64,7 @@ def _encode_png(figure: "Figure") -> str:
 
 
 def _draw_agreement(found: Explanation) -> str:
-    # Draw measured against predicted, energy and peak force. By the nominal model and by the
+    # Draw measured against predicted energy and peak force, for the nominal model and for the
     # extended one.
     from matplotlib.ticker import NullFormatter
 
@@ -138,8 +138,8 @@ def _place_values(column: NDArray[np.generic]) -> tuple[Floats, list[str]]:
 
 
 def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
-    # Draw the change that an effect makes in the channel it moves most, over what it follows. With
-    # its 95 % band.
+    # Draw the change that an effect makes in the channel that it moves most, over what it follows,
+    # with its 95 % band.
     j, change, std = _compute_change(result.found, effect)
     along, name = _find_abscissa(result, effect)
     x, curve, band = _average_by_setting(along, change, std)
@@ -156,8 +156,8 @@ def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, 
 
 
 def _compute_change(found: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
-    # Return the channel that an effect moves most, its change trial by trial. And the standard
-    # deviation of that.
+    # Return the channel that an effect moves most, its change trial by trial, and the standard
+    # deviation of that change.
     trials, fitted, model = found.problem.trials, found.extended, found.problem.model
     others = [(e, own) for e, own in fitted.active if e is not effect]
 

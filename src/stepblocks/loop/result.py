@@ -180,8 +180,8 @@ def build_document(
 
 
 def _list_censored(table: SessionTable, found: Explanation) -> dict[str, object]:
-    # Trials whose peak is known as a bound alone. And those whose predicted peak stays below it by
-    # 3 deviations.
+    # List trials whose peak is known as a bound alone, and those whose predicted peak stays below
+    # it by 3 deviations.
     bound = (
         np.full(len(table.trials), np.nan)
         if table.trials.floor is None
@@ -199,8 +199,8 @@ def _list_censored(table: SessionTable, found: Explanation) -> dict[str, object]
 
 
 def _list_detectable(found: Explanation) -> list[dict[str, object]]:
-    # List the smallest effect of each slot. List the smallest effect of each slot that the last
-    # gate would have let through nine times in ten.
+    # List the smallest effect of each slot that the last gate would have let through nine times in
+    # ten.
     trials = found.problem.trials
     laws = [
         law
@@ -310,8 +310,8 @@ def _describe_finding(
 def _describe_errors(
     holdouts: tuple[Holdout, Holdout], which: int, floor: list[float]
 ) -> dict[str, object]:
-    # Errors on held-out trials of the nominal model (0) or the extended one (1). Beside the least
-    # that noise allows.
+    # Errors on held-out trials of the nominal model (0) or the extended one (1), and the least that
+    # noise allows.
     names = ("ln_energy_rms", "ln_peak_force_rms")
     errors: dict[str, object] = {}
     for ending, holdout in zip(("", "_blocks_left_out"), holdouts, strict=True):
@@ -389,7 +389,7 @@ def _describe_scans(scans: Scans) -> dict[str, object]:
 def propose_experiment(found: Explanation) -> dict[str, object] | None:
     """Return settings that separate the rivals best, with the expected gain.
 
-    None where nothing is open.
+    The result is None where nothing is open.
     """
     laws = [
         law for f in found.findings if f.rivals for law in (f.effect, *(r[0] for r in f.rivals))
@@ -445,7 +445,7 @@ def propose_experiment(found: Explanation) -> dict[str, object] | None:
 def write_block_stimulus(experiment: Document | None) -> str | None:
     """Stimulus file of the block that an experiment asks for, as `stepblocks build` reads it.
 
-    None where it asks none.
+    The result is None where it asks for none.
     """
     if not experiment or "block" not in experiment:
         return None

@@ -54,7 +54,7 @@ _USUAL = {name: Sourced(value, "force", said) for name, (value, said) in LIMIT_S
 class LimitsSpec(Table):
     """Tangential forces beyond which a tip does not slip, each with its source.
 
-    What is left out is that of `LIMIT_SOURCES`.
+    Those that are left out are those of `LIMIT_SOURCES`.
     """
 
     strength: Force = _USUAL["strength"]  # of the tool

@@ -94,14 +94,14 @@ class Part(Table, ABC):
     def counterface(self, step_height: float | None = None) -> Counterface:
         """Make the surface across the drag at nominal size.
 
-        What is held or worn needs the height of the step under it [m].
+        A part that is held or worn needs the height of the step under it [m].
         """
         return self.make_counterface(**{name: one.nominal for name, one in self.sizes.items()})
 
     def corners(self, step_height: float | None = None) -> Iterator[Counterface]:
         """Yield the counterface at nominal size, then at every corner of its tolerances.
 
-        What has no sizes meets a step that is known.
+        A part without sizes meets a known step.
         """
         yield self.counterface(step_height)
         for values in product(*(one.limits for one in self.sizes.values())) if self.sizes else ():

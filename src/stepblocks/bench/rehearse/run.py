@@ -183,8 +183,7 @@ def _record_row(
 
 
 def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
-    # Write a profilometer line across the edge, with its own tilt and offset. As an instrument
-    # does.
+    # Write a profilometer line across the edge with a tilt and an offset, as an instrument does.
     x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
     z = 1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
     z = (

@@ -211,7 +211,8 @@ def _fit_damped(
 
 
 def _columns(since: Array, origin: float, mains: float, shape: Array, about: float = 0.0) -> Array:
-    # Level and drift from the slip on, hum on the clock of the record, rest of the release. Ring.
+    # Level and drift from the slip on, hum on the clock of the record, rest of the release, and
+    # ring.
     frequency, decay, release, *cubic = shape.tolist()
     hum = wave_columns(since + origin, mains)
     ring = (
@@ -223,10 +224,9 @@ def _columns(since: Array, origin: float, mains: float, shape: Array, about: flo
 
 
 def _hardening_columns(since: Array, tool: tuple[float, ...], about: float) -> Array:
-    # Force over its level of a tool with ``F = u + g u^3`` let go at an amplitude of 1. And its
-    # rate over its pulsation.
-    # `tool` is the frequency of small swings about the level, the decay time, and g; `about` the
-    # level.
+    # Force over its level of a tool with ``F = u + g u^3`` that is let go at an amplitude of 1, and
+    # its rate over its pulsation. `tool` is the frequency of small swings about the level, the
+    # decay time, and g; `about` is the level.
     frequency, decay, cubic = tool
     rest, first = compute_softened_force(about, cubic), compute_softened_force(about + 1.0, cubic)
     omega = 2.0 * math.pi * frequency / math.sqrt(1.0 + 3.0 * cubic * rest**2)
@@ -324,8 +324,7 @@ def _rubbing_kernel(
     start: tuple[float, float],
     slope: float,
 ) -> Array:
-    # Go half cycle by half cycle. Written for a compiler, nothing checked. See
-    # `compute_rubbing_force`.
+    # Go half cycle by half cycle, see `compute_rubbing_force`. It is compiled and checks nothing.
     (level, gap), (frequency, decay), (force, rate) = levels, tool, start
     omega = 2.0 * math.pi * frequency
     result = np.empty_like(time)

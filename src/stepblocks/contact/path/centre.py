@@ -37,7 +37,7 @@ class FeatureRange(NamedTuple):
 class CentrePath:
     """Path of one point of a ball as pieces between knots.
 
-    Each with slopes of its own at both ends.
+    Each piece has slopes of its own at both ends.
 
     Attributes
     ----------

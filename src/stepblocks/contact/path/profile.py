@@ -61,7 +61,7 @@ def build_profile_path(
 ) -> TipPath:
     """Path of a ball [m] over points in order of `x`, joined by lines.
 
-    Two at one place are a riser, NaN was not measured.
+    Two points at one place are a riser; a point of NaN was not measured.
     """
     # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase; "strict" keeps
     # to those at which nothing beyond the ends could be touched, "flat" lets the surface go on

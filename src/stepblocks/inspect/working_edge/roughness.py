@@ -1,6 +1,6 @@
-"""Roughness Ra of a working face.
+"""Roughness Ra of a working face (ISO 21920-2).
 
-(ISO 21920-2) with the settings that ISO 21920-3 takes from its limit.
+ISO 21920-3 takes the settings from its limit.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ _ALPHA = 0.4697186393498257
 def measure_ra(face: Profile, limit: float) -> Estimate:
     """Return Ra of one levelled profile of a face [m] by the settings for its limit.
 
-    With the scatter over five sections.
+    The scatter over five sections stands beside it.
     """
     cutoff, fine, largest = next(rest for most, *rest in _SETTINGS if limit <= 1.0001 * most)
     length = (_SECTIONS + 1) * cutoff  # with half a cut-off at either end

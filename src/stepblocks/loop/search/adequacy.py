@@ -189,8 +189,8 @@ def rank_settings(
 
 
 def _order_by_gain(gain: Floats) -> list[int]:
-    # Order by gain; gains within `_TIE` of the best of them are one. And the first of the grid
-    # leads: the least load.
+    # Order by gain. Gains within `_TIE` of the best of them count as equal, and the first of the
+    # grid leads: the least load.
     left = np.argsort(-gain, kind="stable")
     order: list[int] = []
     while left.size:

@@ -255,8 +255,8 @@ def _follows_time(effect: Law, trials: Trials, order: Floats) -> bool:
 
 
 def _find_walks(grown: _Grown, names: Sequence[str]) -> set[int]:
-    # Quantities whose law along the hour explains no more than a walk would. Neighbours erring
-    # together, no law.
+    # Quantities whose law along the run explains no more than a random walk would: their neighbours
+    # err together, and no law is claimed.
     problem, current = grown.problem, grown.extended
     trials, order = problem.trials, problem.model.order(problem.trials)
     rows = np.argsort(order, kind="stable")
@@ -356,7 +356,7 @@ def _add_effect(
 
 
 def _exchange_effect(problem: Problem, current: Fit, candidates: Sequence[Law]) -> Fit | None:
-    # Look for one of several effects again in the presence of the others. Or drop one that is no
+    # Look for one of several effects again in the presence of the others, or drop one that is no
     # longer needed.
     for effect in current.effects if len(current.effects) > 1 else ():
         base = fit_without(problem, current, effect)
@@ -476,8 +476,8 @@ def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[
 
 
 def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool:
-    # Whether a law of one amplitude is another one whose amplitudes, of one label each. Are alike:
-    # no rival of its own.
+    # Whether a law of one amplitude is another one whose amplitudes, of one label each, are alike.
+    # Then it is no rival of its own.
     sizes = list(effect.pick_own_values(current.values).values())
     if len(sizes) != 1 or len(wider.parameters) == 1:
         return False

@@ -80,8 +80,8 @@ def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str
 def _compute_changes(
     problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]
 ) -> list[Floats]:
-    # Change of the prediction per unit of each amplitude, in units of its scale. Each of shape (n,
-    # c).
+    # Change of the prediction per unit of each amplitude, in units of its scale; each has the shape
+    # (n, c).
     neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
     columns = []
     for parameter in (p for p in effect.parameters if p.name in effect.amplitudes):
@@ -141,7 +141,7 @@ def _null_basis(base: Fit) -> Floats:
 
 
 def _project(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
-    # Gains of all directions on all vectors, shape (d, m). And the projections on each direction.
+    # Gains of all directions on all vectors, shape (d, m), and the projections on each direction.
     stacked = np.concatenate([d.basis for d in directions], axis=1)
     last = np.cumsum([d.basis.shape[1] for d in directions])
     parts = np.split(stacked.T @ vectors, last[:-1])
@@ -221,7 +221,7 @@ def compute_detectable(
 
 
 def _draw_noise(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
-    # Noise of the design: residual vectors of whole trials, shuffled and signed. At unit variance.
+    # Noise of the design: residual vectors of whole trials at unit variance, shuffled and signed.
     generator = np.random.default_rng(seed)
     seen = problem.trials.seen
     n, count, total = len(seen), seen.size, len(base.jacobian)

@@ -60,7 +60,8 @@ def withdraw_claims(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
 
 
 def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Finding:
-    # Say what may be claimed of a law beside the choices of the folds. Each made of fewer trials.
+    # Say what may be claimed of a law, given the choices of the folds, each of which has fewer
+    # trials.
     family = finding.effect.id.split("~")[0]
     same = [any(name.split("~")[0] == family for name in names) for names in folds]
     if all(same):

@@ -166,7 +166,7 @@ def compute_replicate_residual(
 def find_outliers(trials: Trials, threshold: float = 6.0) -> NDArray[np.bool_]:
     """Mark single values that no smooth function of the conditions comes near.
 
-    What is marked takes no part in the next regression, until no more are marked.
+    Marked values take no part in the next regression, until no more are marked.
     """
     alone = np.zeros_like(trials.seen)
     basis = build_flexible_columns(trials, _ROBUST)

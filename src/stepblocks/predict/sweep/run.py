@@ -102,7 +102,7 @@ def run_sweep(
 ) -> SweepResult:
     """Predict a grid or a random design into partitioned Parquet.
 
-    Computes every partition that is not yet there.
+    It computes every partition that is not yet there.
 
     Parameters
     ----------
