@@ -307,5 +307,8 @@ def test_the_command_answers_for_a_range_and_says_what_else_released(tmp_path, c
     record = json.loads((tmp_path / "out" / "drag.json").read_text())
     expected = find_release(find_step_angle(18e-6, R), 1.0, 0.15).pull_force
     assert record["equation_1"]["peak_force_n"] == pytest.approx(expected, rel=1e-6)
-    assert main(["drag", str(path), "--x-range", "200um", *out]) == 2
-    assert "two lengths such as" in capsys.readouterr().err
+    for wrong in ("200um", "a..b", "1um..2um..3um", "1N..2N"):
+        assert main(["drag", str(path), "--x-range", wrong, *out]) == 2
+        assert f"--x-range: must be two lengths such as -50um..50um, got {wrong!r}" in (
+            capsys.readouterr().err
+        )

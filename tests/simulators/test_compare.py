@@ -103,6 +103,8 @@ def test_what_cannot_be_compared_is_said(tmp_path):
         path.write_text(text)
         with pytest.raises(HapticsError, match=message):
             compare_record(path, to)
+    with pytest.raises(StepblocksError, match=r"No such file or directory \[step-050\]"):
+        compare_record(path, "step-050")  # an identity without its file
     with pytest.raises(
         HapticsError, match="the stimulus must release the probe to be compared, it is locked"
     ):

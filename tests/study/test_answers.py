@@ -143,8 +143,8 @@ def test_a_rating_off_its_scale_is_refused(value):
         (lambda text: text + "1,2\n", "must have 5 cells"),
         (lambda text: text + "1,2,3,4,5,6\n", "must have 5 cells"),
         (lambda text: text.replace("code", "trial"), "got no code"),
-        (lambda text: text + '"', "must be readable CSV"),
-        (lambda text: text.encode("utf-16"), "must be readable CSV"),
+        (lambda text: text + '"', "must be CSV in UTF-8"),
+        (lambda text: text.encode("utf-16"), "must be CSV in UTF-8"),
     ],
 )
 def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):

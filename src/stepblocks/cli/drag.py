@@ -17,12 +17,13 @@ _LENGTH, _RATIO = quantity("length"), quantity("ratio")
 
 def _read_range(text: str) -> tuple[float, float]:
     # Read two lengths with two dots between them
-    first, dots, last = text.partition("..")
-    if not dots:
+    try:
+        first, last = text.split("..")
+        return _LENGTH(first), _LENGTH(last)
+    except ValueError as error:
         raise typer.BadParameter(
             f"--x-range: must be two lengths such as -50um..50um, got {text!r}"
-        )
-    return _LENGTH(first), _LENGTH(last)
+        ) from error
 
 
 @command(

@@ -139,7 +139,7 @@ def compare_record(
 
 def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) -> VibrationEvent:
     # Predict the event of a stimulus that is named by its file and identity
-    declared = load_set(stimulus.parent)
+    declared = load_set(stimulus.parent if stimulus.parent.name else stimulus)
     part = next((one for one in declared.stimuli if one.id == stimulus.name), None)
     if part is None:
         known = ", ".join(one.id for one in declared.stimuli)

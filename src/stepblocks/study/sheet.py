@@ -403,8 +403,12 @@ def read_rows(path: Path, columns: Sequence[str], empty: bool = False) -> list[d
                     len(rows) <= _MAX_ROWS, f"a table must have at most {_MAX_ROWS} rows [{path}]"
                 )
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise StudyError(f"a table must be readable CSV in UTF-8: {reason} [{path}]") from error
+        rule = (
+            f"cannot be read: {error.strerror}"
+            if isinstance(error, OSError)
+            else f"must be CSV in UTF-8: {error}"
+        )
+        raise StudyError(f"a table {rule} [{path}]") from error
     require(rows or empty, f"a table must have rows, got none [{path}]")
     return rows
 

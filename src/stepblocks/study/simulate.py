@@ -184,7 +184,8 @@ class SimulatedStudy:
         require(enough, f"a study needs at least 2 participants and 1 repetition, {got}")
         require(
             len(self.factors) >= 2,
-            f"a study must compare at least two conditions, got {len(self.factors)}",
+            "a study must compare at least two conditions, which damping, noisier or probes name, "
+            f"got {len(self.factors)}",
         )
         for name, share in self.factors:
             said = (
