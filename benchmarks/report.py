@@ -172,6 +172,7 @@ PARTS = [
         {
             "mutants": (r"\| all \| (\d+) \|", "{}"),
             "mutants-noticed": (r"\| all \| \d+ \| (\d+) \|", "{}"),
+            "mutants-equivalent": (r"\| all (?:\| \d+ ){2}\| (\d+) \|", "{}"),
         },
     ),
 ]

@@ -431,15 +431,17 @@ def test_a_hard_spring_leaves_the_peak_where_it_is_stores_less_and_keeps_the_led
     assert rates[1] == pytest.approx(10e-3, rel=0.03)
 
 
+@pytest.mark.parametrize("contact", [PAPER_DRAG.contact_stiffness, 1e5])
 @pytest.mark.parametrize("factor", [0.04, 30.0])
-def test_the_time_step_knows_no_unit_of_force(factor):
-    # loads, stiffnesses and masses times a factor: every period stays
+def test_the_time_step_knows_no_unit_of_force(factor, contact):
+    # loads, stiffnesses and masses times a factor: every period stays. On a hard contact a blow is
+    # the greatest force, on one as soft as rubber the climb
     def step(f):
         probe = replace(
             PAPER_DRAG,
             stiffness=PAPER_DRAG.stiffness * f,
             mass=PAPER_DRAG.mass * f,
-            contact_stiffness=PAPER_DRAG.contact_stiffness * f,
+            contact_stiffness=contact * f,
         )
         return _find_time_step(probe, DragSettings(0.7 * f, 0.15), 90.0 * f)
 

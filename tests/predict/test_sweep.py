@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -403,3 +404,11 @@ def test_the_command_writes_the_table_and_says_what_it_did(tmp_path, capsys):
     assert "12 rows in 3 partitions: 3 computed, 0 found" in capsys.readouterr().out
     assert main(["sweep", str(tmp_path / "no.toml"), "-o", str(tmp_path / "x")]) == 2
     assert Path(tmp_path / "out" / "_sweep.json").is_file()
+
+
+def test_a_sweep_is_the_same_in_whatever_order_its_parameters_are_named(tmp_path):
+    one = plan_of(tmp_path, RANDOM.format(rows=40, size=20, mode="static"))
+    other = replace(one, values=dict(reversed(one.values.items())))
+    assert list(other.values) != list(one.values)
+    assert other.digest == one.digest
+    assert replace(one, seed=one.seed + 1).digest != one.digest

@@ -164,3 +164,11 @@ def test_trials_without_a_tip_are_those_of_the_tip_that_the_model_was_measured_w
     named = predict_trials(_table(load_n=[0.3, 0.8], tip=own), learned)
     plain = predict_trials(_table(load_n=[0.3, 0.8]).drop(columns="tip"), learned)
     assert plain[_NUMBERS].to_numpy() == pytest.approx(named[_NUMBERS].to_numpy(), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["height_um", "load_n", "speed_mm_s"])
+def test_a_trial_without_height_load_or_speed_is_invalid_and_has_no_figures(name):
+    found = predict_trials(_table(**{name: [0.0, 1.0]}), taught_model())
+    assert found["status"][0] == f"invalid({name})"
+    assert found.loc[0, _NUMBERS].isna().all()
+    assert not found["status"][1].startswith("invalid")

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from statsmodels.api import OLS, add_constant
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.law import Law, Parameter
@@ -15,6 +16,7 @@ from stepblocks.loop.search import adequacy
 from stepblocks.loop.search.adequacy import (
     compare_directions,
     compare_with_replicates,
+    compute_smooth_p,
     rank_settings,
 )
 from stepblocks.loop.search.explain import Rules, Verdict, explain, select_likeliest
@@ -256,3 +258,13 @@ def test_a_condition_that_never_changes_has_no_smooth_though_its_scatter_is_a_ro
         20,
         1,
     )
+
+
+def test_what_columns_explain_of_a_residual_is_judged_as_in_a_regression_at_any_mean() -> None:
+    # origin: the F-test of ordinary least squares in statsmodels
+    random = np.random.default_rng(3)
+    columns = random.standard_normal((60, 3))
+    residual = 5.0 + 0.3 * columns[:, 1] + random.standard_normal(60)
+    ours = compute_smooth_p(residual, columns)
+    assert ours == pytest.approx(OLS(residual, add_constant(columns)).fit().f_pvalue, rel=1e-9)
+    assert compute_smooth_p(residual - 9.0, columns) == pytest.approx(ours, rel=1e-9)
