@@ -359,7 +359,6 @@ def _parts(work: Path) -> Iterator[Kind]:
             ending,
             ([(f"sheath-hard.{ending}", (folder / f"sheath-hard.{ending}").read_bytes())], check),
         )
-    yield "view", ([("view.js", (folder / "view.js").read_bytes())], check)
     yield (
         "specification",
         ([("specification.json", (folder / "specification.json").read_bytes())], check),

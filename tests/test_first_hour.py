@@ -112,7 +112,7 @@ def look_at(browser, page):
 def test_the_machinist_gets_a_drawing_a_sheet_and_a_verdict(tmp_path, monkeypatch, browser):
     walk("The machinist", tmp_path, monkeypatch)
     part = tmp_path / "out" / "mine" / "step-013"
-    assert {"step-013.step", "step-013.drawing.pdf", "step-013.inspection-sheet.pdf"} <= {
+    assert {"step-013.step", "step-013.drawing.pdf", "step-013.inspection-sheet.html"} <= {
         one.name for one in part.iterdir()
     }
     text = look_at(browser, tmp_path / "out" / "index.html")

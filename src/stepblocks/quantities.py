@@ -312,3 +312,10 @@ def _choose_unit(value: float, dimension: str) -> tuple[float, str]:
     scales = _SCALES.get(dimension, ((1.0, DIMENSIONS[dimension]),))
     fitting = [scale for scale in scales if value >= scale[0] * 0.9999995]
     return fitting[-1] if fitting else scales[min(1, len(scales) - 1) if value == 0.0 else 0]
+
+
+def format_exactly(value: float, quantity: str) -> str:
+    """Write a quantity so that it reads back as the same float, in a unit that people use."""
+    text = format_quantity(value, quantity, 12)
+    same = parse_quantity(text, quantity) == value
+    return text if same else f"{value!r} {DIMENSIONS[quantity]}".strip()

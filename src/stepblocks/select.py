@@ -1,11 +1,16 @@
 """Which stimuli are meant: files and folders of them, and patterns of names."""
 
 import fnmatch
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stepblocks.errors import PipelineError
 from stepblocks.text_file import is_file
+
+if TYPE_CHECKING:
+    from stepblocks.parts.kind import Part
+    from stepblocks.parts.set import StimulusSet
 
 
 def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> list[Path]:
@@ -43,6 +48,26 @@ def _describe_nearby(path: Path) -> str:
 
 def matches_pattern(only: str, set_name: str, identity: str) -> bool:
     """Tell whether a pattern, ``step-02?`` or ``paper-*/step-02?``, means a stimulus."""
-    of_set, slash, of_part = only.rpartition("/")
+    of_set, slash, of_part = only.lower().rpartition("/")  # engraved identities are in capitals
     named = not slash or fnmatch.fnmatchcase(set_name, of_set)
     return named and fnmatch.fnmatchcase(identity, of_part)
+
+
+def select_stimuli(
+    sets: Iterable["StimulusSet"], only: str | None
+) -> list[tuple["StimulusSet", "Part"]]:
+    """List the stimuli that a pattern means, each with its set; without any, say what there is."""
+    every = [(stimuli, part) for stimuli in sets for part in stimuli.stimuli]
+    found = [
+        (stimuli, part)
+        for stimuli, part in every
+        if only is None or matches_pattern(only, stimuli.name, part.id)
+    ]
+    if not found:
+        names = [f"{stimuli.name}/{part.id}" for stimuli, part in every]
+        more = f" and {len(names) - 12} more" if len(names) > 12 else ""
+        raise PipelineError(
+            f"--only must match at least one stimulus, got {only!r}; there are "
+            f"{', '.join(names[:12])}{more}"
+        )
+    return found

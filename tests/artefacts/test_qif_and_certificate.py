@@ -63,8 +63,10 @@ def test_the_plan_numbers_its_characteristics_as_the_drawing_does_and_names_datu
     ]
     assert [one.findtext(f"{n}Name") for one in items] == [one.key for one in listed]
     assert root.findtext(f".//{n}DatumLabel") == "A"
-    (parallel,) = root.iter(f"{n}ParallelismCharacteristicDefinition")
+    parallel, base = root.iter(f"{n}ParallelismCharacteristicDefinition")
     assert parallel.findtext(f"{n}ToleranceValue") == "0.001"  # mm
+    assert parallel.find(f"{n}DatumReferenceFrameId") is not None
+    assert base.find(f"{n}DatumReferenceFrameId") is None  # the frame of the plan is of datum A
     (rough,) = root.iter(f"{n}SurfaceTextureCharacteristicDefinition")
     assert rough.findtext(f"{n}RoughnessAverage") == "0.0001"
     assert root.findtext(f".//{n}Version/{n}TimeCreated") == "2026-11-21T00:00:00"

@@ -188,15 +188,13 @@ def test_only_what_no_face_carries_is_a_requirement_without_one():
         if line.kind == "note"
     }
     ledges = {("crown-chamfer-over", "finish_line_width"), ("crown-feather", "finish_line_width")}
-    letters = {(one.id, "engraving_height") for one in STIMULI.values() if one.has_working_faces}
-    edges = {
-        (name, key)
-        for name in STIMULI
-        if name.startswith(("step-", "apparatus-"))
-        for key in ("burr", "riser_angle", "riser_straightness")
-    }
-    sheaths = {("sheath-hard", "position"), ("sheath-soft", "position")}
-    assert notes == {*sheaths, *ledges, *letters, *edges}
+    blocks = {one.id for one in STIMULI.values() if one.has_working_faces}
+    letters = {(name, "engraving_height") for name in blocks}
+    letters |= {(name, "thread") for name in blocks if not name.startswith("apparatus")}
+    steps = {name for name in blocks if STIMULI[name].stanza == "step_block"}
+    edges = {(name, key) for name in steps for key in ("burr", "riser_straightness")}
+    places = {("sheath-hard", "position"), ("sheath-soft", "position")}
+    assert notes == {*places, *ledges, *letters, *edges}
 
 
 def test_a_tip_reaches_to_the_far_side_of_its_ball_and_a_hook_is_bent_about_a_ring(tmp_path):
@@ -292,18 +290,21 @@ def test_a_sharp_edge_is_a_radius_of_zero_on_the_edge_itself(block):
     assert "EDGE_CURVE" in read_exchange(block).parts(edge.faces[0])
 
 
+def joined(path):
+    """The text of a file, its broken lines joined."""
+    return re.sub(r"\s*\n\s*", "", path.read_text())
+
+
 def test_texture_stands_typed_at_every_working_face_and_what_is_by_default_is_said(block, tmp_path):
     report = check_step(block)
-    flat = {face for one in report.tolerances if one.kind == "flatness" for face in one.faces}
+    *working, _ = (one for one in report.tolerances if one.kind == "flatness")  # the base is last
+    flat = {face for one in working for face in one.faces}
     assert dict(report.textures) == dict.fromkeys(flat, pytest.approx(0.1e-6))
-    assert "by default" not in block.read_text()
+    assert "order: base flatness, base parallelism, burr." in joined(block)
     open_block = STIMULI["step-010"].model_copy(update={"working_faces": None})
     path = tmp_path / "open.step"
     write_step_ap242(path, open_block, build_solids(open_block))
-    assert (
-        "by default from the tolerance of the height: flatness, parallelism, roughness"
-        in re.sub(r"\s*\n\s*", "", path.read_text())
-    )
+    assert "order: flatness, parallelism, roughness, base flatness" in joined(path)
 
 
 def test_circular_shape_aspects_end():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stepblocks.build import picture
-from stepblocks.build.page import Section, _draw_figure, _summarise, write_page
+from stepblocks.build.page import Section, _compute_curves, _summarise, write_page
 from stepblocks.build.picture import draw_part, exaggerate_heights, write_view
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_set
@@ -82,10 +82,10 @@ def blocks(request):
 
 
 def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
-    figure = json.loads(_draw_figure(blocks))
+    figure = json.loads(_compute_curves(blocks))
     grid = blocks.prediction
     radius, load, stiffness = grid.tip_radii[0], max(grid.normal_loads), grid.tool.stiffness
-    by_name = {trace["name"]: trace for trace in figure["data"] if trace["name"]}
+    by_name = {one["name"]: dict(zip("xy", one["curve"], strict=True)) for one in figure["curves"]}
     angles = by_name["critical angle"]
     expected = [math.degrees(math.acos(1.0 - height * 1e-6 / radius)) for height in angles["x"]]
     assert angles["y"] == pytest.approx(expected, rel=1e-4)  # six digits of a height near 0
@@ -104,26 +104,23 @@ def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
 
 
 def test_no_curve_or_mark_goes_on_where_the_tip_locks(blocks):
-    figure = json.loads(_draw_figure(blocks))
+    figure = json.loads(_compute_curves(blocks))
     radius = blocks.prediction.tip_radii[0]
     locking = [radius * (1.0 - math.sin(math.atan(mu))) * 1e6 for mu in blocks.prediction.frictions]
-    energies = [trace for trace in figure["data"] if trace["yaxis"] == "y2"]
-    for trace, limit in zip(energies, np.repeat(locking, 2), strict=True):
-        assert max(trace["x"]) < limit
-        assert len(trace.get("text", trace["x"])) == len(trace["x"])
+    for one, limit in zip(figure["curves"][1:], locking, strict=True):
+        for x, y in (one["curve"], one["marks"]):
+            assert max(x) < limit
+            assert len(x) == len(y) <= max(300, len(figure["names"]))
     # every locking height that lies in the picture has its line, also where the curve ends before
     # it at a limit of the tool
-    lines, right = (
-        {shape["x0"] for shape in figure["layout"]["shapes"]},
-        figure["layout"]["xaxis"]["range"][1],
-    )
+    lines, right = {one for one in figure["locking"] if one is not None}, figure["highest"]
     assert sorted(lines) == pytest.approx(
         sorted(limit for limit in locking if limit < 1.02 * right)
     )
 
 
 def test_a_set_without_blocks_has_no_curves(request):
-    assert _draw_figure(load_set(request.config.rootpath / "stimuli" / "sheaths.toml")) is None
+    assert _compute_curves(load_set(request.config.rootpath / "stimuli" / "sheaths.toml")) is None
 
 
 def release(status, force=0.0, energy=0.0):

@@ -1,4 +1,4 @@
-"""Sheaths of equal mass: solved where the file says, refused where no geometry will do."""
+"""Sheaths of equal mass, refused where no geometry will do."""
 
 from pathlib import Path
 
@@ -9,7 +9,6 @@ from stepblocks.errors import StimulusError
 from stepblocks.parts.kinds.sheath import MASS_MATCH
 
 SHIPPED = Path(__file__).resolve().parents[2] / "stimuli" / "sheaths.toml"
-SOLVED = 'outer_diameter = { mass_of = "sheath-hard", tolerance = "0.02 mm" }'
 
 
 def changed(tmp_path, *pairs):
@@ -42,38 +41,13 @@ def test_a_hundredth_millimetre_states_the_diameter_that_is_solved(tmp_path):
     ("pairs", "said"),
     [
         (
-            [('mass_of = "sheath-hard"', 'mass_of = "sheath-hard", least = "6 mm"')],
-            "least: Extra inputs are not permitted",
-        ),
-        (  # a wall of 0.2 mm in steps of 0.01 mm: 4.40465 mm by hand, 4.40 mm is 1.2 % lighter
-            [
-                ('edge_break = { nominal = "0.3 mm"', 'edge_break = { nominal = "0 mm"'),
-                ('value = "1150 kg/m^3"', 'value = "19900 kg/m^3"'),
-            ],
-            r"must give the mass of 'sheath-hard' \(2.126 g\) within 1%, got 2.101 g \[sheath "
-            r"'sheath-soft'\]",
-        ),
-        (
-            [('mass_of = "sheath-hard"', 'mass_of = "sheath-lead"')],
-            "mass_of must name a sheath of the set, got 'sheath-lead'",
-        ),
-        (
-            [('mass_of = "sheath-hard"', 'mass_of = "sheath-soft"')],
-            "must name a sheath with given dimensions",
-        ),
-        (
             [('outer_diameter = { nominal = "8 mm"', 'outer_diameter = { nominal = "3 mm"')],
             r"outer_diameter must exceed bore, within their tolerances too \(4 mm\), got 3 mm "
-            r"\[sheath 'sheath-hard'\]",
-        ),
-        (
-            [("+0.03 mm / -0 mm", "+90 mm / -0 mm")],
-            r"outer_diameter must exceed bore, within their tolerances too \(4 mm\), got 8 mm "
-            r"\[sheath 'sheath-hard'\]",
+            r"\[.*sheath 'sheath-hard'\]",
         ),
         (
             [('length = { nominal = "40 mm", tolerance = "0.05 mm" }', "")],
-            r"length: Field required \[sheath 'sheath-hard'\]",
+            r"length is missing \[.*sheath 'sheath-hard' and 1 more\]",
         ),
         (
             [

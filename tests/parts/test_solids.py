@@ -140,7 +140,7 @@ def test_the_hooks_torus_follows_pappus_and_its_ball_touches_the_origin(tmp_path
         """
 [[hook_tip]]
 id = "odd"
-material = "stainless"
+material = "1.4301"
 ball_radius = { nominal = "83 um", tolerance = "1 um" }
 cone_angle = "11 deg"
 shank_radius = { nominal = "0.41 mm", tolerance = "0.02 mm" }

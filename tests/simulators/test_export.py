@@ -163,7 +163,7 @@ def test_crowns_and_tips_are_written_for_every_simulator(simulator, name, only, 
     folder = tmp_path / "o ut" / name / only / simulator
     scene = json.loads((folder / "event.json").read_text())
     assert [event["drag"] for event in scene["events"]] == ["+x", "-x"]
-    assert (folder / "ring-up.hjif").is_file()
+    assert (folder / "ring-up.json").is_file()
 
 
 def test_the_step_under_a_tip_is_asked_for(tmp_path, capsys):

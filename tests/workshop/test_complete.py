@@ -8,21 +8,16 @@ from pathlib import Path
 
 import ezdxf
 import pytest
-import shapely
 from ezdxf import bbox
 
+from oracles.complete import find_missing
 from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.step.write import write_step_ap242
-from stepblocks.cli import main
 from stepblocks.declare import load_set
-from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.shapes import build_solids
-from stepblocks.parts.tolerance import Dimension
 from stepblocks.select import find_stimulus_files
 from stepblocks.tables import write_table
-from stepblocks.workshop.complete import find_missing
-from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
-from stepblocks.workshop.gauge_route import choose_pair
+from stepblocks.workshop.drawing import write_drawing
 
 STIMULI = {
     one.id: one
@@ -143,23 +138,6 @@ def test_a_declared_dimension_that_no_characteristic_states_is_named():
     ]
 
 
-def test_the_command_looks_at_a_step_file_that_lies_there_and_says_what_is_missing(
-    tmp_path, capsys, written
-):
-    _, _, step, _ = written("tip-125")
-    folder = tmp_path / "probe-tips" / "tip-125"
-    folder.mkdir(parents=True)
-    stimuli = str(Path(__file__).parents[2] / "stimuli" / "probe-tips.toml")
-    arguments = ["workshop", stimuli, "--only", "tip-125", "-o", str(tmp_path)]
-    (folder / "tip-125.step").write_text(step.read_text())
-    assert main(arguments) == 0
-    (folder / "tip-125.step").write_text(
-        step.read_text().replace("'length from the contact point'", "'x'")
-    )
-    assert main(arguments) == 1
-    assert "MISSING tip-125.step: length from the contact point" in capsys.readouterr().err
-
-
 def boxes(path):
     """Boxes of all texts, and of everything else that is drawn, read back from the file."""
     texts, rest = [], []
@@ -178,40 +156,6 @@ def apart(a, b, by=0.05):
         or a.extmax.y < b.extmin.y + by
         or b.extmax.y < a.extmin.y + by
     )
-
-
-@pytest.mark.parametrize("thickness_mm", [8, 12, 18, 25, 32, 40])
-@pytest.mark.parametrize("identity", ["step-010", "step-100"])
-def test_nothing_collides_on_a_gauge_sheet_whatever_the_thickness_of_its_base(
-    identity, thickness_mm, tmp_path
-):
-    block = STIMULI[identity]
-    thickness = Dimension(thickness_mm * 1e-3, 0.2e-3, -0.2e-3)
-    block = block.model_copy(
-        update={"body": block.body.model_copy(update={"thickness": thickness})}
-    )
-    texts, rest = boxes(
-        write_gauge_drawing(tmp_path, block, choose_pair(block.height.nominal), OrderSpec())[0]
-    )
-    for extent, part in (*texts, *rest):
-        assert 9.9 < extent.extmin.x < extent.extmax.x + 1e-9 < 410.2, part
-        assert 9.9 < extent.extmin.y < extent.extmax.y + 1e-9 < 287.2, part
-    for index, (one, text) in enumerate(texts):
-        for other, another in texts[index + 1 :]:
-            assert apart(one, other), (text.plain_text(), another.plain_text())
-    # no line of a view runs through a text
-    for _, part in rest:
-        if part.dxf.layer in ("OUTLINE", "HIDDEN", "CENTRE"):
-            points = (
-                part.get_points("xy")
-                if part.dxftype() == "LWPOLYLINE"
-                else [part.dxf.start, part.dxf.end]
-            )
-            line = shapely.LineString([(point[0], point[1]) for point in points])
-            for extent, text in texts:
-                assert not line.intersects(shapely.box(*extent.extmin.vec2, *extent.extmax.vec2)), (
-                    text.plain_text()
-                )
 
 
 def test_letters_stay_letters_in_svg_and_pdf(tmp_path):

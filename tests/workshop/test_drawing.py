@@ -14,7 +14,6 @@ from stepblocks.artefacts.on_paper import (
     choose_decimals,
     format_limits,
     make_sheet_table,
-    write_sheet_pdf,
 )
 from stepblocks.declare import load_set
 from stepblocks.select import find_stimulus_files
@@ -124,6 +123,3 @@ def test_a_filled_sheet_carries_values_and_verdicts(tmp_path):
     measured = {"step_height": (10.02e-6, 0.05e-6, "conforms")}
     write_table(make_sheet_table(STIMULI["step-010"], measured), tmp_path / "sheet.csv")
     assert "0.010020,0.000050,conforms" in (tmp_path / "sheet.csv").read_text()
-    write_sheet_pdf(tmp_path / "a.pdf", STIMULI["step-010"], measured)
-    write_sheet_pdf(tmp_path / "b.pdf", STIMULI["step-010"], measured)
-    assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()

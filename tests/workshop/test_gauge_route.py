@@ -6,15 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oracles.drawn_dimensions import drawn_dimensions
 from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.cad import kernel
 from stepblocks.cli import main
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
-from stepblocks.parts.conditions import OrderSpec
-from stepblocks.workshop.drawing import write_gauge_drawing
-from stepblocks.workshop.gauge_route import GRADES, STANDARD_SET, choose_pair, write_gauge_assembly
+from stepblocks.workshop.gauge_route import (
+    GRADES,
+    STANDARD_SET,
+    choose_base,
+    choose_pair,
+    write_gauge_assembly,
+)
+from stepblocks.workshop.setup import write_setup
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 BLOCK = load_set(STIMULI / "paper-ten.toml").step_block[4]
@@ -72,11 +76,19 @@ def test_the_assembly_file_conforms_and_its_step_is_the_height(tmp_path):
     assert tops[2] - tops[1] == pytest.approx(BLOCK.height.nominal, abs=1e-9)
 
 
-def test_the_drawing_of_the_assembly_has_the_step(tmp_path):
-    paths = write_gauge_drawing(tmp_path, BLOCK, choose_pair(BLOCK.height.nominal), OrderSpec())
-    (step,) = drawn_dimensions(paths[0])
-    assert step.value == pytest.approx(50e-6, abs=1e-9)
-    assert "0.050" in step.text
+def test_the_setup_sheet_states_the_parts_of_the_assembly_and_its_base(tmp_path):
+    pair = choose_pair(BLOCK.height.nominal)
+    page, _ = write_setup(tmp_path, BLOCK, (), pair)
+    text = page.read_text()
+    # base and lower gauge block are together as thick as the body that is asked for
+    base = choose_base(BLOCK, pair)
+    assert base.thickness.nominal + pair.lower == pytest.approx(8e-3)
+    assert base.mounting == BLOCK.body.mounting
+    assert f"x {base.thickness.nominal * 1e3:.7g} mm" in text
+    for length in (pair.lower, pair.upper):
+        assert f"{length * 1e3:.4f} mm, 30 x 9 mm" in text
+    assert f"at worst ±{pair.worst * 1e6:.2f} µm" in text
+    assert "two gauge blocks" not in write_setup(tmp_path, BLOCK)[0].read_text()
 
 
 def test_the_workshop_command_writes_everything_and_prints_the_routes(tmp_path, capsys):
@@ -100,11 +112,8 @@ def test_the_workshop_command_writes_everything_and_prints_the_routes(tmp_path, 
             "drawing.pdf",
             "plan.qif",
             "gauge.step",
-            "gauge.dxf",
-            "gauge.svg",
-            "gauge.pdf",
             "inspection-sheet.csv",
-            "inspection-sheet.pdf",
+            "inspection-sheet.html",
             "routes.csv",
             "setup.html",
             "stock.step",

@@ -72,7 +72,7 @@ def test_an_order_is_told_when_it_is_written_and_none_is_an_error(tmp_path):
         STIMULI / "sheaths.toml", tmp_path, only="sheaths/sheath-hard", announce=told.append
     )
     assert [order.name for order in told] == ["sheaths/sheath-hard"]
-    with pytest.raises(PipelineError, match="selection must match"):
+    with pytest.raises(PipelineError, match="--only must match"):
         order_parts(STIMULI / "sheaths.toml", tmp_path, only="step-*")
 
 

@@ -154,19 +154,6 @@ def test_the_symbol_of_a_surface_stands_on_it_with_its_roughness_in_micrometres(
     assert lowest == 40.0
 
 
-def test_what_was_drawn_since_can_be_measured_and_moved(sheet):
-    sheet.line((0.0, 0.0), (5.0, 5.0))
-    start = len(sheet.space)
-    sheet.rectangle((10.0, 20.0), (30.0, 25.0))
-    sheet.dimension("step", (10.0, 25.0), (30.0, 25.0), (20.0, 40.0), 1.0)
-    before = sheet.extents(start)
-    sheet.shift(start, (100.0, -10.0))
-    assert sheet.extents(start) == pytest.approx(
-        [a + b for a, b in zip(before, (100, -10, 100, -10), strict=True)]
-    )
-    assert sheet.extents()[:2] == pytest.approx((0.0, 0.0))
-
-
 @pytest.mark.parametrize("middle", [45.0, -135.0])
 def test_an_arc_is_drawn_through_its_middle_point_the_short_way_or_the_long(middle):
     def on(degrees):

@@ -5,14 +5,13 @@ Predictions and the closed loop read it.
 
 import hashlib
 import io
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+import tomli_w
 from pydantic import BaseModel, BeforeValidator, Field
 
 from stepblocks.artefacts.scans.scan import Profile
@@ -25,7 +24,6 @@ from stepblocks.text_file import format_file_name, is_file, read_document
 
 _SCHEMA = 1  # of the record's format
 _TEXTS = ("stimulus", "scan", "scan_sha256", "convention")
-_quoted = partial(json.dumps, ensure_ascii=False)  # its escapes are those of TOML
 _LENGTH = BeforeValidator(make_quantity_parser("length"))
 
 
@@ -75,11 +73,9 @@ class _Record(BaseModel):
 
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
     """Write a record as TOML with units, and its surface beside it as CSV; return both paths."""
-    lines = [
-        f"schema = {_SCHEMA}",
-        *(f"{name} = {_quoted(format_file_name(getattr(record, name)))}" for name in _TEXTS),
-    ]
-    lines += [] if record.arc else ["edge_is_arc = false"]
+    document: dict[str, object] = {"schema": _SCHEMA}
+    document |= {name: format_file_name(getattr(record, name)) for name in _TEXTS}
+    document |= {} if record.arc else {"edge_is_arc": False}
     written = [path]
     if record.surface is not None:
         table = io.StringIO()
@@ -88,17 +84,16 @@ def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
         written.append(path.with_name(f"{path.stem}.profile.csv"))
         replace_text(written[-1], table.getvalue())
         digest = hashlib.sha256(table.getvalue().encode()).hexdigest()
-        lines += [f"profile = {_quoted(written[-1].name)}", f'profile_sha256 = "{digest}"']
-    for key, one in record.values.items():
-        value, std = format_quantity(one.value, "length", 9), format_quantity(one.std, "length", 4)
-        lines += [
-            "",
-            f"[values.{key}]",
-            f'value = "{value}"',
-            f'std = "{std}"',
-            f"verdict = {_quoted(one.verdict)}",
-        ]
-    replace_text(path, "\n".join(lines) + "\n")
+        document |= {"profile": written[-1].name, "profile_sha256": digest}
+    document["values"] = {
+        key: {
+            "value": format_quantity(one.value, "length", 9),
+            "std": format_quantity(one.std, "length", 4),
+            "verdict": one.verdict,
+        }
+        for key, one in record.values.items()
+    }
+    replace_text(path, tomli_w.dumps(document))
     return written
 
 

@@ -5,8 +5,9 @@ certificate is a draft that says so in each place. It is not signed: the signer'
 XML signature (XMLDSig) to the file.
 """
 
-from collections.abc import Iterator
+from html import unescape
 from pathlib import Path
+from textwrap import wrap
 
 from stepblocks.artefacts.laboratory import Laboratory
 from stepblocks.atomic import replace_text, write_atomically
@@ -159,6 +160,8 @@ def _write_pdf(path: Path, content: Document) -> None:
     from matplotlib.transforms import Bbox
 
     rows = [_write_row(one) for one in content["results"]]
+    text = unescape(render_page("stepblocks.artefacts", "certificate.txt.j2", **content))
+    lines = [line for long in text.splitlines() for line in wrap(long, 125) or [""]]
     pages = [rows[at : at + _LINES] for at in range(0, len(rows), _LINES)] or [[]]
     with write_atomically(path) as draft:
         dates = {"CreationDate": None, "ModDate": None}
@@ -167,7 +170,6 @@ def _write_pdf(path: Path, content: Document) -> None:
                 figure = Figure(figsize=(8.27, 11.69))
                 head = f"Certificate   {content['identity']}   page {number} of {len(pages)}"
                 figure.text(0.06, 0.96, head, fontsize=14, weight="bold")
-                lines = [line for text in _list_lines(content) for line in _wrap(text)]
                 figure.text(0.06, 0.94, "\n".join(lines), fontsize=7, va="top")
                 if own:
                     height = 0.018 * (len(own) + 1)
@@ -189,37 +191,3 @@ def _write_row(one: Document) -> list[str]:
     value, half = (f"{float(one[name]) * factor:.4f}" for name in ("value", "expanded"))
     label = str(one["label"])[:48]
     return [str(one["number"]), label, value, half, one["factor"], limits, unit, one["verdict"]]
-
-
-def _list_lines(content: Document) -> Iterator[str]:
-    # Yield the text of a certificate, line by line.
-    lab: Laboratory | None = content["laboratory"]
-    yield f"{content['title']} {content['identity']}, material {content['material']}"
-    if lab is None:
-        for name in ("laboratory", "instrument", "temperature", "serial number", "signer"):
-            yield f"{name}: {_BLANK}"
-    else:
-        tool = lab.instrument
-        yield f"certificate {lab.certificate}   serial number of the part {lab.serial or _BLANK}"
-        yield f"laboratory: {lab.name}, {lab.address}, {lab.country}"
-        yield f"instrument: {tool.name}, serial number {tool.serial}"
-        yield f"its calibration: certificate {tool.certificate} of {tool.calibrated}"
-        spread = lab.temperature_spread
-        yield f"temperature: {lab.temperature - 273.15:.2f} +- {spread:.2f} deg C"
-        yield f"signer: {lab.signer}"
-    yield f"customer: {content['author'] or _BLANK}"
-    yield f"measured: {content['begin']} to {content['end']}; scan {content['scan']}"
-    yield f"statement: {content['statement']}"
-    yield f"evaluation: {content['convention']}"
-    yield f"decision rule: {content['rule']}"
-    for one in content["results"]:
-        for text in one["assumed"]:
-            yield f"{one['number']} {one['label']}: {text}"
-    for number, label, reason in content["open_ends"]:
-        yield f"{number} {label}: {reason}"
-
-
-def _wrap(text: str) -> list[str]:
-    from textwrap import wrap
-
-    return wrap(text, 125) or [""]

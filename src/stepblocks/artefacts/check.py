@@ -6,7 +6,6 @@ TIFF by Pillow; heights are compared with a closed form of the section that did 
 
 import json
 import math
-from base64 import b64decode
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.artefacts.meshes.measures import MeshMeasures
-from stepblocks.artefacts.meshes.read import MESH_READERS, is_whole, read_mesh, read_pieces
+from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh, read_pieces
 from stepblocks.artefacts.step.check_step import (
     ALLOWED,
     Characteristic,
@@ -118,7 +117,8 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
     report = check_step(path, require_ap242=True)
     findings = list(report.findings)
     left = [*report.dimensions, *report.tolerances]
-    for one, found in match_characteristics(report, stimulus):
+    pairs = match_characteristics(report, stimulus)
+    for one, found in pairs:
         if found is None:
             scale, unit = choose_display_unit(one.quantity == "angle")
             said = ", ".join(f"{value * scale:.9g}" for value in _list_values(one))
@@ -133,25 +133,26 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
         f"{item.ref} {item.kind} {item.value * 1e3:.9g} mm: was not asked for" for item in left
     ]
     if stimulus.has_working_faces:
-        flat = {
-            face for item in report.tolerances if item.kind == "flatness" for face in item.faces
-        }
+        faces = ("flatness_lower", "flatness_upper")
+        flat = {face for one, found in pairs if found and one.key in faces for face in found.faces}
         rough = stimulus.face_demands["roughness"].upper
         if dict(report.textures).keys() != flat or any(
             abs(value - rough) > ALLOWED for _, value in report.textures
         ):
             findings.append(f"surface texture: every working face must have Ra {rough * 1e6:g} um")
-    density = stimulus.material.density.value
-    if not report.densities or any(abs(value / density - 1.0) > 1e-9 for value in report.densities):
+    stated = stimulus.material.density
+    if (not report.densities) != (stated is None) or any(
+        stated is None or abs(value / stated.value - 1.0) > 1e-9 for value in report.densities
+    ):
+        wanted = "not be stated" if stated is None else f"be {stated.value:g} kg/m^3"
         findings.append(
-            f"density must be {density:g} kg/m^3, got "
-            f"{', '.join(map(str, report.densities)) or 'none'}"
+            f"density must {wanted}, got {', '.join(map(str, report.densities)) or 'none'}"
         )
     if not report.materials or any(
-        name != stimulus.material.designation for name in report.materials
+        name != stimulus.material.order_text for name in report.materials
     ):
         got = ", ".join(report.materials) or "none"
-        findings.append(f"material must be {stimulus.material.designation!r}, got {got}")
+        findings.append(f"material must be {stimulus.material.order_text!r}, got {got}")
     return report, findings
 
 
@@ -315,36 +316,6 @@ def _check_specification(part: Part, path: Path) -> Iterator[Verdict]:
     )
 
 
-def _view(part: Part, path: Path) -> Iterator[Verdict]:
-    found = read_confined(f"{__name__}:view_in", path, raises=MetrologyError)
-    yield Verdict(path.name, "bodies", len(part.volumes()), found["count"], 0.0, "count")
-    for number, volume in enumerate(part.volumes()[: found["count"]]):
-        yield from _check_closed(
-            path.name,
-            MeshMeasures(found[f"vertices {number}"], found[f"triangles {number}"]),
-            volume,
-        )
-
-
-def view_in(path: Path) -> dict[str, object]:
-    """Read the bodies that the page turns in 3-D, in the confined process."""
-    text = path.read_text(encoding="ascii")
-    bodies = json.loads(text.removeprefix("stepblocksView(").removesuffix(");\n"))["bodies"]
-    found: dict[str, object] = {"count": len(bodies)}
-    for number, body in enumerate(bodies):
-        whole = f"<u{int(body['bytes_of_a_corner'])}"
-        columns = {
-            name: np.frombuffer(b64decode(body[name]), "<f4" if name in "xyz" else whole)
-            for name in "xyzijk"
-        }
-        vertices = np.array([columns[axis] for axis in "xyz"], dtype=np.float64).T * 1e-3
-        triangles = np.array([columns[corner] for corner in "ijk"], dtype=np.int64).T
-        if not is_whole(vertices, triangles):
-            raise ValueError("no triangles between finite vertices")
-        found |= {f"vertices {number}": vertices, f"triangles {number}": triangles}
-    return found
-
-
 _CHECKERS: dict[str, Callable[[Part, Path], Iterator[Verdict]]] = {
     ".step": _check_step,
     ".convex.obj": _check_pieces,
@@ -352,6 +323,5 @@ _CHECKERS: dict[str, Callable[[Part, Path], Iterator[Verdict]]] = {
     ".npz": _check_npz,
     ".png": _check_picture,
     ".json": _check_specification,
-    ".js": _view,
     **dict.fromkeys(MESH_READERS, _check_mesh),
 }

@@ -4,33 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepblocks.atomic import write_atomically
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kind import Part
-from stepblocks.parts.tolerance import GUARD_FACTOR
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _MOST_DECIMALS = 6
-# columns of the CSV; where the page shows one, its heading and its share of the width
-_COLUMNS = {
-    "number": ("no.", 0.035),
-    "characteristic": ("characteristic", 0.185),
-    "kind": None,
-    "nominal_mm_or_deg": ("nominal", 0.07),
-    "lower_limit_mm_or_deg": ("lower limit", 0.075),
-    "upper_limit_mm_or_deg": ("upper limit", 0.075),
-    "unit": ("unit", 0.035),
-    "method": ("method", 0.265),
-    "measured_mm_or_deg": ("measured", 0.08),
-    "std_mm_or_deg": ("u", 0.07),
-    "verdict": ("verdict", 0.11),
-}
-COLUMNS = tuple(_COLUMNS)
+COLUMNS = (
+    *("number", "characteristic", "kind"),
+    *("nominal_mm_or_deg", "lower_limit_mm_or_deg", "upper_limit_mm_or_deg", "unit", "method"),
+    *("measured_mm_or_deg", "std_mm_or_deg", "verdict"),
+    *("instrument", "serial_number", "inspector", "date"),  # filled in by hand
+)
 Values = Mapping[
     str, tuple[float, float, str]
 ]  # measured [m], its standard uncertainty [m] and verdict, by key
@@ -75,12 +63,13 @@ def format_zone(zone: float) -> str:
 
 def describe_default_demands(stimulus: Part) -> str:
     """Say which demands on the working faces nobody has stated, if any."""
-    named = ", ".join(name for name, zone in stimulus.face_demands.items() if zone.usual)
-    field = stimulus.governing_field.replace("_", " ")
-    return (
-        named
-        and f"Not stated in the order, so by default from the tolerance of the {field}: {named}."
+    keys = {one.key for one in stimulus.characteristics()}
+    named = ", ".join(
+        name.replace("_", " ")
+        for name, zone in stimulus.face_demands.items()
+        if zone.usual and (name != "burr" or name in keys)
     )
+    return named and f"Defaults, not stated in the order: {named}."
 
 
 def make_sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
@@ -104,47 +93,5 @@ def make_sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataF
             if value is None
             else (*(f"{size * scale:.6f}" for size in value[:2]), value[2])
         )
-        rows.append((str(number), one.label, one.kind, *limits, unit, one.method, *got))
+        rows.append((str(number), one.label, one.kind, *limits, unit, one.method, *got, *[""] * 4))
     return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def write_sheet_pdf(path: Path, stimulus: Part, measured: Values | None = None) -> None:
-    """Write the sheet as one landscape A4 page."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.69, 8.27))
-    FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.04, 0.05, 0.92, 0.80))
-    axes.set_axis_off()
-    figure.text(0.04, 0.93, f"Inspection sheet   {stimulus.id.upper()}", fontsize=15, weight="bold")
-    figure.text(
-        0.04,
-        0.89,
-        (
-            f"material {stimulus.material.designation}     lengths at 20 deg C     decision ISO "
-            f"14253-1, guard band {GUARD_FACTOR} u"
-        ),
-        fontsize=9,
-    )
-    figure.text(
-        0.04, 0.03, (" " * 35).join(("inspector", "instrument", "date", "signature")), fontsize=9
-    )
-    shown = {name: heading for name, heading in _COLUMNS.items() if heading is not None}
-    table = axes.table(
-        cellText=make_sheet_table(stimulus, measured)[list(shown)].to_numpy().tolist(),
-        colLabels=[heading for heading, _ in shown.values()],
-        loc="upper center",
-        cellLoc="left",
-        colWidths=[width for _, width in shown.values()],
-    )
-    table.auto_set_font_size(False)
-    table.set_fontsize(8)
-    table.scale(1.0, 1.5)
-    for (row, _), cell in table.get_celld().items():
-        cell.set_linewidth(0.5)
-        cell.PAD = 0.03
-        if row == 0:
-            cell.set_facecolor("#e6edf2")
-    with write_atomically(path) as draft:
-        figure.savefig(draft, format="pdf", metadata={"CreationDate": None, "ModDate": None})

@@ -7,6 +7,7 @@ from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from stepblocks.atomic import make_draft_folder, sync_folder
 from stepblocks.build.manifest import (
@@ -18,8 +19,12 @@ from stepblocks.build.manifest import (
     write_sealed,
 )
 from stepblocks.errors import PipelineError
+from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.workers import die_with_parent
+
+# set, stimulus, hash of its inputs, and the order that its STEP file states
+Wanted: TypeAlias = tuple[str, Part, str, OrderSpec]
 
 
 @dataclass(frozen=True)
@@ -30,14 +35,12 @@ class Made:
     seconds: float  # time it took [s]
 
 
-def make_all(
-    wanted: Sequence[tuple[str, Part, str]], output: Path, jobs: int | None
-) -> Generator[Made]:
+def make_all(wanted: Sequence[Wanted], output: Path, jobs: int | None) -> Generator[Made]:
     """Make stimuli in as many processes as there are cores; yield each when it is ready."""
     workers = min(jobs or os.cpu_count() or 1, len(wanted))
     if workers <= 1:
-        for set_name, stimulus, key in wanted:
-            yield make_stimulus(set_name, stimulus, output, key)
+        for one in wanted:
+            yield make_stimulus(output, *one)
         return
     # these workers load no main module, which then needs no guard, and are replaced where the
     # kernel's memory creeps
@@ -45,10 +48,7 @@ def make_all(
 
     with ProcessPoolExecutor(workers, initializer=die_with_parent) as pool:
         try:
-            tasks = [
-                pool.submit(make_stimulus, set_name, stimulus, output, key)
-                for set_name, stimulus, key in wanted
-            ]
+            tasks = [pool.submit(make_stimulus, output, *one) for one in wanted]
             yield from (future.result() for future in as_completed(tasks))
         except BrokenProcessPool as error:
             raise PipelineError(
@@ -69,17 +69,17 @@ def checked_files(stimulus: Part, folder: Path) -> list[Path]:
     names.append(f"{stimulus.id}.convex.obj")
     if stimulus.has_working_faces:
         names += [f"{stimulus.id}.heightfield.tiff", f"{stimulus.id}.heightfield.npz"]
-    names += [f"{stimulus.id}.png", "view.js", "specification.json"]
+    names += [f"{stimulus.id}.png", "specification.json"]
     return [folder / name for name in names]
 
 
-def make_stimulus(set_name: str, stimulus: Part, output: Path, key: str) -> Made:
+def make_stimulus(output: Path, set_name: str, stimulus: Part, key: str, order: OrderSpec) -> Made:
     """Build, write, read back and measure one stimulus."""
     from stepblocks.artefacts.check import check_artefact
 
     started = time.perf_counter()
     with make_draft_folder(output / f"{set_name}-{stimulus.id}") as workshop:
-        _write_artefacts(stimulus, workshop)
+        _write_artefacts(stimulus, workshop, order)
         paths = checked_files(stimulus, workshop)
         verdicts = [verdict for path in paths for verdict in check_artefact(stimulus, path)]
         record = {
@@ -96,7 +96,7 @@ def make_stimulus(set_name: str, stimulus: Part, output: Path, key: str) -> Made
     return Made(f"{set_name}/{stimulus.id}", time.perf_counter() - started)
 
 
-def _write_artefacts(stimulus: Part, folder: Path) -> None:
+def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
@@ -104,7 +104,7 @@ def _write_artefacts(stimulus: Part, folder: Path) -> None:
     from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
 
     bodies = build_solids(stimulus)
-    write_step_ap242(folder / f"{stimulus.id}.step", stimulus, bodies)
+    write_step_ap242(folder / f"{stimulus.id}.step", stimulus, bodies, order)
     meshes = [mesh_solid(stimulus, name, body) for name, body in bodies]
     for mesh in meshes:
         for ending, write in MESH_FORMATS.items():

@@ -36,16 +36,16 @@ _OF_A_PART = {
     "drawing": "{}/*.drawing.pdf",
     "drawing, SVG": "{}/*.drawing.svg",
     "drawing, DXF": "{}/*.drawing.dxf",
-    "inspection sheet": "{}/*.inspection-sheet.pdf",
+    "inspection sheet": "{}/*.inspection-sheet.html",
     "sheet to fill in": "{}/*.inspection-sheet.csv",
     "inspection plan": "{}/*.plan.qif",
     "setup sheet": "{}/*.setup.html",
     "stock": "{}/*.stock.step",
     "routes": "{}/*.routes.csv",
-    "gauge blocks, drawing": "{}/*.gauge.pdf",
     "gauge blocks, STEP": "{}/*.gauge.step",
     "inspection": "inspect/*{id}*.inspection.html",
     "scene": "scenes/{}/*/README.md",
+    "": "{}/{id}.*",  # whatever else was written for it, by the end of its name
 }
 
 
@@ -148,13 +148,16 @@ def find_linked_files(output: Path, outputs: Iterable[str]) -> dict[str, list[li
 
     Those of the whole folder stand under the empty name, those of a part under ``set/id``.
     """
+    outputs = list(outputs)
+    own = set(outputs)
     parts = [name.removesuffix(f"/{RECORD}") for name in outputs if name.endswith(f"/{RECORD}")]
     found = {"": [[title, name] for title, name in _BESIDE.items() if (output / name).is_file()]}
     for part in sorted(parts):
         for title, pattern in _OF_A_PART.items():
             for path in sorted(output.glob(pattern.format(part, id=Path(part).name))):
-                more = f": {path.parent.name}" if title == "scene" else ""
-                found.setdefault(part, []).append(
-                    [f"{title}{more}", path.relative_to(output).as_posix()]
-                )
+                name = path.relative_to(output).as_posix()
+                more = {"scene": f": {path.parent.name}", "": path.name.partition(".")[2]}
+                if name not in own:
+                    own.add(name)
+                    found.setdefault(part, []).append([f"{title}{more.get(title, '')}", name])
     return found

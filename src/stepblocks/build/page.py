@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.atomic import replace_text
-from stepblocks.build.manifest import RECORD, find_linked_files
+from stepblocks.build.manifest import RECORD, find_linked_files, list_outputs
 from stepblocks.contact import Array, kernels
 from stepblocks.contact.energy import Status
 from stepblocks.page_file import render_page
@@ -52,7 +52,6 @@ _LINKED = {
     ".npz",
     ".json",
 }  # files that the page links
-_INK, _COLOURS = "#71828f", ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900")
 _WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH: "no catch"} | {
     status: f"beyond the {status.removeprefix('beyond-')}, no energy,"
     for status in Status
@@ -83,7 +82,13 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     if not script.is_file() or script.read_text(encoding="utf-8") != source:
         replace_text(script, source)
     links = find_linked_files(
-        output, [f"{one.stimuli.name}/{name}/{RECORD}" for one in sections for name in one.records]
+        output,
+        [
+            f"{one.stimuli.name}/{name}/{file}"
+            for one in sections
+            for name, record in one.records.items()
+            for file in (RECORD, *list_outputs(record))
+        ],
     )
     # the steps of the paper come first, else the user's own order
     sets = [
@@ -129,7 +134,7 @@ def _describe_section(section: Section, links: Mapping[str, Sequence[Sequence[st
         rows.append(row | same)
     return {
         **{"name": stimuli.name, "title": stimuli.title, "source": stimuli.source, "rows": rows},
-        **{"figure": _draw_figure(stimuli), "files": section.files},
+        **{"figure": _compute_curves(stimuli), "files": section.files},
     }
 
 
@@ -154,9 +159,9 @@ def _summarise(predictions: Sequence[Prediction]) -> Iterator[str]:
         yield f"{drag}: " + "; ".join(filter(None, parts))
 
 
-def _draw_figure(stimuli: StimulusSet) -> str | None:
-    # Draw step blocks on the curves of equations (1) and (2), as JSON for plotly. The curves hold
-    # for the first tip and the largest load.
+def _compute_curves(stimuli: StimulusSet) -> str | None:
+    # Compute the curves of equations (1) and (2) and the step blocks on them, as JSON; the page
+    # draws them. The curves hold for the first tip and the largest load.
     blocks = sorted(stimuli.step_block, key=lambda one: one.height.nominal)
     if not blocks:
         return None
@@ -164,35 +169,16 @@ def _draw_figure(stimuli: StimulusSet) -> str | None:
     radius, load, tool = grid.tip_radii[0], max(grid.normal_loads), grid.as_tool()
     limit, most = tool.limits.first
     marks = np.array([block.height.nominal for block in blocks])
-    names = [block.id for block in blocks]
     top = min(1.25 * marks[-1], radius)
-    curve = np.linspace(0.002 * top, top, 300)
+    curves = []
 
-    traces: list[Document] = []
-    shapes = []
-
-    def draw(y: Callable[[Array], Array], least: float, name: str, colour: str, axis: str) -> None:
-        """Draw a curve up to a height, and mark the blocks on it."""
-        for heights, kind in ((curve, "lines"), (marks, "markers")):
-            x = heights[heights <= least]
-            trace: dict[str, object] = {
-                "type": "scatter",
-                "mode": kind,
-                "x": _shorten(x * 1e6),
-                "y": _shorten(y(x)),
-                "name": "",
-            }
-            trace |= {"yaxis": axis, "xaxis": axis.replace("y", "x"), "showlegend": False}
-            if kind == "lines":
-                trace |= {
-                    "name": name,
-                    "line": {"color": colour, "width": 2},
-                    "showlegend": axis == "y2",
-                }
-            else:
-                trace |= {"text": names[: len(x)], "marker": {"color": colour, "size": 8}}
-                trace["hovertemplate"] = "%{text}: %{y:.4g}<extra></extra>"
-            traces.append(trace)
+    def add(name: str, least: float, y: Callable[[Array], Array]) -> None:
+        # a curve up to a height, and the blocks on it
+        grids = {"curve": np.linspace(0.002 * top, top, 300), "marks": marks}
+        shown = {key: heights[heights <= least] for key, heights in grids.items()}
+        curves.append(
+            {"name": name} | {key: [_shorten(x * 1e6), _shorten(y(x))] for key, x in shown.items()}
+        )
 
     def energy(heights: Array, friction: float) -> Array:
         force = kernels.compute_pull_force(
@@ -201,73 +187,25 @@ def _draw_figure(stimuli: StimulusSet) -> str | None:
         energies: Array = kernels.compute_stored_energy(force, tool.stiffness)
         return 1e6 * tool.conversion * energies
 
-    draw(
-        lambda heights: np.degrees(kernels.compute_angle_on_step(heights, radius)),
-        radius,
-        "critical angle",
-        _INK,
-        "y",
-    )
-    for index, friction in enumerate(grid.frictions):
-        colour, locking = (
-            _COLOURS[index % len(_COLOURS)],
-            float(kernels.compute_locking_height(radius, friction)),
-        )
+    add("critical angle", radius, lambda x: np.degrees(kernels.compute_angle_on_step(x, radius)))
+    for friction in grid.frictions:
         # where the pull reaches the limit: F = N tan(a + atan mu); beyond it there is no energy
-        least = float(
-            kernels.compute_height_at_angle(math.atan2(most, load) - math.atan(friction), radius)
-        )
-        draw(
-            partial(energy, friction=friction),
-            least,
-            f"E<sub>v</sub>, µ {friction:g}",
-            colour,
-            "y2",
-        )
-        if locking < 1.02 * top:
-            ends = {"x0": locking * 1e6, "x1": locking * 1e6, "yref": "paper", "y0": 0, "y1": 1}
-            shapes.append(
-                {"type": "line", **ends, "line": {"color": colour, "dash": "dot", "width": 1.5}}
-            )
-    marked = [
-        y
-        for trace in traces
-        if trace["yaxis"] == "y2" and trace["mode"] == "markers"
-        for y in trace["y"]
-    ]
-    felt_range = [math.log10(0.3 * min(marked)), math.log10(3.0 * max(marked))] if marked else None
-    decades = [10.0**power for power in range(-3, 5)]
-    ticks = {
-        "tickvals": decades,
-        "ticktext": [format_span(1e-6 * one, 1e-6 * one, "energy") for one in decades],
-    }
+        steepest = math.atan2(most, load) - math.atan(friction)
+        least = float(kernels.compute_height_at_angle(steepest, radius))
+        add(f"E<sub>v</sub>, µ {friction:g}", least, partial(energy, friction=friction))
+    locking = [float(kernels.compute_locking_height(radius, mu)) for mu in grid.frictions]
     title = (
         f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks; no energy "
         f"beyond {most:g} N ({limit})"
     )
-    height, across = {"text": "step height, µm"}, [0, top * 1e6]
-    layout = {
-        "height": 400,
-        "margin": {"l": 70, "r": 20, "t": 40, "b": 80},
-        "title": {"text": title, "font": {"size": 14}, "x": 0.01, "xanchor": "left"},
-        "xaxis": {"title": height, "domain": [0.0, 0.44], "range": across},
-        "yaxis": {"title": {"text": "critical angle, °"}},
-        "xaxis2": {"title": height, "domain": [0.56, 1.0], "range": across, "anchor": "y2"},
-        "yaxis2": {
-            "title": {"text": "vibration energy", "standoff": 8},
-            "type": "log",
-            "anchor": "x2",
-            "range": felt_range,
-            **ticks,
-        },
-        "shapes": [shape | {"xref": axis} for shape in shapes for axis in ("x", "x2")],
-        "legend": {"orientation": "h", "y": -0.22, "x": 0.56},
-        "hovermode": "closest",
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
-        "template": "none",
+    content = {
+        "title": title,
+        "names": [block.id for block in blocks],
+        "curves": curves,
+        "locking": [height * 1e6 if height < 1.02 * top else None for height in locking],
+        "highest": top * 1e6,
     }
-    return json.dumps({"data": traces, "layout": layout}, allow_nan=False)
+    return json.dumps(content, allow_nan=False)
 
 
 def _shorten(values: Iterable[float]) -> list[float]:

@@ -5,9 +5,7 @@ Heavy modules are imported only when something has to be built.
 
 from __future__ import annotations
 
-import csv
 import json
-import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -16,7 +14,7 @@ from functools import partial
 from html import escape
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from stepblocks import __version__
 from stepblocks.atomic import lock_folder, replace_text, resolve_inside
@@ -36,18 +34,17 @@ from stepblocks.build.manifest import (
     write_sealed,
 )
 from stepblocks.errors import PipelineError
-from stepblocks.select import find_stimulus_files, matches_pattern
-from stepblocks.text_file import measure_plain_file
+from stepblocks.select import find_stimulus_files, select_stimuli
+from stepblocks.text_file import is_file
 
 if TYPE_CHECKING:
     from stepblocks.artefacts.model_file import LearnedModel
     from stepblocks.artefacts.verdict import Verdict
-    from stepblocks.build.make import Made
+    from stepblocks.build.make import Made, Wanted
     from stepblocks.parts.kind import Part
     from stepblocks.parts.set import StimulusSet
 
-
-_LARGEST_TABLE = 200_000_000  # bytes
+    Source: TypeAlias = str | Path | StimulusSet
 
 
 @dataclass
@@ -83,7 +80,7 @@ class BuildReport:
 
 
 def build_sets(
-    files: str | Path | Sequence[str | Path] | None = None,
+    files: Source | Sequence[Source] | None = None,
     output: str | Path = "out",
     *,
     only: str | None = None,
@@ -95,8 +92,9 @@ def build_sets(
 
     Parameters
     ----------
-    files : str, Path or sequence of them, optional
-        Stimulus files, or folders of them; the folder ``stimuli`` where omitted.
+    files : str, Path, StimulusSet or sequence of them, optional
+        Stimulus files, folders of them, or sets declared in Python; the folder ``stimuli`` where
+        omitted.
     output : str or Path, optional
         The output folder.
     only : str, optional
@@ -120,10 +118,14 @@ def build_sets(
         If a file is malformed or the output folder cannot be used; nothing is written before all
         files are valid.
     """
-    sources, folder = find_stimulus_files(files), Path(output)
-    inputs = {path.name: hash_file(path) for path in sources} | (
-        {"--model": hash_file(Path(model))} if model else {}
-    )
+    sources, folder = _list_sources(files), Path(output)
+    # a set declared in Python is hashed as its file
+    inputs = {
+        one.name: hash_file(one) if isinstance(one, Path) else hash_bytes(one.to_toml().encode())
+        for one in sources
+    }
+    if model:
+        inputs["--model"] = hash_file(Path(model))
     code = compute_code_fingerprint()
     manifest = load_json(folder / MANIFEST)
     beside = find_linked_files(folder, list_outputs(manifest))
@@ -136,12 +138,12 @@ def build_sets(
     from stepblocks.build.make import make_all
     from stepblocks.declare import load_set
 
-    sets = [load_set(path) for path in sources]
+    sets = [load_set(one) if isinstance(one, Path) else one for one in sources]
     learned = read_model(Path(model)) if model else None
     report = BuildReport(str(folder))
     with lock_folder(folder):
         _require_folder(folder, sets)
-        selected = _select(sets, only)
+        selected = select_stimuli(sets, only)
         wanted = _find_outdated(selected, folder, code)
         report.current = len(selected) - len(wanted)
         with closing(
@@ -169,6 +171,19 @@ def build_sets(
     return report
 
 
+def _list_sources(files: Source | Sequence[Source] | None) -> list[Path | StimulusSet]:
+    # List stimulus files and declared sets, each name once
+    several = files if isinstance(files, list | tuple) else () if files is None else (files,)
+    paths = [one for one in several if isinstance(one, str | Path)]
+    found: list[Path | StimulusSet] = [one for one in several if not isinstance(one, str | Path)]
+    if paths or not found:
+        found += find_stimulus_files(paths)
+    names = [one.stem if isinstance(one, Path) else one.name for one in found]
+    if len(set(names)) < len(names):
+        raise PipelineError(f"sets must have different names, got {', '.join(sorted(names))}")
+    return found
+
+
 def _require_folder(output: Path, sets: Sequence[StimulusSet]) -> None:
     if not os.access(output, os.W_OK):
         raise PipelineError(f"the output folder must be writable [{output}]")
@@ -183,30 +198,18 @@ def _require_folder(output: Path, sets: Sequence[StimulusSet]) -> None:
             )
 
 
-def _select(sets: Sequence[StimulusSet], only: str | None) -> list[tuple[str, Part]]:
-    # Stimuli that a pattern means, each with the name of its set
-    every = [(stimuli.name, stimulus) for stimuli in sets for stimulus in stimuli.stimuli]
-    found = [
-        (name, stimulus)
-        for name, stimulus in every
-        if only is None or matches_pattern(only, name, stimulus.id)
-    ]
-    if not found:
-        raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
-    return found
-
-
 def _find_outdated(
-    selected: Sequence[tuple[str, Part]], output: Path, code: str
-) -> list[tuple[str, Part, str]]:
+    selected: Sequence[tuple[StimulusSet, Part]], output: Path, code: str
+) -> list[Wanted]:
     # List the stimuli to build, each with its set and the hash of its inputs
-    wanted = []
-    for name, stimulus in selected:
-        folder = output / name / stimulus.id
-        key = hash_bytes((json.dumps(stimulus.record(), sort_keys=True) + code).encode())
+    wanted: list[Wanted] = []
+    for stimuli, stimulus in selected:
+        folder = output / stimuli.name / stimulus.id
+        described = json.dumps(stimulus.record(), sort_keys=True)
+        key = hash_bytes((described + stimuli.order.model_dump_json() + code).encode())
         record = load_record(folder)
         if record.get("key") != key or not are_intact(folder, list_outputs(record)):
-            wanted.append((name, stimulus, key))
+            wanted.append((stimuli.name, stimulus, key, stimuli.order))
     return wanted
 
 
@@ -298,11 +301,11 @@ def check_output(
     sets = [load_set(path) for path in find_stimulus_files(files)]
     if not folder.is_dir():
         raise PipelineError(f"the output folder must exist; run stepblocks build first [{folder}]")
-    selected = _select(sets, only)
+    selected = select_stimuli(sets, only)
 
     def check() -> Iterator[tuple[str, list[Verdict]]]:
-        for name, stimulus in selected:
-            for path in checked_files(stimulus, folder / name / stimulus.id):
+        for stimuli, stimulus in selected:
+            for path in checked_files(stimulus, folder / stimuli.name / stimulus.id):
                 yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
         for stimuli in sets if only is None else ():
             name = f"{stimuli.name}/predictions.csv"
@@ -312,38 +315,16 @@ def check_output(
 
 
 def _check_table(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
-    # Compare the table of predictions cell by cell with a new prediction. With a learned model the
+    # Compare the table of predictions line by line with a new prediction. With a learned model the
     # table must have the hash of the manifest.
     from stepblocks.artefacts.verdict import Verdict
     from stepblocks.predict.predictions import format_predictions_csv, predict_all
 
     manifest, path = load_json(folder / MANIFEST), folder / name
     if "--model" in manifest.get("inputs", {}):
-        altered = hash_file(path) != list_outputs(manifest).get(name)
-        return Verdict(path.name, "bytes as the manifest says", 0.0, float(altered), 0.0, "count")
-    try:
-        found = (
-            path.read_text(encoding="utf-8").splitlines()
-            if measure_plain_file(path) < _LARGEST_TABLE
-            else []
-        )
-    except (OSError, UnicodeDecodeError) as error:
-        return Verdict(
-            path.name, f"cannot be read: {' '.join(str(error).split())}", 1.0, 0.0, 0.0, "file"
-        )
-    wanted, got = (
-        list(csv.reader(lines))
-        for lines in (format_predictions_csv(predict_all(stimuli)).splitlines(), found)
-    )
-    rows = zip_longest(wanted, got, fillvalue=())
-    wrong = sum(
-        not _is_same_cell(*cells) for pair in rows for cells in zip_longest(*pair, fillvalue="")
-    )
-    return Verdict(path.name, "cells that differ from the prediction", 0.0, wrong, 0.0, "count")
-
-
-def _is_same_cell(wanted: str, found: str) -> bool:
-    try:
-        return wanted == found or math.isclose(float(wanted), float(found), rel_tol=1e-6)
-    except ValueError:
-        return False
+        wrong = int(hash_file(path) != list_outputs(manifest).get(name))
+        return Verdict(path.name, "bytes as the manifest says", 0.0, wrong, 0.0, "count")
+    found = path.read_text(encoding="utf-8", errors="replace") if is_file(path) else ""
+    wanted = format_predictions_csv(predict_all(stimuli))
+    wrong = sum(one != other for one, other in zip_longest(wanted.splitlines(), found.splitlines()))
+    return Verdict(path.name, "lines that differ from the prediction", 0.0, wrong, 0.0, "count")

@@ -140,6 +140,11 @@ def fuse(bodies: Sequence[Body]) -> Body:
     return _require_single(bodies[0].fuse(*bodies[1:]).clean(), "a union")
 
 
+def move(body: Body, by: Point) -> Body:
+    """Move a body."""
+    return body.translate(_make_vector(by))
+
+
 def compute_volume(body: Body) -> float:
     """Volume by the kernel's own integration."""
     return float(body.Volume()) / _MM**3

@@ -106,7 +106,7 @@ def write_step_with_tolerances(
     bodies: Sequence[tuple[str, Body]],
     dimensions: Sequence[PmiDimension],
     tolerances: Sequence[PmiTolerance],
-    material: tuple[str, float],
+    material: tuple[str, float | None],
     assembly: str = "",
 ) -> None:
     """Write solids, dimensions, tolerances and material as AP242, as the kernel does it."""
@@ -134,7 +134,10 @@ def write_step_with_tolerances(
 class _Document:
     # An XCAF document that is filled step by step
     def __init__(
-        self, bodies: Sequence[tuple[str, Body]], material: tuple[str, float], assembly: str
+        self,
+        bodies: Sequence[tuple[str, Body]],
+        material: tuple[str, float | None],
+        assembly: str,
     ) -> None:
         self.document = TDocStd_Document(TCollection_ExtendedString("stepblocks"))
         self._shapes = XCAFDoc_DocumentTool.ShapeTool_s(self.document.Main())
@@ -148,7 +151,7 @@ class _Document:
             TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
             self._bodies.append((label, body.Faces()))
             designation, note, what, kind = map(TCollection_HAsciiString, said)
-            materials.SetMaterial(label, designation, note, material[1], what, kind)
+            materials.SetMaterial(label, designation, note, material[1] or 0.0, what, kind)
         if len(bodies) > 1:
             # one product of all bodies where they are, which stay products of their own, each of
             # its material

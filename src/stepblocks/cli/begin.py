@@ -3,7 +3,7 @@
 import sysconfig
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
@@ -138,9 +138,11 @@ def _list_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
             pairs = ", ".join(f'{key} = "{value}"' for key, value in default.items())
             yield f"{name} = {{ {pairs.replace('otherwise', 'tolerance')} }}"
     for name in (name for name, default in defaults.items() if default == {}):
+        # of a table that may be left out, the table itself comes first
         below = model.model_fields[name].annotation
-        assert isinstance(below, type)
-        yield from _list_defaults(below, f"{table}.{name}")
+        kind = next(iter(get_args(below)), below)
+        assert isinstance(kind, type)
+        yield from _list_defaults(kind, f"{table}.{name}")
 
 
 @command(app, "help", "help", "help export", panel=_PANEL)

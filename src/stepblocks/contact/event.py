@@ -26,7 +26,7 @@ _SIMULATED = (
     "energy by energy_rule is energy_j; its first sample is simulated_delay_s after the "
     "release; "
     "amplitude, frequency and "
-    "decay are those of the exponential of the same energy, which .hjif holds"
+    "decay are those of the exponential of the same energy"
 )
 _RULE = (
     "2/(stiffness_n_per_m decay_s) (1 + 1/(2 pi frequency_hz decay_s)^2) times the integral of "

@@ -41,7 +41,7 @@ from stepblocks.inspect.working_edge.energy import describe_energy
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.inspect.working_edge.roughness import measure_ra
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.conditions import OrderSpec, PredictionGrid
+from stepblocks.parts.conditions import NO_ORDER, OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.select import find_stimulus_files
 from stepblocks.text_file import format_file_name
@@ -83,7 +83,6 @@ _UNFOLLOWED: dict[str, dict[str, str]] = {
 }
 _STANDARDS = {"groove": "groove_depth", "edge": "step_height", "ball": "ball_radius"}
 _NOTHING_KNOWN = Instrument()
-_NO_ORDER = OrderSpec()
 _LEAST_COVERED = 0.8  # of either side of a face that a scan must show to judge its form [1]
 _WHOLE_SCANS = (".qif", ".xlsx")
 
@@ -143,7 +142,7 @@ def inspect_scan(
     if isinstance(stimulus, str):
         part, order, prediction = find_declared(stimulus, Path(stimuli))
     else:
-        part, order, prediction = stimulus, _NO_ORDER, PredictionGrid()
+        part, order, prediction = stimulus, NO_ORDER, PredictionGrid()
     listed = list(part.characteristics())
     wanted = _find_wanted(listed, characteristics)
     path = Path(scan) if isinstance(scan, str | Path) else None

@@ -6,13 +6,17 @@ import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
 
 from stepblocks import cad
 from stepblocks.parts.characteristics import (
+    DEPTH_GAUGE,
+    MACHINE,
+    MICROSCOPE,
     Characteristic,
     EdgeRule,
     FaceRule,
@@ -21,7 +25,7 @@ from stepblocks.parts.characteristics import (
     make_characteristic,
     make_edge_break,
     make_location,
-    make_roughness_characteristic,
+    make_surface_characteristics,
 )
 from stepblocks.parts.declared import (
     Table,
@@ -29,6 +33,8 @@ from stepblocks.parts.declared import (
     check_below,
     check_rule,
     declare_default,
+    read_none,
+    read_positive,
     rules_validator,
 )
 from stepblocks.parts.kind import Part
@@ -67,6 +73,11 @@ class Mounting(Table):
         return core if self.kind == "tapped" else clearance
 
     @property
+    def thread_depth(self) -> float:
+        """Least depth of full thread [m]: the hole is 1.25 times as deep (ISO 6410-1, 5.2.3)."""
+        return self.depth.nominal / 1.25
+
+    @property
     def entry_diameter(self) -> float:
         """Diameter of the countersink at the base, or of the counterbore [m]."""
         _, _, head, major = _THREADS[self.thread]
@@ -92,16 +103,21 @@ class Body(Table):
     edge_break: Length = declare_default(
         "0.3 mm", otherwise="0.1 mm"
     )  # leg of the chamfer on all edges but the working ones [m]
-    mounting: Mounting = declare_default({})
-    engraving: Engraving = declare_default({})
+    mounting: Annotated[Mounting | None, BeforeValidator(read_none)] = declare_default({})
+    engraving: Annotated[Engraving | None, BeforeValidator(read_none)] = declare_default({})
 
     @rules_validator
     def _fits(self) -> Iterator[str]:
         length, width, thickness = self.length.nominal, self.width.nominal, self.thickness.nominal
         holes, chamfer = self.mounting, self.edge_break.nominal
-        spacing, entry = holes.spacing.nominal, holes.entry_diameter
         half, room = 0.5 * min(length, width, thickness), length - 2.0 * chamfer
         yield check_below("edge_break", "be smaller than half the smallest side", chamfer, half)
+        if self.engraving is not None:
+            deep, rule = self.engraving.depth.nominal, "be below a tenth of the width"
+            yield check_below("engraving.depth", rule, deep, 0.1 * width)
+        if holes is None:
+            return
+        spacing, entry = holes.spacing.nominal, holes.entry_diameter
         inside = spacing + entry < room
         yield check_rule(
             inside, "mounting.spacing", "leave the holes inside the base", room - entry, spacing
@@ -118,12 +134,12 @@ class Body(Table):
             holes.depth.nominal,
             thickness - tip,
         )
-        yield check_below(
-            "engraving.depth",
-            "be below a tenth of the width",
-            self.engraving.depth.nominal,
-            0.1 * width,
-        )
+
+
+# along x, y and z [m]
+Stock = Annotated[
+    tuple[Annotated[float, read_positive("length")], ...], Field(min_length=3, max_length=3)
+]
 
 
 class Block(Part):
@@ -136,6 +152,7 @@ class Block(Part):
 
     if TYPE_CHECKING:  # declared by each kind, in the order of its stanza
         body: Body
+        stock: Stock | None
         working_faces: WorkingFaces | None
 
     @property
@@ -143,6 +160,13 @@ class Block(Part):
         """Height of the right working face over the left one [m], of either sign."""
         height: Dimension = getattr(self, self.governing_field)
         return height.nominal
+
+    @property
+    def sides(self) -> Point3:
+        """Sizes along x, y and z [m]."""
+        body = self.body
+        tall = body.thickness.nominal + max(self.rise, 0.0)
+        return body.length.nominal, body.width.nominal, tall
 
     @abstractmethod
     def top(self, x: float) -> float:
@@ -154,7 +178,12 @@ class Block(Part):
     @property
     def filled(self) -> float:
         """Volume of holes and engraving [m^3]."""
-        body, mounting = self.body, self.body.mounting
+        return self._hole_volume() + self._engraved_volume()
+
+    def _hole_volume(self) -> float:
+        mounting = self.body.mounting
+        if mounting is None:
+            return 0.0
         drill, entry, depth = (
             0.5 * mounting.hole_diameter,
             0.5 * mounting.entry_diameter,
@@ -164,16 +193,20 @@ class Block(Part):
             sink = entry - drill
             frustum = math.pi * sink * (entry * entry + entry * drill + drill * drill) / 3.0
             point = math.pi * drill**3 / (3.0 * math.tan(0.5 * DRILL_POINT))
-            holes = 2.0 * (frustum + math.pi * drill * drill * (depth - sink) + point)
-        else:
-            bore, tops = body.thickness.nominal - depth, (0.0, self.rise)
-            holes = math.fsum(
-                math.pi * (drill * drill * bore + entry * entry * (depth + top)) for top in tops
-            )
-        area = 0.0
-        for outer, *inner in outline_text(self.id.upper(), body.engraving.height.nominal):
+            return 2.0 * (frustum + math.pi * drill * drill * (depth - sink) + point)
+        bore = self.body.thickness.nominal - depth
+        return math.fsum(
+            math.pi * (drill * drill * bore + entry * entry * (depth + top))
+            for top in (0.0, self.rise)
+        )
+
+    def _engraved_volume(self) -> float:
+        engraving, area = self.body.engraving, 0.0
+        if engraving is None:
+            return 0.0
+        for outer, *inner in outline_text(self.id.upper(), engraving.height.nominal):
             area += _compute_polygon_area(outer) - math.fsum(map(_compute_polygon_area, inner))
-        return holes + area * body.engraving.depth.nominal
+        return area * engraving.depth.nominal
 
     def extruded(self, crest: cad.door.Outline) -> cad.door.Body:
         """Extrude the section; `crest` is its outline from the right face to the left one."""
@@ -193,7 +226,7 @@ class Block(Part):
         `lower` and `upper` are the working faces, `edge` is the wall of the edge, if there is
         one.
         """
-        body = self.body
+        body, mounting, engraving = self.body, self.body.mounting, self.body.engraving
         half, side, base = (
             0.5 * body.length.nominal,
             0.5 * body.width.nominal,
@@ -208,49 +241,32 @@ class Block(Part):
         yield make_characteristic(
             "thickness", "distance", body.thickness, describe_plane(2, base), lower
         )
-        spacing, radius = body.mounting.spacing, 0.5 * body.mounting.hole_diameter
         holes = [
-            FaceRule("CYLINDER", radius=radius, holds={0: x * spacing.nominal}) for x in (-0.5, 0.5)
+            FaceRule("CYLINDER", radius=0.5 * one.hole_diameter, holds={0: x * one.spacing.nominal})
+            for one in filter(None, [mounting])
+            for x in (-0.5, 0.5)
         ]
-        yield make_characteristic(
-            "hole_spacing", "distance", spacing, *holes, method="coordinate measuring machine"
-        )
+        if mounting is not None:
+            yield make_characteristic(
+                "hole_spacing", "distance", mounting.spacing, *holes, method=MACHINE
+            )
         c = body.edge_break.nominal
         # of all edges alike, measured at the one along the base on the right
         slope = FaceRule("SLOPE", holds={0: half - 0.5 * c, 1: 0.0, 2: base + 0.5 * c})
         yield make_edge_break(
             body.edge_break, describe_plane(0, half), EdgeRule(slope, describe_plane(2, base))
         )
-        depth = body.engraving.depth
-        yield make_characteristic(
-            "engraving_depth",
-            "distance",
-            depth,
-            describe_plane(1, -side),
-            describe_plane(1, -side + depth.nominal),
-        )
-        said = "height of the engraved letters, middle of the front"
-        yield make_characteristic("engraving_height", "note", body.engraving.height, label=said)
-        # depth and place of the fixing holes, measured at the left one
-        at, deep = -0.5 * spacing.nominal, body.mounting.depth.nominal
-        ends: tuple[Rule, Rule] = lower, describe_plane(2, -deep, x=at + radius)
-        if tapped := body.mounting.kind == "tapped":  # down to where the drill's point begins
-            ends = (
-                describe_plane(2, base),
-                EdgeRule(holes[0], FaceRule("CONE", holds={0: at, 2: base + deep + 0.2 * radius})),
+        if engraving is not None:
+            floor = describe_plane(1, -side), describe_plane(1, -side + engraving.depth.nominal)
+            how, said = "microscope, focus", "height of the engraved letters, middle of the front"
+            yield make_characteristic(
+                "engraving_depth", "distance", engraving.depth, *floor, method=how
             )
-        label = "depth of the core holes" if tapped else "depth of the counterbores"
-        yield make_characteristic("hole_depth", "distance", body.mounting.depth, *ends, label=label)
-        yield make_location(
-            "hole_position",
-            "left hole from the left side",
-            half + at,
-            describe_plane(0, -half),
-            holes[0],
-        )
-        yield make_location(
-            "hole_row", "holes from the front", side, describe_plane(1, -side), holes[0]
-        )
+            yield make_characteristic(
+                "engraving_height", "note", engraving.height, label=said, method=MICROSCOPE
+            )
+        if mounting is not None:
+            yield from self._hole_characteristics(mounting, holes[0], lower)
         if edge is not None:
             yield make_location(
                 "edge_position",
@@ -259,11 +275,44 @@ class Block(Part):
                 describe_plane(0, -half),
                 edge,
             )
-        yield make_roughness_characteristic(self.face_demands, lower, upper)
+        yield from make_surface_characteristics(
+            self.face_demands, lower, upper, describe_plane(2, base)
+        )
+        if mounting is not None and mounting.kind == "tapped":
+            full, label = mounting.thread_depth, f"thread {mounting.thread}-6H, least full depth"
+            more, how = mounting.depth.nominal - full, "thread plug gauge 6H, go and no-go"
+            yield Characteristic("thread", label, "note", full, 0.0, more, method=how)
+
+    def _hole_characteristics(
+        self, mounting: Mounting, hole: FaceRule, lower: FaceRule
+    ) -> Iterator[Characteristic]:
+        # List depth and place of the fixing holes, measured at the left one
+        body, half, side = self.body, 0.5 * self.body.length.nominal, 0.5 * self.body.width.nominal
+        base, radius = -body.thickness.nominal, 0.5 * mounting.hole_diameter
+        at, deep = -0.5 * mounting.spacing.nominal, mounting.depth.nominal
+        ends: tuple[Rule, Rule] = lower, describe_plane(2, -deep, x=at + radius)
+        if tapped := mounting.kind == "tapped":  # down to where the drill's point begins
+            ends = (
+                describe_plane(2, base),
+                EdgeRule(hole, FaceRule("CONE", holds={0: at, 2: base + deep + 0.2 * radius})),
+            )
+        label = "depth of the core holes" if tapped else "depth of the counterbores"
+        yield make_characteristic(
+            "hole_depth", "distance", mounting.depth, *ends, label=label, method=DEPTH_GAUGE
+        )
+        label, left = "left hole from the left side", describe_plane(0, -half)
+        yield make_location("hole_position", label, half + at, left, hole)
+        front = describe_plane(1, -side)
+        yield make_location("hole_row", "holes from the front", side, front, hole)
 
     def require_engravable(self) -> Iterator[str]:
-        """Refuse an identity that does not fit the front of the block."""
-        body, letter = self.body, self.body.engraving.height.nominal
+        """Refuse an identity that does not fit the front, and stock that is too small."""
+        body, engraving = self.body, self.body.engraving
+        for axis, given, least in zip("xyz", self.stock or (), self.sides, strict=False):
+            yield check_rule(given >= least, f"stock along {axis}", "hold the block", least, given)
+        if engraving is None:
+            return
+        letter = engraving.height.nominal
         broken = 2.0 * body.edge_break.nominal
         room = body.length.nominal - broken
         width = compute_text_width(self.id.upper(), letter)
@@ -281,7 +330,10 @@ class Block(Part):
 def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body]:
     """Bodies to cut from a block: edge breaks along x and z, holes, engraving."""
     cuts = list(_make_edge_breaks(body, rise)) if body.edge_break.nominal > 0.0 else []
-    cuts += [_make_hole(body, side * body.mounting.spacing.nominal) for side in (-0.5, 0.5)]
+    if body.mounting is not None:
+        cuts += [_make_hole(body, body.mounting, side) for side in (-0.5, 0.5)]
+    if body.engraving is None:
+        return cuts
     middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * OVER
     into = (0.0, body.engraving.depth.nominal + 0.1 * OVER, 0.0)
     for outlines in outline_text(identity.upper(), body.engraving.height.nominal):
@@ -313,8 +365,8 @@ def _make_edge_breaks(body: Body, rise: float) -> Iterator[cad.door.Body]:
             yield cad.kernel.extrude([(*point, base - OVER) for point in corner], (0.0, 0.0, high))
 
 
-def _make_hole(body: Body, x: float) -> cad.door.Body:
-    holes, base = body.mounting, -body.thickness.nominal
+def _make_hole(body: Body, holes: Mounting, side: float) -> cad.door.Body:
+    base, x = -body.thickness.nominal, side * holes.spacing.nominal
     drill, entry, depth = 0.5 * holes.hole_diameter, 0.5 * holes.entry_diameter, holes.depth.nominal
     if holes.kind == "tapped":
         sink, point = entry - drill, drill / math.tan(0.5 * DRILL_POINT)  # 90 degree countersink

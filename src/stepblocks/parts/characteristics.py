@@ -17,7 +17,11 @@ Kind = Literal[
 ]
 FORM = ("flatness", "parallelism", "roughness")  # kinds with a largest value and no nominal
 PROFILE = "profilometer, two planes with edge exclusion"
-CALIPER = "caliper or micrometer"
+CALIPER = "caliper"
+DEPTH_GAUGE = "depth gauge"
+MICROMETER = "micrometer"
+MACHINE = "coordinate measuring machine"
+MICROSCOPE = "microscope"
 # distance from a working edge within which nothing may stand over the upper face [m]
 BURR_ZONE = 0.2e-3
 # ISO 2768-2:1989, table 1, class H, of a length up to 10 mm [m]
@@ -139,9 +143,12 @@ def make_characteristic(
     *faces: Rule,
     label: str = "",
     body: int = 0,
-    method: str = CALIPER,
+    method: str = "",
 ) -> Characteristic:
     """State a dimension as declared; its key with spaces is its label where none is given."""
+    # a caliper (u about 10 um) proves a tolerance of 0.2 mm, as rounded in metres, and no less
+    wide = dimension.upper - dimension.lower >= 0.1999e-3 or dimension.quantity == "angle"
+    method = method or (CALIPER if wide else MICROMETER)
     name, limits = (
         label or key.replace("_", " "),
         (dimension.nominal, dimension.lower, dimension.upper),
@@ -157,9 +164,11 @@ def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
     Sharp edges have no face that carries it.
     """
     label = "edge break, 45 deg, all edges"
-    if edge_break.nominal == 0.0:
-        return make_characteristic("edge_break", "note", edge_break, label=label)
-    return make_characteristic("edge_break", "distance", edge_break, *faces, label=label)
+    kind: Kind = "distance" if edge_break.nominal else "note"
+    carried = faces if edge_break.nominal else ()
+    return make_characteristic(
+        "edge_break", kind, edge_break, *carried, label=label, method=MICROSCOPE
+    )
 
 
 def describe_plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
@@ -178,50 +187,64 @@ def make_form_characteristics(
 ) -> Iterator[Characteristic]:
     """State flatness and parallelism of the two working faces."""
     how = "interferometer, form of the face, minimum zone"
-    for key, said, face in (("flatness_lower", lower, low), ("flatness_upper", upper, high)):
-        yield _make_form_characteristic(key, f"flatness, {said}", "flatness", demands, (face,), how)
-    yield _make_form_characteristic(
-        "parallelism", f"parallelism, {upper} to A", "parallelism", demands, (high, low), how
+    yield from _make_forms(
+        demands,
+        ("flatness_lower", f"flatness, {lower}", "flatness", (low,), how),
+        ("flatness_upper", f"flatness, {upper}", "flatness", (high,), how),
+        ("parallelism", f"parallelism, {upper} to A", "parallelism", (high, low), how),
     )
 
 
-def make_roughness_characteristic(
-    demands: FaceDemands, low: FaceRule, high: FaceRule
-) -> Characteristic:
-    """State the largest roughness of the working faces."""
+def make_surface_characteristics(
+    demands: FaceDemands, lower: FaceRule, upper: FaceRule, base: FaceRule
+) -> Iterator[Characteristic]:
+    """State the roughness of the working faces, and the form of the base under the lower one."""
     how = "profilometer or interferometer, ISO 21920-2"
-    return _make_form_characteristic(
-        "roughness", "roughness Ra, working faces", "roughness", demands, (low, high), how
+    flat, level = "optical flat or electronic comparator", "comparator on a surface plate"
+    label = "parallelism, lower face to B, the base"
+    yield from _make_forms(
+        demands,
+        ("roughness", "roughness Ra, working faces", "roughness", (lower, upper), how),
+        ("flatness_base", "flatness, base", "flatness", (base,), flat),
+        ("parallelism_base", label, "parallelism", (lower, base), level),
     )
 
 
-def _make_form_characteristic(
-    key: str, label: str, kind: Kind, asked: FaceDemands, faces: tuple[Rule, ...], how: str
-) -> Characteristic:
-    zone = asked[kind]
-    states = () if zone.usual else (zone,)
-    return Characteristic(key, label, kind, 0.0, 0.0, zone.upper, 0, faces, how, states=states)
+def _make_forms(
+    demands: FaceDemands, *rows: tuple[str, str, Kind, tuple[Rule, ...], str]
+) -> Iterator[Characteristic]:
+    for key, label, kind, faces, how in rows:
+        zone = demands[f"base_{kind}" if key.endswith("_base") else kind]
+        states = () if zone.usual else (zone,)
+        yield Characteristic(key, label, kind, 0.0, 0.0, zone.upper, 0, faces, how, states=states)
 
 
 def make_location(key: str, label: str, at: float, *faces: Rule) -> Characteristic:
     """State where a feature lies [m], with the general tolerance of ISO 2768-m."""
     deviation = find_general_deviation(at) or 0.0
-    return Characteristic(key, label, "distance", at, -deviation, deviation, 0, faces)
+    return Characteristic(key, label, "distance", at, -deviation, deviation, 0, faces, MACHINE)
 
 
-def make_edge_characteristics(burr: float, has_riser: bool) -> Iterator[Characteristic]:
-    """State the burr at the working edge, and the riser below it.
-
-    The burr is at most `burr` [m] (ISO 13715).
-    """
+def make_edge_characteristics(
+    burr: Dimension, wall: FaceRule | None, lower: FaceRule
+) -> Iterator[Characteristic]:
+    """State the burr at the working edge (ISO 13715), and angle and straightness of its wall."""
     label = f"burr over the upper face within {BURR_ZONE * 1e3:g} mm of the edge"
-    how = "profilometer or interferometer, ISO 13715"
-    yield Characteristic("burr", label, "note", 0.0, 0.0, burr, method=how)
-    if has_riser:  # of a rounding as high as the step nothing is upright
-        upright, off, how = 0.5 * math.pi, ANGULAR_DEVIATION, "section or replica across the edge"
-        label = "angle of the riser to the faces"
-        yield Characteristic(
-            "riser_angle", label, "note", upright, -off, off, method=how, quantity="angle"
-        )
-        label, zone = "straightness of the riser across the edge", RISER_STRAIGHTNESS
-        yield Characteristic("riser_straightness", label, "note", 0.0, 0.0, zone, method=how)
+    how, states = "profilometer or interferometer, ISO 13715", () if burr.usual else (burr,)
+    yield Characteristic("burr", label, "note", 0.0, 0.0, burr.upper, method=how, states=states)
+    if wall is None:  # of a rounding as high as the step nothing is upright
+        return
+    label, how = "angle of the riser to the faces", "section or replica across the edge"
+    yield make_characteristic(
+        "riser_angle",
+        "angle",
+        Dimension(0.5 * math.pi, ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle"),
+        wall,
+        lower,
+        label=label,
+        method=how,
+    )
+    label = "straightness of the riser across the edge"
+    yield Characteristic(
+        "riser_straightness", label, "note", 0.0, 0.0, RISER_STRAIGHTNESS, method=how
+    )

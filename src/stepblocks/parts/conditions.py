@@ -143,6 +143,11 @@ class OrderSpec(Table):
     date: Annotated[str, Field(pattern=r"^(\d{4}-[01]\d-[0-3]\d)?$")] = ""  # of the drawings
     revision: Said = ""
     quantity: Annotated[int, Field(ge=1, le=9999)] = 1  # of each part
+    owner: Said = ""  # organisation that owns the drawings (ISO 7200, legal owner)
+    approved_by: Said = ""
+
+
+NO_ORDER = OrderSpec()
 
 
 class ProbeSpec(Table):

@@ -1,5 +1,6 @@
 """What stanzas are made of: tables, names, sourced values, materials, face demands."""
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
@@ -39,7 +40,14 @@ def check_below(field: str, rule: str, value: float, limit: float) -> str:
     return check_rule(value < limit, field, rule, limit, value)
 
 
-def read_positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
+@dataclass(frozen=True)
+class QuantityValidator(BeforeValidator):
+    """A validator of a quantity that says which one, so that its value can be written back."""
+
+    dimension: str = "ratio"
+
+
+def read_positive(dimension: str, *, or_zero: bool = False) -> QuantityValidator:
     """Read a quantity in SI that must be positive, or may be zero."""
 
     def read(raw: object) -> float:
@@ -48,7 +56,7 @@ def read_positive(dimension: str, *, or_zero: bool = False) -> BeforeValidator:
             raise ValueError(f"must {'not be negative' if or_zero else 'be positive'}, got {raw!r}")
         return value
 
-    return BeforeValidator(read)
+    return QuantityValidator(read, dimension=dimension)
 
 
 def declare_default(
@@ -137,11 +145,34 @@ def read_sourced(quantity: str) -> BeforeValidator:
 
 
 class Material(Table):
-    """A material as a workshop orders it."""
+    """A material as a workshop orders it.
 
-    name: Identity  # key in stimulus files
-    designation: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[ -&(-~]+$")]
-    density: Annotated[Sourced, read_sourced("density")]
+    Attributes
+    ----------
+    name : str
+        Key in stimulus files; ``"own"`` for free text.
+    designation : str
+        What the drawing says, in printable ASCII.
+    density : Sourced or None
+        Mass density [kg/m^3]; None where nobody stated it.
+    heat_treatment : str
+        Such as ``"hardened and tempered, 58 HRC"``; may also stand in the designation.
+    """
+
+    name: Identity = "own"
+    designation: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[ -&(-~]+$")]
+    density: Annotated[Sourced, read_sourced("density")] | None = None
+    heat_treatment: Annotated[str, Field(max_length=80, pattern=r"^[ -&(-~]*$")] = ""
+
+    @property
+    def order_text(self) -> str:
+        """Designation and heat treatment, as an order says them."""
+        return ", ".join(filter(None, (self.designation, self.heat_treatment)))
+
+    @property
+    def is_hardened(self) -> bool:
+        """Whether the heat treatment hardens it, so that it is tapped before."""
+        return re.search(r"(?<!un)harden|\bHRC\b|\bHV\b", self.order_text) is not None
 
     def record(self) -> dict[str, object]:
         """Return plain values for JSON, the unit in the name."""
@@ -153,7 +184,11 @@ class Material(Table):
         for name, one in self:
             value, source = named.get(name, (name, f"{name}_source"))
             told |= (
-                {value: one.value, source: one.source} if isinstance(one, Sourced) else {name: one}
+                {value: one.value, source: one.source}
+                if isinstance(one, Sourced)
+                else {name: one}
+                if one
+                else {}
             )
         return told
 
@@ -163,7 +198,6 @@ MATERIALS = {
     name: Material(name=name, designation=said, density=Sourced(density, "density", source))
     for name, said, density, source in (
         ("steel", "X90CrMoV18 (1.4112), hardened", 7700.0, "EN 10088-1:2014, table E.2"),
-        ("stainless", "X5CrNi18-10 (1.4301)", 7900.0, "EN 10088-1:2014, table E.3"),
         ("aluminium", "EN AW-6082 T6", 2700.0, "EN 573-3 data sheet, nominal"),
         ("brass", "CuZn39Pb3 (CW614N)", 8470.0, "DIN EN 12164 data sheet, nominal"),
         ("pmma", "PMMA, cast", 1190.0, "ISO 7823-1 data sheets, nominal"),
@@ -172,13 +206,41 @@ MATERIALS = {
 }
 
 
-def find_material(name: object) -> Material:
-    """Find a material by its key."""
-    if isinstance(name, Material):
-        return name
-    if not isinstance(name, str) or name not in MATERIALS:
-        raise ValueError(f"must be one of {', '.join(MATERIALS)}, got {name!r}")
-    return MATERIALS[name]
+MATERIALS["1.4301"] = Material(
+    name="stainless",
+    designation="X5CrNi18-10 (1.4301)",
+    density=Sourced(7900.0, "density", "EN 10088-1:2014, table E.3"),
+)
+# grades whose density is known where free text names them, with its source [kg/m^3]
+_GRADES = (
+    (r"440[ABC]\b|1\.4112|1\.4125|1\.4034|X46Cr13|X90CrMoV18|X105CrMo17", 7700.0, "E.2"),
+    (r"17-4 ?PH|1\.4542|X5CrNiCuNb16-4", 7800.0, "E.2"),
+    (r"\b304L?\b|1\.4301|1\.4307|1\.4305|\b303\b", 7900.0, "E.3"),
+    (r"\b316L?\b|1\.4401|1\.4404", 8000.0, "E.3"),
+)
+
+
+def find_material(raw: object) -> object:
+    """Find a material by its key; other text is the designation of an order."""
+    if isinstance(raw, Material | dict):
+        return raw
+    if isinstance(raw, str) and raw in MATERIALS:
+        return MATERIALS[raw]
+    if not isinstance(raw, str) or (re.fullmatch("[a-z]*", raw) and raw != "stainless"):
+        own = "or a designation such as '440C, hardened and tempered, 58 HRC'"
+        raise ValueError(f"must be one of {', '.join(MATERIALS)}, {own}, got {raw!r}")
+    known = ((value, table) for grade, value, table in _GRADES if re.search(grade, raw))
+    density = next(
+        (Sourced(value, "density", f"EN 10088-1:2014, table {table}") for value, table in known),
+        None,
+    )
+    said = "stainless steel, grade not stated" if raw == "stainless" else raw
+    return Material(designation=said, density=density)
+
+
+def read_none(raw: object) -> object:
+    """Read ``"none"`` as the absence of a feature."""
+    return None if raw == "none" else raw
 
 
 MaterialField = Annotated[Material, BeforeValidator(find_material)]
@@ -207,6 +269,9 @@ class WorkingFaces(Table):
         None  # of the upper face to the lower one, datum A; default half of that band
     )
     roughness: Zone | None = None  # largest Ra; default a twentieth of that band, at least 0.05 um
+    base_flatness: Zone | None = None  # of the base; default 5 um
+    base_parallelism: Zone | None = None  # of the lower face to the base; default 10 um
+    burr: Zone | None = None  # over the upper face near the edge; default the upper deviation
 
 
 FaceDemands: TypeAlias = dict[
@@ -214,9 +279,13 @@ FaceDemands: TypeAlias = dict[
 ]  # flatness, parallelism and roughness of the working faces in force
 
 
-def complete_face_demands(stated: WorkingFaces | None, band: float) -> FaceDemands:
-    """Complete the demands on faces from the tolerance band [m] of the height."""
+def complete_face_demands(stated: WorkingFaces | None, governing: Dimension) -> FaceDemands:
+    """Complete the demands on faces from the tolerance of the height."""
+    band = governing.upper - governing.lower
     rough = max(round(band * 1e6 / 20.0, 2), 0.05) / 1e6
     widths = {"flatness": 0.25 * band, "parallelism": 0.5 * band, "roughness": rough}
+    # a tilt of 10 um over the block turns the pull by less than its hundredth
+    widths |= {"base_flatness": 5e-6, "base_parallelism": 10e-6}
+    widths["burr"] = governing.upper if governing.upper > 0.0 else 0.5 * band
     zones = {name: Dimension(0.0, width, 0.0, usual=True) for name, width in widths.items()}
     return zones | {name: zone for name, zone in stated or () if zone is not None}

@@ -68,11 +68,6 @@ class Part(Table, ABC):
         material: Material
 
     @classmethod
-    def prepare_stanzas(cls, stanzas: object) -> object:
-        """Change the stanzas of a file before they are validated, where one depends on another."""
-        return stanzas
-
-    @classmethod
     def expand_stanza(
         cls, stanza: Mapping[str, object], folder: Path
     ) -> Iterable[Mapping[str, object]]:
@@ -168,9 +163,7 @@ class Part(Table, ABC):
     def face_demands(self) -> FaceDemands:
         """Form and texture of the working faces in force."""
         governing: Dimension = getattr(self, self.governing_field)
-        return complete_face_demands(
-            getattr(self, "working_faces", None), governing.upper - governing.lower
-        )
+        return complete_face_demands(getattr(self, "working_faces", None), governing)
 
     @abstractmethod
     def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
@@ -179,6 +172,18 @@ class Part(Table, ABC):
     def derived(self) -> list[list[str]]:
         """Figures that follow from what is declared, for people."""
         return []
+
+    @property
+    def summary(self) -> str:
+        """The dimensions on which the counterface depends, in a line."""
+        return ", ".join(
+            f"{name.replace('_', ' ')} {one}"
+            for name, one in (self.sizes or dict(list(self.dimensions())[:1])).items()
+        )
+
+    def __repr__(self) -> str:
+        """Name the part and its main dimensions in a line."""
+        return f"{type(self).__name__}({self.id!r}, {self.summary})"
 
     def record(self) -> dict[str, object]:
         """Write it out in full for JSON."""

@@ -3,13 +3,18 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from html import escape
+from itertools import islice
+from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import Field, ValidationError, create_model
 
+from stepblocks.atomic import replace_text
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.rod import RodRing
-from stepblocks.errors import StimulusError
+from stepblocks.errors import StepblocksError, StimulusError
+from stepblocks.mistakes import Location, Mistake, format_mistakes, list_mistakes, shorten_value
 from stepblocks.parts.conditions import (
     PAPER_STEPS,
     DampingRig,
@@ -25,6 +30,8 @@ from stepblocks.parts.kinds.scanned_margin import ScannedMargin
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
+from stepblocks.parts.series import MAX_SERIES, expand_series, merge_tables
+from stepblocks.parts.write_toml import format_set
 
 # The kinds, in the order in which a set holds them; a new one stands here
 SHIPPED: tuple[type[Part], ...] = (
@@ -112,6 +119,73 @@ class StimulusSet(Table):
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         return tuple(part for part in self.stimuli if part.stanza == name)
 
+    @classmethod
+    def declare(cls, name: str, **declared: object) -> "StimulusSet":
+        """Declare a set in Python as a file does, with the same defaults.
+
+        Parameters
+        ----------
+        name : str
+            Of the set, and of the file that `to_toml` writes.
+        **declared
+            Tables of a stimulus file: ``prediction``, ``order``, and lists of stanzas by kind,
+            such as ``step_block=[{"id": "a", "height": "25 um"}]``. A stanza is a mapping, which
+            may stand for a series, or a part.
+
+        Returns
+        -------
+        StimulusSet
+            Validated, every series expanded, all values in SI.
+
+        Raises
+        ------
+        StimulusError
+            With all mistakes: name, rule, value and place.
+        """
+        return make_set(name, declared, Path(), name, [])
+
+    def to_toml(self, path: str | Path | None = None) -> str:
+        """Write the set as a stimulus file that reads back as the same set.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Where to write it; the stem must be the name of the set. Nothing is written where
+            omitted.
+
+        Returns
+        -------
+        str
+            The text of the file.
+
+        Raises
+        ------
+        StimulusError
+            If the name of the file is not that of the set, or a part cannot be stated in a file.
+        """
+        text = format_set(self, self.name, self.stimuli)
+        if path is not None:
+            if Path(path).stem != self.name:
+                rule = f"the file must be named after its set, {self.name!r}"
+                raise StimulusError(f"{rule} [{path}]")
+            replace_text(Path(path), text)
+        return text
+
+    def __repr__(self) -> str:
+        """Name the set and its stimuli in a line."""
+        names = [part.id for part in self.stimuli]
+        shown = ", ".join(names if len(names) < 6 else [*names[:3], "...", names[-1]])
+        return f"StimulusSet({self.name!r}, {len(names)} stimuli: {shown})"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            f"<tr><td>{escape(part.id)}<td>{escape(part.kind_name)}<td>{escape(part.summary)}"
+            f"<td>{escape(part.material.order_text)}"
+            for part in self.stimuli
+        ]
+        rows.insert(0, "<tr><th>stimulus<th>kind<th>size<th>material")
+        return f"<b>{escape(self.title)}</b><table>{''.join(rows)}</table>"
+
     def with_parts(self, parts: Iterable[Part]) -> Self:
         """Return the set with other parts under the same conditions."""
         return self.model_copy(update={"stimuli": tuple(parts)})
@@ -154,7 +228,7 @@ def make_file_model() -> type[Table]:
     }
     fields.pop("stimuli")
     for stanza, kind in list_kinds().items():
-        fields[stanza] = (Annotated[tuple[kind, ...], BeforeValidator(kind.prepare_stanzas)], ())  # type: ignore[valid-type]
+        fields[stanza] = (tuple[kind, ...], ())  # type: ignore[valid-type]
     return create_model("StimulusFile", __base__=Table, **fields)
 
 
@@ -168,4 +242,72 @@ def validate_set(declared: Mapping[str, object]) -> StimulusSet:
         more["tip_radii"] = (PAPER.ball_radius,)
     if not all(part.crossed for part in parts) and not grid.step_heights:
         more["step_heights"] = PAPER_STEPS
-    return StimulusSet(**values | {"prediction": grid.model_copy(update=more)}, stimuli=parts)
+    # not by the class itself, which as a public name answers in one line of its own
+    return StimulusSet.model_validate(
+        values | {"prediction": grid.model_copy(update=more), "stimuli": parts}
+    )
+
+
+def make_set(
+    name: str, raw: dict[str, Any], folder: Path, place: object, mistakes: list[Mistake]
+) -> StimulusSet:
+    """Make a set of the tables of a file in a folder, or say all that is wrong with them."""
+    known, defaults = list_kinds(), raw.pop("defaults", {})
+    if not isinstance(defaults, dict) or not set(defaults) <= set(known):
+        mistakes.append(
+            ("", f"defaults must be tables named {', '.join(known)}, got {shorten_value(defaults)}")
+        )
+        defaults = {}
+    for kind in [kind for kind in known if kind in raw]:
+        stanzas = _expand_stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, folder)
+        raw[kind] = list(islice(stanzas, MAX_SERIES + 1))
+    total = sum(len(raw.get(kind, ())) for kind in known)
+    if total > MAX_SERIES:
+        raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]")
+    declared = {"name": name, "title": name, **raw}
+
+    def locate(location: Location) -> tuple[str, Location]:
+        if len(location) < 2 or location[0] not in known or not isinstance(location[1], int):
+            return "", location
+        kind, number, *rest = location
+        # none where the name of the kind was corrected
+        (stanza,) = [*declared.get(kind, ()), *({},) * (number + 1)][number : number + 1]
+        return f"{kind} {shorten_value(_name_stanza(stanza, number + 1))}", tuple(rest)
+
+    try:
+        found = validate_set(declared)
+    except ValidationError as error:
+        # where stanzas could not be read, a set without any is no mistake of its own
+        if total or not mistakes:
+            mistakes += list_mistakes(error, make_file_model(), declared, locate, validate_set)
+    if mistakes:
+        raise StimulusError(format_mistakes(mistakes, place))
+    return found
+
+
+def _name_stanza(stanza: Part | Mapping[str, object], otherwise: object) -> object:
+    return stanza.id if isinstance(stanza, Part) else stanza.get("id", otherwise)
+
+
+def _expand_stanzas(
+    kind: str, raw: object, defaults: object, mistakes: list[Mistake], folder: Path
+) -> Iterator[Part | Mapping[str, object]]:
+    # Expand the stanzas of a kind; those that cannot be are among the mistakes
+    if not isinstance(raw, list | tuple) or not all(isinstance(one, dict | Part) for one in raw):
+        mistakes.append(("", f"{kind} must be written as [[{kind}]], got {shorten_value(raw)}"))
+        return
+    if not isinstance(defaults, dict):
+        mistakes.append(("", f"defaults.{kind} must be a table, got {shorten_value(defaults)}"))
+        return
+    for number, stanza in enumerate(raw, start=1):
+        place = f"{kind} {shorten_value(_name_stanza(stanza, f'number {number}'))}"
+        try:
+            if isinstance(stanza, Part):
+                yield stanza
+                continue
+            for one in expand_series(merge_tables(defaults, stanza)):
+                yield from list_kinds()[kind].expand_stanza(one, folder)
+        except (ValueError, StepblocksError) as error:
+            mistakes.append((place, str(error)))
+        except RecursionError:
+            mistakes.append((place, "tables must not nest so deep"))

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from stepblocks.artefacts.rings import (
     WAV_RATES,
     find_largest_force,
-    write_hjif,
     write_wav,
 )
 from stepblocks.contact.energy import Status
@@ -222,7 +221,6 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
             "energy_j": event.energy,
             "energy_in_file_j": energies,
         }
-        write_hjif(folder / f"{stem}.hjif", event)
         write_json(folder / f"{stem}.json", content)
     names = sorted(
         path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()

@@ -9,31 +9,26 @@ from typing import Any
 
 from stepblocks.artefacts.on_paper import describe_default_demands
 from stepblocks.atomic import write_atomically
-from stepblocks.parts.conditions import OrderSpec
+from stepblocks.parts.conditions import NO_ORDER, OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
-from stepblocks.parts.revolution import Turned
 from stepblocks.workshop.blocks import (
-    draw_gauge_sheet,
     draw_margin_block_views,
     draw_step_block_views,
 )
-from stepblocks.workshop.gauge_route import GaugePair
 from stepblocks.workshop.sheet import FONT, HEIGHT, TOP_OF_TITLE, WIDTH, Sheet
 from stepblocks.workshop.turned import (
     draw_crown_views,
     draw_hook_tip_views,
     draw_sheath_views,
     draw_straight_tip_views,
-    draw_turned_views,
 )
 
 FORMATS = ("dxf", "svg", "pdf")
-_NOTHING_SAID = OrderSpec()
 _MOST_ROWS = 40  # of notes over the title block
 _CAPITAL = 0.729  # height of a capital of the font over its size
 
@@ -47,40 +42,38 @@ VIEWS: Mapping[type, Callable[[Sheet, Any], list[str]]] = {
     StraightTip: draw_straight_tip_views,
     HookTip: draw_hook_tip_views,
     Sheath: draw_sheath_views,
-    Turned: draw_turned_views,  # any other turned kind
 }
 
 
 def write_drawing(
-    folder: Path, part: Part, formats: Sequence[str] = FORMATS, order: OrderSpec = _NOTHING_SAID
+    folder: Path, part: Part, formats: Sequence[str] = FORMATS, order: OrderSpec = NO_ORDER
 ) -> list[Path]:
     """Draw a part with its views; what none of them shows stands in words."""
-    return _write_all(folder, f"{part.id}.drawing", formats, lambda: _draw_part_sheet(part, order))
-
-
-def write_gauge_drawing(
-    folder: Path, block: StepBlock, pair: GaugePair, order: OrderSpec
-) -> list[Path]:
-    """Draw the two-piece block of a pair of gauge blocks."""
-    return _write_all(
-        folder,
-        f"{block.id}.gauge",
-        FORMATS,
-        lambda: draw_gauge_sheet(block, pair, _list_order_fields(order)),
-    )
+    return _write_all(folder, f"{part.id}.drawing", formats, lambda: draw_part_sheet(part, order))
 
 
 def _list_order_fields(order: OrderSpec) -> dict[str, str]:
     said = {
-        "drawn by": order.author or "-",
-        "date": order.date or "-",
-        "revision": order.revision or "-",
+        "drawn by": order.author,
+        "approved by": order.approved_by,
+        "owner": order.owner,
+        "date": order.date,
+        "revision": order.revision,
     }
-    return {**said, "quantity": str(order.quantity)}
+    stated = {name: text or "-" for name, text in said.items()}
+    return {**stated, "quantity": str(order.quantity), "sheet": "1 of 1"}
 
 
-def _draw_part_sheet(stimulus: Part, order: OrderSpec) -> Sheet:
+def draw_part_sheet(stimulus: Part, order: OrderSpec = NO_ORDER) -> Sheet:
+    """Draw the sheet of a part."""
     sheet = Sheet(list(stimulus.characteristics()))
+    density, volume = stimulus.material.density, math.fsum(stimulus.volumes())
+    told = {
+        "identity": stimulus.id.upper(),
+        "material": stimulus.material.order_text,
+        "mass": "-" if density is None else f"{density.value * volume * 1e3:.4g} g",
+        **_list_order_fields(order),
+    }
     draw = next((VIEWS[kind] for kind in type(stimulus).__mro__ if kind in VIEWS), None)
     notes, governing = (
         draw(sheet, stimulus) if draw else [],
@@ -90,6 +83,7 @@ def _draw_part_sheet(stimulus: Part, order: OrderSpec) -> Sheet:
     left = [(key, n, one) for key, (n, one) in sheet.listed.items() if n not in sheet.numbers]
     lines = [(f"{n}  {one.label}: {sheet.limits(key)}", key) for key, n, one in left]
     if stimulus.has_working_faces:
+        sheet.texture((100.0, 16.0))
         notes += filter(None, [describe_default_demands(stimulus)])
     elif governing:
         rough = stimulus.face_demands["roughness"].upper * 1e6
@@ -102,13 +96,7 @@ def _draw_part_sheet(stimulus: Part, order: OrderSpec) -> Sheet:
     for start in range(0, len(lines), _MOST_ROWS):  # the columns of a long list start level
         at = 232.0 + 92.0 * (start // _MOST_ROWS), TOP_OF_TITLE - 1.0 + 5.0 * rows
         sheet.notes(at, lines[start : start + _MOST_ROWS])
-    mass = stimulus.material.density.value * math.fsum(stimulus.volumes())
-    told = {
-        "identity": stimulus.id.upper(),
-        "material": stimulus.material.designation,
-        "mass": f"{mass * 1e3:.4g} g",
-    }
-    sheet.border(stimulus.drawing_title, told | _list_order_fields(order))
+    sheet.border(stimulus.drawing_title, told)
     return sheet
 
 

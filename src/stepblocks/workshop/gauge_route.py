@@ -4,13 +4,14 @@ It is the route where one piece cannot hold the height.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepblocks import cad
 from stepblocks.artefacts.step.write import write_conforming
 from stepblocks.cad.pmi import PmiDimension, PmiItem
 from stepblocks.errors import MachiningError
+from stepblocks.parts.body import Body, make_body_cuts
 from stepblocks.parts.kinds.step_block import StepBlock
 
 # ISO 3650:1998, table 5, up to 10 mm: limit deviation of length anywhere, and tolerance of its
@@ -27,6 +28,7 @@ STANDARD_SET: tuple[float, ...] = tuple(count / 1e7 for count in _COUNTS)
 
 # thickness that a wrung joint may add, either block [m]; gauge makers state 0.005 to 0.02 um
 WRINGING = 0.02e-6
+RIM = 5e-3  # of the base around the gauge blocks, at least [m]
 SECTION = (30e-3, 9e-3)  # section of a gauge block up to 10 mm (ISO 3650) [m]
 
 
@@ -65,25 +67,44 @@ def choose_pair(height: float, grade: str = "0") -> GaugePair:
     return GaugePair(*pair, grade, sum(parts), min(expected, sum(parts)))
 
 
+def choose_base(block: StepBlock, pair: GaugePair) -> Body:
+    """Choose the base: the body that is asked for, enlarged where the gauge blocks need it.
+
+    Base and lower gauge block together are as thick as the body, where 3 mm are left for the
+    base and its holes keep their depth.
+    """
+    body, (long, wide) = block.body, SECTION
+    least = {"length": 2.0 * (wide + RIM), "width": long + 2.0 * RIM}
+    sizes: dict[str, object] = {
+        name: replace(size, nominal=max(size.nominal, least[name]))
+        for name, size in (("length", body.length), ("width", body.width))
+    }
+    thick = body.thickness.nominal - pair.lower
+    deep = 3e-3 if body.mounting is None else max(3e-3, 1.4 * body.mounting.depth.nominal)
+    if body.mounting is not None and body.mounting.kind == "clearance":
+        sizes["mounting"] = None  # the gauge blocks would cover a screw from above
+    base = replace(body.thickness, nominal=thick if thick >= deep else body.thickness.nominal)
+    return body.model_copy(update={**sizes, "thickness": base})
+
+
 def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     """Write base and gauge blocks as a STEP file of three parts.
 
     Edge and lower face lie as in the one-piece block.
     """
     long, wide = SECTION
-    rim, floor, half = 5e-3, -pair.lower, 0.5 * long
-    base = (
-        (-wide - rim, -half - rim, floor - block.body.thickness.nominal),
-        (wide + rim, half + rim, floor),
-    )
+    floor, half = -pair.lower, 0.5 * long
+    body = choose_base(block, pair)
+    sides = 0.5 * body.length.nominal, 0.5 * body.width.nominal
+    plain = cad.kernel.make_box((-sides[0], -sides[1], -body.thickness.nominal), (*sides, 0.0))
+    cuts = make_body_cuts(body, block.id, 0.0)
+    base = cad.kernel.move(cad.kernel.cut(plain, cuts) if cuts else plain, (0.0, 0.0, floor))
     lower = (-wide, -half, floor), (0.0, half, 0.0)
     upper = (0.0, -half, floor), (wide, half, pair.upper - pair.lower)
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
     names = f"{block.id}-base", *(f"gauge-block-{piece}" for piece in pieces)
-    bodies = [
-        (name, cad.kernel.make_box(*corners))
-        for name, corners in zip(names, (base, lower, upper), strict=True)
-    ]
+    blocks = [cad.kernel.make_box(*corners) for corners in (lower, upper)]
+    bodies = list(zip(names, (base, *blocks), strict=True))
     deviation, _ = GRADES[pair.grade]
     dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):

@@ -6,20 +6,23 @@ from pathlib import Path
 
 import pandas as pd
 
-from stepblocks.artefacts.on_paper import make_sheet_table, write_sheet_pdf
+from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.qif import write_qif
-from stepblocks.atomic import lock_folder, resolve_inside
+from stepblocks.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
+from stepblocks.page_file import render_page
 from stepblocks.parts.body import Block
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
+from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
-from stepblocks.select import find_stimulus_files, matches_pattern
+from stepblocks.select import find_stimulus_files, select_stimuli
 from stepblocks.tables import write_table
-from stepblocks.workshop.complete import find_missing
-from stepblocks.workshop.drawing import write_drawing, write_gauge_drawing
+from stepblocks.workshop.drawing import (
+    write_drawing,
+)
 from stepblocks.workshop.gauge_route import choose_pair, write_gauge_assembly
 from stepblocks.workshop.routes import Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
@@ -47,9 +50,6 @@ class PartOrder:
     name: str  # ``"set/id"``
     files: tuple[Path, ...]  # drawings, for a step block also of the two-piece variant, and sheets
     routes: tuple[Route, ...]  # ways to make a step block; empty for other parts
-    missing: tuple[
-        str, ...
-    ] = ()  # from drawing and sheet, and from the STEP file where the part has been built
 
 
 def order_parts(
@@ -86,23 +86,14 @@ def order_parts(
     """
     held = GROUND if capability is None else capability
     held = parse_quantity(held, "length") if isinstance(held, str) else held
-    orders = []
+    orders: list[PartOrder] = []
     with lock_folder(Path(output)):
-        for path in find_stimulus_files(files):
-            declared = load_set(path)
-            chosen = [
-                one
-                for one in declared.stimuli
-                if only is None or matches_pattern(only, path.stem, one.id)
-            ]
-            for one in chosen:
-                orders.append(
-                    _order_part(f"{path.stem}/{one.id}", one, Path(output), held, declared)
-                )
-                if announce is not None:
-                    announce(orders[-1])
-    if not orders:
-        raise PipelineError(f"selection must match at least one stimulus, got {only!r}")
+        sets = [load_set(path) for path in find_stimulus_files(files)]
+        selected = select_stimuli(sets, only)
+        for declared, one in selected:
+            orders.append(_order_part(one, Path(output), held, declared))
+            if announce is not None:
+                announce(orders[-1])
     return orders
 
 
@@ -116,13 +107,13 @@ def _make_folder(output: Path, name: str) -> Path:
     return folder
 
 
-def _order_part(
-    name: str, part: Part, output: Path, capability: float, declared: StimulusSet
-) -> PartOrder:
-    folder, said = _make_folder(output, name), declared.order
+def _order_part(part: Part, output: Path, capability: float, declared: StimulusSet) -> PartOrder:
+    name, said = f"{declared.name}/{part.id}", declared.order
+    folder = _make_folder(output, name)
     written = [*write_drawing(folder, part, order=said), folder / f"{part.id}.plan.qif"]
     write_qif(written[-1], part, said)
     routes: list[Route] = []
+    pair = None
     if isinstance(part, StepBlock):
         routes = find_routes(part, capability, declared.prediction.first_point())
         written.append(folder / f"{part.id}.routes.csv")
@@ -131,17 +122,16 @@ def _order_part(
             route.process.name == "gauge blocks" for route in routes
         ):  # two blocks of the set differ by this height
             pair = choose_pair(part.height.nominal)
-            assembly = folder / f"{part.id}.gauge.step"
-            write_gauge_assembly(assembly, part, pair)
-            written += [assembly, *write_gauge_drawing(folder, part, pair, said)]
+            written.append(folder / f"{part.id}.gauge.step")
+            write_gauge_assembly(written[-1], part, pair)
     if isinstance(part, Block):
-        written += write_setup(folder, part, routes)
-    sheets = [folder / f"{part.id}.inspection-sheet.{form}" for form in ("csv", "pdf")]
-    write_table(make_sheet_table(part), sheets[0])
-    write_sheet_pdf(sheets[1], part)
-    step = folder / f"{part.id}.step"
-    missing = find_missing(part, written[0], step if step.is_file() else None, sheets[0])
-    return PartOrder(name, (*written, *sheets), tuple(routes), tuple(missing))
+        written += write_setup(folder, part, routes, pair)
+    sheets = [folder / f"{part.id}.inspection-sheet.{form}" for form in ("csv", "html")]
+    table = make_sheet_table(part)
+    write_table(table, sheets[0])
+    content = {"part": part, "order": said, "rows": table.to_dict("records"), "guard": GUARD_FACTOR}
+    replace_text(sheets[1], render_page("stepblocks.workshop", "sheet.html", **content))
+    return PartOrder(name, (*written, *sheets), tuple(routes))
 
 
 def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, object]]:

@@ -8,12 +8,13 @@ from stepblocks import cad
 from stepblocks.artefacts.on_paper import format_limits, format_millimetres, format_zone
 from stepblocks.artefacts.step.write import write_conforming
 from stepblocks.atomic import replace_text
-from stepblocks.cad.pmi import PmiDimension, PmiItem
 from stepblocks.page_file import render_page
 from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kinds.margin import MarginBlock
-from stepblocks.parts.tolerance import GUARD_FACTOR, find_general_deviation
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.tolerance import GUARD_FACTOR
+from stepblocks.workshop.gauge_route import GRADES, SECTION, WRINGING, GaugePair, choose_base
 from stepblocks.workshop.routes import Route
 
 STOCK = 1e-3  # on every face, sawn or milled [m]
@@ -31,12 +32,17 @@ _SETUPS = {
 }
 
 
-def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> list[Path]:
-    """Write sheet and stock of a block; `routes` say how its step is made."""
+def write_setup(
+    folder: Path, block: Block, routes: Sequence[Route] = (), pair: GaugePair | None = None
+) -> list[Path]:
+    """Write sheet and stock of a block; `routes` say how its step is made.
+
+    A pair of gauge blocks whose difference is its height is another way, with parts of its own.
+    """
     page, stock = folder / f"{block.id}.setup.html", folder / f"{block.id}.stock.step"
     low, high = compute_stock(block)
     sizes = [b - a for a, b in zip(low, high, strict=True)]
-    burr = getattr(block, block.governing_field).upper
+    burr = block.face_demands["burr"].upper
     thick, reached = (
         block.body.thickness,
         dict.fromkeys(route.name for route in routes if route.reaches),
@@ -46,6 +52,11 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
             "block": block,
             "stock": " x ".join(format_millimetres(size, 1) for size in sizes),
             "reached": ", ".join(reached),
+            "tight": [
+                axis
+                for axis, size, side in zip("xyz", sizes, block.sides, strict=True)
+                if size - side < 2.0 * GRINDING
+            ],
         },
         **{
             "finished": format_limits(thick.nominal, thick.lower, thick.upper),
@@ -61,26 +72,26 @@ def write_setup(folder: Path, block: Block, routes: Sequence[Route] = ()) -> lis
             "guard": GUARD_FACTOR,
             "has_gap": isinstance(block, MarginBlock),
         },
+        **{
+            "pair": pair,
+            "base": choose_base(block, pair) if pair and isinstance(block, StepBlock) else None,
+            "grade": GRADES[pair.grade] if pair else None,
+            "section": SECTION,
+            "wringing": WRINGING,
+        },
     }
     replace_text(page, render_page("stepblocks.workshop", "setup.html", **values))
-    body, dimensions = cad.kernel.make_box(low, high), []
-    for axis, (name, size) in enumerate(zip(("length", "width", "height"), sizes, strict=True)):
-        first, last = (PmiItem(0, index) for index in cad.kernel.find_end_faces(body, axis))
-        deviation = find_general_deviation(size) or 0.0
-        measured = PmiDimension("distance", (first, last), size, -deviation, deviation)
-        dimensions.append((f"{name} of the stock", measured))
-    write_conforming(
-        stock, f"{block.id}-stock", [(f"{block.id}-stock", body)], block.material, dimensions
-    )
+    name = f"{block.id}-stock"
+    write_conforming(stock, name, [(name, cad.kernel.make_box(low, high))], block.material, [])
     return [page, stock]
 
 
 def compute_stock(block: Block) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Compute lower and upper corner of the stock [m] in the frame of the block."""
-    body = block.body
-    sides = body.length.nominal, body.width.nominal, body.thickness.nominal + max(block.rise, 0.0)
-    x, y, z = (math.ceil((side + 2.0 * STOCK) / 0.5e-3 - 1e-9) * 0.5e-3 for side in sides)
-    base = -body.thickness.nominal - STOCK
+    x, y, z = block.stock or (
+        math.ceil((side + 2.0 * STOCK) / 0.5e-3 - 1e-9) * 0.5e-3 for side in block.sides
+    )
+    base = -block.body.thickness.nominal - min(STOCK, 0.5 * (z - block.sides[2]))
     return (-0.5 * x, -0.5 * y, base), (0.5 * x, 0.5 * y, base + z)
 
 

@@ -41,7 +41,8 @@ _STYLE = {
     **dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0),
 }
 _PREFIX = {"diameter": "⌀<>", "radius": "R<>"}  # of a dimension's text, by kind
-TOP_OF_TITLE = 73.0  # y of the upper side of the title block [mm]
+ELSEWHERE = 1.6e-6  # largest Ra of surfaces that no tip touches [m]
+TOP_OF_TITLE = 82.0  # y of the upper side of the title block [mm]
 
 
 def choose_scale(wanted: float) -> float:
@@ -129,18 +130,6 @@ class Sheet:
         _, one = self.listed[key]
         return format_limits(one.nominal, one.lower, one.upper, one.quantity)
 
-    def extents(self, start: int = 0) -> tuple[float, float, float, float]:
-        """Return left, lower, right and upper end of all entities from `start` on."""
-        from ezdxf import bbox
-
-        box = bbox.extents(list(self.space)[start:], fast=False)
-        return box.extmin.x, box.extmin.y, box.extmax.x, box.extmax.y
-
-    def shift(self, start: int, by: Point) -> None:
-        """Move all that was drawn since there were `start` entities."""
-        for entity in list(self.space)[start:]:
-            entity.translate(*by, 0.0)
-
     def break_line(self, x: float, low: float, high: float) -> None:
         """Draw a vertical break with a zigzag in its middle."""
         middle = 0.5 * (low + high)
@@ -153,9 +142,22 @@ class Sheet:
         self.polyline([(x, low), *zigzag, (x, high)], "DIMENSION")
 
     def dimension(
-        self, key: str, a: Point, b: Point, along: Point, scale: float, *, upright: bool = False
+        self,
+        key: str,
+        a: Point,
+        b: Point,
+        along: Point,
+        scale: float,
+        *,
+        upright: bool = False,
+        before: bool = False,
+        text_at: float = 0.5,
     ) -> None:
-        """Draw a linear dimension with its tolerance and balloon, its line through `along`."""
+        """Draw a linear dimension with its tolerance and balloon, its line through `along`.
+
+        The text stands at a share `text_at` of the line, beside its end where it is too short,
+        and beside its start with `before`.
+        """
         _, one = self.listed[key]
         decimals = choose_decimals(one.nominal, one.lower, one.upper)
         override: dict[str, object] = {
@@ -187,17 +189,28 @@ class Sheet:
         narrow = end - start < needed + 10.0
         reach = 0.5 * needed + 3.0
         middle = list(along)
-        if narrow:  # the text stands beside the arrows, after the end
-            middle[axis], middle[1 - axis] = end + reach, along[1 - axis] + side * 2.2
+        if narrow:  # the text stands beside the arrows; before them with room for the balloon
+            middle[axis] = start - reach - 6.0 if before else end + reach
+            middle[1 - axis] += side * 2.2
             dimension.set_location(Vec2(middle), leader=False)
         else:
-            middle[axis] = 0.5 * (a[axis] + b[axis])
+            middle[axis] = start + text_at * (end - start)
+            if text_at != 0.5:
+                dimension.set_location(Vec2(middle[0] - 1.8, middle[1]), leader=False)
         dimension.render()
         self._states(dimension.dimension, key)
         after, beside = (reach, 0.0) if narrow else (0.5 * needed + 2.6, 3.4)
         middle[axis] += after
         middle[1 - axis] += side * beside
         self.balloon(key, (middle[0], middle[1]))
+
+    def edge_state(self, tip: Point, corner: Point, limits: str) -> None:
+        """Draw the symbol of the state of an edge (ISO 13715) with its limits in millimetres."""
+        (x, y), wide = corner, 3.0 + compute_text_width(limits, _TEXT)
+        self.polyline([tip, corner], "DIMENSION")
+        self.arrow(tip, corner)
+        self.polyline([(x, y + 4.5), corner, (x + wide, y)], "FRAME")
+        self.text((x + 1.5, y + 2.4), limits, _TEXT, "MIDDLE_LEFT")
 
     def balloon(self, key: str, at: Point) -> None:
         """Draw the number of a characteristic in a circle."""
@@ -282,14 +295,23 @@ class Sheet:
         self.rectangle((x - 3.0, y - 12.0), (x + 3.0, y - 6.0), "FRAME")
         self.text((x, y - 9.0), letter, 3.0, "MIDDLE_CENTER")
 
-    def texture(self, foot: Point, key: str, said: str = "") -> None:
-        """Draw the symbol of a machined surface (ISO 21920-1) with its largest Ra [um]."""
-        (x, y), text = foot, f"Ra {self.listed[key][1].upper * 1e6:g}{said}"
+    def texture(self, foot: Point, key: str = "", said: str = "") -> None:
+        """Draw the symbol of a machined surface (ISO 21920-1) with its largest Ra [um].
+
+        Without a key it is that of all other surfaces.
+        """
+        (x, y), largest = foot, self.listed[key][1].upper if key else ELSEWHERE
+        text = f"Ra {largest * 1e6:g}{said}"
         self.polyline([(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)], "DIMENSION", closed=True)
         end = x + 6.0 + compute_text_width(text, _TEXT)
         self.polyline([(x + 2.0, y + 3.5), (x + 4.3, y + 7.5), (end, y + 7.5)], "DIMENSION")
         self.text((x + 5.0, y + 5.3), text, _TEXT, "MIDDLE_LEFT", key)
-        self.balloon(key, (end + 3.6, y + 5.6))
+        if key:
+            self.balloon(key, (end + 3.6, y + 5.6))
+            return
+        self.text((x + 24.0, y + 3.0), "(", 4.0)
+        self.polyline([(x + 27.0, y + 5.0), (x + 29.0, y + 2.0), (x + 32.0, y + 7.0)], "DIMENSION")
+        self.text((x + 33.0, y + 3.0), ")", 4.0)
 
     def border(self, title: str, rows: dict[str, str]) -> None:
         """Draw frame, title block and the symbol of first-angle projection."""
@@ -312,7 +334,9 @@ class Sheet:
             x, y = left + 90.0 * column, TOP_OF_TITLE - 10.0 - high * row
             self.rectangle((x, y - high), (x + 90.0, y), "FRAME")
             self.text((x + 2.0, y - 1.9), name, 1.6, "MIDDLE_LEFT")
-            self.text((x + 2.0, y - 4.9), value, 2.5, "MIDDLE_LEFT")
+            # a long text is written smaller rather than over the line of its field
+            size = min(2.5, 2.5 * 84.0 / compute_text_width(value, 2.5)) if value else 2.5
+            self.text((x + 2.0, y - 5.4), value, size, "MIDDLE_LEFT")
         # the truncated cone from its side and, on the right of it, from its narrow end (ISO 5456-2)
         x, y = WIDTH - 26.0, 10.0 + 0.5 * high
         side = [(x - 4.0, y - 1.2), (x + 2.0, y - 2.4), (x + 2.0, y + 2.4), (x - 4.0, y + 1.2)]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
-from stepblocks.parts.revolution import Turned, list_outline_points
+from stepblocks.parts.revolution import list_outline_points
 from stepblocks.workshop.sheet import Point, Sheet, View, choose_scale
 
 _CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged ball shows [m]
@@ -106,32 +106,6 @@ def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     return []
 
 
-def draw_turned_views(sheet: Sheet, part: Turned) -> list[str]:
-    """Draw the half sections of a turned part, mirrored; return the lines of its notes."""
-    outlines = [list_outline_points(outline, _CHORD) for outline in part.outlines()]
-    low, high = (chosen(z for outline in outlines for _, z in outline) for chosen in (min, max))
-    widest = max(r for outline in outlines for r, _ in outline)
-    s = choose_scale(min(150.0 / (1e3 * (high - low)), 45.0 / (1e3 * widest)))
-    left, cy = 50.0, 190.0
-    view = View((left - low * 1e3 * s, cy), s)
-    for outline in outlines:
-        _draw_mirrored(sheet, view, outline)
-    sheet.line((left - 5.0, cy), (view.at(high, 0.0)[0] + 5.0, cy), "CENTRE")
-    base = view.at(low, -widest)[1] - 14.0
-    if "length" in sheet.listed:
-        length = sheet.listed["length"][1].nominal
-        sheet.dimension(
-            "length", view.at(low, -widest), view.at(low + length, -widest), (left, base), s
-        )
-    if "diameter" in sheet.listed:
-        half = 0.5 * sheet.listed["diameter"][1].nominal
-        sheet.dimension(
-            "diameter", view.at(low, -half), view.at(low, half), (left - 14.0, cy), s, upright=True
-        )
-    sheet.text((left, base - 12.0), f"section {s:g}:1", 2.5)
-    return []
-
-
 def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     """Draw tooth and crown in section, and the margin enlarged; return the lines of its notes."""
     root, top, R = (
@@ -153,27 +127,19 @@ def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
         R + margin.horizontal_discrepancy.nominal,
     )
     sheet.line((cx, base - 5.0), (cx, at(0.0, top)[1] + 18.0), "CENTRE")
-    sheet.dimension("margin_diameter", at(-R, -root), at(R, -root), (cx, base - 10.0), s)
-    sheet.dimension(
-        "crown_diameter", at(-outer, roof), at(outer, roof), (cx, at(0.0, roof)[1] + 10.0), s
-    )
-    left = at(-1.05 * outer, 0.0)[0] - 10.0
-    if "preparation_height" in sheet.listed:
-        sheet.dimension(
-            "preparation_height", at(-R, 0.0), at(0.0, top), (left, cy), s, upright=True
-        )
-        sheet.dimension(
-            "root_length", at(-R, -root), at(-R, 0.0), (left - 12.0, cy), s, upright=True
-        )
-    else:
-        sheet.dimension(
-            "tooth_length", at(-R, -root), at(0.0, top), (left - 6.0, cy), s, upright=True
-        )
-    ceiling = top + margin.internal_gap.nominal
+    left, ceiling = at(-1.05 * outer, 0.0)[0] - 10.0, top + margin.internal_gap.nominal
     right = at(1.05 * outer, 0.0)[0] + 54.0  # beyond the text of the diameter above
-    sheet.dimension(
-        "shell_thickness", at(0.3 * R, ceiling), at(0.3 * R, roof), (right, cy), s, upright=True
+    drawn = (  # between which points, and through which the line of the dimension leads
+        ("margin_diameter", at(-R, -root), at(R, -root), (cx, base - 10.0)),
+        ("crown_diameter", at(-outer, roof), at(outer, roof), (cx, at(0.0, roof)[1] + 10.0)),
+        ("preparation_height", at(-R, 0.0), at(0.0, top), (left, cy)),
+        ("root_length", at(-R, -root), at(-R, 0.0), (left - 12.0, cy)),
+        ("tooth_length", at(-R, -root), at(0.0, top), (left - 6.0, cy)),
+        ("shell_thickness", at(0.3 * R, ceiling), at(0.3 * R, roof), (right, cy)),
     )
+    for key, one, other, along in drawn:
+        if key in sheet.listed:
+            sheet.dimension(key, one, other, along, s, upright=not key.endswith("_diameter"))
     sheet.text((cx, base - 22.0), f"section {s:g}:1, seated", 2.5, "BOTTOM_CENTER")
     _draw_crown_margin(sheet, margin, (tooth, crown))
     return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]

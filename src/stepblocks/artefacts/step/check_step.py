@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from html import unescape
 from pathlib import Path
 
 from pydantic import TypeAdapter
@@ -24,6 +25,7 @@ from stepblocks.artefacts.step.units import (
 )
 from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
+from stepblocks.page_file import render_page
 
 ALLOWED = 1e-9  # largest difference between a dimension and its faces [m], and [rad] for angles
 _SIZES = (
@@ -348,36 +350,8 @@ def _list_materials(file: Exchange) -> Iterator[str]:
 
 def format_step_table(report: StepReport) -> str:
     """Return everything that a STEP file asks for, as a table."""
-    lines = [f"{report.name}: {', '.join(report.schema) or 'no schema'}"]
-    if report.materials:
-        densities = ", ".join(f"{value:g} kg/m^3" for value in report.densities)
-        lines.append(f"material {', '.join(report.materials)} {densities}".rstrip())
-    head = (
-        f"{'instance':>9} {'kind':18} {'value':>13} {'lower':>11} {'upper':>11} {'unit':7} "
-        f"{'geometry - value':>17}  name"
-    )
-    lines += ["", head, "-" * len(head)]
-    kinds = {one.kind for one in report.dimensions}
-    for one in (*report.dimensions, *report.tolerances):
-        scale, unit = choose_display_unit(one.angular)
-        ends = [value * scale for value in (one.lower, one.upper)] if one.kind in kinds else []
-        lower, upper = ["-" if math.isnan(end) else f"{end:+.6g}" for end in ends] or ["", ""]
-        value = "-" if math.isnan(one.value) else f"{one.value * scale:.9g}"
-        off = math.nan if one.deviation is None else one.deviation
-        deviation = (
-            "-"
-            if math.isnan(off)
-            else f"{off * scale:.3g} deg"
-            if one.angular
-            else f"{off * 1e9:.3f} nm"
-        )
-        name = " ".join([one.name, *(f"|{letter}" for letter in one.datums)]).strip()
-        lines.append(
-            (
-                f"{one.ref:>9} {one.kind:18} {value:>13} {lower:>11} {upper:>11} {unit:7} "
-                f"{deviation:>17}  {name}"
-            ).rstrip()
-        )
-    lines.append("")
-    lines += [f"WRONG {finding}" for finding in report.findings] or ["nothing wrong found"]
-    return "\n".join(lines)
+    every, kinds = [*report.dimensions, *report.tolerances], {one.kind for one in report.dimensions}
+    rows = [(one, one.kind in kinds, *choose_display_unit(one.angular)) for one in every]
+    return unescape(
+        render_page("stepblocks.artefacts", "step.txt.j2", report=report, rows=rows)
+    ).rstrip()

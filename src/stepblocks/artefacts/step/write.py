@@ -20,6 +20,7 @@ from stepblocks.cad.pmi import (
 )
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, find_face
+from stepblocks.parts.conditions import NO_ORDER, OrderSpec
 from stepblocks.parts.declared import Material
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import compute_text_width, outline_text
@@ -39,7 +40,8 @@ _NAMED = {
     "ANGULAR_SIZE": ("cone",),
 }
 _ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
-_HEADER = re.compile(r"FILE_NAME\('[^']*',\s*'[^']*'")
+_HEADER = re.compile(r"FILE_NAME\((?:'[^']*'|[^';])*\);")
+_FORMATION = re.compile(r"(PRODUCT_DEFINITION_FORMATION\()'[^']*'")
 _OCCURRENCE = re.compile(r"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\()'\d+'(.*)", re.DOTALL)
 _SPACE = re.compile(r"\s*\n\s*")
 _DENSITY = (  # the two elements of its unit
@@ -48,8 +50,13 @@ _DENSITY = (  # the two elements of its unit
 )
 
 
-def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, door.Body]]) -> None:
-    """Write a part with its tolerances, material and notes."""
+def write_step_ap242(
+    path: Path,
+    stimulus: Part,
+    bodies: Sequence[tuple[str, door.Body]],
+    order: OrderSpec = NO_ORDER,
+) -> None:
+    """Write a part with its tolerances, material and notes; the header states the order."""
     described = [kernel.describe_faces(body) for _, body in bodies]
     everything = [face for part in described for face in part]
     dimensions: list[tuple[str, PmiDimension]] = []
@@ -68,7 +75,8 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, doo
         lines = _draw_callout(text, len(dimensions) + len(tolerances), everything, leads_to)
         seen = Callout(text.replace("±", "+-"), lines)  # Part 21 holds ASCII
         if one.kind in ("flatness", "parallelism"):
-            datum = ("A", items[1].face) if one.kind == "parallelism" else None
+            letter = "A" if one.key == "parallelism" else "B"
+            datum = (letter, items[1].face) if one.kind == "parallelism" else None
             tolerances.append(
                 PmiTolerance(one.kind, one.body, items[0].face, one.upper, datum, seen)
             )
@@ -90,6 +98,7 @@ def write_step_ap242(path: Path, stimulus: Part, bodies: Sequence[tuple[str, doo
         tolerances=tolerances,
         notes=notes,
         texture=texture,
+        order=order,
     )
 
 
@@ -103,6 +112,7 @@ def write_conforming(
     tolerances: Sequence[PmiTolerance] = (),
     notes: Sequence[tuple[str, str]] = (),
     texture: float | None = None,
+    order: OrderSpec = NO_ORDER,
 ) -> None:
     """Write bodies with their dimensions, each with its name, which the kernel does not write."""
     plain = [one for _, one in dimensions]
@@ -112,11 +122,13 @@ def write_conforming(
             bodies,
             plain,
             tolerances,
-            (material.designation, material.density.value),
+            (material.order_text, None if material.density is None else material.density.value),
             identity,
         )
         names = [(one.kind, name) for name, one in dimensions]
-        text = make_conforming(draft.read_text(encoding="utf-8"), identity, names, notes, texture)
+        text = make_conforming(
+            draft.read_text(encoding="utf-8"), identity, names, notes, texture, order
+        )
         draft.write_text(text, encoding="utf-8")
 
 
@@ -179,9 +191,16 @@ def make_conforming(
     names: Sequence[tuple[str, str]] = (),
     notes: Sequence[tuple[str, str]] = (),
     texture: float | None = None,
+    order: OrderSpec = NO_ORDER,
 ) -> str:
     """Mend what OpenCASCADE writes against the schema, and add names and notes."""
-    pinned, count = _HEADER.subn(f"FILE_NAME('{identity}','{_PINNED_TIME}'", text, count=1)
+    day = f"{order.date}T00:00:00" if order.date else _PINNED_TIME
+    author, owner, approval = map(_quote, (order.author, order.owner, order.approved_by))
+    named = (
+        f"FILE_NAME('{identity}','{day}',({author}),({owner}),"
+        f"'stepblocks','stepblocks',{approval});"
+    )
+    pinned, count = _HEADER.subn(lambda _: named, text, count=1)
     if count != 1:
         raise MachiningError(f"header must have a FILE_NAME to pin [{identity}]")
     head, _, rest = pinned.partition("DATA;")
@@ -201,6 +220,10 @@ def make_conforming(
         data[ref] = _OCCURRENCE.sub(
             lambda one: f"{one[1]}'{next(numbers)}'{_SPACE.sub('', one[2])}", mended
         )
+        if order.revision:
+            data[ref] = _FORMATION.sub(
+                lambda one: one[1] + _quote(order.revision), data[ref], count=1
+            )
     missing = [label for labels in waiting.values() for label in labels]
     if missing:
         raise MachiningError(
@@ -220,9 +243,8 @@ def make_conforming(
         _add_property(data, ("requirement", name, name), described, products, rule)
     if texture is not None:
         rule = f"surface texture must have faces with a flatness tolerance, got none [{identity}]"
-        flat = [
-            _REFERENCE.findall(data[ref])[-1] for ref in _find_holding(data, "FLATNESS_TOLERANCE(")
-        ]
+        flats = _find_holding(data, "FLATNESS_TOLERANCE(")[:2]  # of the working faces, not the base
+        flat = [_REFERENCE.findall(data[ref])[-1] for ref in flats]
         millimetre = next(iter(_find_holding(data, "SI_UNIT(.MILLI.,.METRE.)")), "")
         roughness = np.format_float_positional(texture * 1e3, 12, fractional=False, trim=".")
         measure = f"MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({roughness}),{millimetre})"
@@ -276,6 +298,15 @@ def _add_property(
     for owner in owners:
         defined = _add_instance(data, f"PROPERTY_DEFINITION('{kind}','{name}',{owner})")
         _add_instance(data, f"PROPERTY_DEFINITION_REPRESENTATION({defined},{shown})")
+
+
+def _quote(text: str) -> str:
+    # Write text as a string of Part 21: ASCII, other characters by their numbers
+    plain = (
+        one if " " <= one <= "~" else f"\\X4\\{ord(one):08X}\\X0\\"
+        for one in text.replace("\\", "\\\\").replace("'", "''")
+    )
+    return f"'{''.join(plain)}'"
 
 
 def _add_instance(data: dict[str, str], entity: str) -> str:

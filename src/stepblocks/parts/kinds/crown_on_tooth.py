@@ -200,7 +200,7 @@ class CrownOnTooth(CrownMargin, Turned):
         return outline
 
     def hulls(self) -> list[Manifold]:
-        """Frusta of the tooth, the crown's roof, and sectors of its wall in horizontal slices."""
+        # Frusta of the tooth, the crown's roof, and sectors of its wall in horizontal slices
         points = list_outline_points(self.crown_outline(), 5e-6)
         ceiling, roof, outer = points[0][1], points[-1][1], points[-2][0]
         fitting = points[1 : points.index((outer, roof))]

@@ -15,6 +15,7 @@ from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.parts.body import (
     Block,
     Body,
+    Stock,
     compute_half_volume,
     compute_strip_volume,
     list_half_corners,
@@ -126,7 +127,8 @@ class CrownMargin(Part):
                 f"vertical_discrepancy is negative, got {got}"
             )
 
-    def _gap_found(self, mesh: MeasuredMesh, length: Dimension) -> Finding:
+    def measure_gap(self, mesh: MeasuredMesh, length: Dimension) -> Finding:
+        """Measure the marginal gap on the mesh of a body of this length."""
         reach = 0.25 * length.nominal
         gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
         return Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
@@ -165,6 +167,8 @@ class MarginBlock(CrownMargin, Block):
         Depth of the gap below the surface of the tooth [m].
     body : Body
         Size of the block and its mounting.
+    stock : tuple of float or None
+        Stock that the workshop has, along x, y and z [m]; None lets the setup sheet choose it.
     working_faces : WorkingFaces or None
         Demands on the faces of tooth and crown; None where the file states none.
     """
@@ -180,6 +184,7 @@ class MarginBlock(CrownMargin, Block):
     material: MaterialField = declare_default("steel")
     gap_depth: PositiveLength = declare_default("0.4 mm", otherwise="0.05 mm")
     body: Body = declare_default({})
+    stock: Stock | None = None
     working_faces: WorkingFaces | None = None
 
     @property
@@ -187,7 +192,7 @@ class MarginBlock(CrownMargin, Block):
         return self.gap_depth.nominal, 0.0
 
     def top(self, x: float) -> float:
-        """Uppermost of the straight lines of the section at x."""
+        # Uppermost of the straight lines of the section at x
         depth, far = self.gap_depth.nominal, self.body.length.nominal
         outline = [
             (-far, 0.0),
@@ -208,7 +213,7 @@ class MarginBlock(CrownMargin, Block):
         return [cad.kernel.cut(body, make_body_cuts(self.body, self.id, self.rise))]
 
     def volumes(self) -> tuple[float, ...]:
-        """Add the halves on either side of x = 0, less the gap, corrected at the corner."""
+        # Add the halves on either side of x = 0, less the gap, corrected at the corner
         body, half, depth = self.body, 0.5 * self.body.length.nominal, self.gap_depth.nominal
         g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.rise
         volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, h)
@@ -314,7 +319,7 @@ class MarginBlock(CrownMargin, Block):
             yield make_characteristic(key, "note", v, method=ACROSS)
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        yield self._gap_found(mesh, self.body.length)
+        yield self.measure_gap(mesh, self.body.length)
         crown = mesh.level_beside(self.opening.nominal, +1)
         tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)
         yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
@@ -339,6 +344,8 @@ class MarginBlock(CrownMargin, Block):
             "gap_depth", "be below a quarter of the thickness", depth, 0.25 * body.thickness.nominal
         )
         yield from self.require_engravable()
+        if self.working_faces is not None and self.working_faces.burr is not None:
+            yield "working_faces.burr is for step blocks"
         deepest = abs(v - g) - h if v >= 0.0 else -h
         yield check_rule(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
         covered = abs(h) < chamfer or chamfer == 0.0

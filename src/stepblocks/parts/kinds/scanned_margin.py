@@ -222,12 +222,8 @@ class ScannedMargin(CrownMargin):
             )
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
-        reach, corner = (
-            0.25 * self.length.nominal,
-            abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE,
-        )
-        gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
-        yield Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+        yield self.measure_gap(mesh, self.length)
+        corner = abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
         top = float(mesh.vertices[corner, 2].max())
         yield Finding("margin of the crown", self.horizontal_discrepancy.nominal, top, NANOMETRE)
 

@@ -1,10 +1,8 @@
 """Sheaths for the shank of a probe: tubes of different materials, one made as heavy as another."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, TypeVar
-
-from pydantic import ValidationError
 
 from stepblocks import cad
 from stepblocks.contact.rod import Sleeve
@@ -36,12 +34,12 @@ MASS_MATCH = 0.01
 MASS_LIMIT = 1e-6  # mass of a mesh against the declared one, relative
 _FLOAT32_LIMIT = 10e-9  # of lengths up to 100 mm, which GLB keeps as float32 in metres
 Model = TypeVar("Model", bound=Table)
-_STEP = 10e-6  # a solved dimension is rounded to this, so that a drawing can state it [m]
 
 
 class SheathMaterial(Material):
     """A material that bends and damps; modulus and ratios at the frequency of the ring."""
 
+    density: Annotated[Sourced, read_sourced("density")]
     modulus: Annotated[Sourced, read_sourced("pressure")]  # Young's
     poisson: Annotated[Sourced, read_sourced("ratio")]
     loss_factor: Annotated[Sourced, read_sourced("ratio")]
@@ -83,15 +81,6 @@ class Sheath(Turned, HeldPart):
     edge_break: Length
     position: Length
     material: SheathMaterial
-
-    @classmethod
-    def prepare_stanzas(cls, stanzas: object) -> object:
-        """Solve the sheaths that are to weigh as much as another one."""
-        if not isinstance(stanzas, list | tuple) or not all(
-            isinstance(one, dict) for one in stanzas
-        ):
-            return stanzas
-        return [_solve_diameter(one, stanzas) if _is_open(one) else one for one in stanzas]
 
     @property
     def sleeve(self) -> Sleeve | None:
@@ -236,68 +225,6 @@ def _compute_volume(bore: float, outer: float, length: float, broken: float) -> 
     # Tube less two rings of triangular section, by Pappus
     tube = 0.25 * math.pi * (outer**2 - bore**2) * length
     return tube - 2.0 * math.pi * broken**2 * (0.5 * outer - broken / 3.0)
-
-
-class _AsHeavy(Table):
-    # In place of an outer diameter: as heavy as another sheath
-    mass_of: str
-    tolerance: object = None
-
-
-def _validate(model: type[Model], table: object, name: object) -> Model:
-    # Validate a table on its own, with one line and its place where it is wrong
-    try:
-        return model.model_validate(table)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where, said = (
-            ".".join(str(part) for part in first["loc"]),
-            first["msg"].removeprefix("Value error, "),
-        )
-        text = f"{where}: {said}" if where and not said.startswith(where) else said
-        raise ValueError(
-            "\n".join(f"{line} [sheath {name!r}]" for line in text.splitlines())
-        ) from error
-
-
-def _is_open(stanza: Mapping[str, object]) -> bool:
-    # Tell whether the outer diameter of a sheath follows from the mass of another
-    return isinstance(outer := stanza.get("outer_diameter"), dict) and "mass_of" in outer
-
-
-def _solve_diameter(
-    stanza: Mapping[str, object], stanzas: Sequence[Mapping[str, object]]
-) -> dict[str, object]:
-    # Find the diameter at which a sheath weighs as much as another one. It is rounded to what a
-    # drawing states.
-    name = stanza.get("id")
-    wish = _validate(_AsHeavy, stanza["outer_diameter"], name)
-    other = next((one for one in stanzas if one.get("id") == wish.mass_of), None)
-    if other is None or _is_open(other):
-        rule = "a sheath of the set" if other is None else "a sheath with given dimensions"
-        raise ValueError(f"mass_of must name {rule}, got {wish.mass_of!r} [sheath {name!r}]")
-    mass = _validate(Sheath, other, wish.mass_of).mass
-    kept = {} if wish.tolerance is None else {"tolerance": wish.tolerance}
-    kept["source"] = f"solved for the mass of {wish.mass_of}, {format_mass(mass)}"
-
-    def tried(outer: str) -> Sheath:
-        return _validate(Sheath, {**stanza, "outer_diameter": {"nominal": outer, **kept}}, name)
-
-    wide = tried(
-        "100 mm"
-    )  # a sheath for every shank, whose other dimensions hold at the diameter that is sought
-    bore, length, broken = (one.nominal for one in (wide.bore, wide.length, wide.edge_break))
-    # the volume is quadratic in the diameter, less what it is at diameter 0
-    rings = math.pi * broken**2
-    constant = mass / wide.material.density.value - _compute_volume(bore, 0.0, length, broken)
-    root = (rings + math.sqrt(rings**2 + math.pi * length * constant)) / (0.5 * math.pi * length)
-    found = tried(f"{round(root / _STEP) * _STEP * 1e3:.9g} mm")
-    if abs(found.mass / mass - 1.0) > MASS_MATCH:
-        raise ValueError(
-            f"outer_diameter must give the mass of {wish.mass_of!r} ({format_mass(mass)}) "
-            f"within {MASS_MATCH:.0%}, got {format_mass(found.mass)} [sheath {name!r}]"
-        )
-    return {**stanza, "outer_diameter": found.outer_diameter}
 
 
 def format_mass(mass: float) -> str:

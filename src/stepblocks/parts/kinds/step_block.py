@@ -3,9 +3,10 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+from pydantic import BeforeValidator
 
 from stepblocks import cad
 from stepblocks.contact.counterface import Step
@@ -13,11 +14,13 @@ from stepblocks.parts.body import (
     OVER,
     Block,
     Body,
+    Stock,
     compute_half_volume,
     list_half_corners,
     make_body_cuts,
 )
 from stepblocks.parts.characteristics import (
+    MICROSCOPE,
     PROFILE,
     Characteristic,
     EdgeRule,
@@ -34,6 +37,7 @@ from stepblocks.parts.declared import (
     check_below,
     check_rule,
     declare_default,
+    read_none,
     rules_validator,
 )
 from stepblocks.parts.kind import (
@@ -76,8 +80,10 @@ class StepBlock(Block):
         Radius r of the working edge; 0 is sharp [m].
     body : Body
         Size of the block and its mounting.
-    metrology : MetrologyFeature
-        Groove or ridge that ISO 5436-1 type A1 can evaluate.
+    stock : tuple of float or None
+        Stock that the workshop has, along x, y and z [m]; None lets the setup sheet choose it.
+    metrology : MetrologyFeature or None
+        Groove or ridge that ISO 5436-1 type A1 can evaluate; None where it is left out.
     material : Material
         What it is made of, with its density [kg/m^3].
     working_faces : WorkingFaces or None
@@ -93,7 +99,8 @@ class StepBlock(Block):
     height: PositiveLength = declare_default(otherwise="1 um")
     edge_radius: Length = declare_default("0 um", otherwise="+2 um / -0 um")
     body: Body = declare_default({})
-    metrology: MetrologyFeature = declare_default({})
+    stock: Stock | None = None
+    metrology: Annotated[MetrologyFeature | None, BeforeValidator(read_none)] = declare_default({})
     material: MaterialField = declare_default("steel")
     working_faces: WorkingFaces | None = None
 
@@ -101,7 +108,7 @@ class StepBlock(Block):
         return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
 
     def top(self, x: float) -> float:
-        """Circle about (r, H - r) between the two faces."""
+        # Circle about (r, H - r) between the two faces
         H, r = self.height.nominal, self.edge_radius.nominal
         if x < 0.0:
             return 0.0
@@ -116,15 +123,15 @@ class StepBlock(Block):
         if radius < height:
             crest.append((0.0, 0.0))
         body, cuts = self.extruded(crest), make_body_cuts(self.body, self.id, height)
-        if self.metrology.kind == "ridge":
-            body = cad.kernel.fuse([body, self._feature()])
-        else:
-            cuts.append(self._feature())
-        return [cad.kernel.cut(body, cuts)]
+        if self.metrology is not None and self.metrology.kind == "ridge":
+            body = cad.kernel.fuse([body, self._make_feature(self.metrology)])
+        elif self.metrology is not None:
+            cuts.append(self._make_feature(self.metrology))
+        return [cad.kernel.cut(body, cuts) if cuts else body]
 
-    def _feature(self) -> cad.door.Body:
+    def _make_feature(self, feature: MetrologyFeature) -> cad.door.Body:
         # Make the groove to cut or the ridge to add, from z = 0 to the height of the step
-        feature, back = self.metrology, 0.5 * self.body.width.nominal
+        back = 0.5 * self.body.width.nominal
         near, y0 = feature.distance.nominal, back - feature.lane.nominal
         x0, depth, top = near, feature.lane.nominal + OVER, self.height.nominal + OVER
         if (
@@ -138,7 +145,7 @@ class StepBlock(Block):
         return cad.kernel.make_box((x0, y0, 0.0), (x0 + feature.width.nominal, y0 + depth, top))
 
     def volumes(self) -> tuple[float, ...]:
-        """Add two halves, less the rounding, with or without the feature, less holes."""
+        # Add two halves, less the rounding, with or without the feature, less holes
         body, H, r, feature = (
             self.body,
             self.height.nominal,
@@ -153,10 +160,11 @@ class StepBlock(Block):
         volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (
             1.0 - 0.25 * math.pi
         ) - corners
+        if feature is None:
+            return (volume - self.filled,)
         lane, w = feature.lane.nominal, feature.width.nominal
-        if (
-            feature.kind == "groove"
-        ):  # from the lane's boundary to the chamfered side, z from 0 to H
+        if feature.kind == "groove":
+            # from the lane's boundary to the chamfered side, z from 0 to H
             volume -= w * (lane * H - (c * H - 0.5 * H * H if c > 0.0 else 0.0))
         else:  # the side's edge break runs on through the ridge, from c inside at z = 0
             volume += w * (lane * H - (c * H + 0.5 * H * H if c > 0.0 else 0.0))
@@ -175,6 +183,8 @@ class StepBlock(Block):
                 for sin, cos in sines
             ]
         right = make_hull(list_half_corners(body, 1.0, height, rounding))
+        if feature is None:
+            return [left, right]
         near, lane = feature.distance.nominal, 0.5 * body.width.nominal - feature.lane.nominal
         if feature.kind == "ridge":
             y1 = 0.5 * body.width.nominal - body.edge_break.nominal
@@ -212,17 +222,16 @@ class StepBlock(Block):
             self.face_demands, lower, upper, "lower face", "upper face"
         ):
             yield replace(one, extent=extent)
-        yield from self._feature_characteristics(lower, upper)
+        if self.metrology is not None:
+            yield from self._feature_characteristics(self.metrology, lower, upper)
         wall = describe_plane(0, 0.0, y=-0.25 * self.body.width.nominal) if r < H else None
         yield from self.body_characteristics(lower, upper, wall)
-        # a burr is climbed as height is, and may stand as high as the height may be too large
-        burr = self.height.upper if self.height.upper > 0.0 else -self.height.lower
-        yield from make_edge_characteristics(burr, r < H)
+        yield from make_edge_characteristics(self.face_demands["burr"], wall, lower)
 
     def _feature_characteristics(
-        self, lower: FaceRule, upper: FaceRule
+        self, feature: MetrologyFeature, lower: FaceRule, upper: FaceRule
     ) -> Iterator[Characteristic]:
-        H, feature, back = self.height.nominal, self.metrology, 0.5 * self.body.width.nominal
+        H, back = self.height.nominal, 0.5 * self.body.width.nominal
         lane, kind, how = (
             back - 0.5 * feature.lane.nominal,
             feature.kind,
@@ -240,7 +249,9 @@ class StepBlock(Block):
             f"{kind}_width", "distance", feature.width, *walls, method="profilometer"
         )
         ends = describe_plane(1, back), describe_plane(1, 2.0 * lane - back, x=middle)
-        yield make_characteristic(f"{kind}_length", "distance", feature.lane, *ends)
+        yield make_characteristic(
+            f"{kind}_length", "distance", feature.lane, *ends, method=MICROSCOPE
+        )
         if self.edge_radius.nominal < H:
             at, name = (describe_plane(0, 0.0, y=-0.5 * back), walls[0]), f"{kind} from edge"
             yield make_characteristic(
@@ -263,12 +274,7 @@ class StepBlock(Block):
 
     @rules_validator
     def _is_possible(self) -> Iterator[str]:
-        height, radius, body, feature = (
-            self.height.nominal,
-            self.edge_radius.nominal,
-            self.body,
-            self.metrology,
-        )
+        height, radius, body = self.height.nominal, self.edge_radius.nominal, self.body
         yield check_rule(radius <= height, "edge_radius", "not exceed height", height, radius)
         chamfer, rule = (
             body.edge_break.nominal,
@@ -278,13 +284,19 @@ class StepBlock(Block):
         yield check_below(
             "height", "be below half the thickness", height, 0.5 * body.thickness.nominal
         )
+        yield from self.require_engravable()
+        if self.metrology is not None:
+            yield from self._feature_fits(self.metrology)
+
+    def _feature_fits(self, feature: MetrologyFeature) -> Iterator[str]:
+        radius, body = self.edge_radius.nominal, self.body
         width, distance, lane = (
             feature.width.nominal,
             feature.distance.nominal,
             feature.lane.nominal,
         )
         room, reach, least = (
-            0.5 * body.length.nominal - chamfer,
+            0.5 * body.length.nominal - body.edge_break.nominal,
             distance + 2.0 * width,
             width + radius,
         )
@@ -303,7 +315,7 @@ class StepBlock(Block):
             distance,
         )
         half = 0.5 * body.width.nominal
-        if body.mounting.kind == "clearance":
+        if body.mounting is not None and body.mounting.kind == "clearance":
             bore = 0.5 * body.mounting.entry_diameter
             yield check_rule(
                 half - lane > bore,
@@ -312,5 +324,4 @@ class StepBlock(Block):
                 half - bore,
                 lane,
             )
-        yield from self.require_engravable()
         yield check_below("metrology.lane", "leave half the width to the drag", lane, half)

@@ -53,7 +53,7 @@ class Tip(Turned, HeldPart):
         "8 deg", "0.5 deg"
     )  # half angle of the cone, tangent to the ball [rad]
     shank_radius: PositiveLength  # at the end of the cone [m]
-    material: MaterialField = declare_default("stainless")
+    material: MaterialField = declare_default("1.4301")
     # of the vibration energy on the steps of the set, where the ball's tolerance shall follow from
     # it
 
@@ -233,7 +233,7 @@ class HookTip(Tip):
         return [cad.kernel.fuse([cad.kernel.turn(self.outline(), (0.0, 0.0, 0.0)), arc, shank])]
 
     def volumes(self) -> tuple[float, ...]:
-        """Add a turned head, a torus by Pappus, and a cylinder."""
+        # Add a turned head, a torus by Pappus, and a cylinder
         wire = math.pi * self.shank_radius.nominal**2
         bend = wire * self.bend_radius.nominal * self.bend_angle.nominal
         return (

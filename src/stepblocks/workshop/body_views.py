@@ -1,0 +1,161 @@
+"""Views of the body of a bench block: front, top, and a section through a fixing hole."""
+
+import math
+
+from stepblocks.parts.body import DRILL_POINT, Body, Engraving, Mounting
+from stepblocks.parts.lettering import compute_text_width
+from stepblocks.workshop.sheet import Point, Sheet
+
+FRONT_VIEW: Point = (100.0, 240.0)
+TOP_VIEW: Point = (100.0, 130.0)
+SCALES = (10.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0.25, 0.1)
+_HOLE_VIEW: Point = (360.0, 131.0)  # middle of the base in the section through a hole
+
+
+def draw_body(sheet: Sheet, body: Body, identity: str) -> float:
+    """Draw the body from the front and from above; return the scale of both views."""
+    largest = 1e3 * max(
+        body.length.nominal, body.width.nominal, 75.0 / 40.0 * body.thickness.nominal
+    )
+    scale = max(s for s in SCALES if s * largest <= 75.0 or s == SCALES[-1])
+    _draw_front(sheet, body, identity, scale)
+    _draw_top(sheet, body, scale)
+    if body.mounting is not None:
+        _draw_holes(sheet, body, body.mounting, scale)
+    return scale
+
+
+def _draw_front(sheet: Sheet, body: Body, identity: str, scale: float) -> None:
+    k = 1e3 * scale
+    half, t, c = (
+        0.5 * body.length.nominal * k,
+        body.thickness.nominal * k,
+        body.edge_break.nominal * k,
+    )
+    fx, fz = FRONT_VIEW[0], FRONT_VIEW[1] + 0.5 * t
+    corners = _list_octagon((-half, -t), (half, 0.0), c)
+    sheet.polyline([(fx + x, fz + z) for x, z in corners], closed=True)
+    left = fx - half
+    sheet.dimension(
+        "thickness", (left + c, fz - t), (left + c, fz), (left - 12.0, fz), scale, upright=True
+    )
+    if body.engraving is not None:
+        _draw_letters(sheet, body.engraving, identity, (fx, fz - 0.5 * t), fx + half, k)
+    corner = left + 0.5 * c, fz - 0.5 * c
+    sheet.leader(corner, (left + 6.0, fz + 7.0), "{} x 45°, all other edges", "edge_break")
+    base = fz - t
+    sheet.datum((fx + half - 14.0, base), "B")
+    frame = sheet.frame("flatness_base", (fx + half + 6.0, base - 12.0))
+    sheet.point_to((fx + half - 5.0, base), frame)
+    sheet.text((fx - 10.0, base - 10.0), f"front {scale:g}:1", 2.5, "BOTTOM_CENTER")
+
+
+def _draw_letters(
+    sheet: Sheet, engraving: Engraving, identity: str, middle: Point, right: float, k: float
+) -> None:
+    letter = max(0.8 * engraving.height.nominal * k, 2.5)
+    sheet.text(middle, identity.upper(), letter, "MIDDLE_CENTER")
+    end = middle[0] + 0.5 * compute_text_width(identity.upper(), letter) + 1.5, middle[1]
+    elbow = right + 12.0
+    sheet.leader(end, (elbow, middle[1] + 9.0), "letters {} high", "engraving_height")
+    sheet.leader(end, (elbow, middle[1] + 3.0), "engraved {} deep", "engraving_depth")
+
+
+def _draw_top(sheet: Sheet, body: Body, scale: float) -> None:
+    k, (tx, ty) = 1e3 * scale, TOP_VIEW
+    hx, hy, c = (
+        0.5 * body.length.nominal * k,
+        0.5 * body.width.nominal * k,
+        body.edge_break.nominal * k,
+    )
+    corners = _list_octagon((-hx, -hy), (hx, hy), c)
+    sheet.polyline([(tx + x, ty + y) for x, y in corners], closed=True)
+    sheet.rectangle((tx - hx + c, ty - hy + c), (tx + hx - c, ty + hy - c), "DIMENSION")
+    left, below = tx - hx, ty - hy
+    sheet.dimension("length", (left, below + c), (tx + hx, below + c), (tx, below - 28.0), scale)
+    ends = (left + c, below), (left + c, ty + hy)
+    # above the middle, where the place of the holes is led out
+    sheet.dimension("width", *ends, (left - 12.0, ty), scale, upright=True, text_at=0.78)
+    if "edge_position" in sheet.listed:
+        sheet.dimension(
+            "edge_position", (left, ty + hy - c), (tx, ty + hy), (tx, ty + hy + 16.0), scale
+        )
+    sheet.text((tx + hx + 4.0, below), f"top {scale:g}:1", 2.5, "BOTTOM_LEFT")
+
+
+def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> None:
+    # Draw the fixing holes from above, with their places, and one of them in section
+    k, (tx, ty) = 1e3 * scale, TOP_VIEW
+    hx, hy, c = (
+        0.5 * body.length.nominal * k,
+        0.5 * body.width.nominal * k,
+        body.edge_break.nominal * k,
+    )
+    hole, half = 0.5 * mounting.hole_diameter * k, 0.5 * mounting.spacing.nominal * k
+    for x in (-half, half):
+        sheet.circle((tx + x, ty), hole, "HIDDEN" if mounting.kind == "tapped" else "OUTLINE")
+        sheet.line((tx + x - hole - 3.0, ty), (tx + x + hole + 3.0, ty), "CENTRE")
+        sheet.line((tx + x, ty - hole - 3.0), (tx + x, ty + hole + 3.0), "CENTRE")
+    left, below, foot = tx - hx, ty - hy, ty - hole
+    ends = (tx - half, foot), (tx + half, foot)
+    sheet.dimension("hole_spacing", *ends, (tx, below - 19.0), scale)
+    ends = (left, below + c), (tx - half, foot)
+    sheet.dimension("hole_position", *ends, (tx, below - 10.0), scale, before=True)
+    ends = (left + c, below), (tx - half, ty)
+    sheet.dimension("hole_row", *ends, (left - 24.0, ty), scale, upright=True)
+    tip, elbow = (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.65 * hy)
+    made = f"{mounting.thread}-6H" if mounting.kind == "tapped" else f"for {mounting.thread}"
+    sheet.leader(tip, elbow, f"2 x {made}, section C")
+    _draw_hole_section(sheet, body, mounting)
+
+
+def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
+    # Draw a hole in section; a thread as in ISO 6410-1, crests thick and roots thin
+    (x, base), tapped = _HOLE_VIEW, mounting.kind == "tapped"
+    tall = body.thickness.nominal
+    shown = min(tall, 1.6 * mounting.depth.nominal) if tapped else tall
+    wide = 1.6 * mounting.entry_diameter
+    scale = max(s for s in SCALES if max(s * shown * 1e3 / 28.0, s * wide * 1e3 / 34.0) <= 1.0)
+    k = 1e3 * scale
+    top, half = base + shown * k, 0.5 * wide * k
+    drill, entry, deep = (
+        0.5 * mounting.hole_diameter * k,
+        0.5 * mounting.entry_diameter * k,
+        mounting.depth.nominal * k,
+    )
+    sheet.line((x - half, base), (x + half, base))
+    sheet.line((x - half, top), (x + half, top), "OUTLINE" if shown == tall else "DIMENSION")
+    for side in (-1.0, 1.0):
+        sheet.break_line(x + side * half, base, top)
+        if tapped:
+            point = drill / math.tan(0.5 * DRILL_POINT)
+            wall = [(entry, base), (drill, base + entry - drill), (drill, base + deep)]
+            outline = [*wall, (0.0, base + deep + point)]
+            full = base + mounting.thread_depth * k
+            sheet.line((x + side * entry, base), (x + side * entry, full), "DIMENSION")
+            sheet.line((x, full), (x + side * entry, full))
+        else:
+            outline = [(drill, base), (drill, top - deep), (entry, top - deep), (entry, top)]
+        sheet.polyline([(x + side * r, z) for r, z in outline])
+    sheet.line((x, base - 3.0), (x, top + 3.0), "CENTRE")
+    low, high = (base, base + deep) if tapped else (top - deep, top)
+    sheet.line((x - drill, high if tapped else low), (x + drill, high if tapped else low))
+    ends = (x + drill, low), (x + drill, high)
+    sheet.dimension("hole_depth", *ends, (x + half + 8.0, base), scale, upright=True)
+    sheet.text((x, base - 8.0), f"C   {scale:g}:1", 2.5, "BOTTOM_CENTER")
+    elbow = x - half - 5.0, base + 0.5 * (top - base)
+    if tapped:
+        tip = x - entry, base + 0.4 * mounting.thread_depth * k
+        sheet.leader(tip, elbow, f"{mounting.thread}-6H, thread {{}} deep", "thread")
+        at = elbow[0] - 5.0, elbow[1] - 6.0
+        sheet.text(at, f"core ⌀{mounting.hole_diameter * 1e3:g}, 6H of ISO 965-1", 2.5, "RIGHT")
+    else:
+        said = f"⌀{2e3 * drill / k:g} through, counterbored ⌀{2e3 * entry / k:g}"
+        sheet.leader((x - drill, base + 3.0), elbow, said)
+
+
+def _list_octagon(low: Point, high: Point, cut: float) -> list[Point]:
+    # Corners of a rectangle with broken edges, from the left end of its lower side
+    (x0, z0), (x1, z1) = low, high
+    sides = [(x0 + cut, z0), (x1 - cut, z0), (x1, z0 + cut), (x1, z1 - cut)]
+    return [*sides, (x1 - cut, z1), (x0 + cut, z1), (x0, z1 - cut), (x0, z0 + cut)]

@@ -1,0 +1,109 @@
+"""No line strikes a text, no balloon crosses the frame or a text: over heights and bodies."""
+
+import itertools
+
+import pytest
+import shapely
+from ezdxf import bbox
+
+from stepblocks.parts.conditions import OrderSpec
+from stepblocks.parts.kinds.margin import MarginBlock
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.workshop.drawing import draw_part_sheet
+
+ORDER = OrderSpec(
+    author="A. Maker",
+    date="2026-11-23",
+    revision="B",
+    owner="Institute of Haptics",
+    approved_by="C. Head",
+)
+BODIES = {
+    "usual": {},
+    "stock": {
+        "body": {"length": "20 mm", "width": "12 mm", "mounting": "none", "engraving": "none"},
+        "metrology": {"lane": "4 mm"},
+    },
+    "small": {
+        "body": {
+            "length": "16 mm",
+            "width": "16 mm",
+            "thickness": "6 mm",
+            "mounting": {"thread": "M2", "spacing": "9 mm", "depth": "3 mm"},
+        },
+    },
+    "flat": {"body": {"length": "40 mm", "width": "30 mm", "thickness": "6 mm"}},
+    "thick": {
+        "body": {
+            "length": "30 mm",
+            "width": "20 mm",
+            "thickness": "20 mm",
+            "mounting": {"thread": "M4", "spacing": "16 mm", "depth": "9 mm"},
+        },
+        "metrology": {"kind": "ridge"},
+    },
+    "through": {
+        "body": {"width": "30 mm", "mounting": {"kind": "clearance", "thread": "M3"}},
+        "metrology": {"lane": "5 mm"},
+    },
+    "plain": {"metrology": "none", "edge_radius": "5 um"},
+}
+CASES = [(height, "usual") for height in range(10, 106, 5)]
+CASES += [(height, name) for height in (10, 65, 105) for name in BODIES if name != "usual"]
+
+
+def strokes_of(entity):
+    """Everything that is drawn of an entity as lines of shapely."""
+    kind = entity.dxftype()
+    if kind == "LINE":
+        return [shapely.LineString([entity.dxf.start.vec2, entity.dxf.end.vec2])]
+    if kind == "LWPOLYLINE":
+        points = [(x, y) for x, y, *_ in entity.get_points()]
+        return [shapely.LineString([*points, points[0]] if entity.closed else points)]
+    if kind == "CIRCLE":
+        middle = shapely.Point(entity.dxf.center.x, entity.dxf.center.y)
+        return [middle.buffer(entity.dxf.radius).exterior]
+    return []
+
+
+def overlaps_on(sheet):
+    """Texts that a line strikes, and balloons over the frame or over a text or another balloon."""
+    texts, lines, balloons = [], [], []
+    for entity in sheet.space:
+        parts = entity.virtual_entities() if entity.dxftype() == "DIMENSION" else [entity]
+        for part in parts:
+            if part.dxftype() in ("TEXT", "MTEXT"):
+                box = bbox.extents([part], fast=False)
+                if box.has_data:
+                    corners = (box.extmin.x, box.extmin.y, box.extmax.x, box.extmax.y)
+                    texts.append((part.plain_text(), shapely.box(*corners).buffer(-0.15)))
+            lines += strokes_of(part)
+        if entity.dxftype() == "CIRCLE" and entity.dxf.radius == 2.6:
+            balloons.append(shapely.Point(entity.dxf.center.x, entity.dxf.center.y).buffer(2.6))
+    frame = shapely.box(10.0, 10.0, 410.0, 287.0)
+    tree = shapely.STRtree(lines)
+    for text, box in texts:
+        if len(tree.query(box, predicate="intersects")):
+            yield f"struck: {text}"
+        if not frame.contains(box):
+            yield f"over the frame: {text}"
+    for one, other in itertools.combinations(balloons, 2):
+        if one.intersects(other):
+            yield f"balloons at {one.centroid} and {other.centroid}"
+    for balloon in balloons:
+        if not frame.contains(balloon):
+            yield f"balloon over the frame at {balloon.centroid}"
+
+
+@pytest.mark.parametrize(("height", "body"), CASES)
+def test_nothing_on_the_drawing_of_a_step_block_strikes_anything(height, body):
+    block = StepBlock(id=f"step-{height:03}", height=f"{height} um", **BODIES[body])
+    assert list(overlaps_on(draw_part_sheet(block, ORDER))) == []
+
+
+@pytest.mark.parametrize("opening", [None, "80 um", "-60 um", "20 um"])
+def test_nothing_on_the_drawing_of_a_margin_block_strikes_anything(opening):
+    sizes = {} if opening is None else {"vertical_discrepancy": opening}
+    rise = "100 um" if opening == "-60 um" else "30 um"
+    margin = MarginBlock(id="gap-050", marginal_gap="50 um", horizontal_discrepancy=rise, **sizes)
+    assert list(overlaps_on(draw_part_sheet(margin, ORDER))) == []

@@ -1,0 +1,155 @@
+"""Ten blocks of an own order, from TOML to drawings, STEP files, sheets, reports and certificates.
+
+What is expected comes from the order itself: papers are read back by other libraries than wrote
+them (`oracles.complete`), the profile is a soft gauge of known height.
+"""
+
+import csv
+import json
+
+import ezdxf
+import numpy as np
+import pytest
+
+from oracles.complete import find_missing
+from oracles.softgauge import correlated_noise, edge_gauge
+from stepblocks.artefacts.step.write import write_step_ap242
+from stepblocks.cli import main
+from stepblocks.declare import load_set
+from stepblocks.parts.shapes import build_solids
+
+ORDER = """
+title = "Ten blocks of our own"
+
+[order]
+author = "A. Maker"
+approved_by = "C. Head"
+owner = "Institute of Haptics"
+date = "2026-11-23"
+revision = "B"
+quantity = 2
+
+[defaults.step_block]
+material = "440C, hardened and tempered, 58 HRC"
+stock = ["25 mm", "30 mm", "10 mm"]
+
+[[step_block]]
+id = "own-{height_um:03}"
+height = { from = "15 um", to = "105 um", step = "10 um" }
+"""
+LAB = """
+name = "Metrology room"
+address = "Example street 1, Town"
+country = "DE"
+signer = "A. Signer"
+temperature = "20.1 degC"
+temperature_spread = "0.3 K"
+measured_from = "2026-11-20"
+measured_to = "2026-11-21"
+certificate = "C-2026-017"
+
+[instrument]
+name = "Profilometer"
+serial = "P-42"
+certificate = "K-1234"
+calibrated = "2026-05-01"
+calibration = "0.1 %"
+lateral_calibration = "0.1 %"
+resolution = "1 nm"
+stylus_radius = "0.5 um"
+stylus_cone = "60 deg"
+"""
+
+
+@pytest.fixture(scope="module")
+def ordered(tmp_path_factory):
+    """The order, and all papers of the workshop."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "own.toml").write_text(ORDER)
+    assert main(["workshop", str(folder / "own.toml"), "-o", str(folder / "out")]) == 0
+    return folder
+
+
+def test_every_dimension_stands_on_drawing_step_file_and_sheet_of_each_block(ordered):
+    declared = load_set(ordered / "own.toml")
+    assert len(declared.stimuli) == 10
+    for block in declared.stimuli:
+        papers = ordered / "out" / "own" / block.id
+        step = papers / f"{block.id}.step"
+        write_step_ap242(step, block, build_solids(block), declared.order)
+        drawing, sheet = papers / f"{block.id}.drawing.dxf", f"{block.id}.inspection-sheet.csv"
+        assert find_missing(block, drawing, step, papers / sheet) == []
+        said = {one.dxf.text for one in ezdxf.readfile(drawing).modelspace().query("TEXT")}
+        owner = {"Institute of Haptics", "A. Maker", "C. Head", "B", "2"}
+        assert owner | {"440C, hardened and tempered, 58 HRC", block.id.upper()} <= said
+        setup = (papers / f"{block.id}.setup.html").read_text()
+        assert "Stock 25.0 x 30.0 x 10.0 mm" in setup
+        assert "tapped, before hardening" in setup
+
+
+def test_a_block_may_be_named_as_it_is_engraved_and_a_wrong_name_lists_what_there_is(
+    ordered, tmp_path, capsys
+):
+    asked = ["workshop", str(ordered / "own.toml"), "-o", str(tmp_path), "--only"]
+    assert main([*asked, "OWN-065"]) == 0
+    assert (tmp_path / "own" / "own-065" / "own-065.drawing.pdf").is_file()
+    capsys.readouterr()
+    assert main([*asked, "own-066"]) == 2
+    assert "own/own-015" in capsys.readouterr().err
+
+
+def fill_in(sheet, target, left_out=()):
+    """Fill a sheet in as a workshop would: each value in the middle of its limits."""
+    rows = list(csv.DictReader(sheet.read_text(encoding="utf-8").splitlines()))
+    for row in rows:
+        lower, upper = (float(row[f"{end}_limit_mm_or_deg"] or 0.0) for end in ("lower", "upper"))
+        if row["characteristic"] not in left_out:
+            row["measured_mm_or_deg"] = f"{0.5 * (lower + upper):.7f}"
+            row["std_mm_or_deg"] = f"{(upper - lower) / 40.0:.7f}"
+        row |= {"instrument": "as in the method", "inspector": "I. Spector", "date": "2026-11-21"}
+    with target.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    return len(rows)
+
+
+def test_filled_sheets_and_a_scan_become_one_report_and_certificate_for_each_serial_number(
+    ordered, tmp_path
+):
+    sheet = ordered / "out" / "own" / "own-065" / "own-065.inspection-sheet.csv"
+    random, x = np.random.default_rng(8), np.arange(-600, 600) * 1e-6
+    z = edge_gauge(x, 65.2e-6, 0.0, 5e-4)
+    z += correlated_noise(len(x), 1e-6, 5e-9, 10e-9, 2e-6, random)
+    rows = np.stack([x, z], axis=1) * 1e6
+    np.savetxt(tmp_path / "one.csv", rows, "%.5f", ",", header="x_um,z_um", comments="")
+    by_scan = (
+        "step height",
+        "edge radius",
+        "burr over the upper face within 0.2 mm of the edge",
+    )
+    count = fill_in(sheet, tmp_path / "one-sheet.csv", left_out=by_scan)
+    fill_in(sheet, tmp_path / "two-sheet.csv")
+    (tmp_path / "scans.csv").write_text(
+        "scan,block,stimulus\none.csv,SN-1,own-065\none-sheet.csv,SN-1,own-065\n"
+        "two-sheet.csv,SN-2,own-065\n"
+    )
+    (tmp_path / "lab.toml").write_text(LAB)
+    out = tmp_path / "inspected"
+    asked = ["inspect", str(tmp_path / "scans.csv"), "--set", str(ordered / "own.toml")]
+    code = main([*asked, "--lab", str(tmp_path / "lab.toml"), "-o", str(out)])
+    reports = {
+        serial: json.loads((out / serial / "own-065.inspection.json").read_text())
+        for serial in ("SN-1", "SN-2")
+    }
+    assert code == 0, [one["statement"] for one in reports.values()]
+    for report in reports.values():
+        assert report["statement"].startswith(f"{count} of {count} measured, all conform")
+    height = {one["key"]: one for one in reports["SN-1"]["characteristics"]}["step_height"]
+    low, high = height["interval_95_m"]
+    assert low < 65.2e-6 < high
+    for serial in reports:
+        certificate = (out / serial / "own-065.dcc.xml").read_text()
+        for said in (serial, "C-2026-017", "A. Signer", "P-42", "440C, hardened and tempered"):
+            assert said in certificate
+        assert (out / serial / "own-065.certificate.pdf").read_bytes()[:4] == b"%PDF"
