@@ -7,9 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
+from scipy.linalg import helmert
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.mixed import fit_mixed_model
+from stepblocks.study.analysis.repeated import assess_effect
 
 DATA = Path(__file__).parent / "data"
 R = json.loads((DATA / "population.json").read_text())
@@ -115,6 +117,18 @@ def test_unbalanced_data_have_the_test_and_the_pairs_of_lmertest():
         reach = (high - low) / 2.0  # R's are not adjusted for the family
         assert (one.difference, one.df) == pytest.approx((difference, df), rel=5e-5)
         assert one.error * stats.t.ppf(0.975, df) == pytest.approx(reach, rel=5e-5)
+
+
+def test_sphericity_and_its_correction_are_those_of_afex():
+    # tests/study/data/population.R: afex::aov_ez on the participants' mean absolute errors
+    rows = pd.read_csv(DATA / "accuracy.csv", dtype={"participant": str})
+    rows["value"] = (rows["estimate_um"] - rows["height_um"]).abs()
+    table = rows.groupby(["participant", "condition"])["value"].mean().unstack()
+    term, found = assess_effect("condition", table.to_numpy(), helmert(table.shape[1]))
+    w, p = R["Mauchly W, p"]
+    epsilon, corrected = R["Greenhouse and Geisser epsilon, p"]
+    assert (found.statistic, found.p) == pytest.approx((w, p), rel=1e-6)
+    assert (found.epsilon, term.p) == pytest.approx((epsilon, corrected), rel=1e-6)
 
 
 def test_a_participant_without_one_condition_stays_in_the_model():

@@ -16,6 +16,7 @@ from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure
 from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.population import (
+    Estimate,
     Grid,
     Population,
     compare_between,
@@ -34,6 +35,8 @@ from stepblocks.study.simulate import (
 
 Row = Mapping[str, str]
 Texts = Sequence[tuple[str, ...]]
+# participants of a setting, their model, its grid, means of ln(threshold) and ln(spread)
+_Group = tuple[list[str], Population, Grid, tuple[Estimate, Estimate]]
 
 
 LARGEST_ESTIMATE = 10_000.0  # um; the same for every study, so that it reveals no height
@@ -206,7 +209,7 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
     settings = (
         frame[names].astype(str).agg("/".join, axis=1) if names else pd.Series("", frame.index)
     )
-    found, profiles = list[Comparisons](), dict[str, tuple[list[str], Population, Grid]]()
+    found, profiles = list[Comparisons](), dict[str, _Group]()
     for setting, own in frame.groupby(settings):
         people = own.groupby("participant", sort=False)
         curves = tuple(_fit_curve(str(name), one) for name, one in people)
@@ -217,7 +220,7 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
         if len(curves) > 1 and tables["sum"].shape[1] > 2:
             levels = np.log(tables["sum"].columns.to_numpy(float) / standard)
             grid = Grid(levels, tables["sum"], tables["count"])
-            model = Population(grid.likelihood, (grid.middles, grid.spreads), lapses=True)
+            model = Population(grid.likelihood, grid.axes)
             means = [model.predict_participants(index) for index in (0, 1)]
             listed = zip(tables.index, *means, strict=True)
             shrunk = tuple(
@@ -226,7 +229,7 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
             )
             equal, spread = model.estimate(0), model.estimate(1)
             one = replace(one, equal=equal, spread=spread, people=shrunk)
-            profiles[str(setting)] = (list(tables.index), model, grid)
+            profiles[str(setting)] = (list(tables.index), model, grid, (equal, spread))
         found.append(one)
     pairs = list(itertools.combinations(profiles, 2))
     quantities = {"spread of comparisons": 1, "point of subjective equality": 0} if pairs else {}
@@ -238,10 +241,12 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
 
 
 def _compare_settings(
-    index: int, first: str, second: str, profiles: Mapping[str, tuple[list[str], Population, Grid]]
+    index: int, first: str, second: str, profiles: Mapping[str, _Group]
 ) -> Interval:
     # Compare a logarithm between two settings: within participants where they met both
-    (people, one, grid), (others, other, same) = profiles[first], profiles[second]
+    (people, one, grid, means), (others, other, same, others_means) = (
+        profiles[name] for name in (first, second)
+    )
     both = sorted(set(people) & set(others))
     axis, axis_same = ((found.middles, found.spreads)[index] for found in (grid, same))
     if len(both) > 1 and axis.shape == axis_same.shape and np.allclose(axis, axis_same):
@@ -250,7 +255,7 @@ def _compare_settings(
         made = compare_within(own, facing, axis)
         ends, p = (made.value, made.low, made.high), made.p
     else:
-        ends, p = compare_between(one.estimate(index), other.estimate(index))
+        ends, p = compare_between(means[index], others_means[index])
     return Interval(first, second, *ends, p, math.nan, math.nan, len(both) - 1.0)
 
 

@@ -184,14 +184,20 @@ def make_interval(
 ) -> Interval:
     """Complete a comparison, one of all pairs of some levels, from difference and error."""
     # Tukey's family; with unequal numbers: Kramer, C. Y. (1956), Biometrics 12, 307-310.
-    from scipy.stats import studentized_range
+    from scipy.stats import studentized_range, t
 
     difference, error = (value * scale for value in found)
-    single = error / math.sqrt(2.0)
-    reach = float(studentized_range.ppf(0.95, levels, df)) * single
-    p = float(studentized_range.sf(abs(difference) / single, levels, df))
-    ends = (difference, difference - reach, difference + reach)
-    return Interval(*names, *ends, min(p, 1.0), effect_size, error, df)
+    size, root = abs(difference) / error, math.sqrt(2.0)
+    limit, p = (
+        (t.ppf(0.975, df), 2.0 * t.sf(size, df))  # two levels: no integral is needed
+        if levels == 2
+        else (
+            studentized_range.ppf(0.95, levels, df) / root,
+            studentized_range.sf(size * root, levels, df),
+        )
+    )
+    ends = (difference, difference - float(limit) * error, difference + float(limit) * error)
+    return Interval(*names, *ends, min(float(p), 1.0), effect_size, error, df)
 
 
 def compare_all_pairs(

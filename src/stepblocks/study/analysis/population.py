@@ -2,9 +2,10 @@
 
 # The likelihood of each participant is computed once, on a grid of threshold, spread and lapse
 # rate; a fit of the population to these tables then costs little. Logarithms of threshold and
-# spread are normal over participants. Source of the model: Moscatelli, Mezzetti, Lacquaniti
-# (2012), Journal of Vision 12(11):26, doi:10.1167/12.11.26; of lapse rates with a distribution:
-# Kuss, Jaekel, Wichmann (2005), Journal of Vision 5, 478-492, doi:10.1167/5.5.8.
+# spread are normal over participants, lapse rates normal but for their limits. Source of the model:
+# Moscatelli, Mezzetti, Lacquaniti (2012), Journal of Vision 12(11):26, doi:10.1167/12.11.26; of
+# lapse rates with a distribution: Kuss, Jaekel, Wichmann (2005), Journal of Vision 5, 478-492,
+# doi:10.1167/5.5.8.
 
 import math
 from collections.abc import Sequence
@@ -17,8 +18,7 @@ from numpy.typing import ArrayLike
 from stepblocks.study import Array, require
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z975, find_crossing
 
-_LAPSES = np.array([0.0, 0.01, 0.025, 0.05, MAX_LAPSE])
-_STEEP = 100.0  # unit of the rate with which lapse rates fall off over participants
+_LAPSES = np.linspace(0.0, MAX_LAPSE, 6)
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,7 @@ class Grid:
         lapse = _LAPSES[:, None]
         p = np.clip(lapse + (1.0 - 2.0 * lapse) * rising[:, :, None, :], 1e-12, 1.0 - 1e-12)
         log = np.tensordot(k, np.log(p), (1, 3)) + np.tensordot(n - k, np.log1p(-p), (1, 3))
+        self.axes = (self.middles, self.spreads, _LAPSES)
         self.likelihood: Array = np.exp(log - log.max(axis=(1, 2, 3), keepdims=True))
 
 
@@ -76,13 +77,13 @@ class Population:
     Parameters
     ----------
     likelihood : ndarray, shape (participants, n, ...)
-        One axis for each of `axes`, and a last one of the lapse rates where `lapses` is true.
+        One axis for each of `axes`.
     axes : sequence of ndarray
         Equally spaced values.
     """
 
-    def __init__(self, likelihood: Array, axes: Sequence[Array], lapses: bool = False) -> None:
-        self._likelihood, self._axes, self._lapses = likelihood, axes, lapses
+    def __init__(self, likelihood: Array, axes: Sequence[Array]) -> None:
+        self._likelihood, self._axes = likelihood, axes
         self._start, self._bounds = list[float](), list[tuple[float, float]]()
         for index, axis in enumerate(axes):
             others = tuple(n for n in range(1, likelihood.ndim) if n != index + 1)
@@ -93,9 +94,6 @@ class Population:
             # a narrower normal would fall between the points of the grid
             narrow, wide = math.log(0.6 * step), math.log(float(np.ptp(axis)))
             self._bounds += [(float(axis[0]), float(axis[-1])), (narrow, wide)]
-        if lapses:
-            self._start.append(0.5)
-            self._bounds.append((-0.5, 6.0))
         self.best = self._climb(self._start)
 
     def _priors(self, point: Array) -> tuple[list[Array], list[Array]]:
@@ -106,19 +104,17 @@ class Population:
             away = (axis - point[2 * index]) / spread
             exponents.append(-0.5 * away**2)
             slopes.append(np.array([away / spread, away**2]))
-        if self._lapses:
-            exponents.append(-_STEEP * point[-1] * _LAPSES)
-            slopes.append(-_STEEP * _LAPSES[np.newaxis])
         weights = [np.exp(exponent - exponent.max()) for exponent in exponents]
         return [weight / weight.sum() for weight in weights], slopes
 
     def integrate_others(self, index: int, priors: Sequence[Array]) -> Array:
         """Return the likelihood along one axis, the others summed with their distributions."""
-        own = self._likelihood
-        for other in reversed(range(len(priors))):
-            if other != index:
-                own = np.tensordot(own, priors[other], (other + 1, 0))
-        return np.asarray(own)
+        own, people = self._likelihood, len(self._likelihood)
+        for prior in priors[:index:-1]:
+            own = (own.reshape(-1, len(prior)) @ prior).reshape(own.shape[:-1])
+        for prior in priors[:index]:
+            own = prior @ own.reshape(people, len(prior), -1)
+        return own.reshape(people, -1)
 
     def _loss(self, point: Array) -> tuple[float, Array]:
         # Return minus the log likelihood, and its gradient
@@ -136,7 +132,7 @@ class Population:
 
         held = [(value, value) if n == place else one for n, one in enumerate(self._bounds)]
         first = [value if n == place else one for n, one in enumerate(start)]
-        options = {"ftol": 1e-12, "gtol": 1e-7}
+        options = {"ftol": 1e-11, "gtol": 1e-6}
         return minimize(
             self._loss, first, jac=True, method="L-BFGS-B", bounds=held, options=options
         )
@@ -146,14 +142,17 @@ class Population:
         from scipy.stats import t
 
         place, people, best = 2 * index, len(self._likelihood), self.best
-        middle, spread = float(best.x[place]), math.exp(best.x[place + 1])
+        middle, spread, nearest = float(best.x[place]), math.exp(best.x[place + 1]), best.x
         # The likelihood ratio of the mean of a normal sample is n ln(1 + t^2 / (n - 1)). With this
         # limit the interval is Student's where participants differ much, and a little wider than
         # that of chi squared where they are alike.
         limit = people * math.log1p(float(t.ppf(0.975, people - 1)) ** 2 / (people - 1))
 
         def ratio(value: float) -> float:
-            return 2.0 * (float(self._climb(best.x, place, value).fun) - float(best.fun))
+            nonlocal nearest
+            found = self._climb(nearest, place, value)
+            nearest = found.x  # the next value is close by
+            return 2.0 * (float(found.fun) - float(best.fun))
 
         low, high = (
             find_crossing(lambda value: ratio(value) - limit, middle, end, step)

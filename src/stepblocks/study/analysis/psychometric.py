@@ -165,7 +165,7 @@ def find_crossing(excess: Callable[[float], float], start: float, end: float, st
     while above <= 0.0 and outer != end:
         inner, outer = outer, (min if step > 0.0 else max)(outer + step, end)
         above, step = excess(outer), 2.0 * step
-    return float(brentq(excess, inner, outer, xtol=1e-8)) if above > 0.0 else step * math.inf
+    return float(brentq(excess, inner, outer, xtol=1e-6)) if above > 0.0 else step * math.inf
 
 
 def assess_fit(

@@ -1,0 +1,375 @@
+"""Count wrong claims of studies without an effect, and intervals that hold of studies with one.
+
+    nice python benchmarks/study_nulls.py [--nulls 1000] [--effects 500] [ANALYSIS ...]
+    python benchmarks/study_nulls.py --summary
+
+Each simulated study has participants who differ, in their level and in what a condition does to
+them, lapse rates from 0 to 0.1, 3 % missing judgements and one missing cell; every second study has
+one bad participant, who gives the same answer in all trials. Each outcome is a line of
+out/study-nulls/ANALYSIS.jsonl, so that the same command goes on where it was stopped; delete the
+file after a change of the analysis. What an interval should hold is a parameter of the simulation,
+or where that has no closed form, the mean of 4,000 participants without missing judgements.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import math
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+from scipy.special import ndtr
+from statsmodels.stats.libqsturng import psturng, qsturng
+from statsmodels.stats.proportion import proportion_confint
+
+from stepblocks.study import experiments
+from stepblocks.study.analysis import accuracy
+from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure, compute_measure
+from stepblocks.study.analysis.anova import run_f_test
+from stepblocks.study.analysis.ordinal import fit_ordinal_model
+from stepblocks.study.analysis.population import Estimate, Population
+from stepblocks.study.analysis.psychometric import compute_weber
+from stepblocks.study.analysis.repeated import average_participants
+from stepblocks.study.analysis.results import StudyResult
+
+OUT = Path(__file__).parents[1] / "out" / "study-nulls"
+CHUNK = 25  # studies of one analysis before the next has its turn
+Random = np.random.Generator
+Found = dict[str, dict[str, float]]  # "p" and "held" by headline or interval
+HEIGHTS = np.array([50e-6, 70e-6, 90e-6])
+LEVELS = np.array([25, 32, 40, 45, 55, 62, 75, 90]) * 1e-6
+STANDARD = 50e-6
+NOISE, LEVEL, RESPONSE = 6e-6, 4e-6, 3e-6  # m; of judgements, of participants, by condition
+BIAS, RATIO, GAIN = 5e-6, 1.4, 1.2  # effects: bias [m], spread [1], ratings [logit]
+MIDDLE, WIDTH = 0.05, math.log(0.2)  # ln(PSE / standard), ln(sigma)
+SHIFTS = 0.12, 0.4  # effects on both
+QUANTITIES = "point of subjective equality", "spread of comparisons"
+EXPONENT, STEEPER = 0.6, 0.15
+
+
+def drop(frame: pd.DataFrame, random: Random, keys: tuple[str, ...]) -> pd.DataFrame:
+    """Take 3 % of the judgements away, and all of one cell of the second participant."""
+    cells = frame.groupby(list(keys)).ngroup()
+    own = cells[frame["participant"] == "1"].unique()
+    return frame[(random.random(len(frame)) > 0.03) & (cells != random.choice(own))]
+
+
+def estimates(
+    random: Random,
+    effect: float,
+    people: int = 10,
+    conditions: int = 2,
+    bad: bool = False,
+    whole: bool = False,
+) -> pd.DataFrame:
+    """Estimates of three heights, three times each; the last condition has the effect."""
+    shape = (people, conditions, len(HEIGHTS), 3)
+    person, setting, block, _ = (index.ravel() for index in np.indices(shape))
+    last = setting == conditions - 1
+    response = RESPONSE * np.linspace(0.5, 1.5, conditions)  # no sphericity
+    error = LEVEL * random.standard_normal(people)[person] + effect * BIAS * last
+    error += (response * random.standard_normal((people, conditions)))[person, setting]
+    noise = NOISE * np.exp(0.3 * random.standard_normal(people))[person] * RATIO ** (effect * last)
+    noise *= np.exp(0.15 * random.standard_normal((people, conditions)))[person, setting]
+    error += noise * random.standard_normal(len(person))
+    height = HEIGHTS[block]
+    lapsed = random.random(len(person)) < random.uniform(0.0, 0.1, people)[person]
+    estimate = np.where(lapsed, random.choice(HEIGHTS, len(person)), height + error)
+    if bad:
+        estimate[person == 0] = 70e-6
+    latent = 1.5 * random.standard_normal(people)[person]
+    latent += (effect * GAIN + 0.5 * random.standard_normal(people)[person]) * last
+    rating = np.clip(np.round(4.0 + latent + random.logistic(size=len(person))), 1, 7)
+    rating[lapsed] = random.integers(1, 8, len(person))[lapsed]
+    if bad:
+        rating[person == 0] = 4
+    frame = pd.DataFrame(
+        {
+            "participant": person.astype(str),
+            "condition": np.array(list("abcd"))[setting],
+            "stimulus": np.array(["50", "70", "90"])[block],
+            "height": height,
+            "estimate": estimate,
+            "error": estimate - height,
+            "rating": rating.astype(int),
+        }
+    )
+    return frame if whole else drop(frame, random, ("participant", "condition", "stimulus"))
+
+
+@cache
+def true_changes() -> dict[str, float]:
+    """Return what the effect changes of each measure of estimates."""
+    frame, found = estimates(np.random.default_rng(9), 1.0, people=4000, whole=True), {}
+    for name in MEASURES:
+        table = average_participants(compute_measure(frame, name)[0])
+        found[name] = float((table["a"] - table["b"]).mean())
+    return found
+
+
+def judge_estimates(random: Random, effect: float, bad: bool) -> Found:
+    """Two conditions: bias, absolute error and spread, and the realism of ratings."""
+    frame = estimates(random, effect, bad=bad)
+    analysed = experiments._analyse_estimates(frame, math.nan)
+    ordinal = fit_ordinal_model(frame, "rating", "condition", "participant")
+    result = StudyResult("virtual", (), frame, ordinal=ordinal, **analysed)
+    found: Found = {"p": {one.name: one.p for one in result.findings()}, "held": {}}
+    if effect:
+        for one in result.measures:
+            truth = true_changes()[one.name]
+            for kind, family in (("differences", one.paired), ("model", one.mixed.intervals)):
+                (gap,) = family
+                found["held"][f"{one.name}, {kind}"] = gap.low < truth < gap.high
+        (odds,) = ordinal.effects
+        found["held"]["odds of ratings"] = odds.low < math.exp(GAIN) < odds.high
+    return found
+
+
+def judge_three(random: Random, effect: float, bad: bool) -> Found:
+    """Three conditions whose differences have unlike variances; nulls only."""
+    frame = estimates(random, 0.0, conditions=3, bad=bad)
+    found = {}
+    for name in MEASURES:
+        one = analyse_measure(frame, name)
+        assert one.corrected is not None
+        found[name] = one.corrected.p
+        found[f"{name}, best of all pairs"] = min(gap.p for gap in one.paired)
+    return {"p": found, "held": {}}
+
+
+def judge_factors(random: Random, effect: float, bad: bool) -> Found:
+    """Two crossed factors within, and two groups of participants; nulls only."""
+    from stepblocks.study.analysis.accuracy import assess_declared_factors, compare_groups
+
+    frame = estimates(random, 0.0, people=12, conditions=4, bad=bad)
+    number = frame["condition"].map({"a": 0, "b": 1, "c": 2, "d": 3})
+    group = (frame["participant"].astype(int) % 2).map({0: "x", 1: "y"})
+    frame = frame.assign(factor_u=number // 2, factor_v=number % 2, group=group)
+    data = compute_measure(frame, "absolute error")[0]
+    complete = average_participants(data).dropna()
+    terms = [*assess_declared_factors(data, complete), *compare_groups(data)[0]]
+    return {"p": {f"factors, {one.name}": one.p for one in terms}, "held": {}}
+
+
+def pairs(random: Random, effect: float, people: int, bad: bool) -> list[pd.DataFrame]:
+    """Comparisons with a standard in two settings; one table of shares for each."""
+    middles = MIDDLE + 0.12 * random.standard_normal((people, 1))
+    widths = WIDTH + 0.3 * random.standard_normal((people, 1))
+    lapses = random.uniform(0.0, 0.1, (people, 1))
+    tables = []
+    for setting in range(2):
+        own = middles + effect * setting * SHIFTS[0] + 0.06 * random.standard_normal((people, 1))
+        wide = widths + effect * setting * SHIFTS[1] + 0.15 * random.standard_normal((people, 1))
+        p = lapses + (1.0 - 2.0 * lapses) * ndtr((np.log(LEVELS / STANDARD) - own) / np.exp(wide))
+        totals = 12 - random.binomial(12, 0.03, p.shape)
+        totals[1, random.integers(len(LEVELS))] *= setting
+        hits = random.binomial(totals, p)
+        if bad:  # always "the second": of half of the pairs that is the standard
+            hits[0] = totals[0] // 2
+        rows = [
+            (str(who), "standard-first", LEVELS[level], STANDARD, number < hits[who, level])
+            for who, level in np.ndindex(p.shape)
+            for number in range(totals[who, level])
+        ]
+        columns = ["participant", "condition", "height", "standard", "higher"]
+        tables.append(pd.DataFrame(rows, columns=columns).astype({"higher": int}))
+    return tables
+
+
+def judge_pairs(random: Random, effect: float, bad: bool) -> Found:
+    """Give the same participants both settings."""
+    one, other = pairs(random, effect, 10, bad)
+    frame = pd.concat([one.assign(factor_probe="a"), other.assign(factor_probe="b")])
+    experiments.Population = Population if effect else Lean
+    return judge_comparisons(frame, effect)
+
+
+def judge_pairs_of_groups(random: Random, effect: float, bad: bool) -> Found:
+    """Give each setting to other participants."""
+    one, other = pairs(random, effect, 20, bad)
+    number = one["participant"].astype(int)
+    later = other["participant"].astype(int)
+    frame = [one[number < 10].assign(group="a"), other[later >= 10].assign(group="b")]
+    experiments.Population = Population  # two groups are compared by their intervals
+    return judge_comparisons(pd.concat(frame), effect)
+
+
+def judge_comparisons(frame: pd.DataFrame, effect: float) -> Found:
+    """Analyse comparisons; the curves of single participants are left out, the group's count."""
+    analysed = experiments._analyse_comparisons(frame, math.nan)
+    result = StudyResult("constant", (), frame, **analysed)
+    found: Found = {"p": {one.name: one.p for one in result.findings()}, "held": {}}
+    if effect:
+        truths = dict(zip(QUANTITIES, SHIFTS, strict=True))
+        for quantity, (gap,) in result.contrasts.items():
+            found["held"][f"{quantity}, change"] = gap.low < -truths[quantity] < gap.high
+        for index, one in enumerate(result.comparisons):
+            assert one.equal is not None
+            assert one.spread is not None
+            middle, width = MIDDLE + index * SHIFTS[0], WIDTH + index * SHIFTS[1]
+            found["held"][f"point of subjective equality, {index}"] = (
+                one.equal.low < middle < one.equal.high
+            )
+            found["held"][f"spread of comparisons, {index}"] = (
+                one.spread.low < width < one.spread.high
+            )
+            found.setdefault("weber", {})[str(index)] = compute_weber(one.spread.value)
+    return found
+
+
+def judge_magnitudes(random: Random, effect: float, bad: bool) -> Found:
+    """Magnitudes in two conditions by the same participants."""
+    shape = (10, 2, len(LEVELS), 3)
+    person, setting, level, _ = (index.ravel() for index in np.indices(shape))
+    exponent = EXPONENT + effect * STEEPER * np.arange(2) + 0.08 * random.standard_normal((10, 2))
+    exponent += 0.15 * random.standard_normal((10, 1))
+    log = exponent[person, setting] * np.log(LEVELS[level] / STANDARD)
+    log += random.standard_normal(10)[person] + 0.25 * random.standard_normal(len(person))
+    lapsed = random.random(len(person)) < random.uniform(0.0, 0.1, 10)[person]
+    own = random.standard_normal(10)[person]
+    log = np.where(lapsed, own + 0.5 * random.standard_normal(len(person)), log)
+    if bad:
+        log[person == 0] = 0.0
+    frame = pd.DataFrame(
+        {
+            "participant": person.astype(str),
+            "condition": np.array(["a", "b"])[setting],
+            "height": LEVELS[level],
+            "magnitude": np.exp(log),
+        }
+    )
+    frame = drop(frame, random, ("participant", "condition", "height"))
+    result = StudyResult("magnitude", (), frame, **experiments._analyse_magnitudes(frame, math.nan))
+    found: Found = {"p": {one.name: one.p for one in result.findings()}, "held": {}}
+    if effect:  # a lapse has no exponent: on average 5 % of it are lost
+        (gap,) = result.exponents
+        found["held"]["exponent, change"] = gap.low < -0.95 * STEEPER < gap.high
+        for index, law in enumerate(result.power_laws):
+            truth = 0.95 * (EXPONENT + index * STEEPER)
+            found["held"][f"exponent, {index}"] = law.low < truth < law.high
+    return found
+
+
+# what judges a study, and whether it is asked for effects as well
+ANALYSES: dict[str, tuple[Callable[[Random, float, bool], Found], bool]] = {
+    "estimates": (judge_estimates, True),
+    "comparisons": (judge_pairs, True),
+    "magnitudes": (judge_magnitudes, True),
+    "three": (judge_three, False),
+    "factors": (judge_factors, False),
+    "groups": (judge_pairs_of_groups, True),
+}
+
+
+def read(name: str) -> list[dict[str, Any]]:
+    """Return the outcomes so far."""
+    path = OUT / f"{name}.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+class Lean(Population):
+    """A population without intervals of its own, of studies that ask for a change alone."""
+
+    def estimate(self, index: int) -> Estimate:
+        return Estimate(math.nan, math.nan, math.nan, math.nan, math.nan)
+
+
+class Approximation:
+    """The studentized range from statsmodels' approximation, to about 1e-3, 100 times faster."""
+
+    def ppf(self, share: float, levels: int, df: float) -> float:
+        return float(qsturng(share, levels, max(df, 2.0)))
+
+    def sf(self, size: float, levels: int, df: float) -> float:
+        return float(np.ravel(psturng(size, levels, max(df, 2.0)))[0])
+
+
+def leave_out() -> None:
+    """Leave out what no headline reads: curves of single participants, the paper's F-test."""
+    from stepblocks.study.analysis.results import Curve
+
+    def test(data: Any, response: str, first: str, second: str = "", **more: Any) -> Any:
+        return None if second else run_f_test(data, response, first, second, **more)
+
+    experiments._fit_curve = lambda who, own: Curve(who, (), (), (), None, "")
+    accuracy.run_f_test = test
+    stats.studentized_range = Approximation()
+
+
+def work(names: list[str], sizes: dict[int, int]) -> Iterator[str]:
+    """Simulate what is not done, in turns."""
+    OUT.mkdir(parents=True, exist_ok=True)
+    gc.freeze()  # statsmodels collects garbage in every correction for several tests
+    leave_out()
+    done = {name: {(one["effect"], one["seed"]) for one in read(name)} for name in names}
+    for first in range(0, max(sizes.values()), CHUNK):
+        for name in names:
+            judge, effects = ANALYSES[name]
+            for effect, size in sizes.items() if effects else ((0, sizes[0]),):
+                left = [
+                    seed
+                    for seed in range(first, min(first + CHUNK, size))
+                    if (effect, seed) not in done[name]
+                ]
+                for seed in left:
+                    random = np.random.default_rng([seed, effect, sorted(ANALYSES).index(name)])
+                    bad = bool(seed % 2)
+                    line = {"effect": effect, "seed": seed, "bad": bad}
+                    line |= judge(random, float(effect), bad)
+                    with (OUT / f"{name}.jsonl").open("a") as file:
+                        file.write(json.dumps(line, default=bool) + "\n")
+                if left:
+                    yield f"{name}, {'effects' if effect else 'nulls'}: {left[-1] + 1}"
+
+
+def summarise(names: list[str]) -> None:
+    """Print a table of levels and one of intervals."""
+    for effect, key, title in ((0, "p", "Level"), (1, "held", "Intervals")):
+        print(f"## {title}\n")
+        said = "claimed at 5 %" if key == "p" else "hold"
+        print(f"| analysis | outcome | studies | {said} | 95 % interval | with a bad participant |")
+        print("|---|---|---|---|---|---|")
+        for name in names:
+            lines = [one for one in read(name) if one["effect"] == effect and one[key]]
+            for outcome in dict.fromkeys(label for one in lines for label in one[key]):
+                hits = {
+                    bad: [
+                        one[key][outcome] < 0.05 if key == "p" else one[key][outcome]
+                        for one in lines
+                        if one["bad"] == bad and outcome in one[key]
+                    ]
+                    for bad in (False, True)
+                }
+                every = hits[False] + hits[True]
+                low, high = proportion_confint(sum(every), len(every), method="wilson")
+                share = f"{np.mean(hits[True]):.3f}" if hits[True] else ""
+                print(
+                    f"| {name} | {outcome} | {len(every)} | {np.mean(every):.3f} | "
+                    f"{low:.3f} to {high:.3f} | {share} |"
+                )
+        print()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("analyses", nargs="*", help="all when left out")
+    parser.add_argument("--nulls", type=int, default=1000)
+    parser.add_argument("--effects", type=int, default=500)
+    parser.add_argument("--summary", action="store_true", help="only count what is there")
+    asked = parser.parse_args()
+    names = asked.analyses or list(ANALYSES)
+    if not asked.summary:
+        for line in work(names, {0: asked.nulls, 1: asked.effects}):
+            print(line, flush=True)
+    summarise(names)
+
+
+if __name__ == "__main__":
+    main()
