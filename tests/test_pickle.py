@@ -9,6 +9,7 @@ import pytest
 
 import stepblocks as sb
 from oracles.taught import taught_model
+from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.predict.predictions import predict_by_formula
 
 STIMULI = Path(__file__).resolve().parents[1] / "stimuli"
@@ -36,6 +37,7 @@ EXAMPLES = {
     "LinearContact": sb.LinearContact(1e6),
     "EvaluationOptions": sb.EvaluationOptions(),
     "LearnedModel": taught_model(),
+    "LearnedModel with a law": taught_model({"edge_rounding": {"edge_radius_m": 13.8e-6}}),
     "Parameter": sb.Parameter("gravity", "m/s^2", 9.8, 8.0, 11.0, 0.05),
     "Prediction": next(iter(predict_by_formula(SETS["paper-ten"]))),
 }
@@ -62,6 +64,14 @@ def test_a_value_is_the_same_after_a_pickle(name):
     again = pickle.loads(pickle.dumps(value))
     assert type(again) is type(value)
     assert repr(again) == repr(value)
+
+
+def test_a_learned_model_keeps_its_effects_in_a_pickle():
+    model = EXAMPLES["LearnedModel with a law"]
+    again = pickle.loads(pickle.dumps(model))
+    assert build_model_document(again) == build_model_document(model)
+    ((law, own),) = again.extended.active()
+    assert (law.id, own) == ("edge_rounding", {"edge_radius_m": 13.8e-6})
 
 
 @pytest.mark.parametrize("name", [n for n in sb.__all__ if inspect.isclass(getattr(sb, n))])

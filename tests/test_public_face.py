@@ -55,6 +55,12 @@ def test_every_public_function_says_what_it_takes_and_gives():
             ), name
             if inspect.signature(found).parameters:
                 assert "Parameters\n----------" in inspect.getdoc(found), name
+            absent = [
+                one
+                for one in inspect.signature(found).parameters
+                if not re.search(rf"\b{one}\b", inspect.getdoc(found))
+            ]
+            assert absent == [], name
 
 
 @pytest.mark.parametrize("old", sorted(stepblocks._RENAMED))

@@ -3,8 +3,8 @@
 Predictions from it do not need the session that it came from.
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -81,16 +81,19 @@ class LearnedModel:
     """
 
     verdict: str
-    tool: Tool
+    tool: Tool = field(repr=False)
     tip_radius_um: float
-    height_std: float
-    scanned: Mapping[str, tuple[float, float]]
+    height_std: float = field(repr=False)
+    scanned: Mapping[str, tuple[float, float]] = field(repr=False)
     blocks: tuple[str, ...]
-    ranges: tuple[CovariateRange, ...]
-    quantity_std: Floats
-    channel_std: Floats
-    nominal: LearnedFit
-    extended: LearnedFit
+    ranges: tuple[CovariateRange, ...] = field(repr=False)
+    quantity_std: Floats = field(repr=False)
+    channel_std: Floats = field(repr=False)
+    nominal: LearnedFit = field(repr=False)
+    extended: LearnedFit = field(repr=False)
+
+    def __reduce__(self) -> "tuple[Callable[[Document], LearnedModel], tuple[Document]]":
+        return _parse_model, (build_model_document(self),)  # laws hold functions without a name
 
 
 def build_model_document(learned: LearnedModel) -> dict[str, object]:

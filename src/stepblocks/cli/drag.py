@@ -229,11 +229,11 @@ def drag(
         stimulus, backward=backward, stimuli=stimuli, setting=setting, x_range=within, **options
     )
     done.write(output)
-    notes = list(_describe_drag(done.summary))
-    summary = (
-        f"{done.summary['status']}; ledger closes to {done.summary['ledger_error']:.1e} [{output}]"
+    return Outcome(
+        f"{done.summary['status']}; ledger closes to {done.summary['ledger_error']:.1e} [{output}]",
+        notes=_describe_drag(done.summary),
+        record=done.summary,
     )
-    return Outcome(summary, notes=notes, record=done.summary)
 
 
 def _describe_drag(summary: Document) -> list[str]:

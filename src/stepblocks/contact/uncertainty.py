@@ -147,6 +147,8 @@ def estimate_interval(
         where it is left out), of `ball_radius`, `friction`, `normal_load`, `stiffness` and
         `conversion`; what is left out is known. Each is drawn from a normal distribution of its
         own, cut off at 0.
+    backward : bool
+        Whether the drag is towards falling x.
     draws, seed : int
         At most 10 million draws; the same seed gives the same interval.
 

@@ -68,6 +68,8 @@ def predict_table(
         they differ from the paper, ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``,
         ``conversion``, in any unit that the name of the column says; standard uncertainties in
         columns of the same names with ``u_`` before them.
+    output : str or Path, optional
+        CSV to write.
 
     Returns
     -------

@@ -81,7 +81,7 @@ def compare_record(
     DataFrame
         Peak force, energy, frequency, decay and band of the ring [SI], in just noticeable
         differences (``difference_jnd``), and one ``score``, the root of the sum of their squares:
-        below 1 the two can hardly be told apart. A record of acceleration has no peak force.
+        below 1 the two can hardly be distinguished. A record of acceleration has no peak force.
 
     Raises
     ------

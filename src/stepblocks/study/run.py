@@ -86,6 +86,8 @@ def design_study(
         units, and block (real, simulated).
     between : sequence of str
         Factors of which each participant meets one level.
+    seed : int
+        Of all random choices; the same seed gives the same design.
     standard : str
         Block that all others are compared with, of ``"constant"``.
     primary : str
@@ -250,6 +252,10 @@ def simulate_study(
         Share of the energy that each condition lets through [1]; 1 for what is not named.
     noise : mapping of float, optional
         How many times the response noise each condition has [1]; once for what is not named.
+    seed : int
+        Of all random choices.
+    observer : Observer
+        Weber fraction, noise, spreads and lapses of the participants.
     **felt : float
         Where the energies are taken: `ball_radius` [m], `normal_load` [N], `friction` [1]; by
         default the first of the file's grid, of its loads the first under which every block rings.
@@ -313,7 +319,7 @@ def analyse_study(
     ratings : tuple of int
         Lowest and highest rating.
     equivalent : float, optional
-        Conditions that differ by less than this count as equivalent [m]; the bound that can be told
+        Conditions that differ by less than this count as equivalent [m]; the bound that can be stated
         stands there without it.
     groups : str or Path, optional
         CSV with ``participant`` and ``group``, such as dentists and students, which are then
@@ -385,6 +391,8 @@ def study_power(
     ----------
     source : str, Path or sequence of float
         Stimulus file, or heights [m].
+    output : str or Path, optional
+        CSV to write.
     experiment : str
         ``"estimates"``, or ``"constant"``, also as ``"2afc"``: each block against `standard`, by a
         t-test of the participants' shares of right answers against one half.

@@ -73,6 +73,8 @@ def order_parts(
     capability : str or float, optional
         Largest deviation of a height that the workshop holds in one piece, such as ``"1 um"``, or
         in metres; 2 um, ground and not lapped, where omitted.
+    announce : callable, optional
+        Called with the order of each part as soon as it is written.
 
     Returns
     -------
