@@ -137,3 +137,18 @@ def test_what_is_renamed_has_reached_the_disk(tmp_path, monkeypatch):
     )
     replace_text(tmp_path / "a.txt", "text")
     assert done == ["sync", "rename", "sync"]
+
+
+def test_a_pipe_named_like_a_draft_is_never_waited_for(tmp_path):
+    """Opening a pipe that nobody writes to would sleep for ever."""
+    os.mkfifo(tmp_path / ".partial-0123456789abcdef")
+    script = "import sys, pathlib; from stepblocks.atomic import make_draft_folder\n"
+    script += "with make_draft_folder(pathlib.Path(sys.argv[1])): print('made')"
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120.0,
+    )
+    assert done.stdout == "made\n"

@@ -123,7 +123,8 @@ def _remove_stale_drafts(folder: Path) -> None:
     # Remove the drafts in a folder that killed runs left: those that nobody holds any more
     for left in folder.glob(".partial-*"):
         with suppress(OSError):  # it is held, or another run sweeps at the same time
-            number = os.open(left, os.O_RDONLY | os.O_NOFOLLOW)
+            # a pipe of that name would be waited for
+            number = os.open(left, os.O_RDONLY | os.O_NOFOLLOW | os.O_DIRECTORY)
             try:
                 fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 shutil.rmtree(left)

@@ -1,0 +1,204 @@
+"""A tip that was lifted releases nothing: the delivered laws in C, C++ and Python, compiled and driven."""
+
+import importlib.util
+import itertools
+import math
+import runpy
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oracles.scenes import assemble_scene
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.declare import load_set
+from stepblocks.simulators.scene import write_scene
+from stepblocks.simulators.scenes import SCENE_FORMATS
+
+ROOT = Path(__file__).resolve().parents[2]
+STUBS = Path(__file__).with_name("stubs")
+BLOCK = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli[4]
+POINT = OperatingPoint(125e-6, 0.5, 0.15)
+STRICT = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-O1"]
+
+
+@pytest.fixture(scope="module")
+def delivered(tmp_path_factory):
+    """Folders of the 50 um block as the export writes them, and its scene."""
+    base, scene = tmp_path_factory.mktemp("in the air"), assemble_scene(BLOCK, POINT)
+    for name in ("forcelaw", "chai3d", "native"):
+        (base / name).mkdir()
+        write_scene(base / name, scene, SCENE_FORMATS[name])
+    return base, scene
+
+
+def compile_program(names, source, program, *options):
+    compiler = next((found for name in names if (found := shutil.which(name))), None)
+    if compiler is None:
+        pytest.skip(f"no {names[0]}")
+    subprocess.run([compiler, *STRICT, *options, source, "-o", program, "-lm"], check=True)
+    return program
+
+
+def hands(scene):
+    """Two tours of a hand (x, z): pressed in the notch, let go, lifted, across in the air, set down on
+    the upper face; and the same pulled over the edge in contact."""
+    x, z, k = scene.events[0].trigger_position, scene.events[0].trigger_height, scene.stiffness
+    down, high, beyond = z - POINT.normal_load / k, z + 3e-4, x + 6e-4
+    force = scene.events[0].critical_force
+    upper = float(np.interp(beyond, scene.path.x, scene.path.z)) - POINT.normal_load / k
+    lifted = [(x, high), (x, down), (x + 0.5 * force / k, down), (x, down), (x, high)]
+    lifted += [(beyond, high), (beyond, upper), (beyond, high), (x, high), (x, down)]
+    pulled = [(x, high), (x, down), (x + 1.2 * force / k, down)]
+    return fill(lifted), fill(pulled)
+
+
+def fill(corners):
+    way = np.array(corners)
+    return np.concatenate(
+        [np.linspace(a, b, 400, endpoint=False) for a, b in itertools.pairwise(way)] + [way[-1:]]
+    )
+
+
+def force_law_in_c(folder, scene, place):
+    (place / "drive.c").write_text(
+        '#include <stdio.h>\n#include "force_law.h"\n'
+        "int main(void) {\n"
+        "    force_law law; double x, z, force[2];\n"
+        "    force_law_reset(&law, FORCE_LAW_RING);\n"
+        '    while (scanf("%lf %lf", &x, &z) == 2) {\n'
+        "        force_law_tick(&law, x, z, 1e-4, force);\n"
+        '        printf("%.9g %.9g %d\\n", force[0], force[1], law.events);\n'
+        "    }\n    return 0;\n}\n"
+    )
+    program = compile_program(
+        ("cc", "gcc"), place / "drive.c", place / "c", "-std=c99", f"-I{folder / 'forcelaw'}"
+    )
+    return lambda tour: answers(program, tour)
+
+
+def force_law_in_python(folder, scene, place):
+    law = runpy.run_path(str(folder / "forcelaw" / "force_law.py"))
+
+    def drive(tour):
+        one = law["ForceLaw"]()
+        return np.array([[*one.tick(tuple(hand), 1e-4), one.state.events] for hand in tour])
+
+    return drive
+
+
+def native(folder, scene, place):
+    if not shutil.which("cmake"):
+        pytest.skip("no cmake")
+    for words in (["-S", folder / "native", "-B", place], ["--build", place]):
+        subprocess.run(["cmake", *words], check=True, capture_output=True)
+    spec = importlib.util.spec_from_file_location(
+        "air_binding", folder / "native" / "stepblocks_native.py"
+    )
+    binding = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(binding)
+
+    def drive(tour):
+        with binding.World(folder / "native" / "blocks.txt", place / "libstepblocks.so") as world:
+            world.reset((tour[0][0], 0.0, tour[0][1]))
+            told = []
+            for x, z in tour:
+                out = world.tick((x, 0.0, z), dt=1e-4)
+                told.append([out.force[0], out.force[2], out.events])
+        return np.array(told)
+
+    return drive
+
+
+def answers(program, tour):
+    text = "".join(f"{x:.12g} {z:.12g}\n" for x, z in tour)
+    done = subprocess.run([program], input=text, capture_output=True, text=True, check=True)
+    return np.array([[float(word) for word in line.split()] for line in done.stdout.splitlines()])
+
+
+@pytest.mark.parametrize("law", [force_law_in_c, force_law_in_python, native])
+def test_a_tip_that_was_lifted_over_the_edge_fires_nothing(delivered, tmp_path, law):
+    folder, scene = delivered
+    drive = law(folder, scene, tmp_path)
+    lifted, pulled = hands(scene)
+    told = drive(lifted)
+    assert told[:, 2].max() == 0
+    in_air = lifted[:, 1] > scene.path.z.max()
+    assert in_air.sum() > 400
+    assert np.abs(told[in_air, :2]).max() == 0.0
+    assert drive(pulled)[-1, 2] == 1  # in contact the same edge releases
+
+
+RING = r"""
+#include "StepBlock.h"
+#include <cstdio>
+using namespace stepblock;
+int main()
+{
+    chai3d::cGenericObject object;
+    chai3d::cHapticPoint point;
+    cReleaseRing ring(&object, &point, kContact.stiffness, {kBlocks[0].up, kBlocks[0].down});
+    ring.setTimeStep(1e-3);
+    double px, pz, gx, gz;
+    while (std::scanf("%lf %lf %lf %lf", &px, &pz, &gx, &gz) == 4)
+    {
+        chai3d::cVector3d force;
+        point.proxy.set(px, 0.0, pz);
+        point.goal.set(gx, 0.0, gz);
+        ring.computeForce(force, force, 0u, force);
+        std::printf("%.9g %d %.9g\n", force.x(), ring.count(), ring.released());
+    }
+    return 0;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def ring(delivered, tmp_path_factory):
+    """The ring of CHAI3D's delivered header as a filter: proxy and goal in, force and count out."""
+    place = tmp_path_factory.mktemp("ring")
+    (place / "ring.cpp").write_text(RING)
+    include = [f"-I{STUBS / 'chai3d'}", f"-I{delivered[0] / 'chai3d'}"]
+    program = compile_program(
+        ("c++", "g++"), place / "ring.cpp", place / "ring", "-std=c++11", *include
+    )
+    return lambda rows: answers_of_four(program, rows)
+
+
+def answers_of_four(program, rows):
+    text = "".join(" ".join(f"{value:.12g}" for value in row) + "\n" for row in rows)
+    done = subprocess.run([program], input=text, capture_output=True, text=True, check=True)
+    return np.array([[float(word) for word in line.split()] for line in done.stdout.splitlines()])
+
+
+def states(scene, pull, *, lifted):
+    """Proxy and goal [mm]: at rest in the notch, perhaps lifted straight up, then 0.6 mm behind."""
+    event, k = scene.events[0], scene.stiffness
+    x, z = event.trigger_position, event.trigger_height
+    rest = (x, z, x + pull / k, z - POINT.normal_load / k)
+    held = [rest] * 3
+    up = [(x, z + 3e-4, x, z + 3e-4)] * 3 if lifted else []
+    there = x + 6e-4
+    behind = [(there, z + 5e-5, there + 1e-5, z)] * 40
+    return 1e3 * np.array([*held, *up, *behind])
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
+def test_the_ring_of_chai3d_follows_what_the_notch_held(delivered, ring, share):
+    """A = sqrt(C_v) F, after a quarter of a period at 300 Hz in steps of 1 ms."""
+    scene = delivered[1]
+    held = share * scene.events[0].critical_force
+    told = ring(states(scene, held, lifted=False))
+    assert told[-1, 1:] == pytest.approx([1, held], rel=1e-6)
+    tool, time = POINT.tool, 1e-3
+    expected = math.sqrt(tool.conversion) * held * math.exp(-time / tool.decay_time)
+    expected *= math.sin(math.tau * tool.frequency * time)
+    assert told[4, 0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_ring_of_chai3d_never_fires_in_the_air(delivered, ring):
+    told = ring(states(delivered[1], 0.5, lifted=True))
+    assert told[-1, 1] == 0
+    assert np.abs(told[:, 0]).max() == 0.0
