@@ -57,6 +57,7 @@ HONEST = {
         "UNIT": "x=um,z=nm",
         "NUMBER": "1",
         "STIMULUS": "25 um",
+        "thing": "block",
     },
 }
 WHOLE = (
@@ -182,7 +183,8 @@ def _honest(parameter: object) -> list[str]:
     if getattr(parameter, "is_flag", False):
         return named
     choices = parameter.type_descriptor.choices
-    value = str(choices[0]) if choices else HONEST.get(str(parameter.metavar), "one")
+    known = HONEST.get(str(parameter.metavar)) or HONEST.get(parameter.name, "one")
+    value = str(choices[0]) if choices else known
     return [*named, value]
 
 

@@ -533,9 +533,10 @@ def summary(record: Path) -> int:
     print("\nSurvivors:\n\n| place | change | why no test can notice it |\n|---|---|---|")
     for line in lines:
         if line["outcome"] == "survived":
-            place, change = line["mutant"].removeprefix("src/stepblocks/").split(": ", 1)
+            text = line["mutant"].removeprefix("src/stepblocks/").replace("|", "or")
+            place, change = text.split(": ", 1)
             why = reasons.get(line["key"], {}).get("reason", "none known: a test is missing")
-            print(f"| {place} | {change} | {why} |".replace("||", "or"))
+            print(f"| {place} | {change} | {why} |")
     gone = len(tried) - len(lines)
     if gone:
         print(f"\n{gone} more were tried in functions that have changed since.")

@@ -35,6 +35,12 @@ def test_a_value_of_a_wrong_type_is_refused_in_one_line_with_its_cause_attached(
     assert isinstance(caught.value, TypeError)  # who catches Python's error still does
 
 
+def test_a_value_that_is_written_over_several_lines_is_shown_in_one():
+    with pytest.raises(sb.StepblocksError, match="must be a length") as caught:
+        sb.parse_quantity(np.ones((2, 2, 2)), "length")
+    assert "\n" not in str(caught.value)
+
+
 def test_a_long_value_is_shortened():
     with pytest.raises(sb.StepblocksError) as caught:
         sb.format_quantity(1.0, ["9" * 5000])

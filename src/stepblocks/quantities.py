@@ -100,7 +100,7 @@ def parse_quantity(text: object, dimension: str) -> float:
         value = float(text)
     elif not isinstance(text, str):
         hint = " (a number needs its unit, in quotes)" if isinstance(text, int | float) else ""
-        raise QuantityError(f"{wanted}, got {text!r}{hint}")
+        raise QuantityError(f"{wanted}, got {' '.join(repr(text).split())}{hint}")
     else:
         value = _find_magnitude(text, unit, wanted)
     if not math.isfinite(value):

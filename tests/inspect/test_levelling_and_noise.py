@@ -13,6 +13,7 @@ from stepblocks.inspect.levelling import (
     Fit,
     _compute_gain,
     _compute_window_differences,
+    _find_plateau_middle,
     fit_two_planes,
     remove_spikes,
 )
@@ -191,3 +192,10 @@ def test_the_gain_of_an_exact_fit_is_bounded_by_the_rounding_of_a_processor():
     floor = 200 * LEAST_SCATTER**2
     expected = 200 * math.log((float(left @ left) + floor) / floor)
     assert _compute_gain(t, z, fit, terms)[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_middle_of_a_plateau_is_as_far_from_either_end():
+    size = np.zeros(40)
+    size[10:15] = [0.98, 1.0, 0.99, 0.98, 0.97]
+    assert _find_plateau_middle(size, 11, 4) == 12
+    assert _find_plateau_middle(size, 11, 2) == 11  # too wide for windows of that reach

@@ -117,3 +117,11 @@ def test_f_of_conditions_is_that_of_an_analysis_of_variance_with_repeated_measur
     (row,) = AnovaRM(frame, "value", "who", within=["what"]).fit().anova_table.to_dict("records")
     term, _ = assess_effect("x", table, helmert(4))
     assert term.f == pytest.approx(row["F Value"], rel=1e-9)
+
+
+def test_two_participants_are_compared_and_one_is_not():
+    # differences 1 and 3: mean 2, standard error 1, one degree of freedom
+    table = pd.DataFrame({"a": [2.0, 5.0], "b": [1.0, 2.0]})
+    (pair,) = compare_participants(table)
+    assert (pair.difference, pair.df) == (2.0, 1.0)
+    assert compare_participants(table[:1]) == ()
