@@ -35,7 +35,7 @@ def test_one_order_names_the_files_of_its_part_and_a_tip_has_no_routes(orders):
     assert {path.name for path in order.files} == {
         *(f"tip-125.drawing.{form}" for form in ("dxf", "svg", "pdf")),
         "tip-125.plan.qif",
-        *(f"tip-125.inspection-sheet.{form}" for form in ("csv", "pdf")),
+        *(f"tip-125.inspection-sheet.{form}" for form in ("csv", "html")),
     }
     assert all(
         path.is_file() and path.parent == folder / "probe-tips" / "tip-125" for path in order.files
