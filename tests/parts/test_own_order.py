@@ -108,6 +108,7 @@ def test_the_stock_that_a_workshop_has_is_the_stock_of_its_setup_sheet(tmp_path)
     assert text.index("tapped, before hardening") < text.index("harden and temper")
     plain, _ = write_setup(tmp_path, StepBlock(id="plain", height="65 um", **PLAIN))
     assert "drill" not in plain.read_text()
+    assert "groove" not in plain.read_text()
     assert "engrave" not in plain.read_text()
 
 
