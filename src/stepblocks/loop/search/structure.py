@@ -19,7 +19,7 @@ LEVEL = 0.002  # of all tests of a session together, after Holm
 _FEWEST = 24  # trials
 _HEAP_BIC = 12.0  # by which two heaps must beat one: odds of 400 to 1
 _APART = (
-    2.2  # of the middles of two heaps, in their pooled spread times the root of two (Ashman's D)
+    2.2  # of the middles of two groups, in their pooled spread times the root of two (Ashman's D)
 )
 _LEAST_HEAP = 0.1  # share of the trials
 _DIRECTIONS = 24  # slow waves that make up a wandering quantity in the noise
@@ -39,7 +39,7 @@ class Hint:
     quantity : str
         Which quantity of the model differs.
     p_value : float
-        After Holm over all tests; of heaps the odds by the criterion.
+        After Holm over all tests; of groups the odds by the criterion.
     said : str
         One sentence.
     clusters : tuple[tuple[int, ...], ...]
@@ -77,7 +77,7 @@ def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Flo
 def find_hints(
     problem: Problem, fitted: Fit, names: Sequence[str], order: Floats
 ) -> tuple[Hint, ...]:
-    """Ask what nobody wrote down."""
+    """Look for causes that no column describes."""
     errors, _ = estimate_quantity_errors(problem, fitted)
     found: list[Hint] = []
     tests: list[Hint] = []
@@ -98,7 +98,7 @@ def find_hints(
 
 
 def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
-    # One cause shows in several tests: a walk has heaps too
+    # One cause shows in several tests: a walk has groups, too
     kept = []
     for name in dict.fromkeys(hint.quantity for hint in found):
         own = [hint for hint in found if hint.quantity == name]
@@ -107,7 +107,7 @@ def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
 
 
 def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | None:
-    # Two heaps instead of one, by the criterion of Schwarz, and well apart
+    # Two groups instead of one, by the criterion of Schwarz, and well apart
     from sklearn.mixture import GaussianMixture
 
     scaled = ((values - np.median(values)) / np.std(values))[:, None]
@@ -124,7 +124,7 @@ def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | 
     heaps = tuple(tuple(sorted(rows[m].tolist())) for m in (member, ~member))
     step = float(values[~member].mean() - values[member].mean())
     said = (
-        f"{name} falls into two heaps of {len(heaps[0])} and {len(heaps[1])} trials, {step:.3g} "
+        f"{name} falls into two groups of {len(heaps[0])} and {len(heaps[1])} trials, {step:.3g} "
         "apart"
     )
     return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), said, heaps)
