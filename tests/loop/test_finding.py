@@ -1,5 +1,7 @@
 """One sentence opens result.json, report and terminal, and says no more than the verdict allows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
-from stepblocks.loop.finding import format_value
+from stepblocks.contact.effects.named import list_named_laws
+from stepblocks.loop.finding import describe_covariate, format_value, write_sentence
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.search.explain import Rules, Verdict
 
@@ -30,6 +33,23 @@ def test_an_effect_is_said_with_its_figures_and_the_error_before_and_after(worn)
     assert said.startswith("Friction runs in: excess at first and trials to settle 0.")
     assert "error of E_v" in said
     assert "->" in said
+
+
+def test_what_is_held_unexplained_says_why(worn):
+    result = worn[2]
+    (finding,) = result.found.findings
+    whole = replace(result.found, verdict=Verdict.UNEXPLAINED, reason="the run is too short")
+    said = write_sentence(whole, result.document)
+    assert "unexplained as a whole, as the run is too short" in said
+    doubted = replace(finding, verdict=Verdict.UNEXPLAINED, reason="few trials carry it")
+    said = write_sentence(replace(whole, findings=(doubted,)), result.document)
+    assert "riction follows the order of the run, no law claimed: few trials carry it" in said
+
+
+def test_what_an_effect_follows_is_said_in_words():
+    for law in list_named_laws():
+        assert "_" not in describe_covariate(law.covariate)
+    assert describe_covariate("humidity_pct * load_n") == "the humidity times the load"
 
 
 def test_none_names_the_smallest_effect_of_each_slot_and_such_an_effect_is_seen():
