@@ -163,7 +163,7 @@ def compute_replicate_residual(
     return residual, dof
 
 
-def find_outliers(trials: Trials, threshold: float = 6.0) -> NDArray[np.bool_]:
+def find_outliers(trials: Trials, threshold: float = 5.0) -> NDArray[np.bool_]:
     """Mark single values that no smooth function of the conditions comes near.
 
     Marked values take no part in the next regression, until no more are marked.
