@@ -58,6 +58,7 @@ HONEST = {
         "NUMBER": "1",
         "STIMULUS": "25 um",
         "thing": "block",
+        "NAME=A,B,...": "light=on,off",
     },
 }
 WHOLE = (
@@ -68,9 +69,8 @@ WHOLE = (
     "drag 25|um --load 0.5|N --friction 0.15 --edge-radius 3|um --tip-radius 125|um -o "
     "out/drag "
     "--quiet",
-    "drag 25|um --handle-mass 100|g --static-friction 0.2 --ring-time 40|ms --sample-rate "
-    "10|kHz "
-    "--speed 5|mm/s -o out/drag",
+    "drag 25|um --pull 0.6|N --handle-mass 100|g --friction 0.15 --ring-time 40|ms "
+    "--sample-rate 10|kHz -o out/drag",
     "drag 25|um --stiffness 9.81|N/mm --frequency 300|Hz --damping-ratio 0.037 --backward "
     "--json "
     "-o out/drag",
@@ -172,8 +172,11 @@ def _leaves(
 def _each(words: tuple[str, ...], command: TyperCommand) -> Iterator[list[str]]:
     """Yield a line for each option of a command, which has what must be given as well."""
     must = [one for one in command.params if one.required]
-    for option in command.params:
+    for place, option in enumerate(command.params):
         asked = [other for other in must if other is not option]
+        if isinstance(option, TyperArgument):  # a place is reached through those before it
+            before = [one for one in command.params[:place] if isinstance(one, TyperArgument)]
+            asked = [*before, *(one for one in asked if one not in before)]
         yield [*words, *(word for other in (*asked, option) for word in _honest(other))]
 
 
