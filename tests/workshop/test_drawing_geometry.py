@@ -107,3 +107,14 @@ def test_nothing_on_the_drawing_of_a_margin_block_strikes_anything(opening):
     rise = "100 um" if opening == "-60 um" else "30 um"
     margin = MarginBlock(id="gap-050", marginal_gap="50 um", horizontal_discrepancy=rise, **sizes)
     assert list(overlaps_on(draw_part_sheet(margin, ORDER))) == []
+
+
+def test_nothing_on_the_sheet_of_a_series_strikes_anything_and_every_height_is_in_its_table():
+    blocks = [
+        StepBlock(id=f"step-{height:03}", height=f"{height} um") for height in range(15, 106, 10)
+    ]
+    sheet = draw_part_sheet(blocks[0], ORDER, ("own-ten", "1 of 1", blocks))
+    assert list(overlaps_on(sheet)) == []
+    texts = {entity.dxf.text for entity in sheet.space.query("TEXT")}
+    assert {f"STEP-{height:03}" for height in range(15, 106, 10)} <= texts
+    assert {f"0.{height:03} ±0.001" for height in range(15, 106, 10)} <= texts

@@ -85,6 +85,9 @@ def test_every_dimension_stands_on_drawing_step_file_and_sheet_of_each_block(ord
         setup = (papers / f"{block.id}.setup.html").read_text()
         assert "Stock 25.0 x 30.0 x 10.0 mm" in setup
         assert "tapped, before hardening" in setup
+    series = ezdxf.readfile(ordered / "out" / "own" / "own.series.dxf").modelspace()
+    texts = {one.dxf.text for one in series.query("TEXT")}
+    assert {block.id.upper() for block in declared.stimuli} <= texts
 
 
 def test_a_block_may_be_named_as_it_is_engraved_and_a_wrong_name_lists_what_there_is(

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from stepblocks.artefacts.on_paper import describe_default_demands
+from stepblocks.artefacts.on_paper import describe_default_demands, format_limits
 from stepblocks.atomic import write_atomically
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
 from stepblocks.parts.kind import Part
@@ -29,6 +29,7 @@ from stepblocks.workshop.turned import (
 )
 
 FORMATS = ("dxf", "svg", "pdf")
+_TABLE_ROWS = 11  # of the table of a series
 _MOST_ROWS = 40  # of notes over the title block
 _CAPITAL = 0.729  # height of a capital of the font over its size
 
@@ -64,8 +65,30 @@ def _list_order_fields(order: OrderSpec) -> dict[str, str]:
     return {**stated, "quantity": str(order.quantity), "sheet": "1 of 1"}
 
 
-def draw_part_sheet(stimulus: Part, order: OrderSpec = NO_ORDER) -> Sheet:
-    """Draw the sheet of a part."""
+def write_series_drawing(
+    folder: Path, name: str, blocks: Sequence[StepBlock], order: OrderSpec
+) -> list[Path]:
+    """Draw blocks that differ in their heights only, eleven in the table of each sheet."""
+    written = []
+    count = math.ceil(len(blocks) / _TABLE_ROWS)
+    for number in range(count):
+        some = blocks[number * _TABLE_ROWS : (number + 1) * _TABLE_ROWS]
+        draw = partial(draw_part_sheet, some[0], order, (name, f"{number + 1} of {count}", some))
+        stem = f"{name}.series-{number + 1}" if number else f"{name}.series"
+        written += _write_all(folder, stem, FORMATS, draw)
+    return written
+
+
+def draw_part_sheet(
+    stimulus: Part,
+    order: OrderSpec = NO_ORDER,
+    series: tuple[str, str, Sequence[StepBlock]] | None = None,
+) -> Sheet:
+    """Draw the sheet of a part.
+
+    Of a series (its name, number of the sheet, blocks) the part is the first; it has the letter H
+    for its height, and the heights of all stand in a table.
+    """
     sheet = Sheet(list(stimulus.characteristics()))
     density, volume = stimulus.material.density, math.fsum(stimulus.volumes())
     told = {
@@ -74,6 +97,16 @@ def draw_part_sheet(stimulus: Part, order: OrderSpec = NO_ORDER) -> Sheet:
         "mass": "-" if density is None else f"{density.value * volume * 1e3:.4g} g",
         **_list_order_fields(order),
     }
+    if series is not None:
+        name, place, blocks = series
+        sheet.letters = dict.fromkeys(("step_height", "groove_depth", "ridge_height"), "H")
+        told |= {"identity": f"{name.upper()}, series", "mass": "-", "sheet": place}
+        heights = [(one.id.upper(), one.height) for one in blocks]
+        listed = [
+            (identity, format_limits(one.nominal, one.lower, one.upper))
+            for identity, one in heights
+        ]
+        sheet.table((150.0, 84.0), [("identity, engraved", "H"), *listed], (42.0, 30.0))
     draw = next((VIEWS[kind] for kind in type(stimulus).__mro__ if kind in VIEWS), None)
     notes, governing = (
         draw(sheet, stimulus) if draw else [],

@@ -20,9 +20,7 @@ from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
 from stepblocks.select import find_stimulus_files, select_stimuli
 from stepblocks.tables import write_table
-from stepblocks.workshop.drawing import (
-    write_drawing,
-)
+from stepblocks.workshop.drawing import write_drawing, write_series_drawing
 from stepblocks.workshop.gauge_route import choose_pair, write_gauge_assembly
 from stepblocks.workshop.routes import Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
@@ -96,7 +94,20 @@ def order_parts(
             orders.append(_order_part(one, Path(output), held, declared))
             if announce is not None:
                 announce(orders[-1])
+        for declared in sets:
+            mine = (one for its, one in selected if its is declared)
+            blocks = [one for one in mine if isinstance(one, StepBlock)]
+            alike = [one for one in blocks if _differs_in_height_only(one, blocks[0])]
+            if len(alike) > 1:
+                folder = _make_folder(Path(output), declared.name)
+                sheets = write_series_drawing(folder, declared.name, alike, declared.order)
+                orders.append(PartOrder(f"{declared.name}/series", tuple(sheets), ()))
     return orders
+
+
+def _differs_in_height_only(one: StepBlock, other: StepBlock) -> bool:
+    same = {"id": other.id, "height": other.height}
+    return one.model_copy(update=same) == other
 
 
 def _make_folder(output: Path, name: str) -> Path:

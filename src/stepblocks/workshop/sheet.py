@@ -75,6 +75,7 @@ class Sheet:
     def __init__(self, listed: Iterable[Characteristic]) -> None:
         self.listed = {one.key: (number, one) for number, one in enumerate(listed, start=1)}
         self.numbers: set[int] = set()  # of those that stand on it in balloons
+        self.letters: dict[str, str] = {}  # in place of values that a table of the sheet states
         self.document = ezdxf.new("R2010", setup=["linetypes"], units=4)
         self.space = self.document.modelspace()
         for name, (colour, weight, dashes) in _LAYERS.items():
@@ -168,16 +169,18 @@ class Sheet:
         if prefix := _PREFIX.get(one.kind, ""):
             override["dimpost"] = prefix
         said = {"dimstyle": "PART", "override": override, "dxfattribs": {"layer": "DIMENSION"}}
+        text = self.letters.get(key, "<>")
         dimension = self.space.add_linear_dim(
-            base=along, p1=a, p2=b, angle=90.0 if upright else 0.0, **said
+            base=along, p1=a, p2=b, angle=90.0 if upright else 0.0, text=text, **said
         )
         small = (
             1.0 if abs(one.upper + one.lower) < 1e-12 else 0.7
         )  # height of two unlike deviations
         zeros = {"leading_zeros": True, "trailing_zeros": True}
-        dimension.set_tolerance(
-            one.upper * 1e3, -one.lower * 1e3, hfactor=small, dec=decimals, **zeros
-        )
+        if key not in self.letters:
+            dimension.set_tolerance(
+                one.upper * 1e3, -one.lower * 1e3, hfactor=small, dec=decimals, **zeros
+            )
         # along the line of the dimension: its ends, and the length of its text; `side` leads away
         # from it
         axis, side = (1, -1.0) if upright else (0, 1.0)
@@ -345,6 +348,16 @@ class Sheet:
             self.circle((x + 8.0, y), radius, "DIMENSION")
         self.line((x - 5.0, y), (x + 3.0, y), "CENTRE")
         self.line((x + 5.0, y), (x + 11.0, y), "CENTRE")
+
+    def table(self, at: Point, rows: Sequence[Sequence[str]], widths: Sequence[float]) -> None:
+        """Draw a table downwards from its upper left corner, its first row the headings."""
+        x, y = at
+        for index, row in enumerate(rows):
+            left, top = x, y - 6.0 * index
+            for text, wide in zip(row, widths, strict=True):
+                self.rectangle((left, top - 6.0), (left + wide, top), "FRAME")
+                self.text((left + 2.0, top - 3.0), text, _TEXT, "MIDDLE_LEFT")
+                left += wide
 
     def notes(self, at: Point, lines: Iterable[tuple[str, str]]) -> None:
         """Write notes downwards from a point, each with the characteristic that it states."""
