@@ -49,6 +49,8 @@ namespace StepBlocks
         [DllImport(Library)] public static extern int sb_choose(IntPtr world, int block);
         [DllImport(Library)]
         public static extern int sb_tick(IntPtr world, double[] hand, double[] velocity, double dt, out Output output);
+        [DllImport(Library)]
+        public static extern int sb_tick_tooth(IntPtr world, double[] hand, double[] velocity, double dt, out Output output);
 
         /// <summary>A text as C takes it: UTF-8 with a zero at its end.</summary>
         public static byte[] Text(string text)
@@ -66,6 +68,7 @@ namespace StepBlocks
         [Tooltip("Largest force that the device may render [N]")] public double forceLimit = 3.0;
         [Tooltip("In which the force grows after the start [s]")] public double rise = 1.0;
         public bool vibration = true;
+        [Tooltip("The file is a whole tooth: hand and force are in the axes of the scan")] public bool tooth = false;
 
         /// <summary>Reads position [m] and velocity [m/s] of the hand in the axes of the part; set it before Start.</summary>
         public Action<double[], double[]> ReadHand;
@@ -131,7 +134,8 @@ namespace StepBlocks
                     wanted = -1;
                 }
                 if (ReadHand != null) ReadHand(hand, velocity);
-                Native.sb_tick(world, hand, velocity, now - before, out output);
+                if (tooth) Native.sb_tick_tooth(world, hand, velocity, now - before, out output);
+                else Native.sb_tick(world, hand, velocity, now - before, out output);
                 before = now;
                 if (WriteForce != null) WriteForce(output.forceX, output.forceY, output.forceZ);
                 lock (gate) shown = output;

@@ -43,7 +43,7 @@ uint32 UStepBlocksComponent::Run()
             Device->Read(Hand, Velocity);
         }
         sb_output Output;
-        sb_tick(World, Hand, Velocity, Now - Before, &Output);
+        (bTooth ? sb_tick_tooth : sb_tick)(World, Hand, Velocity, Now - Before, &Output);
         Before = Now;
         if (Device)
         {

@@ -42,6 +42,9 @@ public:
     UPROPERTY(EditAnywhere, Category = "StepBlocks")
     double Rise = 1.0;  // in which the force grows after the start [s]
 
+    UPROPERTY(EditAnywhere, Category = "StepBlocks")
+    bool bTooth = false;  // the file is a whole tooth: hand and force are in the axes of the scan
+
     IStepBlocksDevice* Device = nullptr;  // set it before BeginPlay
 
     UFUNCTION(BlueprintCallable, Category = "StepBlocks")
