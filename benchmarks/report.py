@@ -147,6 +147,23 @@ PARTS = [
         timing=True,
     ),
     Part("coverage", "python benchmarks/softgauge_coverage.py", {}, 90),
+    Part(
+        "study-nulls",
+        "python benchmarks/study_nulls.py --summary",  # after hours without --summary
+        {
+            "null-error": (r"\| estimates \| absolute error \| \d+ \| (\S+)", "{}"),
+            "null-rating": (r"\| estimates \| realism \| \d+ \| (\S+)", "{}"),
+            "null-equal": (
+                r"\| comparisons \| point of subjective equality, a over b \| \d+ \| (\S+)",
+                "{}",
+            ),
+            "null-spread": (
+                r"\| comparisons \| spread of comparisons, a over b \| \d+ \| (\S+)",
+                "{}",
+            ),
+            "null-exponent": (r"\| magnitudes \| exponent, a minus b \| \d+ \| (\S+)", "{}"),
+        },
+    ),
     Part("accuracy", "python benchmarks/study_accuracy.py 2000", {}, 30),
     Part(
         "simulators",

@@ -73,9 +73,11 @@ def estimates(
     shape = (people, conditions, len(HEIGHTS), 3)
     person, setting, block, _ = (index.ravel() for index in np.indices(shape))
     last = setting == conditions - 1
-    response = RESPONSE * np.linspace(0.5, 1.5, conditions)  # no sphericity
+    response = random.standard_normal((people, conditions))
+    # no sphericity, yet one variance: where that differed, the absolute error would differ too
+    response[:, 0] = 0.8 * response[:, conditions - 1] + 0.6 * response[:, 0]
     error = LEVEL * random.standard_normal(people)[person] + effect * BIAS * last
-    error += (response * random.standard_normal((people, conditions)))[person, setting]
+    error += RESPONSE * response[person, setting]
     noise = NOISE * np.exp(0.3 * random.standard_normal(people))[person] * RATIO ** (effect * last)
     noise *= np.exp(0.15 * random.standard_normal((people, conditions)))[person, setting]
     error += noise * random.standard_normal(len(person))
