@@ -17,7 +17,10 @@ from scipy.signal import find_peaks
 
 PITCH = 0.1e-6  # of the grid on which the surface is dilated [m]
 LEAST = math.radians(0.5)  # a slope that rises by less is no catch
+LEVEL = math.radians(0.02)  # slopes that differ by less are one
+BLOW = 5e-3  # speed into a notch below which the tip slides through it [m/s]
 HELD = 0.02  # rise of the pull by which a place holds the tip [N]
+FALLEN = 0.1  # of the pull above that of sliding, by which it falls after its greatest value
 RING_WINDOW = 2.0  # periods after an event in which its first swing has its lowest point
 
 
@@ -31,22 +34,28 @@ class RigidPath:
         across = PITCH * np.arange(-half, half + 1)
         ball = np.sqrt(ball_radius**2 - across**2) - ball_radius
         height = grey_dilation(surface, footprint=np.ones(ball.shape, bool), structure=ball)
+        known = np.arange(0, grid.size, round(1e-6 / PITCH))
         slope = np.gradient(height, PITCH)
         bend = np.abs(np.diff(np.arctan(slope)))
         dense = np.flatnonzero(bend > math.radians(0.1))
-        keep = np.zeros(grid.size, bool)
-        keep[:: round(1e-6 / PITCH)] = True
-        keep[[0, -1]] = True
-        for offset in range(-2, 4):
-            keep[np.clip(dense + offset, 0, grid.size - 1)] = True
-        self.x = np.concatenate([[grid[0] - run], grid[keep], [grid[-1] + run]])
-        self.h = np.pad(height[keep], 1, "edge")
-        self.s = np.pad(slope[keep], 1)
-        self.s[[1, -2]] = 0.0
+        near = (dense[:, None] + np.arange(-2, 4)).ravel()
+        known = np.unique(np.clip(np.concatenate([known, near, [grid.size - 1]]), 0, grid.size - 1))
+        knots, slopes = grid[known], slope[known]
+        self.notches = []
+        for place, reach, left, right in find_kinks(grid, height):
+            self.notches.append(place)
+            away = np.abs(knots - place) > reach
+            knots = np.concatenate([knots[away], [place - 1e-10, place + 1e-10]])
+            slopes = np.concatenate([slopes[away], [left, right]])
+        order = np.argsort(knots, kind="stable")
+        knots, slopes = knots[order], slopes[order]
+        slopes[[0, -1]] = 0.0
+        self.x = np.concatenate([[knots[0] - run], knots, [knots[-1] + run]])
+        self.s = np.pad(slopes, 1)
         d, a, b = np.diff(self.x), self.s[:-1], self.s[1:]
         self._knots = self.x.tolist()
         # the slope is linear between knots, so that nothing overshoots at a kink
-        self.h = self.h[0] + np.concatenate([[0.0], np.cumsum(0.5 * (a + b) * d)])
+        self.h = height[0] + np.concatenate([[0.0], np.cumsum(0.5 * (a + b) * d)])
         self._pieces = np.column_stack([self.h[:-1], a, (b - a) / d]).tolist()
 
     def at(self, x):
@@ -62,7 +71,33 @@ class RigidPath:
         """
         angle = np.arctan(self.s)
         found, _ = find_peaks(angle, prominence=least, height=least)
-        return [(float(self.x[i]), float(angle[i])) for i in found]
+        places = {}
+        for peak in found:  # rounding makes several peaks of one slope: it catches where it begins
+            first = peak
+            while first > 0 and angle[first - 1] >= angle[peak] - LEVEL:
+                first -= 1
+            places.setdefault(float(self.x[first]), float(angle[peak]))
+        return list(places.items())
+
+
+def find_kinks(grid, height):
+    """Notches of a sampled path: place, cells that they blur, and the slopes on both sides.
+
+    A difference across the cell with the notch mixes both branches and lies below the steeper one
+    by up to 0.1 degrees, so each branch is continued into that cell from the three cells beside it.
+    """
+    mean = np.diff(height) / PITCH  # at the middle of each cell
+    turn = np.zeros(mean.size)
+    turn[3:-3] = np.arctan(mean[4:-2]) - np.arctan(mean[2:-4])
+    cells, _ = find_peaks(turn, height=math.radians(0.5), distance=8)
+    for n in cells:
+        # where in the cell both branches meet, as lines
+        share = (mean[n + 1] - mean[n]) / (mean[n + 1] - mean[n - 1])
+        share = min(max(share, 0.0), 1.0)
+        left = mean[n - 1] + (0.25 + 0.5 * share) * (mean[n - 1] - mean[n - 3])
+        right = mean[n + 1] - (0.75 - 0.5 * share) * (mean[n + 3] - mean[n + 1])
+        place = grid[n] + share * PITCH
+        yield place, 1.5 * PITCH, left, right
 
 
 def restitution(speed, loss):
@@ -105,6 +140,18 @@ def rigid_drag(path, *, load, friction, speed, stiffness, mass, damping_ratio, l
         stops.terminal, stops.direction = True, -1
         lifts.terminal, lifts.direction = True, -1
         return rates, (stops, lifts)
+
+    def strike(x, y, v, vy):
+        # an impact with the path at x, by Newton's law along the normal and Coulomb's across it
+        _, s, _ = path.at(x)
+        q = math.hypot(1.0, s)
+        into, along = (s * v - vy) / q, (v + s * vy) / q
+        e = restitution(into, loss) if into > 0.0 else 0.0
+        bounced = e * into if e * into > 0.5e-3 else 0.0
+        along -= math.copysign(min(friction * (into + bounced), abs(along)), along)
+        if bounced > 0.0:
+            return x, y + 1e-13, (along - s * bounced) / q, (s * along + bounced) / q, 2
+        return x, y, along / q, 0.0, int(math.copysign(1, along)) if abs(along) > 1e-9 else 0
 
     def fly(t, state):
         x, _, vx, vy = state
@@ -150,27 +197,30 @@ def rigid_drag(path, *, load, friction, speed, stiffness, mass, damping_ratio, l
             t = float(done.t[-1])
             x, y, v, vy = map(float, done.y[:, -1])
             if done.status == 1:
-                _, s, _ = path.at(x)
-                q = math.hypot(1.0, s)
-                into, along = (s * v - vy) / q, (v + s * vy) / q
-                e = restitution(into, loss) if into > 0.0 else 0.0
-                bounced = e * into if e * into > 0.5e-3 else 0.0
-                grip = min(friction * (into + bounced), abs(along))
-                along -= math.copysign(grip, along)
-                v, vy = (along - s * bounced) / q, (s * along + bounced) / q
-                if bounced == 0.0:
-                    v = along / q
-                    mode = int(math.copysign(1, v)) if abs(v) > 1e-9 else 0
-                else:
-                    y += 1e-13
+                x, y, v, vy, mode = strike(x, y, v, vy)
             continue
         rates, events = slide(mode)
+        ahead = [one for one in path.notches if mode * (one - x) > 1e-9]
+        notch = mode * min((mode * one for one in ahead), default=math.inf)
+
+        def meets(t, state, notch=notch, mode=mode):
+            return mode * (state[0] - notch) + 3e-10 if math.isfinite(notch) else -1.0
+
+        meets.terminal, meets.direction = True, 1
+        events = (*events, meets)
         done = solve_ivp(rates, (t, finish), [x, v], events=events, atol=[1e-11, 1e-7], **options)
         rows += [(a, pull(a, b, c), b) for a, b, c in zip(done.t, *done.y, strict=True)]
         t = float(done.t[-1])
         x, v = map(float, done.y[:, -1])
         if done.status == 1:
-            if len(done.t_events[1]):
+            if len(done.t_events[2]):
+                _, s, _ = path.at(x)
+                vy, x = s * v, notch + mode * 3e-10
+                y, s, _ = path.at(x)
+                into = (s * v - vy) / math.hypot(1.0, s)
+                if into > BLOW:
+                    x, y, v, vy, mode = strike(x, y, v, vy)
+            elif len(done.t_events[1]):
                 y, s, _ = path.at(x)
                 vy, mode, y = s * v, 2, y + 1e-13
             else:
@@ -193,6 +243,12 @@ def events_of(rows, path, *, level, stiffness, frequency, least=LEAST):
         if k >= len(x) or k <= since:
             continue
         low = since + int(np.argmin(force[since : k + 1]))
+        # the pull still grows behind the place, by the spring's speed of loading times the time
+        # in which the tip gathers speed: up to where it has fallen by a tenth, or the next place
+        following = [one for one in passed[number + 1 :] if one > k]
+        behind = force[k : following[0] if following else None]
+        fallen = np.maximum.accumulate(behind) - behind > FALLEN * (behind - level)
+        k += int(np.argmax(fallen)) if fallen.any() else behind.size - 1
         top = low + int(np.argmax(force[low : k + 1]))
         found.append(
             {

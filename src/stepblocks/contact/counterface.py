@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -378,8 +378,7 @@ class Profile(Counterface):
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
         balls, which = np.unique(np.asarray(ball_radius, dtype=np.float64), return_inverse=True)
         slopes = [
-            _find_steepest_angles(self.x, self.z, float(ball), "flat", self.feature)
-            for ball in balls
+            _find_steepest_angles(self.x, self.z, float(ball), self.feature) for ball in balls
         ]
         found = np.array(slopes)[which]
         forward, backward = (
@@ -409,10 +408,14 @@ class Profile(Counterface):
         return find_outline(np.column_stack([self.x, self.z]))
 
     def centre_path(self, ball_radius: float) -> CentrePath:
-        path = super().centre_path(ball_radius)
-        if self.feature is None:
-            return path
-        return replace(path, feature=FeatureRange(*self.feature, ball_radius))
+        discs, lines = self.outline()
+        (first, start), (last, end) = lines[0][0], lines[-1][1]
+        # level beyond both ends, where the ball meets the first point from a radius away
+        before = (first - ball_radius, start), (first, start)
+        behind = (last, end), (last + ball_radius, end)
+        discs += [(first, start, 0.0), (last, end, 0.0)]
+        path = build_envelope_path(discs, [before, *lines, behind], ball_radius)
+        return replace(path, feature=self.feature and FeatureRange(*self.feature, ball_radius))
 
 
 @dataclass(frozen=True)
@@ -431,7 +434,7 @@ class ProfiledMargin(Margin):
         at = {"ball_radius": ball_radius, **self.dimensions, **dimensions}
         mean = {name: float(np.mean(one)) for name, one in at.items()}
         ball = mean.pop("ball_radius")
-        found = _find_steepest_angles(*replace(self, **mean).section(REACH), ball, "flat")
+        found = _find_steepest_angles(*replace(self, **mean).section(REACH), ball)
         if all(np.ndim(one) == 0 for one in at.values()):
             return found
         level, drawn = super().angles(ball, **mean), super().angles(**at)
@@ -473,10 +476,7 @@ def find_scanned_angle(
         return None
     rising = float(np.median(known[-tenth:])) > float(np.median(known[:tenth]))
     x, z = (position, height) if rising else (-position[::-1], height[::-1])
-    try:
-        angle = _find_steepest_angles(x, z, ball, "strict")[0]
-    except ContactError:
-        return None
+    angle = _find_steepest_angles(x, z, ball)[0]
     return angle if 0.0 < angle < 0.5 * math.pi else None
 
 
@@ -484,14 +484,13 @@ def _find_steepest_angles(
     x: Array,
     z: Array,
     ball: float,
-    edges: Literal["strict", "flat"],
     feature: tuple[float, float] | None = None,
 ) -> tuple[float, float]:
     # Critical angles over a profile by exact dilation [rad], forward and backward
     # compiled kernels, loaded where they are used
     from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 
-    path = build_profile_path(x, z, ball, edges=edges)
+    path = build_profile_path(x, z, ball, edges="flat")
     back = None if feature is None else (-feature[1], -feature[0])
     return (
         find_steepest_catch(path, feature).angle,

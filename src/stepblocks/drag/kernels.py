@@ -93,8 +93,8 @@ def integrate(
 ) -> tuple[Array, int, Array, Array, Array, int]:
     """Integrate a drag.
 
-    Returns the rows and their count, the greatest pull (force, time, x, 1 where it was too great),
-    the ledger, and the rows of the places that the tip passed and their count.
+    Returns the rows and their count, the greatest pull (force, time), the
+    ledger, and the rows of the places that the tip passed and their count.
     """
     # knots, the cubics between them, which knots are kinks, the branches there
     nodes, table, kinks, ends = track
@@ -122,7 +122,8 @@ def integrate(
     # whether the friction is a function of the user
     mu_s, kt, limit, own_friction = contact
     # within `near` of a kink both sides are touched; `rest` is the stretch in steady sliding
-    x, y, near, rest = start
+    # and from `slipped` behind a place it must climb again
+    x, y, near, rest, slipped = start
     dt, steps, every = pace
     # of each place that catches: where its slope begins to fall, where the tip has passed it, where
     # its approach begins, 1 where no pull lifts a rigid tip
@@ -142,7 +143,7 @@ def integrate(
     hand = x + rest if driven else x
     carrier = y - load / ky if carried else 0.0
     rows = np.empty((steps // every + 2, 10))
-    ledger, peak = np.zeros(10), np.array([-np.inf, 0.0, x, 0.0])
+    ledger, peak = np.zeros(10), np.array([-np.inf, 0.0])
     passed = np.zeros((8 * passed_at.size + 16, 17))
     passes, place, behind = 0, 0, False
     # of the place ahead: the least pull since the approach began and the greatest one after it
@@ -266,10 +267,8 @@ def integrate(
         # ---- what a strain gauge reads, and which place is caught or passed
         gauge = spring + tug
         if gauge > peak[0]:
-            peak[0], peak[1], peak[2] = gauge, t, x
-        if gauge > limit:
-            peak[3] = 1.0
-        while place > 0 and not behind and x < top_at[place - 1] - 0.1 * near:
+            peak[0], peak[1] = gauge, t
+        while place > 0 and not behind and x < top_at[place - 1] - slipped:
             place -= 1  # the tip has fallen back: it must climb again
             low, top = np.inf, -np.inf
         passing, over = False, False

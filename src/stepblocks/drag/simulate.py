@@ -15,7 +15,7 @@ from stepblocks.contact.laws import compile_coefficient
 from stepblocks.drag import kernels
 from stepblocks.drag.catches import CatchPlaces, find_asked_place, find_catch_places
 from stepblocks.drag.probe import DragSettings, Probe
-from stepblocks.drag.track import NEAR, Track
+from stepblocks.drag.track import NEAR, PATCHES, Track
 from stepblocks.errors import ContactError
 
 _MOST_STEPS = 200_000_000
@@ -174,14 +174,22 @@ def simulate_drag(
     places = find_catch_places(track)
     needed = _compute_needed_pulls(places, settings)
     own = settings.friction_law
-    shared = track.list_separate_kinks(probe.find_indentation(settings.normal_load))
-    y = float(np.interp(x, track.x, track.z)) - probe.find_indentation(settings.normal_load)
+    depth = probe.find_indentation(settings.normal_load)
+    window = min(NEAR * track.ball_radius, PATCHES * math.sqrt(track.ball_radius * depth))
+    shared = track.list_separate_kinks(depth, window)
+    y = float(np.interp(x, track.x, track.z)) - depth
     rows, count, peak, ledger, passed, passes = kernels.integrate(
         (track.x, track.cubics, track.kinks[shared], track.branches[shared]),
         tuple(map(float, astuple(probe))),
         tuple(float(getattr(settings, field.name)) for field in fields(settings)[:-1]),
         (float(mu_s), bristle, limit, float(own is not None)),
-        (x, y, NEAR * track.ball_radius, probe.stretch(settings.sliding_force)),
+        (
+            x,
+            y,
+            window,
+            probe.stretch(settings.sliding_force),
+            0.01 * track.ball_radius,
+        ),
         (dt, steps, every),
         (
             places.last,

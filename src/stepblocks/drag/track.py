@@ -3,8 +3,9 @@
 Cubic pieces between nodes, and the kinks where two contacts share the load.
 """
 
+from __future__ import annotations
+
 import math
-from bisect import bisect
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -14,15 +15,19 @@ from numpy.typing import ArrayLike, NDArray
 from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.path.centre import Array, CentrePath, FeatureRange
-from stepblocks.contact.path.profile import build_profile_path, find_interval_slopes
+from stepblocks.contact.path.profile import TipPath, build_profile_path
 from stepblocks.errors import ContactError
 
 _KINK = math.radians(
     2.0
 )  # a turn at which two contacts share the load, on a surface that may be rough
 _SHARED = 1e-3  # the same on a path whose notches are exact [rad]
-NEAR = 0.1  # radii from a kink within which both sides may be touched
-_FEW_KINKS = 4  # of a shape that was declared, not scanned
+NEAR = 0.3  # radii from a kink beyond which the other side is no longer touched
+PATCHES = 4.0  # the same in radii of the patch of contact
+# where both branches at a kink are held to part: the left one ahead of it, the right one behind it
+_PARTING = np.array([[1.0], [-1.0]]) * np.linspace(0.25, 1.0, 4)
+_HALVINGS = 34  # of an interval in which a notch lies
+_RISER = 0.5 * math.pi - 1e-5  # a path that is steeper jumps [rad]
 _LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
 
@@ -67,25 +72,28 @@ class Track(CentrePath):
         both[..., 2] = np.clip(both[..., 2], -1.05 * bend, 0.05 * bend)
         return both
 
-    def list_separate_kinks(self, depth: float) -> NDArray[np.int64]:
+    def evaluate(self, x: Array) -> Array:
+        """Height at any positions [m]."""
+        piece = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, self.x.size - 2)
+        k0, k1, k2, k3 = np.moveaxis(self.cubics[piece], -1, 0)
+        d = x - self.x[piece]
+        return np.asarray(k0 + d * (k1 + d * (k2 + d * k3)))
+
+    def list_separate_kinks(self, depth: float, window: float) -> NDArray[np.int64]:
         """List the kinks at which two contacts share the load and part before the next one is near.
 
-        One whose branches are not `depth` [m] apart half way to a sharper kink, or where a second
-        contact is no longer looked for, is texture that the contact presses flat; the few kinks of
-        a declared shape all count.
+        One whose branches, continued half way to a sharper kink or to the end of a window [m], do
+        not fall below the path by `depth` [m], is texture that the contact presses flat.
         """
-        left, right = (np.arctan(one[self.kinks]) for one in self.slopes)
-        if self.kinks.size <= _FEW_KINKS:
-            return np.arange(self.kinks.size)
-        near = NEAR * self.ball_radius
-        places: list[float] = []
+        places = self.x[self.kinks]
+        turn = np.arctan(self.slopes[0][self.kinks]) - np.arctan(self.slopes[1][self.kinks])
         kept: list[int] = []
-        for n in np.argsort(left - right, kind="stable").tolist():
-            x = float(self.x[self.kinks[n]])
-            after = bisect(places, x)
-            room = min((abs(x - one) for one in places[max(after - 1, 0) : after + 1]), default=1.0)
-            if math.tan(right[n] - left[n]) * min(0.5 * room, near) >= depth:
-                places.insert(after, x)
+        for n in np.argsort(turn, kind="stable").tolist():
+            room = np.abs(places[kept] - places[n]).min(initial=2.0 * window)
+            steps = 0.5 * room * _PARTING
+            c0, s0, b0 = self.branches[n].T[:, :, None]
+            apart = self.evaluate(places[n] + steps) - (c0 + steps * (s0 + steps * b0))
+            if apart.min() >= -0.1 * depth and apart[:, -1].min() >= depth:
                 kept.append(n)
         return np.array(sorted(kept), dtype=np.int64)
 
@@ -142,42 +150,50 @@ def build_profile_track(
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     if backward:
         xs, zs = -xs[::-1], zs[::-1]
-    span = float(xs.max() - xs.min())
-    count = max(math.ceil(span / (0.01 * ball_radius)), 8)
+    # the ball meets the first point a radius before it, and leaves the last one as far behind
+    first, last = float(xs.min()) - ball_radius, float(xs.max()) + ball_radius
+    count = math.ceil((last - first) / (0.01 * ball_radius))
     if count > 2_000_000:
         raise ContactError(
-            f"profile of {span:g} m is too long to drag over with a ball of {ball_radius:g} m"
+            f"profile of {np.ptp(xs):g} m is too long to drag over with a ball of {ball_radius:g} m"
         )
-    grid = np.linspace(xs.min(), xs.max(), count + 1)
+    grid = np.linspace(first, last, count + 1)
     path = build_profile_path(xs, zs, ball_radius, positions=grid, edges="flat")
-    if np.isnan(path.height).any():
-        raise ContactError(
-            "profile has a gap that is wider than the tip; it cannot be dragged over"
-        )
-    steep = find_interval_slopes(path, -math.inf)
-    if np.isposinf(steep[:, 0]).any():
+    where, before, behind = _find_notches(xs, zs, path)
+    if (behind > _RISER).any():
         raise ContactError(
             "profile has a riser as high as the ball (too-high); the tip would never climb it"
         )
-    turns = np.arctan(steep[:, 0]) - np.arctan(path.slope[:-1])
-    breaks = steep[turns > _KINK, 1]
-    nodes = np.unique(np.concatenate([grid, breaks]))
     # two nodes closer than a millionth of the radius would make a cubic of rounding errors
-    keep = np.concatenate([[True], np.diff(nodes) > 1e-6 * ball_radius]) | np.isin(nodes, breaks)
-    nodes = nodes[keep]
-    crowded = np.flatnonzero(np.diff(nodes) <= 1e-6 * ball_radius)
-    nodes = np.delete(nodes, crowded[~np.isin(nodes[crowded], breaks)])
+    room = 1e-6 * ball_radius
+    sharp = (behind - before > _KINK) & (np.diff(where, append=math.inf) > room)
+    nodes = np.unique(np.concatenate([grid, where[sharp]]))
+    crowded = np.diff(nodes) <= room
+    crowded = np.append(crowded, False) | np.append(False, crowded)
+    nodes = nodes[~crowded | np.isin(nodes, where[sharp])]
     right = build_profile_path(xs, zs, ball_radius, positions=nodes, edges="flat")
-    before = np.maximum(nodes[1:] - 1e-9 * ball_radius, nodes[:-1] + 1e-12 * ball_radius)
-    left = build_profile_path(xs, zs, ball_radius, positions=before, edges="flat")
-    kinks = np.flatnonzero(np.isin(nodes, breaks))
-    slope_left = right.slope.copy()
-    slope_left[kinks] = left.slope[np.maximum(kinks - 1, 0)]
+    kinks = np.searchsorted(nodes, where[sharp])
+    left, slope = right.slope.copy(), right.slope.copy()
+    left[kinks], slope[kinks] = np.tan(before[sharp]), np.tan(behind[sharp])
     ends = nodes[0] - _LEVEL * ball_radius, nodes[-1] + _LEVEL * ball_radius
     x, z = np.concatenate([ends[:1], nodes, ends[1:]]), np.pad(right.height, 1, "edge")
-    return Track(
-        x, z, np.pad(right.slope[:-1], 1), np.pad(slope_left[1:], 1), kinks + 1, ball_radius
-    )
+    return Track(x, z, np.pad(slope[:-1], 1), np.pad(left[1:], 1), kinks + 1, ball_radius)
+
+
+def _find_notches(x: Array, z: Array, path: TipPath) -> tuple[Array, Array, Array]:
+    # Place of the sharpest notch between neighbouring positions [m], and the angles of the path
+    # before and behind it [rad]; arcs and lines only bend down, so the notch lies in the half that
+    # turns up more
+    low, high = path.position[:-1], path.position[1:]
+    before, behind = np.arctan(path.slope[:-1]), np.arctan(path.slope[1:])
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        found = build_profile_path(x, z, path.ball_radius, positions=middle, edges="flat")
+        angle = np.arctan(found.slope)
+        first = angle - before > behind - angle
+        low, before = np.where(first, low, middle), np.where(first, before, angle)
+        high, behind = np.where(first, middle, high), np.where(first, angle, behind)
+    return high, before, behind
 
 
 def build_step_track(height: float, ball_radius: float, edge_radius: float = 0.0) -> Track:

@@ -126,6 +126,8 @@ def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def _choose_positions(x: Floats, width: float, reach: float, edges: Edges) -> Floats:
+    if edges == "flat":  # a ball meets the first point from a radius away
+        x = np.concatenate([[x[0] - 0.5 * width], x, [x[-1] + 0.5 * width]])
     pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * width)), 1)
     if pieces.sum() > _MOST_POSITIONS:
         raise ContactError(
@@ -188,8 +190,6 @@ def find_interval_slopes(path: TipPath, floor: float) -> NDArray[np.float64]:
 
     The shape is (n - 1, 3).
     """
-    if path.position.size < 2:
-        raise ContactError("a drag needs a path of at least 2 positions")
     radius = path.ball_radius
     tolerance = max(1e-13 * (2.0 * radius), 4.0 * float(np.spacing(np.abs(path.position).max())))
     found = kernels.find_steepest_in_each(
