@@ -7,6 +7,9 @@ import pytest
 
 from oracles.tip_paths import groove_path, step_path
 from stepblocks.contact.counterface import Margin, Profile, Step
+from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.energy import find_release
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track, build_track, build_track_along_path
@@ -67,3 +70,31 @@ def test_features_lie_between_the_first_and_the_last_bend():
     flat = build_track(Profile(np.array([-1e-3, 1e-3]), np.zeros(2)), R)
     assert flat.features[0] == flat.features[1]
     assert flat.kinks.size == 0
+
+
+@pytest.mark.parametrize("count", range(6))
+def test_a_notch_is_found_wherever_the_nodes_lie(count):
+    # A flank of 45 degrees with noise of a nanometre: just behind the notch the path may be a
+    # little steeper still. One more sample at the end moves every node; expected values: the face
+    # before the notch is level, the flank behind it has 45 degrees, equation (1).
+    x = np.arange(-500, 496 + count) * 1e-6
+    noise = 1e-9 * np.random.default_rng(3).standard_normal(1010)[: x.size]
+    face = Profile(x, np.clip(x, 0.0, 50e-6) + noise)
+    track = build_track(face, R)
+    (kink,) = track.kinks
+    before, behind = (math.degrees(math.atan(one[kink])) for one in track.slopes)
+    assert before == pytest.approx(0.0, abs=0.3)
+    assert behind == pytest.approx(45.0, abs=0.3)
+    trace = simulate_drag(track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=1e-3, ring_time=5e-3))
+    expected = find_release(math.radians(45.0), 1.0, 0.15).pull_force
+    assert trace.peak_force == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("before", [300e-6, 74e-6, 50e-6, 1e-6])
+def test_a_profile_goes_on_level_where_its_points_end_within_reach_of_the_ball(before):
+    # Expected value: equation (2); the ball of 125 um meets a step of 25 um 75 um before it.
+    face = Profile([-before, 0.0, 0.0, before], [0.0, 0.0, 25e-6, 25e-6])
+    expected = find_step_angle(25e-6, R)
+    assert face.release(PAPER).angle == pytest.approx(expected, rel=1e-6)
+    assert face.centre_path(R).find_notch(1.0)[2] == pytest.approx(expected, rel=1e-6)
+    assert build_track(face, R).steepest_angle == pytest.approx(expected, rel=1e-6)
