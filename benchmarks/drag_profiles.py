@@ -153,22 +153,24 @@ def compare(number, kind, rng, scan):
 
 def tabulate(records):
     """Print the table of a benchmark, one row for each kind."""
-    print(
-        "kind       profiles  pull within 1 %  energy within 3 %  median pull  missed  floor [um]"
-    )
+    head = ("profiles", "answered", "pull within 1 %", "energy within 3 %", "median pull difference")
+    print("| kind |", " | ".join((*head, "missed events", "texture hides steps of, um")), "|")
+    print("|---" * 8 + "|")
     for kind in (*KINDS, "all"):
-        own = [one for one in records if kind in ("all", one["kind"]) and "failed" not in one]
+        given = [one for one in records if kind in ("all", one["kind"])]
+        own = [one for one in given if "failed" not in one]
         held = [one for one in own if "pull_difference" in one]
         pull = np.abs([one["pull_difference"] for one in held])
         energy = np.abs([one["energy_difference"] for one in held])
         floor = [one["texture_hides_step_m"] for one in own if one["texture_hides_step_m"]]
-        print(
-            f"{kind:10} {len(own):8d}  {int((pull < PULL).sum()):4d} of {len(held):4d}     "
-            f"{int((energy < ENERGY).sum()):4d} of {len(held):4d}       "
-            f"{np.median(pull) if held else math.nan:10.2%}  "
-            f"{sum(one['missed'] for one in own):6d}  "
-            f"{1e6 * np.median(floor) if floor else math.nan:8.2f}"
+        cells = (
+            f"{len(given)} | {len(own)} | {int((pull < PULL).sum())} of {len(held)}",
+            f"{int((energy < ENERGY).sum())} of {len(held)}",
+            f"{np.median(pull):.2%}".replace("%", " %") if held else "-",
+            f"{sum(one['missed'] for one in own)}",
+            f"{1e6 * np.median(floor):.2f}" if floor and kind in ("wavy", "ground") else "-",
         )
+        print(f"| {kind} | {' | '.join(cells)} |")
 
 
 def main():

@@ -234,10 +234,11 @@ def events_of(rows, path, *, level, stiffness, frequency, least=LEAST):
     Place, greatest pull since the last one, energy of its ring.
     """
     time, force, x = rows.T
-    reached = np.maximum.accumulate(x)
     catches = path.catches(least)
     found, since = [], 0
-    passed = [int(np.searchsorted(reached, place + 0.2e-6)) for place, _ in catches]
+    # a tip that flew over a place and fell back has not passed it: the last time counts
+    retained = np.minimum.accumulate(x[::-1])[::-1]
+    passed = [int(np.searchsorted(retained, place + 0.2e-6)) for place, _ in catches]
     for number, (place, angle) in enumerate(catches):
         k = passed[number]
         if k >= len(x) or k <= since:

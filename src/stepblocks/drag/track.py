@@ -23,7 +23,7 @@ _KINK = math.radians(
 )  # a turn at which two contacts share the load, on a surface that may be rough
 _SHARED = 1e-3  # the same on a path whose notches are exact [rad]
 NEAR = 0.3  # radii from a kink beyond which the other side is no longer touched
-PATCHES = 4.0  # the same in radii of the patch of contact
+PATCHES = 5.0  # the same in radii of the patch of contact
 # where both branches at a kink are held to part: the left one ahead of it, the right one behind it
 _PARTING = np.array([[1.0], [-1.0]]) * np.linspace(0.25, 1.0, 4)
 _HALVINGS = 34  # of an interval in which a notch lies
