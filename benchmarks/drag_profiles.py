@@ -153,7 +153,13 @@ def compare(number, kind, rng, scan):
 
 def tabulate(records):
     """Print the table of a benchmark, one row for each kind."""
-    head = ("profiles", "answered", "pull within 1 %", "energy within 3 %", "median pull difference")
+    head = (
+        "profiles",
+        "answered",
+        "pull within 1 %",
+        "energy within 3 %",
+        "median pull difference",
+    )
     print("| kind |", " | ".join((*head, "missed events", "texture hides steps of, um")), "|")
     print("|---" * 8 + "|")
     for kind in (*KINDS, "all"):
