@@ -96,5 +96,4 @@ def test_a_profile_goes_on_level_where_its_points_end_within_reach_of_the_ball(b
     face = Profile([-before, 0.0, 0.0, before], [0.0, 0.0, 25e-6, 25e-6])
     expected = find_step_angle(25e-6, R)
     assert face.release(PAPER).angle == pytest.approx(expected, rel=1e-6)
-    assert face.centre_path(R).find_notch(1.0)[2] == pytest.approx(expected, rel=1e-6)
     assert build_track(face, R).steepest_angle == pytest.approx(expected, rel=1e-6)

@@ -408,13 +408,7 @@ class Profile(Counterface):
         return find_outline(np.column_stack([self.x, self.z]))
 
     def centre_path(self, ball_radius: float) -> CentrePath:
-        discs, lines = self.outline()
-        (first, start), (last, end) = lines[0][0], lines[-1][1]
-        # level beyond both ends, where the ball meets the first point from a radius away
-        before = (first - ball_radius, start), (first, start)
-        behind = (last, end), (last + ball_radius, end)
-        discs += [(first, start, 0.0), (last, end, 0.0)]
-        path = build_envelope_path(discs, [before, *lines, behind], ball_radius)
+        path = super().centre_path(ball_radius)
         return replace(path, feature=self.feature and FeatureRange(*self.feature, ball_radius))
 
 
@@ -491,8 +485,7 @@ def _find_steepest_angles(
     from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 
     path = build_profile_path(x, z, ball, edges="flat")
-    back = None if feature is None else (-feature[1], -feature[0])
     return (
         find_steepest_catch(path, feature).angle,
-        find_steepest_catch(path.mirrored(), back).angle,
+        find_steepest_catch(path.mirrored(), feature and (-feature[1], -feature[0])).angle,
     )

@@ -233,16 +233,6 @@ class Drag:
             folder / "drag.json", json.dumps(self.summary, indent=1, sort_keys=True) + "\n"
         )
 
-    def _repr_html_(self) -> str:
-        import pandas as pd
-
-        rows = {
-            name: value
-            for name, value in self.summary.items()
-            if not isinstance(value, (dict, list))
-        }
-        return str(pd.Series(rows, dtype=object).to_frame().to_html(header=False))
-
 
 def drag_over(
     subject: str | Path | Counterface | Scanned,

@@ -86,11 +86,10 @@ class Track(CentrePath):
         not fall below the path by `depth` [m], is texture that the contact presses flat.
         """
         places = self.x[self.kinks]
-        turn = np.arctan(self.slopes[0][self.kinks]) - np.arctan(self.slopes[1][self.kinks])
         kept: list[int] = []
-        for n in np.argsort(turn, kind="stable").tolist():
-            room = np.abs(places[kept] - places[n]).min(initial=2.0 * window)
-            steps = 0.5 * room * _PARTING
+        before, behind = (np.arctan(one[self.kinks]) for one in self.slopes)
+        for n in np.argsort(before - behind, kind="stable").tolist():
+            steps = 0.5 * np.abs(places[kept] - places[n]).min(initial=2.0 * window) * _PARTING
             c0, s0, b0 = self.branches[n].T[:, :, None]
             apart = self.evaluate(places[n] + steps) - (c0 + steps * (s0 + steps * b0))
             if apart.min() >= -0.1 * depth and apart[:, -1].min() >= depth:
@@ -188,8 +187,9 @@ def _find_notches(x: Array, z: Array, path: TipPath) -> tuple[Array, Array, Arra
     before, behind = np.arctan(path.slope[:-1]), np.arctan(path.slope[1:])
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        found = build_profile_path(x, z, path.ball_radius, positions=middle, edges="flat")
-        angle = np.arctan(found.slope)
+        angle = np.arctan(
+            build_profile_path(x, z, path.ball_radius, positions=middle, edges="flat").slope
+        )
         first = angle - before > behind - angle
         low, before = np.where(first, low, middle), np.where(first, before, angle)
         high, behind = np.where(first, middle, high), np.where(first, angle, behind)
