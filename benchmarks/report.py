@@ -112,6 +112,15 @@ PARTS = [
         },
     ),
     Part(
+        "drag-profiles",
+        "python benchmarks/drag_profiles.py --scans {shared}/real",
+        {
+            "profiles-pull": (r"\| all \| \d+ \| \d+ \| (\d+ of \d+)", "{}"),
+            "profiles-energy": (r"\| all (?:\| [^|]+){3}\| (\d+ of \d+)", "{}"),
+        },
+        10,
+    ),
+    Part(
         "mujoco",
         "python benchmarks/drag_against_mujoco.py",
         {
