@@ -18,7 +18,7 @@ from stepblocks.bench.signal.aftermath import (
 )
 from stepblocks.bench.signal.approach import find_landmarks, fit_approach
 from stepblocks.bench.signal.features import _find_corner_of_fall
-from stepblocks.bench.signal.ring import RubbingRing, _rubbing_kernel, compute_rubbing_force
+from stepblocks.bench.signal.ring import RubbingRing, _compute_rubbing, compute_rubbing_force
 
 COURSE = Course()
 TIME = COURSE.clock()
@@ -150,7 +150,7 @@ def test_the_kernel_of_a_rubbing_ring_gives_compiled_what_it_gives_as_python():
     time = TIME[:400]
     arguments = (time, (0.12, GAP), (270.0, 28e-3), (1.6, -50.0), 98.1)
     force = compute_rubbing_force(time, 0.12, GAP, (270.0, 28e-3), (1.6, -50.0), 98.1)
-    np.testing.assert_allclose(_rubbing_kernel(*arguments), force, rtol=1e-9)
+    np.testing.assert_allclose(_compute_rubbing(*arguments), force, rtol=1e-9)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])

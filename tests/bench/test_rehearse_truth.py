@@ -10,10 +10,10 @@ import pytest
 
 from stepblocks.bench.rehearse.plan import SessionPlan, name_block
 from stepblocks.bench.rehearse.run import (
+    build_rig,
     compute_planted_state,
     compute_truth,
     record_true_drag,
-    rig_of_state,
 )
 from stepblocks.errors import PipelineError
 
@@ -157,9 +157,9 @@ def test_the_rig_has_the_corner_of_the_slower_of_gauge_and_declaration():
     slow = plan(lag)
     found = state(slow)
     # origin: a first-order gauge of time constant T has its corner at 1 / (2 pi T)
-    assert rig_of_state(slow, found).bandwidth == pytest.approx(1.0 / (2.0 * math.pi * 1e-4))
+    assert build_rig(slow, found).bandwidth == pytest.approx(1.0 / (2.0 * math.pi * 1e-4))
     ideal = plan(rig={"drift_n_per_s": 0.2, "noise": "1 mN"})
-    rig = rig_of_state(ideal, state(ideal))
+    rig = build_rig(ideal, state(ideal))
     assert (rig.bandwidth, rig.drift, rig.noise) == (math.inf, 0.2, 1e-3)
 
 

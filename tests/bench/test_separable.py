@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import curve_fit
 
 from stepblocks.bench.signal.separable import (
+    build_wave_columns,
     compute_correlation_inflation,
     compute_misfit,
     compute_numeric_jacobian,
@@ -17,7 +18,6 @@ from stepblocks.bench.signal.separable import (
     fit_linear,
     fit_separable,
     propagate_std,
-    wave_columns,
 )
 
 TIME = np.linspace(0.0, 0.4, 500)
@@ -73,14 +73,14 @@ def test_a_constant_factor_on_the_data_scales_weights_and_leaves_the_shape():
 
 
 def test_a_linear_fit_leaves_residuals_that_no_column_explains():
-    columns = np.column_stack([np.ones_like(TIME), TIME, wave_columns(TIME, 50.0)])
+    columns = np.column_stack([np.ones_like(TIME), TIME, build_wave_columns(TIME, 50.0)])
     weights, residuals = fit_linear(columns, noisy())
     np.testing.assert_allclose(columns.T @ residuals, 0.0, atol=1e-9)
     np.testing.assert_allclose(columns @ weights + residuals, noisy(), rtol=1e-12)
 
 
 def test_a_wave_is_a_point_on_a_circle_that_turns_at_its_frequency():
-    cosine, sine = wave_columns(TIME, 37.0).T
+    cosine, sine = build_wave_columns(TIME, 37.0).T
     np.testing.assert_allclose(np.hypot(cosine, sine), 1.0, rtol=1e-12)
     turned = np.unwrap(np.arctan2(sine, cosine))
     np.testing.assert_allclose(np.diff(turned) / np.diff(TIME), 2.0 * np.pi * 37.0, rtol=1e-9)

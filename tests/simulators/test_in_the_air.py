@@ -1,4 +1,4 @@
-"""A tip that was lifted releases nothing: the delivered laws in C, C++ and Python, compiled and driven."""
+"""A lifted tip releases nothing: the delivered laws in C, C++ and Python, compiled and driven."""
 
 import importlib.util
 import itertools
@@ -43,8 +43,9 @@ def compile_program(names, source, program, *options):
 
 
 def hands(scene):
-    """Two tours of a hand (x, z): pressed in the notch, let go, lifted, across in the air, set down on
-    the upper face; and the same pulled over the edge in contact."""
+    """Two tours of a hand (x, z), one through the air and one pulled over the edge in contact.
+
+    The first: pressed in the notch, let go, lifted, across, set down on the upper face."""
     x, z, k = scene.events[0].trigger_position, scene.events[0].trigger_height, scene.stiffness
     down, high, beyond = z - POINT.normal_load / k, z + 3e-4, x + 6e-4
     force = scene.events[0].critical_force

@@ -1,4 +1,4 @@
-"""A scanned margin as one scene: the tooth, its line, and the section of every station in its place."""
+"""A scanned margin as one scene: tooth, line, and the section of every station in its place."""
 
 import importlib.util
 import json
@@ -13,7 +13,7 @@ import pytest
 from oracles.scanned_tooth import FLARE, MARGIN, RADIUS, scan, scanned_set
 from stepblocks.cli import main
 from stepblocks.declare import load_set
-from stepblocks.parts.margin_line import stations_in, tooth_in
+from stepblocks.parts.margin_line import find_stations_confined, read_tooth_confined
 from stepblocks.simulators.assemble import build_scene, lay_out_teeth, resolve_contact
 from stepblocks.simulators.conditions import choose_operating_point
 from stepblocks.simulators.scene import write_tooth
@@ -34,7 +34,7 @@ def leaning_scan():
 
 
 def expected_force(angle):
-    """Equation (1): a = asin(g / 2R) over the corner, or the slope of the crown where it is steeper."""
+    """Equation (1): a = asin(g / 2R) over the corner, or the crown's slope where it is steeper."""
     slope = math.atan(math.tan(FLARE) + LEAN * math.cos(angle))
     return LOAD * math.tan(max(math.asin(GAP / (2.0 * BALL)), slope) + math.atan(MU))
 
@@ -295,7 +295,7 @@ def test_blocks_without_a_place_are_no_tooth(binding, folders):
 
 
 def test_a_loose_island_over_the_margin_never_answers_for_the_tooth(tmp_path):
-    """A patch of many triangles 0.3 mm outside, over a twelfth of the line: stations stay the same."""
+    """A patch of many triangles 0.3 mm outside, over 1/12 of the line: stations stay the same."""
     import trimesh
 
     whole = leaning_scan()
@@ -309,11 +309,13 @@ def test_a_loose_island_over_the_margin_never_answers_for_the_tooth(tmp_path):
     trimesh.util.concatenate([whole, patch]).export(tmp_path / "island.stl")
     whole.export(tmp_path / "tooth.stl")
     clean, found = (
-        stations_in(tmp_path / name, 1e-3, MARGIN, STATIONS, (0.0, 0.0, 1.0), "both")["stations"]
+        find_stations_confined(tmp_path / name, 1e-3, MARGIN, STATIONS, (0.0, 0.0, 1.0), "both")[
+            "stations"
+        ]
         for name in ("tooth.stl", "island.stl")
     )
     assert np.array_equal(clean, found)
-    delivered = tooth_in(tmp_path / "island.stl", 1e-3, MARGIN)
+    delivered = read_tooth_confined(tmp_path / "island.stl", 1e-3, MARGIN)
     assert len(delivered["triangles"]) == len(whole.faces)
 
 

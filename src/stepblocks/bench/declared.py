@@ -48,12 +48,12 @@ def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str
     session = traces.session
     measured = [(trial, features) for trial, features in pilots if features]
     enough = len(measured) * 2 >= len(pilots) and len(measured) >= _FEWEST
-    if enough and _agrees(*_compare(session, measured)):
+    if enough and _is_plausible(*_compare(session, measured)):
         return
     for slip, correct in _SLIPS.items():
         again = _measure_corrected(traces, pilots, correct)
         most = len(again) * 2 > min(len(pilots), _TRIED)
-        if most and _agrees(*_compare(session, again)):
+        if most and _is_plausible(*_compare(session, again)):
             raise BenchError(f"{slip}: with it corrected the traces agree [{session.folder}]")
     if not enough:
         return
@@ -76,7 +76,7 @@ def _name_slip(
 ) -> str:
     # Say which of gain, spring and speed is wrong: a wrong gain contradicts the blocks too
     times = f"{float(f'{1.0 / spring:.2g}'):g}"
-    as_is, divided = (_misfit_of_blocks(session, measured, gain) for gain in (1.0, spring))
+    as_is, divided = (_measure_misfit_of_blocks(session, measured, gain) for gain in (1.0, spring))
     if divided < _CLEARLY * as_is:
         return (
             f"`acquisition.channels.tangential.factor` is {spring:.3g} times the right one (the "
@@ -106,7 +106,7 @@ def _compare(
     return spring, load, friction
 
 
-def _agrees(spring: float, load: float, friction: float) -> bool:
+def _is_plausible(spring: float, load: float, friction: float) -> bool:
     return (
         1.0 / _FAR < spring < _FAR
         and 1.0 / _FAR < load < _FAR
@@ -130,7 +130,7 @@ def _measure_corrected(
     return found
 
 
-def _misfit_of_blocks(
+def _measure_misfit_of_blocks(
     session: Session, measured: Sequence[tuple[Trial, Mapping[str, float]]], gain: float
 ) -> float:
     # Median of ``|ln F_px - ln (1)|`` with the tangential force divided by a gain

@@ -89,7 +89,9 @@ def _draw(
         told = "\n".join(note.rstrip() for note in notes)
     for axes in (whole, near):
         axes.plot(time, trace.tangential, ".", color=_LINE, markersize=1.8, label="measured")
-        for name, instants, force in _curves(trace, measured) if measured is not None else ():
+        for name, instants, force in (
+            _compute_curves(trace, measured) if measured is not None else ()
+        ):
             axes.plot(1e3 * instants, force, color=_FIT, linewidth=1.1, label=name)
         axes.set_ylabel("tangential force / N")
     near.set_xlim(1e3 * (release - 12e-3), 1e3 * (release + 40e-3))
@@ -101,7 +103,7 @@ def _draw(
     save_figure(figure, path)
 
 
-def _curves(trace: Trace, measured: Measurement) -> Iterator[tuple[str, Array, Array]]:
+def _compute_curves(trace: Trace, measured: Measurement) -> Iterator[tuple[str, Array, Array]]:
     # Name, instants and force of what was fitted
     approach, after, release = measured.approach, measured.aftermath, measured.peak.time
     time = trace.time - measured.start

@@ -41,7 +41,7 @@ _SAME_BY_DEFINITION = frozenset({"block_tilt"})
 
 
 @lru_cache(maxsize=4)
-def _cached_design(trials: Trials, spring_constant: float) -> BenchDesign:
+def _find_design(trials: Trials, spring_constant: float) -> BenchDesign:
     return forward.convert_to_design(trials.block, trials.covariates, spring_constant)
 
 
@@ -90,7 +90,7 @@ class SessionModel:
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
         found = forward.list_constants(
-            _cached_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned
+            _find_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned
         )
         if spring := self.known.get("spring_constant"):
             ratio, std = (one / self.tool.stiffness for one in spring)
@@ -123,7 +123,7 @@ class SessionModel:
 
         Along height, load, speed and their squares.
         """
-        design = _cached_design(trials, self.tool.stiffness)
+        design = _find_design(trials, self.tool.stiffness)
         height, load, speed = (
             _standardise(np.log(column)) for column in (design.height, design.load, design.speed)
         )
@@ -138,7 +138,7 @@ class SessionModel:
     def state(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> DragState:
         """Fill all slots, effects applied."""
         state = forward.build_extended_state(
-            _cached_design(trials, self.tool.stiffness), values, effects
+            _find_design(trials, self.tool.stiffness), values, effects
         )
         told = {name: value for name, (value, _) in self.known.items()}
         return apply_instrument_constants(state, None, told) if told else state

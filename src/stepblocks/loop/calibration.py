@@ -35,12 +35,12 @@ _FEWEST = 5  # traces with unloaded samples
 _LEAST_STD = 1e-4  # N, of a zero: a gauge creeps by more between two tares
 
 
-def _to_logarithm(pair: tuple[float, float]) -> tuple[float, float]:
+def _convert_to_logarithm(pair: tuple[float, float]) -> tuple[float, float]:
     value, std = pair
     return float(np.log(value)), std / value
 
 
-def _to_time_constant(pair: tuple[float, float]) -> tuple[float, float]:
+def _convert_to_time_constant(pair: tuple[float, float]) -> tuple[float, float]:
     corner, std = pair
     return 1.0 / (2.0 * np.pi * corner), std / (2.0 * np.pi * corner**2)
 
@@ -48,8 +48,10 @@ def _to_time_constant(pair: tuple[float, float]) -> tuple[float, float]:
 _KnownZero = tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None
 _KnownShare = tuple[_Ratio, _Gain] | None
 # of gains the law has the logarithm
-_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_to_logarithm)] | None
-_KnownBandwidth = Annotated[tuple[Frequency, Frequency], AfterValidator(_to_time_constant)] | None
+_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_convert_to_logarithm)] | None
+_KnownBandwidth = (
+    Annotated[tuple[Frequency, Frequency], AfterValidator(_convert_to_time_constant)] | None
+)
 
 
 class _Calibration(Strict):

@@ -128,7 +128,7 @@ def build_session_table(
     floor = np.full(values.shape, np.nan)
     floor[bounded, 1] = np.log(_read_numbers(table, "peak_force_n")[bounded])
     values[bounded, :2] = np.nan
-    implied = {name: column[good] for name, column in _imply_covariates(features).items()}
+    implied = {name: column[good] for name, column in _derive_covariates(features).items()}
     covariates = _read_covariates(table) | implied | {"tip_radius_um": radius[good]}
     trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy(), floor)
     names = table["trial"].to_numpy()
@@ -151,8 +151,8 @@ def build_session_table(
         # where no trial rang, these two constants stay where they begin
         Tool(
             stiffness=spring_constant,
-            frequency=_median_or(trials.values[:, 4], PAPER.tool.frequency),
-            decay_time=_median_or(trials.values[:, 5], PAPER.tool.decay_time),
+            frequency=_find_median(trials.values[:, 4], PAPER.tool.frequency),
+            decay_time=_find_median(trials.values[:, 5], PAPER.tool.decay_time),
         ),
         scanned=heights or None,
         # where the profile cannot resolve an edge all its scans err alike
@@ -253,12 +253,12 @@ def _read_numbers(table: pd.DataFrame, name: str) -> Floats:
     return np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=np.float64)
 
 
-def _median_or(logarithms: Floats, otherwise: float) -> float:
+def _find_median(logarithms: Floats, otherwise: float) -> float:
     seen = logarithms[np.isfinite(logarithms)]
     return float(np.exp(np.median(seen))) if seen.size else otherwise
 
 
-def _imply_covariates(features: pd.DataFrame) -> dict[str, Floats]:
+def _derive_covariates(features: pd.DataFrame) -> dict[str, Floats]:
     # Compute what the log implies: pauses by its clock, passes over a block, the trial before
     order = _read_numbers(features, "run_order")
     rows = np.argsort(order if np.isfinite(order).all() else np.arange(len(order)), kind="stable")

@@ -33,9 +33,9 @@ from stepblocks.parts.declared import (
     check_below,
     check_rule,
     declare_default,
+    make_rules_validator,
     read_none,
     read_positive,
-    rules_validator,
 )
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import compute_text_width, outline_text
@@ -106,7 +106,7 @@ class Body(Table):
     mounting: Annotated[Mounting | None, BeforeValidator(read_none)] = declare_default({})
     engraving: Annotated[Engraving | None, BeforeValidator(read_none)] = declare_default({})
 
-    @rules_validator
+    @make_rules_validator
     def _fits(self) -> Iterator[str]:
         length, width, thickness = self.length.nominal, self.width.nominal, self.thickness.nominal
         holes, chamfer = self.mounting, self.edge_break.nominal

@@ -105,7 +105,7 @@ class Characteristic:
 
 def find_face(faces: tuple[cad.door.Face, ...], rule: FaceRule, place: str) -> int:
     """Find the one face that a rule describes, the largest where the rule fits several."""
-    found = [index for index, face in enumerate(faces) if _face_fits(face, rule)]
+    found = [index for index, face in enumerate(faces) if _is_face_of(face, rule)]
     if not found:
         raise MachiningError(f"a face must exist for {rule}, got none [{place}]")
 
@@ -118,7 +118,7 @@ def find_face(faces: tuple[cad.door.Face, ...], rule: FaceRule, place: str) -> i
     return max(found, key=extent)
 
 
-def _face_fits(face: cad.door.Face, rule: FaceRule) -> bool:
+def _is_face_of(face: cad.door.Face, rule: FaceRule) -> bool:
     if face.kind != ("PLANE" if rule.kind == "SLOPE" else rule.kind):
         return False
     if rule.kind == "SLOPE":

@@ -15,7 +15,7 @@ from stepblocks.quantities import DIMENSIONS, format_quantity, parse_quantity
 Identity = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]
 
 
-def rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
+def make_rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
     """Make a validator of a check of a whole table.
 
     The check yields broken rules; nothing or ``""`` where all hold.

@@ -23,7 +23,7 @@ _COVERED = 1.0 / 3.0  # share of a side that must be there: a hole beside the ma
 _OUTLYING = 4.0  # robust standard deviations beyond which a sample is debris or the edge of a hole
 
 
-def stations_in(
+def find_stations_confined(
     path: Path,
     scale: float,
     margin: list[list[float]],
@@ -79,7 +79,7 @@ def stations_in(
     }
 
 
-def tooth_in(path: Path, scale: float, margin: list[list[float]]) -> dict[str, object]:
+def read_tooth_confined(path: Path, scale: float, margin: list[list[float]]) -> dict[str, object]:
     """Read the surface that a margin runs along, in a confined process: vertices [m], triangles."""
     mesh, *_ = _load_tooth(path, scale, margin)
     return {"vertices": np.asarray(mesh.vertices), "triangles": np.asarray(mesh.faces)}

@@ -22,7 +22,7 @@ from stepblocks.parts.conditions import (
     PredictionGrid,
     ProbeSpec,
 )
-from stepblocks.parts.declared import Identity, Table, rules_validator
+from stepblocks.parts.declared import Identity, Table, make_rules_validator
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.margin import MarginBlock
@@ -203,7 +203,7 @@ class StimulusSet(Table):
         tool = self.prediction.tool.model_copy(update={"stiffness": ring.stiffness})
         return self.prediction.model_copy(update={"tool": tool})
 
-    @rules_validator
+    @make_rules_validator
     def _parts_suit_the_conditions(self) -> Iterator[str]:
         counts = Counter(part.id for part in self.stimuli)
         for name in (counts - Counter(set(counts))).elements():

@@ -63,8 +63,8 @@ def export_scenes(
 ) -> list[Exported]:
     """Write scenes of every stimulus of some sets, each folder complete in itself.
 
-    A scanned margin of a file is also written as one scene of its tooth, ``set/id/simulator-tooth``,
-    where the format has it.
+    A scanned margin of a file is also written as one scene of its tooth, in
+    ``set/id/simulator-tooth``, where the format has it.
 
     Scale and full scale of the WAV files are those of the whole set, whatever is written of it.
     Either all folders are written, or none.

@@ -324,7 +324,7 @@ class Blocks:
 
     def energies(self) -> dict[str, float]:
         """Predict the energy of vibration [J] of each block; each must release the probe."""
-        found = dict(zip(self.faces, _felt(self.faces.values(), self.point), strict=True))
+        found = dict(zip(self.faces, _predict_felt(self.faces.values(), self.point), strict=True))
         for name, face in self.faces.items():
             if not found[name] > 0.0:
                 status = face.release(self.point).status
@@ -336,7 +336,7 @@ class Blocks:
         return found
 
 
-def _felt(faces: Iterable[Counterface], point: OperatingPoint) -> list[float]:
+def _predict_felt(faces: Iterable[Counterface], point: OperatingPoint) -> list[float]:
     return list(choose_energies([predict_one(face, point) for face in faces])[0])
 
 
@@ -375,7 +375,7 @@ def choose_blocks(
         for block in sorted(stimuli.step_block, key=lambda one: one.height.nominal)
     ]
     # of the loads the first under which every block rings, and rises
-    point = next((point for point in points[:-1] if _rise(_felt(faces, point))), points[-1])
+    point = next((point for point in points[:-1] if _rise(_predict_felt(faces, point))), points[-1])
     items = tuple(Item(block.id, block.id.upper(), block.height.nominal) for block in blocks)
     return Blocks(items, {block.id: block.counterface() for block in blocks}, point)
 

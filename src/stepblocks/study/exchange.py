@@ -66,9 +66,9 @@ def read_foreign_judgements(
     keys: Counter[tuple[str, ...]] = Counter()
     planned = []
     for row in rows:
-        one = {mine: text for mine in _SAID if (text := _cell(row, mine, named)) is not None} | {
-            "line": row["line"]
-        }
+        one = {
+            mine: text for mine in _SAID if (text := _format_cell(row, mine, named)) is not None
+        } | {"line": row["line"]}
         one |= {name: text for name, text in row.items() if name.startswith(FACTOR)}
         one.setdefault("condition", _DEFAULTS[experiment])
         needed = ["participant", "condition", "height_um", *kind.answers]
@@ -114,7 +114,7 @@ def _refuse_duplicates(rows: Sequence[Row], participant: str) -> None:
         require(not alike, f"participant {who}'s {half} rows must not stand twice")
 
 
-def _cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
+def _format_cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
     # Text of one of our columns in a foreign row; lengths in micrometres
     stem, _, unit = mine.rpartition("_")
     for end, factor in _UNITS.items() if unit == "um" else (("", 1.0),):
@@ -182,12 +182,12 @@ def share_study(
     labels = {who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people}  # as both forms allow them
     alike = len(set(labels.values())) < len(labels) or not all(labels.values())
     require(not alike, f"participants must differ in letters and digits, got {list(people)[:5]}")
-    files = _bids(experiment, people, labels, {"Authors": authors, "License": licence})
+    files = _write_bids(experiment, people, labels, {"Authors": authors, "License": licence})
     sheet.write_new_files(Path(output), files)
     return sorted(files)
 
 
-def _bids(
+def _write_bids(
     experiment: str,
     people: Mapping[str, Sequence[Row]],
     labels: Mapping[str, str],

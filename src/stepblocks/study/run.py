@@ -319,8 +319,8 @@ def analyse_study(
     ratings : tuple of int
         Lowest and highest rating.
     equivalent : float, optional
-        Conditions that differ by less than this count as equivalent [m]; the bound that can be stated
-        stands there without it.
+        Conditions that differ by less than this count as equivalent [m]; without it the bound that
+        can be stated stands there.
     groups : str or Path, optional
         CSV with ``participant`` and ``group``, such as dentists and students, which are then
         compared; without a design a column ``group`` of the table does as well.

@@ -235,7 +235,7 @@ def read_design(path: Path) -> list[dict[str, str]]:
         f"experiment must be one of {', '.join(EXPERIMENTS)}, the same in all rows, got "
         f"{experiments} [{path}]",
     )
-    _by_trial(rows)
+    _index_by_trial(rows)
     for row in rows:
         for name in ("height_um", "standard_height_um") if row["standard"] else ("height_um",):
             require(
@@ -271,7 +271,7 @@ def join_answers(
     """Put the answers to the trials that they belong to."""
     planned = {(row["participant"], row["trial"]): row for row in design}
     pairs, mistakes = [], list[Mistake]()
-    for key, answer in _by_trial(answers).items():
+    for key, answer in _index_by_trial(answers).items():
         with collect_mistakes(mistakes, answer["line"]):
             require(
                 key in planned,
@@ -301,7 +301,7 @@ def join_rows(
     """
     import pandas as pd
 
-    kind, planned = EXPERIMENTS[experiment], asked or _by_trial([row for row, _ in pairs])
+    kind, planned = EXPERIMENTS[experiment], asked or _index_by_trial([row for row, _ in pairs])
     answered: dict[Key, dict[str, float]] = {}
     found = list(mistakes)
     for row, answer in pairs:
@@ -413,7 +413,7 @@ def read_rows(path: Path, columns: Sequence[str], empty: bool = False) -> list[d
     return rows
 
 
-def _by_trial(rows: Sequence[Row]) -> dict[Key, Row]:
+def _index_by_trial(rows: Sequence[Row]) -> dict[Key, Row]:
     found: dict[Key, Row] = {}
     for row in rows:
         key = (row["participant"], row["trial"])

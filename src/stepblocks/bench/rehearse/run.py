@@ -127,7 +127,7 @@ def _write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
             np.random.default_rng([plan.seed, 3, number]),
         )
         _write_scan(folder / "scans" / f"{name_block(nominal)}.csv", step, chance)
-    (folder / "session.toml").write_text(_session_text(plan), encoding="utf-8")
+    (folder / "session.toml").write_text(_format_session(plan), encoding="utf-8")
     rows, locked = plan.rows(), 0
     with (
         open_writer(folder, plan.format) as write,
@@ -160,7 +160,7 @@ def _record_row(
     state = compute_planted_state(plan, row, heights, chance)
     if state is None:
         return None
-    rig, gain = rig_of_state(plan, state), float(state.gain[0])
+    rig, gain = build_rig(plan, state), float(state.gain[0])
     if plan.source == "drag":
         step, point, pull = record_true_drag(plan, state)
         cubic = float(state.hardening[0]) * point.tool.stiffness**3
@@ -197,7 +197,7 @@ def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
     )
 
 
-def _session_text(plan: SessionPlan) -> str:
+def _format_session(plan: SessionPlan) -> str:
     title = plan.title.replace("\\", "\\\\").replace('"', '\\"')
     return f"""schema = 1
 title = "{title}"
@@ -271,7 +271,7 @@ def compute_planted_state(
     return None if bool(state.locked()[0]) or not bool(np.all(positive > 0.0)) else state
 
 
-def rig_of_state(plan: SessionPlan, state: DragState) -> Rig:
+def build_rig(plan: SessionPlan, state: DragState) -> Rig:
     """Return the rig of a plan; a gauge that lags has a bandwidth."""
     declared, lag = plan.rig.model_dump(), float(state.lag[0])
     bandwidth = min(

@@ -20,10 +20,10 @@ from stepblocks.bench.signal.ring import (
     guess_ring,
 )
 from stepblocks.bench.signal.separable import (
-    damped_wave_columns,
+    build_damped_wave_columns,
+    build_wave_columns,
     fit_with_covariance,
     propagate_std,
-    wave_columns,
 )
 from stepblocks.contact.kernels import compute_softened_force
 
@@ -195,7 +195,7 @@ def fit_aftermath(
     swing = Swing(
         (depth, math.hypot(std, level_std, drift_std)), instant, (decay, spread), 0.5 / frequency
     )
-    return _aftermath_of_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
+    return _measure_aftermath_of_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
 
 
 def fit_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> Aftermath:
@@ -213,7 +213,7 @@ def estimate_whole_noise(time: Array, approach: Approach, marks: Landmarks) -> f
     return min(max(float(np.std(before)), marks.noise), _MOST_COLOUR * marks.noise)
 
 
-def _aftermath_of_rubbing(
+def _measure_aftermath_of_rubbing(
     fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None
 ) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
@@ -309,7 +309,7 @@ def measure_normal_level(time: Array, normal: Array, approach: Approach) -> Esti
 
 
 def _is_still(t: Array, approach: Approach) -> Array:
-    return np.column_stack([np.ones_like(t), t - t.mean(), wave_columns(t, approach.mains)])
+    return np.column_stack([np.ones_like(t), t - t.mean(), build_wave_columns(t, approach.mains)])
 
 
 def measure_sympathetic_force(
@@ -323,7 +323,7 @@ def measure_sympathetic_force(
     still, since = _is_still(time[begin:], approach), time[begin:] - after.start
 
     def ringing(frequency: float, decay_time: float) -> Estimate:
-        columns = np.column_stack([damped_wave_columns(since, frequency, decay_time), still])
+        columns = np.column_stack([build_damped_wave_columns(since, frequency, decay_time), still])
         weights, covariance = fit_with_covariance(columns, normal[begin:])
         size = float(np.hypot(weights[0], weights[1]))
         if size == 0.0:

@@ -11,11 +11,11 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.separable import (
     SeparableFit,
-    damped_wave_columns,
+    build_damped_wave_columns,
+    build_wave_columns,
     fit_linear,
     fit_separable,
     propagate_std,
-    wave_columns,
 )
 
 _MAINS = (50.0, 60.0)  # [Hz]
@@ -215,7 +215,7 @@ class Approach:
         return (
             np.zeros_like(since)
             if self.clock.bend is None
-            else self.hardening * bend_of_ramp(since, self.clock.bend)
+            else self.hardening * compute_ramp_bend(since, self.clock.bend)
         )
 
     @property
@@ -232,7 +232,7 @@ class Approach:
 
     def line(self, time: Array) -> Array:
         """Line of the ramp with drift and hum [N], continued past its end."""
-        columns = _approach_columns(time, self.onset, replace(self.clock, bend=None))
+        columns = _build_approach_columns(time, self.onset, replace(self.clock, bend=None))
         columns[:, 2] = time - self.onset
         return np.asarray(
             columns @ self.fit.weights[:5] + self._bent(time - self.onset), dtype=float
@@ -244,13 +244,13 @@ class Approach:
         gradient[0], gradient[size], gradient[size + 2] = -self.slope, 1.0, time - self.onset
         if self.clock.bend is not None:
             gradient[size + 5] = float(
-                bend_of_ramp(np.array([time - self.onset]), self.clock.bend)[0]
+                compute_ramp_bend(np.array([time - self.onset]), self.clock.bend)[0]
             )
         return propagate_std(gradient, self.fit.covariance)
 
     def hum(self, time: Array) -> Array:
         """Hum alone [N], continued over the whole record."""
-        return np.asarray(wave_columns(time, self.mains) @ self.fit.weights[3:5], dtype=float)
+        return np.asarray(build_wave_columns(time, self.mains) @ self.fit.weights[3:5], dtype=float)
 
     def sliding(self, time: Array) -> Array:
         """Level with hum and the ring of the start [N].
@@ -262,7 +262,8 @@ class Approach:
             return force
         frequency, decay = self.start_up
         return np.asarray(
-            force + damped_wave_columns(time, frequency, decay) @ self.fit.weights[-2:], dtype=float
+            force + build_damped_wave_columns(time, frequency, decay) @ self.fit.weights[-2:],
+            dtype=float,
         )
 
     def ramp(self, time: float) -> float:
@@ -278,23 +279,28 @@ def find_mains(time: Array, values: Array) -> float:
     """Mains frequency that explains more of `values` [Hz]."""
 
     def left(mains: float) -> float:
-        rest = fit_linear(np.column_stack([np.ones_like(time), wave_columns(time, mains)]), values)[
-            1
-        ]
+        rest = fit_linear(
+            np.column_stack([np.ones_like(time), build_wave_columns(time, mains)]), values
+        )[1]
         return float(rest @ rest)
 
     return min(_MAINS, key=left)
 
 
-def _approach_columns(time: Array, onset: float, clock: Clock) -> Array:
+def _build_approach_columns(time: Array, onset: float, clock: Clock) -> Array:
     since = np.maximum(time - onset, 0.0)
-    columns = [np.ones_like(time), time - clock.center, since, wave_columns(time, clock.mains)]
+    columns = [
+        np.ones_like(time),
+        time - clock.center,
+        since,
+        build_wave_columns(time, clock.mains),
+    ]
     return np.column_stack(
-        columns if clock.bend is None else [*columns, bend_of_ramp(since, clock.bend)]
+        columns if clock.bend is None else [*columns, compute_ramp_bend(since, clock.bend)]
     )
 
 
-def bend_of_ramp(since: Array, bend: tuple[float, float]) -> Array:
+def compute_ramp_bend(since: Array, bend: tuple[float, float]) -> Array:
     """Return what a hardening spring adds to a ramp, per g.
 
     The ramp begins at a level with a slope.
@@ -315,7 +321,7 @@ def fit_approach(
     clock = Clock(mains, float(time[: max(slide_end, 1)].mean()), float(np.median(np.diff(time))))
     found = _fit_ramp(time, force, marks, clock, start_up)
     since = np.maximum(time[: found.end] - found.onset, 0.0)
-    if not straight and found.fit.lacks(bend_of_ramp(since, (found.level, found.slope))):
+    if not straight and found.fit.lacks(compute_ramp_bend(since, (found.level, found.slope))):
         for _ in range(_BENDS):  # the slope with which it begins tells how it bends
             found = _fit_ramp(
                 time, force, marks, replace(clock, bend=(found.level, found.slope)), start_up
@@ -334,7 +340,7 @@ def _fit_ramp(
     onset = float(fit.shape[0])
     # the filter of a converter rings a sample or two ahead of a corner
     rest = slice(end, max(marks.peak - 2, end))
-    columns = _approach_columns(time[rest], onset, clock)
+    columns = _build_approach_columns(time[rest], onset, clock)
     left = _find_end_of_line(force[rest] - columns @ fit.weights[: columns.shape[1]], marks.noise)
     extended = marks.peak if left is None else end + left
     if extended > end:
@@ -349,7 +355,7 @@ def _fit_until(
     reach = max(0.25 * (float(t[-1]) - onset), 5.0 * clock.step)
 
     def plain(shape: Array) -> Array:
-        return _approach_columns(t, float(shape[0]), clock)
+        return _build_approach_columns(t, float(shape[0]), clock)
 
     first = np.array([onset])
     fit = fit_separable(
@@ -361,14 +367,14 @@ def _fit_until(
     def ringing(shape: Array) -> Array:
         decay = np.where(t < shape[0], np.exp(-(t - t[0]) / shape[2]), 0.0)
         return np.column_stack(
-            [plain(shape), decay[:, None] * wave_columns(t - t[0], float(shape[1]))]
+            [plain(shape), decay[:, None] * build_wave_columns(t - t[0], float(shape[1]))]
         )
 
     # does what sliding and ramp leave over hold a ring that begins with the record?
     frequency, decay_time = start_up
     before = t < fit.shape[0]
     since, left = t[before] - t[0], fit.residuals[before]
-    rest = fit_linear(damped_wave_columns(since, frequency, decay_time), left)[1]
+    rest = fit_linear(build_damped_wave_columns(since, frequency, decay_time), left)[1]
     had, has = float(left @ left), float(rest @ rest)
     # two parameters more explain 2/n of white noise by chance
     if not had - has > max(_START_UP_GAIN, 20.0 / max(since.size, 1)) * had:

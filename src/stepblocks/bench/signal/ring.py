@@ -23,14 +23,14 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.separable import (
     SeparableFit,
+    build_damped_wave_columns,
+    build_wave_columns,
     compute_misfit,
     compute_numeric_jacobian,
-    damped_wave_columns,
     estimate_covariance,
     fit_linear,
     fit_separable,
     propagate_std,
-    wave_columns,
 )
 from stepblocks.contact.kernels import compute_softened_force
 
@@ -106,7 +106,7 @@ class Ring:
         slopes = compute_numeric_jacobian(
             lambda shape: self._model(at, shape), self.fit.shape, step
         )
-        columns = _columns(at, self.origin, self.mains, self.fit.shape, self.about)
+        columns = _build_ring_columns(at, self.origin, self.mains, self.fit.shape, self.about)
         return propagate_std(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
 
     def amplitude(self, instant: float) -> Estimate:
@@ -127,7 +127,8 @@ class Ring:
 
     def _model(self, since: Array, shape: Array) -> Array:
         return np.asarray(
-            _columns(since, self.origin, self.mains, shape, self.about) @ self.fit.weights,
+            _build_ring_columns(since, self.origin, self.mains, shape, self.about)
+            @ self.fit.weights,
             dtype=float,
         )
 
@@ -145,7 +146,9 @@ def guess_ring(time: Array, values: Array) -> Tool:
 
     def left(decay: float) -> float:
         rest = fit_linear(
-            np.column_stack([np.ones_like(since), damped_wave_columns(since, frequency, decay)]),
+            np.column_stack(
+                [np.ones_like(since), build_damped_wave_columns(since, frequency, decay)]
+            ),
             values,
         )[1]
         return float(rest @ rest)
@@ -167,7 +170,9 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
         time - origin,
         np.append(ring.fit.shape, _LITTLE),
     )
-    columns = [_columns(since, origin, mains, shape, about) for shape in (ring.fit.shape, hard)]
+    columns = [
+        _build_ring_columns(since, origin, mains, shape, about) for shape in (ring.fit.shape, hard)
+    ]
     if not ring.fit.lacks((columns[1] - columns[0]) @ ring.fit.weights):
         return ring
     harder = _fit_damped(time, force, origin, mains, noise, hard, about=about)
@@ -189,7 +194,7 @@ def _fit_damped(
 ) -> Ring:
     frequency, count, least = start[0], start.size, 0.85 if start.size == 3 else 0.7
     fit = fit_separable(
-        lambda shape: _columns(time - origin, origin, mains, shape, about),
+        lambda shape: _build_ring_columns(time - origin, origin, mains, shape, about),
         force,
         start=start,
         lower=np.array([least * frequency, 1e-3, _RELEASE_DECAY[0], 0.0])[:count],
@@ -210,20 +215,22 @@ def _fit_damped(
     )
 
 
-def _columns(since: Array, origin: float, mains: float, shape: Array, about: float = 0.0) -> Array:
+def _build_ring_columns(
+    since: Array, origin: float, mains: float, shape: Array, about: float = 0.0
+) -> Array:
     # Level and drift from the slip on, hum on the clock of the record, rest of the release, and
     # ring.
     frequency, decay, release, *cubic = shape.tolist()
-    hum = wave_columns(since + origin, mains)
+    hum = build_wave_columns(since + origin, mains)
     ring = (
-        _hardening_columns(since, (frequency, decay, *cubic), about)
+        _build_hardening_columns(since, (frequency, decay, *cubic), about)
         if cubic
-        else damped_wave_columns(since, frequency, decay)
+        else build_damped_wave_columns(since, frequency, decay)
     )
     return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])
 
 
-def _hardening_columns(since: Array, tool: tuple[float, ...], about: float) -> Array:
+def _build_hardening_columns(since: Array, tool: tuple[float, ...], about: float) -> Array:
     # Force over its level of a tool with ``F = u + g u^3`` that is let go at an amplitude of 1, and
     # its rate over its pulsation. `tool` is the frequency of small swings about the level, the
     # decay time, and g; `about` is the level.
@@ -287,7 +294,7 @@ class RubbingRing:
 
     def curve(self, time: Array) -> Array:
         """Return the fit without hum [N] at the instants `time`, all after `origin`."""
-        return _rubbing_with_drift(self.values, time - self.origin, self.slope)
+        return _compute_rubbing_with_drift(self.values, time - self.origin, self.slope)
 
     def std(self, index: int) -> float:
         """Return the standard uncertainty of one of `values`."""
@@ -305,7 +312,7 @@ def compute_rubbing_force(
     # `start` is the force [N] and its rate [N/s] at 0; `slope` is that of the force while the tip
     # sticks [N/s].
     return np.asarray(
-        _compile_once(_rubbing_kernel)(time, (level, gap), tool, start, slope), dtype=float
+        _compile_once(_compute_rubbing)(time, (level, gap), tool, start, slope), dtype=float
     )
 
 
@@ -317,7 +324,7 @@ def _compile_once(kernel: Callable[..., Array]) -> Callable[..., Array]:
     return cast("Callable[..., Array]", njit(cache=True)(kernel))
 
 
-def _rubbing_kernel(
+def _compute_rubbing(
     time: Array,
     levels: tuple[float, float],
     tool: tuple[float, float],
@@ -390,7 +397,7 @@ def _rubbing_kernel(
     return result
 
 
-def _rubbing_with_drift(values: Array, time: Array, slope: float) -> Array:
+def _compute_rubbing_with_drift(values: Array, time: Array, slope: float) -> Array:
     level, gap, frequency, decay, offset, rate, drift = values
     force = compute_rubbing_force(
         time, level, gap, (frequency, decay), (level + offset, rate), slope
@@ -431,7 +438,8 @@ def fit_rubbing_ring(
         start = np.array([level, gap + 1e-6, frequency, decay, offset, 0.0, 0.0])
         found = least_squares(
             lambda p: np.append(
-                _rubbing_with_drift(p, t, slope) - force, (p[2:4] - (frequency, decay)) * known
+                _compute_rubbing_with_drift(p, t, slope) - force,
+                (p[2:4] - (frequency, decay)) * known,
             ),
             np.clip(start, lower, upper),
             bounds=(lower, upper),
@@ -442,7 +450,7 @@ def fit_rubbing_ring(
         if best is None or found.cost < (1.0 - _ALIKE) * best.cost:
             best = found
         # a tip that never slips back in this course says nothing of the gap
-        moved = _rubbing_with_drift(best.x, t, slope) - _rubbing_with_drift(
+        moved = _compute_rubbing_with_drift(best.x, t, slope) - _compute_rubbing_with_drift(
             best.x * [1.0, 0.98, 1.0, 1.0, 1.0, 1.0, 1.0], t, slope
         )
         if compute_misfit(best.fun[:-2], 7, begin, noise) < _GOOD and bool(
@@ -452,7 +460,7 @@ def fit_rubbing_ring(
     assert best is not None
     values, residuals = np.asarray(best.x, dtype=float), -np.asarray(best.fun[:-2], dtype=float)
     jacobian = compute_numeric_jacobian(
-        lambda p: _rubbing_with_drift(p, t, slope), values, 1e-3 * _SCALE, lower, upper
+        lambda p: _compute_rubbing_with_drift(p, t, slope), values, 1e-3 * _SCALE, lower, upper
     )
     prior = np.zeros((2, 7))
     prior[0, 2], prior[1, 3] = known

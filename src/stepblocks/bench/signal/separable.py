@@ -107,14 +107,14 @@ def fit_with_covariance(columns: Array, values: Array) -> tuple[Array, Array]:
     return weights, estimate_covariance(columns, residuals)
 
 
-def damped_wave_columns(time: Array, frequency: float, decay_time: float) -> Array:
+def build_damped_wave_columns(time: Array, frequency: float, decay_time: float) -> Array:
     """Columns of a cosine and a sine that die away."""
     return np.asarray(
-        np.exp(-time / decay_time)[:, None] * wave_columns(time, frequency), dtype=float
+        np.exp(-time / decay_time)[:, None] * build_wave_columns(time, frequency), dtype=float
     )
 
 
-def wave_columns(time: Array, frequency: float) -> Array:
+def build_wave_columns(time: Array, frequency: float) -> Array:
     """Columns of a cosine and a sine."""
     phase = 2.0 * np.pi * frequency * time
     return np.column_stack([np.cos(phase), np.sin(phase)])

@@ -100,7 +100,7 @@ def read_columns(
         with opened(path, layout) if where.own_file else nullcontext(kept) as file:
             group = group_of(file, where) if names else None
             samples: dict[str, object] = {
-                str(number): _as_samples(column(group, name), name)
+                str(number): _convert_samples(column(group, name), name)
                 for number, name in enumerate(names)
             }
             return samples | {"increment": _read_increments(group, names)}
@@ -233,7 +233,7 @@ class Traces(ExitStack):
         return found
 
 
-def _as_samples(values: object, name: str | int) -> Array:
+def _convert_samples(values: object, name: str | int) -> Array:
     array = np.asarray(values)
     if array.dtype.kind not in "fiub":
         raise TraceError(f"channel {name!r} holds no numbers but {array.dtype}")

@@ -425,9 +425,9 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
     choice = choose_candidate(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
     own = problem.criterion(current)
     rivals: list[Rival] = []
-    seen = {_family_name(effect)}
+    seen = {_name_family(effect)}
     for trial in choice[1] if choice else ():
-        law, family = trial.effect, _family_name(trial.effect)
+        law, family = trial.effect, _name_family(trial.effect)
         if (
             family in seen
             or (law.place == effect.place and not law.named)
@@ -487,6 +487,6 @@ def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool
     return np.allclose(shown, current.predicted, rtol=1e-9, atol=1e-12, equal_nan=True)
 
 
-def _family_name(effect: Law) -> str:
+def _name_family(effect: Law) -> str:
     # Name without the mark of the variant; specimens are no variants of one another
     return effect.id if effect.covariate == "block" else effect.id.split("~")[0]

@@ -132,7 +132,7 @@ def _compute_directions(
     return directions
 
 
-def _null_basis(base: Fit) -> Floats:
+def _build_null_basis(base: Fit) -> Floats:
     length = np.linalg.norm(base.jacobian, axis=0)
     left, singular, _ = np.linalg.svd(
         base.jacobian / np.maximum(length, 1e-300), full_matrices=False
@@ -169,7 +169,7 @@ def score_candidates(
     alpha: float = 0.01,
 ) -> Gate:
     """Score every candidate and judge the best against what noise would do."""
-    known = _null_basis(base)
+    known = _build_null_basis(base)
     directions = _compute_directions(problem, base, effects, known)
     if not directions:
         return Gate(1.0, ())
@@ -211,7 +211,7 @@ def compute_detectable(
     # deviations
     asked = [e for e in effects if len(e.amplitudes) == 1]
     found: dict[str, float] = {}
-    for direction in _compute_directions(problem, base, asked, _null_basis(base)):
+    for direction in _compute_directions(problem, base, asked, _build_null_basis(base)):
         scale = next(
             p.scale for p in direction.effect.parameters if p.name == direction.effect.amplitudes[0]
         )

@@ -20,7 +20,7 @@ from stepblocks.parts.declared import (
     check_below,
     check_rule,
     declare_default,
-    rules_validator,
+    make_rules_validator,
 )
 from stepblocks.parts.kind import (
     CONTACT_DEFLECTION,
@@ -55,7 +55,7 @@ class FinishLine(Table):
         "1 mm", "0.05 mm"
     )  # of the ledge, or radius of the quarter round [m]; 0 for the feather edge
 
-    @rules_validator
+    @make_rules_validator
     def _has_the_width_of_its_kind(self) -> Iterator[str]:
         if (self.width.nominal == 0.0) != (self.kind == "feather-edge"):
             rule = (
@@ -390,7 +390,7 @@ class CrownOnTooth(CrownMargin, Turned):
         wide = 6.0 * max(self.marginal_gap.nominal, abs(self.horizontal_discrepancy.nominal))
         return 1.0, wide, (self.margin_radius.nominal, wide, 0.0)
 
-    @rules_validator
+    @make_rules_validator
     def _fits_the_tooth(self) -> Iterator[str]:
         h, g, v = (
             self.horizontal_discrepancy.nominal,

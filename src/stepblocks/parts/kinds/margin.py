@@ -37,7 +37,7 @@ from stepblocks.parts.declared import (
     check_below,
     check_rule,
     declare_default,
-    rules_validator,
+    make_rules_validator,
 )
 from stepblocks.parts.kind import (
     NANOMETRE,
@@ -113,7 +113,7 @@ class CrownMargin(Part):
             return [(g, g), (v, g), (v, h)]
         return [(g, h)] if v == g else [(g, h - abs(v - g)), (v, h)]
 
-    @rules_validator
+    @make_rules_validator
     def _lip_clears_the_tooth(self) -> Iterator[str]:
         v, g, h = (
             self.opening.nominal,
@@ -327,7 +327,7 @@ class MarginBlock(CrownMargin, Block):
             "vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE
         )
 
-    @rules_validator
+    @make_rules_validator
     def _fits_the_body(self) -> Iterator[str]:
         body, g, v = self.body, self.marginal_gap.nominal, self.opening.nominal
         h, depth, chamfer = (

@@ -22,7 +22,7 @@ from stepblocks.parts.declared import (
     check_below,
     check_rule,
     declare_default,
-    rules_validator,
+    make_rules_validator,
 )
 from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh
 from stepblocks.parts.kinds.margin import ACROSS, CrownMargin
@@ -159,7 +159,7 @@ class ScannedMargin(CrownMargin):
     def read_tooth(self, folder: Path, scale: float = 1.0) -> Mesh:
         """Read the surface that the margin runs along [m], magnified; islands are left out."""
         found = read_confined(
-            f"{margin_line.__name__}:tooth_in",
+            f"{margin_line.__name__}:read_tooth_confined",
             folder / self.mesh,
             _UNITS[self.unit],
             self.margin,
@@ -236,7 +236,7 @@ class ScannedMargin(CrownMargin):
         gap = "injected; scans err by more than a gap, so there is no verdict on the scanned one"
         return [*super().derived(), [f"station {scan.number}", shape], ["marginal gap", gap]]
 
-    @rules_validator
+    @make_rules_validator
     def _can_be_made(self) -> Iterator[str]:
         g, v, depth, thickness = (
             self.marginal_gap.nominal,
@@ -268,5 +268,7 @@ class ScannedMargin(CrownMargin):
 @lru_cache(maxsize=8)
 def _read_stations(path: Path, changed: int, *asked: object) -> list[list[float]]:
     # Read each state of a file once
-    found = read_confined(f"{margin_line.__name__}:stations_in", path, *asked, raises=StimulusError)
+    found = read_confined(
+        f"{margin_line.__name__}:find_stations_confined", path, *asked, raises=StimulusError
+    )
     return [list(map(float, row)) for row in found["stations"]]

@@ -20,8 +20,8 @@ from stepblocks.parts.declared import (
     Table,
     check_below,
     check_rule,
+    make_rules_validator,
     read_sourced,
-    rules_validator,
 )
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, Manifold, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point, Turned, make_sectors
@@ -44,7 +44,7 @@ class SheathMaterial(Material):
     poisson: Annotated[Sourced, read_sourced("ratio")]
     loss_factor: Annotated[Sourced, read_sourced("ratio")]
 
-    @rules_validator
+    @make_rules_validator
     def _is_elastic(self) -> Iterator[str]:
         if self.poisson.value > 0.5:
             yield f"poisson must not exceed 0.5, got {self.poisson.value:g}"
@@ -203,7 +203,7 @@ class Sheath(Turned, HeldPart):
                 f"within its tolerance, got {self.bore} [sheath {self.id!r}]"
             )
 
-    @rules_validator
+    @make_rules_validator
     def _is_possible(self) -> Iterator[str]:
         bore, outer, broken = (
             self.bore.nominal,

@@ -37,8 +37,8 @@ from stepblocks.parts.declared import (
     check_below,
     check_rule,
     declare_default,
+    make_rules_validator,
     read_none,
-    rules_validator,
 )
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
@@ -272,7 +272,7 @@ class StepBlock(Block):
         height = self.height.nominal
         return choose_exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0)
 
-    @rules_validator
+    @make_rules_validator
     def _is_possible(self) -> Iterator[str]:
         height, radius, body = self.height.nominal, self.edge_radius.nominal, self.body
         yield check_rule(radius <= height, "edge_radius", "not exceed height", height, radius)

@@ -17,7 +17,12 @@ from stepblocks.parts.characteristics import (
     describe_plane,
     make_characteristic,
 )
-from stepblocks.parts.declared import MaterialField, check_rule, declare_default, rules_validator
+from stepblocks.parts.declared import (
+    MaterialField,
+    check_rule,
+    declare_default,
+    make_rules_validator,
+)
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
@@ -121,7 +126,7 @@ class Tip(Turned, HeldPart):
             ["locks", f"on steps from {sticks} at mu {mu:g}; from {riser} its ball meets the riser"]
         ]
 
-    @rules_validator
+    @make_rules_validator
     def _is_possible(self) -> Iterator[str]:
         R, shank, half = (
             self.ball_radius.nominal,
@@ -178,7 +183,7 @@ class StraightTip(Tip):
             "length", "distance", self.length, *at, label="length from the contact point"
         )
 
-    @rules_validator
+    @make_rules_validator
     def _has_a_shank(self) -> Iterator[str]:
         length, cone = self.length.nominal, self.cone_end
         yield check_rule(length > cone, "length", "exceed the end of the cone", cone, length)
@@ -288,7 +293,7 @@ class HookTip(Tip):
             "straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire)
         )
 
-    @rules_validator
+    @make_rules_validator
     def _can_be_bent(self) -> Iterator[str]:
         if self.bend_angle.nominal <= 0.0:
             yield "bend_angle must be above 0 deg, got 0 deg"

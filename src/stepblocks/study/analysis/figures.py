@@ -67,14 +67,14 @@ def _draw_estimates(figure: Figure | SimpleNamespace, result: Result) -> Table:
     axes.legend(frameon=False)
     means = frame.groupby(["condition", "height"])["estimate"].agg(["mean", "std"]).reset_index()
     names = {"height": "height_um", "mean": "mean_um", "std": "sd_um"}
-    return _in_um(means, tuple(names)).rename(columns=names)
+    return _convert_to_um(means, tuple(names)).rename(columns=names)
 
 
-def _in_um(table: Table, names: Sequence[str]) -> Table:
+def _convert_to_um(table: Table, names: Sequence[str]) -> Table:
     return table.assign(**{name: table[name] * 1e6 for name in names})
 
 
-def _panels(
+def _make_panels(
     figure: Figure | SimpleNamespace, result: Result
 ) -> Iterator[tuple[Axes, Measure, float]]:
     # Give axes to each measure, with the factor to the unit in which it is shown
@@ -87,7 +87,7 @@ def _draw_participants(figure: Figure | SimpleNamespace, result: Result) -> Tabl
     import pandas as pd
 
     rows = []
-    for axes, measure, factor in _panels(figure, result):
+    for axes, measure, factor in _make_panels(figure, result):
         shift = np.log(1e6) if measure.logarithmic else 0.0
         table = average_participants(measure.frame) * factor + shift
         x = np.arange(table.shape[1])
@@ -157,7 +157,7 @@ def _draw_magnitudes(figure: Figure | SimpleNamespace, result: Result) -> Table:
         colour = _COLOURS[conditions.index(condition) % len(_COLOURS)]
         axes.loglog(own["height"] * 1e6, own["magnitude"], "o-", ms=3, lw=1, color=colour)
     axes.set(xlabel=format_column_label("height_um"), ylabel="geometric mean of magnitudes")
-    return _in_um(means, ["height"]).rename(columns={"height": "height_um"})
+    return _convert_to_um(means, ["height"]).rename(columns={"height": "height_um"})
 
 
 # by the name of the file: what draws, the part of the result that it needs, and the caption

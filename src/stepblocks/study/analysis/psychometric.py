@@ -72,7 +72,7 @@ def fit_psychometric(
     from scipy.optimize import minimize
     from scipy.special import ndtr, xlog1py, xlogy
 
-    x, k, n = _checked(levels, hits, totals)
+    x, k, n = _check_counts(levels, hits, totals)
     log_x = np.log(x)
 
     def predict(point: Array) -> Array:
@@ -100,7 +100,7 @@ def fit_psychometric(
             options={"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000},
         )
 
-    middle, spread = _without_lapses(log_x, k, n)
+    middle, spread = _guess_start(log_x, k, n)
     fits = [climb([middle, spread - shrink, 0.02]) for shrink in (0.0, 0.7)]
     found = min(fits, key=lambda one: float(one.fun))
     # what a spread of zero loses more; where that is nothing, all small spreads fit alike
@@ -209,7 +209,7 @@ def compute_weber(log_sigma: float) -> float:
     return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
 
 
-def _checked(
+def _check_counts(
     levels: Sequence[float], hits: Sequence[int], totals: Sequence[int]
 ) -> tuple[Array, Array, Array]:
     x, k, n = (np.asarray(values, dtype=np.float64) for values in (levels, hits, totals))
@@ -228,7 +228,7 @@ def _checked(
     return x[n > 0], k[n > 0], n[n > 0]
 
 
-def _without_lapses(log_x: Array, k: Array, n: Array) -> tuple[float, float]:
+def _guess_start(log_x: Array, k: Array, n: Array) -> tuple[float, float]:
     # Return a start, middle and ln spread of a probit; refuse answers that have none
     import statsmodels.api as sm
 

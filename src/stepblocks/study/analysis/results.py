@@ -203,14 +203,14 @@ class StudyResult:
 
         accuracy = [{**row, "measure": one.name} for one in self.measures for row in _measure(one)]
         tests = [
-            _row(
+            _make_row(
                 "primary outcome" if one.primary else "secondary outcome, Holm",
                 one.name,
                 p=one.corrected,
             )
             for one in self.findings()
         ]
-        others = [*_ratings(self), *_comparisons(self), *_magnitudes(self)]
+        others = [*_list_ratings(self), *_list_comparisons(self), *_list_magnitudes(self)]
         return pd.DataFrame([*tests, *accuracy, *others], columns=COLUMNS)
 
     def results_csv(self) -> str:
@@ -254,34 +254,36 @@ class StudyResult:
         )
 
 
-def _row(analysis: str, quantity: str, unit: str = "1", **figures: float) -> Row:
+def _make_row(analysis: str, quantity: str, unit: str = "1", **figures: float) -> Row:
     return {"measure": "", "analysis": analysis, "quantity": quantity, "unit": unit, **figures}
 
 
-def _span(analysis: str, quantity: str, ends: Ends, unit: str = "1", **more: float) -> Row:
+def _make_span(analysis: str, quantity: str, ends: Ends, unit: str = "1", **more: float) -> Row:
     # Lay out an estimate with its interval; what is in metres is shown in micrometres
     middle, low, high = (value * 1e6 for value in ends) if unit == "um" else ends
-    return _row(analysis, quantity, unit, estimate=middle, low_95=low, high_95=high, **more)
+    return _make_row(analysis, quantity, unit, estimate=middle, low_95=low, high_95=high, **more)
 
 
-def _term(analysis: str, term: Term) -> Row:
+def _format_term(analysis: str, term: Term) -> Row:
     ends, name = (
         (term.eta_squared, term.eta_low, term.eta_high),
         f"{term.name}, partial eta squared",
     )
-    return _span(
+    return _make_span(
         analysis, name, ends, statistic=term.f, df=term.df, df_error=term.df_error, p=term.p
     )
 
 
-def _intervals(analysis: str, intervals: tuple[Interval, ...], logarithmic: bool) -> Iterator[Row]:
+def _list_intervals(
+    analysis: str, intervals: tuple[Interval, ...], logarithmic: bool
+) -> Iterator[Row]:
     for one in intervals:
         name, ends = f"{one.first} minus {one.second}", (one.difference, one.low, one.high)
         ratio = (f"{one.first} over {one.second}", tuple(map(math.exp, ends)), "1")
-        yield _span(
+        yield _make_span(
             analysis, *(ratio if logarithmic else (name, ends, "um")), df_error=one.df, p=one.p
         )
-        yield _row(
+        yield _make_row(
             analysis, f"{name}, over the residual standard deviation", estimate=one.effect_size
         )
 
@@ -289,34 +291,34 @@ def _intervals(analysis: str, intervals: tuple[Interval, ...], logarithmic: bool
 def _measure(measure: Measure) -> Iterator[Row]:
     mixed, log = measure.mixed, measure.logarithmic
     for term in measure.f_test.terms:
-        yield _term("f-test", term)
-    yield from _intervals("tukey", measure.f_test.intervals, log)
+        yield _format_term("f-test", term)
+    yield from _list_intervals("tukey", measure.f_test.intervals, log)
     if mixed.condition is not None:
-        yield _term("mixed model", mixed.condition)
-        yield from _intervals("mixed model", mixed.intervals, log)
+        yield _format_term("mixed model", mixed.condition)
+        yield from _list_intervals("mixed model", mixed.intervals, log)
     if measure.corrected is not None and measure.sphericity is not None:
-        yield _term("mixed model, Greenhouse and Geisser", measure.corrected)
+        yield _format_term("mixed model, Greenhouse and Geisser", measure.corrected)
         found = measure.sphericity
-        yield _row("sphericity", "epsilon of Greenhouse and Geisser", estimate=found.epsilon)
-        yield _row("sphericity", "W of Mauchly", statistic=found.statistic, p=found.p)
-    yield from _intervals("participants' differences", measure.paired, log)
+        yield _make_row("sphericity", "epsilon of Greenhouse and Geisser", estimate=found.epsilon)
+        yield _make_row("sphericity", "W of Mauchly", statistic=found.statistic, p=found.p)
+    yield from _list_intervals("participants' differences", measure.paired, log)
     for one in measure.paired:
         factor = compute_bayes_factor(one.difference / one.error, one.df + 1.0)
         name = f"{one.first} and {one.second}, no difference over a difference"
-        yield _row("Bayes factor", name, estimate=factor)
+        yield _make_row("Bayes factor", name, estimate=factor)
     for term in measure.factors:
-        yield _term("declared factors", term)
+        yield _format_term("declared factors", term)
     for name, mean, error in mixed.means:
         ends = (mean, mean - Z975 * error, mean + Z975 * error)
         said = f"mean {'error' if measure.name == 'bias' else measure.name} with {name}"
-        yield _span("mixed model", said, tuple(map(math.exp, ends)) if log else ends, "um")
+        yield _make_span("mixed model", said, tuple(map(math.exp, ends)) if log else ends, "um")
     unit, factor = ("1", 1.0) if log else ("um", 1e6)
     for name, spread in (
         ("participants", mixed.sd_participant),
         ("participants by condition", mixed.sd_condition),
         ("judgements", mixed.sd_residual),
     ):
-        yield _row(
+        yield _make_row(
             "mixed model", f"standard deviation between {name}", unit, estimate=spread * factor
         )
     for alike in measure.equivalence:
@@ -325,23 +327,23 @@ def _measure(measure: Measure) -> Iterator[Row]:
             math.exp(alike.bound) if log else alike.bound * 1e6,
         )
         said = f"{name} differ by less than{' a factor of' if log else ''}"
-        yield _row("equivalence", said, unit, high_95=bound, df_error=alike.df)
+        yield _make_row("equivalence", said, unit, high_95=bound, df_error=alike.df)
         if math.isfinite(alike.margin):
             said = f"{name} differ by less than the margin"
             tested = {"statistic": alike.statistic, "df_error": alike.df, "p": alike.p}
-            yield _row("equivalence", said, unit, estimate=alike.margin * 1e6, **tested)
+            yield _make_row("equivalence", said, unit, estimate=alike.margin * 1e6, **tested)
     for term in measure.groups:
-        yield _term("groups", term)
-    yield from _intervals("groups", measure.group_intervals, log)
+        yield _format_term("groups", term)
+    yield from _list_intervals("groups", measure.group_intervals, log)
 
 
-def _ratings(result: StudyResult) -> Iterator[Row]:
+def _list_ratings(result: StudyResult) -> Iterator[Row]:
     fit, analysis = result.ordinal, "ordinal model"
     if fit is None:
         return
-    yield {**_row(analysis, "all predictors, F over participants"), **fit.participants}
+    yield {**_make_row(analysis, "all predictors, F over participants"), **fit.participants}
     for effect in fit.effects:
-        yield _span(
+        yield _make_span(
             analysis,
             f"odds of a higher rating, {effect.first} over {effect.second}",
             (effect.ratio, effect.low, effect.high),
@@ -349,7 +351,7 @@ def _ratings(result: StudyResult) -> Iterator[Row]:
         )
 
 
-def _comparisons(result: StudyResult) -> Iterator[Row]:
+def _list_comparisons(result: StudyResult) -> Iterator[Row]:
     for found in result.comparisons:
         where = f"{found.setting}: " if found.setting else ""
         if found.equal and found.spread:
@@ -359,51 +361,53 @@ def _comparisons(result: StudyResult) -> Iterator[Row]:
             )
             fractions = tuple(compute_weber(v) for v in (wide.value, wide.low, wide.high))
             name = "population, point of subjective equality"
-            yield _span(_CURVE, f"{where}{name}", heights, "um", p=equal.p)
+            yield _make_span(_CURVE, f"{where}{name}", heights, "um", p=equal.p)
             name = "population, Weber fraction of the height"
-            yield _span(_CURVE, f"{where}{name}", fractions)
+            yield _make_span(_CURVE, f"{where}{name}", fractions)
             for name, one in (("points of subjective equality", equal), ("spreads", wide)):
                 said = f"{where}standard deviation of ln({name}) between participants"
-                yield _row(_CURVE, said, estimate=one.spread)
+                yield _make_row(_CURVE, said, estimate=one.spread)
         for curve in found.curves:
-            yield from _curve(curve, f"{where}participant {curve.who}")
+            yield from _list_curve(curve, f"{where}participant {curve.who}")
         for who, equal_at, weber in found.people:
             name = f"{where}participant {who}, in the group"
-            yield _row(
+            yield _make_row(
                 _CURVE, f"{name}, point of subjective equality", "um", estimate=equal_at * 1e6
             )
-            yield _row(_CURVE, f"{name}, Weber fraction of the height", estimate=weber)
+            yield _make_row(_CURVE, f"{name}, Weber fraction of the height", estimate=weber)
     for quantity, family in result.contrasts.items():
         for gap in family:
             ends = tuple(math.exp(value) for value in (gap.difference, gap.low, gap.high))
             name = f"{quantity}, {gap.first} over {gap.second}"
-            yield _span("contrast of settings", name, ends, p=gap.p)
+            yield _make_span("contrast of settings", name, ends, p=gap.p)
 
 
-def _curve(curve: Curve, name: str) -> Iterator[Row]:
+def _list_curve(curve: Curve, name: str) -> Iterator[Row]:
     if (fit := curve.fit) is None:
-        yield _row(_CURVE, f"{name}: not fitted, {curve.reason}")
+        yield _make_row(_CURVE, f"{name}: not fitted, {curve.reason}")
         return
     equal = (fit.threshold, fit.threshold_low, fit.threshold_high)
-    yield _span(_CURVE, f"{name}, point of subjective equality", equal, "um")
+    yield _make_span(_CURVE, f"{name}, point of subjective equality", equal, "um")
     weber = (fit.weber, fit.weber_low, fit.weber_high)
-    yield _span(_CURVE, f"{name}, Weber fraction of the height", weber)
-    yield _row(_CURVE, f"{name}, lapse rate", estimate=fit.lapse)
-    yield _row(_CURVE, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
-    yield _row(_CURVE, f"{name}, dispersion of the answers", estimate=fit.dispersion, p=fit.p_fit)
+    yield _make_span(_CURVE, f"{name}, Weber fraction of the height", weber)
+    yield _make_row(_CURVE, f"{name}, lapse rate", estimate=fit.lapse)
+    yield _make_row(_CURVE, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
+    yield _make_row(
+        _CURVE, f"{name}, dispersion of the answers", estimate=fit.dispersion, p=fit.p_fit
+    )
 
 
-def _magnitudes(result: StudyResult) -> Iterator[Row]:
+def _list_magnitudes(result: StudyResult) -> Iterator[Row]:
     for law in result.power_laws:
         where = f"{law.condition}: " if len(result.power_laws) > 1 else ""
         ends = (law.exponent, law.low, law.high)
-        yield _span("power law", f"{where}exponent of the height, mean of participants", ends)
+        yield _make_span("power law", f"{where}exponent of the height, mean of participants", ends)
         for person, exponent, correlation in law.by_participant:
             name = f"{where}participant {person}"
-            yield _row("power law", f"{name}, exponent", estimate=exponent)
+            yield _make_row("power law", f"{name}, exponent", estimate=exponent)
             said = f"{name}, correlation of the logarithms"
-            yield _row("power law", said, estimate=correlation)
+            yield _make_row("power law", said, estimate=correlation)
     for one in result.exponents:
         name = f"exponent, {one.first} minus {one.second}"
         ends = (one.difference, one.low, one.high)
-        yield _span("power law", name, ends, df_error=one.df, p=one.p)
+        yield _make_span("power law", name, ends, df_error=one.df, p=one.p)
