@@ -183,6 +183,14 @@ def test_a_profile_answers_many_balls_at_once():
     assert profile.ways == ("forward", "backward")
 
 
+@pytest.mark.parametrize("before", [1e-3, 50e-6, 1e-6])
+def test_an_edge_near_the_end_of_a_profile_catches_as_one_in_its_middle(before):
+    # the surface is level beyond its ends, so where the record begins is no matter: cos a = 1 - H/R
+    profile = Profile(np.array([-before, 0.0, 0.0, 1e-3]), np.array([0.0, 0.0, 31e-6, 31e-6]))
+    angle = profile.centre_path(R).find_notch(+1.0)[2]
+    assert angle == pytest.approx(math.acos(1.0 - 31e-6 / R), abs=1e-6)
+
+
 @pytest.mark.parametrize("margin", MARGINS)
 def test_a_margin_whose_sides_do_not_bend_is_the_margin_between_level_ones(margin):
     bent = ProfiledMargin(**vars(margin))

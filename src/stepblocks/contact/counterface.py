@@ -408,7 +408,18 @@ class Profile(Counterface):
         return find_outline(np.column_stack([self.x, self.z]))
 
     def centre_path(self, ball_radius: float) -> CentrePath:
-        path = super().centre_path(ball_radius)
+        discs, lines = self.outline()
+        (first, start), (last, end) = lines[0][0], lines[-1][1]
+        path = build_envelope_path(
+            [*discs, (first, start, 0.0), (last, end, 0.0)],
+            # level beyond both ends, where the ball meets the first point from a radius away
+            [
+                ((first - ball_radius, start), (first, start)),
+                *lines,
+                ((last, end), (last + ball_radius, end)),
+            ],
+            ball_radius,
+        )
         return replace(path, feature=self.feature and FeatureRange(*self.feature, ball_radius))
 
 

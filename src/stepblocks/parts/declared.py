@@ -227,8 +227,10 @@ def find_material(raw: object) -> object:
     if isinstance(raw, str) and raw in MATERIALS:
         return MATERIALS[raw]
     if not isinstance(raw, str) or (re.fullmatch("[a-z]*", raw) and raw != "stainless"):
-        own = "or a designation such as '440C, hardened and tempered, 58 HRC'"
-        raise ValueError(f"must be one of {', '.join(MATERIALS)}, {own}, got {raw!r}")
+        raise ValueError(
+            f"must be one of {', '.join(MATERIALS)}, or a designation such as '440C, hardened "
+            f"and tempered, 58 HRC', got {raw!r}"
+        )
     known = ((value, table) for grade, value, table in _GRADES if re.search(grade, raw))
     density = next(
         (Sourced(value, "density", f"EN 10088-1:2014, table {table}") for value, table in known),

@@ -166,8 +166,7 @@ class StimulusSet(Table):
         text = format_set(self, self.name, self.stimuli)
         if path is not None:
             if Path(path).stem != self.name:
-                rule = f"the file must be named after its set, {self.name!r}"
-                raise StimulusError(f"{rule} [{path}]")
+                raise StimulusError(f"the file must be named after its set, {self.name!r} [{path}]")
             replace_text(Path(path), text)
         return text
 
