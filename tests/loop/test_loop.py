@@ -135,7 +135,7 @@ def test_documents_hold_finite_numbers_only_and_the_page_opens_offline(worn) -> 
         assert "NaN" not in text
         assert "Infinity" not in text
     page = (folder / "report.html").read_text()
-    assert "running_in" in page
+    assert "Running in" in page  # in words; identifiers stay in the JSON
     assert "http://" not in page
     assert "https://" not in page
 

@@ -26,7 +26,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _BEFORE, _AFTER = "#b0506a", "#2f6f9f"
-_UNASKED = {"calibration": [], "note": "", "trials": [], "channel": "", "repeats": 0, "block": None}
+_UNASKED = {
+    "separates": [],
+    "calibration": [],
+    "note": "",
+    "trials": [],
+    "channel": "",
+    "repeats": 0,
+    "block": None,
+}
 _SHOWN_CHANNELS = ("ln_energy", "ln_peak_force", "sliding_friction")
 _FINE = 12  # settings that are averaged one by one, not in groups
 
