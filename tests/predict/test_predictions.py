@@ -14,7 +14,7 @@ from stepblocks.contact.energy import Status
 from stepblocks.declare import load_set
 from stepblocks.errors import StepblocksError
 from stepblocks.predict.predictions import (
-    choose_columns,
+    choose_terminal_columns,
     format_predictions_csv,
     format_row,
     predict_all,
@@ -116,7 +116,7 @@ def test_further_columns_stand_behind(four):
 
 
 def test_a_terminal_is_shown_the_drawn_interval_of_the_energy_alone(four):
-    columns = choose_columns(list(format_row(four[0])))
+    columns = choose_terminal_columns(list(format_row(four[0])))
     assert {
         "vibration_energy_95_low_uj",
         "vibration_energy_95_high_uj",

@@ -75,7 +75,11 @@ def predict(
         return _predict_table(files, output, model)
     from stepblocks.atomic import replace_text
     from stepblocks.declare import load_set
-    from stepblocks.predict.predictions import choose_columns, describe_left_out, predict_all
+    from stepblocks.predict.predictions import (
+        choose_terminal_columns,
+        describe_left_out,
+        predict_all,
+    )
     from stepblocks.predict.sheaths import tabulate_rings
     from stepblocks.select import find_stimulus_files
     from stepblocks.tables import format_csv
@@ -92,7 +96,7 @@ def predict(
         from stepblocks.predict.figures import write_plots
 
         notes += [str(path) for stimuli in sets for path in write_plots(stimuli, plots)]
-    names = list(rows[0]) if wide else choose_columns(list(rows[0]))
+    names = list(rows[0]) if wide else choose_terminal_columns(list(rows[0]))
     summary, tables = "", {"": [{name: row[name] for name in names} for row in rows]}
     if output:
         replace_text(output, format_csv(rows))

@@ -356,7 +356,7 @@ _HIDDEN = (
 )
 
 
-def choose_columns(columns: Sequence[str]) -> tuple[str, ...]:
+def choose_terminal_columns(columns: Sequence[str]) -> tuple[str, ...]:
     """Choose the columns that fit a terminal: status, force and energy by formula and drag."""
     return tuple(name for name in columns if not name.endswith(_HIDDEN) or "energy_95" in name)
 

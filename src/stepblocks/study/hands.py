@@ -86,7 +86,7 @@ class Mouse(Hand):
             self._position[2] += (force[2] - self._load) / self._wall
 
 
-def _load(library: str, *names: str) -> ctypes.CDLL:
+def _load_device_library(library: str, *names: str) -> ctypes.CDLL:
     # Load a maker's library by path or by the first of its names that the system finds
     found = library or next((path for name in names if (path := find_library(name))), "")
     require(
@@ -108,7 +108,7 @@ class ForceDimension(Hand):
     motors = True
 
     def __init__(self, library: str = "") -> None:
-        self._lib = lib = _load(library, "dhd", "drd")
+        self._lib = lib = _load_device_library(library, "dhd", "drd")
         pointer, real, byte = ctypes.POINTER(ctypes.c_double), ctypes.c_double, ctypes.c_char
         lib.dhdGetPosition.argtypes = lib.dhdGetLinearVelocity.argtypes = [
             pointer,
@@ -170,7 +170,7 @@ class OpenHaptics(Hand):
     _POSITION, _VELOCITY, _BUTTONS, _FORCE, _OUTPUT = 0x2050, 0x2051, 0x2000, 0x2700, 0x4000
 
     def __init__(self, library: str = "") -> None:
-        self._lib = lib = _load(library, "HD")
+        self._lib = lib = _load_device_library(library, "HD")
         lib.hdInitDevice.restype, lib.hdInitDevice.argtypes = ctypes.c_uint, [ctypes.c_char_p]
         lib.hdGetError.restype = _HDError
         lib.hdGetErrorString.restype, lib.hdGetErrorString.argtypes = (

@@ -231,21 +231,25 @@ def make_conforming(
         )
     # the kernel writes mass^3 length^2
     for element, (unit, power) in zip(
-        _find_holding(data, "DERIVED_UNIT_ELEMENT("), itertools.cycle(_DENSITY), strict=False
+        _find_instances_holding(data, "DERIVED_UNIT_ELEMENT("),
+        itertools.cycle(_DENSITY),
+        strict=False,
     ):
         base = _REFERENCE.findall(data[element])[0]
         data |= {element: f"DERIVED_UNIT_ELEMENT({base},{power})", base: unit}
     # requirements without a face are properties of the product, which every reader shows
-    products = _find_holding(data, "PRODUCT_DEFINITION(")[:1]
+    products = _find_instances_holding(data, "PRODUCT_DEFINITION(")[:1]
     rule = f"notes must have a product to belong to [{identity}]"
     for name, value in notes:
         described = f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')"
         _add_property(data, ("requirement", name, name), described, products, rule)
     if texture is not None:
         rule = f"surface texture must have faces with a flatness tolerance, got none [{identity}]"
-        flats = _find_holding(data, "FLATNESS_TOLERANCE(")[:2]  # of the working faces, not the base
+        flats = _find_instances_holding(data, "FLATNESS_TOLERANCE(")[
+            :2
+        ]  # of the working faces, not the base
         flat = [_REFERENCE.findall(data[ref])[-1] for ref in flats]
-        millimetre = next(iter(_find_holding(data, "SI_UNIT(.MILLI.,.METRE.)")), "")
+        millimetre = next(iter(_find_instances_holding(data, "SI_UNIT(.MILLI.,.METRE.)")), "")
         roughness = np.format_float_positional(texture * 1e3, 12, fractional=False, trim=".")
         measure = f"MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({roughness}),{millimetre})"
         _add_property(
@@ -260,7 +264,7 @@ def make_conforming(
     )
 
 
-def _find_holding(data: dict[str, str], text: str) -> list[str]:
+def _find_instances_holding(data: dict[str, str], text: str) -> list[str]:
     # List the instances that hold a text, their spaces left out
     word = text.partition("(")[0]
     return [ref for ref, body in data.items() if word in body and text in re.sub(r"\s+", "", body)]
@@ -289,7 +293,7 @@ def _add_property(
 ) -> None:
     # Write a property of a product or of the faces that have a tolerance
     kind, name, shown_as = names
-    context = _find_holding(data, "GEOMETRIC_REPRESENTATION_CONTEXT(3)")
+    context = _find_instances_holding(data, "GEOMETRIC_REPRESENTATION_CONTEXT(3)")
     if not owners or not context:
         raise MachiningError(rule)
     shown = _add_instance(

@@ -69,7 +69,7 @@ def open_mat(path: Path, layout: object) -> AbstractContextManager[object]:
         head = file.read(8)
         file.seek(512)
         is_hdf5 = _HDF5_MARK in (head, file.read(8))
-    return open_hdf5(path, layout) if is_hdf5 else nullcontext(index_variables(path))
+    return open_hdf5(path, layout) if is_hdf5 else nullcontext(find_mat_variables(path))
 
 
 def find_mat_group(file: object, place: Place) -> object:
@@ -97,7 +97,7 @@ def read_mat_column(group: object, name: str | int) -> object:
     return group[:, name]
 
 
-def index_variables(path: Path) -> Variables:
+def find_mat_variables(path: Path) -> Variables:
     """Look through a version 5 file for the names of its variables, once.
 
     SciPy reads through all of them to find one.

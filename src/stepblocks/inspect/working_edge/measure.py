@@ -137,7 +137,7 @@ def _measure_along_rows(
         missing=missing,
         covered=covered,
         surface=surface,
-        faces=_cut_faces(results),
+        faces=_extract_faces(results),
     )
 
 
@@ -314,7 +314,7 @@ def _measure_burr(
     return {"burr": add_instrument_components("burr", found.height.value, own, instrument)}
 
 
-def _cut_faces(results: list[tuple[Profile, Edge]]) -> tuple[Profile, ...]:
+def _extract_faces(results: list[tuple[Profile, Edge]]) -> tuple[Profile, ...]:
     # Return the two faces of some profiles, levelled, those of the lower face first.
     some = results[:: max(len(results) // _MOST_FACES, 1)]
     faces = []

@@ -121,10 +121,13 @@ def split_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]
     return [np.flatnonzero(fold == i) for i in range(folds)]
 
 
-def split_by_block(trials: Trials, most: int) -> list[Rows]:
+def split_by_block(trials: Trials, most_folds: int) -> list[Rows]:
     """Split trials so that each fold holds whole blocks, at most so many folds."""
     _, number = np.unique(trials.block, return_inverse=True)
-    return [np.flatnonzero(number % most == i) for i in range(min(most, int(number.max()) + 1))]
+    return [
+        np.flatnonzero(number % most_folds == i)
+        for i in range(min(most_folds, int(number.max()) + 1))
+    ]
 
 
 def select_without(
