@@ -410,14 +410,11 @@ class Profile(Counterface):
     def centre_path(self, ball_radius: float) -> CentrePath:
         discs, lines = self.outline()
         (first, start), (last, end) = lines[0][0], lines[-1][1]
+        # level beyond both ends, where the ball meets the first point from a radius away
+        before, behind = (first - ball_radius, start), (last + ball_radius, end)
         path = build_envelope_path(
             [*discs, (first, start, 0.0), (last, end, 0.0)],
-            # level beyond both ends, where the ball meets the first point from a radius away
-            [
-                ((first - ball_radius, start), (first, start)),
-                *lines,
-                ((last, end), (last + ball_radius, end)),
-            ],
+            [(before, lines[0][0]), *lines, (lines[-1][1], behind)],
             ball_radius,
         )
         return replace(path, feature=self.feature and FeatureRange(*self.feature, ball_radius))
