@@ -13,6 +13,8 @@ import sys
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -56,29 +58,31 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     threading.settrace(note)
 
 
+@contextmanager
+def watch(into: dict[str, set[str]], test: str) -> Iterator[None]:
+    """Give to a test what is called meanwhile, and the time that it takes."""
+    begun = time.monotonic()
+    sys.settrace(note)
+    try:
+        yield
+    finally:
+        seconds[test] += time.monotonic() - begun
+        sort_seen(into, test)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item: pytest.Item) -> Any:
     """Give to the setup of a test what its fixtures call."""
     seen.clear()
-    begun = time.monotonic()
-    sys.settrace(note)
-    try:
+    with watch(by_setup, item.nodeid):
         return (yield)
-    finally:
-        seconds[item.nodeid] += time.monotonic() - begun
-        sort_seen(by_setup, item.nodeid)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Any:
     """Give to a test what it calls."""
-    begun = time.monotonic()
-    sys.settrace(note)
-    try:
+    with watch(by_test, item.nodeid):
         return (yield)
-    finally:
-        seconds[item.nodeid] += time.monotonic() - begun
-        sort_seen(by_test, item.nodeid)
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

@@ -48,7 +48,11 @@ def read_confined(
     """
     # What our own code says of the file is raised as it stands; a limit, or what a library says of
     # it, with the file's name.
-    request = {"function": function, "arguments": [os.path.abspath(path), *arguments]}  # noqa: PTH100  a link stays one
+    # not resolved: a link stays one
+    request = {
+        "function": function,
+        "arguments": [os.path.abspath(path), *arguments],  # noqa: PTH100
+    }
     try:
         seconds = _SECONDS + _PER_BYTE * measure_plain_file(path)
         found, refused, ours = _reader(os.getpid()).call(request, seconds)
