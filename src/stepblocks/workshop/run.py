@@ -76,8 +76,8 @@ def order_parts(
 
     Returns
     -------
-    list of Order
-        One of each part.
+    list of PartOrder
+        One of each part, and one of each series of blocks that differ in height only.
 
     Raises
     ------
