@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import integrate, optimize
+from scipy import integrate, optimize, stats
 from scipy.special import ndtr
 
 from stepblocks.study.analysis.population import (
@@ -139,6 +139,29 @@ def test_a_spread_twice_as_wide_in_one_condition_is_found_and_none_is_not():
     assert low < 0.7 < high
     assert difference == pytest.approx(apart.value, abs=0.1)
     assert (p < 0.05) == (low > 0.0)
+
+
+def test_a_lapse_rate_that_takes_from_the_spread_is_not_a_difference():
+    # Likelihoods are normal in the spread with a middle that falls with the lapse rate, and each
+    # condition alone would choose another lapse rate for all. With one rate for both, the lapse
+    # rate falls out of the difference; Student's interval of the known differences is left.
+    axis, lapses = np.linspace(-4.0, 2.0, 121), np.linspace(0.0, 0.1, 6)
+    differences = np.array([-0.9, -0.3, 0.0, 0.1, 0.2, 0.4, 0.8, 1.1])
+    height = np.array([1.0, 0.9, 0.6, 0.3, 0.1, 0.05])
+
+    def condition(middles, weight):
+        away = axis[:, np.newaxis] - (middles[:, np.newaxis, np.newaxis] - 8.0 * lapses)
+        return weight * np.exp(-0.5 * (away / 0.1) ** 2)
+
+    level = np.linspace(-1.5, -0.9, len(differences))
+    one = condition(level + differences / 2, height)
+    other = condition(level - differences / 2, height[::-1])
+    found = compare_within(one, other, axis)
+    exact = stats.ttest_1samp(differences, 0.0)
+    ends = exact.confidence_interval()
+    assert found.value == pytest.approx(differences.mean(), abs=2e-3)
+    assert (found.low, found.high) == pytest.approx((ends.low, ends.high), abs=5e-3)
+    assert found.p == pytest.approx(exact.pvalue, abs=5e-3)
 
 
 def test_the_order_of_conditions_changes_the_sign_alone():

@@ -171,8 +171,9 @@ class Population:
         return np.asarray(posterior @ self._axes[index] / posterior.sum(axis=1))
 
     def profile(self, index: int) -> Array:
-        """Return the likelihood of each participant along an axis, freed of the population."""
-        return self.integrate_others(index, self._priors(self.best.x)[0])
+        """Return the likelihood of each participant along one of two axes and the lapse rates."""
+        prior = self._priors(self.best.x)[0][1 - index]
+        return np.tensordot(self._likelihood, prior, (2 - index, 0))
 
 
 def compare_within(one: Array, other: Array, axis: Array) -> Estimate:
@@ -180,16 +181,22 @@ def compare_within(one: Array, other: Array, axis: Array) -> Estimate:
 
     Parameters
     ----------
-    one, other : ndarray, shape (participants, n)
-        Likelihoods along an axis, as `Population.profile` returns them.
+    one, other : ndarray, shape (participants, n, lapses)
+        Likelihoods along an axis and lapse rates, as `Population.profile` returns them.
     axis : ndarray, shape (n,)
         Equally spaced values.
     """
-    # the mean of a participant's two values is free: it is summed over the whole axis
-    pairs = zip(one, other, strict=True)
-    apart = np.array([np.correlate(first, second, "full") for first, second in pairs])
+    # The mean of a participant's two values is free: it is summed over the whole axis. A lapse rate
+    # is the participant's in both conditions: with one for each condition, what that of all takes
+    # in one of them from the spread of everybody would count as a difference.
+    apart = np.array(
+        [
+            [np.correlate(*pair, "full") for pair in zip(first.T, second.T, strict=True)]
+            for first, second in zip(one, other, strict=True)
+        ]
+    ).swapaxes(1, 2)
     steps = (axis[1] - axis[0]) * np.arange(1 - len(axis), len(axis))
-    return Population(apart / apart.max(axis=1, keepdims=True), (steps,)).estimate(0)
+    return Population(apart / apart.max(axis=(1, 2), keepdims=True), (steps, _LAPSES)).estimate(0)
 
 
 def compare_between(one: Estimate, other: Estimate) -> tuple[tuple[float, float, float], float]:
