@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: run run-all example evidence test lint docs notebooks package everywhere fuzz mutations report licences graphics clean
+.PHONY: run run-all example evidence test lint docs notebooks package everywhere fuzz soak mutations report licences graphics clean
 
 run: $(VENV)/ready graphics
 	@$(BIN)/stepblocks build
@@ -72,6 +72,10 @@ everywhere: $(VENV)/ready-dev graphics
 fuzz: $(VENV)/ready-dev graphics
 	$(BIN)/python benchmarks/fuzz.py
 	$(BIN)/python benchmarks/faults.py
+
+# Two users work for an hour in one folder, while the disk fills, renames wait and the clock jumps.
+soak: $(VENV)/ready-dev graphics
+	$(BIN)/python benchmarks/soak.py
 
 # Put small mistakes into a copy of the core, one at a time, and see whether the tests notice.
 # A run can be interrupted: the record in out/ keeps what is done.

@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import ast
 import contextlib
+import gc
 import hashlib
 import importlib
 import json
@@ -36,11 +37,12 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
+from types import CodeType, FunctionType
 from typing import Any
 
 import pytest
+from hypothesis import Phase, settings
 
 ROOT = Path(__file__).resolve().parents[1]
 HOUSE = Path("src") / "stepblocks"
@@ -81,7 +83,10 @@ CALLS = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "ceil"
 CALLS |= {"minimum": "maximum", "maximum": "minimum", "sin": "cos", "cos": "sin"}
 MEMORY = 6 * 2**30  # B, of one run of tests
 SLOW = 30.0  # s; slower tests are left out of the runs of mutants
-OUTCOMES = {0: "passed", 5: "passed"}  # 5: no test is left after those that are slow
+SHIPPED = 15.0  # s to build the shipped stimuli, for the tests that need them
+UNKNOWN = 1.0  # s, of a test that is newer than what was measured
+# 5: no test is left after those that are slow
+OUTCOMES = {0: "passed", 5: "passed", -signal.SIGPROF: "time"}
 PRELOADED = ("numpy", "scipy.optimize", "scipy.stats", "scipy.signal", "scipy.interpolate")
 PRELOADED += (
     "hypothesis",
@@ -312,32 +317,23 @@ class Tree:
 def bounded() -> None:
     """Hold a run of tests to its memory, and let others go first."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    os.nice(10)
-
-
-def is_there(test: str, root: Path) -> bool:
-    """Whether a test still stands in its file."""
-    path, *names = test.split("[")[0].split("::")
-    return (root / path).exists() and f"def {names[-1]}(" in read_text(root / path)
-
-
-@cache
-def read_text(path: Path) -> str:
-    """Read a file of tests once."""
-    return path.read_text(encoding="utf-8")
+    os.nice(max(0, 10 - os.nice(0)))
 
 
 class Reach:
     """Which tests of each room call which function, measured once for each room and kept."""
 
-    def __init__(self, folder: Path, near: bool = False) -> None:
-        self.folder, self.near = folder, near
+    def __init__(self, folder: Path, near: bool = False, enough: float = 120.0) -> None:
+        self.folder, self.near, self.enough = folder, near, enough
         self.known: dict[str, dict[str, Any]] = {}
+        self.collected: dict[str, dict[str, float]] = {}
 
     def of(self, tree: Tree, room: str) -> dict[str, Any]:
         """Read what is known of a room, or run its tests under the plugin that watches calls."""
         if room not in self.known:
             path = self.folder / f"reach-{ROOMS[room]}.json"
+            if not path.exists() and self.near:
+                return {"seconds": {}, "failed": [], "tests": {}, "setups": {}}
             if not path.exists():
                 print(f"{room}: which tests call which function", flush=True)
                 os.environ |= {"REACH_SOURCE": str(tree.root), "REACH_RECORD": str(path)}
@@ -345,55 +341,166 @@ class Reach:
             self.known[room] = json.loads(path.read_text(encoding="utf-8"))
         return self.known[room]
 
-    def stages(self, tree: Tree, mutant: Mutant) -> list[list[str]]:
-        """Name the tests that a mutant must pass, the quickest first, in the order of two stages.
+    def collect(self, tree: Tree, room: str) -> dict[str, float]:
+        """List the tests that a room has now, with the seconds that each takes."""
+        if room not in self.collected:
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "tests"
+                words = "--collect-only", f"tests/{ROOMS[room]}"
+                run_forked(tree, [], 600.0, None, Collected(path), *words)
+                found = json.loads(path.read_text(encoding="utf-8"))
+            known = self.of(tree, room)
+            self.collected[room] = {
+                test: known["seconds"].get(test, UNKNOWN) + SHIPPED * shipped
+                for test, shipped in found.items()
+                if test not in known["failed"]
+            }
+        return self.collected[room]
 
-        First the tests that call its function, then the whole files of these tests and the files
-        that name its module. What fails anyhow or is slow is left out. Compiled kernels are not
-        seen when they are called: there the tests count that call the modules around them.
+    def tests_for(self, tree: Tree, mutant: Mutant) -> dict[str, float]:
+        """Name the tests that a mutant must pass in their order, with the seconds of each.
+
+        First the tests that call its function, then the other tests of their files and of those
+        that name its module; the quickest first, and as many as are enough. What fails anyhow or
+        is slow is left out. Compiled kernels are not seen when they are called: there the tests
+        count that call the modules around them.
         """
-        if self.near and not (self.folder / f"reach-{ROOMS[mutant.room]}.json").exists():
-            return [tests_of(tree.root, mutant)]
-        found = self.of(tree, mutant.room)
-        spent, left_out = found["seconds"], set(found["failed"])
-        usable = {
-            one
-            for one, time in spent.items()
-            if time <= SLOW and one not in left_out and is_there(one, tree.root)
-        }
+        found, spent = self.of(tree, mutant.room), self.collect(tree, mutant.room)
         name = f"{mutant.path}::{mutant.function}"
-        direct, setups = found["tests"].get(name, []), found["setups"].get(name, [])
-        if not direct and not setups and b"numba" in (tree.root / mutant.path).read_bytes():
+        direct = {*found["tests"].get(name, []), *found["setups"].get(name, [])}
+        if not direct and b"numba" in (tree.root / mutant.path).read_bytes():
             stem = Path(mutant.path).stem
             around = {
                 path.relative_to(tree.root).as_posix()
                 for path in (tree.root / HOUSE / mutant.room).rglob("*.py")
                 if re.search(rf"\b{stem}\b", path.read_text(encoding="utf-8"))
             }
-            direct = sorted(
-                {
-                    test
-                    for other, tests in found["tests"].items()
-                    if other.split("::")[0] in around
-                    for test in tests
-                }
-            )
-        files = {one.split("::")[0] for one in (*direct, *setups)}
-        files |= {one for one in tests_of(tree.root, mutant) if one.endswith(".py")}
-        first = sorted(usable & {*direct, *setups}, key=lambda one: (spent[one], one))
-        second = sorted(
-            (one for one in usable if one.split("::")[0] in files and one not in first),
-            key=lambda one: (spent[one], one),
+            direct = {
+                test
+                for other, tests in found["tests"].items()
+                if other.split("::")[0] in around
+                for test in tests
+            }
+        named = [one for one in tests_of(tree.root, mutant) if one.endswith(".py")]
+        files = {one.split("::")[0] for one in direct} | set(named)
+        order = sorted(
+            (test not in direct, test.split("::")[0] not in named, seconds, test)
+            if seconds > 1.0
+            else (test not in direct, False, seconds, test)
+            for test, seconds in spent.items()
+            if seconds <= SLOW and (not files or test in direct or test.split("::")[0] in files)
         )
-        return [stage for stage in (first, second) if stage]
+        chosen, total = {}, 0.0
+        for *_, seconds, test in order:
+            total += seconds
+            if total <= self.enough or not chosen:
+                chosen[test] = seconds
+        return chosen
 
-    def seconds(self, room: str, tests: list[str]) -> float:
-        """Sum what tests take without a mutant."""
-        return sum(self.known[room]["seconds"].get(one, 0.0) for one in tests)
+
+class FirstFailure:
+    """A plugin of pytest that writes down which test failed first, and bounds what each computes.
+
+    A test that computes far longer than without the mutant ends this process.
+    """
+
+    def __init__(self, path: Path, seconds: dict[str, float]) -> None:
+        self.path, self.seconds = path, seconds
+
+    def pytest_sessionstart(self, session: Any) -> None:
+        """Let hypothesis stop at the first example that fails: no smaller one is looked for."""
+        phases = (Phase.explicit, Phase.generate)
+        settings.register_profile("mutants", settings(), phases=phases)
+        settings.load_profile("mutants")
+
+    def pytest_runtest_setup(self, item: Any) -> None:
+        """Set the limit of a test."""
+        seconds = self.seconds.get(item.nodeid, SLOW)
+        signal.setitimer(signal.ITIMER_PROF, 15.0 + 6.0 * seconds)
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        """Keep the first one."""
+        if report.failed and not self.path.exists():
+            self.path.write_text(report.nodeid, encoding="utf-8")
 
 
-def run_forked(tree: Tree, tests: list[str], limit: float, mutant: Mutant) -> str:
-    """Run tests as `Tree.run` does, in a fork of this process, which has the libraries loaded."""
+class Collected:
+    """A plugin of pytest that writes down the tests that there are, and what they share."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def pytest_collection_finish(self, session: Any) -> None:
+        """Write every test, and whether it waits for the shipped stimuli to be built."""
+        found = {item.nodeid: "shipped_output" in item.fixturenames for item in session.items}
+        self.path.write_text(json.dumps(found), encoding="utf-8")
+
+
+def patch(tree: Tree, mutant: Mutant) -> bool:
+    """Put the changed code of a mutant into the functions that this process has loaded.
+
+    Whether that is all there is to change: not where a kernel is compiled from the source, where
+    the change is not within the code of a function (a default), or the module is not loaded.
+    """
+    path = tree.root / mutant.path
+    source = path.read_bytes()
+    if b"numba" in source:
+        return False
+    new = find_codes(compile(source, str(path), "exec"), {})
+    start, end = mutant.span
+    size = end - start
+    whole = source[:start] + mutant.before.encode() + source[start + len(mutant.after.encode()) :]
+    old = find_codes(compile(whole, str(path), "exec"), {})
+    assert size == len(mutant.before.encode())
+    name = mutant.function
+    while name and name not in old:
+        name = name.rpartition(".")[0]
+    if not name or old[name] == new[name]:
+        return False
+    loaded = [
+        one
+        for one in gc.get_objects()
+        if isinstance(one, FunctionType)
+        and one.__code__.co_filename == str(path)
+        and one.__code__.co_qualname == name
+    ]
+    for one in loaded:
+        one.__code__ = new[name]
+    return bool(loaded)
+
+
+def find_codes(code: CodeType, found: dict[str, CodeType]) -> dict[str, CodeType]:
+    """Find the code of the functions of a module and of its classes by their dotted names."""
+    for one in code.co_consts:
+        if isinstance(one, CodeType) and "<" not in one.co_qualname:
+            found.setdefault(one.co_qualname, one)
+            find_codes(one, found)
+    return found
+
+
+def preload(tree: Tree) -> None:
+    """Load the libraries and the source, once for all forks."""
+    sys.dont_write_bytecode = True
+    sys.path[:] = [str(tree.root / "src"), *(one for one in sys.path if "stepblocks" not in one)]
+    for path in sorted((tree.root / HOUSE).rglob("*.py")):
+        name = ".".join(path.relative_to(tree.root / "src").with_suffix("").parts)
+        if not name.endswith("__main__") and "/cli/" not in str(path):
+            with contextlib.suppress(ImportError):
+                importlib.import_module(name.removesuffix(".__init__"))
+    for library in PRELOADED:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(library)
+
+
+def run_forked(
+    tree: Tree,
+    tests: list[str],
+    limit: float,
+    mutant: Mutant | None,
+    plugin: object = None,
+    *words: str,
+) -> str:
+    """Run tests as `Tree.run` does, in a fork of this process, which has all code loaded."""
     with tempfile.TemporaryDirectory() as scratch, tree.changed(mutant) as compiled:
         child = os.fork()
         if child == 0:
@@ -408,18 +515,18 @@ def run_forked(tree: Tree, tests: list[str], limit: float, mutant: Mutant) -> st
                 os.environ["PYTHONPATH"] = str(tree.root / "src")
                 os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
                 sys.dont_write_bytecode = True
-                sys.path[:] = [
-                    str(tree.root / "src"),
-                    *(one for one in sys.path if "stepblocks" not in one and one != str(ROOT)),
-                ]
+                sys.path[:] = [one for one in sys.path if one != str(ROOT)]
+                if mutant and not patch(tree, mutant):
+                    for name in [one for one in sys.modules if one.split(".")[0] == "stepblocks"]:
+                        del sys.modules[name]  # it is loaded again from the changed source
                 if compiled:
                     import numba
 
                     os.environ["NUMBA_CACHE_DIR"] = f"{scratch}/numba"
                     numba.core.config.reload_config()
-                words = ["-q", "-x", "-p", "no:cacheprovider", "--basetemp", f"{scratch}/base"]
-                words += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
-                code = int(pytest.main([*words, *tests]))
+                base = ["-q", "-x", "-p", "no:cacheprovider", "--basetemp", f"{scratch}/base"]
+                base += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
+                code = int(pytest.main([*base, *words, *tests], plugins=[plugin] if plugin else []))
             finally:
                 os._exit(code)
         end = time.monotonic() + limit
@@ -435,21 +542,39 @@ def run_forked(tree: Tree, tests: list[str], limit: float, mutant: Mutant) -> st
 
 def try_one(
     tree: Tree, mutant: Mutant, reach: Reach, given: list[str] | None = None
-) -> dict[str, object] | None:
-    """Run the tests that call the function, then those of their files; or tests that are given.
+) -> dict[str, object]:
+    """Run the tests that call the function, then those of their files; or tests that are given."""
+    begun = time.monotonic()
+    tests = dict.fromkeys(given, SLOW) if given else reach.tests_for(tree, mutant)
+    limit = 300.0 + 6.0 * sum(tests.values())
+    outcome, by = run_and_name(tree, tests, limit, mutant)
+    while by in tests and not passes(tree, by):
+        del tests[by]  # it fails without the mutant, too
+        outcome, by = run_and_name(tree, tests, limit, mutant)
+    line = described(mutant, outcome, begun) | {"enough": reach.enough}
+    return line | ({"test": by} if by else {})
 
-    None where tests of unknown length do not end within four minutes.
-    """
-    begun, outcome = time.monotonic(), "passed"
-    for tests in [given] if given else reach.stages(tree, mutant):
-        unknown = given or mutant.room not in reach.known
-        limit = 240.0 if unknown else 60.0 + 5.0 * reach.seconds(mutant.room, tests)
-        outcome = run_forked(tree, tests, limit, mutant)
-        if outcome == "time" and unknown:
-            return None
-        if outcome != "passed":
-            break
-    return described(mutant, outcome, begun)
+
+def run_and_name(
+    tree: Tree, tests: dict[str, float], limit: float, mutant: Mutant | None
+) -> tuple[str, str]:
+    """Run tests in a fork, and name the one that failed first."""
+    if not tests:
+        return "passed", ""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "failed"
+        outcome = run_forked(tree, [*tests], limit, mutant, FirstFailure(path, tests))
+        return outcome, path.read_text(encoding="utf-8") if path.exists() else ""
+
+
+SOUND: dict[str, bool] = {}
+
+
+def passes(tree: Tree, test: str) -> bool:
+    """Whether a test passes by itself without a mutant; each is tried once."""
+    if test not in SOUND:
+        SOUND[test] = run_and_name(tree, {test: SLOW}, 240.0, None)[0] == "passed"
+    return SOUND[test]
 
 
 def described(mutant: Mutant, outcome: str, begun: float) -> dict[str, object]:
@@ -469,16 +594,11 @@ def run_all(
 ) -> None:
     """Try every mutant, one after the other."""
     record.parent.mkdir(parents=True, exist_ok=True)
-    for library in PRELOADED:
-        with contextlib.suppress(ImportError):
-            importlib.import_module(library)
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
         tree = Tree(Path(scratch))
+        preload(tree)
         for mutant in mutants:
             line = try_one(tree, mutant, reach, given)
-            if line is None:
-                print(f"undecided: {mutant}", flush=True)
-                continue
             with record.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
             print(f"{line['outcome']:9} {line['seconds']:6} s  {line['mutant']}", flush=True)
@@ -557,6 +677,12 @@ def main() -> int:
         action="store_true",
         help="where it is not known which tests call what, those that name the module",
     )
+    parser.add_argument(
+        "--enough",
+        type=float,
+        default=120.0,
+        help="seconds of tests that a mutant meets, the quickest ones (default 120)",
+    )
     parser.add_argument("--sample", type=int, help="so many mutants of all rooms, and no record")
     parser.add_argument("--seconds", type=float, default=300.0, help="that a sample may take")
     parser.add_argument("--summary", action="store_true", help="only print what the record holds")
@@ -575,12 +701,16 @@ def main() -> int:
     pool = [mutant for of_room in chosen for mutant in of_room]
     if asked.sample:
         return sample(draw.sample(pool, asked.sample), asked.seconds)
-    reach = Reach(asked.record.resolve().parent, asked.near)
+    reach = Reach(asked.record.resolve().parent, asked.near, asked.enough)
     if asked.keys:
         left = [mutant for mutant in pool if mutant.key in asked.keys]
         run_all(left, asked.record, reach, shlex.split(asked.tests or ""))
         return 0
-    done = {line["key"] for line in read_record(asked.record)}
+    done = {
+        line["key"]
+        for line in read_record(asked.record)
+        if line["outcome"] == "noticed" or float(line.get("enough", 120.0)) >= asked.enough
+    }
     # the rooms take turns, so that a run that is broken off has seen them all
     turns = [
         of_room[place] for place in range(asked.count) for of_room in chosen if place < len(of_room)

@@ -193,6 +193,18 @@ PARTS = [
         40,
     ),
     Part(
+        "soak",
+        "python benchmarks/soak.py --minutes 60",
+        {
+            "soak-minutes": (r"Soak of (\S+) minutes", "{}"),
+            "soak-rounds": (r"; (\d+) rounds", "{}"),
+            "soak-memory": (r"\| memory \| \d+ MiB \| (\d+ MiB)", "{}"),
+            "soak-files": (r"\| open files \| \d+ \| (\d+)", "{}"),
+            "soak-faults": (r"(\d+) faults", "{}"),
+        },
+        65,
+    ),
+    Part(
         "mutations",
         "python benchmarks/mutations.py --summary",
         {

@@ -1,9 +1,11 @@
 """The report reads what benchmarks print, and mutants are put where they are said to be."""
 
+import hashlib
 import json
 import runpy
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -28,6 +30,17 @@ def mutations():
         import mutations
 
         yield mutations
+    finally:
+        sys.path.remove(str(ROOT / "benchmarks"))
+
+
+@pytest.fixture(scope="module")
+def soak():
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    try:
+        import soak
+
+        yield soak
     finally:
         sys.path.remove(str(ROOT / "benchmarks"))
 
@@ -105,3 +118,32 @@ def test_a_mutant_stands_only_while_its_tests_run(mutations, tmp_path, monkeypat
 def test_the_site_hooks_know_every_generated_page():
     hooks = runpy.run_path(str(ROOT / "docs" / "generated_pages.py"))
     assert all((ROOT / "docs" / page).exists() for page in hooks["PAGES"])
+
+
+def test_a_mutant_stands_in_functions_that_are_loaded_already(mutations, tmp_path, monkeypatch):
+    text = "class A:\n    @staticmethod\n    def f(x):\n        return [x + 1 for _ in range(2)]\n"
+    path = tmp_path / "loaded_before.py"
+    path.write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import loaded_before
+
+    call = loaded_before.A.f
+    assert call(3) == [4, 4]
+    start = text.index("x + 1")
+    mutant = mutations.Mutant("", path.name, "A.f", 4, (start, start + 5), "x + 1", "(x - 1)")
+    path.write_text(text.replace("x + 1", "(x - 1)"))
+    assert mutations.patch(SimpleNamespace(root=tmp_path), mutant)
+    assert call(3) == [2, 2]
+
+
+def test_a_soak_sees_growth_after_the_warm_up_and_half_a_file(soak, tmp_path):
+    # twenty rounds of warm-up, then one more each round: medians of fifths of 100 to 199
+    values = [float(number) for number in [*range(20), *range(100, 200)]]
+    assert soak.find_growth(values, 20) == (109.5, 189.5)
+    assert soak.find_growth([900.0] * 20 + [7.0] * 100, 20) == (7.0, 7.0)
+    (tmp_path / ".partial-1").mkdir()
+    (tmp_path / ".partial-1" / "draft").write_text("x")
+    (tmp_path / ".stepblocks.json").write_text('{"a": 1')
+    (tmp_path / "a").write_text("x")
+    found = soak.hash_tree(tmp_path)
+    assert found == {".stepblocks.json": "half", "a": hashlib.sha256(b"x").hexdigest()}

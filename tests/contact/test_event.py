@@ -175,3 +175,9 @@ def test_a_scene_moves_the_trigger_and_nothing_that_is_felt():
     moved = {name for name in one if one[name] != five[name]}
     assert moved == {"trigger_position_m", "trigger_height_m", "scale"}
     assert five["trigger_position_m"] == pytest.approx(5.0 * one["trigger_position_m"])
+
+
+def test_the_band_of_a_frequency_reaches_as_far_below_it_as_above():
+    tool = replace(TOOL, frequency_deviation=12.0)
+    record = build_event_record(list_vibration_events(Step(40e-6), replace(POINT, tool=tool))[0])
+    assert (record["frequency_low_hz"], record["frequency_high_hz"]) == (258.0, 282.0)

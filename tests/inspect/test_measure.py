@@ -24,10 +24,11 @@ from stepblocks.inspect.edge_arc import (
     fit_arc,
     fit_flank,
 )
+from stepblocks.inspect.form import _DRAWS, fit_face
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import measure_masked_step
+from stepblocks.inspect.map_levels import _estimate_by_bands, measure_masked_step
 from stepblocks.inspect.measure import measure_margin, measure_tip
-from stepblocks.inspect.working_edge.measure import measure_edge
+from stepblocks.inspect.working_edge.measure import _is_seen, measure_edge
 
 X = np.arange(-200, 200) * 1e-6
 EXACT = Instrument(0.0, 0.0, 0.0)
@@ -297,3 +298,46 @@ def test_the_angle_of_an_exact_ramp_is_that_of_the_ramp():
     flank = fit_flank(x, levelled, 30e-6, 1e-6, np.array([1e-18]))
     assert np.degrees(flank.angle) == pytest.approx(35.0, abs=0.05)
     assert flank.radius < 1e-6
+
+
+def test_bands_of_rows_of_one_size_scatter_as_their_mean_depths_do():
+    # five bands of two rows with equal shares; between them a row of nothing
+    known = np.array([True, True, False] * 5)
+    depths = np.repeat([10.0, 11.0, 12.0, 13.0, 15.0], 3) * 1e-6
+    share = np.where(known, 0.1, 0.0)
+    depth = 12.2e-6  # their mean
+    found = _estimate_by_bands(depths, share, depth, known)
+    squares = (np.array([10.0, 11.0, 12.0, 13.0, 15.0]) * 1e-6 - depth) ** 2
+    # the standard deviation of a mean of five independent values
+    assert found.std == pytest.approx(np.sqrt(squares.sum() / (5 * 4)))
+    assert (found.value, found.dof) == (depth, 4.0)
+
+
+def test_a_flank_is_hidden_by_the_stylus_only_about_the_steepest_that_styli_show():
+    # without a stated cone: cones of 60 to 90 degrees show flanks up to 60 and 45 degrees
+    seen = [_is_seen(np.radians(angle), 0.0, None) for angle in (20.0, 40.0, 52.0, 70.0, 89.0)]
+    assert seen == [True, True, False, True, True]
+    # a cone of 60 degrees shows flanks up to 60 degrees; one of none shows all
+    assert _is_seen(np.radians(55.0), 0.0, np.radians(60.0))
+    assert not _is_seen(np.radians(65.0), 0.0, np.radians(60.0))
+    assert _is_seen(np.radians(89.9), 0.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["circle", "sphere"])
+def test_a_tip_says_whether_a_circle_or_a_sphere_was_fitted(kind):
+    x = np.linspace(-60e-6, 60e-6, 121)
+    if kind == "circle":
+        scan = Profile(x, np.sqrt((125e-6) ** 2 - x**2))
+    else:
+        scan = HeightMap(np.sqrt((125e-6) ** 2 - x**2 - x[:, None] ** 2), 1e-6, 1e-6)
+    assert kind in measure_tip(scan, EXACT, nominal=125e-6).convention
+
+
+def test_draws_of_a_form_come_in_mirrored_pairs():
+    x = np.arange(30) * 1e-5
+    noise = np.random.default_rng(3).normal(0.0, 1e-8, (30, 30))
+    face = fit_face(x, x, 1e-2 * x + noise, np.ones((30, 30), dtype=bool))
+    draws = np.array(face.draws(np.random.default_rng(1)))
+    half = len(draws) // 2
+    np.testing.assert_array_equal(draws[:half], -draws[half:])
+    assert len(draws) == _DRAWS

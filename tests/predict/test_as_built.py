@@ -12,8 +12,10 @@ from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_set
 from stepblocks.predict.as_built import (
+    _format_energy_change,
     describe_energy_changes,
     format_surface_columns,
+    predict_from_surfaces,
     prepare_surface_releases,
     replace_nominals,
 )
@@ -113,3 +115,28 @@ def test_the_columns_of_a_surface_are_empty_where_nothing_is_known(stimuli):
         replace(release, status=Status.LOCKED, pull_force=math.nan, vibration_energy=math.nan)
     )
     assert (locked["surface_pull_force_n"], locked["surface_vibration_energy_uj"]) == ("", "")
+
+
+def test_one_condition_has_a_change_and_no_range(stimuli):
+    one = next(
+        made
+        for made in predict_by_formula(stimuli)
+        if made.stimulus == "step-050" and made.release.status is Status.RELEASES
+    )
+    more = replace(one.release, vibration_energy=1.21 * one.release.vibration_energy)
+    said = _format_energy_change([(one, more)])
+    assert said == "E_v +21.0 %"
+    assert _format_energy_change([(one, more)] * 3) == "E_v +21.0 % to +21.0 % over 3 conditions"
+
+
+def test_only_an_edge_that_is_no_arc_is_predicted_from_its_surface(stimuli):
+    made = [one for one in predict_by_formula(stimuli) if one.point.ball_radius == 125e-6]
+    records = {"step-050": replace(record(surface=chamfered()), arc=False)}
+    changed = [
+        one.stimulus
+        for one, before in zip(predict_from_surfaces(made, stimuli, records), made, strict=True)
+        if one is not before
+    ]
+    assert set(changed) == {"step-050"}
+    arc = {"step-050": replace(records["step-050"], arc=True)}
+    assert list(predict_from_surfaces(made, stimuli, arc)) == made

@@ -6,6 +6,7 @@ import csv
 import http.client
 import json
 import threading
+import time
 
 import pytest
 
@@ -62,6 +63,20 @@ def test_real_blocks_are_named_by_code_and_probe_and_nothing_else(real):
     assert row["stimulus"] not in text
     assert row["engraved"] not in text
     run.close()
+
+
+def test_a_clock_that_is_set_anew_changes_no_time_of_an_answer(real, monkeypatch):
+    run = open_run(real, "1")
+    for jump in (-3.0e8, 3.0e8, -3600.0):
+        moment = time.time() + jump
+        monkeypatch.setattr("stepblocks.study.conduct.time.time", lambda moment=moment: moment)
+        run.answer(run.now["trial"], {"estimate_um": "40"})
+    run.close()
+    with (real / "runs" / "participant-1.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert all(0.0 <= float(row["reaction_s"]) < 600.0 for row in rows)
+    stamps = [row[name] for row in rows for name in ("shown_utc", "answered_utc")]
+    assert stamps == sorted(stamps)
 
 
 def test_of_a_virtual_block_not_even_the_condition_is_shown(virtual):

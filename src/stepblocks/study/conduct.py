@@ -94,7 +94,8 @@ class Run:
             raise StudyError(f"participant must be a plain name, got {self.participant!r}")
         self.path, self._guard = path, threading.RLock()
         self._running: Servo | None = None
-        self._shown, self.feedback = time.time(), ""
+        # a clock that is set anew during a run changes no stamp and no reaction time
+        self._wall, self._shown, self.feedback = (now := time.time()) - time.monotonic(), now, ""
         with ExitStack() as held:
             held.enter_context(lock_folder(path.with_suffix("")))
             self._rows = self._resume()
@@ -211,7 +212,7 @@ class Run:
             limits = Limits() if self.hand.motors else Limits(dead=_SLOW)
             self._running, self._point = Servo(renderer, self.hand, limits=limits), point
             self._running.start()
-            self._shown = time.time()
+            self._shown = self._wall + time.monotonic()
 
     def sense(self) -> dict[str, object]:
         """Return where the probe is [m], what rings, and what is in doubt."""
@@ -274,7 +275,7 @@ class Run:
             Note of the participant.
         """
         with self._guard:
-            row, now = self.now, time.time()
+            row, now = self.now, self._wall + time.monotonic()
             if row is None or trial != row["trial"]:
                 raise StudyError(f"trial must be the one that is next, got {trial!r}")
             given = {name: texts.get(name, "").strip() for name in self.kind.answers}
@@ -326,7 +327,7 @@ class Run:
             self.end()
             self._write(self._rows[:-1])
             self._rows.pop()
-            self._shown = time.time()
+            self._shown = self._wall + time.monotonic()
 
     def close(self) -> None:
         """Let go of the hand and of the run."""

@@ -4,6 +4,7 @@ What pays for its parameters, what has a name, and what is driven to the end of 
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.gate import choose_candidate, score_candidates
+from stepblocks.loop.search.mixture import find_bad_trials
 
 
 def _chosen(trials, effects, **keywords):
@@ -107,3 +109,22 @@ def test_a_law_that_gains_less_but_may_surprise_is_fitted_in_full(squared):
     doubtful = {name for name in near if gains[name] < 0.4 * lead + 30.0}
     assert doubtful
     assert near <= {trial.effect.id for trial in choice[1]}
+
+
+def test_trials_that_went_wrong_are_told_from_those_that_scatter():
+    # whitened residuals: 200 normal ones, four of which are twelve deviations off
+    random = np.random.default_rng(5)
+    values = random.normal(size=(200, 1))
+    wrong = [3, 50, 120, 199]
+    values[wrong] = [[12.0], [-12.0], [11.0], [-13.0]]
+    trials = replace(
+        toy_trials(200, 1),
+        channels=("one",),
+        values=values,
+        std=np.zeros((200, 1)),
+    )
+    noise = SimpleNamespace(factors=np.ones((200, 1, 1)))
+    problem = SimpleNamespace(trials=trials, noise=noise)
+    chance, share = find_bad_trials(problem, SimpleNamespace(predicted=np.zeros((200, 1))))
+    assert np.flatnonzero(chance > 0.9).tolist() == wrong
+    assert share == pytest.approx(4 / 200, abs=0.01)
