@@ -332,8 +332,9 @@ def work(names: list[str], sizes: dict[int, int]) -> Iterator[str]:
 
 
 def summarise(names: list[str]) -> None:
-    """Print a table of levels and one of intervals."""
-    for effect, key, title in ((0, "p", "Level"), (1, "held", "Intervals")):
+    """Print a table of levels, one of intervals, and one of power."""
+    kinds = ((0, "p", "Level"), (1, "held", "Intervals"), (1, "p", "Power"))
+    for effect, key, title in kinds:
         print(f"## {title}\n")
         said = "claimed at 5 %" if key == "p" else "hold"
         print(f"| analysis | outcome | studies | {said} | 95 % interval | with a bad participant |")

@@ -132,3 +132,20 @@ def test_a_notebook_shows_notes_and_figures(estimates):
     assert "<p>48 judgements of 4 participants.</p>" in shown
     assert "soft &lt;b&gt;" in shown
     assert "NaN" not in shown
+
+
+def test_each_participant_is_left_out_of_the_primary_outcome(estimates):
+    # by scipy's t-test of the other participants' differences
+    from scipy.stats import ttest_1samp
+
+    measure = estimates.measure()
+    pair = measure.paired[0]
+    means = measure.frame.groupby(["participant", "condition"])["value"].mean().unstack()
+    apart = (means[pair.first] - means[pair.second]).drop("2") * 1e6
+    name = f"{pair.first} minus {pair.second}, without 2"
+    row = row_of(estimates, "leaving each participant out", name, "")
+    other = ttest_1samp(apart, 0.0)
+    assert (row["unit"], row["estimate"]) == ("um", pytest.approx(apart.mean()))
+    assert row["p"] == pytest.approx(other.pvalue)
+    ends = other.confidence_interval()
+    assert (row["low_95"], row["high_95"]) == (pytest.approx(ends.low), pytest.approx(ends.high))

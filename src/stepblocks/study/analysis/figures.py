@@ -10,7 +10,6 @@ import numpy as np
 
 from stepblocks.quantities import format_column_label
 from stepblocks.study import Table
-from stepblocks.study.analysis.accuracy import Measure
 from stepblocks.study.analysis.repeated import average_participants
 
 if TYPE_CHECKING:
@@ -74,21 +73,13 @@ def _convert_to_um(table: Table, names: Sequence[str]) -> Table:
     return table.assign(**{name: table[name] * 1e6 for name in names})
 
 
-def _make_panels(
-    figure: Figure | SimpleNamespace, result: Result
-) -> Iterator[tuple[Axes, Measure, float]]:
-    # Give axes to each measure, with the factor to the unit in which it is shown
-    panels = np.atleast_1d(figure.subplots(1, len(result.measures)))
-    for axes, measure in zip(panels, result.measures, strict=True):
-        yield axes, measure, 1.0 if measure.logarithmic else 1e6
-
-
 def _draw_participants(figure: Figure | SimpleNamespace, result: Result) -> Table:
     import pandas as pd
 
     rows = []
-    for axes, measure, factor in _make_panels(figure, result):
-        shift = np.log(1e6) if measure.logarithmic else 0.0
+    panels = np.atleast_1d(figure.subplots(1, len(result.measures)))
+    for axes, measure in zip(panels, result.measures, strict=True):
+        shift, factor = (np.log(1e6), 1.0) if measure.logarithmic else (0.0, 1e6)
         table = average_participants(measure.frame) * factor + shift
         x = np.arange(table.shape[1])
         keys = measure.frame.groupby("participant").first()

@@ -14,7 +14,11 @@ from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.ordinal import OrdinalFit
 from stepblocks.study.analysis.population import Estimate
 from stepblocks.study.analysis.psychometric import Z975, Psychometric, compute_weber
-from stepblocks.study.analysis.repeated import compute_bayes_factor
+from stepblocks.study.analysis.repeated import (
+    average_participants,
+    compare_participants,
+    compute_bayes_factor,
+)
 from stepblocks.tables import format_csv
 
 if TYPE_CHECKING:
@@ -211,6 +215,7 @@ class StudyResult:
             for one in self.findings()
         ]
         others = [*_list_ratings(self), *_list_comparisons(self), *_list_magnitudes(self)]
+        others += _list_influence(self)
         return pd.DataFrame([*tests, *accuracy, *others], columns=COLUMNS)
 
     def results_csv(self) -> str:
@@ -411,3 +416,21 @@ def _list_magnitudes(result: StudyResult) -> Iterator[Row]:
         name = f"exponent, {one.first} minus {one.second}"
         ends = (one.difference, one.low, one.high)
         yield _make_span("power law", name, ends, df_error=one.df, p=one.p)
+
+
+def _list_influence(result: StudyResult) -> Iterator[Row]:
+    # Say what the differences of the primary outcome are without each participant in turn
+    import pandas as pd
+
+    measure = result.measure(next((one.name for one in result.findings()), ""))
+    laws = {
+        one.condition: {who: e for who, e, _ in one.by_participant} for one in result.power_laws
+    }
+    table = average_participants(measure.frame) if measure else pd.DataFrame(laws)
+    log, unit = (measure.logarithmic, "um") if measure else (False, "1")
+    for who in table.index if len(table) > 2 else ():
+        for one in compare_participants(table.drop(who)):
+            ends = (one.difference, one.low, one.high)
+            name = f"{one.first} {'over' if log else 'minus'} {one.second}, without {who}"
+            shown = (tuple(map(math.exp, ends)), "1") if log else (ends, unit)
+            yield _make_span("leaving each participant out", name, *shown, p=one.p)
