@@ -5,11 +5,14 @@ Amplitude, decay, frequency, spectra.
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from stepblocks.contact.energy import Status, find_release
+from stepblocks.drag.figures import plot_force
 from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.ring import (
@@ -118,3 +121,18 @@ def test_a_trace_is_a_table_with_its_units():
 def test_what_has_no_ring_is_one_clear_error(call, message):
     with pytest.raises(ContactError, match=message):
         call()
+
+
+def test_the_release_is_marked_where_it_is_on_the_axis_of_milliseconds():
+    time = np.linspace(0.0, 0.3, 4)
+    trace = SimpleNamespace(
+        column=lambda name: time,
+        events=(),
+        asked=0,
+        status=Status.RELEASES,
+        release_time=0.125,
+    )
+    axes = plot_force(trace, Figure().subplots())
+    force, mark = axes.lines
+    assert max(force.get_xdata()) == 300.0
+    assert set(mark.get_xdata()) == {125.0}

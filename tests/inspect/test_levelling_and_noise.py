@@ -15,6 +15,7 @@ from stepblocks.inspect.levelling import (
     _compute_window_differences,
     _find_plateau_middle,
     fit_two_planes,
+    fit_without_spikes,
     remove_spikes,
 )
 from stepblocks.inspect.noise import (
@@ -199,3 +200,28 @@ def test_the_middle_of_a_plateau_is_as_far_from_either_end():
     size[10:15] = [0.98, 1.0, 0.99, 0.98, 0.97]
     assert _find_plateau_middle(size, 11, 4) == 12
     assert _find_plateau_middle(size, 11, 2) == 11  # too wide for windows of that reach
+
+
+def test_stray_points_at_one_end_do_not_pull_a_line():
+    # one of ten points stands 0.2 um too high at one end; the others lie on a line within 1 nm
+    x = np.linspace(-1.0, 1.0, 401)
+    noise = np.random.default_rng(11).normal(0.0, 1e-9, x.size)
+    stray = x > 0.8
+    z = 3e-7 + 5e-7 * x + noise + np.where(stray, 2e-7, 0.0)
+    found = fit_without_spikes(np.stack([np.ones_like(x), x]), z, np.ones(x.size, dtype=bool))
+    assert found.solution == pytest.approx([3e-7, 5e-7], abs=1e-9)
+    assert not found.used[stray].any()
+
+
+def test_a_fit_without_residuals_gains_on_a_smooth_curve_by_the_scatter_that_counts_least():
+    # n ln((S + f) / (0 + f)), where f is the least scatter squared times n
+    t = np.linspace(-1.0, 1.0, 200)
+    kept = np.ones(t.size, dtype=bool)
+    step = np.where(t > 0.0, 1e-6, 0.0)
+    fit = Fit(np.stack([np.ones_like(t), step]), np.eye(2, 200), np.zeros(2), 0.0 * t, kept, 0)
+    gain, together = _compute_gain(t, step, fit, 1)
+    curve = np.stack([t, np.ones_like(t)])
+    left = step - np.linalg.lstsq(curve.T, step, rcond=None)[0] @ curve
+    floor = 200 * LEAST_SCATTER**2
+    assert gain == pytest.approx(200 * math.log((np.sum(left**2) + floor) / floor))
+    assert together == 1.0

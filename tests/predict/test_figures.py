@@ -7,9 +7,15 @@ import pytest
 
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.contact.uncertainty import estimate_interval
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
-from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map, write_plots
+from stepblocks.predict.figures import (
+    compute_margin_map,
+    draw_energy_of_height,
+    draw_margin_map,
+    write_plots,
+)
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
@@ -38,3 +44,34 @@ def test_where_no_height_releases_there_is_nothing_to_draw(tmp_path):
             [Step(110e-6)], OperatingPoint(125e-6, 1.0, 0.5), {}, tmp_path / "none.png"
         )
     assert not list(tmp_path.iterdir())
+
+
+def test_the_band_of_the_energy_reaches_from_one_end_of_its_interval_to_the_other(
+    tmp_path, monkeypatch
+):
+    figures = []
+    monkeypatch.setattr(
+        "stepblocks.predict.figures.save_figure", lambda one, _: figures.append(one)
+    )
+    steps = [Step(height) for height in (20e-6, 30e-6)]
+    draw_energy_of_height(steps, PAPER, {"height": 0.5e-6}, tmp_path / "a.png")
+    (band,) = figures[0].axes[0].collections[:1]
+    points = band.get_paths()[0].vertices
+    for step in steps:
+        known = estimate_interval(step, PAPER, {"height": 0.5e-6}, draws=4000)
+        there = points[np.isclose(points[:, 0], step.height * 1e6), 1]
+        assert there.max() == pytest.approx(known.energy_high * 1e6)
+        assert there.min() == pytest.approx(known.energy_low * 1e6)
+
+
+def test_the_colours_of_a_map_of_margins_begin_at_the_least_force(tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr(
+        "stepblocks.predict.figures.save_figure", lambda one, _: figures.append(one)
+    )
+    axes = np.linspace(0.0, 100e-6, 9), np.linspace(-30e-6, 30e-6, 7)
+    draw_margin_map(*axes, PAPER, tmp_path / "map.png")
+    forces = np.concatenate([one.ravel() for one in compute_margin_map(*axes, PAPER)])
+    norm = figures[0].axes[0].collections[0].norm
+    known = forces[np.isfinite(forces) & (forces > 0.0)]
+    assert (norm.vmin, norm.vmax) == (max(known.min(), 1e-2), min(known.max(), 50.0))

@@ -2,13 +2,15 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
-from stepblocks.predict.predictions import predict_by_formula
+from stepblocks.parts.tolerance import Dimension
+from stepblocks.predict.predictions import _find_stiffness_deviation, predict_by_formula
 from stepblocks.predict.sheaths import predict_conditions, tabulate_decay_test
 
 SHIPPED = Path(__file__).resolve().parents[2] / "stimuli" / "sheaths.toml"
@@ -102,3 +104,19 @@ def test_a_bare_probe_wears_no_mass_and_each_sheath_that_of_its_tube():
     worn = {one.id: one.mass for one in SET.stimuli if hasattr(one, "sleeve")}
     for one in predict_conditions(SET):
         assert one.mass == worn.get(one.sheath, 0.0)
+
+
+def test_a_tolerance_of_a_sheath_moves_the_spring_by_half_of_what_its_limits_differ():
+    part = next(one for one in SET.stimuli if one.sleeve is not None)
+    for name, value in part:
+        if isinstance(value, Dimension):
+            part = part.model_copy(update={name: replace(value, upper=0.0, lower=0.0)})
+    assert _find_stiffness_deviation(SET, part) == 0.0
+    length = replace(part.length, upper=0.2e-3, lower=-0.2e-3)
+    part = part.model_copy(update={"length": length})
+    ends = [
+        SET.probe.ring(part.model_copy(update={"length": replace(length, nominal=end)}).sleeve)
+        for end in length.limits
+    ]
+    half = 0.5 * abs(ends[1].stiffness - ends[0].stiffness)
+    assert _find_stiffness_deviation(SET, part) == pytest.approx(half)

@@ -8,11 +8,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.law import Law, Parameter
+from stepblocks.loop.search.adequacy import check_residuals
 from stepblocks.loop.search.fit import build_problem, fit
-from stepblocks.loop.search.gate import choose_candidate, score_candidates
+from stepblocks.loop.search.gate import choose_candidate, compute_detectable, score_candidates
 from stepblocks.loop.search.mixture import find_bad_trials
 
 
@@ -128,3 +130,37 @@ def test_trials_that_went_wrong_are_told_from_those_that_scatter():
     chance, share = find_bad_trials(problem, SimpleNamespace(predicted=np.zeros((200, 1))))
     assert np.flatnonzero(chance > 0.9).tolist() == wrong
     assert share == pytest.approx(4 / 200, abs=0.01)
+
+
+def test_the_p_value_of_a_gate_counts_the_data_as_one_draw_of_the_null(squared):
+    # of 19 draws none exceeds so strong an effect: p = 1 / (19 + 1) (Davison and Hinkley 1997)
+    problem = build_problem(Toy(), squared)
+    gate = score_candidates(problem, fit(problem), toy_effects(), draws=19)
+    assert gate.p_value == pytest.approx(1.0 / 20.0)
+
+
+def test_what_can_be_detected_opens_the_gate_nine_times_in_ten(monkeypatch):
+    # a normal deviate about the root of the gain exceeds the root of what is needed at 90 %
+    effect = toy_effects()[0]
+    direction = SimpleNamespace(effect=effect, root=np.array([[3.0]]))
+    monkeypatch.setattr("stepblocks.loop.search.gate._compute_directions", lambda *_: [direction])
+    monkeypatch.setattr("stepblocks.loop.search.gate._build_null_basis", lambda _: None)
+    (size,) = compute_detectable(None, None, [effect], needed=4.0).values()
+    (scale,) = (one.scale for one in effect.parameters)
+    assert size == pytest.approx((2.0 + stats.norm.isf(0.1)) * 3.0 * scale, rel=1e-4)
+
+
+def test_a_law_of_another_place_does_not_lead_before_a_curve(squared):
+    law = toy_effects()[0]
+    curve = replace(law, id="curve", named=False)
+    elsewhere = replace(law, id="law", rank=9, covariate="w")
+    assert _chosen(squared, [curve, elsewhere])[2][0].effect.id == "curve"
+
+
+def test_residuals_are_checked_over_every_covariate_where_there_are_enough_trials():
+    problem = build_problem(Toy(), toy_trials(120, 4))
+    checks, _ = check_residuals(problem, fit(problem))
+    pairs = {(channel, name) for channel in ("first", "second") for name in ("x", "z", "w")}
+    assert {(channel, name) for channel, name, _ in checks} == pairs
+    few = build_problem(Toy(), toy_trials(12, 4))  # 12 trials, 8 more than a smooth has columns
+    assert check_residuals(few, fit(few)) == ((), True)
