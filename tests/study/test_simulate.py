@@ -93,17 +93,6 @@ def test_without_noise_magnitudes_grow_with_the_square_root_of_the_energy():
     )
 
 
-def test_a_block_without_energy_is_refused_by_name():
-    rows = designed("magnitude").trials
-    with pytest.raises(StudyError, match="got none for step-070"):
-        simulate_answers(rows, ENERGIES | {"step-070": 0.0}, {}, STILL, 3)
-    without = {name: energy for name, energy in ENERGIES.items() if name != "step-050"}
-    with pytest.raises(
-        StudyError, match="got none for step-050"
-    ):  # the standard, which is never the block that is judged
-        simulate_answers(designed("constant").trials, without, {}, STILL, 3)
-
-
 def plan(**changes):
     given = {
         "participants": 3,
