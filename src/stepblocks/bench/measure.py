@@ -1,7 +1,5 @@
 """A session in, a table of features out: over all cores, in bounded memory."""
 
-from __future__ import annotations
-
 import csv
 import math
 import os
@@ -13,7 +11,9 @@ from functools import cache
 from hashlib import blake2b
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from stepblocks.atomic import write_atomically
 from stepblocks.bench.declared import check_declarations
@@ -34,9 +34,6 @@ from stepblocks.bench.trials import Trial, TrialTable, open_trials
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.tables import escape_formula
 from stepblocks.workers import die_with_parent
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _CHUNK = 16  # trials that a worker takes at a time
 _AHEAD = 4  # chunks per worker that wait for it at most
@@ -134,8 +131,6 @@ def measure_session(
     PipelineError
         If the output cannot be written, or not one trial could be measured.
     """
-    import pandas as pd
-
     with tempfile.TemporaryDirectory(prefix="stepblocks-features-") as scratch:
         table = Path(output) if output is not None else Path(scratch) / "features.csv"
         write_features(session, table, jobs=jobs, progress=progress)

@@ -3,15 +3,14 @@
 Columns have the names and units that an analysis asks for.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from stepblocks.bench.session import (
     Channel,
@@ -24,9 +23,6 @@ from stepblocks.errors import BenchError
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
 from stepblocks.tables import escape_formula
 from stepblocks.text_file import is_file
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _HEIGHT = re.compile(r"(step_?)?height", re.IGNORECASE)
 _STAMP = (
@@ -270,7 +266,6 @@ def read_conditions(session: Session) -> dict[str, tuple[str, pd.Series]]:
     The result gives, by name, the column that it replaces and one value per trial.
     """
     # What the table already has under that name and in that unit is left out.
-    import pandas as pd
 
     table, columns, usual = open_trials(session), session.trials.columns, TrialColumns()
     rows = list(table)

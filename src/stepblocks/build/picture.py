@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import manifold3d
 import numpy as np
+import pyvista as pv
 from numpy.typing import NDArray
 
 from stepblocks.parts.kind import Manifold
@@ -35,7 +37,6 @@ def draw_part(
     """Render a part."""
     if "DISPLAY" not in os.environ:  # without a screen VTK first tries X11 and complains
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    import pyvista as pv
 
     plotter = pv.Plotter(off_screen=True, shape=(1, 2), window_size=(960, 400), border=False)
     try:
@@ -59,15 +60,11 @@ def draw_part(
 
 
 def _make_polydata(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Polydata:
-    import pyvista as pv
-
     return pv.PolyData.from_regular_faces(vertices * 1e3, triangles)
 
 
 def _cut(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
     # Cut a body in millimetres, closed where it is cut
-    import manifold3d
-
     vertices, triangles = mesh
     left = cut(
         manifold3d.Manifold(manifold3d.Mesh64(vertices * 1e3, triangles.astype(np.uint64)))
@@ -79,8 +76,6 @@ def _cut(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
 
 def _cut_box(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) -> Polydata:
     # Cut out what of a body lies in a box
-    import manifold3d
-
     box = manifold3d.Manifold.cube([2e3 * half_width] * 3, True).translate(
         [1e3 * c for c in centre]
     )

@@ -11,6 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+import pandas as pd
+
 from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface, Profile
 from stepblocks.contact.domain import Scanned, read_number
@@ -19,17 +21,18 @@ from stepblocks.contact.kernels import compute_height_at_angle
 from stepblocks.contact.laws import ContactLaw, FrictionLaw
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.drag.events import drag_face, list_events
+from stepblocks.drag.figures import draw_force, draw_spectra, plot_force
 from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.probe import SETTINGS, Setting
 from stepblocks.drag.ring import Ring, measure_ring
 from stepblocks.drag.simulate import DragEvent, DragTrace
 from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
+from stepblocks.figure_file import make_figure
 from stepblocks.tables import write_table
 from stepblocks.text_file import Document
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
 
 # What of the probe and of the settings may be given beside the subject, and each dimension
@@ -129,16 +132,12 @@ class Drag:
 
         The columns are the fields of `DragEvent`.
         """
-        import pandas as pd
-
         found = [asdict(one) for one in list_events(self.trace, self.backward, self.within)]
         return pd.DataFrame(found, columns=[field.name for field in fields(DragEvent)])
 
     @property
     def frame(self) -> pd.DataFrame:
         """Traces [SI], one column each, its unit in its name."""
-        import pandas as pd
-
         return pd.DataFrame(self.trace.rows, columns=list(COLUMNS))
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -153,9 +152,6 @@ class Drag:
         -------
         matplotlib.axes.Axes
         """
-        from stepblocks.drag.figures import plot_force
-        from stepblocks.figure_file import make_figure
-
         axes = plot_force(self.trace, make_figure()[1] if ax is None else ax)
         axes.set_xlabel("time [ms]")
         axes.set_title(self.title, fontsize=10)
@@ -221,8 +217,6 @@ class Drag:
 
         After a release, ``spectra.png`` is written too.
         """
-        from stepblocks.drag.figures import draw_force, draw_spectra
-
         folder.mkdir(parents=True, exist_ok=True)
         write_table(self.frame, folder / "trace.csv")
         write_table(self.events, folder / "events.csv")

@@ -3,8 +3,6 @@
 Cubic pieces between nodes, and the kinks where two contacts share the load.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache

@@ -15,6 +15,7 @@ from enum import StrEnum
 from typing import Literal
 
 import numpy as np
+from scipy.special import stdtr, stdtrit
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import Array, Estimate
@@ -176,7 +177,6 @@ def _find_effective_dof(components: Iterable[Component], std: float) -> float:
 def compute_student_quantile(share: float, dof: float) -> float:
     """Return the point below which this share of Student's law lies [1]."""
     # `scipy.stats` says the same, and takes as long to load as all the rest
-    from scipy.special import stdtrit
 
     return float(stdtrit(dof, share))
 
@@ -328,7 +328,6 @@ def decide(
         )
     if not lower <= upper:
         raise MetrologyError(f"limits must be in order, got {lower:g} to {upper:g}")
-    from scipy.special import stdtr
 
     if guard is None:
         guard = max(GUARD_FACTOR, compute_student_quantile(0.95, dof)) * std

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular, toeplitz
+from scipy.optimize import least_squares, minimize
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import (
@@ -222,8 +223,6 @@ def _descend_valleys(
 ) -> tuple[float, float]:
     # Best radius and riser: the valleys of a coarse grid followed downhill, since they are narrow
     # and bent.
-    from scipy.optimize import minimize
-
     spacing = window.spacing
 
     def cost(scaled: Array) -> float:
@@ -323,7 +322,6 @@ def fit_flank(
 
     variance = max(float(gamma[0]), (1e-4 * height) ** 2)
     start = [(height - offset) / slope / spacing, float(np.arctan(slope)), 0.3 * height / spacing]
-    from scipy.optimize import least_squares
 
     found = least_squares(
         lambda state: (shape(state) - levelled[used]) / np.sqrt(variance),

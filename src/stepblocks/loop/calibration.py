@@ -3,14 +3,13 @@
 It comes from certificates in session.toml and from the unloaded samples of every trace.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
+import pandas as pd
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field
 
 from stepblocks.atomic import resolve_inside
@@ -19,9 +18,6 @@ from stepblocks.errors import PipelineError
 from stepblocks.mistakes import validate_data
 from stepblocks.quantities import make_quantity_parser
 from stepblocks.tables import read_si_columns, read_table
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 LOAD = "load_bias_n"  # the parameter of a load that is other than set
 Known = Mapping[

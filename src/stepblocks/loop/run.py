@@ -1,7 +1,5 @@
 """A session in; residual, effect, error before and after, out."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Sequence
@@ -9,7 +7,9 @@ from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from stepblocks.artefacts.as_built import list_measured_edges, read_records
 from stepblocks.artefacts.model_file import build_model_document
@@ -41,9 +41,6 @@ from stepblocks.loop.session_table import (
     find_regime_hints,
     scan_blocks,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _WITHIN, _BETWEEN = 3, 4  # folds
 _FEWEST = 12  # trials that a fold must leave

@@ -3,15 +3,13 @@
 The table of features becomes trials with channels; the scans of the blocks stand beside it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from stepblocks.contact.forward import parse_tip_radius_um
@@ -24,9 +22,6 @@ from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.noise import find_outliers
 from stepblocks.loop.search.structure import Hint
 from stepblocks.text_file import is_file
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # per block: height_m, height_std_m, and where known edge_radius_m, edge_radius_std_m
 Scans = Mapping[str, Mapping[str, float]]
@@ -201,8 +196,6 @@ def _select_good(
     features: pd.DataFrame, radius_um: Floats, spring_constant: float
 ) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
     # Which trials can be used, and why the others cannot: each for the first reason that holds
-    import pandas as pd
-
     good = np.ones(len(features), dtype=bool)
     excluded: list[tuple[str, str]] = []
 
@@ -246,8 +239,6 @@ def _select_good(
 
 
 def _read_numbers(table: pd.DataFrame, name: str) -> Floats:
-    import pandas as pd
-
     if name not in table:
         return np.full(len(table), np.nan)
     return np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=np.float64)

@@ -1,7 +1,5 @@
 """The body of a bench block with fixing holes and engraving: solid, pieces, volume."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from abc import abstractmethod

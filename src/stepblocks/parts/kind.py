@@ -1,7 +1,5 @@
 """What every kind of stimulus answers, so that nobody has to ask of what kind a part is."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pandas as pd
+
 from stepblocks.errors import PipelineError
 from stepblocks.quantities import format_column_label, format_units
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray
     from matplotlib.axes import Axes
 
@@ -112,8 +113,6 @@ def plot_predictions(
 
 
 def _require_frame(table: object) -> pd.DataFrame:
-    import pandas as pd
-
     if not isinstance(table, pd.DataFrame):
         raise PipelineError(f"table must be a pandas DataFrame, got {type(table).__name__}")
     return table

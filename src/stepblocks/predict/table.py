@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel, read_model
@@ -35,8 +36,6 @@ from stepblocks.predict.predictions import Prediction, format_six_digits
 from stepblocks.tables import read_si_columns, read_table, write_table
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stepblocks.parts.set import StimulusSet
 
 _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
@@ -84,8 +83,6 @@ def predict_table(
     PipelineError
         If the table or one of its columns is wrong.
     """
-    import pandas as pd
-
     place = "table" if isinstance(table, pd.DataFrame) else Path(table)
     frame = table if isinstance(table, pd.DataFrame) else read_table(Path(table))
     uncertain = {
@@ -162,8 +159,6 @@ def predict_trials(
         If the table or the model cannot be read, a column is missing, or the output cannot be
         written.
     """
-    import pandas as pd
-
     learned = model if isinstance(model, LearnedModel) else read_model(model)
     if not isinstance(trials, pd.DataFrame):
         try:
@@ -182,8 +177,6 @@ def predict_with_model(
     table: pd.DataFrame, learned: LearnedModel
 ) -> tuple[pd.DataFrame, DragState]:
     """Predict a table of trials; beside the figures the slots of the extended model."""
-    import pandas as pd
-
     used = {name for law in learned.extended.laws for name in list_covariate_columns(law.covariate)}
     needed = ("trial", "block", *_POSITIVE, *sorted(used))
     missing = [name for name in needed if name not in table.columns]
@@ -234,8 +227,6 @@ def _read_conditions(
 ) -> tuple[dict[str, NDArray[np.generic]], NDArray[np.object_], NDArray[np.object_]]:
     # Read the columns to predict from. Also gives, for each trial, the names of columns that hold
     # no number, and of those beyond the range of the data.
-    import pandas as pd
-
     ranges = {place.name: place for place in learned.ranges}
     invalid, outside = (np.full(len(table), "", dtype=object) for _ in range(2))
     columns: dict[str, NDArray[np.generic]] = {}
@@ -308,8 +299,6 @@ def make_learned_drag(
     learned: LearnedModel, block: str, height: float, condition: OperatingPoint
 ) -> LearnedDrag:
     """Ask a learned model about one step; friction and tool of the condition are learned."""
-    import pandas as pd
-
     row: dict[str, object] = {
         "trial": "1",
         "block": block,

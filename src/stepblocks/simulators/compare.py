@@ -1,12 +1,10 @@
 """How real a recorded step is: how far from its stimulus, in just noticeable differences."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from stepblocks.contact import Array
 from stepblocks.contact.energy import Status
@@ -21,9 +19,6 @@ from stepblocks.errors import HapticsError
 from stepblocks.predict.perception import LEVEL_DIFFERENCE
 from stepblocks.simulators.conditions import check_overrides, choose_operating_point
 from stepblocks.tables import read_si_columns, read_table, write_table
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _LENGTH = 5.0  # of the ring that is compared, in time constants
 _BEFORE = 0.1  # in which the peak force before the release is sought [s]
@@ -88,8 +83,6 @@ def compare_record(
     StepblocksError
         If the record cannot be read or holds no ring, or the stimulus does not release the probe.
     """
-    import pandas as pd
-
     check_overrides(overrides)
     event = (
         stimulus

@@ -1,30 +1,41 @@
 """From stimulus files to folders that a simulator loads: one folder per stimulus and simulator."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from stepblocks.artefacts.model_file import LearnedModel, read_model
 from stepblocks.atomic import make_draft_folder, sync_folder
 from stepblocks.errors import PipelineError
+from stepblocks.parts.set import StimulusSet
 from stepblocks.select import matches_pattern
+from stepblocks.simulators.assemble import Contact, build_scene, lay_out_teeth, resolve_contact
 from stepblocks.simulators.conditions import (
     Sets,
     check_overrides,
     choose_operating_point,
     load_sets,
 )
-
-if TYPE_CHECKING:
-    from stepblocks.artefacts.model_file import LearnedModel
-    from stepblocks.parts.set import StimulusSet
-    from stepblocks.simulators.assemble import Contact
-    from stepblocks.simulators.devices import Device, RenderingPlan
-    from stepblocks.simulators.scene import Scene, SceneFormat
+from stepblocks.simulators.devices import (
+    Device,
+    RenderingPlan,
+    choose_common_scale,
+    find_device,
+    load_devices,
+    plan_rendering,
+    require_renderable,
+)
+from stepblocks.simulators.scene import (
+    Scene,
+    SceneFormat,
+    find_loudest_force,
+    write_scene,
+    write_tooth,
+)
+from stepblocks.simulators.scenes import SCENE_FORMATS
 
 
 @dataclass(frozen=True)
@@ -109,12 +120,6 @@ def export_scenes(
         If a file, a device or a value is wrong, nothing matches, or the device does not render a
         stimulus that is meant.
     """
-    from stepblocks.artefacts.model_file import read_model
-    from stepblocks.simulators.assemble import lay_out_teeth
-    from stepblocks.simulators.devices import find_device, load_devices
-    from stepblocks.simulators.scene import write_scene, write_tooth
-    from stepblocks.simulators.scenes import SCENE_FORMATS
-
     if simulator not in SCENE_FORMATS:
         raise PipelineError(f"--for must be one of {', '.join(SCENE_FORMATS)}, got {simulator!r}")
     if ring not in ("exponential", "drag"):
@@ -176,8 +181,6 @@ def _resolve_set(
     overrides: dict[str, float],
 ) -> list[Contact]:
     # Resolve the contacts of all stimuli of a set, those that are not written as well
-    from stepblocks.simulators.assemble import resolve_contact
-
     height = step_height or next(iter(stimuli.prediction.step_heights), None)
     return [
         resolve_contact(
@@ -196,14 +199,6 @@ def _build_scenes(
     contacts: list[Contact], meant: list[int], device: Device | None, scale: float | None
 ) -> list[Scene]:
     # Build the scenes that are meant, at the scale and full scale of the whole set
-    from stepblocks.simulators.assemble import build_scene
-    from stepblocks.simulators.devices import (
-        choose_common_scale,
-        plan_rendering,
-        require_renderable,
-    )
-    from stepblocks.simulators.scene import find_loudest_force
-
     if device is not None:
         if scale is None:
             scale = choose_common_scale(device, [(one.events[0], one.point) for one in contacts])

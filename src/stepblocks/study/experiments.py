@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from stepblocks.errors import StudyError
 from stepblocks.study import Table, require
@@ -197,8 +198,6 @@ def _simulate_comparisons(
 
 
 def _analyse_comparisons(frame: Table, margin: float) -> Fields:
-    import pandas as pd
-
     require(
         frame["standard"].nunique() == 1,
         "pairs of one study must have one standard, got "
@@ -312,8 +311,6 @@ def fit_power_law(
 
 
 def _analyse_magnitudes(frame: Table, margin: float) -> Fields:
-    import pandas as pd
-
     laws = [
         fit_power_law(own, "magnitude", "height", "participant", str(name))
         for name, own in frame.groupby("condition")

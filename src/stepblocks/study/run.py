@@ -1,7 +1,5 @@
 """The experiments on people, from a stimulus file to a report."""
 
-from __future__ import annotations
-
 import html
 import itertools
 import json
@@ -10,7 +8,8 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError, StudyError
@@ -44,9 +43,6 @@ from stepblocks.study.simulate import (
     estimate_power,
 )
 from stepblocks.tables import format_csv, write_table
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def design_study(
@@ -426,8 +422,6 @@ def study_power(
     StepblocksError
         If an option is out of range, or a block does not release the probe.
     """
-    import pandas as pd
-
     blocks = choose_blocks(source, felt, only)
     energies = blocks.energies()
     heights = {item.identity: item.height for item in blocks.items}

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+import pandas as pd
 
 from stepblocks.atomic import replace_bytes
 from stepblocks.errors import PipelineError, StudyError
@@ -113,8 +114,6 @@ def simulate_answers(
 
     Answers follow each block's energy [J] and the share of it that a condition lets through.
     """
-    import pandas as pd
-
     trials = pd.DataFrame(design)
     trials["person"], trials["setting"] = (
         pd.factorize(trials[name])[0] for name in ("participant", "condition")
@@ -292,8 +291,6 @@ def join_rows(
 
     A judgement that was `asked` and not answered is missing.
     """
-    import pandas as pd
-
     kind, planned = EXPERIMENTS[experiment], asked or _index_by_trial([row for row, _ in pairs])
     answered: dict[Key, dict[str, float]] = {}
     found = list(mistakes)

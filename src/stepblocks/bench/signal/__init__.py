@@ -7,6 +7,7 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 Array = NDArray[np.float64]
 Estimate = tuple[float, float]  # a value and its standard uncertainty
@@ -135,8 +136,6 @@ def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
     What comes before is an unloaded part, of which the zeros are the means, the load coming on, and
     a handle that stands still; a record may lack any of them.
     """
-    from scipy.ndimage import uniform_filter1d
-
     unknown = (math.nan, math.nan)
     zeros, loaded = (unknown, unknown), 0
     calm = max(round(_CALM * (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])), 5)
@@ -161,8 +160,6 @@ def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
 
 def _find_motion(force: Array, zero: float, calm: int, pulled_up: bool) -> int:
     # Find the first sample at the sliding force; `pulled_up` where no sliding came before
-    from scipy.ndimage import uniform_filter1d
-
     smooth = np.convolve(force, np.full(5, 0.2), mode="same")
     smooth[:2], smooth[-2:] = force[:2], force[-2:]
     rest = zero if math.isfinite(zero) else float(np.median(smooth[:calm]))

@@ -1,21 +1,17 @@
 """Traces in HDF5: a group per trial with a dataset per channel, or a table per trial."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import h5py
 
 from stepblocks.bench.session import Place
 from stepblocks.bench.signal import MOST_SAMPLES, TraceError, check_size, join_first
-
-if TYPE_CHECKING:
-    import h5py
 
 _CACHE = 256 * 2**10  # descriptions of groups that are kept, in their size on disk [bytes]
 
 
 def open_hdf5(path: Path, layout: object) -> "h5py.File":
     """Open a file, of a MATLAB file from version 7.3 on too."""
-    import h5py
-
     try:
         file = h5py.File(path, "r", locking=False)
     except OSError as error:
@@ -45,8 +41,6 @@ def find_hdf5_group(file: "h5py.File", place: Place) -> "h5py.Group | h5py.Datas
 
 def read_hdf5_column(group: "h5py.Group | h5py.Dataset", name: str | int) -> "h5py.Dataset":
     """Read one channel of a group of datasets, of a compound table or of a plain one."""
-    import h5py
-
     if isinstance(group, h5py.Dataset):
         return _read_table_column(group, name)
     if isinstance(name, int) or name not in group:
@@ -62,8 +56,6 @@ def read_hdf5_column(group: "h5py.Group | h5py.Dataset", name: str | int) -> "h5
 def _require_own(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
     # Refuse what lies in another file, by a link or by storage outside. A session is what its
     # folder holds.
-    import h5py
-
     if item.file.filename != container.file.filename or (
         isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
     ):

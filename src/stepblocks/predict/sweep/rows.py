@@ -1,12 +1,11 @@
 """The rows of a sweep: many at once, each a function of the plan and its number alone."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from stepblocks.contact import kernels
@@ -16,9 +15,6 @@ from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
 from stepblocks.errors import ContactError
 from stepblocks.predict.predictions import drag_in_time
 from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Floats = NDArray[np.float64]
 Column = Floats | NDArray[np.int64] | NDArray[np.str_] | NDArray[np.object_]
@@ -92,8 +88,6 @@ def _take_column(
 
 def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
     """Compute rows; one outside the equations has its reason in ``problem``, and no figures."""
-    import pyarrow as pa
-
     inputs = draw_inputs(plan, rows)
     numbers = np.arange(rows.start, rows.stop)
     columns: dict[str, Column] = {"row": numbers, "draw": numbers % plan.draws}
@@ -118,9 +112,6 @@ def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
 
 def _encode_texts(column: Column) -> pa.Array:
     # Hand over texts by their codes: most of a column are alike
-    import pandas as pd
-    import pyarrow as pa
-
     codes, names = pd.factorize(column.astype(object))
     return pa.DictionaryArray.from_arrays(codes, list(names)).cast(pa.string())
 

@@ -13,13 +13,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from stepblocks.atomic import lock_folder, replace_bytes, replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import pyarrow as pa
     from matplotlib.axes import Axes
 
 PLAN_FILE = "_sweep.json"  # readers of Parquet pass over a name that begins so
@@ -56,8 +58,6 @@ class SweepResult:
 
     def read(self, columns: list[str] | None = None) -> pd.DataFrame:
         """Read the table, or some of its columns; units stand at the end of their names."""
-        import pyarrow.parquet as pq
-
         known = pq.read_schema(_find_path(self.folder, 0)).names
         if unknown := [name for name in columns or () if name not in known]:
             raise PipelineError(f"columns must be of {', '.join(known)}, got {unknown[0]!r}")
@@ -185,9 +185,6 @@ def _list_rows(plan: SweepPlan, number: int) -> range:
 
 def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
     # Tell whether a partition is there, and to the byte what is written for its rows
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     try:
         content = _find_path(folder, number).read_bytes()
         table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
@@ -198,8 +195,6 @@ def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
 
 
 def _format_parquet(table: pa.Table) -> bytes:
-    import pyarrow.parquet as pq
-
     stream = io.BytesIO()
     texts = [field.name for field in table.schema if field.type == "string"]
     pq.write_table(

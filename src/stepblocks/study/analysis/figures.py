@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+import pandas as pd
 
 from stepblocks.quantities import format_column_label
 from stepblocks.study import Table
@@ -74,8 +75,6 @@ def _convert_to_um(table: Table, names: Sequence[str]) -> Table:
 
 
 def _draw_participants(figure: Figure | SimpleNamespace, result: Result) -> Table:
-    import pandas as pd
-
     rows = []
     panels = np.atleast_1d(figure.subplots(1, len(result.measures)))
     for axes, measure in zip(panels, result.measures, strict=True):
@@ -110,7 +109,6 @@ def _draw_ratings(figure: Figure | SimpleNamespace, result: Result) -> Table:
 
 
 def _draw_curves(figure: Figure | SimpleNamespace, result: Result) -> Table:
-    import pandas as pd
     from scipy.special import ndtr
 
     axes, rows = figure.subplots(), []

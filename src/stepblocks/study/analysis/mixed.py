@@ -12,7 +12,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from statsmodels.tools.numdiff import approx_fprime_cs, approx_hess_cs
 
 from stepblocks.study import Array, Table, require
 from stepblocks.study.analysis.anova import (
@@ -99,7 +101,6 @@ class _Likelihood:
     def fit(self, repeated: bool) -> tuple[Array, Array]:
         """Return the optimum and the covariance of its parameters."""
         from scipy.optimize import minimize
-        from statsmodels.tools.numdiff import approx_fprime_cs, approx_hess_cs
 
         start = [1.0, 0.3, -0.5] if repeated else [1.0, -0.5]
         found = minimize(
@@ -128,7 +129,6 @@ class _Likelihood:
     def count_freedom(self, point: Array, spread: Array, contrast: Array) -> float:
         """Return Satterthwaite's degrees of freedom of a contrast of the fixed effects."""
         # Fai, A. H.-T., Cornelius, P. L. (1996), J. Statist. Comput. Simul. 54, 363-378.
-        from statsmodels.tools.numdiff import approx_fprime_cs
 
         slope = approx_fprime_cs(
             point, lambda at: np.log(contrast @ self.covariance(at) @ contrast)
@@ -146,7 +146,6 @@ def fit_mixed_model(
 ) -> MixedFit:
     """Fit conditions, and blocks where given, as fixed and participants as random effects."""
     # Laird, N. M., Ware, J. H. (1982), Biometrics 38, 963-974, doi:10.2307/2529876.
-    import pandas as pd
     import statsmodels.formula.api as smf
 
     data, scale, shift = standardise_response(frame, response, a=condition, b=block, g=participant)

@@ -14,6 +14,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import minimize
+from scipy.special import ndtr
+from scipy.stats import norm, t
 
 from stepblocks.study import Array, require
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z975, find_crossing
@@ -54,8 +57,6 @@ class Grid:
     """
 
     def __init__(self, levels: ArrayLike, hits: ArrayLike, totals: ArrayLike) -> None:
-        from scipy.special import ndtr
-
         x, k, n = (np.asarray(values, dtype=np.float64) for values in (levels, hits, totals))
         require(len(x) >= 3, f"a psychometric function needs three levels, got {len(x)}")
         finer = math.sqrt(max(float(n.sum(axis=1).max()) / 150.0, 1.0))
@@ -128,8 +129,6 @@ class Population:
 
     def _climb(self, start: Sequence[float], place: int = -1, value: float = 0.0) -> Any:
         # Maximise the likelihood, one parameter held where a place is given
-        from scipy.optimize import minimize
-
         held = [(value, value) if n == place else one for n, one in enumerate(self._bounds)]
         first = [value if n == place else one for n, one in enumerate(start)]
         options = {"ftol": 1e-11, "gtol": 1e-6}
@@ -139,8 +138,6 @@ class Population:
 
     def estimate(self, index: int) -> Estimate:
         """Return the mean over participants along an axis."""
-        from scipy.stats import t
-
         place, people, best = 2 * index, len(self._likelihood), self.best
         middle, spread, nearest = float(best.x[place]), math.exp(best.x[place + 1]), best.x
         # The likelihood ratio of the mean of a normal sample is n ln(1 + t^2 / (n - 1)). With this
@@ -202,7 +199,6 @@ def compare_within(one: Array, other: Array, axis: Array) -> Estimate:
 def compare_between(one: Estimate, other: Estimate) -> tuple[tuple[float, float, float], float]:
     """Compare two groups of participants: the difference with its 95 % interval, and its p."""
     # Zou, G. Y., Donner, A. (2008), Statistics in Medicine 27, 1693-1702, doi:10.1002/sim.3095.
-    from scipy.stats import norm
 
     apart = one.value - other.value
     low = apart - math.hypot(one.value - one.low, other.high - other.value)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq, minimize
+from scipy.special import ndtr, xlog1py, xlogy
 
 from stepblocks.study import Array, require
 
@@ -68,8 +70,6 @@ def fit_psychometric(
     # Wichmann, F. A., Hill, N. J. (2001), Perception & Psychophysics 63, 1293-1313,
     # doi:10.3758/BF03194544. Who lapses in a comparison errs to either side: one rate for both
     # ends.
-    from scipy.optimize import minimize
-    from scipy.special import ndtr, xlog1py, xlogy
 
     x, k, n = _check_counts(levels, hits, totals)
     log_x = np.log(x)
@@ -158,8 +158,6 @@ def find_crossing(excess: Callable[[float], float], start: float, end: float, st
 
     The sign of the step is the direction, also where the start is the end.
     """
-    from scipy.optimize import brentq
-
     outer, above = start, -1.0
     while above <= 0.0 and outer != end:
         inner, outer = outer, (min if step > 0.0 else max)(outer + step, end)

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import pandas as pd
+
 from stepblocks.study import Table
 from stepblocks.study.analysis.accuracy import ANSWER, Measure
 from stepblocks.study.analysis.anova import Interval, Term
@@ -22,7 +24,6 @@ from stepblocks.study.analysis.repeated import (
 from stepblocks.tables import format_csv
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
 
 # Columns of results.csv; the unit of estimate, low and high stands in each row
@@ -203,8 +204,6 @@ class StudyResult:
 
     def table(self) -> pd.DataFrame:
         """Lay out every figure with its unit, in `COLUMNS`; not-a-number where a row has none."""
-        import pandas as pd
-
         accuracy = [{**row, "measure": one.name} for one in self.measures for row in _measure(one)]
         tests = [
             _make_row(
