@@ -61,6 +61,7 @@ lint: $(VENV)/ready-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python benchmarks/page_types.py
 	$(BIN)/lint-imports
 
 # Run the tests under other processors, threads, Pythons and library versions;

@@ -31,7 +31,6 @@ from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
-from stepblocks.loop.calibration import read_calibration
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
 from stepblocks.loop.session_table import build_session_table, scan_blocks
 
@@ -255,7 +254,8 @@ def run_one(name: str, trials: int, seed: int) -> dict[str, Any]:
         features = measure_session(folder, jobs=1)
         blocks = sorted(set(features["block"].dropna()))
         scans, _ = scan_blocks(folder, "scans/{block}.csv", blocks)
-        spring, known = open_session(folder).probe.spring_constant, read_calibration(folder)
+        declared = open_session(folder)
+        spring, known = declared.probe.spring_constant, declared.calibration.list_known()
     began = time.process_time()
     table = build_session_table(features, spring, plan.bench.tip_radius, scans, known)
     found = explain(table.model, table.trials, table.model.candidates(table.trials), Rules())

@@ -7,6 +7,7 @@ import re
 import runpy
 from pathlib import Path
 
+import page_types
 import pytest
 
 from stepblocks.cli import make_command
@@ -238,6 +239,17 @@ def test_every_page_is_in_the_contents_of_the_site():
     contents = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     pages = [path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")]
     assert [page for page in pages if page not in contents] == []
+
+
+def test_the_python_of_every_page_fits_the_types_of_the_library(tmp_path):
+    # a page of a field that is gone is among them, so that what finds nothing is known to look
+    wrong = tmp_path / "wrong.md"
+    wrong.write_text(
+        "# A page\n\n```python\nimport stepblocks as sb\n!ls\n"
+        'print(sb.order_parts("a.toml", "out").missing)\n```\n'
+    )
+    said = page_types.check_pages([*PAGES, wrong])
+    assert re.fullmatch(rf'{wrong}:6: error: .* has no attribute "missing".*\n', said), said
 
 
 def test_messages_are_listed_from_the_source():

@@ -2,7 +2,10 @@
 
 import inspect
 import pickle
+import re
+from html import unescape
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -64,6 +67,41 @@ def test_a_value_is_the_same_after_a_pickle(name):
     again = pickle.loads(pickle.dumps(value))
     assert type(again) is type(value)
     assert repr(again) == repr(value)
+
+
+@pytest.mark.parametrize("name", sorted({*EXAMPLES} - {"Prediction"}))  # it holds many values
+def test_a_value_is_shown_in_a_few_lines(name):
+    assert len(repr(EXAMPLES[name])) < 1000
+    assert len(str(EXAMPLES[name])) < 1000
+
+
+@pytest.mark.parametrize("name", ["StimulusSet", *PARTS])
+def test_sets_and_parts_are_shown_in_a_line_and_in_a_notebook_as_a_table(name):
+    value = EXAMPLES[name]
+    assert str(value) == repr(value)
+    assert len(str(value)) < 130
+    html = ElementTree.fromstring(f"<p>{close_cells(value._repr_html_())}</p>")
+    assert html.find("table/tr/td").text
+
+
+def close_cells(text):
+    """Write what a browser takes as closed (rows and cells) as XML wants it."""
+    text = re.sub(r"<(t[dh])>([^<]*)", r"<\1>\2</\1>", text)
+    return re.sub(r"<tr>((?:<t[dh]>[^<]*</t[dh]>)*)", r"<tr>\1</tr>", text)
+
+
+def test_a_renderer_and_a_drag_are_shown_in_a_line():
+    path = sb.Step(50e-6).centre_path(125e-6)
+    assert repr(sb.Renderer(path, sb.PAPER)) == "Renderer(scale 1, 10000 Hz, 9810 N/m)"
+    done = sb.drag_over("25 um")
+    assert repr(done) in unescape(done._repr_html_())
+    assert done._repr_html_().count("<th>") >= len(done.events.columns)
+
+
+def test_what_a_set_is_predicted_under_is_shown_without_its_defaults():
+    shown = repr(SETS["paper-ten"].prediction)
+    assert "normal_loads=(0.3, 0.5, 0.8, 1.1)" in shown
+    assert "tool=" not in shown
 
 
 def test_a_learned_model_keeps_its_effects_in_a_pickle():

@@ -7,10 +7,12 @@ from copy import deepcopy
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from stepblocks.errors import StepblocksError
 
+_FEW = 12  # names that a message lists
 Model = TypeVar("Model", bound=BaseModel)
 Mistake = tuple[str, str]  # where in the file, empty for the file itself; name, rule and value
 # from a location to the place in the file, and what is left of it
@@ -110,8 +112,13 @@ def list_mistakes(
     mistakes = []
     for one in sorted(found.values(), key=lambda one: one["type"] != "extra_forbidden"):
         place, rest = locate(one["loc"])
-        meant = _find_meant_name(model, one["loc"]) if one["type"] == "extra_forbidden" else None
-        hint = f"; did you mean {'.'.join(map(str, (*rest[:-1], meant)))}?" if meant else ""
+        hint = ""
+        if one["type"] == "extra_forbidden":
+            known = sorted(_list_fields(model, one["loc"]))
+            if meant := _find_meant_name(model, one["loc"]):
+                hint = f"; did you mean {'.'.join(map(str, (*rest[:-1], meant)))}?"
+            elif len(known) <= _FEW:
+                hint = f"; known are {', '.join(known)}"
         mistakes += [
             (place, f"{text}{hint}") for text in _format_finding(one, ".".join(map(str, rest)))
         ]
@@ -154,18 +161,25 @@ def find_similar(word: str, known: Iterable[str]) -> str | None:
     return next(iter(difflib.get_close_matches(word, list(known), 1, 0.7)), None)
 
 
-def _find_meant_name(model: type[BaseModel], place: Location) -> str | None:
-    # Find what a name meant: one like it in its table, or the same in a table below
+def _list_fields(model: type[BaseModel], place: Location) -> dict[str, FieldInfo]:
+    # List the fields, by their names in the file, of the table in which a place lies
     tables = [model]
     for step in place[:-1]:
         fields = [
             field for table in tables if (field := table.model_fields.get(str(step))) is not None
         ]
         tables = [below for field in fields for below in _list_models(field.annotation)] or tables
-    word = str(place[-1])
-    known = {
-        field.alias or name: field for table in tables for name, field in table.model_fields.items()
+    return {
+        field.alias or name: field
+        for table in tables
+        for name, field in table.model_fields.items()
+        if not field.exclude
     }
+
+
+def _find_meant_name(model: type[BaseModel], place: Location) -> str | None:
+    # Find what a name meant: one like it in its table, or the same in a table below
+    word, known = str(place[-1]), _list_fields(model, place)
     deeper = [
         f"{name}.{word}"
         for name, field in known.items()

@@ -147,11 +147,43 @@ def test_what_is_wrong_is_said_with_field_rule_and_value(old, new, message, tmp_
     assert "\n" not in str(caught.value)
 
 
-def test_words_that_are_not_ours_are_left_to_the_laboratory(tmp_path):
-    session = declared(
-        tmp_path, ("[probe]", '[probe]\nmaker = "us"'), ("title", 'room = "2.14"\ntitle')
-    )
-    assert session.title == "a rig"
+def test_what_else_a_laboratory_wants_to_note_stands_in_a_table_of_notes(tmp_path):
+    session = declared(tmp_path, ("[stimuli]", '[notes]\nmaker = "us"\n[stimuli]'))
+    assert session.notes == {"maker": "us"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("title", "tittle", "tittle is not a known field, got 'a rig'; did you mean title?"),
+        (
+            "title",
+            "room",
+            "room is not a known field, got 'a rig'; known are acquisition, calibration, notes, "
+            "probe, schema, stimuli, title, trials",
+        ),
+        (
+            "tip_radius",
+            "maker",
+            "probe.maker is not a known field, got '125 um'; known are spring_constant, tip_radius",
+        ),
+        ("set =", "sett =", "stimuli.sett is not a known field, got 'ten'; did you mean"),
+    ],
+)
+def test_a_field_that_is_not_known_is_refused_with_those_that_are(tmp_path, old, new, message):
+    with pytest.raises(BenchError) as caught:
+        declared(tmp_path, (old, new))
+    assert str(caught.value).startswith(message)
+
+
+def test_all_mistakes_of_a_file_are_told_at_once_those_of_its_calibration_too(tmp_path):
+    text = '[calibration]\ntangential_zero = ["3 mm", "1 mN"]\nwarmth = 3\n[stimuli]'
+    with pytest.raises(BenchError) as caught:
+        declared(tmp_path, ("9.81 N/mm", "-1 N/mm"), ("10 kHz", "10 km"), ("[stimuli]", text))
+    said, *lines = str(caught.value).splitlines()
+    assert said.startswith("4 mistakes")
+    for name in ("probe.spring", "acquisition.sample", "calibration.tangential", "warmth"):
+        assert sum(name in line for line in lines) == 1
 
 
 def test_patterns_are_filled_as_python_formats_numbers():

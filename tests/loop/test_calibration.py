@@ -11,31 +11,45 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
-from stepblocks.errors import PipelineError
+from stepblocks.bench.session import open_session
+from stepblocks.errors import BenchError
 from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
-from stepblocks.loop.calibration import estimate_unloaded_zeros, read_calibration
 from stepblocks.loop.search.adequacy import compare_directions
 from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.search.fit import build_problem, fit
-from stepblocks.loop.session_table import build_session_table
+from stepblocks.loop.session_table import build_session_table, estimate_unloaded_zeros
+
+DECLARED = """schema = 1
+[probe]
+spring_constant = "9.81 N/mm"
+[acquisition]
+sample_rate = "10 kHz"
+traces = "traces.h5"
+[acquisition.channels]
+tangential = "fx_n"
+normal = "fy_n"
+"""
 
 
 def _session(tmp_path, text: str):
-    (tmp_path / "session.toml").write_text("schema = 1\n" + text)
-    return tmp_path
+    (tmp_path / "session.toml").write_text(DECLARED + text)
+    (tmp_path / "trials.csv").write_text("trial\n1\n")
+    return open_session(tmp_path)
 
 
 def test_certificates_are_read_in_their_units_and_gains_as_logarithms(tmp_path):
     text = '[calibration]\ntangential_zero = ["3 mN", "0.5 mN"]\nnormal_gain = ["0.98", "0.5 %"]\n'
-    known = read_calibration(_session(tmp_path, text))
+    known = _session(tmp_path, text).calibration.list_known()
     assert known["zero_n"] == pytest.approx((3e-3, 0.5e-3))
     assert known["normal_ln_gain"] == pytest.approx((math.log(0.98), 0.005 / 0.98))
-    assert read_calibration(_session(tmp_path, "")) == {}
+    assert _session(tmp_path, "").calibration.list_known() == {}
 
 
 def test_bandwidth_and_clock_of_a_certificate_become_a_time_constant_and_a_logarithm(tmp_path):
     text = '[calibration]\nbandwidth = ["3 kHz", "0.3 kHz"]\nclock = ["1.002", "0.01 %"]\n'
-    known = read_calibration(_session(tmp_path, text + 'normal_cross_talk = ["0.02", "0.005"]\n'))
+    known = _session(
+        tmp_path, text + 'normal_cross_talk = ["0.02", "0.005"]\n'
+    ).calibration.list_known()
     # origin: a gauge of first order with the corner f has 1 / (2 pi f)
     tau = 1.0 / (2.0 * math.pi * 3e3)
     assert known["time_constant_s"] == pytest.approx((tau, 0.1 * tau))
@@ -45,7 +59,7 @@ def test_bandwidth_and_clock_of_a_certificate_become_a_time_constant_and_a_logar
 
 def test_a_certificate_of_the_spring_holds_its_ratio_and_says_what_a_gain_of_the_gauge_is(tmp_path):
     text = '[calibration]\nspring_constant = ["9.7 N/mm", "50 N/m"]\n'
-    known = read_calibration(_session(tmp_path, text))
+    known = _session(tmp_path, text).calibration.list_known()
     assert known == {"spring_constant": pytest.approx((9700.0, 50.0))}
     features, scans = _planted("sensor_gain", ln_gain=0.05)
     stds = {}
@@ -67,8 +81,8 @@ def test_every_mistake_of_a_certificate_is_told_in_a_line_of_its_own(tmp_path):
         '[calibration]\ntangential_zero = ["3 mm", "1 mN"]\nnormal_zero = ["1 mN", "-1 '
         'mN"]\nwarmth = 3\n'
     )
-    with pytest.raises(PipelineError) as caught:
-        read_calibration(_session(tmp_path, text))
+    with pytest.raises(BenchError) as caught:
+        _session(tmp_path, text)
     said, *lines = str(caught.value).splitlines()
     assert said.startswith("3 mistakes")
     assert len(lines) == 3
@@ -77,15 +91,11 @@ def test_every_mistake_of_a_certificate_is_told_in_a_line_of_its_own(tmp_path):
     ] * 3
 
 
-def test_the_loads_of_an_apparatus_are_known_as_well_as_its_table_says(tmp_path, shifted):
-    rows = "axis,weight_g,force_n,std_n\nnormal,20,0.196,0.002\n"
-    rows += "normal,50,0.490,0.003\npull,200,1.945,0.05\n"
-    (tmp_path / "drag-rig.loads.csv").write_text(rows)
-    session = _session(tmp_path, '[calibration]\nload_table = "drag-rig.loads.csv"\n')
-    # the largest of the normal axis; of the pull the handle asks nothing
-    assert read_calibration(session) == {"load_bias_n": (0.0, 0.003)}
+def test_a_load_that_is_known_only_so_well_is_held_to_that(tmp_path, shifted):
+    session = _session(tmp_path, '[calibration]\nload_error = ["0 mN", "3 mN"]\n')
+    assert session.calibration.list_known() == {"load_bias_n": (0.0, 0.003)}
     features, scans = shifted
-    table = build_session_table(features, 9810.0, 125e-6, scans, read_calibration(session))
+    table = build_session_table(features, 9810.0, 125e-6, scans, session.calibration.list_known())
     model, trials = table.model, table.trials
     assert {p.name: p.prior_std for p in model.parameters(trials)}["load_error"] == 0.003
     held = {
@@ -108,21 +118,6 @@ def test_the_loads_of_an_apparatus_are_known_as_well_as_its_table_says(tmp_path,
         - model.predict(trials, values)[:, seen]
     )
     assert moved == pytest.approx(0.01 / plain.set_load)
-
-
-@pytest.mark.parametrize(
-    ("name", "rows", "said"),
-    [
-        ("../loads.csv", None, "must be a file in the folder"),
-        ("loads.csv", "axis,std_n\npull,0.05\n", "a row normal"),
-        ("loads.csv", "axis,force_n\nnormal,0.5\n", "must have a column std_n"),
-    ],
-)
-def test_a_table_of_loads_that_says_nothing_of_them_is_one_clear_error(tmp_path, name, rows, said):
-    if rows:
-        (tmp_path / "loads.csv").write_text(rows)
-    with pytest.raises(PipelineError, match=said):
-        read_calibration(_session(tmp_path, f'[calibration]\nload_table = "{name}"\n'))
 
 
 def test_unloaded_samples_give_the_zeros_where_there_are_enough():

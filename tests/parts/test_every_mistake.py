@@ -100,7 +100,7 @@ SLIPS = {
     "session": [
         ('"9.81 N/mm"', '"9.81"', "probe.spring_constant: must be a stiffness"),
         ('"9.81 N/mm"', "9.81", "a number needs its unit"),
-        ("spring_constant", "spring_konstant", "probe.spring_constant is missing"),
+        ("spring_constant", "spring_konstant", "did you mean probe.spring_constant?"),
         ('"10 kHz"', '"10 s"', "acquisition.sample_rate: must be a frequency"),
         ("{trial}", "{run}", "may hold {trial}"),
         ("{trial}.csv", "../{trial}.csv", "must lie inside the session"),
@@ -257,7 +257,10 @@ def test_what_a_series_repeats_is_said_once_and_unknown_names_come_first(tmp_pat
         load_set(path)
     head, first, second = str(caught.value).splitlines()
     assert head == f"2 mistakes [{path}]"
-    assert first == "  color is not a known field, got 'red' [step_block 's-010' and 9 more]"
+    assert first == (
+        "  color is not a known field, got 'red'; known are body, edge_radius, height, id, "
+        "material, metrology, stock, working_faces [step_block 's-010' and 9 more]"
+    )
     assert second.startswith("  material: must be one of steel, aluminium")
 
 

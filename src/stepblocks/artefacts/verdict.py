@@ -48,7 +48,6 @@ class Verdict:
         return math.isfinite(self.deviation) and abs(self.deviation) <= self.limit
 
     def __str__(self) -> str:
-        """One line: verdict, artefact, quantity, deviation and limit."""
         if self.dimension == "length":
             text = (
                 f"{self.deviation * 1e9:+.3f} nm off {format_quantity(self.nominal, 'length', 6)}"

@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
+from stepblocks.bench.calibration import Calibration, Frequency, Stiffness, Strict
 from stepblocks.bench.signal import TraceError
 from stepblocks.errors import BenchError, QuantityError
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_mistakes
@@ -62,27 +63,11 @@ _BRACKETED = re.compile(r"[(\[]([^()\[\]]+)[)\]]\s*$")  # a unit as in ``Fx (mV)
 _TARE = re.compile(r"\s*first\s+(\S.*?)\s*")
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 
-Stiffness = Annotated[
-    float, BeforeValidator(make_quantity_parser("stiffness")), Field(gt=0.0, le=1e9)
-]
-Frequency = Annotated[
-    float, BeforeValidator(make_quantity_parser("frequency")), Field(gt=0.0, le=1e9)
-]
 _Time = Annotated[float, BeforeValidator(make_quantity_parser("time")), Field(ge=0.0)]
 _Length = Annotated[float, BeforeValidator(make_quantity_parser("length")), Field(gt=0.0)]
 _Force = Annotated[float, BeforeValidator(make_quantity_parser("force")), Field(gt=0.0)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
-
-
-class Strict(BaseModel):
-    """A table that may hold nothing but its fields."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class _Open(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True)
 
 
 def find_unit_in_name(name: str, dimension: str) -> str | None:
@@ -232,7 +217,7 @@ class Channels(Strict):
         return forces | ({} if self.time is None else {"time": (self.time, "time")})
 
 
-class Probe(_Open):
+class Probe(Strict):
     """The explorer.
 
     Attributes
@@ -247,7 +232,7 @@ class Probe(_Open):
     tip_radius: _Length | None = None
 
 
-class Acquisition(_Open):
+class Acquisition(Strict):
     """How the forces were recorded.
 
     Attributes
@@ -351,7 +336,7 @@ class Trials(Strict):
     swap: tuple[tuple[str | int, str | int], ...] = ()
 
 
-class Stimuli(_Open):
+class Stimuli(Strict):
     """The blocks that were crossed.
 
     Attributes
@@ -389,7 +374,7 @@ class Place(NamedTuple):
     is_file: bool
 
 
-class Session(_Open):
+class Session(Strict):
     """A session folder that was read and found whole.
 
     Attributes
@@ -402,15 +387,20 @@ class Session(_Open):
     acquisition : Acquisition
     trials : Trials
     stimuli : Stimuli
+    calibration : Calibration
+    notes : dict
+        Whatever the laboratory wants to note.
     """
 
-    folder: Path
+    folder: Path = Field(exclude=True)  # not of the file
     schema_: Literal[1] = Field(alias="schema")
     title: str = ""
     probe: Probe
     acquisition: Acquisition
     trials: Trials = Trials()
     stimuli: Stimuli = Stimuli()
+    calibration: Calibration = Calibration()
+    notes: dict[str, object] = Field(default={})
 
     @property
     def table(self) -> Path:

@@ -115,7 +115,12 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
         return
     cells = {name: format_column([row.get(name) for row in rows]) for name in rows[0]}
     heads = {name: format_column_label(name) for name in cells}
-    alike = _find_constant_columns(cells) if len(rows) > 1 and not wide else {}
+    # what is alike in all rows is said once
+    alike = {
+        name: column[0]
+        for name, column in cells.items()
+        if len(rows) > 1 and not wide and len({*column}) == 1
+    }
     width = 10_000 if wide else int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
     names = _choose_fitting(cells, heads, alike, width)
     constants = (
@@ -141,11 +146,6 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
     _print(table, width=width)
     if more := len(cells) - len(alike) - len(names):
         print(f"({more} more columns: --wide)", file=sys.stderr)
-
-
-def _find_constant_columns(cells: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    # Return the value of each column that is alike in all rows
-    return {name: column[0] for name, column in cells.items() if len({*column}) == 1}
 
 
 def _choose_fitting(

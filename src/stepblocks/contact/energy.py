@@ -4,13 +4,16 @@ The equation gives a locked probe an energy too; here such a probe has none.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Never
+from typing import Any, Generic, Never, TypeAlias, overload
 
 import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import TypeVar
 
-from stepblocks.contact import kernels
+from stepblocks.contact import Array, kernels
 from stepblocks.contact.domain import Real, require_not_negative, require_positive, select_where
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
@@ -66,8 +69,13 @@ class Status(StrEnum):
 _KINDS = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
 
 
+Statuses = TypeVar("Statuses", Status, NDArray[np.str_], default=Status)
+Floats = TypeVar("Floats", float, Array, default=float)
+Many: TypeAlias = Array | Sequence[float]
+
+
 @dataclass(frozen=True)
-class Release:
+class Release(Generic[Statuses, Floats]):
     """What is felt when the probe slips over an edge.
 
     Of many drags at once, each field is an array over them.
@@ -88,17 +96,33 @@ class Release:
         Mean power over the detection threshold [1].
     """
 
-    status: Status
-    angle: float
-    pull_force: float = math.nan
-    vibration_energy: float = math.nan
-    mean_power: float = math.nan
-    threshold_ratio: float = math.nan
+    status: Statuses
+    angle: Floats
+    pull_force: Floats
+    vibration_energy: Floats
+    mean_power: Floats
+    threshold_ratio: Floats
 
 
+@overload
+def find_release(
+    angle: float, normal_load: float, friction: float, tool: Tool = ...
+) -> Release[Status, float]: ...
+@overload
+def find_release(
+    angle: Many, normal_load: Real, friction: Real, tool: Tool = ...
+) -> Release[NDArray[np.str_], Array]: ...
+@overload
+def find_release(
+    angle: float, normal_load: Many, friction: Real, tool: Tool = ...
+) -> Release[NDArray[np.str_], Array]: ...
+@overload
+def find_release(
+    angle: float, normal_load: float, friction: Many, tool: Tool = ...
+) -> Release[NDArray[np.str_], Array]: ...
 def find_release(
     angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPER.tool
-) -> Release:
+) -> Release[Any, Any]:
     """Force and energy at release for a critical angle.
 
     Parameters

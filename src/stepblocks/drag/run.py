@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from difflib import get_close_matches
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -120,6 +121,10 @@ class Drag:
             f"Drag({self.title!r}, {self.trace.status}, {self.trace.peak_force:.4g} N, "
             f"{len(self.trace.events)} events)"
         )
+
+    def _repr_html_(self) -> str:
+        table = self.events.to_html(index=False, float_format="{:.4g}".format)
+        return f"<p>{escape(repr(self))}</p>{table}"
 
     @cached_property
     def ring(self) -> Ring | None:

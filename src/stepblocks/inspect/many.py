@@ -77,7 +77,6 @@ class ManyScans:
         }
 
     def __repr__(self) -> str:
-        """Count the blocks and give the verdict."""
         return f"ManyScans({len(self.reports)} blocks: {self.verdict.value})"
 
     def as_record(self) -> dict[str, object]:

@@ -208,7 +208,6 @@ class InspectionResult:
         return [*said, f"energy: {self.energy_statement}"] if self.energy_statement else said
 
     def __str__(self) -> str:
-        """Write verdict, tables and remarks."""
         said = [f"{self.identity}: {self.said}\n"]
         for name, rows in self.tables.items():
             cells = [
@@ -223,7 +222,6 @@ class InspectionResult:
         return "\n".join([*said, *self.remarks])
 
     def __repr__(self) -> str:
-        """Name part, verdict and source."""
         return f"InspectionResult({self.identity}: {self.said}, {self.source.name!r})"
 
     def _repr_html_(self) -> str:

@@ -113,9 +113,8 @@ class SessionModel:
                 )
             )
         if "load_bias_n" in self.known:
-            own.append(
-                Parameter("load_error", "N", 0.0, -0.25, 0.6, 1e-3, self.known["load_bias_n"][1])
-            )
+            known = self.known["load_bias_n"]
+            own.append(Parameter("load_error", "N", known[0], -0.25, 0.6, 1e-3, known[1]))
         return (*found, *own)
 
     def systematics(self, trials: Trials) -> list[Systematic]:

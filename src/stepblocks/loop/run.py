@@ -16,7 +16,6 @@ from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.atomic import lock_folder, replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import list_covariate_ranges
-from stepblocks.loop.calibration import Known, read_calibration
 from stepblocks.loop.heights import add_heights
 from stepblocks.loop.result import (
     LoopResult,
@@ -35,6 +34,7 @@ from stepblocks.loop.search.holdout import (
     withdraw_claims,
 )
 from stepblocks.loop.session_table import (
+    Known,
     Scans,
     SessionTable,
     build_session_table,
@@ -94,7 +94,7 @@ def loop_session(
         list_measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
     )
     declared = open_session(session)
-    known = read_calibration(session)
+    known = declared.calibration.list_known()
     conditions = read_conditions(declared)
     radius = declared.probe.tip_radius
     if radius is None:

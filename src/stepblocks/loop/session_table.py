@@ -17,7 +17,6 @@ from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import CHANNELS
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.loop.calibration import Known, estimate_unloaded_zeros
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.noise import find_outliers
 from stepblocks.loop.search.structure import Hint
@@ -26,10 +25,15 @@ from stepblocks.text_file import is_file
 # per block: height_m, height_std_m, and where known edge_radius_m, edge_radius_std_m
 Scans = Mapping[str, Mapping[str, float]]
 
+# a parameter of the instrument to its value and standard uncertainty
+Known = Mapping[str, tuple[float, float]]
+
 _POSITIVE = ("height_um", "load_n", "speed_mm_s")
 _REQUIRED = ("block", *_POSITIVE)
 _FEATURES_BEGIN = "sliding_friction"
-_FEWEST = 12
+_FEWEST = 12  # trials
+_FEWEST_UNLOADED = 5  # traces with unloaded samples
+_LEAST_STD = 1e-4  # N, of a zero: a gauge creeps by more between two tares
 _CENSORED = "censored"
 _KEPT = ("ok", _CENSORED)
 _IMPOSSIBLE = 3.0  # factor by which no spring and no normal force differs from what is declared
@@ -340,3 +344,18 @@ def _measure_scan(path: Path) -> dict[str, float]:
         "edge_radius_m": float(np.mean(radii)),
         "edge_radius_std_m": float(np.sqrt(np.sum(radius_stds**2)) / len(edges)),
     }
+
+
+def estimate_unloaded_zeros(features: pd.DataFrame) -> dict[str, tuple[float, float]]:
+    """Zeros of both gauges from the samples before contact, where traces have such.
+
+    Their spread counts as creep.
+    """
+    found = {}
+    for column, name in (("tangential_zero_n", "zero_n"), ("normal_zero_n", "normal_zero_n")):
+        values = features[column].to_numpy(dtype=np.float64) if column in features else np.empty(0)
+        values = values[np.isfinite(values)]
+        if values.size >= _FEWEST_UNLOADED:
+            spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
+            found[name] = (float(np.median(values)), max(spread, _LEAST_STD))
+    return found

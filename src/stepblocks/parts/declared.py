@@ -90,6 +90,10 @@ class Table(BaseModel):
                 given[name] = {**more, **one} if isinstance(one, dict) else {"nominal": one, **more}
         return given
 
+    def __repr_args__(self) -> Iterator[tuple[str | None, object]]:
+        # what was declared; the defaults stand in the reference
+        return (one for one in super().__repr_args__() if one[0] in self.model_fields_set)
+
     def record(self) -> dict[str, object]:
         """Write it out in full for JSON, with the unit in the name of every field."""
         stated = {name: value for name, value in self if value is not None}

@@ -3,6 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
+from html import escape
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
@@ -180,8 +181,13 @@ class Part(Table, ABC):
         )
 
     def __repr__(self) -> str:
-        """Name the part and its main dimensions in a line."""
         return f"{type(self).__name__}({self.id!r}, {self.summary})"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr><td>{name}<td>{one}" for name, one in self.dimensions())
+        return f"<b>{self.id}</b>, {escape(self.kind_name)}<table>{rows}</table>"
 
     def record(self) -> dict[str, object]:
         """Write it out in full for JSON."""

@@ -171,10 +171,11 @@ class StimulusSet(Table):
         return text
 
     def __repr__(self) -> str:
-        """Name the set and its stimuli in a line."""
         names = [part.id for part in self.stimuli]
         shown = ", ".join(names if len(names) < 6 else [*names[:3], "...", names[-1]])
         return f"StimulusSet({self.name!r}, {len(names)} stimuli: {shown})"
+
+    __str__ = __repr__
 
     def _repr_html_(self) -> str:
         rows = [

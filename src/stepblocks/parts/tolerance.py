@@ -98,7 +98,6 @@ class Dimension:
         return {**told, "source": self.source} if self.source else told
 
     def __str__(self) -> str:
-        """Nominal with deviations, as a person reads it."""
         text = format_quantity(self.nominal, self.quantity)
         if self.upper == -self.lower:
             return f"{text} ±{format_quantity(self.upper, self.quantity)}"

@@ -190,7 +190,6 @@ class RenderingPlan:
         }
 
     def __str__(self) -> str:
-        """Say it in one line."""
         why = f": {'; '.join(self.reasons)}" if self.reasons else ""
         return f"{self.device}, {self.stimulus}: {self.verdict.value} at scale {self.scale:g}{why}"
 

@@ -111,6 +111,9 @@ class Renderer:
         self._states = np.zeros(1, kernel.STATE)
         self.reset(np.array([self.path.x[0], 0.0, float(self.path.z.max()) + 1.0]))
 
+    def __repr__(self) -> str:
+        return f"Renderer(scale {self.scale:g}, {1.0 / self.period:g} Hz, {self.stiffness:g} N/m)"
+
     def reset(self, position: Array) -> None:
         """Put the proxy where the hand is [m], free."""
         x = float(np.clip(position[0], self.path.x[0], self.path.x[-1]))

@@ -71,7 +71,6 @@ class Profile:
         _require_reach("heights", self.height, place)
 
     def __repr__(self) -> str:
-        """Name what it is, its size and its source."""
         length = float(np.ptp(self.position)) * 1e3
         return f"Profile({len(self.position)} points over {length:.4g} mm{_describe(self)})"
 
@@ -133,7 +132,6 @@ class HeightMap:
         _require_reach("sides", np.array(self.height.shape) * (self.dy, self.dx), place)
 
     def __repr__(self) -> str:
-        """Name what it is, its size and its source."""
         (ny, nx), steps = self.height.shape, f"{self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
         return f"HeightMap({nx} x {ny} points of {steps}{_describe(self)})"
 

@@ -14,8 +14,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field
 
+from stepblocks.bench.calibration import Frequency, Stiffness, Strict
 from stepblocks.bench.rehearse import Rig, Truth
-from stepblocks.bench.session import Frequency, Stiffness, Strict
 from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError

@@ -170,7 +170,7 @@ def _release_at_once(
     inputs: Mapping[str, Floats],
     backward: NDArray[np.bool_],
     inside: NDArray[np.bool_],
-) -> tuple[Floats, Release]:
+) -> tuple[Floats, Release[NDArray[np.str_], Floats]]:
     sizes = {
         name: inputs[column][inside]
         for name, column in SURFACES[plan.surface].items()

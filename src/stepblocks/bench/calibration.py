@@ -1,0 +1,70 @@
+"""What is known of the gauges before the trials, as a session declares it from certificates."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+
+from stepblocks.quantities import make_quantity_parser
+
+Stiffness = Annotated[
+    float, BeforeValidator(make_quantity_parser("stiffness")), Field(gt=0.0, le=1e9)
+]
+Frequency = Annotated[
+    float, BeforeValidator(make_quantity_parser("frequency")), Field(gt=0.0, le=1e9)
+]
+_Force = Annotated[float, BeforeValidator(make_quantity_parser("force"))]
+_Ratio = Annotated[float, BeforeValidator(make_quantity_parser("ratio"))]
+_Gain = Annotated[_Ratio, Field(gt=0.0)]
+
+
+class Strict(BaseModel):
+    """A table that may hold nothing but its fields."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _convert_to_logarithm(pair: tuple[float, float]) -> tuple[float, float]:
+    value, std = pair
+    return float(np.log(value)), std / value
+
+
+def _convert_to_time_constant(pair: tuple[float, float]) -> tuple[float, float]:
+    corner, std = pair
+    return 1.0 / (2.0 * np.pi * corner), std / (2.0 * np.pi * corner**2)
+
+
+_KnownZero = tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None
+_KnownShare = tuple[_Ratio, _Gain] | None
+# of gains the law has the logarithm
+_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_convert_to_logarithm)] | None
+_KnownBandwidth = (
+    Annotated[tuple[Frequency, Frequency], AfterValidator(_convert_to_time_constant)] | None
+)
+
+
+class Calibration(Strict):
+    """Value and standard uncertainty of each constant, by its parameter in the laws.
+
+    None where it is not known.
+    """
+
+    tangential_zero: _KnownZero = Field(default=None, serialization_alias="zero_n")
+    normal_zero: _KnownZero = Field(default=None, serialization_alias="normal_zero_n")
+    tangential_gain: _KnownGain = Field(default=None, serialization_alias="ln_gain")
+    normal_gain: _KnownGain = Field(default=None, serialization_alias="normal_ln_gain")
+    cross_talk: _KnownShare = None  # normal force in the tangential gauge
+    normal_cross_talk: _KnownShare = None  # tangential force in the normal one
+    bandwidth: _KnownBandwidth = Field(default=None, serialization_alias="time_constant_s")
+    clock: _KnownGain = Field(default=None, serialization_alias="ln_clock")  # shown over true time
+    spring_constant: tuple[Stiffness, Stiffness] | None = (
+        None  # with the error of the handle's speed
+    )
+    # by which the load differs from what is set, in all trials alike
+    load_error: _KnownZero = Field(default=None, serialization_alias="load_bias_n")
+
+    def list_known(self) -> dict[str, tuple[float, float]]:
+        """Return what is known by the names of parameters."""
+        return self.model_dump(by_alias=True, exclude_none=True)
