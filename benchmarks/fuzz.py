@@ -275,18 +275,11 @@ def _clouds() -> list[tuple[str, bytes]]:
         ]
     )
     mesh = trimesh.Trimesh(points, faces, process=False)
-    rows = "".join("{:g} {:g} {:g}\n".format(*point) for point in points)
-    head = (
-        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 48\nHEIGHT "
-        "1\nPOINTS 48\nDATA "
-    )
     return [
         ("c.stl", mesh.export(file_type="stl")),
         ("c.ply", mesh.export(file_type="ply")),
         ("c.ply", mesh.export(file_type="ply", encoding="ascii")),
         ("c.obj", mesh.export(file_type="obj").encode()),
-        ("c.pcd", f"{head}ascii\n{rows}".encode()),
-        ("c.pcd", f"{head}binary\n".encode() + points.astype("<f4").tobytes()),
     ]
 
 

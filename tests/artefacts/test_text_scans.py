@@ -179,3 +179,20 @@ def test_a_column_of_heights_that_is_not_known_is_asked_for_with_the_names(
     (tmp_path / "film.txt").write_text(text)
     with pytest.raises(MetrologyError, match=rule):
         read_scan(tmp_path / "film.txt", "um", channel)
+
+
+def test_spip_ascii_states_its_steps_and_its_unit(tmp_path):
+    # the fields that Gwyddion writes and reads of it: lengths in nm, heights in z-unit
+    heights = np.arange(60.0).reshape(6, 10)
+    head = [
+        "File Format = ASCII",
+        "Created by SPIP 6.0.9",
+        *("x-pixels = 10", "y-pixels = 6", "x-length = 5000", "y-length = 3000"),
+        *("x-offset = 0", "y-offset = 0", "Bit2nm = 1.0", "z-unit = nm", "Start of Data:"),
+    ]
+    rows = ["\t".join(f"{one:g}" for one in row) for row in heights]
+    path = tmp_path / "spip.asc"
+    path.write_text("\n".join([*(f"# {one}" for one in head), *rows]) + "\n")
+    scan = read_scan(path)
+    assert (scan.dx, scan.dy) == pytest.approx((0.5e-6, 0.5e-6))
+    np.testing.assert_allclose(scan.height, heights * 1e-9, atol=1e-15)

@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.edge_arc import Arc, Flank, Window, fit_arc, fit_flank
+from stepblocks.inspect.edge_arc import (
+    Arc,
+    Flank,
+    Window,
+    compute_edge_profile,
+    fit_arc,
+    fit_flank,
+)
 from stepblocks.inspect.levelling import (
     LEAST_FACE,
     TwoPlanes,
@@ -34,6 +41,8 @@ _SUSPECT = 4.0
 # factor by which that falls when the spike is left out [1]; form of the edge is in all points and
 # falls by less
 _BY_FAR = 2.5
+_NO_RISER = 0.7  # of the height, from which an arc leaves no riser that it could be told from [1]
+_BETTER = 1.5  # of the residuals of the arc over those of the flank, from which it is a flank [1]
 _LEAST_EXCLUSION = 16.0  # sampling intervals kept out of the faces where the edge is sharp [1]
 _MOST_DROPPED = 0.2  # part of the points of a face, or at an edge, that may be spikes [1]
 _MOST_ON_ARC = 3  # spikes that are sought on an arc
@@ -233,6 +242,10 @@ def _find_flank(x: Array, levelled: Array, spacing: float, faces: _Faces, arc: A
         np.arccos(np.clip(1.0 - 0.5 * height / max(arc.radius, 0.5 * height), 0.0, 1.0))
     )
     gentler = upright - flank.angle > 3.0 * flank.angle_std + np.radians(5.0)
+    # an arc as high as the step is as steep as a flank there: the better fit decides
+    fitted = compute_edge_profile(x, arc.riser, height, arc.radius)
+    rest = float(np.sqrt(np.mean((fitted - levelled)[flank.used] ** 2)))
+    gentler |= arc.radius > _NO_RISER * height and rest > _BETTER * flank.misfit
     return flank if arc.excess > _SUSPECT and gentler else None
 
 

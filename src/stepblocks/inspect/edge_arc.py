@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular, toeplitz
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import OptimizeResult, least_squares, minimize
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     Array,
+    Mask,
     compute_estimator_covariance,
     pad_autocovariance,
 )
@@ -36,6 +37,7 @@ _AT_ONCE = 10_000  # points that are evaluated at once, as many as stay near the
 _STARTS = 4  # best points of the coarse grid, of which those in a valley of their own are followed
 _SUSPECTS = 4  # points of either kind that are named as suspects
 _LEAST_ANGLE = 0.02  # of a flank [rad]
+_CORNERS = (0.03, 0.1, 0.3)  # radii of a corner that a fit starts from, as a part of the height [1]
 _LEAST_ON_FLANK = 6  # points between a quarter and three quarters of the height
 _NORMAL_95 = 1.6448536269514722  # 95th percentile of the standard normal law [1]
 
@@ -293,6 +295,8 @@ class Flank:
     angle_std: float  # rad
     radius: float  # of the corner, by the region of the corner alone [m]
     radius_std: float  # m
+    misfit: float  # root mean square of the residuals [m]
+    used: Mask  # shape (n,); points that were fitted
 
 
 def fit_flank(
@@ -321,18 +325,26 @@ def fit_flank(
         )
 
     variance = max(float(gamma[0]), (1e-4 * height) ** 2)
-    start = [(height - offset) / slope / spacing, float(np.arctan(slope)), 0.3 * height / spacing]
+    line = [(height - offset) / slope / spacing, float(np.arctan(slope))]
 
-    found = least_squares(
-        lambda state: (shape(state) - levelled[used]) / np.sqrt(variance),
-        start,
-        bounds=(
-            [-np.inf, _LEAST_ANGLE, 0.0],
-            [np.inf, 0.5 * np.pi - 0.01, 20.0 * height / spacing],
-        ),
-        loss="soft_l1",
-        x_scale="jac",
-    )
+    def solve(points: Mask) -> OptimizeResult:
+        # from several radii, since a corner of few points has other minima
+        trials = [
+            least_squares(
+                lambda state: (shape(state) - levelled[used])[points] / np.sqrt(variance),
+                [*line, share * height / spacing],
+                bounds=(
+                    [-np.inf, _LEAST_ANGLE, 0.0],
+                    [np.inf, 0.5 * np.pi - 0.01, 20.0 * height / spacing],
+                ),
+                loss="soft_l1",
+                x_scale="jac",
+            )
+            for share in _CORNERS
+        ]
+        return min(trials, key=lambda one: float(one.cost))
+
+    found, upper = (solve(levelled[used] > share * height) for share in (0.0, 0.5))
     gain = np.linalg.pinv(found.jac * np.sqrt(variance))
     # what the model leaves counts as noise where it is more than that of the faces
     excess = (
@@ -341,6 +353,11 @@ def fit_flank(
         else 1.0
     )
     stds = np.sqrt(excess * np.diag(compute_estimator_covariance(gain, gamma)).clip(min=0.0))
-    # nothing is known of a corner between two samples
-    radius_std = float(np.hypot(stds[2] * spacing, spacing / np.sqrt(12.0)))
-    return Flank(float(found.x[1]), float(stds[1]), float(found.x[2]) * spacing, radius_std)
+    # nothing is known of a corner between two samples; what the upper half alone says beyond noise
+    # is the form of a corner that is no arc, a rectangle
+    form = max((found.x[2] - upper.x[2]) ** 2 - 4.0 * float(stds[2]) ** 2, 0.0) / 3.0
+    radius_std = float(np.sqrt(stds[2] ** 2 + form + 1.0 / 12.0)) * spacing
+    misfit = float(np.sqrt(np.mean((shape(found.x) - levelled[used]) ** 2)))
+    return Flank(
+        float(found.x[1]), float(stds[1]), float(found.x[2]) * spacing, radius_std, misfit, used
+    )

@@ -86,8 +86,8 @@ def measure_groove(
         except UnlikeError:
             raise
         except MetrologyError as error:
-            refused.append(str(error).removesuffix(f" [{scan.source}]"))
-    raise MetrologyError(f"{'; '.join(dict.fromkeys(refused))} [{scan.source}]")
+            refused.append(str(error))
+    raise MetrologyError("; ".join(dict.fromkeys(refused)))
 
 
 class UnlikeError(MetrologyError):
@@ -258,6 +258,11 @@ def _measure_by_rows(
         (row, _keep_nearest(one, np.median(usual[..., 0], axis=0))) for (row, _), one in results
     ]
     same = [(row, one) for row, one in same if one.kind == kind]
+    if more := sum(len(one.seen) > kind[0] for _, one in results):
+        notes.append(
+            f"{more} of {len(results)} profiles cross other features beside the {kind[0]} that are "
+            "evaluated"
+        )
     spans = np.array([one.spans for _, one in same]).reshape(len(same), kind[0], 2)
     begins, widths = spans[..., 0], spans[..., 1] - spans[..., 0]
     slack = np.where(

@@ -4,6 +4,8 @@ Read, evaluate, judge by ISO 14253-1, and say what the part will feel like.
 """
 
 import hashlib
+import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -43,6 +45,7 @@ from stepblocks.inspect.working_edge.roughness import measure_ra
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
+from stepblocks.parts.set import StimulusSet
 from stepblocks.select import find_stimulus_files
 from stepblocks.text_file import format_file_name
 
@@ -85,6 +88,10 @@ _STANDARDS = {"groove": "groove_depth", "edge": "step_height", "ball": "ball_rad
 _NOTHING_KNOWN = Instrument()
 _LEAST_COVERED = 0.8  # of either side of a face that a scan must show to judge its form [1]
 _WHOLE_SCANS = (".qif", ".xlsx")
+_UNITS = ("pm", "nm", "um", "mm", "m")  # each 1000 of the one before
+_UNIT_READ = re.compile(r"(?<![a-z])(pm|nm|um|mm|m)(?![a-z])")
+# of the logarithm of a size over the declared one, about a power of 1000 [1]: a factor of two
+_NEAR_POWER = 0.3
 
 
 def inspect_scan(
@@ -139,12 +146,15 @@ def inspect_scan(
     """
     if feature not in _BESIDE:
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
+    others: tuple[Part, ...] = ()
     if isinstance(stimulus, str):
-        part, order, prediction = find_declared(stimulus, Path(stimuli))
+        part, declared = find_declared(stimulus, Path(stimuli))
+        order, prediction = declared.order, declared.prediction
+        others = tuple(one for one in declared.stimuli if one is not part)
     else:
         part, order, prediction = stimulus, NO_ORDER, PredictionGrid()
     listed = list(part.characteristics())
-    wanted = _find_wanted(listed, characteristics)
+    wanted, scale = _find_wanted(listed, characteristics), ""
     path = Path(scan) if isinstance(scan, str | Path) else None
     if path is not None and (path.suffix.lower() in _WHOLE_SCANS or is_filled_sheet(path)):
         evaluation = _take_results(path, listed)
@@ -157,16 +167,21 @@ def inspect_scan(
                 f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can"
             )
         _require_followed(shown[0].key, how)
-        evaluation = _evaluate(
-            EVALUATIONS[shown[0].key], load_scan(scan, unit, channel), instrument, shown[0], how
-        )
+        loaded = load_scan(scan, unit, channel)
+        scale = loaded.scale
+        evaluation = _evaluate(EVALUATIONS[shown[0].key], loaded, instrument, shown[0], how)
         rough = next((one for one in listed if one.key == "roughness"), None)
         if rough is not None and evaluation.faces:
             evaluation = _add_roughness(evaluation, rough.upper, instrument)
+    main = [one for one in listed if one.key in EVALUATIONS and one.key in evaluation.values]
+    doubts = [said for one in main for said in _question_size(one, evaluation, scale, others)]
+    read = [f"heights were read as: {scale}"] if scale else []
+    evaluation = replace(evaluation, notes=(*doubts, *evaluation.notes, *read))
     result = judge_part(part, evaluation, *describe_source(scan), order, wanted)
     if not result.judged:
         raise PipelineError(
-            f"scan of {part.id} must measure at least one characteristic with limits, got none"
+            f"scan of {part.id} must measure at least one characteristic with limits, got "
+            f"{'; '.join(['none', *evaluation.notes])}"
         )
     return replace(result, energy_statement=describe_energy(result, prediction))
 
@@ -304,11 +319,8 @@ def inspect_standard(
     return InspectionResult(name, None, evaluation, judged, verdict, source, digest)
 
 
-def find_declared(identity: str, where: Path) -> tuple[Part, OrderSpec, PredictionGrid]:
-    """Find a stimulus by its identity, also as engraved.
-
-    Its order and its prediction come with it.
-    """
+def find_declared(identity: str, where: Path) -> tuple[Part, StimulusSet]:
+    """Find a stimulus by its identity, also as engraved, and the set that declares it."""
     from stepblocks.declare import load_set
 
     known = []
@@ -316,12 +328,43 @@ def find_declared(identity: str, where: Path) -> tuple[Part, OrderSpec, Predicti
         declared = load_set(path)
         for stimulus in declared.stimuli:
             if stimulus.id.lower() == identity.strip().lower():
-                return stimulus, declared.order, declared.prediction
+                return stimulus, declared
             known.append(stimulus.id)
     raise PipelineError(
         f"stimulus must be declared in {where}, got {identity!r}; declared are "
         f"{', '.join(known):.400}"
     )
+
+
+def _question_size(
+    asked: Characteristic, evaluation: Evaluation, scale: str, others: Iterable[Part]
+) -> list[str]:
+    # Say that a size is off by a factor of 1000, and which unit would explain it; or that another
+    # part of the set is of this size, so that the scan does not say which of the two it shows.
+    value = evaluation.values[asked.key].value
+    ratio = value / asked.nominal if asked.nominal else 1.0
+    power = round(math.log10(ratio) / 3.0) if ratio > 0.0 else 0
+    if power and abs(math.log10(ratio) - 3.0 * power) < _NEAR_POWER:
+        read = _UNIT_READ.findall(scale.split(";")[0].replace("µ", "u"))
+        found = _UNITS.index(read[-1]) - power if read else -1
+        likely = f"{_UNITS[found]}, not {read[-1]}" if 0 <= found < len(_UNITS) else "another one"
+        return [
+            f"{asked.label} of {value * 1e6:.4g} um is about {1000.0**power:g} times the declared "
+            f"{asked.nominal * 1e6:.4g} um: the unit of the heights is likely {likely}"
+        ]
+    like = [
+        part.id
+        for part in others
+        for one in part.characteristics()
+        if one.key == asked.key and one.nominal + one.lower <= value <= one.nominal + one.upper
+    ]
+    if like:
+        own = asked.nominal + asked.lower <= value <= asked.nominal + asked.upper
+        return [
+            f"{asked.label} of {value * 1e6:.4g} um is {'also' if own else 'not its own but'} that "
+            f"of {', '.join(like)}, declared in the same set: make sure which part was scanned"
+        ]
+    return []
 
 
 def _require_followed(key: str, how: EvaluationOptions) -> None:
@@ -346,8 +389,12 @@ def _evaluate(
     how: EvaluationOptions,
 ) -> Evaluation:
     # Evaluate a scan by an instrument that resolves no less than one count of it.
-    resolution = max(instrument.resolution, scan.count or 0.0)
-    return evaluate(scan, replace(instrument, resolution=resolution), asked, how)
+    place = f" [{scan.source}]" if scan.source else ""
+    try:
+        resolution = max(instrument.resolution, scan.count or 0.0)
+        return evaluate(scan, replace(instrument, resolution=resolution), asked, how)
+    except MetrologyError as error:
+        raise type(error)(f"{str(error).removesuffix(place)}{place}") from error
 
 
 def _add_roughness(evaluation: Evaluation, limit: float, instrument: Instrument) -> Evaluation:

@@ -40,7 +40,6 @@ class HeightScale:
     highest: float  # likewise [m]
     field: str  # where the file says so
     integral: bool = True  # whether counts are stored, so that heights come in steps of one
-    extent: bool = False  # whether the file states no count but how far its heights reach
 
 
 def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None:
@@ -55,9 +54,6 @@ def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None
         else:
             with path.open("rb") as file:
                 head = file.read(_MOST_HEAD)
-                if form == "gwy":  # its units may stand behind the data
-                    file.seek(max(path.stat().st_size - _MOST_HEAD, _MOST_HEAD))
-                    head += file.read(_MOST_HEAD)
             scale = _HEADERS[form](head, channel) if form in _HEADERS else None
     except _BROKEN as error:
         part = "index" if form in _PACKED else "header"
@@ -75,14 +71,6 @@ def check_height_scale(
     height: NDArray[np.float64], scale: HeightScale, place: str, used: float | None = None
 ) -> str:
     """Compare heights with the scale of the header."""
-    if scale.extent:
-        found = float(np.nanmax(height) - np.nanmin(height))
-        if abs(found / scale.count - 1.0) > 1e-3:
-            raise MetrologyError(
-                f"heights must reach over {scale.count:g} m ({scale.field}), got {found:g} m "
-                f"[{place}]"
-            )
-        return f"{scale.field}: {scale.count:.6g} m, checked"
     if used is not None and abs(abs(used) / scale.count - 1.0) > 1e-6:
         raise MetrologyError(
             f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]"
@@ -183,57 +171,6 @@ def _read_opdx_scale(head: bytes, channel: str) -> HeightScale | None:
     return HeightScale(count, -np.inf, np.inf, "DataScale of the channel", integral=False)
 
 
-def _read_gwy_scale(head: bytes, _: str) -> HeightScale | None:
-    # Gwyddion: heights are float64 in the unit that the object si_unit_z spells out; an empty one
-    # is none.
-    at = head.find(b"si_unit_z\0o")
-    text = head.find(b"unitstr\0s", at)
-    if at < 0 or text < 0:
-        raise ValueError("no si_unit_z")
-    unit = head[text + 9 : text + 41].split(b"\0")[0].decode("utf-8").strip()
-    return HeightScale(
-        1.0 / LENGTH_UNITS[unit], -np.inf, np.inf, f"si_unit_z {unit!r}", integral=False
-    )
-
-
-def _read_mi_scale(head: bytes, channel: str) -> HeightScale | None:
-    # Agilent: each buffer states its label, range and unit; counts of 16 or 32 bits, or text, reach
-    # over the range.
-    text = head.split(b"\ndata", 1)
-    fields = [
-        line.split(None, 1)
-        for line in text[0].decode("latin-1").splitlines()
-        if len(line.split(None, 1)) == 2
-    ]
-    at = fields.index(["bufferLabel", channel])
-    stated = dict(reversed(fields[at + 1 :]))  # the first of each that follows
-    span, bits = float(stated["bufferRange"]), 31 if b"BINARY_32" in text[1][:20] else 15
-    reach = span / LENGTH_UNITS[stated["bufferUnit"].strip()]
-    return HeightScale(reach / 2.0**bits, -reach, reach, "bufferRange of the header", integral=True)
-
-
-def _read_wsxm_scale(head: bytes, _: str) -> HeightScale | None:
-    # WSxM: "Z Amplitude" states how far the heights of the image reach from the lowest to the
-    # highest.
-    amount, unit = head.decode("latin-1").split("Z Amplitude: ", 1)[1].split(None, 2)[:2]
-    reach = float(amount) / LENGTH_UNITS[unit]
-    return HeightScale(reach, -np.inf, np.inf, "Z Amplitude of the header", False, extent=True)
-
-
-def _read_metropro_scale(head: bytes, _: str) -> HeightScale | None:
-    # Zygo: a count is wavelength times obliquity times scale factor over the resolution of the
-    # phase.
-    (scale, wavelength), (obliquity,) = (
-        struct.unpack_from(">ff", head, 164),
-        struct.unpack_from(">f", head, 176),
-    )
-    per_wave = (4096, 32768, 131072)[struct.unpack_from(">h", head, 218)[0]]
-    count = float(scale) * float(wavelength) * float(obliquity) / per_wave
-    return HeightScale(
-        count, -(2**31) * count, 2**31 * count, "wavelength and factors of the header"
-    )
-
-
 def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:
     # ISO 25178-72: ``Axes/CZ`` states type and increment; heights in metres are the stored number
     # times the increment.
@@ -309,9 +246,5 @@ _HEADERS = {
     "sur": _read_sur_scale,
     "sdf": _read_sdf_scale,
     "opdx": _read_opdx_scale,
-    "gwy": _read_gwy_scale,
-    "mi": _read_mi_scale,
-    "wsxm": _read_wsxm_scale,
 }
-_HEADERS = _HEADERS | {"metropro": _read_metropro_scale}
 _PACKED = {"x3p": _read_x3p_scale, "plux": _read_plux_scale}

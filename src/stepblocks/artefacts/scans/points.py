@@ -1,6 +1,6 @@
 """Clouds of points as height maps, and the files that hold them.
 
-These are meshes, PCD, height images in JSON, and X3P with absolute axes.
+These are meshes, height images in JSON, and X3P with absolute axes.
 """
 
 import base64
@@ -114,7 +114,7 @@ def _find_exact_axis(positions: Array) -> Array | None:
 
 
 def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
-    """Read a PLY, STL, OBJ, PCD or JSON file, whose numbers have no unit of their own.
+    """Read a PLY, STL, OBJ or JSON file, whose numbers have no unit of their own.
 
     The size of a stored 1 is given for each axis.
     """
@@ -127,12 +127,9 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
     per = np.array([sizes[axis][0] / sizes[axis][1] for axis in "xyz"])
     if path.suffix.lower() == ".json":
         return _read_json_image(path, per)
-    if path.suffix.lower() == ".pcd":
-        points = _read_pcd(path)
-    else:
-        import meshio
+    import meshio
 
-        points = np.asarray(meshio.read(path).points, dtype=np.float64)
+    points = np.asarray(meshio.read(path).points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     x, y, z = (np.unique(points, axis=0) * per).T
@@ -161,30 +158,3 @@ def _read_json_image(path: Path, per: Array) -> HeightMap:
     z = (counts * size["z"] + origin["z"]) * per[2]
     dx, dy, count = (size[axis] * one for axis, one in zip("xyz", per, strict=True))
     return HeightMap(z, dx, dy, path.name, "height image in the unit given", count)
-
-
-def _read_pcd(path: Path) -> Array:
-    # Points of a PCD file 0.7, ASCII or binary: header lines, then rows of fields.
-    raw = path.read_bytes()
-    head, _, rest = raw.partition(b"\nDATA ")
-    fields = dict(
-        line.split(" ", 1)
-        for line in head.decode("ascii").splitlines()
-        if " " in line and line[0] != "#"
-    )
-    names, sizes, kinds = (fields[key].split() for key in ("FIELDS", "SIZE", "TYPE"))
-    counts = fields.get("COUNT", " ".join(["1"] * len(names))).split()
-    coding, _, body = rest.partition(b"\n")
-    if coding.strip() == b"ascii":
-        table = np.loadtxt(body.decode("ascii").splitlines(), ndmin=2)
-        first = dict(zip(names, np.cumsum([0, *map(int, counts[:-1])]), strict=True))
-        return np.column_stack([table[:, first[axis]] for axis in "xyz"])
-    if coding.strip() != b"binary":
-        got = coding[:40].decode("ascii", "replace").strip()
-        raise MetrologyError(f"data must be ascii or binary, got {got} [{path.name}]")
-    parts = zip(names, kinds, sizes, counts, strict=True)
-    kind = np.dtype(
-        [(name, f"<{letter.lower()}{size}", (int(count),)) for name, letter, size, count in parts]
-    )
-    packed = np.frombuffer(body, kind, int(fields["POINTS"]))
-    return np.column_stack([packed[axis][:, 0].astype(np.float64) for axis in "xyz"])

@@ -36,7 +36,6 @@ POINT_ENDINGS = (
     ".ply",
     ".stl",
     ".obj",
-    ".pcd",
     ".json",
 )  # numbers without a unit, which must be given
 _NAMED = (
@@ -76,7 +75,7 @@ def read_scan(
     ----------
     path : str or Path
         A text table (``.csv``, ``.txt``, ``.tsv``, ``.xyz``, ``.asc``, ``.dat``) of x, z or of x,
-        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.pcd``, ``.json``); or
+        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.json``); or
         a file of an instrument (``.x3p``, ``.sdf``, ``.sur``, ``.plux``, ``.gwy``, ``.opdx``,
         ``.nid``, ``.ibw``, ``.mi``, ``.mnt``, ``.stp``, ``.frt`` and others).
     unit : str, optional

@@ -58,7 +58,8 @@ _ROLES = {  # how instruments call the columns of an axis
     "z": ("z", "height", "raw", "profile", "total", "depth", "level", "deviation"),
 }
 _MATRIX = re.compile(
-    r"pixel size|value units|^#?\s*(width|breite|kanal|channel|h=\d+)", re.IGNORECASE | re.MULTILINE
+    r"pixel size|value units|x-pixels|^#?\s*(width|breite|kanal|channel|h=\d+)",
+    re.IGNORECASE | re.MULTILINE,
 )
 _MOST_BACK = 0.1  # part of the points of a profile that may lie behind one before them [1]
 # extent of a column as a part of the others [1], below which it says where a profile was taken

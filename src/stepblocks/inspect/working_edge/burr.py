@@ -13,6 +13,7 @@ from stepblocks.inspect.noise import Array, Estimate, Mask
 
 ZONE = 0.2e-3  # distance from the edge within which nothing may stand over the face [m]
 _LEAST_SEEN = 0.8  # share of the zone that must be measured [1]
+_LEAST_POINTS = 5  # in the zone
 _ALONE = (
     0.25  # of a point's height, that one of its neighbours must reach for it to be no spike [1]
 )
@@ -40,7 +41,9 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
     known = np.isfinite(height)
     asked = (across > 0.0) & (across <= ZONE)
     reach = np.max(np.where(known, across, -np.inf))
-    if reach < _LEAST_SEEN * ZONE or (known & asked).sum() < _LEAST_SEEN * asked.sum():
+    if reach < _LEAST_SEEN * ZONE or (known & asked).sum() < max(
+        _LEAST_SEEN * asked.sum(), _LEAST_POINTS
+    ):
         return None
     upper = _level_rows(height, (across > exclusion) & (across <= 2.0 * ZONE))
     lower = _level_rows(height, (across < -exclusion) & (across >= -2.0 * ZONE))
@@ -62,6 +65,9 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
     std = float(np.std(usual, ddof=1)) / np.sqrt(len(usual)) if len(usual) > 1 else noise
     lone = zone & (leaning > max(peak + 6.0 * noise, 0.0))
     highest = float(np.max(leaning[lone], initial=0.0))
+    # a face that bows lies off its median there
+    near = upper[quiet[0] & known]
+    std = float(np.hypot(std, np.median(near) if near.size else 0.0))
     # between two points the sides of a peak may go on rising as they do beside it
     rise = 0.25 * max(peak - beside, 0.0)
     value = max(peak + rise - noise, 0.0)

@@ -26,6 +26,7 @@ from stepblocks.inspect.form import (
     estimate_zone,
     fit_face,
 )
+from stepblocks.inspect.levelling import Feature, find_edges, measure_features
 from stepblocks.inspect.measure import (
     AS_FOUND,
     Evaluation,
@@ -47,6 +48,7 @@ _STEEPEST_SHOWN = math.radians(45.0), math.radians(60.0)
 _NEAR = math.radians(1.0)  # of the steepest flank that a stylus shows [rad]
 _RESOLVED = 3.0  # sampling intervals from which a radius is resolved [1]
 _LEVEL = 0.5e-3  # length of the level faces on either side of an edge that was seen [m]
+_WORTH = 0.02  # of the step, from which another feature in its scan is named [1]
 _MOST_FACES = 12  # profiles of faces that are kept for their roughness
 _SECTION = "a section or replica across the edge would show it"
 
@@ -109,6 +111,23 @@ def _measure_along_rows(
         missing = {} if riser else dict.fromkeys(missing, reason)
         surface = _reconstruct(*results[0]) if riser else None
     first, edge = results[0]
+    if beside := _find_others(first, edge):
+        notes.append(
+            "the scan also shows "
+            + ", ".join(
+                f"{one.height.value * 1e6:+.3g} um at {one.begin * 1e6:.4g} um" for one in beside
+            )
+        )
+    # a second step bends the planes: only the part between such steps is levelled
+    steps = [one.begin for one in beside if not np.isfinite(one.end)]
+    if steps and how.begin is None and how.end is None:
+        before = max([at for at in steps if at < edge.middle], default=first.position[0])
+        behind = min([at for at in steps if at > edge.middle], default=first.position[-1])
+        part = replace(how, begin=before / turn, end=behind / turn)
+        within = evaluate_each(lambda one: _measure_along_rows(one, instrument, part), [scan])[0]
+        for _, narrow in within:
+            values["step_height"] = narrow.values["step_height"]
+            notes[-1] += "; the step height is that of the part between such steps"
     across, level = _measure_across(scan, results, turn)
     values |= _measure_burr(across, level, results, instrument, notes, missing)
     covered = dict[str, tuple[float, float]]()
@@ -139,6 +158,22 @@ def _measure_along_rows(
         surface=surface,
         faces=_extract_faces(results),
     )
+
+
+def _find_others(row: Profile, edge: Edge) -> list[Feature]:
+    # Find the steps, ridges and grooves that a profile shows beside the edge that is evaluated.
+    u, level = edge.measure_across(row.position, row.height)
+    rest = np.where(np.abs(u) > edge.exclusion, level - edge.height.value * (u > 0.0), np.nan)
+    found = evaluate_each(
+        lambda x: measure_features(x, rest, find_edges(x, rest), None, None).features,
+        [row.position],
+    )[0]
+    return [
+        one
+        for _, features in found
+        for one in features
+        if abs(one.height.value) > _WORTH * edge.height.value
+    ]
 
 
 def _find_slant(rows: list[Profile]) -> float:

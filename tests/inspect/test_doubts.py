@@ -1,0 +1,119 @@
+"""What a scan shows beside what was asked: a wrong unit, another part, a second step, a dome."""
+
+import math
+
+import numpy as np
+import pytest
+
+from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, groove_gauge
+from stepblocks.cli import main
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import Instrument
+from stepblocks.inspect.edge import fit_edge
+from stepblocks.inspect.run import inspect_scan
+from stepblocks.parts.set import StimulusSet
+
+UM = 1e-6
+KNOWN = Instrument(1e-3, 0.0, 1e-3)
+X = np.arange(-600, 600) * UM
+
+
+def noise(seed, count=1200, white=5e-9, rough=30e-9):
+    return correlated_noise(count, UM, white, rough, 3 * UM, np.random.default_rng(seed))
+
+
+def block(second=0.0, at=300 * UM, height=50 * UM):
+    return edge_gauge(X, height, 0.5 * UM) + second * (at < X) + noise(0)
+
+
+def write_scan(path, z, columns, per=(1e6, 1e6)):
+    header = ",".join(columns)
+    table = np.stack([X * per[0], z * per[1]], axis=1)
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("columns", "likely"),
+    [
+        (("x_um", "z_mm"), "likely um, not mm"),  # um under a heading of mm: 1000 times too high
+        (("x_um", "z_nm"), "likely um, not nm"),  # and 1000 times too low
+        (("x_mm", "z_mm"), "likely um, not mm"),
+    ],
+)
+def test_a_height_1000_times_off_is_said_with_the_likely_unit(columns, likely, tmp_path, capsys):
+    path = write_scan(tmp_path / "scan.csv", block(), columns)
+    result = inspect_scan(path, "step-050", instrument=KNOWN)
+    assert likely in result.evaluation.notes[0]
+    assert "times the declared 50 um" in result.evaluation.notes[0]
+    assert main(["inspect", str(path), "--stimulus", "step-050"]) == 1
+    assert likely in capsys.readouterr().out.replace("µm", "um")
+
+
+def test_a_scan_of_another_part_and_parts_of_equal_height_are_said(tmp_path):
+    wrong = inspect_scan((X, block(height=60 * UM)), "step-050", instrument=KNOWN)
+    assert "not its own but that of step-060" in wrong.evaluation.notes[0]
+    one = {"id": "a", "height": "50 um"}
+    twins = StimulusSet.declare("twins", step_block=[one, {**one, "id": "b"}])
+    twins.to_toml(tmp_path / "twins.toml")
+    found = inspect_scan((X, block()), "a", stimuli=tmp_path, instrument=KNOWN)
+    assert "is also that of b, declared in the same set" in found.evaluation.notes[0]
+    right = inspect_scan((X, block()), "step-050", instrument=KNOWN)
+    assert "make sure" not in str(right)
+
+
+def test_a_refusal_names_its_file_once(tmp_path):
+    path = write_scan(tmp_path / "flat.csv", noise(0), ("x_um", "z_um"))
+    with pytest.raises(MetrologyError, match=r"must show a step.*\[flat.csv\]$"):
+        inspect_scan(path, "step-050")
+    with pytest.raises(MetrologyError, match=r"^[^\[]*\[flat.csv\]$"):
+        inspect_scan(path, "step-050", feature="groove")
+
+
+@pytest.mark.parametrize(
+    ("second", "at"), [(10 * UM, 300 * UM), (-10 * UM, -300 * UM), (3 * UM, 250 * UM)]
+)
+def test_a_second_step_is_said_and_does_not_bend_the_planes_of_the_first(second, at):
+    result = inspect_scan((X, block(second, at)), "step-050", instrument=KNOWN)
+    value = result.evaluation.values["step_height"]
+    assert abs(value.value - 50 * UM) < value.expanded() < 0.3 * UM  # levelled through both: 47 um
+    said = next(note for note in result.evaluation.notes if "also shows" in note)
+    size, place = (float(said.split("also shows ")[1].split(" um")[n].split()[-1]) for n in (0, 1))
+    assert (size, place) == (pytest.approx(second / UM, rel=0.1), pytest.approx(at / UM, abs=2.0))
+
+
+def test_a_groove_beside_the_edge_is_said_and_a_clean_scan_says_nothing_of_the_kind():
+    z = block() + groove_gauge(X, 8 * UM, 200 * UM, 300 * UM, 3 * UM)
+    noted = inspect_scan((X, z), "step-050", instrument=KNOWN).evaluation.notes
+    assert any("also shows -7.99 um" in one or "also shows -8" in one for one in noted)
+    clean = inspect_scan((X, block()), "step-050", instrument=KNOWN)
+    assert "also shows" not in str(clean)
+
+
+@pytest.mark.parametrize("radius", [11 * UM, 12.5 * UM, 24 * UM])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_flank_of_55_degrees_is_no_arc_as_high_as_the_step(radius, seed):
+    # blurred as by an optical instrument, a corner of 12 um was taken for one of 38 +-1 um
+    from scipy.ndimage import gaussian_filter1d
+
+    x = np.arange(-300, 300) * UM
+    z = gaussian_filter1d(flank_gauge(x, 37.4 * UM, math.radians(55.0), radius), 4.0)
+    edge = fit_edge(x, z + noise(seed, 600, 10e-9))
+    assert edge.flank is not None
+    assert edge.flank.angle == pytest.approx(math.radians(55.0), abs=math.radians(2.0))
+    assert edge.radius.value < 28 * UM
+
+
+def test_the_corner_of_a_flank_is_found_where_few_points_lie_on_it():
+    # a corner of 3.6 um at 36 deg, whose arc is five points long: another minimum said 0.44 um
+    x = np.arange(-1200, 1200) * 0.5 * UM
+    for seed in range(4):
+        z = flank_gauge(x, 50.4 * UM, math.radians(36.2), 3.6 * UM) + noise(seed, 2400, 5e-9, 9e-9)
+        found = fit_edge(x, z).radius
+        assert abs(found.value - 3.6 * UM) < 3.0 * found.std
+
+
+def test_a_bowed_face_is_no_burr():
+    z = block() + 0.3 * UM * (X / (500 * UM)) ** 2
+    found = inspect_scan((X, z), "step-050", instrument=KNOWN).evaluation.values["burr"]
+    assert found.value < found.expanded()
