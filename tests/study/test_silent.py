@@ -290,6 +290,9 @@ def test_every_rule_of_the_page_s_policy_is_kept(tmp_path):
     for rule in ("default-src 'none'", "frame-ancestors 'none'", "form-action 'none'"):
         assert rule in headers["Content-Security-Policy"]
     assert "unsafe-inline'; script" in headers["Content-Security-Policy"]  # of styles alone
+    server._second, server._asked = 10**9, 0
+    server.is_too_busy = lambda: True
+    assert ask()[0] == 429
     server.shutdown()
 
 

@@ -4,6 +4,7 @@ import json
 import math
 import secrets
 import threading
+import time
 from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -15,6 +16,7 @@ from stepblocks.study.hands import Mouse
 from stepblocks.study.servo import raise_priority
 
 _LARGEST = 20_000  # bytes of a request
+_MOST_REQUESTS = 400  # of the page in one second; it asks 60 times
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'nonce-{}'; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -32,6 +34,14 @@ class RunServer(ThreadingHTTPServer):
         self.nonce = secrets.token_urlsafe(16)
         self.port = self.server_address[1]
         self.url = f"http://127.0.0.1:{self.port}/"
+        self._second, self._asked = 0, 0
+
+    def is_too_busy(self) -> bool:
+        """Count a request; whether there were more in this second than a page asks."""
+        second = int(time.monotonic())
+        self._asked = self._asked + 1 if second == self._second else 1
+        self._second = second
+        return self._asked > _MOST_REQUESTS
 
     def until_done(self) -> None:
         """Serve until the last answer is given."""
@@ -47,7 +57,7 @@ class RunServer(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     # Answers the page of a run and nobody else
     # The policy: requests name this machine and port as their host; one that changes something
-    # comes from this page (origin and token); all are small; the page loads
+    # comes from this page (origin and token); all are small and not too many; the page loads
     # nothing, runs its own script only, and stands in no frame.
     server: RunServer
     protocol_version = "HTTP/1.1"
@@ -131,6 +141,8 @@ class _Handler(BaseHTTPRequestHandler):
             status, rule = 411, "a request must say its length"
         elif int(size[:12]) > _LARGEST:
             status, rule = 413, f"a request must have at most {_LARGEST} bytes"
+        elif self.server.is_too_busy():
+            status, rule = 429, f"at most {_MOST_REQUESTS} requests in a second are answered"
         if status:
             self.close_connection = True
             self._json(status, {"error": rule})
