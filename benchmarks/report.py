@@ -170,6 +170,7 @@ PARTS = [
                 r"\| comparisons \| spread of comparisons, a over b \| \d+ \| (\S+)",
                 "{}",
             ),
+            "power-rating": (r"## Power[\s\S]*?\| estimates \| realism \| \d+ \| (\S+)", "{}"),
             "null-exponent": (r"\| magnitudes \| exponent, a minus b \| \d+ \| (\S+)", "{}"),
         },
     ),
