@@ -78,8 +78,8 @@ def test_as_the_step_vanishes_the_formula_keeps_fifty_thresholds_of_which_the_dr
     assert found.over_formula < 0.11
     # what is left is the blow of the edge, which a slower hand does not give
     slow = predict_one(Step(0.01e-6), replace(PAPER, normal_load=0.5, speed=0.5e-3))
-    # (the drag takes the corner of a step that the contact presses flat for a sharp one: 1.14)
-    assert slow.felt_energy / PAPER.tool.ring_duration < 1.2 * PAPER.tool.detection_threshold
+    # nor do ten nanometres under an indentation of 450 catch the tip
+    assert slow.felt_energy / PAPER.tool.ring_duration < PAPER.tool.detection_threshold
 
 
 def test_where_both_agree_the_formula_is_felt_and_the_flag_is_the_factor():

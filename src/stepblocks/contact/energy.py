@@ -31,7 +31,7 @@ class Status(StrEnum):
     TOO_HIGH
         The step is as high as the ball or higher: the ball meets the riser, not the edge.
     RUN_OVER
-        The tip comes in flight from the place before and is not caught; in the drag in time alone.
+        The tip comes in flight, or slides, and is not caught; in the drag in time alone.
     NO_CATCH
         The path of the ball's centre never rises in this direction.
     BEYOND_STRENGTH
@@ -48,7 +48,7 @@ class Status(StrEnum):
     LOCKED = "locked"  # ``a + atan mu`` is a right angle or more: no pulling force lifts it
     # the step is as high as the ball or higher: the ball meets the riser, not the edge
     TOO_HIGH = "too-high"
-    # the tip comes in flight from the place before and is not caught; in the drag in time alone
+    # the tip comes in flight, or slides, and is not caught; in the drag in time alone
     RUN_OVER = "run-over"
     NO_CATCH = "no-catch"  # the path of the ball's centre never rises in this direction
     BEYOND_STRENGTH = "beyond-strength"  # the pull that it takes is more than the tool bears,

@@ -194,12 +194,13 @@ def integrate(
                 here, there = there, here
             on_right = step >= 0.0
             if abs(step) < near:
-                c0, s0, b0 = ends[j, 0 if on_right else 1]
-                gap2 = c0 + step * (s0 + step * b0) - y
+                c0, s0, b0, e0 = ends[j, 0 if on_right else 1]
+                gap2 = c0 + step * (s0 + step * (b0 + step * e0)) - y
                 if gap2 > 0.0:
-                    s2 = s0 + 2.0 * step * b0
+                    s2 = s0 + step * (2.0 * b0 + 3.0 * step * e0)
                     q2 = 1.0 / math.sqrt(1.0 + s2 * s2)
-                    fx2, fy2, n2, d2 = _press(gap2, s2, 2.0 * b0, q2, vx, vy, kn, power, loss)
+                    bend2 = 2.0 * b0 + 6.0 * step * e0
+                    fx2, fy2, n2, d2 = _press(gap2, s2, bend2, q2, vx, vy, kn, power, loss)
         if gap > 0.0:
             q1 = 1.0 / math.sqrt(1.0 + sx * sx)
             fx1, fy1, n1, d1 = _press(gap, sx, 2.0 * k2 + 6.0 * d * k3, q1, vx, vy, kn, power, loss)

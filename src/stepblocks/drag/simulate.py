@@ -22,6 +22,7 @@ _MOST_STEPS = 200_000_000
 _MOST_ROWS = 2_000_000
 _OPEN = 2e-2  # of the ledger's greatest entry: a ledger that closes less well is an error
 _FINEST = 300.0  # steps per period that are tried before it is
+_BLOW = 0.3  # of the indentation of the hardest blow, within which two contacts part smoothly
 _RISE = 0.1  # of the rise that a place asks for, below which the tip was not caught there
 
 
@@ -34,8 +35,8 @@ class DragEvent:
     place : int
         Number of the place in the order of the track.
     status : str
-        ``"releases"``; ``"run-over"`` where the tip came in flight and was not caught; ``"locked"``
-        where no pull lifts a rigid tip.
+        ``"releases"``; ``"run-over"`` where the tip came in flight, or slid, and was not caught;
+        ``"locked"`` where no pull lifts a rigid tip.
     belongs_to : str
         ``"feature"``: what was asked about, or the place with the greatest critical angle;
         ``"before"`` and ``"after"`` it: the texture, or another edge.
@@ -86,7 +87,7 @@ class DragTrace:
         Samples, shape (n, 10); columns as in `stepblocks.drag.kernels.COLUMNS`.
     status : Status
         Of the place that was asked about: ``RELEASES``, ``LOCKED`` (no pull lifts the tip, or the
-        one that acts does not), ``RUN_OVER`` (the tip came in flight), or ``NO_CATCH``.
+        one that acts does not), ``RUN_OVER`` (nothing caught the tip), or ``NO_CATCH``.
     peak_force : float
         Greatest pull at that place [N]; of the whole drag where nothing releases.
     release_time : float
@@ -151,7 +152,7 @@ def simulate_drag(
     mu_s = settings.friction_at_rest
     x = max(track.features[0] - settings.lead, float(track.x[0]))
     limit = _find_force_limit(track, settings, mu_s)
-    dt, bristle = _find_time_step(probe, settings, limit)
+    dt, bristle, blow = _find_time_step(probe, settings, limit)
     end = 20.0 * settings.ring_time
     if settings.speed > 0.0:
         end = (
@@ -175,11 +176,18 @@ def simulate_drag(
     needed = _compute_needed_pulls(places, settings)
     own = settings.friction_law
     depth = probe.find_indentation(settings.normal_load)
-    window = min(NEAR * track.ball_radius, PATCHES * math.sqrt(track.ball_radius * depth))
+    patch = math.sqrt(track.ball_radius * depth)
+    window = min(NEAR * track.ball_radius, PATCHES * patch)
     shared = track.list_separate_kinks(depth, window)
+    pressed = track.press_flat(shared, patch)
     y = float(np.interp(x, track.x, track.z)) - depth
     rows, count, peak, ledger, passed, passes = kernels.integrate(
-        (track.x, track.cubics, track.kinks[shared], track.branches[shared]),
+        (
+            pressed.x,
+            pressed.cubics,
+            pressed.kinks,
+            track.part_branches(shared, _BLOW * blow, window),
+        ),
         tuple(map(float, astuple(probe))),
         tuple(float(getattr(settings, field.name)) for field in fields(settings)[:-1]),
         (float(mu_s), bristle, limit, float(own is not None)),
@@ -275,7 +283,7 @@ def _choose_answer(
     reasons = {
         "locked": f"no pull lifts a rigid tip over {one.critical_angle_deg:.4g} deg; the elastic "
         f"contact gives way at {one.pull_n:.4g} N",
-        "run-over": "the tip comes over it in flight and is not caught",
+        "run-over": _describe_run_over(trace, one),
     }
     return replace(
         trace,
@@ -284,6 +292,18 @@ def _choose_answer(
         release_time=one.released_s,
         asked=asked,
         reason=reasons.get(one.status, ""),
+    )
+
+
+def _describe_run_over(trace: DragTrace, one: DragEvent) -> str:
+    # Why a place did not catch the tip: it flew there, or slid on
+    time, force = trace.column("time_s"), trace.column("normal_n")
+    first, last = np.searchsorted(time, (min(one.caught_s, one.released_s), one.released_s))
+    if force[max(first - 1, 0) : last + 1].min() <= 0.0:
+        return "the tip comes over it in flight and is not caught"
+    return (
+        f"the tip slides over it and is not caught: the pull rises by less than {_RISE:.0%} of what "
+        "equation (1) asks, as over an edge that the contact presses flat, or fast after a slip"
     )
 
 
@@ -304,8 +324,10 @@ def _find_force_limit(track: Track, settings: DragSettings, mu: float) -> float:
     return climb + settings.tissue_friction
 
 
-def _find_time_step(probe: Probe, settings: DragSettings, limit: float) -> tuple[float, float]:
-    # Step [s] and stiffness of the tangential contact [N/m]
+def _find_time_step(
+    probe: Probe, settings: DragSettings, limit: float
+) -> tuple[float, float, float]:
+    # Step [s], stiffness of the tangential contact [N/m] and indentation of the hardest blow [m]
     # the normal force to be resolved: the climb's, or that of a blow with all of the spring's
     # energy
     stored = 0.5 * (limit / 3.0) ** 2 / probe.stiffness
@@ -319,4 +341,5 @@ def _find_time_step(probe: Probe, settings: DragSettings, limit: float) -> tuple
     # one, at nu = 0.3
     tangential = 0.82 * under_load
     fastest = math.sqrt((2.0 * normal + 2.0 * tangential + probe.stiffness) / probe.mass)
-    return 2.0 * math.pi / (fastest * settings.resolution), tangential
+    step = 2.0 * math.pi / (fastest * settings.resolution)
+    return step, tangential, probe.find_indentation(blow)

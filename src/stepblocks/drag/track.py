@@ -6,6 +6,7 @@ Cubic pieces between nodes, and the kinks where two contacts share the load.
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,8 @@ PATCHES = 5.0  # the same in radii of the patch of contact
 # where both branches at a kink are held to part: the left one ahead of it, the right one behind it
 _PARTING = np.array([[1.0], [-1.0]]) * np.linspace(0.25, 1.0, 4)
 _HALVINGS = 34  # of an interval in which a notch lies
+_HALF = 0.49  # of the way to the next kink: two bends shall not meet in one knot
+_BEND = 5e-3  # radii: the least half width of a bend, where kinks crowd
 _RISER = 0.5 * math.pi - 1e-5  # a path that is steeper jumps [rad]
 _LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
@@ -70,12 +73,12 @@ class Track(CentrePath):
         both[..., 2] = np.clip(both[..., 2], -1.05 * bend, 0.05 * bend)
         return both
 
-    def evaluate(self, x: Array) -> Array:
-        """Height at any positions [m]."""
-        piece = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, self.x.size - 2)
+    def evaluate(self, x: Array, side: Literal["left", "right"] = "right") -> tuple[Array, Array]:
+        """Height [m] and slope [1] at any positions; at a knot, of the piece on one side."""
+        piece = np.clip(np.searchsorted(self.x, x, side=side) - 1, 0, self.x.size - 2)
         k0, k1, k2, k3 = np.moveaxis(self.cubics[piece], -1, 0)
         d = x - self.x[piece]
-        return np.asarray(k0 + d * (k1 + d * (k2 + d * k3)))
+        return k0 + d * (k1 + d * (k2 + d * k3)), k1 + d * (2.0 * k2 + 3.0 * d * k3)
 
     def list_separate_kinks(self, depth: float, window: float) -> NDArray[np.int64]:
         """List the kinks at which two contacts share the load and part before the next one is near.
@@ -89,15 +92,50 @@ class Track(CentrePath):
         for n in np.argsort(before - behind, kind="stable").tolist():
             steps = 0.5 * np.abs(places[kept] - places[n]).min(initial=2.0 * window) * _PARTING
             c0, s0, b0 = self.branches[n].T[:, :, None]
-            apart = self.evaluate(places[n] + steps) - (c0 + steps * (s0 + steps * b0))
+            apart = self.evaluate(places[n] + steps)[0] - (c0 + steps * (s0 + steps * b0))
             if apart.min() >= -0.1 * depth and apart[:, -1].min() >= depth:
                 kept.append(n)
         return np.array(sorted(kept), dtype=np.int64)
 
+    def part_branches(self, kept: NDArray[np.int64], depth: float, window: float) -> Array:
+        """Coefficients of both branches at the kinks that are `kept`, shape (k, 2, 4).
+
+        A cubic term lets each part from the path by a `depth` [m] half way to the next kink, or at
+        the end of a window [m]: a contact that ended there at once would make energy of nothing.
+        """
+        places = self.x[self.kinks[kept]]
+        room = 0.5 * np.diff(places, prepend=-math.inf, append=math.inf).clip(max=2.0 * window)
+        reach = np.column_stack([room[1:], -room[:-1]])
+        c0, s0, b0 = np.moveaxis(self.branches[kept], -1, 0)
+        apart = self.evaluate(places[:, None] + reach)[0] - (c0 + reach * (s0 + reach * b0))
+        short = np.maximum(depth - apart, 0.0)
+        return np.stack([c0, s0, b0, -short / reach**3], axis=-1)
+
+    def press_flat(self, kept: NDArray[np.int64], patch: float) -> Track:
+        """Return the track with a bend in the place of each kink that is not `kept`.
+
+        A bend reaches half way to the next kinks, at most as far as the `patch` of contact [m]: at
+        a corner the normal would turn at once, and the energy of the contact jump.
+        """
+        places = self.x[self.kinks]
+        room = _HALF * np.diff(places, prepend=-math.inf, append=math.inf)
+        width = np.clip(np.minimum(room[:-1], room[1:]), _BEND * self.ball_radius, patch)
+        first, last = (np.delete(ends, kept) for ends in (places - width, places + width))
+        knots = np.unique(np.concatenate([self.x, first, last]))
+        bent = np.searchsorted(np.sort(first), knots) > np.searchsorted(
+            np.sort(last), knots, "right"
+        )
+        knots = knots[~bent | np.isin(knots, places[kept])]
+        (z, behind), (_, before) = self.evaluate(knots), self.evaluate(knots, "left")
+        kinks = np.searchsorted(knots, places[kept])
+        return replace(
+            self, x=knots, z=z, slope_start=behind[:-1], slope_end=before[1:], kinks=kinks
+        )
+
     @cached_property
     def steepest_angle(self) -> float:
-        """Critical angle towards growing x [rad]."""
-        return self.find_notch(+1.0)[2]
+        """Critical angle towards growing x [rad], whichever edge was asked about."""
+        return replace(self, feature=None).find_notch(+1.0)[2]
 
     @cached_property
     def features(self) -> tuple[float, float]:
