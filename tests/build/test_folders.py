@@ -192,6 +192,20 @@ def test_check_predicts_a_table_again_and_does_not_ask_the_manifest_alone(copy):
     assert [one.deviation for one in verdicts if not one.passed] == [1.0]
 
 
+@pytest.mark.parametrize(("units", "wrong"), [(1, 0.0), (2, 1.0)])
+def test_check_forgives_a_table_the_last_digit_that_a_last_bit_turns(copy, units, wrong):
+    # figures have six digits; two processors may round 1.2345649999 and 1.2345650001 apart
+    table = copy / "sheaths" / "predictions.csv"
+    rows = [line.split(",") for line in table.read_text().splitlines()]
+    at = rows[0].index("vibration_energy_uj")
+    digits = len(rows[2][at].partition(".")[2])
+    assert len(rows[2][at].replace(".", "").lstrip("0")) == 6
+    rows[2][at] = f"{float(rows[2][at]) + units * 10.0**-digits:.{digits}f}"
+    table.write_text("\n".join(map(",".join, rows)) + "\n")
+    verdicts = dict(check_output(SHEATHS, copy))["sheaths/predictions.csv"]
+    assert sum(one.deviation for one in verdicts) == wrong
+
+
 @pytest.mark.parametrize("lost", ["verdicts", "kind"])
 def test_a_record_that_has_lost_a_part_counts_as_not_built(lost, copy):
     path = copy / "sheaths" / "sheath-soft" / RECORD

@@ -297,9 +297,10 @@ def _choose_answer(
 
 def _describe_run_over(trace: DragTrace, one: DragEvent) -> str:
     # Why a place did not catch the tip: it flew there, or slid on
-    time, force = trace.column("time_s"), trace.column("normal_n")
-    first, last = np.searchsorted(time, (min(one.caught_s, one.released_s), one.released_s))
-    if force[max(first - 1, 0) : last + 1].min() <= 0.0:
+    rows = np.searchsorted(
+        trace.column("time_s"), (min(one.caught_s, one.released_s), one.released_s)
+    )
+    if trace.column("normal_n")[max(rows[0] - 1, 0) : rows[1] + 1].min() <= 0.0:
         return "the tip comes over it in flight and is not caught"
     return (
         f"the tip slides over it and is not caught: the pull rises by less than {_RISE:.0%} of what "
@@ -341,5 +342,8 @@ def _find_time_step(
     # one, at nu = 0.3
     tangential = 0.82 * under_load
     fastest = math.sqrt((2.0 * normal + 2.0 * tangential + probe.stiffness) / probe.mass)
-    step = 2.0 * math.pi / (fastest * settings.resolution)
-    return step, tangential, probe.find_indentation(blow)
+    return (
+        2.0 * math.pi / (fastest * settings.resolution),
+        tangential,
+        probe.find_indentation(blow),
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -33,6 +34,9 @@ _DRAWS = 2000
 MOST_DRAGGED = 10_000  # rows of a set that are dragged in time without being asked: a few seconds
 # factor between the formula's energy and the drag's beyond which the drag's is what is felt [1]
 DIFFERS = 1.5
+
+
+_FIGURE = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -274,6 +278,16 @@ def format_row(prediction: Prediction) -> dict[str, str]:
 def format_six_digits(figure: float) -> str:
     """Format a figure for a table; nothing where there is none."""
     return "" if math.isnan(figure) else f"{figure:.6g}"
+
+
+def agree_to_last_digit(one: str, other: str) -> bool:
+    """Whether two cells of a table agree, figures to one in the sixth digit."""
+    return one == other or bool(
+        _FIGURE.fullmatch(one)
+        and _FIGURE.fullmatch(other)
+        and abs(float(one) - float(other))
+        < 1.5 * 10.0 ** (math.floor(math.log10(max(abs(float(one)), abs(float(other))))) - 5)
+    )
 
 
 def predict_all(
