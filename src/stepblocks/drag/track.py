@@ -111,7 +111,7 @@ class Track(CentrePath):
         short = np.maximum(depth - apart, 0.0)
         return np.stack([c0, s0, b0, -short / reach**3], axis=-1)
 
-    def press_flat(self, kept: NDArray[np.int64], patch: float) -> Track:
+    def press_flat(self, kept: NDArray[np.int64], patch: float) -> "Track":
         """Return the track with a bend in the place of each kink that is not `kept`.
 
         A bend reaches half way to the next kinks, at most as far as the `patch` of contact [m]: at
