@@ -4,8 +4,9 @@
 takes arguments with honest values, one or two of which are replaced by strange ones: units off by
 10^3 and 10^6, NaN, empty, huge, of another dimension or type, read-only, masked, sparse, xarray,
 pandas with odd indexes. Each call runs in a child of its own with 10 s of processor and 2 GiB.
-Anything but a result, a `StepblocksError` or an `OSError` that names a file is a fault; exit code 1
-if there is one. ``--only NAME`` for some.
+An enumeration is looked up by Python itself and is not called. Anything but a result, a
+`StepblocksError` or an `OSError` that names a file is a fault; exit code 1 if there is one.
+``--only NAME`` for some.
 """
 
 from __future__ import annotations
@@ -134,7 +135,6 @@ def make_calls(work: Path) -> dict[str, Call]:
         "Stribeck": ((0.15, 0.2), {"speed": 1e-3, "viscous": 0.0}),
         "Instrument": ((), {"calibration_std": 0.001, "resolution": 1e-9}),
         "Release": ((sb.Status.LOCKED, 0.5), {"pull_force": 1.0}),
-        "Status": (("locked",), {}),
         "StraightTip": ((), {"id": "tip-125", "ball_radius": "125 um"}),
         "HookTip": ((), {"id": "hook-125", "ball_radius": "125 um"}),
         "CrownOnTooth": ((), {"id": "crown-050", "marginal_gap": "50 um"}),

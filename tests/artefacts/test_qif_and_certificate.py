@@ -2,13 +2,15 @@
 whoever wrote it."""
 
 import math
+import resource
+import signal
 from pathlib import Path
 
 import pytest
 from lxml import etree
 
 from oracles import schemas
-from stepblocks.artefacts.certificate import write_certificate
+from stepblocks.artefacts.certificate import _collect_content, _write_pdf, write_certificate
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.qif_read import match_results, read_qif_results
 from stepblocks.declare import load_set
@@ -212,3 +214,24 @@ def test_the_draft_certificate_says_value_uncertainty_limits_budget_and_rule(tmp
 
 def test_the_draft_certificate_is_valid_by_the_published_schema(tmp_path):
     assert schemas.faults(schemas.DCC, certificate_of(tmp_path)) == []
+
+
+def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):
+    xml = certificate_of(tmp_path)
+    page = xml.with_name(xml.name.replace(".dcc.xml", ".certificate.pdf"))
+    size = page.stat().st_size
+    page.unlink()
+    result = inspect_scan(tmp_path / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
+    content = _collect_content(PARTS["step-050"], result.as_record(), ORDER, "ab" * 32, None)
+    usual = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        for room in (size // 8, size // 4, size // 2, size - 1):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
+            with pytest.raises(OSError, match="File too large"):
+                _write_pdf(page, content)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, usual)
+    assert not page.exists()
+    assert not list(tmp_path.rglob(".partial-*"))

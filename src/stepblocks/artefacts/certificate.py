@@ -6,11 +6,12 @@ XML signature (XMLDSig) to the file.
 """
 
 from html import unescape
+from io import BytesIO
 from pathlib import Path
 from textwrap import wrap
 
 from stepblocks.artefacts.laboratory import Laboratory
-from stepblocks.atomic import replace_text, write_atomically
+from stepblocks.atomic import replace_bytes, replace_text
 from stepblocks.page_file import render_page
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
@@ -163,13 +164,17 @@ def _write_pdf(path: Path, content: Document) -> None:
     text = unescape(render_page("stepblocks.artefacts", "certificate.txt.j2", **content))
     lines = [line for long in text.splitlines() for line in wrap(long, 125) or [""]]
     pages = [rows[at : at + _LINES] for at in range(0, len(rows), _LINES)] or [[]]
-    with write_atomically(path) as draft:
-        dates = {"CreationDate": None, "ModDate": None}
-        with PdfPages(draft, metadata=dates) as document:
+    with BytesIO() as whole:  # on a full disk the library ends in an error of its compressor
+        with PdfPages(whole, metadata={"CreationDate": None, "ModDate": None}) as document:
             for number, own in enumerate(pages, start=1):
                 figure = Figure(figsize=(8.27, 11.69))
-                head = f"Certificate   {content['identity']}   page {number} of {len(pages)}"
-                figure.text(0.06, 0.96, head, fontsize=14, weight="bold")
+                figure.text(
+                    0.06,
+                    0.96,
+                    f"Certificate   {content['identity']}   page {number} of {len(pages)}",
+                    fontsize=14,
+                    weight="bold",
+                )
                 figure.text(0.06, 0.94, "\n".join(lines), fontsize=7, va="top")
                 if own:
                     height = 0.018 * (len(own) + 1)
@@ -182,6 +187,7 @@ def _write_pdf(path: Path, content: Document) -> None:
                     table.auto_set_font_size(False)
                     table.set_fontsize(6.5)
                 document.savefig(figure)
+        replace_bytes(path, whole.getvalue())
 
 
 def _write_row(one: Document) -> list[str]:
