@@ -1,6 +1,6 @@
 """Count false verdicts over soft gauges of known truth.
 
-Burr, ramp, patch, rotation, cone, form, groove.
+Burr, ramp, patch, rotation, cone, form, groove, a second step, a dome, unlike grooves.
 
 Every gauge draws its truth, its instrument (stylus or optical, calibration off by what is stated)
 and its noise from its own number. Each characteristic that was judged is compared with the truth: a
@@ -35,7 +35,19 @@ from stepblocks.inspect.run import find_declared, inspect_scan
 
 UM = 1e-6
 STIMULI = Path(__file__).parents[1] / "stimuli" / "paper-ten.toml"
-KINDS = ("plain", "burr", "ramp", "map", "turned", "cone", "bowed", "groove")
+KINDS = (
+    "plain",
+    "burr",
+    "ramp",
+    "map",
+    "turned",
+    "cone",
+    "bowed",
+    "groove",
+    "second",
+    "dome",
+    "unlike",
+)
 
 
 def draw(number):
@@ -58,17 +70,35 @@ def draw(number):
         return z + bow * (x / (500 * UM)) ** 2
 
     truth["burr"] = burr
-    step, half = 0.5 * UM, 600 * UM
+    step, reach = 0.5 * UM, 600 * UM
     if kind == "ramp":
         angle = math.radians(random.uniform(30.0, 58.0))
         corner = random.uniform(2.0, 6.0) * UM
         truth |= {"riser_angle": angle, "edge_radius": corner}
         shape = lambda x: flank_gauge(x, height, angle, corner)  # noqa: E731
+    if kind == "second":  # another step on either face, which is not the one that is asked for
+        size, at = (
+            random.uniform(-20.0, 20.0) * UM,
+            random.choice([-1, 1]) * random.uniform(250, 450) * UM,
+        )
+        shape = lambda x: edge_gauge(x, height, radius) + size * (x > at)  # noqa: E731
+        del truth["burr"]
+    if kind in ("dome", "unlike"):  # a groove with a round bottom; two grooves that are unlike
+        width, size = 600 * UM + random.uniform(-150.0, 150.0) * UM, random.uniform(15.0, 35.0) * UM
+        truth = {"groove_depth": height} | ({"groove_width": width} if kind == "unlike" else {})
+        half = width / math.sqrt(2.0)  # a parabola is this wide at half its depth
+        round_bottom = lambda x: -height * np.maximum(1.0 - (x / half) ** 2, 0.0)  # noqa: E731
+        two = lambda x: (  # noqa: E731
+            groove_gauge(x, height, -width / 2, width / 2, UM)
+            + groove_gauge(x, size, 900 * UM, 1300 * UM, UM)
+        )
+        shape = round_bottom if kind == "dome" else two
+        step, reach = UM, 2000 * UM
     if kind == "groove":
         width = 600 * UM + random.uniform(-180.0, 180.0) * UM
         truth = {"groove_depth": height, "groove_width": width}
         shape = lambda x: groove_gauge(x, height, -width / 2, width / 2, UM)  # noqa: E731
-        step, half = UM, 1400 * UM
+        step, reach = UM, 1400 * UM
     if kind in ("map", "turned"):
         turn = math.radians(random.uniform(-25.0, 25.0)) if kind == "turned" else 0.0
         size, fine, step = (300, 60), 3, 1.5 * UM
@@ -80,16 +110,21 @@ def draw(number):
     else:
         if kind in ("cone", "plain") and random.uniform() < 0.6:
             tip, cone = random.choice([2.0, 5.0]) * UM, math.radians(random.choice([60.0, 90.0]))
-            finer = np.arange(-half - 50 * UM, half + 50 * UM, 0.1 * UM)
+            finer = np.arange(-reach - 50 * UM, reach + 50 * UM, 0.1 * UM)
             seen = stylus_trace(finer, shape(finer), tip, cone)
-        x = np.arange(-half, half, step) + random.uniform(-0.5, 0.5) * step
+        x = np.arange(-reach, reach, step) + random.uniform(-0.5, 0.5) * step
         z = shape(x) if tip == 0.0 else np.interp(x, finer, seen)
         z = z + correlated_noise(len(x), step, 5e-9, rough, length, random)
         z = scale * z + random.uniform(-1e-3, 1e-3) * x
         scan = Profile(lateral * x, z, kind)
     how = EvaluationOptions(stylus_radius=tip, stylus_cone=cone)
     asked = {"how": how, "instrument": Instrument(relative, 0.0, relative)}
-    return kind, scan, asked | {"feature": "groove" if kind == "groove" else "edge"}, truth
+    return (
+        kind,
+        scan,
+        asked | {"feature": "groove" if kind in ("groove", "dome", "unlike") else "edge"},
+        truth,
+    )
 
 
 def judge_gauge(number, part):

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, groove_gauge
+from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
+from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.parts.set import StimulusSet
 
@@ -88,6 +90,20 @@ def test_a_groove_beside_the_edge_is_said_and_a_clean_scan_says_nothing_of_the_k
     assert any("also shows -7.99 um" in one or "also shows -8" in one for one in noted)
     clean = inspect_scan((X, block()), "step-050", instrument=KNOWN)
     assert "also shows" not in str(clean)
+
+
+@pytest.mark.parametrize(("depth", "rough"), [(-10.65 * UM, 30e-9), (0.61 * UM, 2e-9)])
+def test_domes_too_near_for_windows_of_their_own_are_measured_to_their_apex(depth, rough):
+    # parabolas 300 um wide, 30 um between them: type A1 and A2 want one width of land
+    x = np.arange(2000) * UM
+    shape = sum(
+        np.maximum(1.0 - ((x - c * UM) / (150 * UM)) ** 2, 0.0) for c in range(330, 1400, 330)
+    )
+    z = 3e-4 * x - depth * shape + noise(1, 2000, 2e-9, rough)
+    found = measure_groove(Profile(x, z), Instrument(0.0, 0.0, 0.0))
+    value = found.values["groove_depth"]
+    assert "A2" in found.convention
+    assert abs(value.value - abs(depth)) < max(value.expanded(), 0.002 * abs(depth))
 
 
 @pytest.mark.parametrize("radius", [11 * UM, 12.5 * UM, 24 * UM])

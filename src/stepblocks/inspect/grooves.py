@@ -39,7 +39,7 @@ from stepblocks.inspect.measure import (
     sample_profiles,
 )
 from stepblocks.inspect.noise import Array
-from stepblocks.inspect.type_a1 import TypeA1, evaluate_a1
+from stepblocks.inspect.type_a1 import TypeA1, evaluate_a1, find_apex
 
 _FITS = 2.0  # scatter about type A1 over that about a polynomial, up to which type A1 is taken [1]
 # profiles of a map that are evaluated first: of half that agree, two of them do but once in thirty
@@ -156,7 +156,18 @@ def _evaluate_row(row: Profile, edges: list[FoundEdge], how: EvaluationOptions) 
             if how.degree is not None or how.exclusion is not None
             else _evaluate_by_windows(x, z, levels, feature)
         )
-        if best is None:
+        span, rest = (feature.begin, feature.end), z - levels.level
+        apex, again = (
+            find_apex(x, rest, height.value, span, part)
+            if best is None and span[1] < np.inf
+            else None
+            for part in (1.0 / 3.0, 0.5)
+        )
+        if apex is not None:
+            name = f"type A2 on a masked {_DEGREE_NAMES[levels.degree]}"
+            height = replace(apex, value=height.value + apex.value, std=height.std + apex.std)
+            change = (0.0 if again is None else again.value - apex.value,)
+        elif best is None:
             _check_level(z, levels, height.value)
         else:
             height, name = replace(best.depth, value=-best.depth.value), f"type {best.kind}"
@@ -312,7 +323,7 @@ def _measure_by_rows(
     if outliers := sum(one.rejected for one in found):
         notes.append(f"{outliers} of {sum(one.points for one in found)} points left out as spikes")
     convention = f"ISO 5436-1 {kind[1]}, profile by profile, unfiltered"
-    if "masked" in kind[1]:
+    if kind[1].startswith("masked"):
         convention = f"{kind[1]} beside the flanks, profile by profile"
     windows = sum((one.windows for one in best.seen), ()) or tuple(
         (begin, min(end, float(first.position[-1])), "") for begin, end in best.spans

@@ -146,6 +146,25 @@ def _evaluate_domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
     )
 
 
+def find_apex(x: Array, rest: Array, height: float, span: Span, part: float) -> Estimate | None:
+    """Apex of a domed feature over its flat top, by an arc through the middle `part` of it [m].
+
+    `rest` are the residuals of flat tops; the result is None where the top is not domed.
+    """
+    middle, half = 0.5 * (span[0] + span[1]), 0.5 * part * (span[1] - span[0])
+    used = (np.abs(x - middle) <= half) & np.isfinite(rest)
+    if used.sum() < 2 * _LEAST_POINTS:
+        return None
+    t = np.where(used, (x - middle) / half, 0.0)
+    fit = fit_without_spikes(np.stack([np.ones_like(t), t, t**2 - 1.0 / 3.0]), rest, used)
+    mean, slant, bow = (fit.estimate(power) for power in range(3))
+    least = max(_SIGNIFICANT * bow.std, _DOMED * abs(height), LEAST_SCATTER, abs(slant.value))
+    if abs(bow.value) < least or bow.value * height > 0.0:
+        return None
+    offset = mean.value - bow.value / 3.0 - slant.value**2 / (4.0 * bow.value)
+    return Estimate(offset, float(np.hypot(mean.std, bow.std / 3.0)), mean.dof)
+
+
 def _list_window_ends(windows: list[Array]) -> tuple[Span, Span, Span]:
     first, middle, last = ((float(one[0]), float(one[-1])) for one in windows)
     return first, middle, last
