@@ -258,6 +258,10 @@ def test_messages_are_listed_from_the_source():
     assert "must not exceed" in text
 
 
+def test_the_paper_has_at_most_a_thousand_words():
+    assert len((DOCS / "paper.md").read_text(encoding="utf-8").split()) <= 1000
+
+
 def test_the_docs_without_the_report_stay_short():
     # 35,365 words before the verification report took the figures; at most 60 % of them
     words = [len(path.read_text(encoding="utf-8").split()) for path in DOCS.rglob("*.md")]

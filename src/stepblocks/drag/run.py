@@ -168,6 +168,7 @@ class Drag:
         trace, ring, by = self.trace, self.ring, self.formula
         others = self.events[self.events.belongs_to != "feature"]
         summary: Document = {
+            "schema": 1,
             "subject": self.title,
             "status": str(trace.status),
             "ledger_j": trace.ledger,

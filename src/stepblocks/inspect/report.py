@@ -250,6 +250,7 @@ class InspectionResult:
     def as_record(self) -> dict[str, object]:
         """Return plain data; every number has its unit in its name, infinities are null."""
         return {
+            "schema": 1,
             "stimulus": self.identity,
             "scan": self.source.name,
             "scan_sha256": self.digest,

@@ -204,7 +204,7 @@ def write_loop(result: LoopResult, output: Path) -> None:
 
     output.mkdir(parents=True, exist_ok=True)
     for name, document in (
-        ("result.json", result.document),
+        ("result.json", {"schema": 1, **result.document}),
         ("model.json", build_model_document(result.model)),
     ):
         # numbers that JSON cannot hold become null

@@ -162,7 +162,7 @@ def loop_sessions(
             "parameters": shared,
         }
         for file, content in (
-            ("sessions.json", document),
+            ("sessions.json", {"schema": 1, **document}),
             ("model.json", build_model_document(model)),
         ):
             replace_text(output / file, json.dumps(content, indent=2, allow_nan=False) + "\n")
