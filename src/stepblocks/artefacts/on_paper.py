@@ -1,12 +1,16 @@
 """A characteristic on paper: its limits on a drawing, its line on an inspection sheet."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kind import Part
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _MOST_DECIMALS = 6
 COLUMNS = (
@@ -70,6 +74,8 @@ def describe_default_demands(stimulus: Part) -> str:
 
 def make_sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
     """Return the lines of the sheet, as texts."""
+    import pandas as pd  # a scan is inspected without it
+
     rows = []
     for number, one in enumerate(stimulus.characteristics(), start=1):
         sizes = (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
