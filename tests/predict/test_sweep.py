@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from stepblocks.cli import main
@@ -191,11 +192,12 @@ def test_a_result_draws_its_table_and_says_what_it_is(tmp_path):
     assert "12 rows in 3 partitions, 3 computed, 0 found" in repr(done)
 
 
-@pytest.mark.parametrize("jobs", [0, -1, "2", 1.0, True, 10**9])
+@pytest.mark.parametrize("jobs", [0, -1, "2", 1.0, True, 10**9, pd.Series([1, 2])])
 def test_a_number_of_processes_that_cannot_be_is_refused(jobs, tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static"))
-    with pytest.raises(PipelineError, match="jobs must be a whole number from 1 to 1024"):
+    with pytest.raises(PipelineError, match="jobs must be a whole number from 1 to 1024") as raised:
         run_sweep(plan, tmp_path / "out", jobs=jobs)
+    assert "\n" not in str(raised.value)
     with pytest.raises(PipelineError, match="plan must be a SweepPlan or a path, got dict"):
         run_sweep({}, tmp_path / "out")
 
