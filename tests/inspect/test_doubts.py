@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, groove_gauge
+from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.scans.scan import Profile
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.many import inspect_many
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.parts.set import StimulusSet
 
@@ -79,6 +81,8 @@ def test_a_second_step_is_said_and_does_not_bend_the_planes_of_the_first(second,
     result = inspect_scan((X, block(second, at)), "step-050", instrument=KNOWN)
     value = result.evaluation.values["step_height"]
     assert abs(value.value - 50 * UM) < value.expanded() < 0.3 * UM  # levelled through both: 47 um
+    radius = result.evaluation.values["edge_radius"]
+    assert abs(radius.value - 0.5 * UM) < radius.expanded()
     said = next(note for note in result.evaluation.notes if "also shows" in note)
     size, place = (float(said.split("also shows ")[1].split(" um")[n].split()[-1]) for n in (0, 1))
     assert (size, place) == (pytest.approx(second / UM, rel=0.1), pytest.approx(at / UM, abs=2.0))
@@ -133,3 +137,16 @@ def test_a_bowed_face_is_no_burr():
     z = block() + 0.3 * UM * (X / (500 * UM)) ** 2
     found = inspect_scan((X, z), "step-050", instrument=KNOWN).evaluation.values["burr"]
     assert found.value < found.expanded()
+
+
+def test_the_serial_number_of_a_sheet_is_that_of_the_scans_beside_it(tmp_path):
+    scan = write_scan(tmp_path / "scan.csv", block(), ("x_um", "z_um"))
+    part = inspect_scan(scan, "step-050", instrument=KNOWN).stimulus
+    sheet = make_sheet_table(part)
+    sheet.loc[0, ["measured_mm_or_deg", "std_mm_or_deg"]] = "0.0502", "0.0001"
+    sheet["serial_number"] = "SN-7"
+    sheet.to_csv(tmp_path / "sheet.csv", index=False)
+    alone = inspect_scan(tmp_path / "sheet.csv", part)
+    assert "serial number SN-7, as the sheet states it" in alone.evaluation.notes
+    together = inspect_many([scan, tmp_path / "sheet.csv"], "step-050", instrument=KNOWN)
+    assert list(together.reports) == ["SN-7"]

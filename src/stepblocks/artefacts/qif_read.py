@@ -40,6 +40,7 @@ class QifResult:
     limits: tuple[
         float, float
     ]  # signed deviations, or 0 and the zone [m or rad]; nan where the file states none
+    serial: str = ""  # number of the part, where a sheet states it
 
 
 def read_qif_results(path: str | Path) -> list[QifResult]:

@@ -17,9 +17,9 @@ _FACTORS = {"mm": 1e-3, "deg": math.radians(1.0)}
 
 
 def is_filled_sheet(path: Path) -> bool:
-    """Tell whether a text table has the columns of an inspection sheet."""
+    """Tell whether a file is a spreadsheet, or a text table with the columns of a sheet."""
     if path.suffix.lower() != ".csv" or not path.is_file():
-        return False
+        return path.suffix.lower() == ".xlsx"
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         return _VALUE in file.readline(10_000)
 
@@ -64,6 +64,7 @@ def read_filled_sheet(path: Path) -> list[QifResult]:
                 "",
                 math.nan,
                 (math.nan,) * 2,
+                text.get("serial_number", ""),
             )
         )
     if mistakes:

@@ -22,9 +22,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stepblocks.artefacts.laboratory import Laboratory
+from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
 from stepblocks.atomic import replace_text, resolve_inside
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import Component, Measured, Outcome, combine_verdicts, judge
+from stepblocks.inspect.measure import evaluate_each
 from stepblocks.inspect.report import InspectionResult, write_inspection
 from stepblocks.inspect.run import inspect_scan, inspect_standard, judge_part
 from stepblocks.page_file import render_page
@@ -286,7 +288,21 @@ def _list_scans(paths: Sequence[Path], stimulus: str | None) -> pd.DataFrame:
                 "stimulus must be said, by --stimulus or by a column of the table, got none"
             )
         frame = frame.assign(stimulus=stimulus)
-    return frame if "block" in frame else frame.assign(block=frame["stimulus"])
+    # a sheet names its part by serial number; the only one named is that of the scans beside it
+    named = {
+        path: lines[0].serial
+        for path, lines in evaluate_each(read_filled_sheet, filter(is_filled_sheet, frame["scan"]))[
+            0
+        ]
+        if lines[0].serial
+    }
+    usual = frame["stimulus"] if len({*named.values()}) != 1 else [*named.values()] * len(frame)
+    pairs = zip(frame["scan"], usual, strict=False)
+    return (
+        frame
+        if "block" in frame
+        else frame.assign(block=[named.get(path, other) for path, other in pairs])
+    )
 
 
 def is_table(paths: Sequence[Path]) -> bool:

@@ -87,7 +87,6 @@ _UNFOLLOWED: dict[str, dict[str, str]] = {
 _STANDARDS = {"groove": "groove_depth", "edge": "step_height", "ball": "ball_radius"}
 _NOTHING_KNOWN = Instrument()
 _LEAST_COVERED = 0.8  # of either side of a face that a scan must show to judge its form [1]
-_WHOLE_SCANS = (".qif", ".xlsx")
 _UNITS = ("pm", "nm", "um", "mm", "m")  # each 1000 of the one before
 _UNIT_READ = re.compile(r"(?<![a-z])(pm|nm|um|mm|m)(?![a-z])")
 # of the logarithm of a size over the declared one, about a power of 1000 [1]: a factor of two
@@ -156,7 +155,7 @@ def inspect_scan(
     listed = list(part.characteristics())
     wanted, scale = _find_wanted(listed, characteristics), ""
     path = Path(scan) if isinstance(scan, str | Path) else None
-    if path is not None and (path.suffix.lower() in _WHOLE_SCANS or is_filled_sheet(path)):
+    if path is not None and (path.suffix.lower() == ".qif" or is_filled_sheet(path)):
         evaluation = _take_results(path, listed)
     else:
         shown = [
@@ -251,6 +250,10 @@ def _take_results(path: Path, asked: Sequence[Characteristic]) -> Evaluation:
     other = [key for key, one in found.items() if qif and one.status not in ("PASS", "FAIL")]
     notes = [f"{len(results)} measured in the file, {len(found)} of them asked for"]
     notes += [f"the file itself passes no judgement on {', '.join(other)}"] if other else []
+    notes += [
+        f"serial number {one}, as the sheet states it"
+        for one in dict.fromkeys(one.serial for one in results if one.serial)
+    ]
     form = "as another program measured it, QIF 3.0" if qif else "as the inspection sheet states it"
     return Evaluation(values, f"{form}, {path.name}", tuple(notes))
 

@@ -49,6 +49,7 @@ _NEAR = math.radians(1.0)  # of the steepest flank that a stylus shows [rad]
 _RESOLVED = 3.0  # sampling intervals from which a radius is resolved [1]
 _LEVEL = 0.5e-3  # length of the level faces on either side of an edge that was seen [m]
 _WORTH = 0.02  # of the step, from which another feature in its scan is named [1]
+_OF_THE_EDGE = {"step_height", "edge_radius", "riser_angle", "riser_straightness"}
 _MOST_FACES = 12  # profiles of faces that are kept for their roughness
 _SECTION = "a section or replica across the edge would show it"
 
@@ -126,8 +127,12 @@ def _measure_along_rows(
         part = replace(how, begin=before / turn, end=behind / turn)
         within = evaluate_each(lambda one: _measure_along_rows(one, instrument, part), [scan])[0]
         for _, narrow in within:
-            values["step_height"] = narrow.values["step_height"]
-            notes[-1] += "; the step height is that of the part between such steps"
+            values |= {
+                key: one
+                for key, one in narrow.values.items()
+                if key in values and key in _OF_THE_EDGE
+            }
+            notes[-1] += "; height and radius are those of the part between such steps"
     across, level = _measure_across(scan, results, turn)
     values |= _measure_burr(across, level, results, instrument, notes, missing)
     covered = dict[str, tuple[float, float]]()
@@ -136,7 +141,7 @@ def _measure_along_rows(
         values |= faces
     if rejected := sum(one.rejected for one in edges):
         notes.append(f"{rejected} points missing or left out as spikes")
-    if any(one.radius.value < _RESOLVED * first.spacing for one in edges):
+    if not steps and any(one.radius.value < _RESOLVED * first.spacing for one in edges):
         limit = max(one.radius_limit for one in edges)
         notes.append(
             f"edge sharper than the sampling resolves; radius below {limit * 1e6:.2g} um at 95 %"
