@@ -56,12 +56,12 @@ def test_a_height_1000_times_off_is_said_with_the_likely_unit(columns, likely, t
 
 def test_a_scan_of_another_part_and_parts_of_equal_height_are_said(tmp_path):
     wrong = inspect_scan((X, block(height=60 * UM)), "step-050", instrument=KNOWN)
-    assert "not its own but that of step-060" in wrong.evaluation.notes[0]
+    assert "that of step-060, declared in the same set, not its own" in wrong.evaluation.notes[0]
     one = {"id": "a", "height": "50 um"}
     twins = StimulusSet.declare("twins", step_block=[one, {**one, "id": "b"}])
     twins.to_toml(tmp_path / "twins.toml")
     found = inspect_scan((X, block()), "a", stimuli=tmp_path, instrument=KNOWN)
-    assert "is also that of b, declared in the same set" in found.evaluation.notes[0]
+    assert "is that of b, declared in the same set: make sure" in found.evaluation.notes[0]
     right = inspect_scan((X, block()), "step-050", instrument=KNOWN)
     assert "make sure" not in str(right)
 

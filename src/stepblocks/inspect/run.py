@@ -362,10 +362,10 @@ def _question_size(
         if one.key == asked.key and one.nominal + one.lower <= value <= one.nominal + one.upper
     ]
     if like:
-        own = asked.nominal + asked.lower <= value <= asked.nominal + asked.upper
         return [
-            f"{asked.label} of {value * 1e6:.4g} um is {'also' if own else 'not its own but'} that "
-            f"of {', '.join(like)}, declared in the same set: make sure which part was scanned"
+            f"{asked.label} of {value * 1e6:.4g} um is that of {', '.join(like)}, declared in the same "
+            f"set{'' if asked.lower <= value - asked.nominal <= asked.upper else ', not its own'}: "
+            "make sure which part was scanned"
         ]
     return []
 

@@ -99,8 +99,9 @@ def _measure_along_rows(
         edges, rows[0].spacing, isinstance(scan, HeightMap), instrument, how
     )
     if how.stylus_radius:
-        said = f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius"
-        notes.append(said)
+        notes.append(
+            f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius"
+        )
     missing = dict.fromkeys(
         ("riser_angle", "riser_straightness"),
         f"the riser is upright as far as it is seen from above; {_SECTION}",
@@ -142,9 +143,9 @@ def _measure_along_rows(
     if rejected := sum(one.rejected for one in edges):
         notes.append(f"{rejected} points missing or left out as spikes")
     if not steps and any(one.radius.value < _RESOLVED * first.spacing for one in edges):
-        limit = max(one.radius_limit for one in edges)
         notes.append(
-            f"edge sharper than the sampling resolves; radius below {limit * 1e6:.2g} um at 95 %"
+            "edge sharper than the sampling resolves; radius below "
+            f"{max(one.radius_limit for one in edges) * 1e6:.2g} um at 95 %"
         )
     convention = (
         f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side "
@@ -332,9 +333,8 @@ def _measure_burr(
     notes: list[str],
     missing: dict[str, str],
 ) -> dict[str, Measured]:
-    edges = [edge for _, edge in results]
-    step = float(np.median([one.height.value for one in edges]))
-    found = find_burr(across, level, step, float(np.median([one.exclusion for one in edges])))
+    sizes = [(edge.height.value, edge.exclusion) for _, edge in results]
+    found = find_burr(across, level, *(float(np.median(each)) for each in zip(*sizes, strict=True)))
     if found is None:
         missing["burr"] = (
             "a scan that reaches 0.2 mm beyond the edge on the upper face would show it"
