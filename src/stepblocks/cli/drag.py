@@ -46,7 +46,7 @@ def drag(
             "--static-friction",
             metavar="RATIO",
             parser=_RATIO,
-            help="coefficient at rest; 0: as while sliding",
+            help="coefficient of friction at rest; 0: as while sliding",
             show_default="0",
         ),
     ] = None,

@@ -75,7 +75,7 @@ def inspect(
             "--characteristics",
             metavar="N,N,...",
             parser=read_numbers,
-            help="numbers on the drawing that the order asks for",
+            help="judge only these numbers of the drawing",
             show_default="all",
         ),
     ] = None,
@@ -100,8 +100,7 @@ def inspect(
         Literal["edge", "groove", "ball"] | None,
         typer.Option(
             "--feature",
-            help="of a block edge (default) or groove; of a standard groove (default), edge or "
-            "ball",
+            help="of a block: edge (default) or groove; of a standard: groove (default), edge or ball",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,
@@ -136,7 +135,7 @@ def inspect(
         Literal["line", "parabola", "cubic"] | None,
         typer.Option(
             "--level",
-            help="level profiles by this",
+            help="how profiles are levelled",
             show_default="what the data carry",
             rich_help_panel=_EVALUATION,
         ),
@@ -165,7 +164,7 @@ def inspect(
             "--exclusion",
             metavar="LENGTH",
             parser=_LENGTH,
-            help="kept out at every edge, such as '50 um'",
+            help="width that is left out at every edge, such as '50 um'",
             show_default="where its flank is",
             rich_help_panel=_EVALUATION,
         ),

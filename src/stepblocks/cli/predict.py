@@ -58,7 +58,7 @@ def predict(
         Literal["constant", "simulated"] | None,
         typer.Option(
             "--conversion",
-            help="by the formula alone, or a drag in time beside it",
+            help="by the formula alone, or with a drag in time beside it",
             show_default="simulated up to 10,000 rows",
         ),
     ] = None,

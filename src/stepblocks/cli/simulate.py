@@ -96,7 +96,7 @@ Spread = Annotated[
     quantity_option(
         "length",
         "--spread",
-        help="between participants",
+        help="spread between participants",
         show_default="3 um",
         rich_help_panel=_OBSERVER,
     ),
@@ -106,7 +106,7 @@ ConditionSpread = Annotated[
     quantity_option(
         "length",
         "--condition-spread",
-        help="between participants in their response to a condition",
+        help="spread between participants in their response to a condition",
         show_default="0",
         rich_help_panel=_OBSERVER,
     ),
@@ -223,7 +223,7 @@ def power(
             "--repetitions",
             metavar="N,N,...",
             parser=read_numbers,
-            help="of every condition",
+            help="repetitions of every condition",
             show_default="3",
         ),
     ] = None,

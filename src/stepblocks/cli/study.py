@@ -138,7 +138,7 @@ def design(
             "--repetitions",
             metavar="N",
             parser=_COUNT,
-            help="of every condition",
+            help="repetitions of every condition",
             show_default="3",
         ),
     ] = None,
@@ -222,7 +222,7 @@ def run(
     ] = None,
     library: Annotated[
         str | None,
-        typer.Option("--library", metavar="PATH", help="library of the device,"),
+        typer.Option("--library", metavar="PATH", help="file of the library of the device"),
     ] = None,
     scale: Annotated[
         float | None,
@@ -253,7 +253,7 @@ def run(
             "--port",
             metavar="N",
             parser=whole_number(0, 65535),
-            help="of the page on this machine; 0: a free one",
+            help="port of the page on this machine; 0: a free one",
         ),
     ] = 0,
     no_open: NoOpen = False,

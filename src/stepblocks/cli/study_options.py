@@ -81,7 +81,7 @@ Seed = Annotated[
         "--seed",
         metavar="N",
         parser=whole_number(0, 10**18 - 1),
-        help="of all random choices",
+        help="seed of all random choices",
     ),
 ]
 StandardOption = Annotated[
