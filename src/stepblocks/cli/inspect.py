@@ -100,7 +100,7 @@ def inspect(
         Literal["edge", "groove", "ball"] | None,
         typer.Option(
             "--feature",
-            help="of a block: edge (default) or groove; of a standard: groove (default), edge or ball",
+            help="of a block: edge (default), groove; of a standard: groove (default), edge, ball",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,

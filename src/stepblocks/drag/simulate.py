@@ -303,8 +303,8 @@ def _describe_run_over(trace: DragTrace, one: DragEvent) -> str:
     if trace.column("normal_n")[max(rows[0] - 1, 0) : rows[1] + 1].min() <= 0.0:
         return "the tip comes over it in flight and is not caught"
     return (
-        f"the tip slides over it and is not caught: the pull rises by less than {_RISE:.0%} of what "
-        "equation (1) asks, as over an edge that the contact presses flat, or fast after a slip"
+        f"the tip slides over it and is not caught: the pull rises by less than {_RISE:.0%} of "
+        "what equation (1) asks, as over an edge that the contact presses flat, or fast after a slip"
     )
 
 
