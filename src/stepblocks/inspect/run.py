@@ -364,7 +364,8 @@ def _question_size(
     if like:
         return [
             f"{asked.label} of {value * 1e6:.4g} um is that of {', '.join(like)}, declared in the "
-            f"same set{'' if asked.lower <= value - asked.nominal <= asked.upper else ', not its own'}: "
+            "same set"
+            f"{'' if asked.lower <= value - asked.nominal <= asked.upper else ', not its own'}: "
             "make sure which part was scanned"
         ]
     return []
