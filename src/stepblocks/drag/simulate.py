@@ -304,7 +304,8 @@ def _describe_run_over(trace: DragTrace, one: DragEvent) -> str:
         return "the tip comes over it in flight and is not caught"
     return (
         f"the tip slides over it and is not caught: the pull rises by less than {_RISE:.0%} of "
-        "what equation (1) asks, as over an edge that the contact presses flat, or fast after a slip"
+        "what equation (1) asks, as over an edge that the contact presses flat, or fast after a "
+        "slip"
     )
 
 
