@@ -18,7 +18,7 @@ import pandas as pd
 from stepblocks.atomic import write_atomically
 from stepblocks.bench.declared import check_declarations
 from stepblocks.bench.labels import LabelCheck, find_shared_faults
-from stepblocks.bench.session import Session, open_session
+from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
 from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import (
@@ -259,17 +259,18 @@ def _iterate_results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
     with ProcessPoolExecutor(jobs, initializer=die_with_parent, env=environment) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD and (chunk := list(islice(waiting_trials, _CHUNK))):
-                waiting.append(pool.submit(_measure_chunk, table.session, tool, chunk))
+                waiting.append(pool.submit(_measure_chunk, table.session.folder, tool, chunk))
             if not waiting:
                 return
             yield from waiting.popleft().result()
 
 
-_opened = cache(Traces)  # of the one session of a worker
+# of the one session of a worker, by its folder: notes in it cannot be hashed
+_opened = cache(lambda folder: Traces(open_session(folder)))
 
 
-def _measure_chunk(session: Session, tool: Tool | None, trials: list[Trial]) -> list[TrialResult]:
-    return [measure_trial(_opened(session), trial, tool) for trial in trials]
+def _measure_chunk(folder: Path, tool: Tool | None, trials: list[Trial]) -> list[TrialResult]:
+    return [measure_trial(_opened(folder), trial, tool) for trial in trials]
 
 
 def _write_labelled(
