@@ -460,7 +460,7 @@ def patch(tree: Tree, mutant: Mutant) -> bool:
     loaded = [
         one
         for one in gc.get_objects()
-        if isinstance(one, FunctionType)
+        if type(one) is FunctionType  # no proxy of what is gone
         and one.__code__.co_filename == str(path)
         and one.__code__.co_qualname == name
     ]

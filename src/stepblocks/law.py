@@ -1,7 +1,5 @@
 """The shape that all effects share, whatever the model that they change."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -44,7 +42,7 @@ class Parameter:
     prior_std: float = float("inf")
     block: str = ""
 
-    def renamed(self, name: str) -> Parameter:
+    def renamed(self, name: str) -> "Parameter":
         """Return the same under another name."""
         return replace(self, name=name)
 

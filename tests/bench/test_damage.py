@@ -77,7 +77,7 @@ SESSION_DAMAGE = {
     "no session.toml": (lambda f: (f / "session.toml").unlink(), "session.toml is missing"),
     "session.toml is no TOML": (lambda f: (f / "session.toml").write_text("= ="), "must be TOML"),
     "session.toml without a probe": (
-        lambda f: edit(f / "session.toml", "[probe]", "[sonde]"),
+        lambda f: edit(f / "session.toml", "[probe]", "[notes.probe]"),
         "probe is missing",
     ),
     "spring constant without unit": (

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from softgauge_verdicts import draw as draw_gauge
 
 from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, groove_gauge
 from stepblocks.artefacts.on_paper import make_sheet_table
@@ -86,6 +87,15 @@ def test_a_second_step_is_said_and_does_not_bend_the_planes_of_the_first(second,
     said = next(note for note in result.evaluation.notes if "also shows" in note)
     size, place = (float(said.split("also shows ")[1].split(" um")[n].split()[-1]) for n in (0, 1))
     assert (size, place) == (pytest.approx(second / UM, rel=0.1), pytest.approx(at / UM, abs=2.0))
+
+
+def test_a_trace_of_the_edge_itself_is_no_second_step():
+    # gauge 261, of a radius of 2.27 um and a second step of its own: a spurious one beside the
+    # edge had left no faces, and 0.18 um with "conforms"
+    scan, asked, truth = draw_gauge(261)[1:]
+    found = inspect_scan(scan, "step-050", **asked).evaluation.values
+    for key, close in (("edge_radius", 0.1 * UM), ("step_height", 0.4 * UM)):
+        assert abs(found[key].value - truth[key]) <= min(found[key].expanded(), close)
 
 
 def test_a_groove_beside_the_edge_is_said_and_a_clean_scan_says_nothing_of_the_kind():

@@ -69,6 +69,15 @@ def test_levels_without_trials_say_nothing():
     )
 
 
-def test_fewer_than_three_levels_are_refused():
-    with pytest.raises(StudyError, match="needs trials at three levels, got 2"):
-        fit_psychometric([1.0, 2.0, 2.0], [1, 2, 3], [4, 4, 4])
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (([1.0, 2.0], [1, 2, 3], [4, 4, 4]), "lists of one length, got 2, 3 and 3"),
+        (([0.0, 2.0, 3.0], [1, 2, 3], [4, 4, 4]), "levels must be positive and finite"),
+        (([1.0, 2.0, 3.0], [1, 2, 3.5], [4, 4, 4]), "hits must be whole numbers"),
+        (([1.0, 2.0, 2.0], [1, 2, 3], [4, 4, 4]), "needs trials at three levels, got 2"),
+    ],
+)
+def test_a_malformed_table_is_refused(given, message):
+    with pytest.raises(StudyError, match=message):
+        fit_psychometric(*given)

@@ -3,8 +3,6 @@
 An effect may change a slot; the channels are what a trial shows of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -107,7 +105,7 @@ class DragState:
             + self.drag
         )
 
-    def changed(self, **slots: object) -> DragState:
+    def changed(self, **slots: object) -> "DragState":
         """Return a copy with some slots changed.
 
         It is cheaper than ``dataclasses.replace`` in inner loops.

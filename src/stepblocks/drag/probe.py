@@ -3,8 +3,6 @@
 Named settings reproduce the figures of the paper.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields, replace
 
@@ -179,7 +177,7 @@ class DragSettings:
             )
 
     @classmethod
-    def under(cls, point: OperatingPoint, **changes: object) -> DragSettings:
+    def under(cls, point: OperatingPoint, **changes: object) -> "DragSettings":
         """Take load, friction, speed and tissue from an operating point."""
         wall = {f"tissue_{name}": value for name, value in vars(point.tissue).items()}
         known = {"normal_load": point.normal_load, "friction": point.friction, "speed": point.speed}

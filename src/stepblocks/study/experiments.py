@@ -295,6 +295,8 @@ def fit_power_law(
     # Stevens, S. S. (1957), Psychological Review 64, 153-181, doi:10.1037/h0046162.
     from scipy import stats
 
+    positive = (frame[magnitude] > 0.0).all() and (frame[level] > 0.0).all()
+    require(positive, f"{magnitude} and {level} must be positive in every row")
     found = []
     for person, own in frame.groupby(participant, sort=False):
         if own[level].nunique() < 3:

@@ -1,7 +1,5 @@
 """The kind of ring after the slip, and its figures carried back to the release."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
@@ -126,7 +124,7 @@ class Aftermath:
         """Whether it rings like a bell; else its tip rubs."""
         return self.swing is None
 
-    def carry_to(self, instant: float) -> Aftermath:
+    def carry_to(self, instant: float) -> "Aftermath":
         """Return the same with the amplitude at another instant [s]."""
         if isinstance(self.ring, Ring):
             return replace(self, start=instant, amplitude=self.ring.amplitude(instant))
@@ -145,7 +143,7 @@ def fit_aftermath(
     tool: Tool | None = None,
     *,
     saw: Saw | None = None,
-) -> Aftermath:
+) -> "Aftermath":
     """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs."""
     marks = replace(marks, noise=estimate_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
@@ -198,7 +196,7 @@ def fit_aftermath(
     return _measure_aftermath_of_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
 
 
-def fit_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> Aftermath:
+def fit_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> "Aftermath":
     """Fit a damped ring, counted from the release."""
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
     bell = fit_ring(time[first:], force[first:], release, mains, noise)
@@ -215,7 +213,7 @@ def estimate_whole_noise(time: Array, approach: Approach, marks: Landmarks) -> f
 
 def _measure_aftermath_of_rubbing(
     fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None
-) -> Aftermath:
+) -> "Aftermath":
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
     far = (0.0, 0.0)
     if tool is not None and any(

@@ -3,8 +3,6 @@
 Corners become circles, planes lines.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, field
@@ -72,7 +70,7 @@ class CentrePath:
         angle = 0.5 * math.pi if rise >= STEEPEST else math.atan(max(rise, 0.0))
         return float(self.x[knot]), float(self.z[knot]), angle if angle > _CATCH else 0.0
 
-    def mirrored(self) -> CentrePath:
+    def mirrored(self) -> "CentrePath":
         """Return the path as it is met on the way back."""
         one = self.feature
         return CentrePath(
@@ -83,7 +81,7 @@ class CentrePath:
             feature=one and FeatureRange(-one.last, -one.first, one.ball_radius),
         )
 
-    def scaled(self, scale: float) -> CentrePath:
+    def scaled(self, scale: float) -> "CentrePath":
         """Return the path magnified; slopes, and with them all forces, stay."""
         feature = self.feature and FeatureRange(*(scale * one for one in self.feature))
         return CentrePath(
@@ -109,7 +107,7 @@ def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
     return [(x, z, 0.0) for x, z in corners[1:-1]], lines
 
 
-def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> CentrePath:
+def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> "CentrePath":
     """Upper envelope of circles grown by the ball and of lines lifted by it."""
     start, end = lines[0][0][0], lines[-1][1][0]
     shapes = _Shapes(discs, lines, ball_radius)

@@ -3,8 +3,6 @@
 Exact dilation by a ball, what it touches, and where the tip catches.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -36,7 +34,7 @@ class TipPath:
     elements: Floats  # shape (m, 5); the surface as segments (x0, z0, x1, z1, contact offset) [m]
     ball_radius: float  # R [m]
 
-    def mirrored(self) -> TipPath:
+    def mirrored(self) -> "TipPath":
         """Return the path as it is met on the way back."""
         x0, z0, x1, z1, offset = self.elements[::-1].T
         elements = np.ascontiguousarray(np.column_stack([-x1, z1, -x0, z0, -offset]))
@@ -58,7 +56,7 @@ def build_profile_path(
     *,
     positions: Floats | None = None,
     edges: Edges = "strict",
-) -> TipPath:
+) -> "TipPath":
     """Path of a ball [m] over points in order of `x`, joined by lines.
 
     Two points at one place are a riser; a point of NaN was not measured.

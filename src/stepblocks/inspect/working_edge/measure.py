@@ -179,6 +179,7 @@ def _find_others(row: Profile, edge: Edge) -> list[Feature]:
         for _, features in found
         for one in features
         if abs(one.height.value) > _WORTH * edge.height.value
+        and abs(one.begin - edge.middle) > edge.exclusion  # else what the edge left open
     ]
 
 

@@ -3,8 +3,6 @@
 It is a whitened least-squares fit with priors, on all channels at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
@@ -49,7 +47,7 @@ class Problem:
     noise: Noise
     common: tuple[Systematic, ...] = ()
 
-    def tighten(self, fitted: Fit) -> Problem:
+    def tighten(self, fitted: "Fit") -> "Problem":
         """Take the scatter about a fitted model where it is below that of the regression.
 
         The regression is the flexible one.
@@ -62,7 +60,7 @@ class Problem:
         noise = build_noise(trials, [*self.model.systematics(trials), *self.common], responses, own)
         return replace(self, noise=noise) if noise.precision > self.noise.precision else self
 
-    def share_errors(self, common: Sequence[Systematic], fitted: Fit) -> Problem:
+    def share_errors(self, common: Sequence[Systematic], fitted: "Fit") -> "Problem":
         """Return the same with errors that trials share in the noise."""
         responses = self.model.responses(self.trials, fitted.values, fitted.active)
         every = [*self.model.systematics(self.trials), *common]
@@ -86,7 +84,7 @@ class Problem:
             self.trials, values, [(e, e.pick_own_values(values)) for e in effects]
         )
 
-    def criterion(self, fitted: Fit) -> float:
+    def criterion(self, fitted: "Fit") -> float:
         """Cost plus ``p ln n``, p the parameters of its effects."""
         return fitted.cost + float(np.log(len(self.trials))) * sum(
             len(e.parameters) for e in fitted.effects
@@ -138,7 +136,7 @@ class Fit:
 
 class _Objective:
     # Residuals and Jacobian in units of each parameter's scale
-    def __init__(self, problem: Problem, effects: Sequence[Law]) -> None:
+    def __init__(self, problem: "Problem", effects: Sequence[Law]) -> None:
         self.problem, self.effects = problem, tuple(effects)
         self.parameters = problem.layout(effects)
         self.scale = np.array([p.scale for p in self.parameters])
@@ -220,7 +218,7 @@ def fit(
     effects: Sequence[Law] = (),
     start: Mapping[str, float] | None = None,
     evaluations: int = 40,
-) -> Fit:
+) -> "Fit":
     """Fit the model with some effects."""
     objective = _Objective(problem, effects)
     begin = (
@@ -242,7 +240,7 @@ def fit(
     return _collect_fit(objective, solution.x, -solution.jac, solution.fun)
 
 
-def _collect_fit(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats) -> Fit:
+def _collect_fit(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats) -> "Fit":
     # the triangle of a QR has the singular values of the whole, at a fraction of the work
     _, singular, right = np.linalg.svd(np.linalg.qr(jacobian, mode="r"))
     inverse = np.where(singular > 1e-9 * singular[0], 1.0 / np.maximum(singular, 1e-300), 0.0)
@@ -264,7 +262,7 @@ def _collect_fit(objective: _Objective, x: Floats, jacobian: Floats, residual: F
     )
 
 
-def build_problem(model: ForwardModel, trials: Trials) -> Problem:
+def build_problem(model: ForwardModel, trials: Trials) -> "Problem":
     """Pair a model with trials and the noise estimated from them."""
     if len(trials) < 12:
         raise PipelineError(f"trials must be at least 12 to be explained, got {len(trials)}")

@@ -1,7 +1,5 @@
 """What the search is told: a table of trials, and a forward model of whatever field."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -49,7 +47,7 @@ class Trials:
         """Which values exist, shape (n, c)."""
         return np.asarray(np.isfinite(self.values) & np.isfinite(self.std))
 
-    def take(self, rows: NDArray[np.generic]) -> Trials:
+    def take(self, rows: NDArray[np.generic]) -> "Trials":
         """Return the trials of a mask or an index."""
         covariates = {name: column[rows] for name, column in self.covariates.items()}
         floor = None if self.floor is None else self.floor[rows]
@@ -57,7 +55,7 @@ class Trials:
             covariates, self.channels, self.values[rows], self.std[rows], self.block[rows], floor
         )
 
-    def without(self, rows: Sequence[int]) -> Trials:
+    def without(self, rows: Sequence[int]) -> "Trials":
         """Return the same table with nothing measured in some rows."""
         values = self.values.copy()
         values[rows] = np.nan
@@ -112,17 +110,17 @@ class ForwardModel(Protocol):
     def quantities(
         self,
     ) -> Sequence[str]: ...  # names of what scatters among trials, those of `responses`
-    def order(self, trials: Trials) -> Floats: ...  # of the trials in time, shape (n,)
-    def cells(self, trials: Trials) -> Sequence[object]: ...  # trials of one cell are replicates
+    def order(self, trials: "Trials") -> Floats: ...  # of the trials in time, shape (n,)
+    def cells(self, trials: "Trials") -> Sequence[object]: ...  # trials of one cell are replicates
 
-    def parameters(self, trials: Trials) -> Sequence[Parameter]: ...  # of the nominal model
-    def systematics(self, trials: Trials) -> Sequence[Systematic]: ...
+    def parameters(self, trials: "Trials") -> Sequence[Parameter]: ...  # of the nominal model
+    def systematics(self, trials: "Trials") -> Sequence[Systematic]: ...
 
     # all channels, shape (n, c), and their change per unit of each quantity that scatters among
     # trials, shape (n, c, k)
     def predict(
-        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+        self, trials: "Trials", values: Mapping[str, float], effects: Active = ()
     ) -> Floats: ...
     def responses(
-        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+        self, trials: "Trials", values: Mapping[str, float], effects: Active = ()
     ) -> Floats: ...

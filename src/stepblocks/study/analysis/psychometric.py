@@ -210,6 +210,13 @@ def _check_counts(
     levels: Sequence[float], hits: Sequence[int], totals: Sequence[int]
 ) -> tuple[Array, Array, Array]:
     x, k, n = (np.asarray(values, dtype=np.float64) for values in (levels, hits, totals))
+    require(
+        x.ndim == 1 and x.shape == k.shape == n.shape,
+        f"levels, hits and totals must be lists of one length, got {x.size}, {k.size} and {n.size}",
+    )
+    require(np.isfinite(x).all() and (x > 0.0).all(), "levels must be positive and finite")
+    whole = (n >= 0.0) & (k >= 0.0) & (k <= n) & (k == np.round(k)) & (n == np.round(n))
+    require(whole.all(), "hits must be whole numbers from 0 to the number of trials of their level")
     asked = np.unique(x[n > 0]).size
     require(asked >= 3, f"a psychometric function needs trials at three levels, got {asked}")
     return x[n > 0], k[n > 0], n[n > 0]
