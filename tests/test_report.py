@@ -1,9 +1,9 @@
 """The report reads what benchmarks print, and mutants are put where they are said to be."""
 
 import hashlib
+import importlib
 import json
 import runpy
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,35 +14,17 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="module")
 def report():
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    try:
-        import report
-
-        yield report
-    finally:
-        sys.path.remove(str(ROOT / "benchmarks"))
+    return importlib.import_module("report")
 
 
 @pytest.fixture(scope="module")
 def mutations():
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    try:
-        import mutations
-
-        yield mutations
-    finally:
-        sys.path.remove(str(ROOT / "benchmarks"))
+    return importlib.import_module("mutations")
 
 
 @pytest.fixture(scope="module")
 def soak():
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    try:
-        import soak
-
-        yield soak
-    finally:
-        sys.path.remove(str(ROOT / "benchmarks"))
+    return importlib.import_module("soak")
 
 
 def test_tables_of_an_output_are_found_in_markdown_and_in_columns(report):

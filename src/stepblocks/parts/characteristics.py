@@ -142,7 +142,7 @@ def make_characteristic(
     label: str = "",
     body: int = 0,
     method: str = "",
-) -> "Characteristic":
+) -> Characteristic:
     """State a dimension as declared; its key with spaces is its label where none is given."""
     # a caliper (u about 10 um) proves a tolerance of 0.2 mm, as rounded in metres, and no less
     wide = dimension.upper - dimension.lower >= 0.1999e-3 or dimension.quantity == "angle"
@@ -156,7 +156,7 @@ def make_characteristic(
     )
 
 
-def make_edge_break(edge_break: Dimension, *faces: Rule) -> "Characteristic":
+def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
     """State the chamfer of all edges, measured at one of them.
 
     Sharp edges have no face that carries it.
@@ -217,7 +217,7 @@ def _make_forms(
         yield Characteristic(key, label, kind, 0.0, 0.0, zone.upper, 0, faces, how, states=states)
 
 
-def make_location(key: str, label: str, at: float, *faces: Rule) -> "Characteristic":
+def make_location(key: str, label: str, at: float, *faces: Rule) -> Characteristic:
     """State where a feature lies [m], with the general tolerance of ISO 2768-m."""
     deviation = find_general_deviation(at) or 0.0
     return Characteristic(key, label, "distance", at, -deviation, deviation, 0, faces, MACHINE)

@@ -143,7 +143,7 @@ def fit_aftermath(
     tool: Tool | None = None,
     *,
     saw: Saw | None = None,
-) -> "Aftermath":
+) -> Aftermath:
     """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs."""
     marks = replace(marks, noise=estimate_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
@@ -196,7 +196,7 @@ def fit_aftermath(
     return _measure_aftermath_of_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
 
 
-def fit_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> "Aftermath":
+def fit_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> Aftermath:
     """Fit a damped ring, counted from the release."""
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
     bell = fit_ring(time[first:], force[first:], release, mains, noise)
@@ -213,7 +213,7 @@ def estimate_whole_noise(time: Array, approach: Approach, marks: Landmarks) -> f
 
 def _measure_aftermath_of_rubbing(
     fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None
-) -> "Aftermath":
+) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
     far = (0.0, 0.0)
     if tool is not None and any(

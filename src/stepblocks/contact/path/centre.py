@@ -107,7 +107,7 @@ def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
     return [(x, z, 0.0) for x, z in corners[1:-1]], lines
 
 
-def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> "CentrePath":
+def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> CentrePath:
     """Upper envelope of circles grown by the ball and of lines lifted by it."""
     start, end = lines[0][0][0], lines[-1][1][0]
     shapes = _Shapes(discs, lines, ball_radius)

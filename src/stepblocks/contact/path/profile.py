@@ -56,7 +56,7 @@ def build_profile_path(
     *,
     positions: Floats | None = None,
     edges: Edges = "strict",
-) -> "TipPath":
+) -> TipPath:
     """Path of a ball [m] over points in order of `x`, joined by lines.
 
     Two points at one place are a riser; a point of NaN was not measured.

@@ -218,7 +218,7 @@ def fit(
     effects: Sequence[Law] = (),
     start: Mapping[str, float] | None = None,
     evaluations: int = 40,
-) -> "Fit":
+) -> Fit:
     """Fit the model with some effects."""
     objective = _Objective(problem, effects)
     begin = (
@@ -240,7 +240,7 @@ def fit(
     return _collect_fit(objective, solution.x, -solution.jac, solution.fun)
 
 
-def _collect_fit(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats) -> "Fit":
+def _collect_fit(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats) -> Fit:
     # the triangle of a QR has the singular values of the whole, at a fraction of the work
     _, singular, right = np.linalg.svd(np.linalg.qr(jacobian, mode="r"))
     inverse = np.where(singular > 1e-9 * singular[0], 1.0 / np.maximum(singular, 1e-300), 0.0)
@@ -262,7 +262,7 @@ def _collect_fit(objective: _Objective, x: Floats, jacobian: Floats, residual: F
     )
 
 
-def build_problem(model: ForwardModel, trials: Trials) -> "Problem":
+def build_problem(model: ForwardModel, trials: Trials) -> Problem:
     """Pair a model with trials and the noise estimated from them."""
     if len(trials) < 12:
         raise PipelineError(f"trials must be at least 12 to be explained, got {len(trials)}")

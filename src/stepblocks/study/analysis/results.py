@@ -419,8 +419,6 @@ def _list_magnitudes(result: StudyResult) -> Iterator[Row]:
 
 def _list_influence(result: StudyResult) -> Iterator[Row]:
     # Say what the differences of the primary outcome are without each participant in turn
-    import pandas as pd
-
     measure = result.measure(next((one.name for one in result.findings()), ""))
     laws = {
         one.condition: {who: e for who, e, _ in one.by_participant} for one in result.power_laws
