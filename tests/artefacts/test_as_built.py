@@ -112,3 +112,49 @@ def test_a_record_that_was_changed_by_hand_is_refused_with_its_place(change, rul
     with pytest.raises(MetrologyError, match=rule) as caught:
         read_as_built(path)
     assert "a.as-built.toml" in str(caught.value)
+
+
+def test_records_survive_odd_names_and_refuse_what_they_do_not_know(tmp_path):
+    path = tmp_path / "a.toml"
+    record = AsBuilt(
+        "step-010",
+        'my "scan"\\1\n.csv',
+        "0" * 64,
+        "µm",
+        {"step_height": AsBuiltValue(1.00000001e-5, 2e-9, "conforms")},
+    )
+    write_as_built(path, record)
+    back = read_as_built(path)
+    assert back.scan == record.scan
+    assert back.values["step_height"].value == pytest.approx(1.00000001e-5, rel=1e-9)
+    for text, rule in {
+        "schema = 2": "schema: input should be 1",
+        "not toml": "TOML",
+        path.read_text().replace('"10.0000001 um"', '"10"'): "must be a length",
+        path.read_text().replace("std = ", "spread = "): "values.step_height.std is missing",
+        'schema = 1\nstimulus = "a"\nscan = "b"\nscan_sha256 = ""\nconvention = '
+        '""\n': "values is missing",
+    }.items():
+        path.write_text(text)
+        with pytest.raises(MetrologyError, match=rule):
+            read_as_built(path)
+
+
+def test_an_inspected_block_speaks_in_the_closed_loop_with_its_own_height_and_edge(tmp_path):
+    values = {
+        "groove_depth": AsBuiltValue(50.4e-6, 20e-9, "conforms"),
+        "edge_radius": AsBuiltValue(14e-6, 0.3e-6, "does-not-conform"),
+    }
+    write_as_built(
+        tmp_path / "step-050.as-built.toml",
+        AsBuilt("step-050", "scan.x3p", "0" * 64, "type A1", values),
+    )
+    edges = list_measured_edges(read_records([tmp_path]))
+    assert edges["step-050"] == pytest.approx(
+        {
+            "height_m": 50.4e-6,
+            "height_std_m": 20e-9,
+            "edge_radius_m": 14e-6,
+            "edge_radius_std_m": 0.3e-6,
+        }
+    )

@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from oracles.tip_paths import step_path
-from stepblocks.contact.counterface import Groove, Margin, Profile, ProfiledMargin, Step
+from stepblocks.contact.counterface import (
+    Groove,
+    Margin,
+    Profile,
+    ProfiledMargin,
+    Step,
+    find_scanned_angle,
+)
 from stepblocks.contact.critical_angle import (
     compute_bevelled_margin_angles,
     find_margin_angles,
@@ -238,3 +245,21 @@ def test_draws_over_a_margin_whose_sides_bend_lie_close_to_the_dilation_of_each(
 def test_what_no_ball_could_meet_is_refused_with_its_name_and_value(call, message):
     with pytest.raises(ContactError, match=message):
         call()
+
+
+def test_the_scanned_surface_says_what_height_and_radius_cannot_of_a_chamfered_edge():
+    # a riser of 30 um below a chamfer of 45 deg up to 50 um: a ball of 125 um on the lower face
+    # touches the chamfer first, at R (1 - cos 45 deg) = 36.6 um, so the critical angle is that of
+    # the chamfer
+    x = np.arange(-400, 400) * 1e-6
+    z = np.where(x < 0.0, 0.0, np.minimum(30e-6 + x, 50e-6))
+    assert np.degrees(find_scanned_angle(x, z, 125e-6)) == pytest.approx(45.0, abs=1e-6)
+    assert np.degrees(find_scanned_angle(-x[::-1], z[::-1], 125e-6)) == pytest.approx(
+        45.0, abs=1e-6
+    )
+    # a ball of 80 um meets the riser's corner first, at acos(1 - 30/80) = 51.3 deg, and that is
+    # steeper than the chamfer
+    assert np.degrees(find_scanned_angle(x, z, 80e-6)) == pytest.approx(
+        np.degrees(np.arccos(1 - 30 / 80)), abs=0.5
+    )
+    assert find_scanned_angle(x, np.full_like(x, np.nan), 125e-6) is None

@@ -1,29 +1,20 @@
 """Effects: each vanishes at its start, changes its slot alone, and keeps the limits of its law."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from oracles.virtual_bench import Bench, drag
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.effects.named import SLOTS, list_named_laws
-from stepblocks.contact.effects.release_motion import compute_release
 from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.forward import (
     BenchDesign,
     build_nominal_state,
-    format_height_name,
-    list_constants,
 )
 from stepblocks.contact.state import CHANNELS, DragState, compute_channels
-from stepblocks.drag.probe import PAPER_DRAG, DragSettings
-from stepblocks.drag.simulate import simulate_drag
-from stepblocks.drag.track import build_step_track
-from stepblocks.errors import ContactError
 from stepblocks.law import Law
 
 _ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD = range(7)
@@ -239,41 +230,6 @@ def test_floor_and_edge_give_way_in_series_with_the_spring() -> None:
         assert shown[n, _SPRING] == pytest.approx(1.0 / (1.0 / spring + level) / 9500.0, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("law", "power"), [("elastic_indentation", 1.5), ("elastic_indentation~linear", 1.0)]
-)
-def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(
-    law: str, power: float
-) -> None:
-    stiffness, load, friction, speed = (
-        (1.66e6 if power == 1.0 else PAPER_DRAG.contact_stiffness),
-        1.0,
-        0.15,
-        1e-3,
-    )
-    probe = replace(
-        PAPER_DRAG, damping_ratio=0.02, contact_power=power, contact_stiffness=stiffness
-    )
-    for height in (10e-6, 40e-6):
-        settings = DragSettings(load, friction, speed=speed, ring_time=5e-3, resolution=8.0)
-        trace = simulate_drag(build_step_track(height, 125e-6), probe, settings)
-        time, force = trace.column("time_s"), trace.column("fx_n")
-        share = (force - friction * load) / (force.max() - friction * load)
-        climb = (np.arange(force.size) < np.argmax(force)) & (share > 0.2) & (share < 0.85)
-        shown = np.polyfit(time[climb], force[climb], 1)[0] / speed / probe.stiffness
-        design = BenchDesign(
-            *(np.array([one]) for one in ("b", height, load, speed, 125e-6)), probe.stiffness
-        )
-        state = build_nominal_state(
-            design, _VALUES | {"friction": friction, "stiffness_ratio": 1.0}
-        )
-        soft = compute_channels(
-            _law(law).apply(state, None, {"depth_at_1n_m": (1.0 / stiffness) ** (1.0 / power)})
-        )[0, _SPRING]
-        # origin: the integrated drag, which knows nothing of the formula
-        assert 1.0 - soft == pytest.approx(1.0 - shown, rel=0.1)
-
-
 def test_gain_squared_conversion_and_stiffness_act_on_energy_as_one_product() -> None:
     gain = compute_channels(_law("sensor_gain").apply(_state(), None, {"ln_gain": 0.1}))[:, _ENERGY]
     conversion = compute_channels(
@@ -394,115 +350,3 @@ def test_a_slow_gauge_loses_what_the_ramp_makes_in_its_time_constant() -> None:
     )
     # a ramp long against the time constant lags by slope times constant
     assert lost == pytest.approx(1.05 * 9500.0 * state.speed * 1e-5, rel=1e-3)
-
-
-def test_a_fast_release_rings_with_more_than_a_slow_one_and_peaks_higher() -> None:
-    speeds = np.array([0.01, 0.05, 0.3])
-    same = np.ones(3)
-    excess, share = compute_release(
-        0.3 * same, 0.16 * same, 2.0 * same, speeds, 0.025 * same, 0.0 * same
-    )
-    assert np.all(np.diff(excess) > 0.0)
-    assert np.all(np.diff(share) > 0.0)
-
-
-def test_a_stiff_release_of_a_slow_handle_keeps_energy() -> None:
-    # stored energy less the work of lifting and rubbing, quasi-static limit, soft spring (F R k / N
-    # small): with k R / N = 0.4 and H / R = 0.4 the drop of the force over the climb is small
-    # against the force itself
-    height, friction, stiffness = 0.4, 0.1, 0.4
-    angle = math.acos(1.0 - height)
-    force = math.tan(angle + math.atan(friction))
-    reach = math.sin(angle)
-    x = np.linspace(0.0, reach, 200001)
-    resist = np.tan(np.arcsin(reach - x) + math.atan(friction))
-    pull = force - stiffness * x
-    # on the upper face the spring rings about the sliding friction
-    kinetic = float(np.trapezoid(pull - resist, x))
-    potential = (pull[-1] - friction) ** 2 / (2.0 * stiffness)
-    expected = 2.0 * stiffness * (kinetic + potential) / force**2
-    _, share = compute_release(
-        *(np.array([v]) for v in (height, friction, stiffness, 0.006, 0.0, 0.0))
-    )
-    assert math.exp(float(share[0])) == pytest.approx(expected, rel=0.05)
-
-
-@pytest.mark.parametrize(
-    ("height", "load", "speed", "bent"),
-    [
-        *[
-            (10e-6, 0.5, 2e-3, 0.0),
-            (20e-6, 0.3, 20e-3, 0.0),
-            (40e-6, 0.3, 5e-3, 0.0),
-            (50e-6, 0.3, 2e-3, 0.0),
-        ],
-        *[
-            (30e-6, 0.8, 10e-3, 0.0),
-            (70e-6, 0.5, 20e-3, 0.0),
-            (80e-6, 0.3, 2e-3, 0.0),
-            (80e-6, 1.1, 20e-3, 0.0),
-        ],
-        *[
-            (60e-6, 1.1, 5e-3, 0.0),
-            (60e-6, 1.1, 5e-3, 1.5e7),
-            (80e-6, 0.8, 20e-3, 1.5e7),
-            (50e-6, 0.5, 5e-3, 3e7),
-        ],
-    ],
-)
-def test_a_release_rings_as_that_of_the_bench_which_integrates_it(
-    height: float, load: float, speed: float, bent: float
-) -> None:
-    # origin: tests/oracles/virtual_bench.py, along the path of the tip at 200 kHz; snaps, flights,
-    # a climb down; F = k (x + bent x^3)
-    bench = Bench(hardening=9810.0 * bent)
-    done = drag(bench, height, load, speed, np.random.default_rng(0))
-    assert done is not None
-    radius = bench.tip_radius + bench.edge_radius
-    momentum = bench.stiffness / (2.0 * math.pi * bench.frequency)
-    asked = (
-        height / radius,
-        bench.friction,
-        bench.stiffness * radius / load,
-        speed * momentum / load,
-    )
-    cubic = bent * (load / bench.stiffness) ** 2
-    excess, share = compute_release(*(np.array([v]) for v in (*asked, bench.damping_ratio, cubic)))
-    angle = math.acos(1.0 - height / radius) + math.atan(bench.friction)
-    # the damper pulls along while the tip is held
-    start = load * math.tan(angle) - 2.0 * bench.damping_ratio * momentum * speed
-    assert math.exp(excess[0]) * start == pytest.approx(done[3]["peak_n"], rel=1e-3)
-    # energy of the first swing about the force of sliding, in closed form from how far down the
-    # integrated force went
-    forces = np.array([done[3]["level_n"], done[3]["trough_n"]]) / bench.stiffness
-    level, low = (brentq(lambda x, f=f: x + bent * x**3 - f, -1e-3, 1e-3) for f in forces)
-    swing = (
-        0.5 * (low**2 - level**2) + 0.25 * bent * (low**4 - level**4) - forces[0] * (low - level)
-    )
-    rung = bench.stiffness * swing * math.exp(2.0 * math.pi * bench.damping_ratio)
-    assert share[0] == pytest.approx(math.log(rung / done[3]["stored_j"]), abs=0.03)
-
-
-def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range() -> None:
-    place = CovariateRange("temperature_c", 18.0, 26.0)
-    assert np.allclose(place.basis(np.array([22.0])), 0.0)
-    assert np.array_equal(place.basis(np.array([26.0])), place.basis(np.array([40.0])))
-
-
-def test_scanned_heights_become_tight_priors() -> None:
-    found = {c.name: c for c in list_constants(_design(), scanned={"step-050": (50.6e-6, 15e-9)})}
-    assert found[format_height_name("step-050")].start == pytest.approx(0.6e-6)
-    assert found[format_height_name("step-050")].prior_std == pytest.approx(100e-9)
-    assert found[format_height_name("step-020")].prior_std == pytest.approx(1e-6)
-
-
-def test_a_design_without_positive_loads_is_refused() -> None:
-    with pytest.raises(ContactError, match="load"):
-        BenchDesign(
-            np.array(["a"]),
-            np.array([1e-5]),
-            np.array([0.0]),
-            np.array([1e-3]),
-            np.array([1e-4]),
-            9810.0,
-        )

@@ -272,3 +272,12 @@ def test_a_release_in_motion_knows_no_unit_of_length_and_none_of_force(design):
     # and it is no limit of a hard tool that is the same for all: k R / N counts
     softer = move(1.0, 1.0, soft=2.0)
     assert np.abs(softer.conversion / one.conversion - 1.0).min() > 0.01
+
+
+def test_scanned_heights_become_tight_priors(design):
+    found = {
+        one.name: one for one in list_constants(design, scanned={"step-050": (50.6e-6, 15e-9)})
+    }
+    assert found[format_height_name("step-050")].start == pytest.approx(0.6e-6)
+    assert found[format_height_name("step-050")].prior_std == pytest.approx(100e-9)
+    assert found[format_height_name("step-020")].prior_std == pytest.approx(1e-6)

@@ -149,3 +149,9 @@ def test_a_release_is_continuous_in_its_friction(height, stiffness):
         height * same, friction, stiffness * same, 0.05 * same, 0.025 * same, 0.0 * same
     ):
         assert np.ptp(np.diff(figure)) < 5e-4
+
+
+def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range():
+    place = CovariateRange("temperature_c", 18.0, 26.0)
+    assert np.allclose(place.basis(np.array([22.0])), 0.0)
+    assert np.array_equal(place.basis(np.array([26.0])), place.basis(np.array([40.0])))

@@ -6,6 +6,8 @@ can be put through any other program to see whether it agrees. All lengths in me
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -185,3 +187,19 @@ def with_faults(
     faulty[places[:spikes]] += random.uniform(-spike_height, spike_height, spikes)
     faulty[places[spikes:]] = np.nan
     return faulty
+
+
+def write_edge_scan(path: Path, height: float, radius: float = 0.0, seed: int = 1) -> str:
+    """Write a profile over an edge as a stylus gives it, with its noise and tilt."""
+    x = np.arange(-800, 800) * 0.5e-6
+    z = edge_gauge(x, height, radius, tilt=5e-4)
+    z = z + correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, np.random.default_rng(seed))
+    np.savetxt(
+        path,
+        np.stack([x, z], axis=1) * 1e6,
+        delimiter=",",
+        header="x_um,z_um",
+        comments="",
+        fmt="%.4f",
+    )
+    return str(path)

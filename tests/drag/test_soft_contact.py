@@ -1,0 +1,52 @@
+"""A contact that gives way is as soft in the drag in time as its law says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepblocks.contact.effects.named import list_named_laws
+from stepblocks.contact.forward import BenchDesign, build_nominal_state
+from stepblocks.contact.state import compute_channels
+from stepblocks.drag.probe import PAPER_DRAG, DragSettings
+from stepblocks.drag.simulate import simulate_drag
+from stepblocks.drag.track import build_step_track
+
+_SPRING = 3  # of the channels
+_VALUES = {"ln_conversion": -1.5, "ln_ring_frequency": 5.7, "ln_decay_time": -3.9}
+
+
+@pytest.mark.parametrize(
+    ("law", "power"), [("elastic_indentation", 1.5), ("elastic_indentation~linear", 1.0)]
+)
+def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(
+    law: str, power: float
+) -> None:
+    stiffness, load, friction, speed = (
+        (1.66e6 if power == 1.0 else PAPER_DRAG.contact_stiffness),
+        1.0,
+        0.15,
+        1e-3,
+    )
+    probe = replace(
+        PAPER_DRAG, damping_ratio=0.02, contact_power=power, contact_stiffness=stiffness
+    )
+    found = next(one for one in list_named_laws([]) if one.id == law)
+    for height in (10e-6, 40e-6):
+        settings = DragSettings(load, friction, speed=speed, ring_time=5e-3, resolution=8.0)
+        trace = simulate_drag(build_step_track(height, 125e-6), probe, settings)
+        time, force = trace.column("time_s"), trace.column("fx_n")
+        share = (force - friction * load) / (force.max() - friction * load)
+        climb = (np.arange(force.size) < np.argmax(force)) & (share > 0.2) & (share < 0.85)
+        shown = np.polyfit(time[climb], force[climb], 1)[0] / speed / probe.stiffness
+        design = BenchDesign(
+            *(np.array([one]) for one in ("b", height, load, speed, 125e-6)), probe.stiffness
+        )
+        state = build_nominal_state(
+            design, _VALUES | {"friction": friction, "stiffness_ratio": 1.0}
+        )
+        soft = compute_channels(
+            found.apply(state, None, {"depth_at_1n_m": (1.0 / stiffness) ** (1.0 / power)})
+        )[0, _SPRING]
+        # origin: the integrated drag, which knows nothing of the formula
+        assert 1.0 - soft == pytest.approx(1.0 - shown, rel=0.1)
