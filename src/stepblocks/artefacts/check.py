@@ -201,14 +201,13 @@ def _is_same_value(item: Characteristic, kind: str, wanted: tuple[float, ...]) -
 def _check_mesh(part: Part, path: Path) -> Iterator[Verdict]:
     mesh = MeshMeasures(*read_mesh(path))
     body = part.bodies.index(path.stem) if path.stem in part.bodies else 0
-    yield from _check_closed(path.name, mesh, part.volumes()[body])
+    yield Verdict(
+        path.name, "edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count"
+    )
+    wanted, found = part.volumes()[body], mesh.volume
+    yield Verdict(path.name, "volume", wanted, found, VOLUME_LIMIT, "volume", relative=True)
     for finding in part.measured(body, mesh):
         yield Verdict(path.name, *finding)
-
-
-def _check_closed(name: str, mesh: MeshMeasures, volume: float) -> Iterator[Verdict]:
-    yield Verdict(name, "edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count")
-    yield Verdict(name, "volume", volume, mesh.volume, VOLUME_LIMIT, "volume", relative=True)
 
 
 def _check_pieces(part: Part, path: Path) -> Iterator[Verdict]:

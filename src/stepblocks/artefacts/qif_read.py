@@ -7,12 +7,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from lxml import etree
 
 from stepblocks.errors import MetrologyError
-
-if TYPE_CHECKING:
-    from lxml.etree import _Element
 
 _MOST_BYTES = 64 * 2**20
 _NS = "{http://qifstandards.org/xsd/qif3}"
@@ -83,9 +81,7 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
     return found
 
 
-def _parse_root(path: Path) -> "_Element":
-    from lxml import etree
-
+def _parse_root(path: Path) -> etree._Element:
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise MetrologyError(f"QIF results must not exceed {_MOST_BYTES} bytes [{path}]")
@@ -105,7 +101,7 @@ def _parse_root(path: Path) -> "_Element":
     return root
 
 
-def _find_text(node: "_Element | None", where: str) -> str:
+def _find_text(node: etree._Element | None, where: str) -> str:
     found = None if node is None else node.find("/".join(_NS + step for step in where.split("/")))
     return "" if found is None else (found.text or "").strip()
 
@@ -120,7 +116,7 @@ def _parse_number(text: str, path: Path, must: bool = False) -> float:
     return value
 
 
-def _read_units(root: "_Element", path: Path) -> dict[str, float]:
+def _read_units(root: etree._Element, path: Path) -> dict[str, float]:
     # How many SI units make a unit of a name; the primary one, 1 where the file names none, goes by
     # its kind too.
     sizes = {"Linear": 1.0, "Angular": 1.0}
@@ -136,7 +132,7 @@ def _read_units(root: "_Element", path: Path) -> dict[str, float]:
 
 
 def _read_limits(
-    definition: "_Element", factor: float, nominal: float, path: Path
+    definition: etree._Element | None, factor: float, nominal: float, path: Path
 ) -> tuple[float, float]:
     for zone in ("ToleranceValue", "RoughnessAverage"):
         if text := _find_text(definition, zone):
@@ -154,9 +150,5 @@ def match_results(results: list[QifResult], keys: Mapping[str, str]) -> dict[str
 
     Where several match, the last one counts.
     """
-    found: dict[str, QifResult] = {}
-    for one in results:
-        key = keys.get(one.name) or keys.get(one.designator)
-        if key is not None:
-            found[key] = one
-    return found
+    named = ((keys.get(one.name) or keys.get(one.designator), one) for one in results)
+    return {key: one for key, one in named if key is not None}

@@ -46,7 +46,9 @@ def read_filled_sheet(path: Path) -> list[QifResult]:
         if not text[_VALUE]:
             continue
         factor = _FACTORS.get(text["unit"], math.nan)
-        value, std = (_read_number(text.get(name, "")) * factor for name in (_VALUE, _STD))
+        # the decimal mark is a point or a comma; nan of what is no number
+        cells = (text.get(name, "").replace(",", ".") for name in (_VALUE, _STD))
+        value, std = (factor * float(pd.to_numeric(cell, errors="coerce")) for cell in cells)
         place = f"line {text['number']} {text['characteristic']}"
         if not math.isfinite(value):
             mistakes.append(
@@ -72,11 +74,3 @@ def read_filled_sheet(path: Path) -> list[QifResult]:
     if not found:
         raise MetrologyError(f"sheet must have at least one measured value filled in [{path}]")
     return found
-
-
-def _read_number(text: str) -> float:
-    # Return a number, its decimal mark a point or a comma; nan of what is none.
-    try:
-        return float(text.replace(",", "."))
-    except ValueError:
-        return math.nan

@@ -129,10 +129,8 @@ class InspectionResult:
     def tables(self) -> dict[str, list[dict[str, object]]]:
         """Every value with its limits, what was not measured, and every part of its budget."""
         limits = {one.key: (one, decision) for one, decision in self.judged}
-        numbers = {}
-        if self.stimulus is not None:
-            listed = self.stimulus.characteristics()
-            numbers = {one.key: number for number, one in enumerate(listed, start=1)}
+        listed = () if self.stimulus is None else self.stimulus.characteristics()
+        numbers = {one.key: number for number, one in enumerate(listed, start=1)}
         rows, budget = [], list[dict[str, object]]()
         for key, measured in sorted(
             self.evaluation.values.items(), key=lambda one: numbers.get(one[0], len(numbers) + 1)
@@ -203,8 +201,8 @@ class InspectionResult:
                 f"decision: ISO 14253-1, guard band {GUARD_FACTOR} u, or Student's 95 % point "
                 "where u has few degrees of freedom"
             ),
+            *(f"note: {note}" for note in self.evaluation.notes),
         ]
-        said += [f"note: {note}" for note in self.evaluation.notes]
         return [*said, f"energy: {self.energy_statement}"] if self.energy_statement else said
 
     def __str__(self) -> str:

@@ -6,7 +6,7 @@ Read, evaluate, judge by ISO 14253-1, and say what the part will feel like.
 import hashlib
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -153,10 +153,15 @@ def inspect_scan(
     else:
         part, order, prediction = stimulus, NO_ORDER, PredictionGrid()
     listed = list(part.characteristics())
-    wanted, scale = _find_wanted(listed, characteristics), ""
+    called = {
+        name: one.key
+        for number, one in enumerate(listed, start=1)
+        for name in (str(number), one.label, one.key)
+    }
+    wanted, scale = _find_wanted(called, characteristics), ""
     path = Path(scan) if isinstance(scan, str | Path) else None
     if path is not None and (path.suffix.lower() == ".qif" or is_filled_sheet(path)):
-        evaluation = _take_results(path, listed)
+        evaluation = _take_results(path, called)
     else:
         shown = [
             one for one in listed if one.key in EVALUATIONS and one.key not in _BESIDE[feature]
@@ -206,35 +211,23 @@ def describe_source(scan: Scan) -> tuple[Path, str]:
     return name, hashlib.sha256(np.ascontiguousarray(loaded.height).tobytes()).hexdigest()
 
 
-def _find_wanted(
-    listed: Sequence[Characteristic], names: Sequence[int | str] | None
-) -> frozenset[str]:
+def _find_wanted(called: Mapping[str, str], names: Sequence[int | str] | None) -> frozenset[str]:
     # Return the keys of the characteristics that the order asks for; all where none are named.
-    called = {
-        name: one.key
-        for number, one in enumerate(listed, start=1)
-        for name in (str(number), one.label, one.key)
-    }
     asked = [str(name) for name in names or ()]
     unknown = [name for name in asked if name not in called]
     if unknown:
         raise PipelineError(
-            f"characteristics must be numbers or names of the {len(listed)} on the drawing, "
-            f"got {', '.join(unknown)}"
+            f"characteristics must be numbers or names of the {len({*called.values()})} on the "
+            f"drawing, got {', '.join(unknown)}"
         )
-    return frozenset(called[name] for name in asked) or frozenset(one.key for one in listed)
+    return frozenset(called[name] for name in asked) or frozenset(called.values())
 
 
-def _take_results(path: Path, asked: Sequence[Characteristic]) -> Evaluation:
+def _take_results(path: Path, called: Mapping[str, str]) -> Evaluation:
     # Take what others measured, found by key, label or number on the drawing, with the uncertainty
     # that they state.
     qif = path.suffix.lower() == ".qif"
     results: list[QifResult] = read_qif_results(path) if qif else read_filled_sheet(path)
-    called = {
-        name: one.key
-        for number, one in enumerate(asked, start=1)
-        for name in (str(number), one.label, one.key)
-    }
     found = match_results(results, called)
     if not found:
         names = ", ".join(dict.fromkeys(one.name or one.designator or "?" for one in results))

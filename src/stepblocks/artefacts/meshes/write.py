@@ -75,8 +75,7 @@ def write_glb(path: Path, mesh: Mesh) -> None:
 
 
 # Every mesh format that is written, by its ending; a new one is tested by standing here
-MESH_FORMATS: dict[str, Callable[[Path, Mesh], None]]
-MESH_FORMATS = {
+MESH_FORMATS: dict[str, Callable[[Path, Mesh], None]] = {
     ".stl": write_stl,
     ".obj": write_obj,
     ".ply": write_ply,

@@ -108,14 +108,8 @@ def read_scan(
     found = read_confined(
         f"{__name__}:read_scan_confined", path, unit or "", channel or "", raises=MetrologyError
     )
-    height, told = found["height"], (path.name, found["scale"], found.get("count"))
-    profile = height.ndim == 1
-    scan = (
-        Profile(found["position"], height, *told)
-        if profile
-        else HeightMap(height, found["dx"], found["dy"], *told)
-    )
-    stated = read_height_scale(path, form, found.get("channel", ""))
+    stated = read_height_scale(path, form, found.pop("channel", ""))
+    scan = Profile(**found) if "position" in found else HeightMap(**found)
     if stated is None:
         said = (
             ""
@@ -201,12 +195,9 @@ def read_scan_confined(path: Path, unit: str = "", channel: str = "") -> dict[st
         _check_archive(path)
     _, form = _find_form(path)
     if form == "points":
-        found = read_points(path, parse_given_units(unit))
-        return {"height": found.height, "dx": found.dx, "dy": found.dy, "scale": found.scale}
-    if form == "x3p":
-        return _read_x3p(path)
-    if form == "sdf":
-        return _read_sdf(path)
+        return vars(replace(read_points(path, parse_given_units(unit)), count=None))
+    if form in ("x3p", "sdf"):
+        return vars(_read_x3p(path) if form == "x3p" else _read_sdf(path))
     if form == "sur" and path.read_bytes()[:12] == b"DSCOMPRESSED":
         with tempfile.NamedTemporaryFile(suffix=".sur") as plain:
             plain.write(_unpack_sur(path))
@@ -245,7 +236,7 @@ def _unpack_sur(path: Path) -> bytes:
     return b"".join(plain)
 
 
-def _read_sdf(path: Path) -> dict[str, object]:
+def _read_sdf(path: Path) -> Profile | HeightMap:
     import sdfio
 
     stated = read_height_scale(path, "sdf", "")
@@ -254,18 +245,12 @@ def _read_sdf(path: Path) -> dict[str, object]:
     header, scale = read.header, "ISO 25178-71: heights in metres"
     height, count = np.atleast_2d(read.data), abs(header.z_scale) if stated else 1.0
     if len(height) == 1:
-        position = np.arange(height.size) * header.x_scale
-        return {"height": height[0], "position": position, "scale": scale, "count": count}
-    return {
-        "height": height,
-        "dx": header.x_scale,
-        "dy": header.y_scale,
-        "scale": scale,
-        "count": count,
-    }
+        position = np.arange(height.size, dtype=np.float64) * header.x_scale
+        return Profile(position, height[0], path.name, scale, count)
+    return HeightMap(height, header.x_scale, header.y_scale, path.name, scale, count)
 
 
-def _read_x3p(path: Path) -> dict[str, object]:
+def _read_x3p(path: Path) -> Profile | HeightMap:
     import x3pio
 
     _check_size(x3pio.info(str(path)).shape, path.name)
@@ -276,22 +261,16 @@ def _read_x3p(path: Path) -> dict[str, object]:
         abs(header.z.increment or 1.0),
     )
     if layer.z.ndim == 1 and isinstance(layer, x3pio.ProfileLayer):
-        position = layer.x if layer.x is not None else np.arange(len(layer.z)) * header.x.increment
-        return {"height": layer.z, "position": position, "scale": scale, "count": count}
+        even = np.arange(len(layer.z), dtype=np.float64)
+        position = even * header.x.increment if layer.x is None else layer.x
+        return Profile(position, layer.z, path.name, scale, count)
     steps = header.x.increment, header.y.increment
     if layer.x is not None or None in steps:  # a point cloud, or absolute axes
         x, y, z = (
             np.ravel(np.asarray(one, dtype=np.float64)) for one in (layer.x, layer.y, layer.z)
         )
-        found = grid_points(x, y, z, path.name, scale)
-        return {
-            "height": found.height,
-            "dx": found.dx,
-            "dy": found.dy,
-            "scale": found.scale,
-            "count": count,
-        }
-    return {"height": layer.z, "dx": steps[0], "dy": steps[1], "scale": scale, "count": count}
+        return replace(grid_points(x, y, z, path.name, scale), count=count)
+    return HeightMap(layer.z, *steps, path.name, scale, count)
 
 
 def _find_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "ChannelInfo":
@@ -348,13 +327,13 @@ def _read_by_surfacetopography(file: str, form: str, wanted: str, place: str) ->
     others = f", the first of {len(reader.channels)} that is named as heights" if first else ""
     factor = 1.0 if channel.height_scale_factor is None else abs(float(channel.height_scale_factor))
     content: dict[str, object] = {
-        "height": raw,
+        "height": raw.T,  # SurfaceTopography keeps x first; here a row is a line along x
+        "source": place,
         "scale": f"channel {channel.name!r} in {channel.unit}{others}",
         "channel": str(channel.name),
         "count": factor / per_metre,  # metres per stored number
     }
     if surface.dim == 1:
         return content | {"position": np.asarray(surface.positions(), dtype=np.float64) / per_metre}
-    size_x, size_y = (float(size) / per_metre for size in surface.physical_sizes)
-    # SurfaceTopography keeps x first; here a row is a line along x
-    return content | {"height": raw.T, "dx": size_x / raw.shape[0], "dy": size_y / raw.shape[1]}
+    steps = np.array(surface.physical_sizes) / per_metre / raw.shape
+    return content | {"dx": float(steps[0]), "dy": float(steps[1])}
