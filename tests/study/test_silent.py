@@ -4,6 +4,7 @@ import http.client
 import itertools
 import json
 import threading
+import types
 
 import numpy as np
 import pandas as pd
@@ -294,6 +295,20 @@ def test_every_rule_of_the_page_s_policy_is_kept(tmp_path):
     server.is_too_busy = lambda: True
     assert ask()[0] == 429
     server.shutdown()
+
+
+def test_a_page_may_ask_400_times_in_a_second_and_again_in_the_next(tmp_path, monkeypatch):
+    design_study(HEIGHTS, tmp_path, seed=1, participants=1, repetitions=1, probes=("a", "b"))
+    server, now = RunServer(open_run(tmp_path, "1")), [10.25]
+    monkeypatch.setattr(
+        "stepblocks.study.server.time", types.SimpleNamespace(monotonic=lambda: now[0])
+    )
+    assert [server.is_too_busy() for _ in range(403)] == [False] * 400 + [True] * 3
+    now[0] = 10.99
+    assert server.is_too_busy()
+    now[0] = 11.0
+    assert not server.is_too_busy()
+    server.server_close()
 
 
 def test_a_damaged_plan_is_refused_by_name(tmp_path):
