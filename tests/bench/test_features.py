@@ -13,7 +13,7 @@ from stepblocks.bench.rehearse import Rig, Truth, record_trial
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, compute_band_share, measure_trace
-from stepblocks.bench.signal.ring import compute_rubbing_force
+from stepblocks.bench.signal.ring import compute_rubbing_force, fit_rubbing_ring
 
 K = 9810.0
 PLAIN = Truth(
@@ -129,12 +129,14 @@ def test_a_rubbing_ring_gives_its_friction_and_its_amplitude():
         assert features["ring_frequency_hz"] == pytest.approx(270.0, abs=0.5)
 
 
-@pytest.mark.parametrize("slope", [5.0, 60.0, 300.0])
-def test_the_pieces_of_a_rubbing_ring_solve_its_equation_of_motion(slope):
+@pytest.mark.parametrize(
+    ("slope", "decay"), [(5.0, 0.03), (60.0, 0.03), (300.0, 0.03), (300.0, 2e-3), (600.0, 3e-3)]
+)
+def test_the_pieces_of_a_rubbing_ring_solve_its_equation_of_motion(slope, decay):
     # origin: scipy's integrator on f'' = -w^2 (f - L(sign)) - (2/tau) f' - f/tau^2, sign smoothed
     # over 1e-3 N/s; the damped cosine with frequency w and decay tau belongs to w0^2 = w^2 +
     # 1/tau^2
-    level, gap, frequency, decay = 0.1, 0.3, 270.0, 0.03
+    level, gap, frequency = 0.1, 0.3, 270.0
     stiff = (2 * math.pi * frequency) ** 2 + decay**-2
 
     def motion(_, y):
@@ -167,6 +169,25 @@ def test_a_tip_that_comes_to_rest_never_chatters(amplitude, slope):
         )
         assert np.abs(force).max() < 1.0 + amplitude
         assert force[-200:].mean() == pytest.approx(0.048, abs=0.01)
+
+
+@pytest.mark.parametrize("gap", [0.02, 0.1, 0.4])
+def test_a_rubbing_ring_is_fitted_whatever_its_friction_is_guessed_to_be(gap):
+    # the fit begins at a gap of twice the level, 0.8 N; expected is what the record was made of
+    time, slope = np.linspace(0.0, 0.08, 801), 60.0
+    force = compute_rubbing_force(time, 0.4, gap, (280.0, 20e-3), (-1.1, 0.0), slope)
+    force += 1e-3 * np.random.default_rng(0).standard_normal(force.size)
+    found = fit_rubbing_ring(time, force, 0.4, (300.0, 25e-3), slope, 1e-3)
+    assert found.values[:4] == pytest.approx([0.4, gap, 280.0, 20e-3], rel=0.03)
+
+
+def test_the_spring_is_the_slope_of_the_ramp_over_the_speed_of_the_handle():
+    trace = record_trial(PLAIN, Rig(), np.random.default_rng(4))[0]
+    for speed in (2e-3, 20e-3):
+        found = measure_trace(trace, K, speed)
+        assert found.features["spring_constant_n_per_m"] == pytest.approx(
+            PLAIN.slope / speed, rel=0.01
+        )
 
 
 def test_band_shares_follow_parseval():

@@ -7,7 +7,7 @@ from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.approach import find_landmarks
 from stepblocks.bench.signal.features import measure_trace
-from stepblocks.bench.signal.regimes import Motion, find_first_swing, find_saw
+from stepblocks.bench.signal.regimes import Motion, classify_regime, find_first_swing, find_saw
 
 K, TOOL = 9810.0, (300.0, 1.0 / (0.025 * 2.0 * np.pi * 300.0))
 
@@ -141,3 +141,17 @@ def test_the_amplitude_of_a_saw_is_known_by_noise_over_the_root_of_its_teeth(tee
     saw = find_saw(time, force, find_landmarks(time, force), (300.0, 20e-3), 9.81e3)
     assert saw.amplitude[0] == pytest.approx(0.1, abs=4e-3)
     assert 0.3 < saw.amplitude[1] / (noise * np.sqrt(2.0 / teeth)) < 2.0
+
+
+@pytest.mark.parametrize(("lowest", "regime"), [(0.4, "flight"), (0.0, "snap")])
+def test_a_tip_flies_while_its_load_is_gone_and_not_where_it_only_touches_zero(lowest, regime):
+    # the load falls in a straight line to zero and back; of its dip all below `lowest` is cut off
+    rate, peak = 20e3, 2000
+    time = np.arange(4000) / rate
+    force = np.where(np.arange(4000) <= peak, 0.1 + 0.9 * np.arange(4000) / peak, 0.1)
+    normal = 0.5 + 1e-3 * np.random.default_rng(1).standard_normal(4000)
+    dip = np.abs(np.linspace(-1.0, 1.0, 21))
+    normal[peak + 20 : peak + 41] = 0.5 * np.maximum(dip - lowest, 0.0) / (1.0 - lowest)
+    motion = Motion(time, force, normal, peak, 0.1, 0.5, 50.0, 1e-3, 300.0)
+    assert np.count_nonzero(normal < 0.125) >= 5
+    assert classify_regime(motion, None, False) == regime

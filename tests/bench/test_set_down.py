@@ -61,3 +61,17 @@ def test_a_handle_that_stands_still_under_load_is_found_without_an_unloaded_part
     first, zeros = find_set_down(trace)
     assert abs(first - size) < 0.012 * RATE
     assert np.isnan(zeros).all()
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.3])
+def test_sliding_begins_where_the_five_samples_about_it_slide_whatever_spring_pulls(bend):
+    # 400 samples at rest, 20 of a climb to 0.1 N, sliding, and a ramp whose time is the parabola
+    # s - bend s^2 of the share s of its rise; without noise the corner is known to the sample
+    share = np.linspace(0.0, 1.0, 4001)
+    late = (share - bend * share**2) / (1.0 - bend)
+    ramp = 0.1 + 0.9 * np.interp(np.arange(1, 501) / 500.0, late, share)
+    climb = np.linspace(0.0, 0.1, 20, endpoint=False)
+    force = np.concatenate([np.zeros(400), climb, np.full(300, 0.1), ramp, np.zeros(50)])
+    time = np.arange(force.size) / RATE
+    first, _ = find_set_down(Trace(time, force, np.full(force.size, 0.5)))
+    assert first == 420 + 2
