@@ -65,10 +65,13 @@ def test_a_catch_is_looked_for_where_the_ball_touches_and_not_where_its_centre_i
     # a low step at 0 and a high one 1 mm on, up; the same from the other side
     low, high = 12e-6, 30e-6
     corners = [(-1e-3, 0.0), (0.0, 0.0), (0.0, low), (1e-3, low), (1e-3, low + high)]
-    path = corner_path([*corners, (2e-3, low + high)], R)
+    corners.append((2e-3, low + high))
+    path = corner_path(corners, R)
+    mirrored = corner_path([(-x, z) for x, z in reversed(corners)], R)
     angles = {0.0: find_step_angle(low, R), 1e-3: find_step_angle(high, R)}
     assert path.find_notch(+1.0)[2] == pytest.approx(angles[1e-3], rel=1e-6)
     for edge, angle in angles.items():
         near = replace(path, feature=FeatureRange(edge - 2e-6, edge + 2e-6, R))
         assert near.find_notch(+1.0)[2] == pytest.approx(angle, rel=1e-6)
-        assert near.mirrored().find_notch(-1.0)[2] == pytest.approx(angle, rel=1e-6)
+        back = replace(mirrored, feature=FeatureRange(-edge - 2e-6, -edge + 2e-6, R))
+        assert back.find_notch(-1.0)[2] == pytest.approx(angle, rel=1e-6)

@@ -42,7 +42,7 @@ MARGINS = [
 # Expected values: the exact dilation of the section, which knows no closed form.
 @pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
 def test_the_closed_form_is_the_steepest_slope_of_the_path_over_the_section(face):
-    path = build_profile_path(*face.section(6.0 * R), R, edges="flat")
+    path = build_profile_path(*face.section(6.0 * R), R)
     # a rounding of 12 um by 400 chords turns by a quarter of a degree at each
     tolerance = 3e-3 if getattr(face, "edge_radius", 0.0) else 1e-8
     expected = [find_steepest_catch(one).angle for one in (path, path.mirrored())]
@@ -54,16 +54,6 @@ def test_the_notches_of_the_centre_path_have_the_critical_angles(face):
     path = face.centre_path(R)
     assert (path.find_notch(+1.0)[2], path.find_notch(-1.0)[2]) == pytest.approx(
         face.angles(R), abs=2e-6
-    )
-    back = path.mirrored()
-    assert (back.find_notch(+1.0)[2], back.find_notch(-1.0)[2]) == (
-        path.find_notch(-1.0)[2],
-        path.find_notch(+1.0)[2],
-    )
-    again = back.mirrored()
-    assert all(
-        (getattr(again, name) == getattr(path, name)).all()
-        for name in ("x", "z", "slope_start", "slope_end")
     )
     assert path.x[0] == -5e-3
     assert path.x[-1] == 5e-3

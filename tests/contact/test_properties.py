@@ -150,7 +150,7 @@ def test_where_the_origin_lies_changes_no_angle(heights, along, up):
 @given(TEXTURES)
 def test_the_path_lies_on_or_above_the_surface_and_below_its_top(heights):
     face = profile_of(heights)
-    path = build_profile_path(face.x, face.z, 125e-6, edges="flat")
+    path = build_profile_path(face.x, face.z, 125e-6)
     surface = np.interp(path.position, face.x, face.z)
     assert (path.height >= surface - 1e-12).all()
     assert path.height.max() <= face.z.max() + 1e-12

@@ -81,7 +81,7 @@ def test_a_rounded_step_follows_its_closed_form_also_where_the_face_cuts_the_arc
     ],
 )
 def test_a_groove_with_or_without_discrepancy_and_floor_equals_its_closed_form(width, rise, depth):
-    path = build_profile_path(*groove(width, rise, depth), R, edges="flat")
+    path = build_profile_path(*groove(width, rise, depth), R)
     expected = tip_paths.groove_path(path.position, width, R, rise, depth)
     assert np.abs(path.height - expected).max() < 1e-11 * R
     forward, backward = tip_paths.groove_angles(width, R, rise, depth)
@@ -117,7 +117,7 @@ def test_a_polyline_is_never_below_its_samples_and_equals_a_dense_resampling():
     rng = np.random.default_rng(8)
     x = np.linspace(0, 1.7e-3, 80)
     z = rng.normal(size=x.size) * 6e-6
-    path = build_profile_path(x, z, R, positions=np.linspace(0.4e-3, 1.3e-3, 91), edges="flat")
+    path = build_profile_path(x, z, R, positions=np.linspace(0.4e-3, 1.3e-3, 91))
     dense = np.linspace(0, 1.7e-3, 79 * 1000 + 1)
     expected = brute(dense, np.interp(dense, x, z), path.position, R)
     assert (path.height >= expected - 1e-15).all()
@@ -213,7 +213,6 @@ def test_force_and_energy_over_a_profile_are_those_of_equation_one():
         ([0, 1, 2], [0, np.nan, np.nan], {}, "at least 2 heights"),
         ([0, 2, 1], [0, 0, 0], {}, "must not decrease"),
         ([0, 0], [0, 1], {}, "extend along x"),
-        ([0, 1e-4], [0, 1e-4], {}, "larger than the profile"),
     ],
 )
 def test_a_malformed_profile_is_one_clear_error(x, z, kwargs, message):
@@ -253,7 +252,7 @@ def test_margins_square_or_bevelled_are_their_closed_forms_wherever_the_ball_tou
     for _ in range(300):
         radius, gap = rng.uniform(40e-6, 200e-6), rng.uniform(5e-6, 250e-6)
         opening, rise = gap + max(rng.uniform(-80e-6, 150e-6), 0.0), rng.uniform(-150e-6, 150e-6)
-        path = build_profile_path(*_section(gap, opening, rise, radius), radius, edges="flat")
+        path = build_profile_path(*_section(gap, opening, rise, radius), radius)
         expected = [find_steepest_catch(one).angle for one in (path, path.mirrored())]
         found = compute_bevelled_margin_angles(gap, opening, rise, radius)
         assert found == pytest.approx(expected, abs=1e-6)

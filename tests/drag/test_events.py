@@ -243,7 +243,7 @@ def test_over_a_wavy_step_prediction_drag_and_exported_ring_answer_for_the_step(
     face = Profile(WAVY.x[::2], WAVY.z[::2])
     predicted, done = predict_one(face, PAPER), drag_over(face)
     event = list_vibration_events(face, PAPER)[0]
-    ring = simulate_ring_of(event, face.centre_path(R), PAPER)
+    ring = simulate_ring_of(event, face, PAPER)
     assert event.critical_force == pytest.approx(predicted.release.pull_force, rel=1e-3)
     answer = done.events[done.events.belongs_to == "feature"].iloc[0]
     assert answer.x_m == pytest.approx(event.trigger_position, abs=1e-6)

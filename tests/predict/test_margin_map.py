@@ -35,7 +35,7 @@ def test_the_margin_map_agrees_with_the_path_over_its_own_rounded_profile():
     split = 1 + len(t)
     x = np.concatenate([x[:split], [0.0, gap], x[split:]])
     z = np.concatenate([z[:split], floor, z[split:]])
-    path = build_profile_path(x, z, radius, edges="flat")
+    path = build_profile_path(x, z, radius)
     # two corners rounded by r are met by a ball of R as sharp ones, 2 r further apart, by one of R
     # + r
     point = replace(POINT, ball_radius=radius + r)

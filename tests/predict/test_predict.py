@@ -30,7 +30,7 @@ def test_every_margin_block_catches_as_the_dilation_of_its_profile_says(stimulus
         if p.stimulus == stimulus.id
     }
     for (drag, radius), angle in found.items():
-        path = build_profile_path(x, z, radius, edges="flat")
+        path = build_profile_path(x, z, radius)
         sampled = find_steepest_catch(path if drag == "tooth-to-crown" else path.mirrored()).angle
         # a riser between two samples is 0.2 um wide instead of upright: the angle moves by less
         # than 0.2 deg

@@ -77,7 +77,7 @@ def test_a_drag_that_catches_nothing_is_taught_nothing(learned):
 def rung(block, point=PAPER, direction=0):
     face = block.counterface()
     event = list_vibration_events(face, point, block.id)[direction]
-    return event, simulate_ring_of(event, face.centre_path(point.ball_radius), point)
+    return event, simulate_ring_of(event, face, point)
 
 
 def test_the_simulated_ring_carries_the_energy_of_the_formula():
@@ -118,6 +118,6 @@ def test_what_does_not_release_keeps_its_event(friction, direction):
 def test_an_event_that_the_drag_does_not_confirm_is_refused():
     """The path of a flat face under the event of a step: the time-domain drag finds no release."""
     event = list_vibration_events(BLOCKS["step-050"].counterface(), PAPER, "step-050")[0]
-    flat = replace(BLOCKS["step-050"].counterface(), height=1e-9).centre_path(125e-6)
+    flat = replace(BLOCKS["step-050"].counterface(), height=1e-9)
     with pytest.raises(HapticsError, match=r"must release to give a ring, got .* \[step-050 \+x\]"):
         simulate_ring_of(event, flat, PAPER)

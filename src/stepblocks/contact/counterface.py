@@ -492,7 +492,7 @@ def _find_steepest_angles(
     # compiled kernels, loaded where they are used
     from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 
-    path = build_profile_path(x, z, ball, edges="flat")
+    path = build_profile_path(x, z, ball)
     return (
         find_steepest_catch(path, feature).angle,
         find_steepest_catch(path.mirrored(), feature and (-feature[1], -feature[0])).angle,

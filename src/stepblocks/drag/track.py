@@ -20,7 +20,6 @@ from stepblocks.errors import ContactError
 _KINK = math.radians(
     2.0
 )  # a turn at which two contacts share the load, on a surface that may be rough
-_SHARED = 1e-3  # the same on a path whose notches are exact [rad]
 NEAR = 0.3  # radii from a kink beyond which the other side is no longer touched
 PATCHES = 5.0  # the same in radii of the patch of contact
 # where both branches at a kink are held to part: the left one ahead of it, the right one behind it
@@ -162,22 +161,6 @@ def build_track(face: Counterface, ball_radius: float, backward: bool = False) -
     return replace(track, feature=FeatureRange(first, last, ball_radius))
 
 
-def build_track_along_path(path: CentrePath, ball_radius: float, backward: bool = False) -> Track:
-    """Track of a ball whose centre follows a path."""
-    path = path.mirrored() if backward else path
-    turns = np.arctan(path.slope_start[1:]) - np.arctan(path.slope_end[:-1])
-    kinks = np.flatnonzero(turns > _SHARED) + 1
-    return Track(
-        path.x,
-        path.z - ball_radius,
-        path.slope_start,
-        path.slope_end,
-        kinks,
-        ball_radius,
-        feature=path.feature,
-    )
-
-
 def build_profile_track(
     x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool = False
 ) -> Track:
@@ -193,7 +176,7 @@ def build_profile_track(
             f"profile of {np.ptp(xs):g} m is too long to drag over with a ball of {ball_radius:g} m"
         )
     grid = np.linspace(first, last, count + 1)
-    path = build_profile_path(xs, zs, ball_radius, positions=grid, edges="flat")
+    path = build_profile_path(xs, zs, ball_radius, positions=grid)
     where, before, behind = _find_notches(xs, zs, path)
     if (behind > _RISER).any():
         raise ContactError(
@@ -206,7 +189,7 @@ def build_profile_track(
     crowded = np.diff(nodes) <= room
     crowded = np.append(crowded, False) | np.append(False, crowded)
     nodes = nodes[~crowded | np.isin(nodes, where[sharp])]
-    right = build_profile_path(xs, zs, ball_radius, positions=nodes, edges="flat")
+    right = build_profile_path(xs, zs, ball_radius, positions=nodes)
     kinks = np.searchsorted(nodes, where[sharp])
     left, slope = right.slope.copy(), right.slope.copy()
     left[kinks], slope[kinks] = np.tan(before[sharp]), np.tan(behind[sharp])
@@ -223,9 +206,7 @@ def _find_notches(x: Array, z: Array, path: TipPath) -> tuple[Array, Array, Arra
     before, behind = np.arctan(path.slope[:-1]), np.arctan(path.slope[1:])
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        angle = np.arctan(
-            build_profile_path(x, z, path.ball_radius, positions=middle, edges="flat").slope
-        )
+        angle = np.arctan(build_profile_path(x, z, path.ball_radius, positions=middle).slope)
         first = angle - before > behind - angle
         low, before = np.where(first, low, middle), np.where(first, before, angle)
         high, behind = np.where(first, middle, high), np.where(first, angle, behind)

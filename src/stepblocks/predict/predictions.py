@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -132,10 +131,11 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
                     spread = collect_uncertainties(part, grid, ball, load)
                     spread["stiffness"] = math.hypot(spread["stiffness"], worn)
                     at = replace(point, ball_radius=find_zone_middle(ball))
-                    drawn = partial(
-                        estimate_interval, middle, at, spread, backward=bool(backward), draws=_DRAWS
+                    interval = (
+                        estimate_interval(middle, at, spread, backward=bool(backward), draws=_DRAWS)
+                        if any(spread.values())
+                        else None
                     )
-                    interval = drawn() if any(spread.values()) else None
                     yield Prediction(
                         set_name=stimuli.name,
                         stimulus=part.id,

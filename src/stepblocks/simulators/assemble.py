@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from stepblocks.artefacts.model_file import LearnedModel
+from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import (
     Events,
@@ -22,7 +23,6 @@ from stepblocks.contact.event import (
     list_vibration_events,
 )
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.path.centre import CentrePath
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.scanned_margin import ScannedMargin
@@ -161,8 +161,8 @@ def resolve_contact(
     else:
         events = list_vibration_events(surface.counterface(), point, surface.id)
     if ring == "drag":
-        path = surface.counterface().centre_path(point.ball_radius)
-        up, down = (simulate_ring_of(event, path, point) for event in events)
+        face = surface.counterface()
+        up, down = (simulate_ring_of(event, face, point) for event in events)
         events = up, down
     return Contact(stimulus, surface, point, events)
 
@@ -233,29 +233,25 @@ def _predict_with_model(
 
 
 def simulate_ring_of(
-    event: VibrationEvent, path: CentrePath, point: OperatingPoint
+    event: VibrationEvent, face: Counterface, point: OperatingPoint
 ) -> VibrationEvent:
     """Replace the exponential by the ring of a drag in time: the force below that of sliding.
 
     The ring begins where the pulling force first falls to that of sliding.
     """
-    from stepblocks.drag.probe import DragSettings, build_probe
+    from stepblocks.drag.events import drag_face
     from stepblocks.drag.ring import measure_ring
-    from stepblocks.drag.simulate import simulate_drag
-    from stepblocks.drag.track import build_track_along_path
 
     if event.status is not Status.RELEASES:
         return event
-    probe = build_probe(point.tool, point.ball_radius, point.contact)
-    settings = DragSettings.under(point, sample_rate=_RATE, ring_time=_LENGTH)
-    track = build_track_along_path(path, point.ball_radius, event.direction < 0)
-    trace = simulate_drag(track, probe, settings, track.feature and track.feature[:2])
+    settings = {"sample_rate": _RATE, "ring_time": _LENGTH}
+    trace = drag_face(face, point, event.direction < 0, settings=settings)
     name = f"[{event.stimulus} {event.drag}]"
     if trace.status is not Status.RELEASES:
         raise HapticsError(
             f"the time-domain drag must release to give a ring, got {trace.status.value} {name}"
         )
-    time, pull, level = trace.column("time_s"), trace.column("fx_n"), settings.sliding_force
+    time, pull, level = trace.column("time_s"), trace.column("fx_n"), trace.settings.sliding_force
     after = np.flatnonzero((time >= trace.release_time) & (pull <= level))
     if len(after) < 2:
         raise HapticsError(

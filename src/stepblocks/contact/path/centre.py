@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stepblocks.contact import Array
 from stepblocks.errors import ContactError
 
-Array = NDArray[np.float64]
 Disc = tuple[float, float, float]  # centre and radius [m]
 Line = tuple[tuple[float, float], tuple[float, float]]  # from one point to another [m]
 STEEPEST = 1e9  # slope that stands for a vertical wall
@@ -69,17 +69,6 @@ class CentrePath:
         rise, knot = float(slope[index]), index + (direction <= 0)
         angle = 0.5 * math.pi if rise >= STEEPEST else math.atan(max(rise, 0.0))
         return float(self.x[knot]), float(self.z[knot]), angle if angle > _CATCH else 0.0
-
-    def mirrored(self) -> "CentrePath":
-        """Return the path as it is met on the way back."""
-        one = self.feature
-        return CentrePath(
-            -self.x[::-1],
-            self.z[::-1],
-            -self.slope_end[::-1],
-            -self.slope_start[::-1],
-            feature=one and FeatureRange(-one.last, -one.first, one.ball_radius),
-        )
 
     def scaled(self, scale: float) -> "CentrePath":
         """Return the path magnified; slopes, and with them all forces, stay."""

@@ -5,17 +5,16 @@ Exact dilation by a ball, what it touches, and where the tip catches.
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stepblocks.contact import Array
 from stepblocks.contact.domain import require_points, require_positive
 from stepblocks.contact.path import profile_kernels as kernels
 from stepblocks.errors import ContactError
 
-Floats = NDArray[np.float64]
-Edges = Literal["strict", "flat"]
 _MOST_POSITIONS = 4_000_000  # of the path; it takes 100 bytes for each
 
 
@@ -23,15 +22,15 @@ _MOST_POSITIONS = 4_000_000  # of the path; it takes 100 bytes for each
 class TipPath:
     """Where the tip's lowest point runs while the tip is dragged over a profile."""
 
-    position: Floats  # shape (n,); of the tip's axis along the drag [m], increasing
+    position: Array  # shape (n,); of the tip's axis along the drag [m], increasing
     # shape (n,); of the tip's lowest point [m]; NaN where the tip has no surface under it
-    height: Floats
-    contact: Floats  # shape (n,); position of the point that is touched [m]
+    height: Array
+    contact: Array  # shape (n,); position of the point that is touched [m]
     # shape (n,); of the path just ahead of the tip [1], exact: from the contact, not from
     # differences
-    slope: Floats
+    slope: Array
     element: NDArray[np.int64]  # shape (n,); which row of `elements` is touched; -1 for none
-    elements: Floats  # shape (m, 5); the surface as segments (x0, z0, x1, z1, contact offset) [m]
+    elements: Array  # shape (m, 5); the surface as segments (x0, z0, x1, z1, contact offset) [m]
     ball_radius: float  # R [m]
 
     def mirrored(self) -> "TipPath":
@@ -54,40 +53,28 @@ def build_profile_path(
     z: ArrayLike,
     ball_radius: float,
     *,
-    positions: Floats | None = None,
-    edges: Edges = "strict",
+    positions: Array | None = None,
 ) -> TipPath:
     """Path of a ball [m] over points in order of `x`, joined by lines.
 
     Two points at one place are a riser; a point of NaN was not measured.
     """
-    # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase; "strict" keeps
-    # to those at which nothing beyond the ends could be touched, "flat" lets the surface go on
-    # level
+    # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase; the surface
+    # goes on level beyond both ends
     require_positive("ball radius", ball_radius, "m")
     xs, zs = _check_profile(x, z)
     finite, width = np.isfinite(zs), 2.0 * ball_radius
     elements = _list_elements(xs, zs, ball_radius)
-    span = float(np.ptp(zs[finite]))  # of the heights: it says how much of the ball can touch
-    reach = (
-        ball_radius if span >= ball_radius else float(np.sqrt(span * (2.0 * ball_radius - span)))
-    )
-    if edges == "flat":
-        (first, last), (start, end) = xs[finite][[0, -1]], zs[finite][[0, -1]]
-        before = [first - 2.0 * width, start, first, start, 0.0]
-        elements = np.vstack([before, elements, [last, end, last + 2.0 * width, end, 0.0]])
-    elif xs[-1] - xs[0] < reach + reach:
-        raise ContactError(
-            f"tip reaches over {reach + reach:.3g} m and must not be larger than the profile "
-            f"({xs[-1] - xs[0]:.3g} m); shorten it or use edges='flat'"
-        )
-    where = _choose_positions(xs, width, reach, edges) if positions is None else positions
+    (first, last), (start, end) = xs[finite][[0, -1]], zs[finite][[0, -1]]
+    before = [first - 2.0 * width, start, first, start, 0.0]
+    elements = np.vstack([before, elements, [last, end, last + 2.0 * width, end, 0.0]])
+    where = _choose_positions(xs, width) if positions is None else positions
     height, contact, which = kernels.dilate_profile(where, elements, ball_radius)
     slope = kernels.compute_path_slopes(where, contact, which, ball_radius)
     return TipPath(where, height, contact, slope, which, elements, ball_radius)
 
 
-def _list_elements(x: Floats, z: Floats, radius: float) -> Floats:
+def _list_elements(x: Array, z: Array, radius: float) -> Array:
     # Segments of a profile with the offset at which the ball is as steep as each, shape (m, 5) [m]
     finite = np.isfinite(z)
     joined = finite[:-1] & finite[1:]
@@ -104,7 +91,7 @@ def _list_elements(x: Floats, z: Floats, radius: float) -> Floats:
     return np.ascontiguousarray(np.column_stack([x0, z0, x1, z1, offset]))
 
 
-def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
+def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     require_points(xs, zs)
     if not np.isfinite(xs).all():
@@ -123,9 +110,9 @@ def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Floats, Floats]:
     return xs, zs
 
 
-def _choose_positions(x: Floats, width: float, reach: float, edges: Edges) -> Floats:
-    if edges == "flat":  # a ball meets the first point from a radius away
-        x = np.concatenate([[x[0] - 0.5 * width], x, [x[-1] + 0.5 * width]])
+def _choose_positions(x: Array, width: float) -> Array:
+    # a ball meets the first point from a radius away
+    x = np.concatenate([[x[0] - 0.5 * width], x, [x[-1] + 0.5 * width]])
     pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * width)), 1)
     if pieces.sum() > _MOST_POSITIONS:
         raise ContactError(
@@ -134,17 +121,8 @@ def _choose_positions(x: Floats, width: float, reach: float, edges: Edges) -> Fl
         )
     pieces = pieces.astype(int)
     number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    where = np.unique(
-        np.append(
-            number * np.repeat(np.diff(x) / pieces, pieces) + np.repeat(x[:-1], pieces), x[-1]
-        )
-    )
-    if edges == "strict":
-        # the first and last tip positions that the profile fully decides are always among them
-        ends = [x[0] + reach, x[-1] - reach]
-        inner = (where > ends[0]) & (where < ends[1])
-        where = np.unique(np.concatenate([ends[:1], where[inner], ends[1:]]))
-    return where
+    starts = number * np.repeat(np.diff(x) / pieces, pieces) + np.repeat(x[:-1], pieces)
+    return np.unique(np.append(starts, x[-1]))
 
 
 class Catch(NamedTuple):

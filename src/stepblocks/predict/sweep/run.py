@@ -14,12 +14,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from stepblocks.atomic import lock_folder, replace_bytes, replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
+
+try:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+except ImportError as error:
+    raise PipelineError(
+        "a sweep needs pyarrow: install the extra with pip install 'stepblocks[sweep]'"
+    ) from error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -136,7 +142,6 @@ def run_sweep(
             raise PipelineError(f"plan must be a SweepPlan or a path, got {type(plan).__name__}")
         plan = load_sweep(Path(plan))
     folder = Path(output)
-    _require_pyarrow()
     report = on_partition or (lambda _: None)
     with lock_folder(folder):
         _claim_folder(plan, folder)
@@ -232,12 +237,3 @@ def _claim_folder(plan: SweepPlan, folder: Path) -> None:
 
 def _find_path(folder: Path, number: int) -> Path:
     return folder / f"part-{number:08d}.parquet"
-
-
-def _require_pyarrow() -> None:
-    from importlib.util import find_spec
-
-    if find_spec("pyarrow") is None:
-        raise PipelineError(
-            "a sweep needs pyarrow: install the extra with pip install 'stepblocks[sweep]'"
-        )
