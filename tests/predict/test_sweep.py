@@ -1,5 +1,6 @@
 """A sweep's rows depend on the plan alone: not on partitions, processes or interruptions."""
 
+import importlib
 import subprocess
 import sys
 from dataclasses import replace
@@ -421,3 +422,10 @@ def test_a_sharp_edge_a_step_of_no_height_and_no_friction_lie_inside_the_equatio
     sizes = {"height": np.array([20e-6, 0.0, -1e-6, np.inf]), "edge_radius": np.zeros(4)}
     inside = _find_inside("step", one | sizes | {"friction": np.zeros(4)})
     assert inside.tolist() == [True, True, False, False]
+
+
+def test_without_pyarrow_a_sweep_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.delitem(sys.modules, "stepblocks.predict.sweep.run")
+    with pytest.raises(PipelineError, match=r"pip install 'stepblocks\[sweep\]'"):
+        importlib.import_module("stepblocks.predict.sweep.run")
