@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from stepblocks.contact.path.centre import Array
+from stepblocks.contact import Array
 
 if TYPE_CHECKING:
     from stepblocks.drag.track import Track

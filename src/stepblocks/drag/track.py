@@ -11,9 +11,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stepblocks.contact import Array
 from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.domain import require_not_negative, require_positive
-from stepblocks.contact.path.centre import Array, CentrePath, FeatureRange
+from stepblocks.contact.path.centre import CentrePath, FeatureRange
 from stepblocks.contact.path.profile import TipPath, build_profile_path
 from stepblocks.errors import ContactError
 
