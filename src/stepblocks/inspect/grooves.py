@@ -47,6 +47,7 @@ _TRIED = 8
 _LEVEL = 0.1  # of a step that its faces may be off, and of a face over which they may be [1]
 # of steps in one direction, by the slope between them, from which they may be a sawtooth [1]
 _TAKEN_BACK = 0.5
+_MOST_DROPPED = 0.2  # part of the points of a profile that may be spikes [1]
 _UNLIKE = 1.25  # ratio of the largest to the smallest feature from which no mean is taken [1]
 _MOST_HIDDEN = 3  # times that features are sought beside those that were found
 _DEGREE_NAMES = {1: "line", 2: "parabola", 3: "cubic"}
@@ -147,6 +148,9 @@ def _evaluate_row(row: Profile, edges: list[FoundEdge], how: EvaluationOptions) 
             f"edges must name features of the {len(levels.features)} found, got {how.edges}"
         )
     others, seen = _evaluate_otherwise(x, z, levels, how), []
+    known = np.isfinite(z)
+    line = np.polynomial.Polynomial.fit(x[known], z[known], 1)
+    extent = float(np.ptp(z[known] - line(x[known])))
     for index in chosen:
         feature, windows = levels.features[index], list[Window]()
         height, name = feature.height, f"masked {_DEGREE_NAMES[levels.degree]}"
@@ -168,11 +172,16 @@ def _evaluate_row(row: Profile, edges: list[FoundEdge], how: EvaluationOptions) 
             height = replace(apex, value=height.value + apex.value, std=height.std + apex.std)
             change = (0.0 if again is None else again.value - apex.value,)
         elif best is None:
-            _check_level(z, levels, height.value)
+            _check_level(x, z, levels, feature)
         else:
             height, name = replace(best.depth, value=-best.depth.value), f"type {best.kind}"
             windows = [(*span, one) for span, one in zip(best.windows, "ACB", strict=True)]
             change = (np.sqrt(3.0) * (best.depth.value - best.near),)
+        if abs(height.value) > (1.0 + _LEVEL) * extent:
+            raise MetrologyError(
+                f"step must not exceed the range of the profile, {extent * 1e9:.4g} nm, got "
+                f"{abs(height.value) * 1e9:.4g} nm: its features are too near for a reference"
+            )
         seen.append(_Seen(replace(feature, height=height), change, name, tuple(windows)))
     return _Row(
         tuple(seen), levels.level, levels.rejected, int(levels.used.sum()) + levels.rejected
@@ -194,9 +203,26 @@ def _find_hidden_edges(x: Array, z: Array, levels: Levels) -> list[FoundEdge]:
         return []
 
 
-def _check_level(z: Array, levels: Levels, height: float) -> None:
+def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
     # Refuse a step beside which the surface is not level: in a sawtooth its height is where one
     # chooses to take it.
+    height, points = feature.height.value, int(levels.used.sum()) + levels.rejected
+    if levels.rejected > _MOST_DROPPED * points:
+        raise MetrologyError(
+            f"at most {_MOST_DROPPED:.0%} of the points of a profile may be spikes, got "
+            f"{levels.rejected / points:.0%}"
+        )
+    ends = [float(x[0]), *(edge.position for edge in levels.edges), float(x[-1])]
+    at = ends.index(feature.begin)
+    kept, seen = (
+        np.histogram(x[points], ends)[0][at - 1 : at + 1]
+        for points in (levels.used, np.isfinite(z))
+    )
+    if not np.isfinite(feature.end) and (kept < np.maximum(LEAST_FACE // 2, seen // 2)).any():
+        raise MetrologyError(
+            f"faces beside a single step must keep half of their points, and {LEAST_FACE // 2}, "
+            f"got {kept[0]} of {seen[0]} and {kept[1]} of {seen[1]}"
+        )
     rest = float(np.sqrt(np.mean((z - levels.level)[levels.used] ** 2)))
     face = float(levels.used.sum()) / (len(levels.edges) + 1)
     if rest > _LEVEL * abs(height) and levels.together > _LEVEL * face:

@@ -32,7 +32,7 @@ _STAND_OUT = 7.0  # difference of two windows over the usual one, from which it 
 # (Kass and Raftery 1995)
 BEAT = 10.0
 _ALIKE = 0.3  # of the largest edge, from which another counts [1]
-_PAIR = 0.35  # relative difference of the two edges of one ridge or groove, at most [1]
+PAIR = 0.35  # relative difference of the two edges of one ridge or groove, at most [1]
 _PLATEAU = 0.8  # of the lesser of two edges, below which the difference must fall between them [1]
 _MOST_EDGES = 400
 _STARTS = 5  # of a fit, each nearer to the least sum of distances
@@ -479,7 +479,7 @@ def _pair_edges(edges: Sequence[FoundEdge]) -> list[tuple[float, float, float, f
     spans, waiting = list[tuple[float, float, float, float]](), list(edges)
     while waiting:
         one = waiting.pop(0)
-        if waiting and abs(one.rise + waiting[0].rise) < _PAIR * max(
+        if waiting and abs(one.rise + waiting[0].rise) < PAIR * max(
             abs(one.rise), abs(waiting[0].rise)
         ):
             other = waiting.pop(0)

@@ -58,7 +58,8 @@ def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None
     except _BROKEN as error:
         part = "index" if form in _PACKED else "header"
         raise MetrologyError(
-            f"{part} must state the height scale, got {error} [{path.name}]"
+            f"{part} must state the height scale, got "
+            f"{getattr(error, 'strerror', None) or error} [{path.name}]"
         ) from error
     if scale is not None and not (np.isfinite(scale.count) and scale.count > 0.0):
         raise MetrologyError(

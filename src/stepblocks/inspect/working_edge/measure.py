@@ -26,7 +26,13 @@ from stepblocks.inspect.form import (
     estimate_zone,
     fit_face,
 )
-from stepblocks.inspect.levelling import Feature, find_edges, measure_features
+from stepblocks.inspect.levelling import (
+    LEAST_FACE,
+    PAIR,
+    Feature,
+    find_edges,
+    measure_features,
+)
 from stepblocks.inspect.measure import (
     AS_FOUND,
     Evaluation,
@@ -120,20 +126,22 @@ def _measure_along_rows(
                 f"{one.height.value * 1e6:+.3g} um at {one.begin * 1e6:.4g} um" for one in beside
             )
         )
+    for one in beside:  # a flank is followed by another at once
+        near = abs(one.begin - edge.middle) < 2.0 * edge.exclusion + LEAST_FACE * first.spacing
+        rise = edge.height.value if edge.rising else -edge.height.value
+        if near and abs(one.height.value + rise) < PAIR * abs(rise):
+            raise MetrologyError(
+                f"edge must have a face of {LEAST_FACE} points on either side, got a notch or ridge"
+            )
     # a second step bends the planes: only the part between such steps is levelled
     steps = [one.begin for one in beside if not np.isfinite(one.end)]
     if steps and how.begin is None and how.end is None:
         before = max([at for at in steps if at < edge.middle], default=first.position[0])
         behind = min([at for at in steps if at > edge.middle], default=first.position[-1])
         part = replace(how, begin=before / turn, end=behind / turn)
-        within = evaluate_each(lambda one: _measure_along_rows(one, instrument, part), [scan])[0]
-        for _, narrow in within:
-            values |= {
-                key: one
-                for key, one in narrow.values.items()
-                if key in values and key in _OF_THE_EDGE
-            }
-            notes[-1] += "; height and radius are those of the part between such steps"
+        narrow = _measure_along_rows(scan, instrument, part).values
+        values |= {key: one for key, one in narrow.items() if key in values and key in _OF_THE_EDGE}
+        notes[-1] += "; height and radius are those of the part between such steps"
     across, level = _measure_across(scan, results, turn)
     values |= _measure_burr(across, level, results, instrument, notes, missing)
     covered = dict[str, tuple[float, float]]()
