@@ -112,11 +112,11 @@ class Run:
             replace_text(self.path, whole or self._header())
         rows = read_answers(self.path, self.experiment)
         for row, planned in zip(rows, self.planned, strict=False):
-            if row["trial"] != planned["trial"]:
-                raise StudyError(
-                    f"trial must be {planned['trial']} here, as planned, got {row['trial']} "
-                    f"[{row['line']}]"
-                )
+            require(
+                row["trial"] == planned["trial"],
+                f"trial must be {planned['trial']} here, as planned, got {row['trial']} "
+                f"[{row['line']}]",
+            )
         most = len(self.planned)
         require(len(rows) <= most, f"at most {most} trials are planned, got more [{self.path}]")
         if whole.partition("\n")[0] + "\n" != self._header():

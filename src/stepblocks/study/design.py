@@ -15,7 +15,7 @@ from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
-from stepblocks.errors import PipelineError, StudyError
+from stepblocks.errors import PipelineError
 from stepblocks.predict.perception import choose_energies
 from stepblocks.predict.predictions import predict_one
 from stepblocks.select import matches_pattern
@@ -63,10 +63,10 @@ Factors = Mapping[str, Sequence[str]]
 def make_williams_square(conditions: int) -> Orders:
     """Return Williams' orders, in which every condition follows every other equally often."""
     # Williams, E. J. (1949), Australian Journal of Scientific Research A 2, 149-168.
-    if not 1 <= conditions <= MAX_CONDITIONS:
-        raise StudyError(
-            f"the number of conditions must lie between 1 and {MAX_CONDITIONS}, got {conditions}"
-        )
+    require(
+        1 <= conditions <= MAX_CONDITIONS,
+        f"the number of conditions must lie between 1 and {MAX_CONDITIONS}, got {conditions}",
+    )
     zigzag = np.array([(k + 1) // 2 if k % 2 == 0 else -((k + 1) // 2) for k in range(conditions)])
     square = (zigzag[np.newaxis, :] + np.arange(conditions)[:, np.newaxis]) % conditions
     return np.vstack([square, square[:, ::-1]]) if conditions % 2 and conditions > 1 else square
@@ -74,11 +74,10 @@ def make_williams_square(conditions: int) -> Orders:
 
 def allocate_orders(participants: int, conditions: int, generator: np.random.Generator) -> Orders:
     """Give every participant an order, whole Williams designs first, the rest from one more."""
-    if not 1 <= participants <= MAX_PARTICIPANTS:
-        raise StudyError(
-            f"the number of participants must lie between 1 and {MAX_PARTICIPANTS}, got "
-            f"{participants}"
-        )
+    require(
+        1 <= participants <= MAX_PARTICIPANTS,
+        f"the number of participants must lie between 1 and {MAX_PARTICIPANTS}, got {participants}",
+    )
     square = make_williams_square(conditions)
     rows = square[np.arange(participants) % len(square)]
     relabelled = generator.permutation(conditions)[rows]
@@ -135,10 +134,10 @@ class Item:
     height: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.height) and self.height > 0.0):
-            raise StudyError(
-                f"height must be positive and finite, got {self.height:g} m [block {self.identity}]"
-            )
+        require(
+            math.isfinite(self.height) and self.height > 0.0,
+            f"height must be positive and finite, got {self.height:g} m [block {self.identity}]",
+        )
 
     def describe(self) -> dict[str, str]:
         """Say which block it is, for who loads the blocks."""

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from stepblocks.errors import StudyError
 from stepblocks.study import require, sheet
 from stepblocks.study.design import FACTOR
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS, Row, read_number
@@ -58,8 +57,10 @@ def read_foreign_judgements(
     )
     kind, named = EXPERIMENTS[experiment], dict(columns)
     for mine in named:
-        if re.sub("_(mm|m)$", "_um", mine) not in _SAID:
-            raise StudyError(f"columns must be named for {', '.join(_SAID)}, got {mine!r}")
+        require(
+            re.sub("_(mm|m)$", "_um", mine) in _SAID,
+            f"columns must be named for {', '.join(_SAID)}, got {mine!r}",
+        )
     needed = [named.get("participant", "participant")]
     rows = [row for path in sheet.find_sheets(tables) for row in sheet.read_rows(path, needed)]
     _refuse_duplicates(rows, needed[0])

@@ -154,8 +154,10 @@ def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Ge
 
 
 def _analyse_estimates(frame: Table, margin: float) -> Fields:
-    if frame["condition"].nunique() < 2:
-        raise StudyError("errors of estimates are compared between conditions; this study has one")
+    require(
+        frame["condition"].nunique() >= 2,
+        "errors of estimates are compared between conditions; this study has one",
+    )
     found, lacking = [], list[str]()
     for name in MEASURES:
         try:
@@ -178,8 +180,10 @@ def _read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dic
         f"condition must be one of {', '.join(ORDERS)}, got {planned['condition']!r}",
     )
     text = answer["second_is_higher"].lower()
-    if text not in ("y", "n", "yes", "no", "1", "0"):
-        raise StudyError(f"second_is_higher must be y or n, got {answer['second_is_higher']!r}")
+    require(
+        text in ("y", "n", "yes", "no", "1", "0"),
+        f"second_is_higher must be y or n, got {answer['second_is_higher']!r}",
+    )
     second = text in ("y", "yes", "1")
     higher = int(second == (planned["condition"] == "standard-first"))
     return {"higher": higher, "standard": read_number(planned["standard_height_um"]) / 1e6}
@@ -299,10 +303,10 @@ def fit_power_law(
     require(positive, f"{magnitude} and {level} must be positive in every row")
     found = []
     for person, own in frame.groupby(participant, sort=False):
-        if own[level].nunique() < 3:
-            raise StudyError(
-                f"an exponent needs three levels, got {own[level].nunique()} [participant {person}]"
-            )
+        require(
+            own[level].nunique() >= 3,
+            f"an exponent needs three levels, got {own[level].nunique()} [participant {person}]",
+        )
         line = stats.linregress(np.log(own[level]), np.log(own[magnitude]))
         found.append((str(person), float(line.slope), float(line.rvalue)))
     require(len(found) >= 2, f"an interval over participants needs at least two, got {len(found)}")

@@ -373,10 +373,10 @@ def read_rows(path: Path, columns: Sequence[str], empty: bool = False) -> list[d
                 not lacking,
                 f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]",
             )
-            if len(set(names)) != len(names):
-                raise StudyError(
-                    f"columns must differ from each other, got one twice [{path}, line 1]"
-                )
+            require(
+                len(set(names)) == len(names),
+                f"columns must differ from each other, got one twice [{path}, line 1]",
+            )
             rows = []
             for row in reader:
                 require(

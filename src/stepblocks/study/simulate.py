@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.errors import StudyError
 from stepblocks.study import Array, Table, require
 from stepblocks.study.analysis.accuracy import ANSWER, MEASURES, compute_measure
 from stepblocks.study.analysis.anova import run_f_test
@@ -36,10 +35,10 @@ class Observer:
 
     def __post_init__(self) -> None:
         for name in ("weber", "response_noise", "participant_spread", "condition_spread"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise StudyError(
-                    f"{name} must be finite and not negative, got {getattr(self, name):g}"
-                )
+            require(
+                math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0,
+                f"{name} must be finite and not negative, got {getattr(self, name):g}",
+            )
         require(
             0.0 <= self.lapse < 1.0, f"lapse must be a rate from 0 to below 1, got {self.lapse:g}"
         )
@@ -72,10 +71,13 @@ def read_off_height(
         np.log(np.asarray(heights, dtype=np.float64)[order]),
         np.log(np.asarray(energies, dtype=np.float64)[order]),
     )
-    if len(x) < 2 or not (
-        np.isfinite(x).all() and (np.diff(x) > 0.0).all() and (np.diff(y) > 0.0).all()
-    ):
-        raise StudyError("energies must be at least two, positive, and rise with the height")
+    require(
+        len(x) >= 2
+        and np.isfinite(x).all()
+        and (np.diff(x) > 0.0).all()
+        and (np.diff(y) > 0.0).all(),
+        "energies must be at least two, positive, and rise with the height",
+    )
     query = np.log(np.asarray(energy, dtype=np.float64))
     stretch = np.clip(np.searchsorted(x, query) - 1, 0, len(x) - 2)
     slope = (y[stretch + 1] - y[stretch]) / (x[stretch + 1] - x[stretch])

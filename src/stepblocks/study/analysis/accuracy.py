@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.errors import StudyError
 from stepblocks.quantities import format_column_label
 from stepblocks.study import Table, require
 from stepblocks.study.analysis.anova import (
@@ -131,11 +130,11 @@ def compute_measure(frame: Table, name: str) -> tuple[Table, str]:
     # who never varies, or judged each block once, has no spread; the others keep theirs
     lacking = set(variance[~(variance > 0.0)].index.get_level_values("participant"))
     others = ~variance.index.get_level_values("participant").isin(lacking)
-    if variance[others].index.get_level_values("participant").nunique() < 2:
-        raise StudyError(
-            "spread needs judgements of a block that are repeated and differ, by every "
-            "participant in every condition"
-        )
+    require(
+        variance[others].index.get_level_values("participant").nunique() >= 2,
+        "spread needs judgements of a block that are repeated and differ, by every "
+        "participant in every condition",
+    )
     kept = {
         column: cells[column].first()
         for column in frame
@@ -214,10 +213,10 @@ def compare_groups(data: Table) -> tuple[tuple[Term, ...], tuple[Interval, ...]]
     table = table.dropna()  # a participant without a condition is named in the notes
     group = data.groupby("participant")["group"].first().reindex(table.index)
     sizes = group.value_counts().sort_index()
-    if len(sizes) < 2 or sizes.min() < 2:
-        raise StudyError(
-            f"groups must be at least two of at least two participants each, got {dict(sizes)}"
-        )
+    require(
+        len(sizes) >= 2 and sizes.min() >= 2,
+        f"groups must be at least two of at least two participants each, got {dict(sizes)}",
+    )
     level = table.mean(axis=1)
     between = run_f_test(level.to_frame("value").assign(group=group), "value", "group")
     if table.shape[1] == 1:

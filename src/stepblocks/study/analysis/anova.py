@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.errors import StudyError
 from stepblocks.study import Array, Table, require
 
 
@@ -105,18 +104,14 @@ def run_f_test(
     names = {letter: name for letter, name in (("a", first), ("b", second)) if name}
     data, scale, _ = standardise_response(frame, response, **names)
     for letter, name in names.items():
-        if data[letter].nunique() < 2:
-            raise StudyError(
-                f"{name} must have at least two levels to be tested, got {data[letter].nunique()}"
-            )
-    if len(data.groupby(list(names))) != math.prod(data[letter].nunique() for letter in names):
-        raise StudyError(
-            f"every combination of {first} and {second} must have a judgement; at "
-            "least "
-            "one "
-            "has "
-            "none"
+        require(
+            data[letter].nunique() >= 2,
+            f"{name} must have at least two levels to be tested, got {data[letter].nunique()}",
         )
+    require(
+        len(data.groupby(list(names))) == math.prod(data[letter].nunique() for letter in names),
+        f"every combination of {first} and {second} must have a judgement; at least one has none",
+    )
     formula = "y ~ " + (" * " if interaction else " + ").join(
         f"C({letter}, Sum)" for letter in names
     )

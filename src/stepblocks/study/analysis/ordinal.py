@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stepblocks.errors import StudyError
 from stepblocks.study import Array, Table, require
 
 _FAR = 300.0  # logits beyond which no rating lies
@@ -84,10 +83,10 @@ def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: st
         frame[rating], exog.join(levels), np.unique(who, return_inverse=True)[1]
     )
     values, covariance = found[:number], spread[:number, :number]
-    if not np.isfinite(covariance).all() or (np.abs(values) * exog.std() > 15.0).any():
-        raise StudyError(
-            f"{rating} must overlap between the levels of {condition}: no finite odds fit"
-        )
+    require(
+        np.isfinite(covariance).all() and not ((np.abs(values) * exog.std() > 15.0).any()),
+        f"{rating} must overlap between the levels of {condition}: no finite odds fit",
+    )
     # Hotelling: as many independent values as participants estimate the covariance
     statistic = (
         float(values @ np.linalg.solve(covariance, values))
