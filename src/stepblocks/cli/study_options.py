@@ -66,15 +66,6 @@ Participants = Annotated[
         show_default="10",
     ),
 ]
-Participant = Annotated[
-    int,
-    typer.Option(
-        "--participant",
-        metavar="N",
-        parser=whole_number(1, 100_000),
-        help="number of the participant",
-    ),
-]
 Seed = Annotated[
     int,
     typer.Option(

@@ -192,13 +192,12 @@ def _read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dic
 def _simulate_comparisons(
     trials: Table, observer: Observer, generator: np.random.Generator
 ) -> Texts:
-    answers = []
-    for energy, standard, order in zip(
-        trials["energy"], trials["standard_energy"], trials["condition"], strict=True
-    ):
-        higher = simulate_comparison(energy, standard, observer, generator)
-        answers.append(("y" if higher == (order == "standard-first") else "n",))
-    return answers
+    higher = [
+        simulate_comparison(energy, standard, observer, generator)
+        for energy, standard in zip(trials["energy"], trials["standard_energy"], strict=True)
+    ]
+    second = higher == (trials["condition"] == "standard-first")
+    return [("y" if one else "n",) for one in second]
 
 
 def _analyse_comparisons(frame: Table, margin: float) -> Fields:

@@ -12,7 +12,7 @@ import ctypes
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from ctypes.util import find_library
 
 import numpy as np
@@ -102,6 +102,15 @@ def _load_device_library(library: str, *names: str) -> ctypes.CDLL:
         raise PipelineError(f"the library cannot be loaded: {error} [{found}]") from error
 
 
+def _declare_functions(
+    library: ctypes.CDLL, signatures: Mapping[str, tuple[object, object]]
+) -> None:
+    # Say what functions of a maker's library return and take, by name
+    for name, (restype, argtypes) in signatures.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = restype, argtypes
+
+
 class ForceDimension(Hand):
     """omega, delta, sigma and Falcon through ``libdhd``; button 0 is the dead-man switch."""
 
@@ -109,17 +118,18 @@ class ForceDimension(Hand):
 
     def __init__(self, library: str = "") -> None:
         self._lib = lib = _load_device_library(library, "dhd", "drd")
-        pointer, real, byte = ctypes.POINTER(ctypes.c_double), ctypes.c_double, ctypes.c_char
-        lib.dhdGetPosition.argtypes = lib.dhdGetLinearVelocity.argtypes = [
-            pointer,
-            pointer,
-            pointer,
-            byte,
-        ]
-        lib.dhdSetForce.argtypes = [real, real, real, byte]
-        lib.dhdGetButton.argtypes = [ctypes.c_int, byte]
-        lib.dhdEnableForce.argtypes, lib.dhdClose.argtypes = [ctypes.c_ubyte, byte], [byte]
-        lib.dhdErrorGetLastStr.restype = ctypes.c_char_p
+        real, byte, whole = ctypes.c_double, ctypes.c_char, ctypes.c_int
+        axes = [ctypes.POINTER(real)] * 3
+        signatures = {
+            "dhdGetPosition": (whole, [*axes, byte]),
+            "dhdGetLinearVelocity": (whole, [*axes, byte]),
+            "dhdSetForce": (whole, [real, real, real, byte]),
+            "dhdGetButton": (whole, [whole, byte]),
+            "dhdEnableForce": (whole, [ctypes.c_ubyte, byte]),
+            "dhdClose": (whole, [byte]),
+            "dhdErrorGetLastStr": (ctypes.c_char_p, []),
+        }
+        _declare_functions(lib, signatures)
         self._one = ctypes.c_char(b"\xff")  # -1: the device that was opened last
         self._values = [ctypes.c_double() for _ in range(6)]
         self._said(lib.dhdOpen() >= 0, "be opened")
@@ -171,25 +181,20 @@ class OpenHaptics(Hand):
 
     def __init__(self, library: str = "") -> None:
         self._lib = lib = _load_device_library(library, "HD")
-        lib.hdInitDevice.restype, lib.hdInitDevice.argtypes = ctypes.c_uint, [ctypes.c_char_p]
-        lib.hdGetError.restype = _HDError
-        lib.hdGetErrorString.restype, lib.hdGetErrorString.argtypes = (
-            ctypes.c_char_p,
-            [ctypes.c_uint],
-        )
-        lib.hdGetDoublev.argtypes = lib.hdSetDoublev.argtypes = [
-            ctypes.c_uint,
-            ctypes.POINTER(ctypes.c_double),
-        ]
-        lib.hdGetIntegerv.argtypes = [ctypes.c_uint, ctypes.POINTER(ctypes.c_int)]
         self._callback = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(self._frame)
-        lib.hdScheduleAsynchronous.restype = ctypes.c_ulong
-        lib.hdScheduleAsynchronous.argtypes = [
-            type(self._callback),
-            ctypes.c_void_p,
-            ctypes.c_ushort,
-        ]
-        lib.hdUnschedule.argtypes = [ctypes.c_ulong]
+        number, doubles = ctypes.c_uint, ctypes.POINTER(ctypes.c_double)
+        scheduled = [type(self._callback), ctypes.c_void_p, ctypes.c_ushort]
+        signatures = {
+            "hdInitDevice": (number, [ctypes.c_char_p]),
+            "hdGetError": (_HDError, []),
+            "hdGetErrorString": (ctypes.c_char_p, [number]),
+            "hdGetDoublev": (None, [number, doubles]),
+            "hdSetDoublev": (None, [number, doubles]),
+            "hdGetIntegerv": (None, [number, ctypes.POINTER(ctypes.c_int)]),
+            "hdScheduleAsynchronous": (ctypes.c_ulong, scheduled),
+            "hdUnschedule": (None, [ctypes.c_ulong]),
+        }
+        _declare_functions(lib, signatures)
         self._device = lib.hdInitDevice(None)
         self._check("be opened")
         self._state, self._given, self._lock = np.zeros(7), np.zeros(3), threading.Lock()

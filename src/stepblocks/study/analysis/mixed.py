@@ -72,7 +72,7 @@ class _Likelihood:
         np.add.at(self.sums, cell, both)
 
     def variances(self, point: Array) -> tuple[Any, Any, Array, Array]:
-        """Return both variances over the residual one, and the weights of cells and persons."""
+        # Return both variances over the residual one, and the weights of cells and persons
         # exponentials keep the covariance positive; a parameter of zero is a variance of zero
         response = np.expm1(point[1]) / self.sizes.max() if len(point) > 2 else 0.0
         shrunk = 1.0 / (1.0 + response * self.sizes)
@@ -80,7 +80,7 @@ class _Likelihood:
         return np.expm1(point[0]) / weights.max(), response, shrunk, weights
 
     def products(self, point: Array) -> tuple[Array, Any]:
-        """Return the products of predictors and response, weighted, and ln |V|."""
+        # Return the products of predictors and response, weighted, and ln |V|
         person, response, shrunk, weights = self.variances(point)
         own = self.persons.T @ (self.sums * shrunk[:, np.newaxis])
         found = self.squares - (self.sums.T * (response * shrunk)) @ self.sums
@@ -88,7 +88,7 @@ class _Likelihood:
         return found, np.log(1.0 + person * weights).sum() - np.log(shrunk).sum()
 
     def loss(self, point: Array) -> Any:
-        """Return minus the restricted log likelihood; a point ends with ln residual variance."""
+        # Return minus the restricted log likelihood; a point ends with ln residual variance
         from scipy.linalg import lu_factor
 
         found, log_det = self.products(point)
@@ -99,7 +99,7 @@ class _Likelihood:
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # beyond the bounds
     def fit(self, repeated: bool) -> tuple[Array, Array]:
-        """Return the optimum and the covariance of its parameters."""
+        # Return the optimum and the covariance of its parameters
         from scipy.optimize import minimize
 
         start = [1.0, 0.3, -0.5] if repeated else [1.0, -0.5]
@@ -122,12 +122,12 @@ class _Likelihood:
         return np.asarray(point), np.asarray(spread)
 
     def covariance(self, point: Array) -> Array:
-        """Return the covariance of the fixed effects."""
+        # Return the covariance of the fixed effects
         found = np.linalg.inv(self.products(point)[0][:-1, :-1]) * np.exp(point[-1])
         return np.asarray(found)
 
     def count_freedom(self, point: Array, spread: Array, contrast: Array) -> float:
-        """Return Satterthwaite's degrees of freedom of a contrast of the fixed effects."""
+        # Return Satterthwaite's degrees of freedom of a contrast of the fixed effects
         # Fai, A. H.-T., Cornelius, P. L. (1996), J. Statist. Comput. Simul. 54, 363-378.
 
         slope = approx_fprime_cs(
