@@ -186,11 +186,7 @@ def design(
     plan = stepblocks.design_study(choose_source(file, heights), output, seed=seed, **options)
     trials, people = len(plan.trials), int(plan.trials[-1]["participant"])
     summary = f"{output / 'design.csv'}: {trials} trials of {people} participants; {plan.balance}"
-    record = {
-        "trials": trials,
-        "participants": people,
-        "balance": plan.balance,
-    }
+    record = {"trials": trials, "participants": people, "balance": plan.balance}
     return Outcome(summary, record=record)
 
 
@@ -198,8 +194,7 @@ def design(
 def sheet(*, folder: Folder) -> Outcome:
     """Write blinded run sheets, to print and as CSV to fill in."""
     number = stepblocks.write_sheets(folder)
-    pages = folder / "run-sheets.html"
-    summary = f"{folder / 'sheets'}: {number} run sheets; print {pages}"
+    summary = f"{folder / 'sheets'}: {number} run sheets; print {folder / 'run-sheets.html'}"
     return Outcome(summary, record={"sheets": number})
 
 

@@ -88,8 +88,7 @@ class Run:
             0 <= self.practice <= len(self.planned),
             f"practice must be from 0 to {len(self.planned)} trials, got {self.practice}",
         )
-        runs = self.folder / "runs"
-        path = resolve_inside(runs, f"participant-{self.participant}.csv")
+        path = resolve_inside(self.folder / "runs", f"participant-{self.participant}.csv")
         if path is None:
             raise StudyError(f"participant must be a plain name, got {self.participant!r}")
         self.path, self._guard = path, threading.RLock()
@@ -185,13 +184,16 @@ class Run:
             if dimension and f"{FACTOR}{name}" in row
         }
         point = self.blocks.point
-        tool = replace(
-            point.tool,
-            frequency=levels.get("frequency", point.tool.frequency),
-            decay_time=levels.get("decay", point.tool.decay_time),
-            conversion=point.tool.conversion * levels.get("amplitude", 1.0) ** 2,
+        return replace(
+            point,
+            normal_load=levels.get("load", point.normal_load),
+            tool=replace(
+                point.tool,
+                frequency=levels.get("frequency", point.tool.frequency),
+                decay_time=levels.get("decay", point.tool.decay_time),
+                conversion=point.tool.conversion * levels.get("amplitude", 1.0) ** 2,
+            ),
         )
-        return replace(point, tool=tool, normal_load=levels.get("load", point.normal_load))
 
     def begin(self) -> None:
         """Start the servo loop of a virtual block; one that still runs is ended and begun anew."""
@@ -222,13 +224,15 @@ class Run:
             return {"x": 0.0, "events": 0, "loudness": 0.0}
         tool, renderer = self._point.tool, servo.renderer
         louder = math.sqrt(tool.conversion / self.blocks.point.tool.conversion)
-        loudness = min(louder * abs(renderer.release_force) / self.strongest, 1.0)
-        rung = {"frequency": tool.frequency, "decay": tool.decay_time, "loudness": loudness}
-        doubts = {
+        return {
+            "x": renderer.proxy[0],
+            "events": renderer.events,
+            "frequency": tool.frequency,
+            "decay": tool.decay_time,
+            "loudness": min(louder * abs(renderer.release_force) / self.strongest, 1.0),
             "over": servo.ended != "",
             "doubt": "" if servo.trusted else "".join(servo.doubts[-1:]),
         }
-        return {"x": renderer.proxy[0], "events": renderer.events, **rung, **doubts}
 
     @cached_property
     def strongest(self) -> float:
@@ -301,7 +305,6 @@ class Run:
             stamps = [_format_time(one) for one in (self._shown, now)]
             cells = (*stamps, f"{seconds:.3f}", " ".join(comment.split())[:500])
             line = blind_rows([row])[0] | given | dict(zip(_TIMES, cells, strict=True))
-            line.pop("setting", None)
             self._append(line)
             self._rows.append(line)
             self.feedback, self._shown = "", now

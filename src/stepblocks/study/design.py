@@ -79,8 +79,7 @@ def allocate_orders(participants: int, conditions: int, generator: np.random.Gen
         f"the number of participants must lie between 1 and {MAX_PARTICIPANTS}, got {participants}",
     )
     square = make_williams_square(conditions)
-    rows = square[np.arange(participants) % len(square)]
-    relabelled = generator.permutation(conditions)[rows]
+    relabelled = generator.permutation(conditions)[square[np.arange(participants) % len(square)]]
     return np.asarray(relabelled[generator.permutation(participants)], dtype=np.int64)
 
 
@@ -281,8 +280,10 @@ def _check_size(
         require(values, f"{said} must be at least one, got none")
         twice = sorted({value for value in values if list(values).count(value) > 1})
         require(not twice, f"{said} must differ from each other, got {''.join(twice[:1])!r} twice")
-        plain = all(value and value.strip() == value and "/" not in value for value in values)
-        require(plain, f"{said} must have names without slash or outer spaces, got {list(values)}")
+        require(
+            all(value and value.strip() == value and "/" not in value for value in values),
+            f"{said} must have names without slash or outer spaces, got {list(values)}",
+        )
         require(name.replace("-", "_").isidentifier(), f"a factor must be one word, got {name!r}")
     unknown = [name for name in between if name not in factors]
     require(not unknown, f"between must name factors ({', '.join(factors)}), got {unknown}")

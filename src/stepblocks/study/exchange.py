@@ -103,16 +103,17 @@ def _refuse_duplicates(rows: Sequence[Row], participant: str) -> None:
     for row in rows:
         key = tuple(text for name, text in row.items() if name != "line")
         people.setdefault(row[participant], []).append(key)
-        numbered = {"trial", "repetition", "time"} & {*row}
         require(
-            not (numbered and key in first),
+            key not in first or not {"trial", "repetition", "time"} & {*row},
             f"a row must not stand twice [{row['line']}; first {first.get(key, '')}]",
         )
         first.setdefault(key, row["line"])
     for who, own in people.items():
         half = len(own) // 2
-        alike = half > 2 and own == own[:half] * 2
-        require(not alike, f"participant {who}'s {half} rows must not stand twice")
+        require(
+            half < 3 or own != own[:half] * 2,
+            f"participant {who}'s {half} rows must not stand twice",
+        )
 
 
 def _format_cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:

@@ -119,16 +119,13 @@ def _read_estimate(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[
 
 
 def _read_virtual(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
-    values, rating = (
-        _read_estimate(planned, answer, ratings),
-        read_number(answer["realism_rating"]),
-    )
-    low, high = ratings
-    said = (
+    values = _read_estimate(planned, answer, ratings)
+    (low, high), rating = ratings, read_number(answer["realism_rating"])
+    require(
+        low <= rating <= high and rating == int(rating),
         f"realism_rating must be a whole number from {low:g} to {high:g}, got "
-        f"{answer['realism_rating']!r}"
+        f"{answer['realism_rating']!r}",
     )
-    require(low <= rating <= high and rating == int(rating), said)
     return values | {"rating": int(rating)}
 
 
@@ -185,8 +182,10 @@ def _read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dic
         f"second_is_higher must be y or n, got {answer['second_is_higher']!r}",
     )
     second = text in ("y", "yes", "1")
-    higher = int(second == (planned["condition"] == "standard-first"))
-    return {"higher": higher, "standard": read_number(planned["standard_height_um"]) / 1e6}
+    return {
+        "higher": int(second == (planned["condition"] == "standard-first")),
+        "standard": read_number(planned["standard_height_um"]) / 1e6,
+    }
 
 
 def _simulate_comparisons(
@@ -213,8 +212,9 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
     )
     found, profiles = list[Comparisons](), dict[str, _Group]()
     for setting, own in frame.groupby(settings):
-        people = own.groupby("participant", sort=False)
-        curves = tuple(_fit_curve(str(name), one) for name, one in people)
+        curves = tuple(
+            _fit_curve(str(name), one) for name, one in own.groupby("participant", sort=False)
+        )
         one = Comparisons(str(setting), curves, standard, None, None)
         tables = own.pivot_table(
             index="participant", columns="height", values="higher", aggfunc=["sum", "count"]
@@ -223,11 +223,10 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
             levels = np.log(tables["sum"].columns.to_numpy(float) / standard)
             grid = Grid(levels, tables["sum"], tables["count"])
             model = Population(grid.likelihood, grid.axes)
-            means = [model.predict_participants(index) for index in (0, 1)]
-            listed = zip(tables.index, *means, strict=True)
+            middles, widths = (model.predict_participants(index) for index in (0, 1))
             shrunk = tuple(
                 (str(who), standard * math.exp(middle), compute_weber(wide))
-                for who, middle, wide in listed
+                for who, middle, wide in zip(tables.index, middles, widths, strict=True)
             )
             equal, spread = model.estimate(0), model.estimate(1)
             one = replace(one, equal=equal, spread=spread, people=shrunk)
@@ -235,11 +234,13 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
         found.append(one)
     pairs = list(itertools.combinations(profiles, 2))
     quantities = {"spread of comparisons": 1, "point of subjective equality": 0} if pairs else {}
-    contrasts = {
-        quantity: tuple(_compare_settings(index, *pair, profiles) for pair in pairs)
-        for quantity, index in quantities.items()
+    return {
+        "comparisons": tuple(found),
+        "contrasts": {
+            quantity: tuple(_compare_settings(index, *pair, profiles) for pair in pairs)
+            for quantity, index in quantities.items()
+        },
     }
-    return {"comparisons": tuple(found), "contrasts": contrasts}
 
 
 def _compare_settings(
@@ -298,8 +299,10 @@ def fit_power_law(
     # Stevens, S. S. (1957), Psychological Review 64, 153-181, doi:10.1037/h0046162.
     from scipy import stats
 
-    positive = (frame[magnitude] > 0.0).all() and (frame[level] > 0.0).all()
-    require(positive, f"{magnitude} and {level} must be positive in every row")
+    require(
+        (frame[[magnitude, level]] > 0.0).all(axis=None),
+        f"{magnitude} and {level} must be positive in every row",
+    )
     found = []
     for person, own in frame.groupby(participant, sort=False):
         require(

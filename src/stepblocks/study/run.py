@@ -167,8 +167,10 @@ def check_virtual_factor(name: str, levels: Sequence[str]) -> None:
     words = {"vibration": ("vibration-off", "vibration-on"), "block": (REAL, VIRTUAL)}
     for level in levels:
         if name in words:
-            said = f"{name} must be one of {', '.join(words[name])}, got {level!r}"
-            require(level in words[name], said)
+            require(
+                level in words[name],
+                f"{name} must be one of {', '.join(words[name])}, got {level!r}",
+            )
         else:
             require(parse_quantity(level, VIRTUAL_FACTORS[name]) > 0.0, f"{name} must be positive")
 

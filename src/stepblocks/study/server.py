@@ -158,9 +158,10 @@ class _Handler(BaseHTTPRequestHandler):
             "Content-Type": kind,
             "Content-Length": str(len(body)),
             "Cache-Control": "no-store",
+            "Content-Security-Policy": _POLICY.format(self.server.nonce),
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
         }
-        headers |= {"Content-Security-Policy": _POLICY.format(self.server.nonce)}
-        headers |= {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
         if self.close_connection:
             headers["Connection"] = "close"
         for name, value in headers.items():

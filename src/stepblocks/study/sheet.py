@@ -163,9 +163,9 @@ class Judgements:
         people = self.frame["participant"].nunique()
         said = [f"{len(self.frame)} judgements of {people} participants."]
         if self.left:
-            names = ", ".join(self.left)
             said.append(
-                f"Left out entirely, for a condition without any answer: participant {names}."
+                "Left out entirely, for a condition without any answer: participant "
+                f"{', '.join(self.left)}."
             )
         if self.missing:
             shown = ", ".join(f"{participant}/{trial}" for participant, trial in self.missing[:20])
@@ -271,11 +271,11 @@ def join_answers(
             )
             (shown,) = blind_rows([planned[key]])
             for name in ("first_code", "second_code", "code", "condition"):
-                said = (
+                require(
+                    name not in shown or answer[name] == shown[name],
                     f"{name} must be {shown.get(name)!r} in this trial, as planned, got "
-                    f"{answer.get(name)!r}"
+                    f"{answer.get(name)!r}",
                 )
-                require(name not in shown or answer[name] == shown[name], said)
             pairs.append((planned[key], answer))
     return join_rows(design[0]["experiment"], pairs, ratings, planned, mistakes)
 

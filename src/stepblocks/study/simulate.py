@@ -181,20 +181,22 @@ class SimulatedStudy:
             self.measure in MEASURES,
             f"measure must be one of {', '.join(MEASURES)}, got {self.measure!r}",
         )
-        got = f"got {self.participants} and {self.repetitions}"
-        enough = self.participants >= 2 and self.repetitions >= 1
-        require(enough, f"a study needs at least 2 participants and 1 repetition, {got}")
+        require(
+            self.participants >= 2 and self.repetitions >= 1,
+            "a study needs at least 2 participants and 1 repetition, got "
+            f"{self.participants} and {self.repetitions}",
+        )
         require(
             len(self.factors) >= 2,
             "a study must compare at least two conditions, which damping, noisier or probes name, "
             f"got {len(self.factors)}",
         )
         for name, share in self.factors:
-            said = (
+            require(
+                math.isfinite(share) and share > 0.0,
                 f"the share of the energy must be positive and finite, got {share:g} [condition "
-                f"{name}]"
+                f"{name}]",
             )
-            require(math.isfinite(share) and share > 0.0, said)
 
 
 def compute_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
@@ -223,12 +225,13 @@ def simulate_frame(plan: SimulatedStudy, seed: int) -> Table:
     estimates = estimate_heights(
         frame, (heights, energies), plan.observer, np.random.default_rng(seed)
     )
-    texts = {
-        "participant": person.astype(str),
-        "condition": np.array(names)[setting],
-        "stimulus": block.astype(str),
-    }
-    return frame.assign(**texts, estimate=estimates, error=estimates - heights[block])
+    return frame.assign(
+        participant=person.astype(str),
+        condition=np.array(names)[setting],
+        stimulus=block.astype(str),
+        estimate=estimates,
+        error=estimates - heights[block],
+    )
 
 
 def estimate_power(

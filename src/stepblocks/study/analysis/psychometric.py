@@ -17,6 +17,7 @@ from stepblocks.study import Array, require
 MAX_LAPSE = 0.1
 Z75 = 0.6744897501960817  # standard normal quantile of 0.75
 Z975 = 1.959963984540054
+_ROOT = math.sqrt(2.0 * math.pi)
 _CHI95 = 3.841458820694124  # 95 % point of chi squared with one degree of freedom
 
 
@@ -74,17 +75,21 @@ def fit_psychometric(
     x, k, n = _check_counts(levels, hits, totals)
     log_x = np.log(x)
 
-    def predict(point: Array) -> Array:
-        rising: Array = ndtr((log_x - point[0]) / math.exp(point[1]))
-        p: Array = np.clip(point[2] + (1.0 - 2.0 * point[2]) * rising, 1e-15, 1.0 - 1e-15)
-        return p
+    def predict(point: Array) -> tuple[Array, Array]:
+        # Return the probability of a hit at each level, and its slopes
+        spread = math.exp(point[1])
+        away = (log_x - point[0]) / spread
+        rising, density = ndtr(away), (1.0 - 2.0 * point[2]) * np.exp(-0.5 * away**2) / _ROOT
+        p = np.clip(point[2] + (1.0 - 2.0 * point[2]) * rising, 1e-15, 1.0 - 1e-15)
+        return p, np.array([-density / spread, -density * away, 1.0 - 2.0 * rising])
 
     def miss(p: Array) -> Array:
         lost: Array = -np.sum(xlogy(k, p) + xlog1py(n - k, -p), axis=-1)
         return lost
 
-    def loss(point: Array) -> float:
-        return float(miss(predict(point)))
+    def loss(point: Array) -> tuple[float, Array]:
+        p, slopes = predict(point)
+        return float(miss(p)), slopes @ ((n - k) / (1.0 - p) - k / p)
 
     reach = np.array([-2.0, 2.0]) * np.ptp(log_x) + (log_x.min(), log_x.max())
     bounds = [(reach[0], reach[1]), (-8.0, 4.0), (0.0, MAX_LAPSE)]
@@ -94,6 +99,7 @@ def fit_psychometric(
         return minimize(
             loss,
             start,
+            jac=True,
             method="L-BFGS-B",
             bounds=held,
             options={"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000},
@@ -135,7 +141,7 @@ def fit_psychometric(
         "answers jump between two of the levels: the spread is not determined from "
         f"{n.sum():.0f} trials; add levels between them",
     )
-    dispersion, p_fit = assess_fit(predict, found.x, k, n)
+    dispersion, p_fit = assess_fit(*predict(found.x), k, n)
     return Psychometric(
         threshold=math.exp(found.x[0]),
         threshold_low=math.exp(low),
@@ -165,16 +171,11 @@ def find_crossing(excess: Callable[[float], float], start: float, end: float, st
     return float(brentq(excess, inner, outer, xtol=1e-6)) if above > 0.0 else step * math.inf
 
 
-def assess_fit(
-    predict: Callable[[Array], Array], point: Array, k: Array, n: Array
-) -> tuple[float, float]:
+def assess_fit(p: Array, slopes: Array, k: Array, n: Array) -> tuple[float, float]:
     """Compare Pearson's chi squared with that of answers that the fitted function gives."""
     # In place of a fit to each simulated table, what a fit would take up is projected out.
-    from statsmodels.tools.numdiff import approx_fprime
-
-    p = predict(point)
     weight = np.sqrt(n / (p * (1.0 - p)))
-    taken = np.linalg.qr(weight[:, np.newaxis] * approx_fprime(point, predict))[0]
+    taken = np.linalg.qr((weight * slopes).T)[0]
     drawn = np.random.default_rng(1).binomial(n.astype(int), p, (2000, len(p))) / n
     left = weight * (np.vstack([k / n, drawn]) - p)
     squares = np.sum((left - left @ taken @ taken.T) ** 2, axis=1)

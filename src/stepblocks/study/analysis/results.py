@@ -269,27 +269,40 @@ def _make_span(analysis: str, quantity: str, ends: Ends, unit: str = "1", **more
 
 
 def _format_term(analysis: str, term: Term) -> Row:
-    ends, name = (
-        (term.eta_squared, term.eta_low, term.eta_high),
-        f"{term.name}, partial eta squared",
-    )
     return _make_span(
-        analysis, name, ends, statistic=term.f, df=term.df, df_error=term.df_error, p=term.p
+        analysis,
+        f"{term.name}, partial eta squared",
+        (term.eta_squared, term.eta_low, term.eta_high),
+        statistic=term.f,
+        df=term.df,
+        df_error=term.df_error,
+        p=term.p,
     )
+
+
+def _format_interval(
+    analysis: str,
+    one: Interval,
+    logarithmic: bool,
+    unit: str = "um",
+    names: tuple[str, str] = ("", ""),
+    **more: float,
+) -> Row:
+    # Lay out a difference, named before and after; of logarithms it is a ratio
+    ends: Ends = (one.difference, one.low, one.high)
+    if logarithmic:
+        ends, unit = tuple(map(math.exp, ends)), "1"
+    pair = f"{one.first} {'over' if logarithmic else 'minus'} {one.second}"
+    return _make_span(analysis, names[0] + pair + names[1], ends, unit, p=one.p, **more)
 
 
 def _list_intervals(
     analysis: str, intervals: tuple[Interval, ...], logarithmic: bool
 ) -> Iterator[Row]:
     for one in intervals:
-        name, ends = f"{one.first} minus {one.second}", (one.difference, one.low, one.high)
-        ratio = (f"{one.first} over {one.second}", tuple(map(math.exp, ends)), "1")
-        yield _make_span(
-            analysis, *(ratio if logarithmic else (name, ends, "um")), df_error=one.df, p=one.p
-        )
-        yield _make_row(
-            analysis, f"{name}, over the residual standard deviation", estimate=one.effect_size
-        )
+        yield _format_interval(analysis, one, logarithmic, df_error=one.df)
+        name = f"{one.first} minus {one.second}, over the residual standard deviation"
+        yield _make_row(analysis, name, estimate=one.effect_size)
 
 
 def _measure(measure: Measure) -> Iterator[Row]:
@@ -364,10 +377,11 @@ def _list_comparisons(result: StudyResult) -> Iterator[Row]:
                 found.standard * math.exp(v) for v in (equal.value, equal.low, equal.high)
             )
             fractions = tuple(compute_weber(v) for v in (wide.value, wide.low, wide.high))
-            name = "population, point of subjective equality"
-            yield _make_span(_CURVE, f"{where}{name}", heights, "um", p=equal.p)
-            name = "population, Weber fraction of the height"
-            yield _make_span(_CURVE, f"{where}{name}", fractions)
+            name = f"{where}population"
+            yield _make_span(
+                _CURVE, f"{name}, point of subjective equality", heights, "um", p=equal.p
+            )
+            yield _make_span(_CURVE, f"{name}, Weber fraction of the height", fractions)
             for name, one in (("points of subjective equality", equal), ("spreads", wide)):
                 said = f"{where}standard deviation of ln({name}) between participants"
                 yield _make_row(_CURVE, said, estimate=one.spread)
@@ -381,9 +395,8 @@ def _list_comparisons(result: StudyResult) -> Iterator[Row]:
             yield _make_row(_CURVE, f"{name}, Weber fraction of the height", estimate=weber)
     for quantity, family in result.contrasts.items():
         for gap in family:
-            ends = tuple(math.exp(value) for value in (gap.difference, gap.low, gap.high))
-            name = f"{quantity}, {gap.first} over {gap.second}"
-            yield _make_span("contrast of settings", name, ends, p=gap.p)
+            names = (f"{quantity}, ", "")
+            yield _format_interval("contrast of settings", gap, logarithmic=True, names=names)
 
 
 def _list_curve(curve: Curve, name: str) -> Iterator[Row]:
@@ -391,8 +404,8 @@ def _list_curve(curve: Curve, name: str) -> Iterator[Row]:
         yield _make_row(_CURVE, f"{name}: not fitted, {curve.reason}")
         return
     equal = (fit.threshold, fit.threshold_low, fit.threshold_high)
-    yield _make_span(_CURVE, f"{name}, point of subjective equality", equal, "um")
     weber = (fit.weber, fit.weber_low, fit.weber_high)
+    yield _make_span(_CURVE, f"{name}, point of subjective equality", equal, "um")
     yield _make_span(_CURVE, f"{name}, Weber fraction of the height", weber)
     yield _make_row(_CURVE, f"{name}, lapse rate", estimate=fit.lapse)
     yield _make_row(_CURVE, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
@@ -409,12 +422,11 @@ def _list_magnitudes(result: StudyResult) -> Iterator[Row]:
         for person, exponent, correlation in law.by_participant:
             name = f"{where}participant {person}"
             yield _make_row("power law", f"{name}, exponent", estimate=exponent)
-            said = f"{name}, correlation of the logarithms"
-            yield _make_row("power law", said, estimate=correlation)
+            yield _make_row(
+                "power law", f"{name}, correlation of the logarithms", estimate=correlation
+            )
     for one in result.exponents:
-        name = f"exponent, {one.first} minus {one.second}"
-        ends = (one.difference, one.low, one.high)
-        yield _make_span("power law", name, ends, df_error=one.df, p=one.p)
+        yield _format_interval("power law", one, False, "1", ("exponent, ", ""), df_error=one.df)
 
 
 def _list_influence(result: StudyResult) -> Iterator[Row]:
@@ -427,7 +439,5 @@ def _list_influence(result: StudyResult) -> Iterator[Row]:
     log, unit = (measure.logarithmic, "um") if measure else (False, "1")
     for who in table.index if len(table) > 2 else ():
         for one in compare_participants(table.drop(who)):
-            ends = (one.difference, one.low, one.high)
-            name = f"{one.first} {'over' if log else 'minus'} {one.second}, without {who}"
-            shown = (tuple(map(math.exp, ends)), "1") if log else (ends, unit)
-            yield _make_span("leaving each participant out", name, *shown, p=one.p)
+            names = ("", f", without {who}")
+            yield _format_interval("leaving each participant out", one, log, unit, names)
