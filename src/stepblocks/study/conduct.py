@@ -209,7 +209,6 @@ class Run:
             renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
             if self.hand is None or isinstance(self.hand, Mouse):
                 self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))
-            self.hand.begin()
             # without motors a machine that is slow for a moment needs no new start
             limits = Limits() if self.hand.motors else Limits(dead=_SLOW)
             self._running, self._point = Servo(renderer, self.hand, limits=limits), point

@@ -41,10 +41,6 @@ class Hand(ABC):
     def apply(self, force: Array) -> None:
         """Put a force on the hand [N]."""
 
-    def begin(self) -> None:
-        """Begin a trial."""
-        return
-
     def close(self) -> None:
         """Let go of the device."""
         return
