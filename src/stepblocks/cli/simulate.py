@@ -132,14 +132,15 @@ def _make_observer(
 ) -> "Observer":
     from stepblocks.study.simulate import Observer
 
-    options = given(
-        weber=weber,
-        response_noise=noise,
-        participant_spread=spread,
-        condition_spread=condition_spread,
-        lapse=lapse,
+    return Observer(
+        **given(
+            weber=weber,
+            response_noise=noise,
+            participant_spread=spread,
+            condition_spread=condition_spread,
+            lapse=lapse,
+        )
     )
-    return Observer(**options)
 
 
 @command(app, "simulate", "study simulate study mine.toml --seed 7")
@@ -171,15 +172,21 @@ def simulate(
 ) -> Outcome:
     """Let simulated participants fill in the run sheets."""
     place = output or folder / "answers.csv"
-    options = given(
-        damping=damping,
-        noise=noisier,
-        ball_radius=tip_radius,
-        normal_load=load,
-        friction=friction,
-    )
     observer = _make_observer(weber, noise, spread, condition_spread, lapse)
-    number = stepblocks.simulate_study(folder, file, place, seed=seed, observer=observer, **options)
+    number = stepblocks.simulate_study(
+        folder,
+        file,
+        place,
+        seed=seed,
+        observer=observer,
+        **given(
+            damping=damping,
+            noise=noisier,
+            ball_radius=tip_radius,
+            normal_load=load,
+            friction=friction,
+        ),
+    )
     return Outcome(f"{place}: {number} simulated answers", record={"answers": number})
 
 
@@ -265,25 +272,29 @@ def power(
     ] = None,
 ) -> Outcome:
     """Find the share of simulated studies that find a difference between conditions."""
-    options = given(
-        experiment=experiment,
-        standard=standard,
-        probes=probes,
-        measure=measure,
-        participants=participants,
-        repetitions=repetitions,
-        damping=damping,
-        noise=noisier,
-        analysis=analysis,
-        runs=runs,
-        only=only,
-        ball_radius=tip_radius,
-        normal_load=load,
-        friction=friction,
-    )
     observer = _make_observer(weber, noise, spread, condition_spread, lapse)
     source = choose_source(file, heights)
     table = stepblocks.study_power(
-        source, output, seed=seed, jobs=jobs, observer=observer, **options
+        source,
+        output,
+        seed=seed,
+        jobs=jobs,
+        observer=observer,
+        **given(
+            experiment=experiment,
+            standard=standard,
+            probes=probes,
+            measure=measure,
+            participants=participants,
+            repetitions=repetitions,
+            damping=damping,
+            noise=noisier,
+            analysis=analysis,
+            runs=runs,
+            only=only,
+            ball_radius=tip_radius,
+            normal_load=load,
+            friction=friction,
+        ),
     )
     return Outcome("", {"power": table.to_dict("records")})

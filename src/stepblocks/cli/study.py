@@ -171,23 +171,28 @@ def design(
     ] = Path("out/study"),
 ) -> Outcome:
     """Write design.csv with every trial, the key of the codes, and a preregistration."""
-    options = given(
-        experiment=experiment,
-        participants=participants,
-        probes=probes,
-        repetitions=repetitions,
-        standard=standard,
-        factors=dict(factor) if factor else None,
-        between=between,
-        primary=primary,
-        reference=reference,
-        only=only,
+    plan = stepblocks.design_study(
+        choose_source(file, heights),
+        output,
+        seed=seed,
+        **given(
+            experiment=experiment,
+            participants=participants,
+            probes=probes,
+            repetitions=repetitions,
+            standard=standard,
+            factors=dict(factor) if factor else None,
+            between=between,
+            primary=primary,
+            reference=reference,
+            only=only,
+        ),
     )
-    plan = stepblocks.design_study(choose_source(file, heights), output, seed=seed, **options)
     trials, people = len(plan.trials), int(plan.trials[-1]["participant"])
     summary = f"{output / 'design.csv'}: {trials} trials of {people} participants; {plan.balance}"
-    record = {"trials": trials, "participants": people, "balance": plan.balance}
-    return Outcome(summary, record=record)
+    return Outcome(
+        summary, record={"trials": trials, "participants": people, "balance": plan.balance}
+    )
 
 
 @command(study, "sheet", "study sheet study")
@@ -259,17 +264,21 @@ def run(
     """
     from stepblocks.study.server import RunServer
 
-    options = given(
-        device=device,
-        library=library,
-        scale=scale,
-        ratings=ratings,
-        practice=practice,
-        ball_radius=tip_radius,
-        normal_load=load,
-        friction=friction,
+    opened = stepblocks.open_run(
+        folder,
+        participant,
+        file,
+        **given(
+            device=device,
+            library=library,
+            scale=scale,
+            ratings=ratings,
+            practice=practice,
+            ball_radius=tip_radius,
+            normal_load=load,
+            friction=friction,
+        ),
     )
-    opened = stepblocks.open_run(folder, participant, file, **options)
     server = RunServer(opened, port)
     print(f"{opened.path}: {opened.answered} of {len(opened.planned)} trials are answered")
     print(f"open {server.url}", flush=True)
@@ -282,8 +291,7 @@ def run(
         server.until_done()
     except KeyboardInterrupt:
         summary = "stopped; the same command goes on"
-    record = {"answered": opened.answered, "of": len(opened.planned)}
-    return Outcome(summary, record=record)
+    return Outcome(summary, record={"answered": opened.answered, "of": len(opened.planned)})
 
 
 @command(study, "analyse", "study analyse study study/answers.csv")
@@ -357,19 +365,24 @@ def analyse(
             "a folder of a study with its answers must be given, or --data with a table of your own"
         )
     place = output or (folder or Path("out/study")) / "report"
-    options = given(
-        columns=columns,
-        experiment=experiment,
-        equivalent=equivalent,
-        groups=groups,
-        ratings=ratings,
-        primary=primary,
-        reference=reference,
+    result = stepblocks.analyse_study(
+        folder,
+        data or answers or [],
+        place,
+        **given(
+            columns=columns,
+            experiment=experiment,
+            equivalent=equivalent,
+            groups=groups,
+            ratings=ratings,
+            primary=primary,
+            reference=reference,
+        ),
     )
-    result = stepblocks.analyse_study(folder, data or answers or [], place, **options)
     notes, summary = [*result.notes, *result.remarks], write_headline(result)
-    record = {"said": summary, "notes": notes}
-    return Outcome(summary, notes=notes, page=place / "report.html", record=record)
+    return Outcome(
+        summary, notes=notes, page=place / "report.html", record={"said": summary, "notes": notes}
+    )
 
 
 @command(study, "share", "study share study study/answers.csv --as bids -o dataset")
@@ -397,6 +410,7 @@ def share(
     ] = None,
 ) -> Outcome:
     """Write the study as BIDS."""
-    options = given(form=form, authors=authors, licence=licence)
-    files = stepblocks.share_study(folder, answers or [], output, **options)
+    files = stepblocks.share_study(
+        folder, answers or [], output, **given(form=form, authors=authors, licence=licence)
+    )
     return Outcome(f"{output}: {len(files)} files", record={"files": files})

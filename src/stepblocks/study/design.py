@@ -201,8 +201,8 @@ def make_trial_row(
     """Write a trial as its row of design.csv: when (in `WHEN`), and its codes."""
     cells = [experiment, *map(str, when)]
     for one in (code, standard):
-        found = blocks[one].describe() | {"code": one} if one else {}
-        cells += [found.get(name, "") for name in _BLOCK]
+        found = blocks[one].describe() | {"code": one} if one else dict.fromkeys(_BLOCK, "")
+        cells += [found[name] for name in _BLOCK]
     return dict(zip(DESIGN_COLUMNS, cells, strict=True))
 
 
@@ -384,8 +384,12 @@ def find_designed_blocks(
     design: Sequence[Mapping[str, str]], where: str | Path | None, felt: Mapping[str, float]
 ) -> Blocks:
     """Find the blocks of a design in a stimulus file; without one they are sharp steps."""
-    named = [(row[name], row[height]) for row in design for name, height in _NAMED]
-    heights = {name: float(height) / 1e6 for name, height in named if name}
+    heights = {
+        row[name]: float(row[height]) / 1e6
+        for row in design
+        for name, height in _NAMED
+        if row[name]
+    }
     blocks = choose_blocks(sorted(set(heights.values())) if where is None else where, felt)
     faces = (
         {name: Step(height) for name, height in heights.items()} if where is None else blocks.faces

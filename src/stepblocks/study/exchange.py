@@ -166,10 +166,11 @@ def share_study(
     design = sheet.read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
     kind = EXPERIMENTS[experiment]
-    rows = [
-        row for path in sheet.find_sheets(answers) for row in sheet.read_answers(path, experiment)
-    ]
-    given = {(row["participant"], row["trial"]): row for row in rows}
+    given = {
+        (row["participant"], row["trial"]): row
+        for path in sheet.find_sheets(answers)
+        for row in sheet.read_answers(path, experiment)
+    }
     columns = [
         name
         for name in _SAID
@@ -182,8 +183,10 @@ def share_study(
     )
     require(people, "the answers must belong to the design, got none that does")
     labels = {who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people}  # as both forms allow them
-    alike = len(set(labels.values())) < len(labels) or not all(labels.values())
-    require(not alike, f"participants must differ in letters and digits, got {list(people)[:5]}")
+    require(
+        len(set(labels.values())) == len(labels) and all(labels.values()),
+        f"participants must differ in letters and digits, got {list(people)[:5]}",
+    )
     files = _write_bids(experiment, people, labels, {"Authors": authors, "License": licence})
     sheet.write_new_files(Path(output), files)
     return sorted(files)
@@ -203,16 +206,21 @@ def _write_bids(
         }
         for name in columns
     }
-    described: dict[str, object] = {"Name": title, "BIDSVersion": "1.9.0", "DatasetType": "raw"}
-    made = {"GeneratedBy": [{"Name": "stepblocks", "Version": version("stepblocks")}]}
-    described |= {
+    named = {
         name: [one.strip() for one in text.split(",")] if name == "Authors" else text
         for name, text in credit.items()
         if text
     }
+    described = {
+        "Name": title,
+        "BIDSVersion": "1.9.0",
+        "DatasetType": "raw",
+        **named,
+        "GeneratedBy": [{"Name": "stepblocks", "Version": version("stepblocks")}],
+    }
     listed = "".join(f"sub-{label}\t{who}\n" for who, label in labels.items())
     files = {
-        "dataset_description.json": json.dumps(described | made, indent=1),
+        "dataset_description.json": json.dumps(described, indent=1),
         "README": f"{title}. {_ROWS} Lengths are in micrometres.\n",
         "participants.tsv": f"participant_id\tname\n{listed}",
         "participants.json": json.dumps(
@@ -221,11 +229,8 @@ def _write_bids(
         f"task-{experiment}_beh.json": json.dumps({"TaskName": experiment, **said}, indent=1),
     }
     for who, rows in people.items():
-        lines = [
-            "\t".join(columns),
-            *("\t".join(row[name] or "n/a" for name in columns) for row in rows),
-        ]
-        files[f"sub-{labels[who]}/beh/sub-{labels[who]}_task-{experiment}_beh.tsv"] = (
-            "\n".join(lines) + "\n"
+        lines = [columns, *([row[name] or "n/a" for name in columns] for row in rows)]
+        files[f"sub-{labels[who]}/beh/sub-{labels[who]}_task-{experiment}_beh.tsv"] = "".join(
+            "\t".join(line) + "\n" for line in lines
         )
     return files

@@ -29,7 +29,6 @@ def render_study(result: StudyResult) -> str:
         digits = 8 if name.startswith("df") else 4
         table[name] = ["" if value != value else f"{value:.{digits}g}" for value in table[name]]
     frame, mixed = result.frame, [one.mixed for one in result.measures]
-    tools = [f"{name} {version(name)}" for name in ("stepblocks", "statsmodels", "scipy")]
     return render_page(
         "stepblocks.study",
         "study.html",
@@ -57,7 +56,9 @@ def render_study(result: StudyResult) -> str:
         ordinal=result.ordinal is not None,
         comparisons=bool(result.comparisons),
         power_laws=bool(result.power_laws),
-        tools=", ".join(tools),
+        tools=", ".join(
+            f"{name} {version(name)}" for name in ("stepblocks", "statsmodels", "scipy")
+        ),
     )
 
 

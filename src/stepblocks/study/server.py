@@ -90,8 +90,7 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._is_allowed():
             return
         try:
-            content = self.rfile.read(int(self.headers["Content-Length"]))
-            asked = json.loads(content)
+            asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
             if not isinstance(asked, dict):
                 raise ValueError("a JSON object is expected")
             found = self._act(self.server.experiment, asked)
@@ -130,9 +129,8 @@ class _Handler(BaseHTTPRequestHandler):
         hosts = [f"{name}:{self.server.port}" for name in ("127.0.0.1", "localhost")]
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         size = self.headers.get("Content-Length", "0" if self.command == "GET" else "")
-        token = self.headers.get("X-Stepblocks", "")
         ours = self.command == "GET" or secrets.compare_digest(
-            token.encode(), self.server.token.encode()
+            self.headers.get("X-Stepblocks", "").encode(), self.server.token.encode()
         )
         status, rule = 0, ""
         if host not in hosts or origin not in (None, f"http://{host}") or not ours:

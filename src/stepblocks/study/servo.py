@@ -191,11 +191,10 @@ class Servo(threading.Thread):
         The lateness is its 99.9 % quantile [s].
         """
         late = self._log[: self.ticks, -1]
-        worst = float(np.quantile(late, 0.999)) if self.ticks else 0.0
         return {
             "ticks": self.ticks,
             "late_ticks": int((late > self.limits.late).sum()),
-            "late_999_s": worst,
+            "late_999_s": float(np.quantile(late, 0.999)) if self.ticks else 0.0,
         }
 
 
@@ -210,7 +209,12 @@ def write_motion(path: Path, servo: Servo, told: dict[str, object]) -> None:
     with write_atomically(path) as draft, h5py.File(draft, "w", track_order=True) as file:
         for name, values in servo.record().items():
             file.create_dataset(name, data=values, compression="gzip", shuffle=True)
-        doubts = "; ".join(servo.doubts)
         file.attrs.update(
-            {"rate_hz": RATE, "ended": servo.ended, "doubts": doubts, **servo.summary(), **told}
+            {
+                "rate_hz": RATE,
+                "ended": servo.ended,
+                "doubts": "; ".join(servo.doubts),
+                **servo.summary(),
+                **told,
+            }
         )

@@ -131,8 +131,10 @@ def simulate_answers(
     trials["noisier"] = noisier
     kind = EXPERIMENTS[design[0]["experiment"]]
     answers = kind.simulate(trials, observer, np.random.default_rng(seed))
-    filled = zip(blind_rows(design), answers, strict=True)
-    return [row | dict(zip(kind.answers, texts, strict=True)) for row, texts in filled]
+    return [
+        row | dict(zip(kind.answers, texts, strict=True))
+        for row, texts in zip(blind_rows(design), answers, strict=True)
+    ]
 
 
 @dataclass(frozen=True)
@@ -298,8 +300,8 @@ def join_rows(
         with collect_mistakes(found, answer["line"]):
             if all(answer[name] for name in kind.answers):
                 times = {name: read_number(answer[name]) for name in TIMES if answer.get(name)}
-                values = kind.read(row, answer, ratings) | times
-                answered[row["participant"], row["trial"]] = values
+                key = row["participant"], row["trial"]
+                answered[key] = kind.read(row, answer, ratings) | times
     if found:
         files = ", ".join(dict.fromkeys(place.rpartition(", line ")[0] for place, _ in found))
         raise StudyError(

@@ -257,6 +257,7 @@ def estimate_power(
         int(child.generate_state(1, np.uint64)[0])
         for child in np.random.SeedSequence(seed).spawn(runs)
     ]
-    parallel = Parallel(n_jobs=jobs, initializer=die_with_parent)
-    found = parallel(delayed(compute_p_value)(plan, analysis, one) for one in seeds)
+    found = Parallel(n_jobs=jobs, initializer=die_with_parent)(
+        delayed(compute_p_value)(plan, analysis, one) for one in seeds
+    )
     return _share_of(sum(p < 0.05 for p in found), runs)

@@ -140,8 +140,8 @@ def compute_measure(frame: Table, name: str) -> tuple[Table, str]:
         for column in frame
         if column == "group" or str(column).startswith("factor_")
     }
-    values = (0.5 * np.log(variance[others])).rename("value").to_frame()
-    return values.assign(**kept).reset_index(), ""
+    values = 0.5 * np.log(variance[others])
+    return values.rename("value").to_frame().assign(**kept).reset_index(), ""
 
 
 def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measure:
@@ -155,8 +155,7 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
     table = average_participants(data)
     complete, corrected, sphericity = table.dropna(), mixed.condition, None
     if len(complete) > 2 and corrected is not None and table.shape[1] > 1:
-        contrasts = helmert(table.shape[1])
-        sphericity = assess_effect("condition", complete.to_numpy(), contrasts)[1]
+        sphericity = assess_effect("condition", complete.to_numpy(), helmert(table.shape[1]))[1]
         df = sphericity.epsilon * corrected.df, sphericity.epsilon * corrected.df_error
         corrected = make_term("condition", *df, math.nan, corrected.f)
     return Measure(

@@ -128,13 +128,17 @@ def _draw_curves(figure: Figure | SimpleNamespace, result: Result) -> Table:
                 axes.text(x[-1] * 1e6, y[-1], f" {curve.who}", fontsize=6, va="center")
         if found.equal and found.spread:
             away = (np.log(x / found.standard) - found.equal.value) / np.exp(found.spread.value)
-            label = found.setting or "mean participant"
-            axes.plot(x * 1e6, ndtr(away), color=colour, lw=2.4, label=label)
+            axes.plot(
+                x * 1e6,
+                ndtr(away),
+                color=colour,
+                lw=2.4,
+                label=found.setting or "mean participant",
+            )
     axes.set(xlabel=format_column_label("height_um"), ylabel='share of answers "higher"')
     if axes.get_legend_handles_labels()[1]:
         axes.legend(frameon=False)
-    columns = ["setting", "participant", "height_um", "higher", "trials"]
-    return pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=["setting", "participant", "height_um", "higher", "trials"])
 
 
 def _draw_magnitudes(figure: Figure | SimpleNamespace, result: Result) -> Table:

@@ -102,10 +102,9 @@ class _Likelihood:
         # Return the optimum and the covariance of its parameters
         from scipy.optimize import minimize
 
-        start = [1.0, 0.3, -0.5] if repeated else [1.0, -0.5]
         found = minimize(
             lambda at: float(self.loss(at)),
-            start,
+            [1.0, 0.3, -0.5] if repeated else [1.0, -0.5],
             jac=lambda at: approx_fprime_cs(at, self.loss).ravel(),
             method="BFGS",
         )
@@ -123,8 +122,7 @@ class _Likelihood:
 
     def covariance(self, point: Array) -> Array:
         # Return the covariance of the fixed effects
-        found = np.linalg.inv(self.products(point)[0][:-1, :-1]) * np.exp(point[-1])
-        return np.asarray(found)
+        return np.asarray(np.linalg.inv(self.products(point)[0][:-1, :-1]) * np.exp(point[-1]))
 
     def count_freedom(self, point: Array, spread: Array, contrast: Array) -> float:
         # Return Satterthwaite's degrees of freedom of a contrast of the fixed effects

@@ -131,9 +131,13 @@ class Population:
         # Maximise the likelihood, one parameter held where a place is given
         held = [(value, value) if n == place else one for n, one in enumerate(self._bounds)]
         first = [value if n == place else one for n, one in enumerate(start)]
-        options = {"ftol": 1e-11, "gtol": 1e-6}
         return minimize(
-            self._loss, first, jac=True, method="L-BFGS-B", bounds=held, options=options
+            self._loss,
+            first,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=held,
+            options={"ftol": 1e-11, "gtol": 1e-6},
         )
 
     def estimate(self, index: int) -> Estimate:

@@ -69,9 +69,9 @@ def assess_factors(table: Table, levels: Mapping[str, Sequence[str]]) -> tuple[T
         for chosen in itertools.combinations(levels, size):
             contrasts = np.ones((1, 1))
             for name, values in levels.items():
-                k = len(values)
-                flat = np.full((1, k), k**-0.5)
-                contrasts = np.kron(contrasts, helmert(k) if name in chosen else flat)
+                # the first row of the whole matrix is the mean
+                whole = helmert(len(values), full=True)
+                contrasts = np.kron(contrasts, whole[1:] if name in chosen else whole[:1])
             complete = table.dropna().to_numpy()
             found.append(assess_effect(":".join(chosen), complete, contrasts)[0])
     return tuple(found)

@@ -347,8 +347,15 @@ def _measure(measure: Measure) -> Iterator[Row]:
         yield _make_row("equivalence", said, unit, high_95=bound, df_error=alike.df)
         if math.isfinite(alike.margin):
             said = f"{name} differ by less than the margin"
-            tested = {"statistic": alike.statistic, "df_error": alike.df, "p": alike.p}
-            yield _make_row("equivalence", said, unit, estimate=alike.margin * 1e6, **tested)
+            yield _make_row(
+                "equivalence",
+                said,
+                unit,
+                estimate=alike.margin * 1e6,
+                statistic=alike.statistic,
+                df_error=alike.df,
+                p=alike.p,
+            )
     for term in measure.groups:
         yield _format_term("groups", term)
     yield from _list_intervals("groups", measure.group_intervals, log)
@@ -383,8 +390,11 @@ def _list_comparisons(result: StudyResult) -> Iterator[Row]:
             )
             yield _make_span(_CURVE, f"{name}, Weber fraction of the height", fractions)
             for name, one in (("points of subjective equality", equal), ("spreads", wide)):
-                said = f"{where}standard deviation of ln({name}) between participants"
-                yield _make_row(_CURVE, said, estimate=one.spread)
+                yield _make_row(
+                    _CURVE,
+                    f"{where}standard deviation of ln({name}) between participants",
+                    estimate=one.spread,
+                )
         for curve in found.curves:
             yield from _list_curve(curve, f"{where}participant {curve.who}")
         for who, equal_at, weber in found.people:
@@ -417,8 +427,11 @@ def _list_curve(curve: Curve, name: str) -> Iterator[Row]:
 def _list_magnitudes(result: StudyResult) -> Iterator[Row]:
     for law in result.power_laws:
         where = f"{law.condition}: " if len(result.power_laws) > 1 else ""
-        ends = (law.exponent, law.low, law.high)
-        yield _make_span("power law", f"{where}exponent of the height, mean of participants", ends)
+        yield _make_span(
+            "power law",
+            f"{where}exponent of the height, mean of participants",
+            (law.exponent, law.low, law.high),
+        )
         for person, exponent, correlation in law.by_participant:
             name = f"{where}participant {person}"
             yield _make_row("power law", f"{name}, exponent", estimate=exponent)
