@@ -58,7 +58,8 @@ def test_a_pattern_chooses_the_blocks(tmp_path):
 
 def test_an_unknown_experiment_is_refused_with_those_that_there_are(tmp_path):
     with pytest.raises(
-        PipelineError, match="one of estimates, virtual, constant, magnitude, got 'paired'"
+        PipelineError,
+        match="one of estimates, virtual, constant, magnitude, adaptive, got 'paired'",
     ):
         design_study(FOUR, tmp_path, seed=1, experiment="paired")
 

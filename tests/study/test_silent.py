@@ -76,7 +76,7 @@ def test_a_label_that_is_not_known_is_refused_with_those_that_are(tmp_path):
             {"experiment": "virtual", "probes": ("a", "b")},
             "probes is an option of estimates, const",
         ),
-        ({"standard": "step-050"}, "standard is an option of constant, not of estimates"),
+        ({"standard": "step-050"}, "standard is an option of constant, adaptive, not of estimates"),
         (
             {"experiment": "virtual", "factors": {"colour": ("red",)}},
             "must be one of vibration, bl",

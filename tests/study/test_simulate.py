@@ -36,7 +36,7 @@ def designed(name, participants=4, repetitions=2):
     return crossed(name, participants, BLOCKS, repetitions, 1)
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@pytest.mark.parametrize("name", ["estimates", "virtual", "constant", "magnitude"])
 def test_every_experiment_goes_round(name, tmp_path):
     (tmp_path / "design.csv").write_text(format_csv(designed(name).trials))
     design = read_design(tmp_path / "design.csv")

@@ -47,7 +47,7 @@ app = typer.Typer()
 app.add_typer(study, rich_help_panel="people")
 
 _COUNT = whole_number(1, 100_000)
-_EXPERIMENTS = Literal["estimates", "virtual", "constant", "magnitude", "2afc"]
+_EXPERIMENTS = Literal["estimates", "virtual", "constant", "magnitude", "2afc", "adaptive"]
 
 
 class Scale(NamedTuple):
@@ -113,8 +113,8 @@ def _read_factor(text: str) -> tuple[str, tuple[str, ...]]:
     return name.strip(), found
 
 
-def _read_columns(text: str) -> dict[str, str]:
-    return read_pairs(text, "ours=theirs")
+def _read_named(text: str) -> dict[str, str]:
+    return read_pairs(text, "name=value")
 
 
 @command(study, "design", "study design mine.toml --seed 7 -o study")
@@ -143,6 +143,27 @@ def design(
         ),
     ] = None,
     standard: StandardOption = None,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            "--trials",
+            metavar="N",
+            parser=whole_number(2, 9_999),
+            help="most of each participant in each setting (adaptive)",
+            show_default="60",
+        ),
+    ] = None,
+    prior: Annotated[
+        dict[str, str] | None,
+        typer.Option(
+            "--prior",
+            metavar="NAME=X,...",
+            parser=_read_named,
+            help="what is known beforehand (adaptive): medians equal and weber, equal_factor and "
+            "weber_factor of one standard deviation, and the precision that ends a run",
+            show_default="weber=0.2,weber_factor=2,equal=1,equal_factor=1.25",
+        ),
+    ] = None,
     factor: Annotated[
         list[Any] | None,
         typer.Option(
@@ -181,6 +202,8 @@ def design(
             probes=probes,
             repetitions=repetitions,
             standard=standard,
+            trials=trials,
+            prior=prior,
             factors=dict(factor) if factor else None,
             between=between,
             primary=primary,
@@ -189,7 +212,10 @@ def design(
         ),
     )
     trials, people = len(plan.trials), int(plan.trials[-1]["participant"])
-    summary = f"{output / 'design.csv'}: {trials} trials of {people} participants; {plan.balance}"
+    chosen = "to choose from " if plan.experiment == "adaptive" else ""
+    summary = (
+        f"{output / 'design.csv'}: {trials} trials {chosen}of {people} participants; {plan.balance}"
+    )
     return Outcome(
         summary, record={"trials": trials, "participants": people, "balance": plan.balance}
     )
@@ -317,7 +343,7 @@ def analyse(
         typer.Option(
             "--columns",
             metavar="OURS=YOURS,...",
-            parser=_read_columns,
+            parser=_read_named,
             help="your names of columns, such as participant=subject,estimate_um=answer",
         ),
     ] = None,

@@ -80,7 +80,7 @@ StandardOption = Annotated[
     typer.Option(
         "--standard",
         metavar="ID",
-        help="block that all others are compared with (constant)",
+        help="block that all others are compared with (constant, adaptive)",
     ),
 ]
 

@@ -24,6 +24,7 @@ from stepblocks.errors import PipelineError, StudyError
 from stepblocks.quantities import parse_quantity
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.study import require
+from stepblocks.study.adaptive import order_trials
 from stepblocks.study.design import (
     FACTOR,
     REAL,
@@ -35,7 +36,13 @@ from stepblocks.study.design import (
 from stepblocks.study.experiments import EXPERIMENTS, RATINGS, Row, read_number
 from stepblocks.study.hands import HANDS, Hand, Mouse
 from stepblocks.study.servo import RATE, Limits, Servo, write_motion
-from stepblocks.study.sheet import blind_rows, list_answer_columns, read_answers, read_design
+from stepblocks.study.sheet import (
+    blind_rows,
+    list_answer_columns,
+    read_answers,
+    read_design,
+    read_plan,
+)
 from stepblocks.tables import format_csv
 
 _SLOW = 1.0  # s
@@ -97,6 +104,8 @@ class Run:
         self._wall, self._shown, self.feedback = (now := time.time()) - time.monotonic(), now, ""
         with ExitStack() as held:
             held.enter_context(lock_folder(path.with_suffix("")))
+            self._all = self.planned
+            self._place(())
             self._rows = self._resume()
             self._held = held.pop_all()
         self.practice = 0 if self._rows else self.practice
@@ -110,6 +119,7 @@ class Run:
         if whole != text:
             replace_text(self.path, whole or self._header())
         rows = read_answers(self.path, self.experiment)
+        self._place(rows)
         for row, planned in zip(rows, self.planned, strict=False):
             require(
                 row["trial"] == planned["trial"],
@@ -121,6 +131,11 @@ class Run:
         if whole.partition("\n")[0] + "\n" != self._header():
             self._write(rows)  # a spreadsheet saved it with other separators or decimals
         return rows
+
+    def _place(self, rows: Sequence[Row]) -> None:
+        # Put the trials of an adaptive design in the order in which the answers place them
+        if self.kind.adaptive:
+            self.planned = order_trials(self._all, rows, read_plan(self.folder)[1])
 
     def _header(self) -> str:
         return ",".join((*list_answer_columns(self.experiment), *_TIMES)) + "\n"
@@ -161,10 +176,12 @@ class Run:
             "answered": self.answered,
         }
         if row is not None:
+            # the answers order the trials of an adaptive design, not its sets
             found["set"] = sum(
                 one["repetition"] != two["repetition"] or one["condition"] != two["condition"]
                 for one, two in itertools.pairwise(self.planned[: self.answered + 1])
-                if not self.kind.paired or one["repetition"] != two["repetition"]
+                if not self.kind.adaptive
+                and (not self.kind.paired or one["repetition"] != two["repetition"])
             )
             hidden = (
                 "participant",
@@ -306,6 +323,7 @@ class Run:
             line = blind_rows([row])[0] | given | dict(zip(_TIMES, cells, strict=True))
             self._append(line)
             self._rows.append(line)
+            self._place(self._rows)
             self.feedback, self._shown = "", now
 
     def _append(self, row: Row) -> None:
@@ -329,6 +347,7 @@ class Run:
             self.end()
             self._write(self._rows[:-1])
             self._rows.pop()
+            self._place(self._rows)
             self._shown = self._wall + time.monotonic()
 
     def close(self) -> None:

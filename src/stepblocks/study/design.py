@@ -206,6 +206,11 @@ def make_trial_row(
     return dict(zip(DESIGN_COLUMNS, cells, strict=True))
 
 
+def name_setting(row: Mapping[str, str]) -> str:
+    """Return the levels of a trial's declared factors."""
+    return "/".join(level for name, level in row.items() if name.startswith(FACTOR))
+
+
 def design_trials(
     experiment: str,
     participants: int,

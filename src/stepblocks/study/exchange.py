@@ -18,6 +18,7 @@ _DEFAULTS = {
     "estimates": "",
     "virtual": "",
     "constant": "standard-first",
+    "adaptive": "standard-first",
     "magnitude": "free-modulus",
 }
 _ROWS = "Judgements of step blocks, one file per participant, one row per trial."

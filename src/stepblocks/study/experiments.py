@@ -72,6 +72,8 @@ class Experiment:
         Options of `design_study` that the design follows.
     paired : bool
         Whether each block is compared with a standard.
+    adaptive : bool
+        Whether each block is chosen by the answers before it.
     """
 
     title: str
@@ -84,6 +86,7 @@ class Experiment:
     analyse: Callable[[Table, float], Fields]
     takes: tuple[str, ...] = ("factors",)
     paired: bool = False
+    adaptive: bool = False
 
 
 def refuse_unused_options(experiment: str, given: Mapping[str, object]) -> None:
@@ -380,3 +383,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         takes=("probes", "factors"),
     ),
 }
+EXPERIMENTS["adaptive"] = replace(
+    EXPERIMENTS["constant"],
+    title="Adaptive comparison with a standard",
+    takes=("probes", "factors", "standard", "trials", "prior"),
+    adaptive=True,
+)

@@ -12,10 +12,11 @@ from types import MappingProxyType
 import pandas as pd
 
 from stepblocks.atomic import replace_text
-from stepblocks.errors import PipelineError, StudyError
+from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
 from stepblocks.quantities import parse_quantity
 from stepblocks.study import require, sheet
+from stepblocks.study.adaptive import complete_prior
 from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import (
@@ -26,6 +27,7 @@ from stepblocks.study.design import (
     choose_blocks,
     design_trials,
     find_designed_blocks,
+    name_setting,
 )
 from stepblocks.study.exchange import read_foreign_judgements
 from stepblocks.study.experiments import (
@@ -57,6 +59,8 @@ def design_study(
     factors: Mapping[str, Sequence[str]] = MappingProxyType({}),
     between: Sequence[str] = (),
     standard: str = "",
+    trials: int = 0,
+    prior: Mapping[str, float] = MappingProxyType({}),
     primary: str = "",
     reference: str = "",
     only: str | None = None,
@@ -71,7 +75,8 @@ def design_study(
         Where design.csv, key.csv, plan.json and preregistration.md go.
     experiment : str
         ``"estimates"`` (experiment 1), ``"virtual"`` (experiment 2), ``"constant"`` stimuli, which
-        is also ``"2afc"``, or ``"magnitude"`` estimation.
+        is also ``"2afc"``, ``"adaptive"`` (each block is chosen by the answers before it), or
+        ``"magnitude"`` estimation.
     participants, repetitions : int
         How many, and how often each judges each block in each condition.
     probes : sequence of str
@@ -85,7 +90,14 @@ def design_study(
     seed : int
         Of all random choices; the same seed gives the same design.
     standard : str
-        Block that all others are compared with, of ``"constant"``.
+        Block that all others are compared with, of ``"constant"`` and ``"adaptive"``.
+    trials : int
+        Most trials of each participant in each setting, of ``"adaptive"``; 60 by default.
+    prior : mapping of float
+        What is known before the first trial, of ``"adaptive"``: medians of the point of subjective
+        equality over the standard (``equal``, 1) and of the Weber fraction (``weber``, 0.2), the
+        factors of one standard deviation (``equal_factor``, 1.25; ``weber_factor``, 2), and the
+        standard deviation of ln(spread) at which a participant is done (``precision``) [1].
     primary : str
         Primary outcome, such as ``"absolute error"``; by default the first of the experiment.
     reference : str
@@ -110,7 +122,13 @@ def design_study(
             f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}"
         )
     kind = EXPERIMENTS[experiment]
-    given = {"probes": probes, "factors": factors, "standard": standard}
+    given: dict[str, object] = {
+        "probes": probes,
+        "factors": factors,
+        "standard": standard,
+        "trials": trials,
+        "prior": prior,
+    }
     refuse_unused_options(experiment, {name: one for name, one in given.items() if one})
     blocks = choose_blocks(source, only=only)
     known = ", ".join(item.identity for item in blocks.items)
@@ -119,6 +137,9 @@ def design_study(
     for name, levels in factors.items() if experiment == "virtual" else ():
         check_virtual_factor(name, levels)
     declared = declared or dict(kind.factors)
+    known_before = complete_prior(({"trials": trials} if trials else {}) | dict(prior))
+    if kind.adaptive:  # enough of each block for any order, each block in either order of a pair
+        repetitions = math.ceil(known_before["trials"] / 4)
     design = design_trials(
         experiment,
         participants,
@@ -134,7 +155,12 @@ def design_study(
         not reference or reference in conditions,
         f"reference must be one of {', '.join(conditions)}, got {reference!r}",
     )
-    plan = {"schema": 1, "primary": primary, "reference": reference}
+    plan: dict[str, object] = {
+        "schema": 1,
+        "primary": primary,
+        "reference": reference,
+        "prior": known_before if kind.adaptive else {},
+    }
     text = render_page(
         "stepblocks.study",
         "preregistration.txt",
@@ -175,20 +201,6 @@ def check_virtual_factor(name: str, levels: Sequence[str]) -> None:
             require(parse_quantity(level, VIRTUAL_FACTORS[name]) > 0.0, f"{name} must be positive")
 
 
-def _read_plan(folder: str | Path | None) -> dict[str, str]:
-    # Read what a design names as primary outcome and reference; designs before it name none
-    path = Path(folder or ".") / "plan.json"
-    if folder is None or not path.exists():
-        return {}
-    try:
-        plan = json.loads(path.read_text(encoding="utf-8"))
-        return {name: str(plan[name]) for name in ("primary", "reference")}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StudyError(
-            f"plan.json must be as 'study design' wrote it: {error!r:.60} [{path}]"
-        ) from error
-
-
 def write_sheets(folder: str | Path) -> int:
     """Write blinded run sheets beside a design.
 
@@ -209,6 +221,10 @@ def write_sheets(folder: str | Path) -> int:
     """
     folder = Path(folder)
     design = sheet.read_design(folder / "design.csv")
+    require(
+        not EXPERIMENTS[design[0]["experiment"]].adaptive,
+        "an adaptive design has no sheets: 'study run' chooses each block by the answers",
+    )
     sheets = sheet.group_by_participant(sheet.blind_rows(design))
     for person in sheets:  # it becomes the name of a file
         require(
@@ -269,7 +285,7 @@ def simulate_study(
         If a block has no energy there, or a name is unknown.
     """
     design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
-    levels = (part for row in design for part in sheet.name_setting(row).split("/"))
+    levels = (part for row in design for part in name_setting(row).split("/"))
     known = sorted({row["condition"] for row in design} | {*levels} - {""})
     for said, given in (("damping", damping), ("noise", noise)):
         unknown = sorted(set(given or {}) - set(known))
@@ -280,6 +296,8 @@ def simulate_study(
             )
     energies = find_designed_blocks(design, source, felt).energies()
     answers = sheet.simulate_answers(design, energies, damping or {}, observer, seed, noise or {})
+    if EXPERIMENTS[design[0]["experiment"]].adaptive:
+        answers = sheet.choose_answers(design, answers, sheet.read_plan(Path(folder))[1])
     sheet.write_new_files(output.parent, {output.name: format_csv(answers)})
     return len(answers)
 
@@ -337,7 +355,7 @@ def analyse_study(
     StepblocksError
         If the answers do not belong to the design or cannot carry the analysis.
     """
-    plan = _read_plan(folder)
+    plan: dict[str, str] = {}
     if folder is None:
         found = read_foreign_judgements(answers, columns, experiment, ratings)
     else:
@@ -347,7 +365,7 @@ def analyse_study(
             for path in sheet.find_sheets(answers)
             for row in sheet.read_answers(path, design[0]["experiment"])
         ]
-        found = sheet.join_answers(design, rows, ratings)
+        found, plan = sheet.join_answers(design, rows, ratings), sheet.read_plan(Path(folder))[0]
     options = {"equivalent": not math.isnan(equivalent), "ratings": ratings != RATINGS}
     refuse_unused_options(found.experiment, {name: one for name, one in options.items() if one})
     named = {"primary": primary, "reference": reference}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 import re
 from collections import Counter
@@ -18,9 +19,10 @@ from stepblocks.atomic import replace_bytes
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
 from stepblocks.study import Table, require
+from stepblocks.study.adaptive import complete_prior, order_trials
 from stepblocks.study.analysis.people import describe_unlike_participants
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import DESIGN_COLUMNS, FACTOR, WHEN, Item
+from stepblocks.study.design import DESIGN_COLUMNS, FACTOR, WHEN, Item, name_setting
 from stepblocks.study.experiments import EXPERIMENTS, RATINGS, Row, read_number
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import format_csv
@@ -28,6 +30,7 @@ from stepblocks.tables import format_csv
 _MISSING = ("NA", "N/A", "n/a", "#N/A", "<NA>")  # as R, BIDS, spreadsheets and pandas write it
 TIMES = ("reaction_s",)  # columns beside the answers that `study run` writes, numbers
 _MAX_BYTES = 100_000_000
+_UNNAMED = {"primary": "", "reference": ""}
 _KEY = ("code", "engraved", "stimulus", "height_um")
 _COMMA = re.compile(
     r"^(-?\d+),(\d+)$"
@@ -58,11 +61,6 @@ def blind_rows(rows: Iterable[Row]) -> list[dict[str, str]]:
             sheet = {"participant": row["participant"], "setting": levels} | sheet
         blinded.append(sheet)
     return blinded
-
-
-def name_setting(row: Row) -> str:
-    """Return the levels of a trial's declared factors."""
-    return "/".join(level for name, level in row.items() if name.startswith(FACTOR))
 
 
 def group_by_participant(rows: Iterable[Row]) -> dict[str, list[Row]]:
@@ -135,6 +133,20 @@ def simulate_answers(
         row | dict(zip(kind.answers, texts, strict=True))
         for row, texts in zip(blind_rows(design), answers, strict=True)
     ]
+
+
+def choose_answers(
+    design: Sequence[Row], answers: Sequence[dict[str, str]], prior: Mapping[str, float]
+) -> list[dict[str, str]]:
+    """Choose of answers to all trials those to the trials that an adaptive design places."""
+    given = {(row["participant"], row["trial"]): row for row in answers}
+    found = list[dict[str, str]]()
+    for who, planned in group_by_participant(design).items():
+        own = list[dict[str, str]]()
+        while len(order := order_trials(planned, own, prior)) > len(own):
+            own.append(given[who, order[len(own)]["trial"]])
+        found += own
+    return found
 
 
 @dataclass(frozen=True)
@@ -239,6 +251,20 @@ def read_design(path: Path) -> list[dict[str, str]]:
     return rows
 
 
+def read_plan(folder: Path) -> tuple[dict[str, str], dict[str, float]]:
+    """Read which primary outcome and reference a design names, and its prior."""
+    path = folder / "plan.json"
+    try:
+        # designs before it name neither
+        plan = {**(json.loads(path.read_text(encoding="utf-8")) if path.exists() else _UNNAMED)}
+        named = {name: str(plan[name]) for name in _UNNAMED}
+        return named, complete_prior(plan.get("prior", {}))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise StudyError(
+            f"plan.json must be as 'study design' wrote it: {error!r:.60} [{path}]"
+        ) from error
+
+
 def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
     """Find the CSV files in folders.
 
@@ -279,7 +305,9 @@ def join_answers(
                     f"{answer.get(name)!r}",
                 )
             pairs.append((planned[key], answer))
-    return join_rows(design[0]["experiment"], pairs, ratings, planned, mistakes)
+    experiment = design[0]["experiment"]
+    asked = {} if EXPERIMENTS[experiment].adaptive else planned  # not all trials are run
+    return join_rows(experiment, pairs, ratings, asked, mistakes)
 
 
 def join_rows(
@@ -314,7 +342,7 @@ def join_rows(
     left = dict.fromkeys(row["participant"] for row in short)
     stayed = {key: row for key, row in planned.items() if key[0] not in left}
     missing = tuple(key for key in stayed if key not in answered)
-    columns = next(iter(planned.values()))
+    columns = next(iter(planned.values()), {})
     kept = [name for name in (*WHEN, "stimulus", "group") if name in columns]
     kept += [name for name in columns if name.startswith(FACTOR)]
     frame = pd.DataFrame(
