@@ -4,6 +4,7 @@ Amplitude, decay, frequency, spectra.
 """
 
 import math
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -60,6 +61,16 @@ def test_a_decaying_sine_is_found_again(frequency, decay, amplitude):
     assert ring.frequency == pytest.approx(frequency, abs=4.0)
     # 5 % of the first swing are left after three time constants
     assert ring.duration == pytest.approx(decay * math.log(20.0), abs=1.0 / frequency)
+
+
+def test_the_decay_is_found_again_from_four_samples_in_a_period(monkeypatch):
+    # every half period holds two samples of the same phases, so that what they read decays as the
+    # ring does
+    monkeypatch.setattr(sys.modules[__name__], "RATE", 1200.0)
+    for decay in (12e-3, 20e-3):
+        assert measure_ring(trace_of(decay=decay, length=120e-3)).decay_time == pytest.approx(
+            decay, rel=1e-3
+        )
 
 
 def test_a_long_ring_lies_in_its_band_as_its_line_says_and_a_short_one_does_not():

@@ -5,16 +5,18 @@ Proven on profiles whose truth is known and on the benches' own scans.
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.integrate import quad
+from scipy.optimize import brentq
 
-from oracles.softgauge import correlated_noise, edge_gauge, with_faults
+from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, with_faults
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect import edge_arc
-from stepblocks.inspect.edge import fit_edge
+from stepblocks.inspect.edge import _find_flank, fit_edge
 
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 SPACING = 1.0e-6
@@ -224,3 +226,43 @@ def test_scans_of_sharp_edges_say_so_and_give_heights_near_nominal(session):
         assert edge.radius_limit < 1.0e-6
         assert abs(edge.height.value - nominal) < 1.0e-6
         assert edge.height.std < 0.03e-6
+
+
+def test_the_riser_of_the_roundest_edge_that_is_not_resolved_is_among_those_tried():
+    # a step lower than the ball-like edge: the surface passes half its height well behind the riser
+    height, spacing = 2e-6, 1e-6
+    tried = SimpleNamespace(
+        height=height, spacing=spacing, crossing=(0.0, spacing), grid=lambda *_: None
+    )
+    radii, risers, _ = edge_arc._evaluate_unresolved(tried)
+    radius = float(radii.max())
+    behind = brentq(
+        lambda x: edge_gauge(np.array([x]), height, radius)[0] - 0.5 * height, 0.0, radius
+    )
+    # half a sample more is left on either side of the two points about half the height
+    assert risers[0] == pytest.approx(-behind - 0.5 * spacing, rel=1e-9)
+    assert risers[-1] == pytest.approx(1.5 * spacing, rel=1e-9)
+
+
+@pytest.mark.parametrize("count", [8, 10, 14])
+def test_the_riser_of_a_sharp_edge_is_sought_in_steps_of_a_twelfth_of_a_sample(count):
+    # a riser a tenth of a sample before a point, so that this one lies on the arc and shows it
+    spacing, height = 1e-6, 20e-6
+    x, riser = np.arange(count) * spacing, (count // 2 - 0.1) * spacing
+    z = edge_gauge(x, height, 0.2 * spacing, riser=riser)
+    window = edge_arc.Window(x, z, height, spacing, np.array([1e-18]), np.zeros((1, count)))
+    _, radius, found = edge_arc._search_coarsely(window)[0]
+    assert radius == pytest.approx(0.2 * spacing)
+    assert abs(found - riser) <= spacing / 24.0
+
+
+@pytest.mark.parametrize(("angle", "gentler"), [(60.0, True), (77.0, False)])
+def test_a_flank_is_one_where_it_is_gentler_than_the_arc_at_half_its_height(angle, gentler):
+    # closed form: an arc of 30 um on a step of 50 um slopes by acos(1 - 25 / 30) = 80.4 deg there,
+    # and 3.4 deg are not told apart
+    height, x = 50e-6, np.arange(-200, 200) * 0.5e-6
+    planes = SimpleNamespace(height=SimpleNamespace(value=height))
+    faces = SimpleNamespace(planes=planes, gamma=np.array([1e-16]))
+    arc = edge_arc.Arc(30e-6, 1e-7, 30e-6, 0.0, 9.0, 1.0, ())
+    z = flank_gauge(x, height, np.radians(angle), 2e-6)
+    assert (_find_flank(x, z, 0.5e-6, faces, arc) is not None) is gentler

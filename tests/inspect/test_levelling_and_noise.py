@@ -156,6 +156,11 @@ def test_no_residuals_leave_no_uncertainty():
     ones = np.ones(100)
     quiet = estimate_linear(0.0, ones / 100, 0.0 * ones, ones > 0.0, ones[np.newaxis])
     assert (quiet.std, quiet.dof) == (0.0, math.inf)
+    # a scatter below that of rounding is none either, one above it is
+    turns = np.where(np.arange(100) % 2, 1.0, -1.0) * LEAST_SCATTER
+    for share, certain in ((0.5, True), (2.0, False)):
+        found = estimate_linear(0.0, ones / 100, share * turns, ones > 0.0, ones[np.newaxis])
+        assert (found.std == 0.0) is certain
 
 
 def test_the_taper_of_an_autocovariance_is_the_window_of_parzen():

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, average_profiles
-from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.grooves import _evaluate_by_windows, measure_groove
 from stepblocks.inspect.levelling import find_edges
 from stepblocks.inspect.map_levels import measure_masked_step
 from stepblocks.inspect.noise import Estimate
@@ -288,3 +289,18 @@ def test_profiles_whose_neighbours_err_together_do_not_count_as_independent(coun
         plain += abs(values.mean()) < 2.0 * np.std(values, ddof=1) / np.sqrt(count)
     assert least < hits / 600 < 0.97
     assert plain / 600 < 0.86
+
+
+def test_a_bowed_surface_is_judged_by_the_windows_of_type_a1_alone():
+    """The polynomial follows the bow and misses a speck far outside the windows: it is still the
+    better of the two, since type A1 has straight lines alone.
+    """
+    x = np.arange(3000) * 1e-6
+    level = groove_gauge(x, 30e-6, 1200e-6, 1800e-6, 0.0) + 2e-6 * (x / 1.5e-3 - 1.0) ** 2
+    z = level + 5e-9 * np.random.default_rng(1).standard_normal(x.size)
+    groove, used = SimpleNamespace(begin=1200e-6, end=1800e-6), np.abs(x - 1.2e-3) > 5e-6
+    for speck in (0.0, 5e-6):
+        levels = SimpleNamespace(level=level - speck * (x < 200e-6), used=used)
+        assert _evaluate_by_windows(x, z, levels, groove) is None
+    flat = SimpleNamespace(level=groove_gauge(x, 30e-6, 1200e-6, 1800e-6, 0.0), used=used)
+    assert _evaluate_by_windows(x, z - level + flat.level, flat, groove).kind == "A1"

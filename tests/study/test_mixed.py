@@ -152,3 +152,11 @@ def test_intervals_can_be_left_out():
 def test_what_carries_no_mixed_model_is_refused(damage, message):
     with pytest.raises(StudyError, match=message):
         fitted(damage(judged()))
+
+
+def test_degrees_of_freedom_have_six_decimals_so_that_no_last_bit_is_written():
+    frame = judged(4).drop(index=[0, 7, 31, 60])
+    freedom = [one.df for one in fitted(frame).intervals]
+    assert freedom
+    assert [round(one, 6) for one in freedom] == freedom
+    assert any(round(one, 5) != one for one in freedom)

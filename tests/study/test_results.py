@@ -5,9 +5,12 @@ where there are none.
 import csv
 import io
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from oracles.designs import compared, crossed
+from stepblocks.study.analysis.figures import _draw_participants
 from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item
 from stepblocks.study.page import render_study
@@ -149,3 +152,13 @@ def test_each_participant_is_left_out_of_the_primary_outcome(estimates):
     assert row["p"] == pytest.approx(other.pvalue)
     ends = other.confidence_interval()
     assert (row["low_95"], row["high_95"]) == (pytest.approx(ends.low), pytest.approx(ends.high))
+
+
+def test_every_participant_lies_within_the_axes(estimates, virtual):
+    for result in (estimates, virtual):
+        figure = Figure()
+        _draw_participants(figure, result)
+        for axes in figure.axes:
+            x = np.concatenate([line.get_xdata() for line in axes.lines])
+            assert axes.get_xlim()[0] < x.min() < x.max() < axes.get_xlim()[1]
+            assert np.ptp(axes.get_xlim()) > 1.0

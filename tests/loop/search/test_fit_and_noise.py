@@ -198,3 +198,15 @@ def test_the_slope_of_the_cost_is_its_derivative_where_values_are_censored() -> 
     for i, one in enumerate(np.eye(len(x)) * 1e-5):
         slope = (objective.residual(x + one) - objective.residual(x - one)) / 2e-5
         np.testing.assert_allclose(objective.jacobian(x)[:, i], slope, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-4])
+def test_values_that_are_missing_take_no_part_in_the_scatter_of_the_others(unit: float) -> None:
+    n, std = 400, 0.02 * unit
+    residual = 0.1 * unit * np.random.default_rng(6).standard_normal((n, 2))
+    residual[::4, 1] = np.nan
+    found = estimate_scatter(residual, np.full((n, 2), std), np.zeros((n, 2, 0)), n - 3)
+    # closed form: with equal uncertainties the most likely variance is the mean square, with the
+    # degrees of freedom that the regression took, less that of the uncertainties
+    expected = np.nanmean(residual**2, axis=0) * n / (n - 3) - std**2
+    assert found.channels == pytest.approx(expected, rel=1e-4)

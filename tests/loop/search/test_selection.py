@@ -13,8 +13,14 @@ from scipy import stats
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.search.adequacy import check_residuals
+from stepblocks.loop.search.explain import _add_effect, _exchange_effect
 from stepblocks.loop.search.fit import build_problem, fit
-from stepblocks.loop.search.gate import choose_candidate, compute_detectable, score_candidates
+from stepblocks.loop.search.gate import (
+    Trial,
+    choose_candidate,
+    compute_detectable,
+    score_candidates,
+)
 from stepblocks.loop.search.mixture import find_bad_trials
 
 
@@ -164,3 +170,18 @@ def test_residuals_are_checked_over_every_covariate_where_there_are_enough_trial
     assert {(channel, name) for channel, name, _ in checks} == pairs
     few = build_problem(Toy(), toy_trials(12, 4))  # 12 trials, 8 more than a smooth has columns
     assert check_residuals(few, fit(few)) == ((), True)
+
+
+def test_a_law_at_another_place_leaves_those_that_stand_and_one_that_is_not_needed_is_dropped(
+    squared,
+):
+    effects = {one.id: one for one in toy_effects()}
+    problem = build_problem(Toy(), squared)
+    needed, idle = effects["square_of_z"], effects["line_of_w"]
+    both = fit(problem, (needed, idle))
+    added = Trial(needed, both, problem.criterion(both))
+    assert _add_effect(problem, fit(problem, (idle,)), added, toy_effects()) is both
+    left = _exchange_effect(problem, both, toy_effects())
+    assert left.effects == (needed,)
+    # one law alone is not looked for again
+    assert _exchange_effect(problem, left, toy_effects()) is None

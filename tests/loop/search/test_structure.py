@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.stats import chi2, multivariate_normal
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.loop.search.explain import Rules, Verdict, _follows_time, explain
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.structure import (
+    _test_neighbours,
     build_wandering,
     estimate_quantity_errors,
     find_hints,
@@ -110,3 +111,18 @@ def test_an_effect_follows_time_where_its_covariate_does_and_not_where_it_is_con
         for name in ("hour", "same", "w")
     }
     assert follows == {"hour": True, "same": False, "w": False}
+
+
+def test_neighbours_are_tested_by_ljung_and_box_over_five_lags():
+    # trials that alternate: no walk, so that the portmanteau test alone speaks
+    values = np.random.default_rng(3).standard_normal(120)
+    values[1:] -= 0.4 * values[:-1]
+    from_mean, n = values - values.mean(), values.size
+    r = np.array([from_mean[k:] @ from_mean[: n - k] for k in range(1, 6)]) / (
+        from_mean @ from_mean
+    )
+    # origin: Ljung and Box 1978, Q = n (n + 2) sum r_k^2 / (n - k), chi squared of five lags
+    q = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1.0, 6.0)))
+    assert fit_walk(values)[0] < 1e-6
+    found = _test_neighbours("level", values)
+    assert found.p_value == pytest.approx(2.0 * chi2.sf(q, 5), rel=1e-9)
