@@ -1,6 +1,7 @@
 """Count false verdicts over soft gauges of known truth.
 
-Burr, ramp, patch, rotation, cone, form, groove, a second step, a dome, unlike grooves.
+Burr, ramp, rotation, cone, form, groove, a second step, a dome, unlike grooves; every 25th a patch, a
+map of 0.45 mm of faces of 5 mm that bow: it must not judge their form.
 
 Every gauge draws its truth, its instrument (stylus or optical, calibration off by what is stated)
 and its noise from its own number. Each characteristic that was judged is compared with the truth: a
@@ -52,7 +53,8 @@ KINDS = (
 
 def draw(number):
     """Return scan, what to ask of it, and the truth by key of the characteristic."""
-    random, kind = np.random.default_rng(number), KINDS[number % len(KINDS)]
+    random = np.random.default_rng(number)
+    kind = "patch" if number % 25 == 24 else KINDS[number % len(KINDS)]
     height = 50 * UM + random.uniform(-2.5, 2.5) * UM
     radius = random.uniform(0.0, 4.0) * UM
     relative = 10.0 ** random.uniform(-4.0, -2.3)
@@ -99,11 +101,14 @@ def draw(number):
         truth = {"groove_depth": height, "groove_width": width}
         shape = lambda x: groove_gauge(x, height, -width / 2, width / 2, UM)  # noqa: E731
         step, reach = UM, 1400 * UM
-    if kind in ("map", "turned"):
+    if kind in ("map", "turned", "patch"):
         turn = math.radians(random.uniform(-25.0, 25.0)) if kind == "turned" else 0.0
         size, fine, step = (300, 60), 3, 1.5 * UM
         x, y = ((np.arange(n * fine) + 0.5 - 0.5 * n * fine) * step / fine for n in size)
         across = x[np.newaxis, :] * math.cos(turn) + y[:, np.newaxis] * math.sin(turn)
+        if kind == "patch":  # a parabola over a face lies within a quarter of its rise from a plane
+            bow = random.uniform(4.0, 40.0) * UM * (500 * UM / 5e-3) ** 2
+            truth |= dict.fromkeys(("flatness_lower", "flatness_upper"), 0.25 * bow * 100.0)
         z = shape(across).reshape(size[1], fine, size[0], fine).mean(axis=(1, 3))
         z = z + correlated_map(z.shape, step, 5e-9, rough, length, random)
         scan = HeightMap(scale * z, lateral * step, lateral * step, kind)
@@ -172,15 +177,17 @@ def main():
                 file.write(json.dumps(done[number]) + "\n")
                 file.flush()
     rows = [row for number in range(count) for row in done[number]["judged"]]
-    print(f"{count} gauges, {sum('refused' in one for one in done.values())} refused")
+    print(f"{count} gauges, {sum('refused' in one for one in done.values())} refused\n")
+    print("| characteristic | judged | interval holds | false conforms | false does not conform |")
+    print("|---|---|---|---|---|")
+    total = [0, 0, 0]
     for key in dict.fromkeys(row["key"] for row in rows):
         own = [row for row in rows if row["key"] == key]
         held = sum(row["holds"] for row in own) / len(own)
         wrong = [sum(row[name] for row in own) for name in ("false_conforms", "false_rejection")]
-        print(
-            f"{key:14} {len(own):4} judged, interval holds {held:6.1%}, false conforms {wrong[0]}"
-            f", false does not conform {wrong[1]}"
-        )
+        total = [a + b for a, b in zip(total, (len(own), *wrong), strict=True)]
+        print(f"| {key} | {len(own)} | {held:.1%} | {wrong[0]} | {wrong[1]} |")
+    print("| all | {} | - | {} | {} |".format(*total))
     return int(any(row["false_conforms"] for row in rows))
 
 

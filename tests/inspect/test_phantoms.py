@@ -1,14 +1,17 @@
-"""No step where there is none: soft gauges of what real files without a step had been taken for."""
+"""No step where there is none, and what a refusal says: soft gauges of what real files showed."""
 
 import numpy as np
 import pytest
 
-from oracles.softgauge import correlated_map, correlated_noise
+from oracles.softgauge import correlated_map, correlated_noise, edge_gauge
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.measure import AS_FOUND
+from stepblocks.inspect.run import EVALUATIONS, _suggest_next, inspect_standard
 from stepblocks.inspect.working_edge.measure import measure_edge
+from stepblocks.parts.characteristics import Characteristic
 
 UM, NM = 1e-6, 1e-9
 EXACT = Instrument(0.0, 0.0, 0.0)
@@ -71,3 +74,24 @@ def test_a_profile_of_which_half_would_be_spikes_is_refused():
     except MetrologyError:
         return
     assert abs(found.value - 540 * NM) < found.expanded()
+
+
+def test_a_refusal_names_the_feature_that_would_answer():
+    random, x = np.random.default_rng(0), np.arange(600) * UM
+    teeth = Profile(x, random.normal(0.0, 5 * NM, 600) - UM * (np.arange(600) % 60 < 30))
+    with pytest.raises(MetrologyError, match=r"keep 20 points.*--feature groove measures it$"):
+        inspect_standard(teeth, feature="edge", instrument=EXACT)
+    edge = Profile(x, edge_gauge(x, UM, riser=300 * UM) + random.normal(0.0, 5 * NM, 600))
+    asked = Characteristic("depth", "depth", "distance", UM, 0.0, 0.0)
+    said = _suggest_next(EVALUATIONS["groove_depth"], edge, EXACT, asked, AS_FOUND)
+    assert said == "; --feature edge measures it"
+
+
+def test_the_refusal_of_a_map_is_one_reason_and_a_next_step():
+    z = correlated_map((64, 96), UM, NM, 5 * NM, 5 * UM, np.random.default_rng(1))
+    for feature in ("groove", "edge"):
+        with pytest.raises(MetrologyError) as refused:
+            inspect_standard(HeightMap(z, UM, UM), feature=feature, instrument=EXACT)
+        reason, step = str(refused.value).split("; ")
+        assert reason.startswith("profiles must agree")
+        assert step.startswith("a part that shows one kind of feature may do: --from")

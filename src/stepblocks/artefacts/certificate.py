@@ -63,16 +63,9 @@ def _collect_content(
 
     numbers = {one.key: number for number, one in enumerate(part.characteristics(), start=1)}
     listed = [one for one in record["characteristics"] if one["key"] in numbers]
-    open_ends = [
-        (numbers[one["key"]], one["label"], reason)
-        for one in listed
-        if (reason := _find_obstacle(one))
-    ]
-    open_ends += [
-        (numbers[one["key"]], one["label"], f"not measured: {one['needs']}")
-        for one in record["not_measured"]
-    ]
-    results = [_format_line(numbers[one["key"]], one) for one in listed if not _find_obstacle(one)]
+    reasons = [(one, _find_obstacle(one)) for one in listed]
+    reasons += [(one, f"not measured: {one['needs']}") for one in record["not_measured"]]
+    results = [_format_line(numbers[one["key"]], one) for one, reason in reasons if not reason]
     worst_first = ("fail", "conditionalFail", "conditionalPass", "pass")
     worst = min((one["conformity"] for one in results), key=worst_first.index, default="")
     complete = not any(one["asked"] for one in record["not_measured"])
@@ -96,7 +89,9 @@ def _collect_content(
         # of a part that was not wholly measured nothing is stated as a whole, unless it fails
         "conformity": worst if complete or worst == "fail" else "",
         "results": results,
-        "open_ends": sorted(open_ends),
+        "open_ends": sorted(
+            (numbers[one["key"]], one["label"], reason) for one, reason in reasons if reason
+        ),
     }
 
 

@@ -88,7 +88,7 @@ def measure_groove(
             raise
         except MetrologyError as error:
             refused.append(str(error))
-    raise MetrologyError("; ".join(dict.fromkeys(refused)))
+    raise MetrologyError(refused[0])
 
 
 class UnlikeError(MetrologyError):
@@ -218,7 +218,9 @@ def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
         np.histogram(x[points], ends)[0][at - 1 : at + 1]
         for points in (levels.used, np.isfinite(z))
     )
-    if not np.isfinite(feature.end) and (kept < np.maximum(LEAST_FACE // 2, seen // 2)).any():
+    # what a profile with whole features cuts at its ends has less
+    alone = not any(np.isfinite(one.end) for one in levels.features)
+    if alone and (kept < np.maximum(LEAST_FACE // 2, seen // 2)).any():
         raise MetrologyError(
             f"faces beside a single step must keep half of their points, and {LEAST_FACE // 2}, "
             f"got {kept[0]} of {seen[0]} and {kept[1]} of {seen[1]}"

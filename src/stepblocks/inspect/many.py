@@ -161,10 +161,16 @@ def inspect_many(
         limits = {one.key: decision for one, decision in result.judged}
         for key, measured in result.evaluation.values.items():
             if key in limits:
-                row = {"value": measured.value, "u": measured.std}
-                found = {"characteristic": key, "measured": measured, "at": len(results) - 1}
-                verdict = {"verdict": limits[key].verdict.value}
-                rows.append({**own, "scan": name, **found, **row, **verdict})
+                row = {
+                    "scan": name,
+                    "characteristic": key,
+                    "measured": measured,
+                    "at": len(results) - 1,
+                    "value": measured.value,
+                    "u": measured.std,
+                    "verdict": limits[key].verdict.value,
+                }
+                rows.append(own | row)
     if not rows:
         raise MetrologyError(f"no scan can be evaluated: {left_out[0]}")
     table = pd.DataFrame(rows)
@@ -176,8 +182,15 @@ def inspect_many(
         decidable = own[[one.is_decidable for one in own["measured"]]]
         own = decidable if len(decidable) else own
         std, dof = estimate_repeatability(own[["value", "block", *factors]])
-        about = {"stimulus": part, "characteristic": key, "source": "repeatability"}
-        variation.append({**about, "std": std, "dof": dof})
+        variation.append(
+            {
+                "stimulus": part,
+                "characteristic": key,
+                "source": "repeatability",
+                "std": std,
+                "dof": dof,
+            }
+        )
         for block, its in own.groupby("block", sort=False):
             groups = its.groupby(factors, sort=False).ngroups if factors else 1
             readings = groups if groups > 1 else len(its)
@@ -203,9 +216,11 @@ def inspect_many(
         for block, report in reports.items()
         for one, decision in report.judged
     ]
-    found = {"blocks": blocks, "variation": variation}
-    tables = {name: _convert_to_um(pd.DataFrame(own)) for name, own in found.items()}
-    tables["scans"] = _convert_to_um(table).drop(columns=["measured", "at"])
+    tables = {
+        "blocks": _convert_to_um(pd.DataFrame(blocks)),
+        "variation": _convert_to_um(pd.DataFrame(variation)),
+        "scans": _convert_to_um(table).drop(columns=["measured", "at"]),
+    }
     whole = combine_verdicts(one.verdict for one in reports.values())
     if standard is not None:
         reports = {}

@@ -29,7 +29,7 @@ from stepblocks.inspect.budget import (
     combine_verdicts,
     judge,
 )
-from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.grooves import UnlikeError, measure_groove
 from stepblocks.inspect.measure import (
     AS_FOUND,
     Evaluation,
@@ -301,18 +301,17 @@ def inspect_standard(
     evaluation = _evaluate(evaluate, load_scan(scan, unit, channel), instrument, asked, how)
     source, digest = describe_source(scan)
     name = format_file_name(source.stem)
-    decision = None
-    if depth is not None:
-        if key not in evaluation.values:
-            sizes = ", ".join(f"{one.value * 1e6:.4g} um" for one in evaluation.values.values())
-            raise MetrologyError(
-                "features are unlike, so name the one that the certificate is of by --edges, "
-                f"got {sizes} [{source.name}]"
-            )
-        decision = judge(evaluation.values[key], asked.nominal, asked.lower, asked.upper)
-    judged = () if decision is None else ((asked, decision),)
-    verdict = None if decision is None else decision.verdict
-    return InspectionResult(name, None, evaluation, judged, verdict, source, digest)
+    result = InspectionResult(name, None, evaluation, (), None, source, digest)
+    if depth is None:
+        return result
+    if key not in evaluation.values:
+        sizes = ", ".join(f"{one.value * 1e6:.4g} um" for one in evaluation.values.values())
+        raise MetrologyError(
+            "features are unlike, so name the one that the certificate is of by --edges, "
+            f"got {sizes} [{source.name}]"
+        )
+    decision = judge(evaluation.values[key], asked.nominal, asked.lower, asked.upper)
+    return replace(result, judged=((asked, decision),), verdict=decision.verdict)
 
 
 def find_declared(identity: str, where: Path) -> tuple[Part, StimulusSet]:
@@ -390,8 +389,30 @@ def _evaluate(
     try:
         resolution = max(instrument.resolution, scan.count or 0.0)
         return evaluate(scan, replace(instrument, resolution=resolution), asked, how)
+    except UnlikeError as error:
+        raise UnlikeError(f"{error}{place}") from error
     except MetrologyError as error:
-        raise type(error)(f"{str(error).removesuffix(place)}{place}") from error
+        said = str(error).removesuffix(place)
+        said += _suggest_next(evaluate, scan, instrument, asked, how)
+        raise MetrologyError(f"{said}{place}") from error
+
+
+def _suggest_next(
+    evaluate: Evaluator,
+    scan: Profile | HeightMap,
+    instrument: Instrument,
+    asked: Characteristic,
+    how: EvaluationOptions,
+) -> str:
+    # Say what may be tried with a scan of an edge or groove that was refused.
+    features = {EVALUATIONS[_STANDARDS[name]]: name for name in ("groove", "edge")}
+    if features.pop(evaluate, None) is None:
+        return ""
+    ((other, name),) = features.items()
+    if evaluate_each(lambda one: other(one, instrument, asked, how), [scan])[0]:
+        return f"; --feature {name} measures it"
+    part = "; a part that shows one kind of feature may do: --from, --to, --along"
+    return part if isinstance(scan, HeightMap) else ""
 
 
 def _add_roughness(evaluation: Evaluation, limit: float, instrument: Instrument) -> Evaluation:

@@ -73,7 +73,7 @@ def measure_edge(
     ways = {"x": [scan], "y": [columns], None: [scan, columns]}[how.along]
     found, refused = evaluate_each(lambda one: _measure_along_rows(one, instrument, how), ways)
     if not found:
-        raise MetrologyError("; or along y: ".join(dict.fromkeys(refused)))
+        raise MetrologyError(refused[0])
     return found[0][1]
 
 
