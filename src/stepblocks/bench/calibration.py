@@ -1,7 +1,5 @@
 """What is known of the gauges before the trials, as a session declares it from certificates."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

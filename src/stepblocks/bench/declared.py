@@ -140,10 +140,13 @@ def _measure_misfit_of_blocks(
     except StepblocksError:
         return math.nan
     radius = session.probe.tip_radius or PAPER.ball_radius
-    misses = []
-    for (_, one), height in zip(measured, heights, strict=True):
-        friction = one["sliding_friction"] / gain
-        angle = math.acos(max(1.0 - 1e-6 * height / radius, 0.0)) + math.atan(friction)
-        pull = one["normal_load_n"] * math.tan(min(angle, 1.5))
-        misses.append(abs(math.log(max(one["peak_force_n"] / gain, 1e-9) / max(pull, 1e-9))))
+    friction, peak, load = np.array(
+        [
+            (one["sliding_friction"], one["peak_force_n"], one["normal_load_n"])
+            for _, one in measured
+        ]
+    ).T
+    cosine = np.maximum(1.0 - 1e-6 * np.array(heights) / radius, 0.0)
+    pull = load * np.tan(np.minimum(np.arccos(cosine) + np.arctan(friction / gain), 1.5))
+    misses = np.abs(np.log(np.maximum(peak / gain, 1e-9) / np.maximum(pull, 1e-9)))
     return float(np.nanmedian(misses)) if np.isfinite(misses).any() else math.nan

@@ -150,7 +150,6 @@ def write_features(
     """
     folder, output = Path(session), Path(output)
     table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS)))
-    columns = FEATURE_COLUMNS
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     if not 1 <= jobs <= _MOST_JOBS:
         raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
@@ -165,11 +164,11 @@ def write_features(
         draft = Path(scratch) / "draft.csv"
         with draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*_LEADING, *map(escape_formula, table.covariates), *columns])
+            writer.writerow([*_LEADING, *map(escape_formula, table.covariates), *FEATURE_COLUMNS])
             for done, result in enumerate(_iterate_results(table, jobs), start=1):
                 if not result.reason:
                     check.add(result.trial, result.features, result.digest)
-                seen = [result.features.get(name, math.nan) for name in columns]
+                seen = [result.features.get(name, math.nan) for name in FEATURE_COLUMNS]
                 writer.writerow(
                     [
                         *map(escape_formula, (result.trial.name, result.status, result.reason)),
@@ -185,7 +184,7 @@ def write_features(
                 )
                 if progress is not None:
                     progress(done, table.count)
-        return _write_labelled(draft, output, table, check.faults(), len(columns))
+        return _write_labelled(draft, output, table, check.faults())
 
 
 def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
@@ -274,7 +273,7 @@ def _measure_chunk(folder: Path, tool: Tool | None, trials: list[Trial]) -> list
 
 
 def _write_labelled(
-    draft: Path, output: Path, table: TrialTable, faults: dict[int, str], width: int
+    draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
 ) -> MeasureSummary:
     # Put the faults of labels into the draft, and the draft into its place
     counts: Counter[tuple[str, str]] = Counter()
@@ -299,7 +298,7 @@ def _write_labelled(
                         throw = not faults[row].startswith("mislabelled")
                         cells[1:3] = [_EXCLUDED if throw else _FLAGGED, faults[row]]
                         if throw:
-                            cells[-width:] = [""] * width
+                            cells[-len(FEATURE_COLUMNS) :] = [""] * len(FEATURE_COLUMNS)
                     if row:
                         counts[cells[1], cells[2].split(":")[0][:60]] += 1
                     writer.writerow(cells)

@@ -280,9 +280,9 @@ def read_conditions(session: Session) -> dict[str, tuple[str, pd.Series]]:
             "block": [row.block for row in rows],
             "load": [row.load for row in rows],
             "height": heights,
+            "speed": [1e3 * row.speed for row in rows],
         }
     )
-    values["speed"] = [1e3 * row.speed for row in rows]
     found = {
         name: (named[part], values[part])
         for part, name in _NAMES.items()
@@ -335,15 +335,9 @@ def find_heights(
         channel = Channel(column=others[0])
     name, place = find_column(channel.column, header, "height"), "trials.columns.height"
     scale, off = 1e6 * channel.scale("length", place), 1e6 * channel.offset_in_si("length", place)
-    values: list[float] = []
-    for text in (
-        row.cells.get(name, "").strip().replace(session.trials.decimal, ".") for row in rows
-    ):
-        try:
-            values.append(float(text) * scale - off)
-        except ValueError:
-            values.append(math.nan)
-    return name, values
+    texts = [row.cells.get(name, "").strip().replace(session.trials.decimal, ".") for row in rows]
+    values = pd.to_numeric(pd.Series(texts), errors="coerce") * scale - off
+    return name, values.tolist()
 
 
 def _read_declared_heights(session: Session) -> dict[str, float]:

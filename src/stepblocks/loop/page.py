@@ -6,9 +6,10 @@ It is one file that opens offline.
 import base64
 from collections.abc import Mapping
 from io import BytesIO
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE
@@ -21,9 +22,6 @@ from stepblocks.loop.search.explain import Explanation
 from stepblocks.loop.search.forward_model import Floats
 from stepblocks.page_file import render_page
 from stepblocks.quantities import format_column_label
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _BEFORE, _AFTER = "#b0506a", "#2f6f9f"
 _UNASKED = {
@@ -74,8 +72,6 @@ def _encode_png(figure: "Figure") -> str:
 def _draw_agreement(found: Explanation) -> str:
     # Draw measured against predicted energy and peak force, for the nominal model and for the
     # extended one.
-    from matplotlib.ticker import NullFormatter
-
     figure, axes = make_figure(1, 2, width=10.0, height=4.4)
     named = (("ln_energy", 1e6, "vibration energy, µJ"), ("ln_peak_force", 1.0, "peak force, N"))
     for axis, (channel, scale, title) in zip(axes, named, strict=True):

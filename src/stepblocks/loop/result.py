@@ -210,13 +210,17 @@ def _list_detectable(found: Explanation) -> list[dict[str, object]]:
     shown = compute_detectable(found.problem, found.extended, laws, found.needed)
     entries: dict[str, dict[str, object]] = {}
     for law in (law for law in laws if np.isfinite(shown.get(law.id, np.nan))):
-        (name,) = law.amplitudes
-        entry = {"id": law.id, "slot": law.slot, "covariate": law.covariate, "parameter": name}
-        unit = next(p.unit for p in law.parameters if p.name == name)
-        entries.setdefault(
-            law.slot,
-            entry | {"value": shown[law.id], "unit": unit, "said": law.id.replace("_", " ")},
-        )
+        (parameter,) = (p for p in law.parameters if p.name in law.amplitudes)
+        entry = {
+            "id": law.id,
+            "slot": law.slot,
+            "covariate": law.covariate,
+            "parameter": parameter.name,
+            "value": shown[law.id],
+            "unit": parameter.unit,
+            "said": law.id.replace("_", " "),
+        }
+        entries.setdefault(law.slot, entry)
     return list(entries.values())
 
 

@@ -3,11 +3,10 @@
 import json
 import os
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -158,6 +157,10 @@ def _explain_and_hold_out(
 ) -> tuple[Explanation, tuple[Holdout, Holdout]]:
     # Explain all trials, and hold out trials within blocks and whole blocks. Every fold chooses its
     # own effects.
+    from joblib import Parallel, delayed
+
+    from stepblocks.workers import die_with_parent
+
     model, trials = table.model, table.trials
     inside = split_within_blocks(trials, _WITHIN, rules.seed)
     outside = split_by_block(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []
@@ -166,26 +169,12 @@ def _explain_and_hold_out(
         for folds in (inside, outside)
     )
     found = explain(model, trials, model.candidates(trials), rules)
-    with ExitStack() as stack:
-        run: Callable[..., Any] = map
-        if jobs > 1:
-            from joblib.externals.loky import ProcessPoolExecutor
-
-            from stepblocks.workers import die_with_parent
-
-            # these workers load no main module: a script or a notebook needs no guard
-            threads = {
-                name: "1"
-                for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-                if name not in os.environ
-            }
-            run = stack.enter_context(
-                ProcessPoolExecutor(jobs - 1, initializer=die_with_parent, env=threads)
-            ).map
-        one_fold = partial(
-            select_without, model, found.problem.trials, candidates=model.candidates, rules=rules
-        )
-        selected = list(run(one_fold, [*inside, *outside]))
+    one_fold = partial(
+        select_without, model, found.problem.trials, candidates=model.candidates, rules=rules
+    )
+    # its workers load no main module: a script or a notebook needs no guard
+    parallel = Parallel(n_jobs=jobs, initializer=die_with_parent)
+    selected = list(parallel(delayed(one_fold)(rows) for rows in (*inside, *outside)))
     found = check_claims(found, selected, model.cells(trials))
     found, (within, between) = deliver(add_heights(found, table), (inside, outside))
     holdouts = (

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import h5py
 import numpy as np
 
 from stepblocks.bench.signal import Array, Tool, Trace
@@ -15,9 +15,6 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import PipelineError
-
-if TYPE_CHECKING:
-    import h5py
 
 _LEAST_SLIDE, _MOST_SLIDE = 50e-3, 80e-3  # [s] before the edge
 _NAMES = ("time_s", "fx_n", "fy_n")
@@ -253,8 +250,6 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
             folder / TRACE_FILES["csv"].format(trial=trial), trace
         )
         return
-    import h5py
-
     # the first layout of HDF5, since an older library writes the time into later ones
     with h5py.File(folder / TRACE_FILES[kind], "w") as file:
         yield lambda trial, trace: _write_group(file.create_group(f"{trial:04d}"), trace)

@@ -257,26 +257,22 @@ class SessionPlan(Strict):
         order = random.permutation(order)
         warmth = np.cumsum(random.normal(0.0, 0.35, count)) / math.sqrt(count) * 4.0 + 22.0
         wet = np.cumsum(random.normal(0.0, 1.5, count)) / math.sqrt(count) * 4.0 + 50.0
-        rows = []
-        for number, (index, temperature, humidity) in enumerate(
-            zip(order, warmth, wet, strict=True), start=1
-        ):
-            height, load, speed = full[int(index)]
-            rows.append(
-                {
-                    "trial": str(number),
-                    "block": name_block(height),
-                    "height_um": f"{height * 1e6:g}",
-                    "load_n": f"{load:g}",
-                    "speed_mm_s": f"{speed * 1e3:g}",
-                    "tip": f"tip-{self.model.tip_radius * 1e6:g}",
-                    "run_order": str(number),
-                    "temperature_c": f"{temperature:.2f}",
-                    "humidity_pct": f"{humidity:.1f}",
-                    "operator": design.operators[int(random.integers(len(design.operators)))],
-                }
-            )
-        return rows
+        conditions = zip((full[i] for i in order.tolist()), warmth, wet, strict=True)
+        return [
+            {
+                "trial": str(number),
+                "block": name_block(height),
+                "height_um": f"{height * 1e6:g}",
+                "load_n": f"{load:g}",
+                "speed_mm_s": f"{speed * 1e3:g}",
+                "tip": f"tip-{self.model.tip_radius * 1e6:g}",
+                "run_order": str(number),
+                "temperature_c": f"{temperature:.2f}",
+                "humidity_pct": f"{humidity:.1f}",
+                "operator": design.operators[int(random.integers(len(design.operators)))],
+            }
+            for number, ((height, load, speed), temperature, humidity) in enumerate(conditions, 1)
+        ]
 
 
 def name_block(height: float) -> str:

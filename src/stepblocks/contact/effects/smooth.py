@@ -95,10 +95,12 @@ class CovariateRange:
         return np.asarray((design[:-1] - design[-1])[:, [0, 1, 3, 4]])
 
 
-def _scale_slots(*slots: str, between: tuple[float, float] | None = None) -> Change:
+def _scale_slots(between: tuple[float, float] | None = None, **powers: float) -> Change:
+    # Multiply each slot by a power of exp g
     def change(state: DragState, g: Floats) -> DragState:
-        factor = np.exp(g if between is None else np.clip(g, *between))
-        return state.changed(**{slot: getattr(state, slot) * factor for slot in slots})
+        held = g if between is None else np.clip(g, *between)
+        scaled = {s: getattr(state, s) * np.exp(power * held) for s, power in powers.items()}
+        return state.changed(**scaled)
 
     return change
 
@@ -112,17 +114,6 @@ def _scale_seen_load(state: DragState, g: Floats) -> DragState:
     return state.changed(load=state.load * np.exp(g), sensed_offset=state.sensed_offset + seen)
 
 
-def _scale_weighed_stiffness(state: DragState, g: Floats) -> DragState:
-    stiffer = _scale_slots("stiffness", "ring_stiffness")(state, g)
-    return stiffer.changed(conversion=state.conversion * np.exp(-g))
-
-
-def _scale_ramp_stiffness(state: DragState, g: Floats) -> DragState:
-    # the amplitude of a ring that keeps its pitch counts on the declared spring all the same
-    softer = _scale_slots("stiffness")(state, g)
-    return softer.changed(conversion=state.conversion * np.exp(g))
-
-
 class Move(NamedTuple):
     """How a smooth g enters a slot."""
 
@@ -133,12 +124,10 @@ class Move(NamedTuple):
 
 # several ways where the bench may show a slot in several ways
 SLOT_MOVES = {
-    "radius": Move(
-        "contact_geometry", "(R + r) exp g", _scale_slots("radius", between=(-1.0, 1.5))
-    ),
+    "radius": Move("contact_geometry", "(R + r) exp g", _scale_slots((-1.0, 1.5), radius=1)),
     "height": Move("contact_geometry", "H + 10 um g", _move_slots("height", by=1e-5)),
-    "friction": Move("friction", "mu exp g", _scale_slots("friction", between=(-4.0, 2.0))),
-    "load": Move("normal_load", "F_py exp g, unseen by the gauge", _scale_slots("load")),
+    "friction": Move("friction", "mu exp g", _scale_slots((-4.0, 2.0), friction=1)),
+    "load": Move("normal_load", "F_py exp g, unseen by the gauge", _scale_slots(load=1)),
     "seen_load": Move("normal_load", "F_py exp g, seen by the gauge", _scale_seen_load),
     "load_offset": Move("normal_load", "F_py + 0.1 N g", _move_slots("load", "sensed_offset")),
     "climb_load": Move(
@@ -146,15 +135,20 @@ SLOT_MOVES = {
         "F_py exp g while climbing",
         lambda s, g: s.changed(climb_load=s.climb_load + s.set_load * np.expm1(g)),
     ),
-    "stiffness": Move("stiffness", "k exp g", _scale_slots("stiffness", "ring_stiffness")),
+    "stiffness": Move("stiffness", "k exp g", _scale_slots(stiffness=1, ring_stiffness=1)),
     "weighed_stiffness": Move(
-        "stiffness", "k exp g, energies weighed with it", _scale_weighed_stiffness
+        "stiffness",
+        "k exp g, energies weighed with it",
+        _scale_slots(stiffness=1, ring_stiffness=1, conversion=-1),
     ),
-    "ramp_stiffness": Move("stiffness", "k exp g, pitch unchanged", _scale_ramp_stiffness),
-    "conversion": Move("conversion", "C_v exp g", _scale_slots("conversion")),
+    # the amplitude of a ring that keeps its pitch counts on the declared spring all the same
+    "ramp_stiffness": Move(
+        "stiffness", "k exp g, pitch unchanged", _scale_slots(stiffness=1, conversion=1)
+    ),
+    "conversion": Move("conversion", "C_v exp g", _scale_slots(conversion=1)),
     "drag": Move("drag", "F_x + 0.1 N g", _move_slots("drag")),
     "climb_drag": Move("drag", "F_px + 0.1 N g", _move_slots("climb_drag")),
-    "gain": Move("sensor", "gauge gain exp g", _scale_slots("gain")),
+    "gain": Move("sensor", "gauge gain exp g", _scale_slots(gain=1)),
 }
 
 

@@ -43,7 +43,7 @@ def check_residuals(
     """Test the whitened residual of every channel against a smooth of every covariate."""
     trials = problem.trials
     by_trial = fitted.residual.reshape(trials.values.shape)
-    named, raw = [], []
+    found: dict[tuple[str, str], float] = {}
     for name in trials.covariates:
         columns = _smooth_columns(trials, name)
         if columns is None:
@@ -51,12 +51,11 @@ def check_residuals(
         for j, channel in enumerate(trials.channels):
             rows = trials.seen[:, j]
             if rows.sum() > columns.shape[1] + 8:
-                named.append((channel, name))
-                raw.append(compute_smooth_p(by_trial[rows, j], columns[rows]))
-    if not raw:
+                found[channel, name] = compute_smooth_p(by_trial[rows, j], columns[rows])
+    if not found:
         return (), True
-    corrected = multipletests(raw, method="holm")[1]
-    checks = tuple((c, v, float(p)) for (c, v), p in zip(named, corrected, strict=True))
+    corrected = multipletests(list(found.values()), method="holm")[1]
+    checks = tuple((*pair, float(p)) for pair, p in zip(found, corrected, strict=True))
     return checks, bool(corrected.min() > _LEVEL)
 
 

@@ -10,7 +10,7 @@ from stepblocks.law import Law
 from stepblocks.loop.search.adequacy import check_residuals, depends_on_settings
 from stepblocks.loop.search.fit import Fit, Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
-from stepblocks.loop.search.gate import Trial, choose_candidate, score_candidates
+from stepblocks.loop.search.gate import choose_candidate, score_candidates
 from stepblocks.loop.search.mixture import find_bad_trials
 from stepblocks.loop.search.structure import (
     Hint,
@@ -331,28 +331,28 @@ def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
 
 
 def _add_effect(
-    problem: Problem, current: Fit, chosen: Trial, candidates: Sequence[Law]
+    problem: Problem, current: Fit, chosen: Fit, candidates: Sequence[Law]
 ) -> Fit | None:
     # Add the chosen effect; where a law already stands at its place. The law is too stiff and a
     # smooth replaces it.
-    added = chosen.effect
+    added = chosen.effects[-1]
     same = [
         e
         for e in current.effects
         if e.place == added.place and e.covariate not in ("none", "block")
     ]
     if not same:
-        return chosen.fit
+        return chosen
     others = tuple(e for e in current.effects if e not in same)
     smooth = [
         e for e in _list_untried(candidates, current) if e.place == added.place and not e.named
     ]
     base = fit(problem, others, current.values)
     tried = [fit(problem, (*others, e), base.values) for e in smooth]
-    tried = [t for t in tried if problem.criterion(t) < problem.criterion(current) - 10.0]
+    tried = [t for t in tried if t.criterion < current.criterion - 10.0]
     if tried:
-        return min(tried, key=problem.criterion)
-    return chosen.fit if not added.named and all(not s.named for s in same) else None
+        return min(tried, key=lambda t: t.criterion)
+    return chosen if not added.named and all(not s.named for s in same) else None
 
 
 def _exchange_effect(problem: Problem, current: Fit, candidates: Sequence[Law]) -> Fit | None:
@@ -360,7 +360,7 @@ def _exchange_effect(problem: Problem, current: Fit, candidates: Sequence[Law]) 
     # longer needed.
     for effect in current.effects if len(current.effects) > 1 else ():
         base = fit_without(problem, current, effect)
-        if problem.criterion(base) <= problem.criterion(current) + _WORTH:
+        if base.criterion <= current.criterion + _WORTH:
             return base
         choice = choose_candidate(
             problem,
@@ -371,10 +371,10 @@ def _exchange_effect(problem: Problem, current: Fit, candidates: Sequence[Law]) 
         best = choice[0] if choice else None
         if (
             best
-            and best.effect.id != effect.id
-            and best.criterion < problem.criterion(current) - _WORTH
+            and best.effects[-1].id != effect.id
+            and best.criterion < current.criterion - _WORTH
         ):
-            return best.fit
+            return best
     return None
 
 
@@ -423,21 +423,20 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
     base = fit_without(problem, current, effect)
     opened = score_candidates(problem, base, _list_untried(candidates, base), draws=0)
     choice = choose_candidate(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
-    own = problem.criterion(current)
     rivals: list[Rival] = []
     seen = {_name_family(effect)}
     for trial in choice[1] if choice else ():
-        law, family = trial.effect, _name_family(trial.effect)
+        law, family = trial.effects[-1], _name_family(trial.effects[-1])
         if (
             family in seen
             or (law.place == effect.place and not law.named)
-            or trial.criterion > own + rules.margin
+            or trial.criterion > current.criterion + rules.margin
         ):
             continue
         if law.slot == effect.slot and _is_case_of(problem, current, effect, law):
             continue
         seen.add(family)
-        rivals.append((law, trial.fit, trial.criterion - own))
+        rivals.append((law, trial, trial.criterion - current.criterion))
     elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
     verdict = (
         Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED

@@ -84,12 +84,6 @@ class Problem:
             self.trials, values, [(e, e.pick_own_values(values)) for e in effects]
         )
 
-    def criterion(self, fitted: "Fit") -> float:
-        """Cost plus ``p ln n``, p the parameters of its effects."""
-        return fitted.cost + float(np.log(len(self.trials))) * sum(
-            len(e.parameters) for e in fitted.effects
-        )
-
 
 @dataclass(frozen=True)
 class Fit:
@@ -132,6 +126,12 @@ class Fit:
     def active(self) -> Active:
         """Effects with their fitted values."""
         return [(e, e.pick_own_values(self.values)) for e in self.effects]
+
+    @property
+    def criterion(self) -> float:
+        """Cost plus ``p ln n``, p the parameters of its effects."""
+        free = sum(len(e.parameters) for e in self.effects)
+        return self.cost + float(np.log(len(self.predicted))) * free
 
 
 class _Objective:

@@ -239,15 +239,6 @@ def _draw_noise(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
     return noise
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A candidate with its full fit and its criterion, cost plus ``p ln n``."""
-
-    effect: Law
-    fit: Fit
-    criterion: float
-
-
 def choose_candidate(
     problem: Problem,
     base: Fit,
@@ -255,12 +246,13 @@ def choose_candidate(
     most: int = 14,
     tie: float = 6.0,
     keep: Sequence[str] = (),
-) -> tuple[Trial, list[Trial]] | None:
+) -> tuple[Fit, list[Fit]] | None:
     """Fit the candidates that score best and choose among them.
 
-    The result holds the choice, and all of them in order.
+    The result holds the choice, and all of them in order. A candidate is the last of the effects
+    of its fit.
     """
-    tried: list[Trial] = []
+    tried: list[Fit] = []
     leading = 0.0
     for score in sorted(_select_candidates(opened.scores, most, keep), key=lambda s: -s.gain):
         # what gains far less to first order than another gained in full cannot lead
@@ -268,20 +260,20 @@ def choose_candidate(
             continue
         fitted = _fit_candidate(problem, base, score)
         if fitted is not None and not _is_at_bound(score.effect, fitted):
-            tried.append(Trial(score.effect, fitted, problem.criterion(fitted)))
+            tried.append(fitted)
             leading = max(leading, base.cost - fitted.cost)
-    tried.sort(key=lambda t: (t.criterion, t.effect.rank))
-    if not tried or tried[0].criterion >= problem.criterion(base):
+    tried.sort(key=lambda t: (t.criterion, t.effects[-1].rank))
+    if not tried or tried[0].criterion >= base.criterion:
         return None
     lead = tried[0]
     near = [
         t
         for t in tried
-        if t.criterion <= lead.criterion + tie and t.effect.place == lead.effect.place
+        if t.criterion <= lead.criterion + tie and t.effects[-1].place == lead.effects[-1].place
     ]
-    if named := [t for t in near if t.effect.named]:
+    if named := [t for t in near if t.effects[-1].named]:
         close = [t for t in named if t.criterion <= named[0].criterion + 1.0]
-        lead = min(close, key=lambda t: (t.effect.rank, t.criterion))
+        lead = min(close, key=lambda t: (t.effects[-1].rank, t.criterion))
     return lead, tried
 
 
