@@ -122,8 +122,11 @@ def _measure_corrected(
     found: list[tuple[Trial, Mapping[str, float]]] = []
     for trial, _ in pilots[:: max(len(pilots) // _TRIED, 1)][:_TRIED]:
         try:
-            trace = correct(traces.read(trial.name))
-            seen = measure_trace(trace, traces.session.probe.spring_constant, trial.speed)
+            seen = measure_trace(
+                correct(traces.read(trial.name)),
+                traces.session.probe.spring_constant,
+                trial.speed,
+            )
         except (TraceError, LandmarkError, ValueError, np.linalg.LinAlgError):
             continue
         found.append((trial, seen.features))

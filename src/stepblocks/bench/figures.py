@@ -98,8 +98,7 @@ def _draw(
     near.text(0.99, 0.97, told, transform=near.transAxes, ha="right", va="top", fontsize=8)
     whole.legend(loc="upper right", fontsize=8, frameon=False)
     normal.plot(time, trace.normal, color=_LINE, linewidth=0.6)
-    normal.set_ylabel("normal force / N")
-    normal.set_xlabel("time / ms")
+    normal.set(xlabel="time / ms", ylabel="normal force / N")
     save_figure(figure, path)
 
 

@@ -195,10 +195,10 @@ def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> Tri
         trace, measured, reason = measure_or_explain(traces, trial, tool)
     except TraceError as fault:
         return TrialResult(trial, " ".join(str(fault).split()))
-    probe = traces.session.probe
     if measured is None:
         known = "saturated" in reason or reason.startswith("no release")
-        seen = measure_censored(trace, probe.spring_constant, trial.speed, reason) if known else {}
+        spring = traces.session.probe.spring_constant
+        seen = measure_censored(trace, spring, trial.speed, reason) if known else {}
         return TrialResult(trial, reason, seen)
     samples = blake2b(trace.tangential.tobytes() + trace.normal.tobytes(), digest_size=7)
     return TrialResult(trial, "", measured.features, int.from_bytes(samples.digest()))
@@ -227,8 +227,8 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     # which trials depends on their number alone, so that every run and any number of workers
     # measure alike
     stride = max(table.count // _PILOTS, 1)
-    chosen = (trial for trial in table if (trial.row - 1) % stride == 0)
-    results = [measure_trial(traces, trial) for trial in islice(chosen, _PILOTS)]
+    chosen = islice(table, 0, _PILOTS * stride, stride)
+    results = [measure_trial(traces, trial) for trial in chosen]
     if results and all(one.reason.startswith("wrong rate") for one in results):
         raise BenchError(f"{results[0].reason} [{traces.session.folder}]")
     check_declarations(
@@ -283,12 +283,10 @@ def _write_labelled(
                 draft.open(newline="", encoding="utf-8") as source,
                 whole.open("w", newline="", encoding="utf-8") as sink,
             ):
-                rows = (
-                    (row, cells) for row, cells in enumerate(csv.reader(source)) if cells[1] == _OK
-                )
                 named = (
                     (row, dict(zip(table.covariates, cells[len(_LEADING) :], strict=False)))
-                    for row, cells in rows
+                    for row, cells in enumerate(csv.reader(source))
+                    if cells[1] == _OK
                 )
                 data = find_shared_faults(named, faults)
                 source.seek(0)
@@ -325,7 +323,6 @@ def _write_labelled(
         for name, values in zip(names, zip(*conditions, strict=True), strict=True)
         if len(set(values)) == 1
     ]
-    kept = Counter(data.values())
     notes = (
         *(f"all trials have one {name}" for name in alike),
         *(
@@ -335,7 +332,7 @@ def _write_labelled(
         ),
         *(
             f"{n} {shared} are unlike their labels together and stay as data"
-            for shared, n in kept.items()
+            for shared, n in Counter(data.values()).items()
         ),
     )
     return MeasureSummary(table.count, reasons.total(), dict(reasons), notes)

@@ -4,13 +4,11 @@ It says what the probe and the acquisition are, where traces, trials and scans l
 are named.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
@@ -207,7 +205,7 @@ class Channels(Strict):
     time: Channel | None = None
 
     @model_validator(mode="after")
-    def _units_fit(self) -> Channels:
+    def _units_fit(self) -> Self:
         check_channels({f"acquisition.channels.{part}": one for part, one in self.parts().items()})
         return self
 
@@ -272,7 +270,7 @@ class Acquisition(Strict):
     trim: tuple[_Time, _Time] | None = None
 
     @model_validator(mode="after")
-    def _can_be_read(self) -> Acquisition:
+    def _can_be_read(self) -> Self:
         if self.kind is None:
             raise ValueError(
                 f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known"
@@ -307,7 +305,7 @@ class TrialColumns(Strict):
     height: Channel = Channel(column="height_um")
 
     @model_validator(mode="after")
-    def _units_fit(self) -> TrialColumns:
+    def _units_fit(self) -> Self:
         check_channels(
             {
                 f"trials.columns.{part}": (getattr(self, part), one)

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 
 import pandas as pd
@@ -243,10 +244,8 @@ def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
 
 def _read_rows(session: Session) -> Iterator[tuple[int, list[str]]]:
     # Rows below the header, from 1; empty lines are none
-    lines = _read_lines(session)
-    next(lines, None)
-    whole = (cells for cells in lines if any(cell.strip() for cell in cells))
-    yield from enumerate(whole, start=1)
+    lines = islice(_read_lines(session), 1, None)
+    yield from enumerate((cells for cells in lines if any(cell.strip() for cell in cells)), start=1)
 
 
 def _read_lines(session: Session) -> Iterator[list[str]]:

@@ -208,12 +208,10 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
         force = np.exp(force[np.isfinite(force)])
         if force.size > 10 and force.max() > 1.001 * force.min():
             found.append(CovariateRange(PEAK_FORCE, float(force.min()), float(force.max()), True))
-    settings = {place.name for place in found}
-    if settings.issuperset(("load_n", "speed_mm_s")):
-        ratio = np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"])
-        low, high = float(ratio.min()), float(ratio.max())
-        distinct = len(np.unique(ratio))
-        found.append(CovariateRange(SPEED_OVER_LOAD, low, high, True, distinct=distinct))
+    if {"load_n", "speed_mm_s"} <= {place.name for place in found}:
+        ratio = np.unique(np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"]))
+        ends = float(ratio[0]), float(ratio[-1])
+        found.append(CovariateRange(SPEED_OVER_LOAD, *ends, True, distinct=len(ratio)))
     climate = [
         place
         for place in found

@@ -117,16 +117,12 @@ def _describe_finding(finding: Finding, entry: Document) -> str:
         why = f": {finding.reason}" if finding.reason else ""
         return f"{law.slot.replace('_', ' ')} {along}, no law claimed{why}"
     figures = [
+        f"{key[key.index('[') + 1 : -1] + ' ' if '[' in key else ''}"
         f"{format_value(p['value'], p['unit'])} ({format_value(p['low'], p['unit'])} to "
         f"{format_value(p['high'], p['unit'])})"
-        for p in entry["parameters"].values()
+        for key, p in entry["parameters"].items()
     ]
-    labels = [
-        key[key.index("[") + 1 : -1] + " " if "[" in key else "" for key in entry["parameters"]
-    ]
-    text = f"{name} " + ", ".join(
-        label + figure for label, figure in zip(labels, figures, strict=True)
-    )
+    text = f"{name} {', '.join(figures)}"
     if finding.verdict is not Verdict.AMBIGUOUS:
         return text
     rivals = [rival.id.split("~")[0].replace("_", " ") for rival, _, _ in finding.rivals[:2]]

@@ -27,8 +27,12 @@ def add_heights(found: Explanation, table: SessionTable) -> Explanation:
         beyond = abs(fitted.values.get(name, 0.0)) - tolerance
         if block not in heights and beyond > _WIDE * fitted.std[name]:
             off[block] = float(stats.norm.sf(beyond / fitted.std[name]))
-    laws = [law for law in list_named_laws(list(off)) if law.covariate == "block"]
-    laws = [law for law in laws if law.id not in {e.id for e in fitted.effects}]
+    taken = {e.id for e in fitted.effects}
+    laws = [
+        law
+        for law in list_named_laws(list(off))
+        if law.covariate == "block" and law.id not in taken
+    ]
     if not laws:
         return found
     nominal = table.trials.covariates["height_um"]
@@ -46,11 +50,10 @@ def add_heights(found: Explanation, table: SessionTable) -> Explanation:
         Finding(law, Verdict.EFFECT, p_value, fit(problem).cost - extended.cost)
         for law, p_value in zip(laws, off.values(), strict=True)
     ]
-    alone = found.verdict is Verdict.NONE
     return replace(
         found,
         problem=problem,
         extended=extended,
         findings=(*found.findings, *findings),
-        verdict=Verdict.EFFECT if alone else found.verdict,
+        verdict=Verdict.EFFECT if found.verdict is Verdict.NONE else found.verdict,
     )

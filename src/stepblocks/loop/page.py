@@ -94,8 +94,7 @@ def _draw_agreement(found: Explanation) -> str:
             ends = [np.nanmin(measured), np.nanmax(measured)]
             axis.plot(ends, ends, color="0.4", lw=0.8)
         axis.xaxis.set_minor_formatter(NullFormatter())
-        axis.set_xlabel(f"predicted {title}")
-        axis.set_ylabel(f"measured {title}")
+        axis.set(xlabel=f"predicted {title}", ylabel=f"measured {title}")
         axis.legend(fontsize=8)
     return _encode_png(figure)
 
@@ -153,8 +152,7 @@ def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, 
     axis.fill_between(x, low, high, color=_AFTER, alpha=0.25, lw=0)
     axis.plot(x, middle, color=_AFTER)
     axis.axhline(0.0, color="0.6", lw=0.8)
-    axis.set_xlabel(format_column_label(name))
-    axis.set_ylabel(f"change of {unit}, %")
+    axis.set(xlabel=format_column_label(name), ylabel=f"change of {unit}, %")
     title = f"{name_shown}: change of {unit} that it makes, average over the other settings"
     return {"title": title, "image": _encode_png(figure)}
 

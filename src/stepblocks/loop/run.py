@@ -102,22 +102,18 @@ def loop_session(
         )
     cores = jobs or len(os.sched_getaffinity(0))
     with nullcontext() if output is None else lock_folder(Path(output)):
-        table = None if output is None else Path(output) / "features.csv"
-        measured = measure_session(session, table, jobs=cores, progress=progress)
+        measured = measure_session(
+            session,
+            None if output is None else Path(output) / "features.csv",
+            jobs=cores,
+            progress=progress,
+        )
         features = insert_conditions(measured, conditions)
-        scans: Scans = {}
-        failed: dict[str, str] = {}
-        if not forces_only:
-            # what was inspected needs no scan
-            blocks = sorted(set(features["block"].dropna()))
-            scans, failed = scan_blocks(
-                session,
-                declared.stimuli.scans,
-                [block for block in blocks if block not in inspected],
-            )
-            scans = scans | {
-                block: dict(inspected[block]) for block in blocks if block in inspected
-            }
+        blocks = [] if forces_only else sorted(set(features["block"].dropna()))
+        # what was inspected needs no scan
+        unknown = [block for block in blocks if block not in inspected]
+        scans, failed = scan_blocks(session, declared.stimuli.scans, unknown)
+        scans |= {block: dict(inspected[block]) for block in blocks if block in inspected}
         result = analyse_features(
             features, declared.probe.spring_constant, radius, scans, jobs=cores, known=known
         )

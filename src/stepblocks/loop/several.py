@@ -84,8 +84,11 @@ def fit_hierarchy(
     fits = {}
     for name, result in results.items():
         asked = {law.id: law for law in result.table.model.candidates(result.table.trials)}
-        laws = [asked[effect] for effect in wanted if effect in asked]
-        fits[name] = fit(result.found.problem, laws, result.found.extended.values)
+        fits[name] = fit(
+            result.found.problem,
+            [asked[effect] for effect in wanted if effect in asked],
+            result.found.extended.values,
+        )
     units = {p.name: p.unit for fitted in fits.values() for p in fitted.parameters}
     shared = {}
     for parameter, unit in units.items():
@@ -99,8 +102,12 @@ def fit_hierarchy(
     last = fits[name]
     pooled = [shared[parameter] for parameter in last.values]
     variance = [p["among_sessions_std"] ** 2 + p["mean_std"] ** 2 for p in pooled]
-    values = {name: shared[name]["mean"] for name in last.values}
-    extended = LearnedFit(values, tuple(p["unit"] for p in pooled), np.diag(variance), last.effects)
+    extended = LearnedFit(
+        {name: shared[name]["mean"] for name in last.values},
+        tuple(p["unit"] for p in pooled),
+        np.diag(variance),
+        last.effects,
+    )
     return shared, replace(results[name].model, verdict="several sessions", extended=extended)
 
 

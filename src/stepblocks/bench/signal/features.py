@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import label
 
 from stepblocks.bench.signal import Array, Estimate, Tool, Trace, find_set_down
 from stepblocks.bench.signal.aftermath import (
@@ -169,14 +170,9 @@ def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Ap
     clean = force - approach.hum(time)
     near = np.convolve(clean, np.full(5, 0.2), mode="same")
     close = near > near[marks.peak] - max(_TOP_SHARE * marks.rise, 3.0 * marks.noise)
-    first = last = marks.peak
-    while first > 0 and close[first - 1] and time[marks.peak] - time[first - 1] < _TOP_REACH:
-        first -= 1
-    while (
-        last < time.size - 1 and close[last + 1] and time[last + 1] - time[marks.peak] < _TOP_REACH
-    ):
-        last += 1
-    first, last = min(first, marks.peak - 3), max(last, marks.peak + 3)
+    parts, _ = label(close & (np.abs(time - time[marks.peak]) < _TOP_REACH))
+    top = np.flatnonzero(parts == parts[marks.peak])
+    first, last = min(int(top[0]), marks.peak - 3), max(int(top[-1]), marks.peak + 3)
     t = time[first : last + 1] - time[marks.peak]
     reach = float(np.abs(t).max())
     weights, covariance = fit_with_covariance(

@@ -7,8 +7,6 @@ static friction, slips, and sticks again as far below the sliding force as it wa
 before the edge then is no sliding, and no ring either.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,6 +37,62 @@ _STRIBECK = 5e-3
 _SCATTER = 2.4  # reduced chi squared of four degrees of freedom, 95 %
 # a swing less deep than this many standard deviations has no bottom that noise would not choose
 _FAINT = 6.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a regime is told from.
+
+    Attributes
+    ----------
+    time : Array
+        Shape (n,) [s].
+    force : Array
+        Shape (n,), tangential, hum taken off [N].
+    normal : Array
+        Shape (n,) [N].
+    peak : int
+        Sample of the release.
+    level : float
+        Tangential force of sliding [N].
+    load : float
+        Normal force of sliding [N].
+    slope : float
+        K v [N/s].
+    noise : float
+        Of the tangential force [N].
+    frequency : float
+        Of the tool [Hz].
+    damping : float
+        Its damping ratio [1].
+    """
+
+    time: Array
+    force: Array
+    normal: Array
+    peak: int
+    level: float
+    load: float
+    slope: float
+    noise: float
+    frequency: float
+    damping: float = 0.0
+
+    @cached_property
+    def smooth(self) -> Array:
+        """Tangential force, five samples averaged [N]."""
+        return np.convolve(self.force, np.full(5, 0.2), mode="same")
+
+    @cached_property
+    def fallen(self) -> int:
+        """First sample after the release at which the force is down at that of sliding.
+
+        The noise is the tolerance.
+        """
+        below = np.flatnonzero(
+            self.smooth[self.peak : -2] <= self.level + 2.0 * self.noise / math.sqrt(5.0)
+        )
+        return self.peak + int(below[0]) if below.size else self.force.size - 3
 
 
 @dataclass(frozen=True)
@@ -186,62 +240,6 @@ def find_first_swing(motion: Motion) -> tuple[float, float, float]:
     odds = 0.5 * math.erfc((bottom - motion.level) / spread / 2.0)
     apart = depth - max(motion.level - bottom, 0.0)
     return depth - odds * apart, math.hypot(std, math.sqrt(odds * (1.0 - odds)) * apart), instant
-
-
-@dataclass(frozen=True)
-class Motion:
-    """What a regime is told from.
-
-    Attributes
-    ----------
-    time : Array
-        Shape (n,) [s].
-    force : Array
-        Shape (n,), tangential, hum taken off [N].
-    normal : Array
-        Shape (n,) [N].
-    peak : int
-        Sample of the release.
-    level : float
-        Tangential force of sliding [N].
-    load : float
-        Normal force of sliding [N].
-    slope : float
-        K v [N/s].
-    noise : float
-        Of the tangential force [N].
-    frequency : float
-        Of the tool [Hz].
-    damping : float
-        Its damping ratio [1].
-    """
-
-    time: Array
-    force: Array
-    normal: Array
-    peak: int
-    level: float
-    load: float
-    slope: float
-    noise: float
-    frequency: float
-    damping: float = 0.0
-
-    @cached_property
-    def smooth(self) -> Array:
-        """Tangential force, five samples averaged [N]."""
-        return np.convolve(self.force, np.full(5, 0.2), mode="same")
-
-    @cached_property
-    def fallen(self) -> int:
-        """First sample after the release at which the force is down at that of sliding.
-
-        The noise is the tolerance.
-        """
-        below = np.flatnonzero(
-            self.smooth[self.peak : -2] <= self.level + 2.0 * self.noise / math.sqrt(5.0)
-        )
-        return self.peak + int(below[0]) if below.size else self.force.size - 3
 
 
 def classify_regime(motion: Motion, saw: Saw | None, bell: bool) -> str:

@@ -125,11 +125,10 @@ def _make_height_error_law(block: str) -> Law:
     def apply(state: DragState, blocks: object, values: Mapping[str, float]) -> DragState:
         return state.changed(height=state.height + values["height_error_m"] * (blocks == block))
 
-    parameters = (Parameter("height_error_m", "m", 0.0, -4e-5, 4e-5, 1e-6),)
     return _geometry(
         f"block_height_error~{block}",
         f"H -> H + h on {block}",
-        parameters,
+        (Parameter("height_error_m", "m", 0.0, -4e-5, 4e-5, 1e-6),),
         apply,
         covariate="block",
         said=f"block {block} is higher than stated by",

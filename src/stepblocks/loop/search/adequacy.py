@@ -10,6 +10,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 from scipy import stats
+from statsmodels.regression.linear_model import OLS
 from statsmodels.stats.multitest import multipletests
 
 from stepblocks.law import Law
@@ -61,15 +62,8 @@ def check_residuals(
 
 def compute_smooth_p(residual: Floats, columns: Floats) -> float:
     """F-test of what some columns explain of a residual beside its mean; 1 where it has none."""
-    design = np.column_stack([np.ones(len(residual)), columns])
-    solution, _, rank, _ = np.linalg.lstsq(design, residual, rcond=None)
-    rest = residual - design @ solution
-    dof = len(residual) - rank
-    whole = float(np.sum((residual - residual.mean()) ** 2))
-    left = float(np.sum(rest**2))
-    if rank < 2 or left <= 0.0:
-        return 1.0
-    return float(stats.f.sf((whole - left) / (rank - 1) / (left / dof), rank - 1, dof))
+    fitted = OLS(residual, np.column_stack([np.ones(len(residual)), columns])).fit()
+    return float(fitted.f_pvalue) if fitted.df_model > 0.0 and fitted.ssr > 0.0 else 1.0
 
 
 def depends_on_settings(values: Floats, trials: Trials) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
@@ -90,8 +91,7 @@ def build_flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
         if numbers is None:
             first += trials.dummies(name, most=6)
             continue
-        spread = float(np.std(numbers))
-        if spread > 0.0 and np.all(np.isfinite(numbers)):
+        if float(np.std(numbers)) > 0.0 and np.all(np.isfinite(numbers)):
             ranked = (
                 np.log(numbers)
                 if numbers.min() > 0.0 and numbers.max() > 3.0 * numbers.min()
@@ -142,25 +142,16 @@ def compute_replicate_residual(
 
     It is None where there are too few replicates to know a scatter by.
     """
-    _, inverse, counts = np.unique(
-        [str(cell) for cell in cells], return_inverse=True, return_counts=True
-    )
-    dof = len(trials) - len(counts)
+    seen = pd.DataFrame(np.where(trials.seen, trials.values, np.nan))
+    groups = seen.groupby([str(cell) for cell in cells])
+    dof = len(trials) - groups.ngroups
     if dof < _REPLICATES:
         return None
-    residual = np.full(trials.values.shape, np.nan)
-    for j in range(len(trials.channels)):
-        seen = trials.seen[:, j]
-        own = np.bincount(inverse[seen], minlength=len(counts))
-        mean = np.bincount(
-            inverse[seen], trials.values[seen, j], minlength=len(counts)
-        ) / np.maximum(own, 1)
-        rows = seen & (own[inverse] > 1)
-        # each is stretched by what the mean of its own cell took of it, and shrunk by what an
-        # estimate will stretch all
-        stretch = np.sqrt(own[inverse[rows]] / (own[inverse[rows]] - 1.0) * dof / len(trials))
-        residual[rows, j] = (trials.values[rows, j] - mean[inverse[rows]]) * stretch
-    return residual, dof
+    own, mean = groups.transform("count"), groups.transform("mean")
+    # each is stretched by what the mean of its own cell took of it, and shrunk by what an estimate
+    # will stretch all
+    stretch = np.sqrt(own / (own - 1.0) * dof / len(trials))
+    return ((seen - mean) * stretch).where(own > 1).to_numpy(), dof
 
 
 def find_outliers(trials: Trials, threshold: float = 5.0) -> NDArray[np.bool_]:
