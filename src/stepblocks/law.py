@@ -78,6 +78,8 @@ class Law:
     given : bool
         False where the covariate only says over what it shows, and its formula holds without a
         value.
+    steps : tuple[str, ...]
+        Parameters at which it changes at once, in the order of the covariate.
     """
 
     id: str
@@ -92,6 +94,7 @@ class Law:
     said: str = ""
     how_to_decide: str = ""
     given: bool = True
+    steps: tuple[str, ...] = ()
 
     @property
     def amplitudes(self) -> tuple[str, ...]:

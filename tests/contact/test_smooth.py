@@ -67,11 +67,13 @@ def test_a_smooth_has_two_continuous_derivatives_where_its_pieces_meet():
 
 def test_few_settings_take_powers_and_labels_take_one_column_each():
     assert _FEW.basis(np.array([2.0, 11.0, 20.0])).tolist() == [[-1.0, 1.0], [0.0, 0.0], [1.0, 1.0]]
+    # a label that the data had not is taken for the mean of all
+    third = 1.0 / 3.0
     assert _LABELS.basis(np.array(["A", "B", "C", "D"])).tolist() == [
         [0, 0],
         [1, 0],
         [0, 1],
-        [0, 0],
+        [third, third],
     ]
     assert [place.freedom for place in (_PLAIN, _FEW, _TWO, _LABELS)] == [4, 2, 1, 2]
 
@@ -82,9 +84,10 @@ def test_every_slot_is_offered_over_every_covariate_as_a_line_where_that_differs
     trends = [law for law in laws if law.id.startswith("trend_")]
     assert len(smooths) == 3 * len(SLOT_MOVES)
     assert {law.covariate for law in trends} == {"temperature_c"}
-    # of numbers jumps have a name, of labels one law: each presses by its own force
+    # of numbers jumps have a name, of labels levels and a force by which each presses
     jumps = ["step_friction_temperature_c", "step_conversion_temperature_c"]
-    assert [law.id for law in laws if law.named] == [*jumps, "added_load_operator"]
+    levels = ["smooth_friction_operator", "smooth_conversion_operator"]
+    assert [law.id for law in laws if law.named] == [*jumps, *levels, "added_load_operator"]
     assert max(law.rank for law in trends) < min(law.rank for law in smooths)
     for law in laws:
         # where a jump lies is its shape

@@ -297,14 +297,18 @@ def test_features_that_hold_nothing_are_refused_trial_by_trial() -> None:
     assert "as high as the ball" in table.excluded[0][1]
 
 
-def test_a_steady_drift_of_friction_is_not_called_running_in() -> None:
+def test_a_steady_drift_of_friction_is_a_drift_and_not_called_running_in() -> None:
     columns = design_columns(160, 8)
     drift = _named(columns, "trend_friction_run_order")
     trials = bench_trials(columns, 8, ((drift, {"slope": 0.15}),))
     model = SessionModel(_TOOL, scanned=block_scans(columns, 8))
     found = explain(model, trials, list_candidates(trials, list_covariate_ranges(trials)), _RULES)
-    assert [f.effect.place for f in found.findings] == [("friction", "run_order")]
-    assert found.verdict is Verdict.UNEXPLAINED
+    assert [f.effect.id for f in found.findings] == ["trend_friction_run_order"]
+    assert found.verdict is Verdict.EFFECT
+    slope, std = (
+        of["trend_friction_run_order.slope"] for of in (found.extended.values, found.extended.std)
+    )
+    assert abs(slope - 0.15) < 3.0 * std
 
 
 @pytest.mark.parametrize("edge", [0.3e-6, 20e-6])

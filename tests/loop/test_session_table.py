@@ -230,3 +230,16 @@ def test_a_scan_is_evaluated_line_by_line_and_what_fails_is_named(tmp_path):
 
 def test_a_session_without_scans_has_none_and_none_is_missed(tmp_path):
     assert scan_blocks(tmp_path, None, ["b"]) == ({}, {})
+
+
+def test_a_night_between_two_trials_begins_a_day_and_a_numbered_day_is_a_label(features):
+    clock = 600.0 * np.arange(40.0) + 40000.0 * (np.arange(40) >= 25)
+    late = features.copy()
+    late.insert(5, "clock_elapsed_s", clock)
+    days = _table(late).trials.covariates["day"]
+    assert days.tolist() == ["1"] * 25 + ["2"] * 15
+    numbered = features.copy()
+    numbered.insert(5, "day", np.repeat([3, 4], 20))
+    trials = _table(numbered).trials
+    assert trials.numeric("day") is None
+    assert set(trials.covariates["day"]) == {"3", "4"}

@@ -9,6 +9,7 @@ import pytest
 
 from oracles.taught import CONSTANTS, taught_model
 from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.effects.smooth import list_smooth_laws
 from stepblocks.contact.energy import find_release
 from stepblocks.errors import PipelineError
 from stepblocks.predict.table import predict_trials
@@ -172,3 +173,40 @@ def test_a_trial_without_height_load_or_speed_is_invalid_and_has_no_figures(name
     assert found["status"][0] == f"invalid({name})"
     assert found.loc[0, _NUMBERS].isna().all()
     assert not found["status"][1].startswith("invalid")
+
+
+def _with_law(model, name, **values):
+    """Put one smooth law over a column of the session into a model, its values certain."""
+    (law,) = (law for law in list_smooth_laws(model.ranges) if law.id == name)
+    known = model.extended
+    found = known.values | {f"{name}.{key}": value for key, value in values.items()}
+    fitted = replace(
+        known,
+        values=found,
+        units=("1",) * len(found),
+        covariance=np.zeros((len(found), len(found))),
+        laws=(law,),
+    )
+    return replace(model, extended=fitted)
+
+
+def test_a_label_that_the_session_had_not_is_as_uncertain_as_those_it_had_differ():
+    model = _with_law(taught_model(), "smooth_conversion_operator", **{"g[B]": 0.2})
+    found = predict_trials(_table(operator=["A", "B", "C"]), model)
+    assert list(found["status"]) == ["ok", "ok", "outside-range(operator)"]
+    a, b, c = np.log(found["vibration_energy_j"])
+    assert (b - a, c - a) == pytest.approx((0.2, 0.1))
+    width = np.log(found["vibration_energy_high_j"] / found["vibration_energy_j"])
+    # origin: two levels 0.2 apart lie 0.1 from their mean
+    assert width.to_list() == pytest.approx([0.0, 0.0, 1.959964 * 0.1], abs=1e-12)
+
+
+def test_an_hour_after_the_run_is_as_uncertain_as_the_run_changed():
+    values = {"step": 0.2, "at_trial": 60.5}
+    model = _with_law(taught_model(), "step_conversion_run_order", **values)
+    found = predict_trials(_table(run_order=[30.0, 90.0, 200.0]), model)
+    before, after, later = np.log(found["vibration_energy_j"])
+    assert (after - before, later - before) == pytest.approx((0.2, 0.2))
+    width = np.log(found["vibration_energy_high_j"] / found["vibration_energy_j"])
+    # origin: half of the run lies 0.2 below the last level, half at it
+    assert width.to_list() == pytest.approx([0.0, 0.0, 1.959964 * 0.2 / math.sqrt(2.0)], abs=1e-4)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
+import pandas as pd
 
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
 from stepblocks.contact.effects.smooth import CovariateRange
@@ -20,8 +21,8 @@ from stepblocks.loop.search.adequacy import (
     compare_with_replicates,
     rank_settings,
 )
-from stepblocks.loop.search.explain import Explanation, Finding, Rules, Verdict, fit_without
-from stepblocks.loop.search.fit import Fit
+from stepblocks.loop.search.explain import Explanation, Finding, Rules, Verdict
+from stepblocks.loop.search.fit import Fit, fit_without
 from stepblocks.loop.search.forward_model import Trials
 from stepblocks.loop.search.gate import compute_detectable
 from stepblocks.loop.search.holdout import Holdout
@@ -85,8 +86,6 @@ class LoopResult:
         return self.found.verdict
 
     def _repr_html_(self) -> str:
-        import pandas as pd
-
         errors = {part: self.document[part]["error"] for part in ("nominal", "extended")}
         rows = pd.DataFrame(errors).drop(index="noise_floor").rename_axis("held-out error")
         said = (
@@ -317,10 +316,12 @@ def _describe_errors(
     # Errors on held-out trials of the nominal model (0) or the extended one (1), and the least that
     # noise allows.
     names = ("ln_energy_rms", "ln_peak_force_rms")
-    errors: dict[str, object] = {}
-    for ending, holdout in zip(("", "_blocks_left_out"), holdouts, strict=True):
-        errors |= {f"{name}{ending}": holdout.rms(j)[which] for j, name in enumerate(names)}
-    return errors | {"noise_floor": dict(zip(names, floor, strict=True))}
+    errors = {
+        f"{name}{ending}": holdout.rms(j)[which]
+        for ending, holdout in zip(("", "_blocks_left_out"), holdouts, strict=True)
+        for j, name in enumerate(names)
+    }
+    return {**errors, "noise_floor": dict(zip(names, floor, strict=True))}
 
 
 def _estimate_noise_floor(table: SessionTable, adequacy: Document) -> list[float]:
@@ -338,12 +339,11 @@ def _estimate_noise_floor(table: SessionTable, adequacy: Document) -> list[float
 def _describe_adequacy(table: SessionTable, found: Explanation, rules: Rules) -> Document:
     trials = table.trials
     cells = table.model.cells(trials)
-    tests = {}
-    for j, channel in ((0, "ln_energy"), (1, "ln_peak_force")):
-        residual = np.where(
-            trials.seen[:, j], trials.values[:, j] - found.extended.predicted[:, j], np.nan
-        )
-        tests[channel] = compare_with_replicates(residual, cells, len(found.extended.parameters))
+    residual = np.where(trials.seen, trials.values - found.extended.predicted, np.nan)
+    tests = {
+        channel: compare_with_replicates(residual[:, j], cells, len(found.extended.parameters))
+        for j, channel in enumerate(("ln_energy", "ln_peak_force"))
+    }
     worst = sorted(found.checks, key=lambda c: c[2])[:8]
     return {
         "adequate": found.adequate and found.last_gate_p > rules.alpha,
@@ -378,15 +378,12 @@ def _describe_identifiability(found: Explanation) -> dict[str, object]:
 
 def _describe_scans(scans: Scans) -> dict[str, object]:
     document: dict[str, object] = {"blocks": {block: dict(scan) for block, scan in scans.items()}}
-    edges = [
-        (s.get("edge_radius_m", np.nan), s.get("edge_radius_std_m", np.nan)) for s in scans.values()
-    ]
-    seen = [(radius, std) for radius, std in edges if np.isfinite(radius) and np.isfinite(std)]
-    if seen:
-        weights = [1.0 / max(std, 1e-7) ** 2 for _, std in seen]
-        document["mean_edge_radius_m"] = float(
-            np.average([radius for radius, _ in seen], weights=weights)
-        )
+    columns = ["edge_radius_m", "edge_radius_std_m"]
+    edges = pd.DataFrame([*scans.values()], columns=columns, dtype=np.float64)
+    radius, std = edges[np.isfinite(edges).all(axis=1)].to_numpy().T
+    if radius.size:
+        weights = 1.0 / np.maximum(std, 1e-7) ** 2
+        document["mean_edge_radius_m"] = float(np.average(radius, weights=weights))
     return document
 
 
@@ -402,12 +399,13 @@ def propose_experiment(found: Explanation) -> dict[str, object] | None:
     moves = list(dict.fromkeys(law.how_to_decide for law in laws if law.how_to_decide))
     pair = _choose_pair(found)
     if pair is None:
-        note = "write down what differs between these trials: who, when, which tip and which batch"
-        return (
-            {"separates": [h.said for h in found.told], "trials": [], "note": note}
-            if found.told
-            else None
-        )
+        asked: dict[str, object] = {
+            "separates": [h.said for h in found.told],
+            "trials": [],
+            "note": "write down what differs between these trials: who, when, which tip and which "
+            "batch",
+        }
+        return asked if found.told else None
     names, first, second = pair
     trials = found.problem.trials
     extra = sorted(
@@ -432,8 +430,12 @@ def propose_experiment(found: Explanation) -> dict[str, object] | None:
         found.problem, first, second, grid, (*SHOWN, *extra)
     )
     if not proposal:
-        note = "no setting within reach tells these apart"
-        return {"separates": names, "trials": [], "calibration": moves, "note": note}
+        return {
+            "separates": names,
+            "trials": [],
+            "calibration": moves,
+            "note": "no setting within reach tells these apart",
+        }
     document: dict[str, object] = {"separates": names, "calibration": moves, **proposal}
     best = float(proposal["trials"][0]["height_um"])
     if best not in trials.covariates["height_um"]:

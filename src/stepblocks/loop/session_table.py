@@ -34,6 +34,8 @@ _FEATURES_BEGIN = "sliding_friction"
 _FEWEST = 12  # trials
 _FEWEST_UNLOADED = 5  # traces with unloaded samples
 _LEAST_STD = 1e-4  # N, of a zero: a gauge creeps by more between two tares
+_NIGHT = 4.0 * 3600.0  # s, a pause after which another day begins
+_LABELS = ("day", "batch")
 _CENSORED = "censored"
 _KEPT = ("ok", _CENSORED)
 _IMPOSSIBLE = 3.0  # factor by which no spring and no normal force differs from what is declared
@@ -223,8 +225,10 @@ def _select_good(
         wanted = declared.get(name, wanted)
         beyond = (measured * _IMPOSSIBLE < wanted) | (measured > _IMPOSSIBLE * wanted)
         leave_out(beyond, f"{name} is impossible: over {_IMPOSSIBLE:g} times off what is declared")
-    too_high = _read_numbers(features, "height_um") >= radius_um
-    leave_out(too_high, "the step is as high as the ball: equation (2) has no angle for it")
+    leave_out(
+        _read_numbers(features, "height_um") >= radius_um,
+        "the step is as high as the ball: equation (2) has no angle for it",
+    )
     marks = np.stack([_read_numbers(features, name) for name in _MARKS], axis=1)
     known = np.isfinite(marks)
     leave_out(~known[:, :2].any(axis=1), "neither a peak force nor a vibration energy was measured")
@@ -253,11 +257,11 @@ def _find_median(logarithms: Floats, otherwise: float) -> float:
     return float(np.exp(np.median(seen))) if seen.size else otherwise
 
 
-def _derive_covariates(features: pd.DataFrame) -> dict[str, Floats]:
+def _derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
     # Compute what the log implies: pauses by its clock, passes over a block, the trial before
     order = _read_numbers(features, "run_order")
     rows = np.argsort(order if np.isfinite(order).all() else np.arange(len(order)), kind="stable")
-    found: dict[str, Floats] = {}
+    found: dict[str, NDArray[np.generic]] = {}
 
     def add(name: str, values: Floats, first: float) -> None:
         found[name] = np.empty(len(rows))
@@ -272,6 +276,9 @@ def _derive_covariates(features: pd.DataFrame) -> dict[str, Floats]:
         gaps = np.diff(_read_numbers(features, name)[rows], prepend=np.nan)
         if np.nanmin(gaps) >= 0.0:
             add("pause_s", gaps, float(np.nanmax(gaps)))
+            days = 1 + np.cumsum(gaps > _NIGHT)
+            if "day" not in features and days[-1] > 1:
+                found["day"] = days.astype(str)[np.argsort(rows)]
     return found
 
 
@@ -283,7 +290,8 @@ def _read_covariates(table: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
             continue
         numbers = _read_numbers(table, name)
         seen = np.isfinite(numbers)
-        if seen.mean() > 0.9:
+        # the number of a day or of a batch is a label
+        if seen.mean() > 0.9 and name not in _LABELS:
             # a reading missed now and then takes the middle of the others
             found[name] = numbers if seen.all() else np.where(seen, numbers, np.nanmedian(numbers))
         else:

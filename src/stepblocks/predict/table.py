@@ -47,6 +47,7 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
     "stiffness": (("stiffness",), "stiffness", PAPER.tool.stiffness),
     "conversion": (("conversion",), "ratio", PAPER.tool.conversion),
 }
+_HOURS = 40  # of a run, over which it is asked how much it changed
 _DRAWS = 4000  # of each interval
 _POSITIVE = ("height_um", "load_n", "speed_mm_s")
 _FIGURES = {
@@ -259,8 +260,11 @@ def _predict_channels(
     design: BenchDesign, fitted: LearnedFit, learned: LearnedModel
 ) -> tuple[Floats, Floats, DragState]:
     # Predict channels of single trials, their standard deviations, and the slots behind
-    def at(values: Mapping[str, float]) -> Floats:
-        return compute_channels(build_extended_state(design, values, fitted.active(values)))
+    def at(
+        values: Mapping[str, float], columns: Mapping[str, NDArray[np.generic]] | None = None
+    ) -> Floats:
+        here = replace(design, covariates=columns) if columns else design
+        return compute_channels(build_extended_state(here, values, fitted.active(values)))
 
     state = build_extended_state(design, fitted.values, fitted.active())
     mean = compute_channels(state)
@@ -276,6 +280,21 @@ def _predict_channels(
     unknown = ~np.isin(
         design.block, [b for b in learned.blocks if format_height_name(b) in fitted.values]
     )
+    followed = {law.covariate for law in fitted.laws} & set(design.covariates)
+    for place in (p for p in learned.ranges if p.labels or p.name == "run_order"):
+        if place.name not in followed:
+            continue
+        # a day, a batch or an hour that the session had not is as uncertain as those it had differ
+        seen, column = np.array(place.labels), design.covariates[place.name]
+        new = ~np.isin(column, seen)
+        if not place.labels:
+            seen = np.linspace(place.low, place.high, _HOURS)
+            new = np.clip(column, place.low, place.high) != column
+        each = [
+            at(fitted.values, {**design.covariates, place.name: np.full(len(mean), one)})
+            for one in seen
+        ]
+        variance += np.where(new[:, None], np.mean((np.array(each) - mean) ** 2, axis=0), 0.0)
     if np.any(unknown):
         # the height of a block that was never measured is as uncertain as its prior
         step = 1e-8

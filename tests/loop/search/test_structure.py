@@ -7,9 +7,10 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.loop.search.explain import Rules, Verdict, _follows_time, explain
+from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.structure import (
+    _follows_time,
     _test_neighbours,
     build_wandering,
     estimate_quantity_errors,
@@ -29,7 +30,7 @@ def _shifted(n: int, seed: int, shift: np.ndarray):
 
 def _hints(trials):
     problem = build_problem(_MODEL, trials)
-    return find_hints(problem, fit(problem), _MODEL.quantities, _MODEL.order(trials))
+    return find_hints(problem, fit(problem))
 
 
 def test_chance_alone_is_told_as_nothing():
@@ -89,7 +90,7 @@ def test_the_waves_of_a_wandering_quantity_are_those_that_carry_most_of_a_walk()
     trials = toy_trials(90, 3)
     problem = build_problem(_MODEL, trials)
     values = np.cumsum(np.random.default_rng(2).standard_normal(90))
-    found = build_wandering(problem, fit(problem), {0: values})
+    found = build_wandering(problem, fit(problem), {_MODEL.quantities[0]: values})
     place = np.arange(90)
     about_mean = np.eye(90) - 1.0 / 90
     walk = about_mean @ np.minimum.outer(place, place) @ about_mean
@@ -105,10 +106,9 @@ def test_an_effect_follows_time_where_its_covariate_does_and_not_where_it_is_con
     columns = trials.covariates | {"hour": np.arange(60.0), "same": np.full(60, 3.0)}
     trials = replace(trials, covariates=columns)
     law = toy_effects()[0]
-    order = _MODEL.order(trials)
+    problem = build_problem(_MODEL, trials)
     follows = {
-        name: _follows_time(replace(law, covariate=name), trials, order)
-        for name in ("hour", "same", "w")
+        name: _follows_time(problem, replace(law, covariate=name)) for name in ("hour", "same", "w")
     }
     assert follows == {"hour": True, "same": False, "w": False}
 

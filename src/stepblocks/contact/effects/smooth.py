@@ -81,9 +81,9 @@ class CovariateRange:
         from scipy.interpolate import BSpline
 
         if self.labels:
-            return np.stack(
-                [np.asarray(column == label, dtype=np.float64) for label in self.labels[1:]], axis=1
-            )
+            # a label that the data had not is taken for the mean of all
+            other = ~np.isin(column, self.labels) / len(self.labels)
+            return np.stack([(column == label) + other for label in self.labels[1:]], axis=1)
         if self.freedom < _PIECES:
             return self.line(column) ** np.arange(1, self.freedom + 1)
         # a constant belongs to the nominal model: one spline goes, the rest vanish in the middle
@@ -164,6 +164,7 @@ _MOVED_BY: dict[str, tuple[str, ...]] = {
     SPEED_OVER_LOAD: _JUMPING,
 }
 _SHORTEST_PERIOD = 6.0  # trials
+_LEVELS = ("second", "third", "fourth", "fifth")
 _STEP_SHAPES = 12  # places along the run at which a search looks for a sudden change
 
 
@@ -185,7 +186,9 @@ def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
             continue
         run = where.name == "run_order"
         laws += [_step_law(name, where) for name in (_STEPPING if run else _JUMPING)]
-        laws += [_make_periodic_law(name, where) for name in (_JUMPING if run else ())]
+        for name in _JUMPING if run else ():
+            laws += [_step_law(name, where, levels) for levels in range(3, len(_LEVELS) + 2)]
+            laws.append(_make_periodic_law(name, where))
     return tuple(laws)
 
 
@@ -201,54 +204,72 @@ def _offset_law(where: CovariateRange) -> Law:
         )
         return state.changed(load=state.load + added, sensed_offset=state.sensed_offset + added)
 
-    parameters = tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names)
-    form = f"F_py + b, by {where.name}"
-    said = f"the load differs from the weights by {where.name}:"
     return Law(
-        f"added_load_{where.name}", form, parameters, apply, "normal_load", where.name, said=said
+        f"added_load_{where.name}",
+        f"F_py + b, by {where.name}",
+        tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names),
+        apply,
+        "normal_load",
+        where.name,
+        said=f"the load differs from the weights by {where.name}:",
     )
 
 
-def _step_law(name: str, where: CovariateRange) -> Law:
-    # Change a slot where a covariate passes a value: of the radius along the run a chipped tip
+def _step_law(name: str, where: CovariateRange, levels: int = 2) -> Law:
+    # Change a slot where a covariate passes a value: of the radius along the run a chipped tip. Of
+    # more than two levels each counts from the first.
     run = where.name == "run_order"
-    move, chip = SLOT_MOVES[name], name == "radius"
+    move, chip, several = SLOT_MOVES[name], name == "radius", levels > 2
     reach = where.high - where.low
     width = 2e-3 * reach  # a hundredth of the spacing would leave a fit no way to move
-    place = "at_trial" if run else "at"
-    at = Parameter(place, "1", where.low + 0.5 * reach, where.low, where.high, 0.02 * reach)
+    marks = [f"[{one}]" for one in _LEVELS[: levels - 1]] if several else [""]
+    at = Parameter(
+        "at_trial" if run else "at",
+        "1",
+        where.low + 0.5 * reach,
+        where.low,
+        where.high,
+        0.02 * reach,
+    )
     size = (
         Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6)
         if chip
         else Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
     )
+    sizes, places = ([one.renamed(one.name + mark) for mark in marks] for one in (size, at))
 
     def apply(
         state: DragState, order: NDArray[np.generic], values: Mapping[str, float]
     ) -> DragState:
-        after = 0.5 * (
-            1.0 + np.tanh((np.asarray(order, dtype=np.float64) - values[place]) / (2.0 * width))
-        )
-        g = values[size.name] * after
+        past = np.asarray(order, dtype=np.float64)[:, None] - [values[p.name] for p in places]
+        rises = np.diff([values[p.name] for p in sizes], prepend=0.0)
+        g = 0.5 * (1.0 + np.tanh(past / (2.0 * width))) @ rises
         return state.changed(radius=state.radius + g) if chip else move.change(state, g)
 
-    shapes = tuple(
-        {place: where.low + reach * (i + 0.5) / _STEP_SHAPES} for i in range(_STEP_SHAPES)
+    # where one change is looked for, or several to begin with
+    shares = (
+        np.arange(1, levels)[None] / levels
+        if several
+        else np.arange(0.5, _STEP_SHAPES)[:, None] / _STEP_SHAPES
     )
-    form = f"{'R + w' if chip else f'{move.form}, g'} from one value of {where.name} on"
+    said = f"{name} changes at once, by ln and from {'trial' if run else where.name} on"
+    if several:
+        said = f"{name} goes from level to level along the run, by ln above the first and from:"
     return Law(
-        "tip_chip" if chip else f"step_{name}_{where.name}",
-        form,
-        (size, at),
+        "tip_chip" if chip else f"step_{name}_{where.name}{f'~{levels}' if several else ''}",
+        f"{'R + w' if chip else f'{move.form}, g'} from one value of {where.name} on",
+        tuple(one for pair in zip(sizes, places, strict=True) for one in pair),
         apply,
         move.slot,
         where.name,
-        shapes,
+        tuple(
+            {p.name: where.low + reach * float(share) for p, share in zip(places, row, strict=True)}
+            for row in shares
+        ),
         named=chip or name in _JUMPING,
         rank=2 if chip else 15,
-        said="the tip chipped: its radius changed by, at trial"
-        if chip
-        else f"{name} changes at once, by ln and from {'trial' if run else where.name} on",
+        said="the tip chipped: its radius changed by, at trial" if chip else said,
+        steps=tuple(p.name for p in places),
     )
 
 
@@ -281,7 +302,14 @@ def _make_periodic_law(name: str, where: CovariateRange) -> Law:
 
 def _smooth_law(kind: str, name: str, where: CovariateRange) -> Law:
     move, trend = SLOT_MOVES[name], kind == "trend"
+    labels = where.labels if name in _JUMPING and where.name != "block" else ()
     names = ("slope",) if trend else tuple(f"g{i + 1}" for i in range(where.freedom))
+    names = tuple(f"g[{label}]" for label in labels[1:]) or names
+    said = ""
+    if labels:
+        said = f"{name} has a level for each {where.name}, by ln above that of {labels[0]}:"
+    elif trend and where.name == "run_order" and name in _JUMPING:
+        said = f"{name} drifts along the run, by ln"
     basis = where.line if trend else where.basis
     last: list[NDArray[np.generic] | None] = [None, None]
 
@@ -301,6 +329,7 @@ def _smooth_law(kind: str, name: str, where: CovariateRange) -> Law:
         apply,
         move.slot,
         where.name,
-        named=False,
+        named=bool(said),
         rank=10 if trend else 20,
+        said=said,
     )

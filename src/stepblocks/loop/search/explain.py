@@ -8,28 +8,28 @@ import numpy as np
 
 from stepblocks.law import Law
 from stepblocks.loop.search.adequacy import check_residuals, depends_on_settings
-from stepblocks.loop.search.fit import Fit, Problem, build_problem, fit
-from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
+from stepblocks.loop.search.fit import Fit, Problem, build_problem, fit, fit_without
+from stepblocks.loop.search.forward_model import ForwardModel, Trials
 from stepblocks.loop.search.gate import choose_candidate, score_candidates
 from stepblocks.loop.search.mixture import find_bad_trials
 from stepblocks.loop.search.structure import (
     Hint,
     build_wandering,
     describe_wandering,
-    estimate_quantity_errors,
+    drop_what_follows_time,
+    estimate_errors_in_order,
     find_hints,
-    fit_walk,
+    find_walks,
+    is_along_the_run,
+    place_levels,
 )
 
 _LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in for what is left
-_DRIFTS = (
-    0.5  # correlation of a reading with the one before, from which it counts as going with the hour
-)
-_OVER_WALK = 8.0  # of the criterion, by which a law along the hour must beat a walk
 # chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
 _GROUP = 0.95
 _INFLUENCE = 0.01  # share of the trials that may not carry an effect
 _BAD = 0.5  # chance that a trial went wrong, from which it is held apart
+_ALIKE = 1e-3  # of a channel, within which a jump and a label say the same
 _ROUNDS = 3
 _MOST_APART = 0.2  # share of the trials
 _WORTH = 4.0  # of the criterion, below which an exchange is not made
@@ -123,6 +123,7 @@ class _Grown:
     last_gate_p: float
     needed: float  # gain of one amplitude that opens the last gate
     told: tuple[Hint, ...] = ()  # what nobody wrote down
+    walks: frozenset[str] = frozenset()  # effects along the run that a walk would do as well
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,67 +215,52 @@ def search_twice(
     """
     problem = build_problem(model, trials)
     grown = _search(problem, candidates, rules, deployed)
-    order, names = model.order(trials), list(model.quantities)
-    told = find_hints(grown.problem, grown.extended, names, order)
-    mistaken = _find_walks(grown, names)
-    wanders = sorted(
-        {names.index(h.quantity) for h in told if h.kind in ("neighbours", "change")} | mistaken
-    )
+    told, mistaken, wanders = _find_wanderings(grown)
+    jumps = {e.slot for e in grown.extended.effects if e.steps} & set(model.quantities)
+    if wanders or jumps:
+        # what changed at once is looked for again where the errors fall apart best
+        base = drop_what_follows_time(grown.problem, grown.extended)
+        candidates = place_levels(grown.problem, base, wanders | jumps, candidates)
+        grown = _search(problem, candidates, rules, deployed)
+        told, mistaken, wanders = _find_wanderings(grown)
     if not wanders:
         return replace(grown, told=told)
     # a law that a walk does as well counts as walk: its quantity is looked at without what goes
     # with the hour
-    plain = tuple(e for e in grown.extended.effects if not _follows_time(e, trials, order))
-    base = fit(grown.problem, plain, grown.extended.values) if mistaken else grown.extended
-    rows = np.argsort(order, kind="stable")
-    seen = {}
-    for k in wanders:
-        errors = estimate_quantity_errors(grown.problem, base if k in mistaken else grown.extended)[
-            0
-        ][rows, k]
-        seen[k] = errors[np.isfinite(errors)]
-    again = _search(
-        problem.share_errors(build_wandering(problem, base, seen), base),
-        candidates,
-        rules,
-        deployed,
-    )
-    known = {names.index(h.quantity) for h in told}
-    told += tuple(describe_wandering(names[k]) for k in sorted(mistaken - known))
-    return replace(again, told=told)
+    base = drop_what_follows_time(grown.problem, grown.extended) if mistaken else grown.extended
+    fits = {q: base if q in mistaken else grown.extended for q in model.quantities if q in wanders}
+    seen = {q: estimate_errors_in_order(grown.problem, one, q)[1] for q, one in fits.items()}
+    noisy = problem.share_errors(build_wandering(problem, base, seen), base)
+    again = _search(noisy, candidates, rules, deployed)
+    return replace(_add_runs(again, problem, wanders, candidates), told=told)
 
 
-def _follows_time(effect: Law, trials: Trials, order: Floats) -> bool:
-    # Whether an effect follows what drifts with the hour. The run itself, or a reading that goes
-    # along with it.
-    numbers = trials.numeric(effect.covariate) if effect.covariate in trials.covariates else None
-    if numbers is None or np.ptp(numbers) == 0.0:
-        return False
-    sorted_ = numbers[np.argsort(order, kind="stable")]
-    return float(np.corrcoef(sorted_[:-1], sorted_[1:])[0, 1]) > _DRIFTS
+def _find_wanderings(grown: _Grown) -> tuple[tuple[Hint, ...], set[str], set[str]]:
+    # What nobody wrote down, quantities whose law a walk does as well, and all that go with the
+    # hour
+    problem, mistaken = grown.problem, find_walks(grown.problem, grown.extended)
+    told = find_hints(problem, grown.extended)
+    beside = {h.quantity for h in told if h.kind == "neighbours"}
+    known = {h.quantity for h in told}
+    told += tuple(map(describe_wandering, sorted(mistaken - known)))
+    return told, mistaken, beside | mistaken
 
 
-def _find_walks(grown: _Grown, names: Sequence[str]) -> set[int]:
-    # Quantities whose law along the run explains no more than a random walk would: their neighbours
-    # err together, and no law is claimed.
-    problem, current = grown.problem, grown.extended
-    trials, order = problem.trials, problem.model.order(problem.trials)
-    rows = np.argsort(order, kind="stable")
-    found = set()
-    for effect in current.effects:
-        if effect.slot not in names or not _follows_time(effect, trials, order):
-            continue
-        k = names.index(effect.slot)
-        own, bare = (
-            (e := estimate_quantity_errors(problem, f)[0][rows, k])[np.isfinite(e)]
-            for f in (current, fit_without(problem, current, effect))
-        )
-        law = len(own) * float(np.log(np.var(own) / np.var(bare))) + np.log(len(own)) * len(
-            effect.parameters
-        )
-        if law > -fit_walk(bare)[0] + np.log(len(own)) - _OVER_WALK:
-            found.add(k)
-    return found
+def _add_runs(
+    grown: _Grown, problem: Problem, slots: set[str], candidates: Sequence[Law]
+) -> _Grown:
+    # What goes with the hour is taken out along the run although no law is claimed of it
+    for slot in sorted(slots):
+        current = fit(problem, grown.extended.effects, grown.extended.values)
+        own = [e for e in candidates if e.slot == slot and is_along_the_run(problem, e)]
+        laws = [e for e in own if e.steps or not e.named]
+        opened = score_candidates(problem, current, laws, draws=0)
+        choice = choose_candidate(problem, current, opened, most=6)
+        if choice and not {e.id for e in own} & {e.id for e in current.effects}:
+            law, values = choice[0].effects[-1], choice[0].values
+            taken_out = fit(grown.problem, (*current.effects, law), values)
+            grown = replace(grown, extended=taken_out, walks=grown.walks | {law.id})
+    return grown
 
 
 def _search(
@@ -323,11 +309,6 @@ def _search(
 def _list_untried(candidates: Sequence[Law], current: Fit) -> list[Law]:
     taken = {e.id for e in current.effects}
     return [e for e in candidates if e.id not in taken]
-
-
-def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
-    """Fit again without one of the effects."""
-    return fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
 
 
 def _add_effect(
@@ -383,8 +364,8 @@ def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explana
     findings = tuple(_judge_effect(grown, e, candidates, rules) for e in current.effects)
     checks, adequate = check_residuals(problem, current)
     kinds = {f.verdict for f in findings}
-    order = (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT)
-    verdict, reason = next((kind for kind in order if kind in kinds), Verdict.NONE), ""
+    claims = (k for k in (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT) if k in kinds)
+    verdict, reason = next(claims, Verdict.NONE), ""
     if verdict is Verdict.EFFECT and not (adequate and grown.last_gate_p > rules.alpha):
         # it improves the fit, not the explanation
         verdict, reason = Verdict.UNEXPLAINED, LEFT
@@ -425,7 +406,7 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
     choice = choose_candidate(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
     rivals: list[Rival] = []
     seen = {_name_family(effect)}
-    for trial in choice[1] if choice else ():
+    for trial in choice[1] if choice and effect.id not in grown.walks else ():
         law, family = trial.effects[-1], _name_family(trial.effects[-1])
         if (
             family in seen
@@ -433,7 +414,7 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
             or trial.criterion > current.criterion + rules.margin
         ):
             continue
-        if law.slot == effect.slot and _is_case_of(problem, current, effect, law):
+        if law.slot == effect.slot and _is_case_of(problem, current, effect, trial):
             continue
         seen.add(family)
         rivals.append((law, trial, trial.criterion - current.criterion))
@@ -449,16 +430,20 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
     # without the trials that gain most the effect must still open the gate
     most = np.sort(gains.sum(axis=1))[-max(round(_INFLUENCE * shape[0]), 1) :]
     gain = base.cost - current.cost
-    carried = gain - float(most.sum()) < min(grown.needed, gain)
+    doubts = {
+        "it may wander as well": effect.id in grown.walks,
+        "few trials carry it": gain - float(most.sum()) < min(grown.needed, gain),
+    }
+    reason = next((doubt for doubt, holds in doubts.items() if holds), "")
     return Finding(
         effect,
-        Verdict.UNEXPLAINED if carried else verdict,
+        Verdict.UNEXPLAINED if reason else verdict,
         grown.gates.get(effect.id, grown.last_gate_p),
-        base.cost - current.cost,
+        gain,
         select_likeliest(rivals, elsewhere[:1]),
         (row, share),
         (channel, float(gains[:, channel].sum()) / whole),
-        "few trials carry it" if carried else "" if effect.named else "no law of the list fits it",
+        reason or ("" if effect.named else "no law of the list fits it"),
     )
 
 
@@ -474,9 +459,12 @@ def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[
     )
 
 
-def _is_case_of(problem: Problem, current: Fit, effect: Law, wider: Law) -> bool:
-    # Whether a law of one amplitude is another one whose amplitudes, of one label each, are alike.
-    # Then it is no rival of its own.
+def _is_case_of(problem: Problem, current: Fit, effect: Law, rival: Fit) -> bool:
+    # Whether a law of one amplitude is another one whose amplitudes, of one label each, are alike,
+    # or a column that changes its label at one time names a jump. Then it is no rival of its own.
+    wider = rival.effects[-1]
+    if wider.steps:
+        return np.allclose(rival.predicted, current.predicted, atol=_ALIKE, equal_nan=True)
     sizes = list(effect.pick_own_values(current.values).values())
     if len(sizes) != 1 or len(wider.parameters) == 1:
         return False

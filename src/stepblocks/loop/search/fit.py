@@ -129,8 +129,11 @@ class Fit:
 
     @property
     def criterion(self) -> float:
-        """Cost plus ``p ln n``, p the parameters of its effects."""
-        free = sum(len(e.parameters) for e in self.effects)
+        """Cost plus ``p ln n``, p the parameters of its effects.
+
+        A place of a sudden change counts twice (Zhang and Siegmund 2007).
+        """
+        free = sum(len(e.parameters) + len(e.steps) for e in self.effects)
         return self.cost + float(np.log(len(self.predicted))) * free
 
 
@@ -237,10 +240,7 @@ def fit(
         gtol=1e-8,
         max_nfev=evaluations,
     )
-    return _collect_fit(objective, solution.x, -solution.jac, solution.fun)
-
-
-def _collect_fit(objective: _Objective, x: Floats, jacobian: Floats, residual: Floats) -> Fit:
+    x, jacobian, residual = solution.x, -solution.jac, solution.fun
     # the triangle of a QR has the singular values of the whole, at a fraction of the work
     _, singular, right = np.linalg.svd(np.linalg.qr(jacobian, mode="r"))
     inverse = np.where(singular > 1e-9 * singular[0], 1.0 / np.maximum(singular, 1e-300), 0.0)
@@ -260,6 +260,11 @@ def _collect_fit(objective: _Objective, x: Floats, jacobian: Floats, residual: F
         predicted=objective.predicted(x),
         covariance=covariance,
     )
+
+
+def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
+    """Fit again without one of the effects."""
+    return fit(problem, tuple(e for e in current.effects if e is not effect), current.values)
 
 
 def build_problem(model: ForwardModel, trials: Trials) -> Problem:

@@ -197,18 +197,17 @@ def deliver(
         ]
         if not np.any(np.array(ratios) > _WORSE):
             break
-        weakest = min(findings, key=lambda f: f.gain)
+        # what was taken out along the run without a claim goes first
+        weakest = min(findings, key=lambda f: (f.effect.id not in found.walks, f.gain))
         findings, errors = tuple(f for f in findings if f is not weakest), nominal
-    if len(findings) < len(found.findings):
+    dropped = {f.effect.id for f in found.findings} - {f.effect.id for f in findings}
+    if dropped:
         extended = fit(found.problem, [f.effect for f in findings], extended.values)
+        found = replace(found, findings=findings, extended=extended)
+    if dropped - found.walks:
         worse = "with another effect it predicts held-out trials worse"
         findings = tuple(replace(f, verdict=Verdict.UNEXPLAINED, reason=worse) for f in findings)
         found = replace(
-            found,
-            findings=findings,
-            extended=extended,
-            verdict=Verdict.UNEXPLAINED,
-            adequate=False,
-            reason=worse,
+            found, findings=findings, verdict=Verdict.UNEXPLAINED, adequate=False, reason=worse
         )
     return found, list(zip(nominal[:-1], errors[:-1], strict=True))

@@ -3,7 +3,7 @@
 Its causes stand in no column of the table.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,8 @@ from scipy import stats
 from scipy.fft import dct
 from statsmodels.stats.multitest import multipletests
 
-from stepblocks.loop.search.fit import Fit, Problem
+from stepblocks.law import Law
+from stepblocks.loop.search.fit import Fit, Problem, fit, fit_without
 from stepblocks.loop.search.forward_model import Floats, Systematic
 
 LEVEL = 0.002  # of all tests of a session together, after Holm
@@ -21,7 +22,12 @@ _HEAP_BIC = 12.0  # by which two heaps must beat one: odds of 400 to 1
 _APART = (
     2.2  # of the middles of two groups, in their pooled spread times the root of two (Ashman's D)
 )
+_MOST_LEVELS, _SHORTEST_LEVEL = 5, 6  # along a run, and trials of each
 _LEAST_HEAP = 0.1  # share of the trials
+_DRIFTS = (
+    0.5  # correlation of a reading with the one before, from which it counts as going with the hour
+)
+_OVER_WALK = 8.0  # of the criterion, by which a law along the hour must beat a walk
 _DIRECTIONS = 24  # slow waves that make up a wandering quantity in the noise
 _RATIOS = np.concatenate(
     [[0.0], np.geomspace(1e-5, 30.0, 40)]
@@ -74,26 +80,31 @@ def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Flo
     return np.where(known, found, np.nan), std
 
 
-def find_hints(
-    problem: Problem, fitted: Fit, names: Sequence[str], order: Floats
-) -> tuple[Hint, ...]:
+def estimate_errors_in_order(
+    problem: Problem, fitted: Fit, name: str
+) -> tuple[NDArray[np.intp], Floats]:
+    """Return the trials that show a quantity, in the order of the run, and their errors of it."""
+    k = list(problem.model.quantities).index(name)
+    errors = estimate_quantity_errors(problem, fitted)[0][:, k]
+    rows = np.argsort(problem.model.order(problem.trials), kind="stable")
+    rows = rows[np.isfinite(errors[rows])]
+    return rows, errors[rows]
+
+
+def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
     """Look for causes that no column describes."""
-    errors, _ = estimate_quantity_errors(problem, fitted)
     found: list[Hint] = []
     tests: list[Hint] = []
-    for k, name in enumerate(names):
-        rows = np.flatnonzero(np.isfinite(errors[:, k]))
-        if len(rows) < _FEWEST or np.ptp(errors[rows, k]) < 1e-9:
+    for name in problem.model.quantities:
+        rows, values = estimate_errors_in_order(problem, fitted, name)
+        if len(rows) < _FEWEST or np.ptp(values) < 1e-9:
             continue
-        rows = rows[np.argsort(order[rows], kind="stable")]
-        values = errors[rows, k]
         found += filter(None, [_find_clusters(name, values, rows)])
         tests.append(_test_neighbours(name, values))
     if tests:
         corrected = multipletests([t.p_value for t in tests], method="holm")[1]
-        for test, p_value in zip(tests, corrected.tolist(), strict=True):
-            if p_value < LEVEL:
-                found.append(replace(test, p_value=p_value))
+        pairs = zip(tests, corrected.tolist(), strict=True)
+        found += [replace(test, p_value=p) for test, p in pairs if p < LEVEL]
     return _select_plainest(found)
 
 
@@ -119,8 +130,7 @@ def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | 
     )
     if gain < _HEAP_BIC or apart < _APART or float(two.weights_.min()) < _LEAST_HEAP:
         return None
-    low = int(np.argmin(two.means_[:, 0]))
-    member = two.predict(scaled) == low
+    member = two.predict(scaled) == int(np.argmin(two.means_[:, 0]))
     heaps = tuple(tuple(sorted(rows[m].tolist())) for m in (member, ~member))
     step = float(values[~member].mean() - values[member].mean())
     said = (
@@ -149,6 +159,18 @@ def fit_walk(values: Floats) -> tuple[float, float, float]:
     return float(cost[0] - cost[best]), scatter * float(np.sqrt(_RATIOS[best])), scatter
 
 
+def split_into_levels(values: Floats) -> list[NDArray[np.intp]]:
+    """Split values in order into two to `_MOST_LEVELS` levels, by the least squares of each number.
+
+    Each entry holds the places at which the levels but the first begin.
+    """
+    from ruptures import KernelCPD
+
+    most = min(_MOST_LEVELS, len(values) // _SHORTEST_LEVEL)
+    search = KernelCPD(kernel="linear", min_size=_SHORTEST_LEVEL).fit(values)
+    return [np.array(search.predict(n_bkps=count)[:-1]) for count in range(1, most)]
+
+
 def _test_neighbours(name: str, values: Floats) -> Hint:
     from statsmodels.stats.diagnostic import acorr_ljungbox
 
@@ -161,12 +183,16 @@ def _test_neighbours(name: str, values: Floats) -> Hint:
 
 def describe_wandering(name: str, p_value: float = 0.0) -> Hint:
     """Say that a quantity goes its own way along the run."""
-    said = f"{name} wanders: trials that follow one another err together"
-    return Hint("neighbours", name, p_value, said)
+    return Hint(
+        "neighbours",
+        name,
+        p_value,
+        f"{name} wanders: trials that follow one another err together",
+    )
 
 
 def build_wandering(
-    problem: Problem, fitted: Fit, wanders: Mapping[int, Floats]
+    problem: Problem, fitted: Fit, wanders: Mapping[str, Floats]
 ) -> list[Systematic]:
     """Directions of the noise in which quantities wander along the run.
 
@@ -176,10 +202,72 @@ def build_wandering(
     responses = problem.model.responses(trials, fitted.values, fitted.active)
     place = np.argsort(np.argsort(problem.model.order(trials), kind="stable"), kind="stable")
     n, found = len(trials), []
-    for k, values in wanders.items():
-        _, step, _ = fit_walk(values)
+    for name, values in wanders.items():
+        k, step = list(problem.model.quantities).index(name), fit_walk(values)[1]
         for wave in range(1, min(_DIRECTIONS, n // 3)):
             column = np.sqrt(2.0 / n) * np.cos(np.pi * wave * (place + 0.5) / n)
             std = step / (2.0 * np.sin(0.5 * np.pi * wave / n))
             found.append(Systematic("", responses[:, :, k] * column[:, None], std))
     return found
+
+
+def place_levels(
+    problem: Problem, base: Fit, quantities: Iterable[str], candidates: Sequence[Law]
+) -> list[Law]:
+    """Let a search look for sudden changes of quantities where their errors fall apart best."""
+    places, order = dict[tuple[str, int], Floats](), problem.model.order(problem.trials)
+    for name in quantities:
+        rows, errors = estimate_errors_in_order(problem, base, name)
+        for first in split_into_levels(errors):
+            places[name, len(first)] = 0.5 * (order[rows][first - 1] + order[rows][first])
+    return [
+        replace(e, shapes=(*e.shapes, dict(zip(e.steps, found.tolist(), strict=True))))
+        if is_along_the_run(problem, e)
+        and (found := places.get((e.slot, len(e.steps)))) is not None
+        else e
+        for e in candidates
+    ]
+
+
+def is_along_the_run(problem: Problem, effect: Law) -> bool:
+    """Tell whether an effect follows the order of the run itself."""
+    column = problem.trials.covariates.get(effect.covariate)
+    return column is not None and np.array_equal(column, problem.model.order(problem.trials))
+
+
+def drop_what_follows_time(problem: Problem, current: Fit) -> Fit:
+    """Fit again without what goes with the hour."""
+    plain = tuple(e for e in current.effects if not _follows_time(problem, e))
+    return fit(problem, plain, current.values)
+
+
+def find_walks(problem: Problem, current: Fit) -> set[str]:
+    """Find quantities whose law along the run explains no more than a random walk would.
+
+    Their neighbours err together, and no law is claimed.
+    """
+    found = set()
+    for effect in current.effects:
+        if effect.slot not in problem.model.quantities or not _follows_time(problem, effect):
+            continue
+        own, bare = (
+            estimate_errors_in_order(problem, f, effect.slot)[1]
+            for f in (current, fit_without(problem, current, effect))
+        )
+        law = len(own) * float(np.log(np.var(own) / np.var(bare))) + np.log(len(own)) * len(
+            effect.parameters
+        )
+        if law > -fit_walk(bare)[0] + np.log(len(own)) - _OVER_WALK:
+            found.add(effect.slot)
+    return found
+
+
+def _follows_time(problem: Problem, effect: Law) -> bool:
+    # Whether an effect follows what drifts with the hour. The run itself, or a reading that goes
+    # along with it.
+    trials, order = problem.trials, problem.model.order(problem.trials)
+    numbers = trials.numeric(effect.covariate) if effect.covariate in trials.covariates else None
+    if numbers is None or np.ptp(numbers) == 0.0:
+        return False
+    sorted_ = numbers[np.argsort(order, kind="stable")]
+    return float(np.corrcoef(sorted_[:-1], sorted_[1:])[0, 1]) > _DRIFTS

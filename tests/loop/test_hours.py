@@ -1,0 +1,118 @@
+"""What goes with the hour: levels of days, jumps and drifts, found and taken out.
+
+Expected values are those planted on a bench of features.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from oracles.feature_bench import bench_trials, design_columns
+from stepblocks.contact.operating_point import Tool
+from stepblocks.law import Law, Parameter
+from stepblocks.loop.bench_model import SessionModel, list_covariate_ranges
+from stepblocks.loop.search.explain import Rules, Verdict, explain
+from stepblocks.loop.search.structure import split_into_levels
+
+_MODEL = SessionModel(Tool(frequency=300.0, decay_time=0.02))
+
+
+def _explain(factor, seed, **columns):
+    """Explain 96 trials whose friction is multiplied by one factor each."""
+    design = design_columns(96, seed) | columns
+    law = Law(
+        "hour",
+        "mu f",
+        (Parameter("on", "1", 0.0, 0.0, 1.0, 1.0),),
+        lambda state, _, values: state.changed(friction=state.friction * factor),
+        "friction",
+    )
+    trials = bench_trials(design, seed, ((law, {"on": 1.0}),))
+    found = explain(_MODEL, trials, _MODEL.candidates(trials), Rules(draws=200))
+    left = trials.values[:, 1] - found.extended.predicted[:, 1]
+    return found, float(np.sqrt(np.nanmean(left**2)))
+
+
+_RUN = np.arange(1.0, 97.0)
+_DAYS = np.select([_RUN < 20, _RUN < 70], [1.0, 1.25], 1.1)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_three_days_of_unequal_length_are_found_each_with_its_first_trial_and_its_level(seed):
+    found, left = _explain(_DAYS, seed)
+    (finding,) = found.findings
+    assert (found.verdict, finding.effect.place) == (Verdict.EFFECT, ("friction", "run_order"))
+    values, std = (
+        finding.effect.pick_own_values(of) for of in (found.extended.values, found.extended.std)
+    )
+    assert values["at_trial[second]"] == pytest.approx(19.5, abs=0.6)
+    assert values["at_trial[third]"] == pytest.approx(69.5, abs=0.6)
+    for name, factor in (("step[second]", 1.25), ("step[third]", 1.1)):
+        assert abs(values[name] - math.log(factor)) < 3.0 * std[name]
+    assert left < 0.02  # of ln F_px; 0.05 with the days in it
+
+
+def test_a_day_that_the_log_names_has_a_level_of_its_own():
+    days = np.select([_DAYS == 1.0, _DAYS == 1.25], ["mon", "tue"], "wed")
+    found, left = _explain(_DAYS, 1, day=days)
+    (finding,) = found.findings
+    assert (found.verdict, finding.effect.place) == (Verdict.EFFECT, ("friction", "day"))
+    assert finding.rivals == ()
+    own = finding.effect.pick_own_values(found.extended.values)
+    assert own["g[tue]"] == pytest.approx(math.log(1.25), abs=0.03)
+    assert own["g[wed]"] == pytest.approx(math.log(1.1), abs=0.03)
+    assert left < 0.02
+
+
+def test_a_jump_and_a_drift_of_friction_are_taken_out():
+    found, left = _explain(np.where(_RUN < 37, 1.0, 1.2), 1)
+    assert [f.effect.id for f in found.findings] == ["step_friction_run_order"]
+    assert found.extended.values["step_friction_run_order.at_trial"] == pytest.approx(36.5, abs=0.6)
+    assert left < 0.02
+    found, left = _explain(1.0 + 0.3 * (_RUN / 96.0 - 0.5), 3)
+    assert [f.effect.id for f in found.findings] == ["trend_friction_run_order"]
+    # ln of 1.15 over 0.85 from end to end, the slope is that of half the run
+    slope = 0.5 * math.log(1.15 / 0.85)
+    assert found.extended.values["trend_friction_run_order.slope"] == pytest.approx(slope, abs=0.02)
+    assert left < 0.02
+
+
+def test_friction_that_wanders_is_taken_out_along_the_run_and_no_law_is_claimed():
+    steps = np.random.default_rng([3, 9]).standard_normal(96)
+    found, left = _explain(np.exp(0.12 * np.cumsum(steps) / math.sqrt(96.0)), 3)
+    assert [hint.kind for hint in found.told] == ["neighbours"]
+    (finding,) = found.findings
+    assert finding.effect.place == ("friction", "run_order")
+    assert (found.verdict, finding.verdict) == (Verdict.UNEXPLAINED, Verdict.UNEXPLAINED)
+    nominal = found.problem.trials.values[:, 1] - found.nominal.predicted[:, 1]
+    assert left < 0.9 * float(np.sqrt(np.nanmean(nominal**2)))
+
+
+def test_levels_are_those_of_the_least_sum_of_squares():
+    # origin: all partitions of twenty values into three levels of six and more, tried one by one
+    values = np.random.default_rng(4).standard_normal(20) + np.repeat([0.0, 1.0, 0.3], [7, 6, 7])
+
+    def cost(one, other):
+        parts = np.split(values, [one, other])
+        return sum(float(np.sum((part - part.mean()) ** 2)) for part in parts)
+
+    tried = [(one, other) for one in range(6, 9) for other in range(one + 6, 15)]
+    two, three = split_into_levels(values)
+    assert tuple(three) == min(tried, key=lambda pair: cost(*pair))
+    assert len(two) == 1
+
+
+def test_a_label_the_data_had_not_is_taken_for_the_mean_of_all():
+    place = next(r for r in _ranges(day=np.array(["a", "b", "c"] * 10)) if r.name == "day")
+    np.testing.assert_allclose(
+        place.basis(np.array(["a", "b", "c", "d"])),
+        [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0 / 3.0, 1.0 / 3.0]],
+    )
+
+
+def _ranges(**columns):
+    trials = bench_trials(design_columns(30, 1), 1)
+    covariates = {name: column[: len(trials)] for name, column in columns.items()}
+    return list_covariate_ranges(replace(trials, covariates={**trials.covariates, **covariates}))
