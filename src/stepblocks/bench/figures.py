@@ -82,11 +82,10 @@ def _draw(
     time, release, told = 1e3 * trace.time, float(trace.time[0]), f"excluded: {reason}"
     if measured is not None:
         release, seen = measured.start + measured.peak.time, measured.features
-        notes = (
-            f"{name} {seen[of] * by:.4g} ± {seen[std] * by:.2g} {unit}"
+        told = "\n".join(
+            f"{name} {seen[of] * by:.4g} ± {seen[std] * by:.2g} {unit}".rstrip()
             for name, of, std, by, unit in _NOTES
         )
-        told = "\n".join(note.rstrip() for note in notes)
     for axes in (whole, near):
         axes.plot(time, trace.tangential, ".", color=_LINE, markersize=1.8, label="measured")
         for name, instants, force in (

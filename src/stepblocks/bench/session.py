@@ -71,8 +71,7 @@ _Decimal = Literal[".", ","]
 def find_unit_in_name(name: str, dimension: str) -> str | None:
     """Return the unit at the end of a column name, or None."""
     if bracketed := _BRACKETED.search(name.lower()):
-        inner = bracketed[1].strip().replace("/", "_")
-        return _SUFFIX_UNITS[dimension].get(inner)
+        return _SUFFIX_UNITS[dimension].get(bracketed[1].strip().replace("/", "_"))
     lowered = name.lower().rsplit("/", 1)[-1]
     fits = [suffix for suffix in _SUFFIX_UNITS[dimension] if f"_{lowered}".endswith(f"_{suffix}")]
     return _SUFFIX_UNITS[dimension][max(fits, key=len)] if fits else None
@@ -129,8 +128,7 @@ class Channel(Strict):
 
     def scale(self, dimension: str, place: str) -> float:
         """Factor from the numbers in the file to SI."""
-        name = self.column if isinstance(self.column, str) else ""
-        unit = self.unit or find_unit_in_name(name, dimension)
+        unit = self.unit or find_unit_in_name(str(self.column), dimension)
         if isinstance(self.factor, str):
             found = _PER_VOLT.fullmatch(self.factor)
             if found is None or (unit or "V") not in _VOLTS:

@@ -39,8 +39,6 @@ _FINE = 12  # settings that are averaged one by one, not in groups
 
 def render_loop_page(result: LoopResult) -> str:
     """Render the page."""
-    # the names are those of the result: one that was withdrawn there is not claimed here
-    named = zip(result.found.findings, result.document["effects"], strict=True)
     asked = result.document["next_experiment"]
     return render_page(
         "stepblocks.loop",
@@ -58,7 +56,10 @@ def render_loop_page(result: LoopResult) -> str:
         residuals=[_draw_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
         curves=[
             _draw_effect(result, finding.effect, str(entry["id"]).replace("_", " "))
-            for finding, entry in named
+            # the names are those of the result: one that was withdrawn there is not claimed here
+            for finding, entry in zip(
+                result.found.findings, result.document["effects"], strict=True
+            )
         ],
     )
 

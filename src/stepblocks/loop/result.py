@@ -378,8 +378,9 @@ def _describe_identifiability(found: Explanation) -> dict[str, object]:
 
 def _describe_scans(scans: Scans) -> dict[str, object]:
     document: dict[str, object] = {"blocks": {block: dict(scan) for block, scan in scans.items()}}
-    columns = ["edge_radius_m", "edge_radius_std_m"]
-    edges = pd.DataFrame([*scans.values()], columns=columns, dtype=np.float64)
+    edges = pd.DataFrame(
+        [*scans.values()], columns=["edge_radius_m", "edge_radius_std_m"], dtype=np.float64
+    )
     radius, std = edges[np.isfinite(edges).all(axis=1)].to_numpy().T
     if radius.size:
         weights = 1.0 / np.maximum(std, 1e-7) ** 2

@@ -241,8 +241,10 @@ def _select_good(
         .groupby([forces[i] for i in forces], dropna=False)
         .transform("first")
     )
-    copied = forces.duplicated().reindex(features.index, fill_value=False)
-    leave_out(copied, ("the same forces as trial " + first).reindex(features.index))
+    leave_out(
+        forces.duplicated().reindex(features.index, fill_value=False),
+        ("the same forces as trial " + first).reindex(features.index),
+    )
     return good, excluded
 
 

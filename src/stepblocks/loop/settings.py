@@ -23,8 +23,7 @@ def build_grid(trials: Trials, extra: list[str]) -> Trials:
 
     seen = trials.covariates["height_um"]
     heights = sorted({*(h for h in _HEIGHTS_UM if seen.min() < h < seen.max()), *seen.tolist()})
-    others = (span(name) for name in ("load_n", "speed_mm_s", *extra))
-    rows = list(itertools.product(heights, *others))[:20000]
+    rows = list(itertools.product(heights, *map(span, ("load_n", "speed_mm_s", *extra))))[:20000]
     columns = {
         name: np.array(column)
         for name, column in zip((*SHOWN, *extra), zip(*rows, strict=True), strict=True)

@@ -149,15 +149,16 @@ def loop_sessions(
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PipelineError(f"sessions must have names of their own, got {twice[0]!r} twice")
     output = Path(output)
-    given: Document = {
-        "jobs": jobs,
-        "forces_only": forces_only,
-        "as_built": as_built,
-        "progress": progress,
-    }
     with lock_folder(output):
         results = {
-            name: loop_session(one, output / name, **given)
+            name: loop_session(
+                one,
+                output / name,
+                jobs=jobs,
+                forces_only=forces_only,
+                as_built=as_built,
+                progress=progress,
+            )
             for name, one in zip(names, folders, strict=True)
         }
         shared, model = fit_hierarchy(results)

@@ -168,8 +168,11 @@ def record_trial(
             f"a record must have at most 100 million samples, the plan asks for {count:.3g}"
         )
     time = np.arange(count) / (rig.sample_rate * rig.oversampling)
-    force = truth.sliding_force + truth.slope * np.maximum(time - onset, 0.0)
-    force = force + _start_up_ring(rig, time, (truth.frequency, truth.decay_time), onset, random)
+    force = (
+        truth.sliding_force
+        + truth.slope * np.maximum(time - onset, 0.0)
+        + _start_up_ring(rig, time, (truth.frequency, truth.decay_time), onset, random)
+    )
     after = time >= release
     since = time[after] - release
     phase = 2.0 * math.pi * truth.frequency * since
@@ -234,8 +237,11 @@ def record_drag(
     ring = measure_ring(done, spectra=False)
     count = done.rows.shape[0] // rig.oversampling * rig.oversampling
     time = done.column("time_s")[:count]
-    force = done.column("fx_n")[:count] + pull
-    force = force + _start_up_ring(rig, time, (tool.frequency, tool.decay_time), slide, random)
+    force = (
+        done.column("fx_n")[:count]
+        + pull
+        + _start_up_ring(rig, time, (tool.frequency, tool.decay_time), slide, random)
+    )
     trace = rig.disturb(gain * force, done.column("fy_n")[:count], random)
     amplitude = ring.amplitude * math.exp(math.pi / (omega * tool.decay_time))
     return RecordedTrial(trace, done.peak_force + pull, amplitude, done.release_time)

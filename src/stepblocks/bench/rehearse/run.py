@@ -185,9 +185,8 @@ def _record_row(
 def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
     # Write a profilometer line across the edge with a tilt and an offset, as an instrument does.
     x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
-    z = 1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
     z = (
-        z
+        1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
         + random.uniform(-3.0, 3.0)
         + random.normal(0.0, 3e-4) * x
         + random.normal(0.0, _SCAN_NOISE, x.size)

@@ -382,8 +382,18 @@ def measure_trace(
     clean = force - approach.hum(time)
     frequency, decay = tool or (after.frequency[0], after.decay_time[0])
     damping, top = 1.0 / (2.0 * math.pi * frequency * decay), int(np.searchsorted(time, peak.time))
-    forces = approach.level, load[0], approach.slope, marks.noise
-    motion = Motion(time, clean, trace.normal, top, *forces, frequency, damping)
+    motion = Motion(
+        time,
+        clean,
+        trace.normal,
+        top,
+        approach.level,
+        load[0],
+        approach.slope,
+        marks.noise,
+        frequency,
+        damping,
+    )
     speed = speed if speed > 0.0 else math.nan  # a handle at rest has no ramp
     return Measurement(
         *(float(trace.time[0]), approach, peak, load, zeros, speed, saw),
