@@ -9,10 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from oracles.taught import taught_model
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.state import CHANNELS
 from stepblocks.errors import PipelineError
-from stepblocks.loop.session_table import build_session_table, scan_blocks
+from stepblocks.loop.session_table import build_session_table, read_trial_table, scan_blocks
+from stepblocks.predict.table import predict_trials
 
 
 @pytest.fixture
@@ -243,3 +245,45 @@ def test_a_night_between_two_trials_begins_a_day_and_a_numbered_day_is_a_label(f
     trials = _table(numbered).trials
     assert trials.numeric("day") is None
     assert set(trials.covariates["day"]) == {"3", "4"}
+
+
+@pytest.fixture
+def log(tmp_path):
+    """The folder of a session whose log has names, units and decimals of its own."""
+    (tmp_path / "session.toml").write_text(
+        'schema = 1\n[probe]\nspring_constant = "9810 N/m"\n[acquisition]\nsample_rate = "10 kHz"\n'
+        'traces = "traces.h5"\nchannels = { time = "t_s", tangential = "x_n", normal = "y_n" }\n'
+        '[trials]\nfile = "log.csv"\ndelimiter = ";"\ndecimal = ","\n[trials.columns]\n'
+        'trial = "run"\nblock = "specimen"\nload = { column = "weight g", unit = "gf" }\n'
+        'speed = { column = "v", unit = "mm/s" }\nheight = { column = "step", unit = "um" }\n'
+    )
+    (tmp_path / "log.csv").write_text(
+        "run;specimen;step;weight g;v;clock\n1;a;20;50,0;2,0;2026-11-20 08:00:00\n"
+        "2;b;50;80,0;5,0;2026-11-20 08:02:00\n3;a;20;50,0;2,0;2026-11-21 08:02:00\n"
+    )
+    return tmp_path
+
+
+def test_the_log_of_a_session_is_a_table_that_its_model_predicts_from(log):
+    table = read_trial_table(log)
+    assert table["trial"].tolist() == ["1", "2", "3"]
+    assert table["load_n"].to_numpy() == pytest.approx(9.80665e-3 * np.array([50.0, 80.0, 50.0]))
+    assert table["previous_load_n"].to_numpy()[1:] == pytest.approx(table["load_n"].to_numpy()[:2])
+    assert table["passes_of_block"].tolist() == [0.0, 0.0, 1.0]
+    assert table["pause_s"].tolist() == [86400.0, 120.0, 86400.0]
+    assert table["day"].tolist() == ["1", "1", "2"]
+
+
+def test_a_prediction_from_the_folder_is_that_of_its_trials_in_si_units(log):
+    found = predict_trials(read_trial_table(log), taught_model())
+    plain = pd.DataFrame(
+        {
+            "trial": ["1", "2", "3"],
+            "block": ["a", "b", "a"],
+            "height_um": [20.0, 50.0, 20.0],
+            "load_n": 9.80665e-3 * np.array([50.0, 80.0, 50.0]),
+            "speed_mm_s": [2.0, 5.0, 2.0],
+        }
+    )
+    wanted = predict_trials(plain, taught_model())
+    pd.testing.assert_frame_equal(found[wanted.columns], wanted)

@@ -24,6 +24,7 @@ app = typer.Typer()
     "predict mine.toml -o predictions.csv --plots plots",
     "predict table.csv -o out.csv",
     "predict trials.csv --model out/loop/model.json -o out.csv",
+    "predict session --model out/loop/model.json -o out.csv",
     panel="what will be felt",
 )
 def predict(
@@ -43,7 +44,7 @@ def predict(
         typer.Option(
             "--model",
             metavar="JSON",
-            help="model.json of stepblocks loop; FILE is a trials.csv",
+            help="model.json of stepblocks loop; FILE is a trials.csv or the folder of a session",
         ),
     ] = None,
     plots: Annotated[
@@ -148,7 +149,7 @@ def _predict_as_built(
 def _predict_table(files: list[Path], output: Path | None, model: Path | None) -> Outcome:
     from stepblocks.errors import PipelineError
 
-    if len(files) != 1 or files[0].suffix.lower() != ".csv":
+    if len(files) != 1 or not (files[0].suffix.lower() == ".csv" or (model and files[0].is_dir())):
         raise PipelineError(f"expected one CSV table, got {', '.join(map(str, files)) or 'none'}")
     if output is None:
         raise PipelineError(f"-o must name the CSV to write [{files[0]}]")
@@ -156,9 +157,11 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
         from stepblocks.predict.table import predict_table
 
         return Outcome(f"{output}: {len(predict_table(files[0], output))} predictions")
+    from stepblocks.loop.session_table import read_trial_table
     from stepblocks.predict.table import predict_trials
 
-    status = predict_trials(files[0], model, output)["status"]
+    trials = read_trial_table(files[0]) if files[0].is_dir() else files[0]
+    status = predict_trials(trials, model, output)["status"]
     return Outcome(
         f"{output}: {len(status)} trials predicted, {int((status != 'ok').sum())} of them not ok, "
         "see the column status"

@@ -284,6 +284,18 @@ def _derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]
     return found
 
 
+def read_trial_table(session: Path) -> pd.DataFrame:
+    """Read the log of a session as the table of trials that a learned model predicts from."""
+    from stepblocks.bench.session import open_session
+    from stepblocks.bench.trials import insert_conditions, open_trials, read_conditions
+
+    declared = open_session(session)
+    rows = [{"trial": row.name, **row.cells} for row in open_trials(declared)]
+    table = pd.DataFrame(rows).assign(**{_FEATURES_BEGIN: np.nan})
+    table = insert_conditions(table, read_conditions(declared))
+    return table.assign(**_derive_covariates(table))
+
+
 def _read_covariates(table: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
     # Columns that were set or read beside the forces, in their order
     found: dict[str, NDArray[np.generic]] = {}
