@@ -21,9 +21,9 @@ _kept: ContextVar[Callable[[Path], bool]] = ContextVar("kept", default=lambda _:
 
 
 @contextmanager
-def protect_files(theirs: Callable[[Path], bool]) -> Iterator[None]:
+def protect_files(is_protected: Callable[[Path], bool]) -> Iterator[None]:
     """Replace no file, within the block, that belongs to somebody else."""
-    before = _kept.set(theirs)
+    before = _kept.set(is_protected)
     try:
         yield
     finally:

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.text_file import Document, measure_plain_file
+from stepblocks.text_file import Document, measure_file_size
 
 Answer = tuple[
     Document, str, bool
@@ -54,7 +54,7 @@ def read_confined(
         "arguments": [os.path.abspath(path), *arguments],  # noqa: PTH100
     }
     try:
-        seconds = _SECONDS + _PER_BYTE * measure_plain_file(path)
+        seconds = _SECONDS + _PER_BYTE * measure_file_size(path)
         found, refused, ours = _reader(os.getpid()).call(request, seconds)
     except OSError as error:
         raise raises(f"file cannot be read: {error.strerror or error} [{path.name}]") from error

@@ -14,7 +14,7 @@ from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import Mistake, format_mistakes
 from stepblocks.quantities import multiply_by_unit, parse_quantity
-from stepblocks.text_file import measure_plain_file
+from stepblocks.text_file import measure_file_size
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +37,7 @@ def read_table(path: Path) -> pd.DataFrame:
     import pandas as pd
 
     try:
-        if measure_plain_file(path) > _LARGEST_FILE:
+        if measure_file_size(path) > _LARGEST_FILE:
             raise PipelineError(f"table must be smaller than {_LARGEST_FILE} bytes [{path}]")
         with path.open(encoding="utf-8-sig") as file:
             names = [name.strip() for name in file.readline().split(",")]

@@ -23,7 +23,7 @@ def format_file_name(name: str) -> str:
     return name.encode(errors="backslashreplace").decode()
 
 
-def measure_plain_file(path: Path) -> int:
+def measure_file_size(path: Path) -> int:
     """Return the size of a plain file [bytes]; a pipe, a device or a folder is an OSError."""
     found = path.stat()
     if stat.S_ISDIR(found.st_mode):
@@ -39,7 +39,7 @@ def read_document(
     """Read TOML or JSON."""
     parse = {"TOML": tomllib.loads, "JSON": json.loads}[form]
     try:
-        if (size := measure_plain_file(path)) > most:
+        if (size := measure_file_size(path)) > most:
             raise raises(f"{what} must be at most {most} bytes, got {size} [{path}]")
         return parse(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -40,9 +40,9 @@ def kill_workers() -> None:
                 os.kill(number, signal.SIGKILL)
 
 
-def _list_children(of: int) -> list[int]:
+def _list_children(process: int) -> list[int]:
     found: list[int] = []
-    for tasks in Path(f"/proc/{of}/task").glob("*/children"):
+    for tasks in Path(f"/proc/{process}/task").glob("*/children"):
         with suppress(OSError):
             found += map(int, tasks.read_text().split())
     return [deeper for child in found for deeper in (*_list_children(child), child)]

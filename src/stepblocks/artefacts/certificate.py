@@ -95,55 +95,55 @@ def _collect_content(
     }
 
 
-def _find_obstacle(one: Document) -> str:
+def _find_obstacle(entry: Document) -> str:
     # Say why a value is not certified; empty where nothing stands against it.
-    if not one["uncertainty_stated"]:
+    if not entry["uncertainty_stated"]:
         return "measured, without a stated uncertainty"
-    if one["bound"]:
-        return f"known as a bound only: {one['bound']} the measured value"
-    if one["coverage_factor"] > _LARGEST_FACTOR:
-        factor = one["coverage_factor"]
+    if entry["bound"]:
+        return f"known as a bound only: {entry['bound']} the measured value"
+    if entry["coverage_factor"] > _LARGEST_FACTOR:
+        factor = entry["coverage_factor"]
         return f"too few profiles or scans: coverage factor {factor:.2f}, at most {_LARGEST_FACTOR}"
     return ""
 
 
-def _format_line(number: int, one: Document) -> Document:
+def _format_line(number: int, entry: Document) -> Document:
     # Return one characteristic, every size as text in metres or radians.
-    unit = one["unit"]
-    low, high = one[f"interval_95_{unit}"]
+    unit = entry["unit"]
+    low, high = entry[f"interval_95_{unit}"]
     value, lower, upper = (
-        one[f"{name}_{unit}"] for name in ("value", "lower_limit", "upper_limit")
+        entry[f"{name}_{unit}"] for name in ("value", "lower_limit", "upper_limit")
     )
     inside = (lower is None or value >= lower) and (upper is None or value <= upper)
-    status = {"conforms": "pass", "does not conform": "fail"}.get(one["verdict"])
+    status = {"conforms": "pass", "does not conform": "fail"}.get(entry["verdict"])
     sizes = {
         "value": value,
         "expanded": 0.5 * (high - low),
-        "nominal": one[f"nominal_{unit}"],
-        "guard": one[f"guard_band_{unit}"],
+        "nominal": entry[f"nominal_{unit}"],
+        "guard": entry[f"guard_band_{unit}"],
     }
-    budget = [(part["name"], part[f"std_{unit}"], part["how"]) for part in one["budget"]]
+    budget = [(part["name"], part[f"std_{unit}"], part["how"]) for part in entry["budget"]]
     return {
         "number": number,
-        "label": one["label"],
-        "verdict": one["verdict"],
+        "label": entry["label"],
+        "verdict": entry["verdict"],
         "unit": {"m": "\\metre", "rad": "\\radian"}[unit],
-        **{name: _write_decimal(size) for name, size in sizes.items()},
-        "factor": f"{one['coverage_factor']:.3f}",
+        **{name: _format_decimal(size) for name, size in sizes.items()},
+        "factor": f"{entry['coverage_factor']:.3f}",
         "limits": [
-            (side, _write_decimal(end))
+            (side, _format_decimal(end))
             for side, end in (("lower", lower), ("upper", upper))
             if end is not None
         ],
         # what is unknown is no zero: it is named in the text and has no number
-        "budget": [(name, _write_decimal(std)) for name, std, _ in budget if std is not None],
+        "budget": [(name, _format_decimal(std)) for name, std, _ in budget if std is not None],
         "not_observed": [f"{name}: {how}" for name, std, how in budget if std is None],
         "assumed": [f"{name} {how}" for name, _, how in budget if how.startswith("not stated")],
         "conformity": status or ("conditionalPass" if inside else "conditionalFail"),
     }
 
 
-def _write_decimal(size: float) -> str:
+def _format_decimal(size: float) -> str:
     # Write a size to a tenth of a pico unit, in the notation that D-SI takes for decimals.
     text = f"{size:.13f}".rstrip("0").rstrip(".")
     return "0" if text in ("", "-0") else text
@@ -155,7 +155,7 @@ def _write_pdf(path: Path, content: Document) -> None:
     from matplotlib.figure import Figure
     from matplotlib.transforms import Bbox
 
-    rows = [_write_row(one) for one in content["results"]]
+    rows = [_format_row(one) for one in content["results"]]
     text = unescape(render_page("stepblocks.artefacts", "certificate.txt.j2", **content))
     lines = [line for long in text.splitlines() for line in wrap(long, 125) or [""]]
     pages = [rows[at : at + _LINES] for at in range(0, len(rows), _LINES)] or [[]]
@@ -185,10 +185,19 @@ def _write_pdf(path: Path, content: Document) -> None:
         replace_bytes(path, whole.getvalue())
 
 
-def _write_row(one: Document) -> list[str]:
-    factor, unit = (1e6, "um") if one["unit"] == "\\metre" else (57.29577951308232, "deg")
-    ends = {side: f"{float(size) * factor:.7g}" for side, size in one["limits"]}
+def _format_row(entry: Document) -> list[str]:
+    factor, unit = (1e6, "um") if entry["unit"] == "\\metre" else (57.29577951308232, "deg")
+    ends = {side: f"{float(size) * factor:.7g}" for side, size in entry["limits"]}
     limits = f"{ends.get('lower', '')} to {ends.get('upper', '')}".strip()
-    value, half = (f"{float(one[name]) * factor:.4f}" for name in ("value", "expanded"))
-    label = str(one["label"])[:48]
-    return [str(one["number"]), label, value, half, one["factor"], limits, unit, one["verdict"]]
+    value, half = (f"{float(entry[name]) * factor:.4f}" for name in ("value", "expanded"))
+    label = str(entry["label"])[:48]
+    return [
+        str(entry["number"]),
+        label,
+        value,
+        half,
+        entry["factor"],
+        limits,
+        unit,
+        entry["verdict"],
+    ]

@@ -52,10 +52,10 @@ def write_qif(
     A part passes as a whole only where all that the order asks for was measured.
     """
     order, listed, values = order or OrderSpec(), list(part.characteristics()), measured or {}
-    said = repr((part.record(), sorted(values.items())))
+    content = repr((part.record(), sorted(values.items())))
     numbered = {one.key: (one, index) for index, one in enumerate(listed)}
     taken = [(*numbered[key], *value) for key, value in values.items() if key in numbered]
-    told = {_STATUS[verdict] for *_, verdict in values.values()}
+    statuses = {_STATUS[verdict] for *_, verdict in values.values()}
     text = render_page(
         "stepblocks.artefacts",
         "qif.xml.j2",
@@ -74,12 +74,12 @@ def write_qif(
         },
         **{"has_results": measured is not None, "taken": taken},
         name=uuid.uuid5(
-            _SPACE, f"stepblocks/{part.id}/{'plan' if measured is None else 'results'}/{said}"
+            _SPACE, f"stepblocks/{part.id}/{'plan' if measured is None else 'results'}/{content}"
         ),
         whole="FAIL"
-        if "FAIL" in told
+        if "FAIL" in statuses
         else "UNKNOWN"
-        if not is_complete or "UNDEFINED" in told
+        if not is_complete or "UNDEFINED" in statuses
         else "PASS",
     )
     document = etree.fromstring(text, etree.XMLParser(remove_blank_text=True))

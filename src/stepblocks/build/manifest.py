@@ -12,7 +12,7 @@ from pathlib import Path
 
 import stepblocks
 from stepblocks.atomic import replace_text, resolve_inside
-from stepblocks.text_file import Document, measure_plain_file
+from stepblocks.text_file import Document, measure_file_size
 
 MANIFEST = "manifest.json"  # in the output folder
 RECORD = "record.json"  # in the folder of each stimulus
@@ -109,7 +109,7 @@ def load_json(path: Path) -> Document:
     try:
         content = (
             json.loads(path.read_text(encoding="utf-8"))
-            if measure_plain_file(path) < _MOST_BYTES
+            if measure_file_size(path) < _MOST_BYTES
             else {}
         )
     except (OSError, ValueError, RecursionError):

@@ -52,13 +52,13 @@ def write_3mf(path: Path, mesh: Mesh) -> None:
         for name in raw.namelist():
             archive.writestr(
                 zipfile.ZipInfo(name, _PINNED_DATE),
-                _count_identifiers(raw.read(name)),
+                _number_identifiers(raw.read(name)),
                 zipfile.ZIP_DEFLATED,
             )
     path.write_bytes(buffer.getvalue())
 
 
-def _count_identifiers(text: bytes) -> bytes:
+def _number_identifiers(text: bytes) -> bytes:
     found = dict.fromkeys(
         re.findall(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", text)
     )

@@ -175,7 +175,7 @@ def _read_opdx_scale(head: bytes, channel: str) -> HeightScale | None:
 def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:
     # ISO 25178-72: ``Axes/CZ`` states type and increment; heights in metres are the stored number
     # times the increment.
-    index = _index(archive, "main.xml")
+    index = _read_index(archive, "main.xml")
     axis = index.find("Record1/Axes/CZ")
     if axis is None:
         raise ValueError("no Record1/Axes/CZ")
@@ -198,7 +198,7 @@ def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:
 
 def _read_plux_scale(archive: zipfile.ZipFile) -> HeightScale:
     # Sensofar: float32 of every layer in micrometres, as many as the index states.
-    index = _index(archive, "index.xml")
+    index = _read_index(archive, "index.xml")
     name = _read_text(index, "LAYER_0/FILENAME_Z")
     points = int(_read_text(index, "GENERAL/IMAGE_SIZE_X")) * int(
         _read_text(index, "GENERAL/IMAGE_SIZE_Y")
@@ -211,7 +211,7 @@ def _read_plux_scale(archive: zipfile.ZipFile) -> HeightScale:
     )
 
 
-def _index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
+def _read_index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
     if archive.getinfo(name).file_size > _MOST_INDEX:
         raise ValueError(f"{name} of more than {_MOST_INDEX >> 20} MiB")
     text = archive.read(name)

@@ -17,7 +17,7 @@ _EVEN = 0.02  # scatter of steps that are equal, as a part of the step [1]
 _MOST_CELLS = 64_000_000
 
 
-def grid_points(x: Array, y: Array, z: Array, source: str, said: str) -> HeightMap:
+def grid_points(x: Array, y: Array, z: Array, source: str, scale: str) -> HeightMap:
     """Put points [m] on the grid that they lie on, and say which it is.
 
     Where they lie on none, it is the nearest grid that holds each point within half a step.
@@ -52,11 +52,11 @@ def grid_points(x: Array, y: Array, z: Array, source: str, said: str) -> HeightM
     np.add.at(count, (row[seen], column[seen]), 1.0)
     height = np.where(count > 0.0, height / np.maximum(count, 1.0), np.nan)
     if off > _EVEN:
-        said += (
+        scale += (
             f"; points set on a grid of {steps[0] * 1e6:.4g} x {steps[1] * 1e6:.4g} um, up to "
             f"{off:.2f} of a step off"
         )
-    return HeightMap(height, steps[0], steps[1], source=source, scale=said)
+    return HeightMap(height, steps[0], steps[1], source=source, scale=scale)
 
 
 def _find_axes(x: Array, y: Array) -> list[Array]:

@@ -169,20 +169,22 @@ def list_dimensions(file: Exchange) -> list[Characteristic]:
     for ref, values in file.named(*_SIZES):
         angular = file.parameters(ref, "ANGULAR_SIZE")
         kind, name = (
-            ("angular size", _read_text(values[1])) if angular else (str((*values, "size")[1]), "")
+            ("angular size", _read_optional_text(values[1]))
+            if angular
+            else (str((*values, "size")[1]), "")
         )
         found.append(_read_dimension(file, ref, kind, name, find_faces(file, values[0])))
     for ref, values in file.named(*_LOCATIONS):
         if len(values) >= 4:
-            kind = _read_text(values[0]) or (
+            kind = _read_optional_text(values[0]) or (
                 "angular location" if file.parameters(ref, "ANGULAR_LOCATION") else "location"
             )
             sides = find_faces(file, values[2]), find_faces(file, values[3])
-            found.append(_read_dimension(file, ref, kind, _read_text(values[1]), *sides))
+            found.append(_read_dimension(file, ref, kind, _read_optional_text(values[1]), *sides))
     return sorted(found, key=lambda one: int(one.ref[1:]))
 
 
-def _read_text(value: object) -> str:
+def _read_optional_text(value: object) -> str:
     return "" if value is None or value in ("$", "*") else str(value)
 
 
@@ -274,7 +276,7 @@ def list_tolerances(file: Exchange) -> list[Characteristic]:
                 *(
                     ref,
                     kind.lower().replace("_", " "),
-                    _read_text(common[0]),
+                    _read_optional_text(common[0]),
                     value,
                     0.0,
                     value,

@@ -197,7 +197,7 @@ def _parse_instance(body: str) -> dict[str, tuple[Any, ...]]:
     entities = found if several else [found]
     if not entities or not all(isinstance(one, Typed) for one in entities):
         raise ValueError(f"instance must hold whole entities, got {body[:40]!r}")
-    return {one.type: tuple(map(_make_plain, one.value)) for one in entities}
+    return {one.type: tuple(map(_convert_to_tuples, one.value)) for one in entities}
 
 
 def _decode(token: str) -> str:
@@ -208,9 +208,9 @@ def _decode(token: str) -> str:
     )
 
 
-def _make_plain(value: object) -> object:
+def _convert_to_tuples(value: object) -> object:
     # Turn lists into tuples; what has a type has one value
     if isinstance(value, Typed):
         (inner,) = value.value
-        return Typed(value.type, _make_plain(inner))
-    return tuple(map(_make_plain, value)) if isinstance(value, list) else value
+        return Typed(value.type, _convert_to_tuples(inner))
+    return tuple(map(_convert_to_tuples, value)) if isinstance(value, list) else value

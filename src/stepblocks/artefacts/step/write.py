@@ -207,7 +207,7 @@ def make_conforming(
     section, _, tail = rest.rpartition("ENDSEC;")
     pairs = (one.partition("=") for one in _INSTANCE.findall(section) if one.strip())
     data = {ref.strip(): body.strip() for ref, _, body in pairs}
-    waiting = {
+    pending_labels = {
         entity: [label for kind, label in names if kind in kinds]
         for entity, kinds in _NAMED.items()
     }
@@ -216,15 +216,15 @@ def make_conforming(
     # number is
     numbers = itertools.count(1)
     for ref, body in data.items():
-        mended = _mend_instance(body, waiting, angular)
+        corrected = _correct_instance(body, pending_labels, angular)
         data[ref] = _OCCURRENCE.sub(
-            lambda one: f"{one[1]}'{next(numbers)}'{_SPACE.sub('', one[2])}", mended
+            lambda one: f"{one[1]}'{next(numbers)}'{_SPACE.sub('', one[2])}", corrected
         )
         if order.revision:
             data[ref] = _FORMATION.sub(
                 lambda one: one[1] + _quote(order.revision), data[ref], count=1
             )
-    missing = [label for labels in waiting.values() for label in labels]
+    missing = [label for labels in pending_labels.values() for label in labels]
     if missing:
         raise MachiningError(
             f"every named dimension must be written, missing {', '.join(missing)} [{identity}]"
@@ -270,7 +270,7 @@ def _find_instances_holding(data: dict[str, str], text: str) -> list[str]:
     return [ref for ref, body in data.items() if word in body and text in re.sub(r"\s+", "", body)]
 
 
-def _mend_instance(body: str, waiting: dict[str, list[str]], angular: set[str]) -> str:
+def _correct_instance(body: str, pending_labels: dict[str, list[str]], angular: set[str]) -> str:
     if (
         "DRAUGHTING_PRE_DEFINED_COLOUR" in body
     ):  # callouts in the kernel's white cannot be seen on paper
@@ -282,8 +282,8 @@ def _mend_instance(body: str, waiting: dict[str, list[str]], angular: set[str]) 
         kind = "PLANE_ANGLE_MEASURE" if limit[2] in angular else "LENGTH_MEASURE"
         value = "0." if float(limit[1]) == 0.0 else limit[1]  # the kernel writes -0.
         return f"MEASURE_WITH_UNIT({kind}({value}),{limit[2]})"
-    if (found := _DESCRIBED.match(flat)) and waiting.get(found[1]):
-        return f"{flat[: found.start(2)]}'{waiting[found[1]].pop(0)}'{flat[found.end() :]}"
+    if (found := _DESCRIBED.match(flat)) and pending_labels.get(found[1]):
+        return f"{flat[: found.start(2)]}'{pending_labels[found[1]].pop(0)}'{flat[found.end() :]}"
     # a nominal of zero (a sharp edge, flush faces) is a length, but no positive one
     return _ZERO.sub("LENGTH_MEASURE(0.)", flat) if "POSITIVE_LENGTH_MEASURE(" in flat else body
 
