@@ -48,16 +48,16 @@ def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str
     session = traces.session
     measured = [(trial, features) for trial, features in pilots if features]
     enough = len(measured) * 2 >= len(pilots) and len(measured) >= _FEWEST
-    if enough and _is_plausible(*_compare(session, measured)):
+    if enough and _is_plausible(*_compare_with_declared(session, measured)):
         return
     for slip, correct in _SLIPS.items():
         again = _measure_corrected(traces, pilots, correct)
         most = len(again) * 2 > min(len(pilots), _TRIED)
-        if most and _is_plausible(*_compare(session, again)):
+        if most and _is_plausible(*_compare_with_declared(session, again)):
             raise BenchError(f"{slip}: with it corrected the traces agree [{session.folder}]")
     if not enough:
         return
-    spring, load, _ = _compare(session, measured)
+    spring, load, _ = _compare_with_declared(session, measured)
     if not 1.0 / _FAR < load < _FAR:
         raise BenchError(
             f"the normal force is {load:.3g} times the load of the table: correct factor or "
@@ -87,7 +87,7 @@ def _name_slip(
     return f"it is {times} times too large, or `trials.columns.speed` is"
 
 
-def _compare(
+def _compare_with_declared(
     session: Session, measured: Sequence[tuple[Trial, Mapping[str, float]]]
 ) -> tuple[float, float, float]:
     # Compare spring and normal force with what is declared: medians, with the friction

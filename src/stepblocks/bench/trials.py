@@ -133,22 +133,24 @@ class TrialTable:
                 record=self.swapped.get(name, name),
             )
             try:
-                speed, load = (self._number(named, *one) for one in read)
+                speed, load = (self._read_number(named, *one) for one in read)
                 yield replace(trial, speed=speed, load=load)
             except ValueError as error:
                 yield replace(trial, fault=fault or str(error))
 
-    def _number(self, named: dict[str, str], column: str, scale: float, off: float) -> float:
-        if column not in named:
+    def _read_number(
+        self, cells: dict[str, str], column: str, scale: float, offset: float
+    ) -> float:
+        if column not in cells:
             return math.nan
-        text = named[column].strip().replace(self.session.trials.decimal, ".")
+        text = cells[column].strip().replace(self.session.trials.decimal, ".")
         try:
             value = float(text)
         except ValueError:
             raise ValueError(f"{column} must be a number, got {text[:40]!r}") from None
         if not math.isfinite(value) or value <= 0.0:
             raise ValueError(f"{column} must be positive and finite, got {text[:40]}")
-        return value * scale - off
+        return value * scale - offset
 
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
@@ -206,19 +208,19 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     if count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
     swap = session.trials.swap
-    pairs = [(_match(one, homes), _match(other, homes)) for one, other in swap]
+    pairs = [(_find_trial_name(one, homes), _find_trial_name(other, homes)) for one, other in swap]
     return TrialTable(
         session,
         header,
         key,
         count,
         repeated,
-        excluded=frozenset(_match(name, homes) for name in session.trials.exclude),
+        excluded=frozenset(_find_trial_name(name, homes) for name in session.trials.exclude),
         swapped=dict(pairs) | {other: one for one, other in pairs},
     )
 
 
-def _match(name: str | int, names: Mapping[str, object]) -> str:
+def _find_trial_name(name: str | int, names: Mapping[str, object]) -> str:
     # Find a trial of session.toml in the table, where 73 may be written 0073
     found = [
         one for one in names if one == str(name) or (one.isdigit() and one.lstrip("0") == str(name))

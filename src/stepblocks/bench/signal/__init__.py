@@ -150,7 +150,7 @@ def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
         still = slice(0, begin - (on - begin) - _EDGE)  # the load comes on smoothly
         if still.stop >= _FEWEST_STILL:
             pulled, pressed = (
-                (float(np.mean(one[still])), _mean_std(one[still]))
+                (float(np.mean(one[still])), _compute_std_of_mean(one[still]))
                 for one in (trace.tangential, trace.normal)
             )
             zeros = pulled, pressed
@@ -187,7 +187,7 @@ def _find_motion(force: Array, zero: float, calm: int, pulled_up: bool) -> int:
     return first + int(np.argmax(climb[first:] >= level))
 
 
-def _mean_std(values: Array) -> float:
+def _compute_std_of_mean(values: Array) -> float:
     # Return the standard uncertainty of a mean whose samples are correlated, by the means of
     # eighths.
     parts = np.array([part.mean() for part in np.array_split(values, 8)])

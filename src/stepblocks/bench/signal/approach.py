@@ -278,13 +278,13 @@ class Approach:
 def find_mains(time: Array, values: Array) -> float:
     """Mains frequency that explains more of `values` [Hz]."""
 
-    def left(mains: float) -> float:
+    def sum_squares(mains: float) -> float:
         rest = fit_linear(
             np.column_stack([np.ones_like(time), build_wave_columns(time, mains)]), values
         )[1]
         return float(rest @ rest)
 
-    return min(_MAINS, key=left)
+    return min(_MAINS, key=sum_squares)
 
 
 def _build_approach_columns(time: Array, onset: float, clock: Clock) -> Array:

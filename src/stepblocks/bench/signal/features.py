@@ -222,7 +222,7 @@ class Loading:
     @property
     def features(self) -> Features:
         """What can be said of `FEATURE_COLUMNS`."""
-        return _compute_figures(_OF_LOADING, self)
+        return _compute_features(_OF_LOADING, self)
 
     def slope(self) -> Estimate:
         """Slope of the ramp, and its standard uncertainty [N/s]."""
@@ -268,7 +268,7 @@ class Measurement(Loading):
 
         A value is not-a-number where the trace does not show it.
         """
-        return _compute_figures(_FIGURES, self)
+        return _compute_features(_FIGURES, self)
 
     def sticking(self) -> tuple[float, ...]:
         """Amplitude and time of sticking, and static friction, from the saw before the edge.
@@ -298,11 +298,11 @@ _Figures = dict[
 ]  # columns, and what stands in them
 
 
-def _compute_figures(of: _Figures, seen: Loading) -> Features:
+def _compute_features(functions: _Figures, loading: Loading) -> Features:
     return {
         name: value
-        for names, told in of.items()
-        for name, value in zip(names, told(seen), strict=True)
+        for names, compute in functions.items()
+        for name, value in zip(names, compute(loading), strict=True)
     }
 
 
@@ -399,7 +399,7 @@ def measure_trace(
         *(float(trace.time[0]), approach, peak, load, zeros, speed, saw),
         aftermath=after,
         sympathetic=measure_sympathetic_force(time, trace.normal, approach, after),
-        shares=_compute_shares(time, force, approach, after, peak),
+        shares=_compute_band_shares(time, force, approach, after, peak),
         regime=classify_regime(motion, saw, after.damped),
         spring_constant=spring_constant,
         noise=marks.noise,
@@ -434,7 +434,7 @@ def measure_censored(trace: Trace, spring_constant: float, speed: float, reason:
     return Loading(float(trace.time[loaded]), approach, least, load, zeros, speed).features
 
 
-def _compute_shares(
+def _compute_band_shares(
     time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak
 ) -> tuple[float, float]:
     rate = (time.size - 1) / (time[-1] - time[0])

@@ -144,7 +144,7 @@ def guess_ring(time: Array, values: Array) -> Tool:
     frequency = float(frequencies[int(np.argmax(spectrum))])
     since = time - time[0]
 
-    def left(decay: float) -> float:
+    def sum_squares(decay: float) -> float:
         rest = fit_linear(
             np.column_stack(
                 [np.ones_like(since), build_damped_wave_columns(since, frequency, decay)]
@@ -153,7 +153,7 @@ def guess_ring(time: Array, values: Array) -> Tool:
         )[1]
         return float(rest @ rest)
 
-    return frequency, min(_DECAYS, key=left)
+    return frequency, min(_DECAYS, key=sum_squares)
 
 
 def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
