@@ -10,10 +10,10 @@ import pytest
 from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.forward import (
     BenchDesign,
+    build_bench_design,
     build_extended_state,
     build_nominal_state,
     compute_responses,
-    convert_to_design,
     format_height_name,
     list_constants,
     parse_tip_radius_um,
@@ -44,7 +44,7 @@ _BLOCK = np.array(["step-020", "step-050", "step-070", "step-050"])
 
 @pytest.fixture
 def design():
-    return convert_to_design(_BLOCK, _COLUMNS, 9500.0)
+    return build_bench_design(_BLOCK, _COLUMNS, 9500.0)
 
 
 def _law(name):
@@ -80,7 +80,7 @@ def test_a_design_that_is_not_positive_and_finite_is_refused_by_name(name, bad):
 
 def test_a_design_without_trials_is_refused():
     with pytest.raises(ContactError, match="at least one trial"):
-        convert_to_design(np.array([]), dict.fromkeys(_COLUMNS, np.array([])), 9500.0)
+        build_bench_design(np.array([]), dict.fromkeys(_COLUMNS, np.array([])), 9500.0)
 
 
 def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
@@ -101,7 +101,7 @@ def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
     assert (lowest.low, found[format_height_name("step-070")].high) == pytest.approx(
         (-12e-6, 12e-6)
     )
-    thin = convert_to_design(
+    thin = build_bench_design(
         np.array(["a"]),
         {k: v[:1] for k, v in (_COLUMNS | {"height_um": np.array([5.0])}).items()},
         9500.0,

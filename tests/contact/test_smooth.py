@@ -8,7 +8,7 @@ import pytest
 
 from stepblocks.contact.effects.release_motion import compute_release
 from stepblocks.contact.effects.smooth import SLOT_MOVES, CovariateRange, list_smooth_laws
-from stepblocks.contact.forward import build_nominal_state, convert_to_design
+from stepblocks.contact.forward import build_bench_design, build_nominal_state
 from stepblocks.contact.state import compute_channels
 
 _PLAIN = CovariateRange("temperature_c", 18.0, 26.0)
@@ -27,7 +27,7 @@ def state():
         "tip_radius_um": [125.0] * 5,
     }
     values = {"friction": 0.15, "ln_conversion": -1.6, "stiffness_ratio": 1.0}
-    design = convert_to_design(np.array(["b"] * 5), columns, 9810.0)
+    design = build_bench_design(np.array(["b"] * 5), columns, 9810.0)
     return build_nominal_state(design, values | {"ln_ring_frequency": 5.7, "ln_decay_time": -4.0})
 
 

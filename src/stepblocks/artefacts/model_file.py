@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 
 from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
-from stepblocks.contact.forward import convert_to_design, list_constants
+from stepblocks.contact.forward import build_bench_design, list_constants
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, Floats
 from stepblocks.errors import ContactError, PipelineError
@@ -218,7 +218,7 @@ def _list_constants() -> tuple[Parameter, ...]:
     # last.
     columns = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
     return list_constants(
-        convert_to_design(np.array(["block"]), {name: np.ones(1) for name in columns}, 1.0)
+        build_bench_design(np.array(["block"]), {name: np.ones(1) for name in columns}, 1.0)
     )[:-1]
 
 

@@ -55,7 +55,7 @@ class BenchDesign:
         return tuple(format_height_name(str(b)) for b in blocks), inverse
 
 
-def convert_to_design(
+def build_bench_design(
     block: NDArray[np.str_], covariates: Mapping[str, NDArray[np.generic]], spring_constant: float
 ) -> BenchDesign:
     """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units."""
@@ -167,10 +167,10 @@ def build_extended_state(
     """
     state = build_nominal_state(design, values)
 
-    def when(pair: tuple[Law, Mapping[str, float]]) -> tuple[bool, bool]:
+    def rank_law(pair: tuple[Law, Mapping[str, float]]) -> tuple[bool, bool]:
         return pair[0].given and pair[0].covariate == PEAK_FORCE, pair[0].slot == "conversion"
 
-    for law, own in sorted(active, key=when):
+    for law, own in sorted(active, key=rank_law):
         state = law.apply(
             state, select_covariate(design, state, law.covariate) if law.given else None, own
         )

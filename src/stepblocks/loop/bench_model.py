@@ -42,7 +42,7 @@ _SAME_BY_DEFINITION = frozenset({"block_tilt"})
 
 @lru_cache(maxsize=4)
 def _find_design(trials: Trials, spring_constant: float) -> BenchDesign:
-    return forward.convert_to_design(trials.block, trials.covariates, spring_constant)
+    return forward.build_bench_design(trials.block, trials.covariates, spring_constant)
 
 
 @dataclass(frozen=True)

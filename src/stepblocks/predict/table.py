@@ -20,9 +20,9 @@ from stepblocks.contact.event import LearnedPrediction
 from stepblocks.contact.forward import (
     PEAK_FORCE,
     BenchDesign,
+    build_bench_design,
     build_extended_state,
     compute_responses,
-    convert_to_design,
     format_height_name,
     list_covariate_columns,
     parse_tip_radius_um,
@@ -191,7 +191,7 @@ def predict_with_model(
         [parse_tip_radius_um(tip, learned.tip_radius_um) for tip in tips]
     )
     # a block is known by its name; a new height under an old name is a block of its own
-    design = convert_to_design(
+    design = build_bench_design(
         table["block"].astype(str).to_numpy(), columns, learned.tool.stiffness
     )
     models = {

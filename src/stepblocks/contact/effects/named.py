@@ -19,7 +19,7 @@ SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion
 _geometry = partial(Law, slot="contact_geometry")
 
 
-def _apply_give(
+def _apply_compliance(
     power: float, state: DragState, _: object, values: Mapping[str, float]
 ) -> DragState:
     # Let the edge press its way into the ball, or the block into what holds it
@@ -109,7 +109,7 @@ _GEOMETRY = (
             f"cos a = (R - H) / (R - d N^p), p = {power:.3g}, N = F_py cos(atan mu) / cos(a + "
             "atan mu) across the edge",
             (Parameter("depth_at_1n_m", "m", 0.0, -5e-6, 5e-5, 1e-6),),
-            partial(_apply_give, power),
+            partial(_apply_compliance, power),
             covariate="load_n",
             rank=rank,
             said="the contact gives way: depth at 1 N",
@@ -349,12 +349,12 @@ _softening = partial(
 )
 
 
-def _soften(celsius: Floats, values: Mapping[str, float]) -> Floats:
+def _compute_softening(celsius: Floats, values: Mapping[str, float]) -> Floats:
     return np.asarray(np.maximum(1.0 - values["softening_per_k"] * (celsius - 22.0), 0.1))
 
 
 def _apply_softening(state: DragState, celsius: Floats, values: Mapping[str, float]) -> DragState:
-    left = _soften(celsius, values)
+    left = _compute_softening(celsius, values)
     return state.changed(
         stiffness=state.stiffness * left,
         ring_stiffness=state.ring_stiffness * left,
@@ -400,8 +400,8 @@ _TOOL = (
         "k (1 - s (T - 22 C)) of the ramp alone",
         (_SOFTENING,),
         lambda state, celsius, v: state.changed(
-            stiffness=state.stiffness * _soften(celsius, v),
-            conversion=state.conversion * _soften(celsius, v),
+            stiffness=state.stiffness * _compute_softening(celsius, v),
+            conversion=state.conversion * _compute_softening(celsius, v),
         ),
         rank=1,
         said="the spring softens as it warms, though its pitch does not: per K by",

@@ -101,18 +101,18 @@ def _integrate_climb(
 
 
 @njit(cache=True)
-def _integrate_climbs(asked: Array) -> Array:
-    found = np.empty((asked.shape[1], 2))
-    for n in range(asked.shape[1]):
+def _integrate_climbs(cases: Array) -> Array:
+    found = np.empty((cases.shape[1], 2))
+    for n in range(cases.shape[1]):
         found[n] = _integrate_climb(
-            asked[0, n], asked[1, n], asked[2, n], asked[3, n], asked[4, n], asked[5, n]
+            cases[0, n], cases[1, n], cases[2, n], cases[3, n], cases[4, n], cases[5, n]
         )
     return found
 
 
 @lru_cache(maxsize=1)  # most parameters of a fit do not change the motion
-def _compute_climbs(asked: bytes) -> Array:
-    return cast(Array, _integrate_climbs(np.frombuffer(asked).reshape(6, -1)))
+def _compute_climbs(cases: bytes) -> Array:
+    return cast(Array, _integrate_climbs(np.frombuffer(cases).reshape(6, -1)))
 
 
 def compute_release(
