@@ -231,7 +231,9 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     )
 
 
-def _find_flank(x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc) -> Flank | None:
+def _find_better_flank(
+    x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc
+) -> Flank | None:
     # Sloped flank of an edge, where the circle of a vertical one does not hold and a flank is seen.
     height = faces.planes.height.value
     flank = fit_flank(x, levelled, height, spacing, faces.gamma)
@@ -273,7 +275,7 @@ def _fit_arc_or_flank(
         return fit_arc(Window(u, levelled[points], height, spacing, faces.gamma, shared))
 
     arc, dropped = fitted(kept), 0
-    flank = _find_flank(x[kept], levelled[kept], spacing, faces, arc)
+    flank = _find_better_flank(x[kept], levelled[kept], spacing, faces, arc)
     while flank is None and arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
         trials = [np.delete(kept, index) for index in arc.suspects]
         best, points = min(

@@ -156,7 +156,7 @@ def fit_arc(window: Window) -> Arc:
     mean, _ = _compute_moments(radii, np.exp(costs.min() - costs).sum(axis=1))
     larger = min((cost for cost, radius, _ in starts if radius > radii[-1]), default=np.inf)
     if mean >= _UNRESOLVED * window.spacing or larger < costs.min():
-        radii, risers, costs = _refine_grid(window, *_descend_valleys(window, starts))
+        radii, risers, costs = _refine_grid(window, *_find_lowest_minimum(window, starts))
     # of places that are as likely the first, whatever the last bits say
     at = np.unravel_index(int(np.argmax(costs <= costs.min() + _ALIKE)), costs.shape)
     riser, radius = float(risers[at[1]]), float(radii[at[0]])
@@ -220,8 +220,8 @@ def _search_coarsely(window: Window) -> list[tuple[float, float, float]]:
     )
 
 
-def _descend_valleys(
-    window: Window, found: list[tuple[float, float, float]]
+def _find_lowest_minimum(
+    window: Window, starts: list[tuple[float, float, float]]
 ) -> tuple[float, float]:
     # Best radius and riser: the valleys of a coarse grid followed downhill, since they are narrow
     # and bent.
@@ -231,11 +231,11 @@ def _descend_valleys(
         radius, riser = scaled[:, np.newaxis] * spacing
         return float(window.costs(riser, radius)[0]) if radius[0] >= 0.0 else np.inf
 
-    best, ends = min(found), (np.inf, 0.0, 0.0)
+    best, ends = min(starts), (np.inf, 0.0, 0.0)
     # what lies on a slope leads to where its neighbour does; of flat ground the first counts
-    each = zip([ends, *found], found, [*found[1:], ends], strict=False)
+    each = zip([ends, *starts], starts, [*starts[1:], ends], strict=False)
     valleys = {one for before, one, behind in each if one < min(before, behind)}
-    for _, radius, riser in sorted(valleys.intersection(sorted(found)[:_STARTS])):
+    for _, radius, riser in sorted(valleys.intersection(sorted(starts)[:_STARTS])):
         simplex = np.array(
             [[radius, riser], [radius + spacing, riser], [radius, riser + 0.3 * spacing]]
         )

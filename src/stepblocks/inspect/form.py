@@ -187,14 +187,14 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     random = np.random.default_rng(1101)
     draws = list(zip(*(face.draws(random) for face in faces), strict=True))
 
-    def drawn(scale: float) -> Array:
+    def compute_widths(scale: float) -> Array:
         shapes = (
             [face.shape(scale * one) for face, one in zip(faces, draw, strict=True)]
             for draw in draws
         )
         return np.array([width(*points) for points in shapes])
 
-    once, twice = (drawn(scale) for scale in _SCALES)
+    once, twice = (compute_widths(scale) for scale in _SCALES)
     zone = width(*(face.shape() for face in faces))
     first, second = float(once.mean()) - zone, float(twice.mean() - once.mean())
     ratio = second / first if second > _SEVERAL * first > 0.0 else np.sqrt(2.0)

@@ -294,7 +294,8 @@ def _measure_by_rows(
     kind = max(sorted(set(kinds)), key=kinds.count, default=(0, ""))
     usual = np.array([one.spans for _, one in results if one.kind == kind])
     same = [
-        (row, _keep_nearest(one, np.median(usual[..., 0], axis=0))) for (row, _), one in results
+        (row, _keep_nearest_features(one, np.median(usual[..., 0], axis=0)))
+        for (row, _), one in results
     ]
     same = [(row, one) for row, one in same if one.kind == kind]
     if more := sum(len(one.seen) > kind[0] for _, one in results):
@@ -363,14 +364,14 @@ def _measure_by_rows(
     return Evaluation(values, convention, tuple(notes), shown)
 
 
-def _keep_nearest(found: _Row, places: Array) -> _Row:
+def _keep_nearest_features(row: _Row, places: Array) -> _Row:
     # Keep those features that begin nearest to the usual places [m], where a profile crosses others
     # too.
-    if len(found.seen) <= len(places):
-        return found
-    begins = np.array([begin for begin, _ in found.spans])
+    if len(row.seen) <= len(places):
+        return row
+    begins = np.array([begin for begin, _ in row.spans])
     chosen = sorted({int(np.argmin(abs(begins - one))) for one in places})
-    return replace(found, seen=tuple(found.seen[at] for at in chosen))
+    return replace(row, seen=tuple(row.seen[at] for at in chosen))
 
 
 def _estimate_form(found: list[_Row], index: int) -> float:

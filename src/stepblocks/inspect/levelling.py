@@ -407,7 +407,7 @@ def fit_features(
         Feature(*span, fit.estimate(power + index))
         for index, span in enumerate(_pair_edges(edges), 1)
     )
-    gain, together = _compute_gain(fit.design[1], z, fit, power + 1 + 2 * len(edges))
+    gain, together = _compute_likelihood_gain(fit.design[1], z, fit, power + 1 + 2 * len(edges))
     return Levels(
         features,
         power,
@@ -460,7 +460,7 @@ def _fit_polynomials(
     return fits
 
 
-def _compute_gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[float, float]:
+def _compute_likelihood_gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[float, float]:
     # Return twice the gain in log-likelihood on a smooth curve of as many parameters, and how many
     # points are not independent.
     kept = fit.used

@@ -197,7 +197,7 @@ def inspect_many(
             merged.setdefault(str(block), {})[key] = _average_block(its, readings, std, dof)
             counts[str(block), key] = len(its)
     reports = {
-        block: _merge([one for own, one in results if own == block], values)
+        block: _merge_reports([one for own, one in results if own == block], values)
         for block, values in merged.items()
     }
     blocks = [
@@ -227,7 +227,7 @@ def inspect_many(
     return ManyScans(tables, tuple(left_out), whole, reports)
 
 
-def _merge(
+def _merge_reports(
     results: Sequence[InspectionResult], averaged: Mapping[str, Measured]
 ) -> InspectionResult:
     # Return one report of a block from all that was measured of it.

@@ -211,11 +211,11 @@ def keep_agreeing(
 
 
 def evaluate_each(
-    evaluate: Callable[[S], T], asked: Iterable[S]
+    evaluate: Callable[[S], T], items: Iterable[S]
 ) -> tuple[list[tuple[S, T]], list[str]]:
     """Return what can be evaluated with its result, and why the others were refused."""
     results, refused = [], []
-    for one in asked:
+    for one in items:
         try:
             results.append((one, evaluate(one)))
         except MetrologyError as error:

@@ -161,7 +161,7 @@ def inspect_scan(
     wanted, scale = _find_wanted(called, characteristics), ""
     path = Path(scan) if isinstance(scan, str | Path) else None
     if path is not None and (path.suffix.lower() == ".qif" or is_filled_sheet(path)):
-        evaluation = _take_results(path, called)
+        evaluation = _read_results(path, called)
     else:
         shown = [
             one for one in listed if one.key in EVALUATIONS and one.key not in _BESIDE[feature]
@@ -170,7 +170,7 @@ def inspect_scan(
             raise PipelineError(
                 f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can"
             )
-        _require_followed(shown[0].key, how)
+        _refuse_unused_options(shown[0].key, how)
         loaded = load_scan(scan, unit, channel)
         scale = loaded.scale
         evaluation = _evaluate(EVALUATIONS[shown[0].key], loaded, instrument, shown[0], how)
@@ -178,7 +178,9 @@ def inspect_scan(
         if rough is not None and evaluation.faces:
             evaluation = _add_roughness(evaluation, rough.upper, instrument)
     main = [one for one in listed if one.key in EVALUATIONS and one.key in evaluation.values]
-    doubts = [said for one in main for said in _question_size(one, evaluation, scale, others)]
+    doubts = [
+        said for one in main for said in _describe_size_doubts(one, evaluation, scale, others)
+    ]
     read = [f"heights were read as: {scale}"] if scale else []
     evaluation = replace(evaluation, notes=(*doubts, *evaluation.notes, *read))
     result = judge_part(part, evaluation, *describe_source(scan), order, wanted)
@@ -223,7 +225,7 @@ def _find_wanted(called: Mapping[str, str], names: Sequence[int | str] | None) -
     return frozenset(called[name] for name in asked) or frozenset(called.values())
 
 
-def _take_results(path: Path, called: Mapping[str, str]) -> Evaluation:
+def _read_results(path: Path, called: Mapping[str, str]) -> Evaluation:
     # Take what others measured, found by key, label or number on the drawing, with the uncertainty
     # that they state.
     qif = path.suffix.lower() == ".qif"
@@ -292,7 +294,7 @@ def inspect_standard(
         raise PipelineError(f"feature must be one of {', '.join(_STANDARDS)}, got {feature!r}")
     if feature == "ball" and depth is None:
         raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
-    _require_followed(_STANDARDS[feature], how)
+    _refuse_unused_options(_STANDARDS[feature], how)
     key = _STANDARDS[feature].removeprefix("groove_")
     asked = Characteristic(
         key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance
@@ -331,7 +333,7 @@ def find_declared(identity: str, where: Path) -> tuple[Part, StimulusSet]:
     )
 
 
-def _question_size(
+def _describe_size_doubts(
     asked: Characteristic, evaluation: Evaluation, scale: str, others: Iterable[Part]
 ) -> list[str]:
     # Say that a size is off by a factor of 1000, and which unit would explain it; or that another
@@ -363,7 +365,7 @@ def _question_size(
     return []
 
 
-def _require_followed(key: str, how: EvaluationOptions) -> None:
+def _refuse_unused_options(key: str, how: EvaluationOptions) -> None:
     # Refuse options that an evaluation would ignore.
     idle = [
         option

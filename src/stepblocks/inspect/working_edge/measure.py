@@ -117,7 +117,7 @@ def _measure_along_rows(
         riser, reason = _measure_riser(results, flanks, instrument, how, notes)
         values |= riser
         missing = {} if riser else dict.fromkeys(missing, reason)
-        surface = _reconstruct(*results[0]) if riser else None
+        surface = _rebuild_between_level_faces(*results[0]) if riser else None
     first, edge = results[0]
     if beside := _find_others(first, edge):
         notes.append(
@@ -165,7 +165,7 @@ def _measure_along_rows(
         values,
         convention,
         tuple(notes),
-        _show(first, edge, bool(flanks)),
+        _build_shown(first, edge, bool(flanks)),
         arc=surface is None,
         missing=missing,
         covered=covered,
@@ -235,7 +235,7 @@ def _average_radius(
     return replace(found, bound="at most" if how.stylus_radius is None else "")
 
 
-def _is_seen(angle: float, off: float, cone: float | None) -> bool:
+def _is_flank_of_surface(angle: float, off: float, cone: float | None) -> bool:
     # Tell whether a flank is that of the surface, and not that of the stylus or perhaps so.
     slack = _NEAR + 2.0 * off
     if cone is not None:
@@ -258,7 +258,7 @@ def _measure_riser(
     notes.append(
         f"the edge is no arc: its flank slopes by {slope}, its radius is that of the corner"
     )
-    if not _is_seen(angle, off, how.stylus_cone):
+    if not _is_flank_of_surface(angle, off, how.stylus_cone):
         cone = (
             "cone of the stylus, which is not stated,"
             if how.stylus_cone is None
@@ -297,7 +297,7 @@ def _fit_riser_line(row: Profile, edge: Edge, angle: float) -> float:
     return float(np.ptp(rest)) * math.cos(angle)
 
 
-def _reconstruct(row: Profile, edge: Edge) -> Profile:
+def _rebuild_between_level_faces(row: Profile, edge: Edge) -> Profile:
     # Return the edge as it was scanned between level faces, so that the length of a scan says
     # nothing.
     u, level = edge.measure_across(row.position, row.height)
@@ -375,7 +375,7 @@ def _extract_faces(results: list[tuple[Profile, Edge]]) -> tuple[Profile, ...]:
     return tuple(faces)
 
 
-def _show(first: Profile, edge: Edge, sloped: bool) -> Shown:
+def _build_shown(first: Profile, edge: Edge, sloped: bool) -> Shown:
     x, before = first.position, edge.middle - edge.exclusion
     behind = edge.middle + edge.exclusion
     windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
