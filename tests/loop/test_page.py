@@ -9,7 +9,7 @@ from stepblocks.loop.page import (
     _average_by_setting,
     _compute_change,
     _find_abscissa,
-    _place_values,
+    _find_plot_positions,
     render_loop_page,
 )
 from stepblocks.page_file import _format_cell
@@ -105,6 +105,6 @@ def test_few_settings_are_averaged_one_by_one_and_many_in_groups_of_equal_size()
 
 
 def test_labels_are_drawn_in_a_row_and_numbers_where_they_are():
-    x, ticks = _place_values(np.array(["B", "A", "B"]))
+    x, ticks = _find_plot_positions(np.array(["B", "A", "B"]))
     assert (x.tolist(), ticks) == ([1.0, 0.0, 1.0], ["A", "B"])
-    assert _place_values(np.array([3, 1])) == (pytest.approx(np.array([3.0, 1.0])), [])
+    assert _find_plot_positions(np.array([3, 1])) == (pytest.approx(np.array([3.0, 1.0])), [])

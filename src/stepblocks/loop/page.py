@@ -117,7 +117,7 @@ def _draw_residuals(found: Explanation, channel: str) -> dict[str, str]:
     figure, grid = make_figure(rows, 3, width=11.0, height=2.6 * rows)
     axes = grid.ravel()
     for axis, (name, column) in zip(axes, columns.items(), strict=False):
-        x, ticks = _place_values(np.asarray(column))
+        x, ticks = _find_plot_positions(np.asarray(column))
         axis.axhline(0.0, color="0.6", lw=0.8)
         axis.plot(x, before, ".", ms=3, color=_BEFORE, alpha=0.55, label="nominal")
         axis.plot(x, after, ".", ms=3, color=_AFTER, alpha=0.75, label="extended")
@@ -133,7 +133,7 @@ def _draw_residuals(found: Explanation, channel: str) -> dict[str, str]:
     return {"channel": CHANNELS_IN_WORDS[channel], "image": _encode_png(figure)}
 
 
-def _place_values(column: NDArray[np.generic]) -> tuple[Floats, list[str]]:
+def _find_plot_positions(column: NDArray[np.generic]) -> tuple[Floats, list[str]]:
     # Where to draw a column: numbers where they are, labels in a row
     if np.issubdtype(column.dtype, np.number):
         return np.asarray(column, dtype=np.float64), []
@@ -190,7 +190,7 @@ def _find_abscissa(result: LoopResult, effect: Law) -> tuple[Floats, str]:
         ratio = np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"])
         return ratio, SPEED_OVER_LOAD
     name = effect.covariate if effect.covariate in trials.covariates else "height_um"
-    return _place_values(trials.covariates[name])[0], name
+    return _find_plot_positions(trials.covariates[name])[0], name
 
 
 def _average_by_setting(

@@ -15,10 +15,10 @@ from stepblocks.loop.search.forward_model import Systematic, Trials
 from stepblocks.loop.search.noise import (
     Scatter,
     build_noise,
+    compute_least_scatter,
     compute_replicate_residual,
     estimate_scatter,
     find_outliers,
-    take_least_scatter,
 )
 
 
@@ -57,10 +57,10 @@ def test_the_least_of_two_scatters_adds_up_to_no_less_than_either_saw() -> None:
     splits = [
         Scatter(np.array([a**2]), np.array([b**2]), 60) for a, b in ((0.05, 0.13), (0.13, 0.05))
     ]
-    found = take_least_scatter(splits, np.ones((4, 1, 1)))
+    found = compute_least_scatter(splits, np.ones((4, 1, 1)))
     assert found.quantities + found.channels == pytest.approx(0.05**2 + 0.13**2)
     # a channel that scatters less by one of the two estimates in all is taken from that one
-    calm = take_least_scatter(
+    calm = compute_least_scatter(
         [splits[0], Scatter(np.array([0.01]), np.array([1e-4]), 40)], np.ones((4, 1, 1))
     )
     assert calm.quantities + calm.channels == pytest.approx(0.0101)

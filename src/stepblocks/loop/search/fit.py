@@ -19,9 +19,9 @@ from stepblocks.loop.search.noise import (
     Noise,
     build_noise,
     compute_flexible_residual,
+    compute_least_scatter,
     compute_replicate_residual,
     estimate_scatter,
-    take_least_scatter,
 )
 
 # of differences, in units of a parameter's scale: an integrated motion is smooth to some 1e-4 of ln
@@ -286,7 +286,7 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
     for _ in range(2):
         # the responses depend on the constants, the constants a little on the weights
         responses = model.responses(trials, start)
-        scatter = take_least_scatter(
+        scatter = compute_least_scatter(
             [estimate_scatter(residual, trials.std, responses, dof) for residual, dof in told],
             responses,
         )

@@ -132,7 +132,7 @@ def _compute_directions(
     return directions
 
 
-def _build_null_basis(base: Fit) -> Floats:
+def _build_tangent_basis(base: Fit) -> Floats:
     length = np.linalg.norm(base.jacobian, axis=0)
     left, singular, _ = np.linalg.svd(
         base.jacobian / np.maximum(length, 1e-300), full_matrices=False
@@ -140,7 +140,9 @@ def _build_null_basis(base: Fit) -> Floats:
     return np.asarray(left[:, singular > 1e-8 * singular[0]])
 
 
-def _project(directions: Sequence[_Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
+def _compute_gains(
+    directions: Sequence[_Direction], vectors: Floats
+) -> tuple[Floats, list[Floats]]:
     # Gains of all directions on all vectors, shape (d, m), and the projections on each direction.
     stacked = np.concatenate([d.basis for d in directions], axis=1)
     last = np.cumsum([d.basis.shape[1] for d in directions])
@@ -169,7 +171,7 @@ def score_candidates(
     alpha: float = 0.01,
 ) -> Gate:
     """Score every candidate and judge the best against what noise would do."""
-    known = _build_null_basis(base)
+    known = _build_tangent_basis(base)
     directions = _compute_directions(problem, base, effects, known)
     if not directions:
         return Gate(1.0, ())
@@ -179,7 +181,7 @@ def score_candidates(
     # scores are relative to the scatter found, never to less than the scatter expected
     alive = np.abs(base.residual[base.residual != 0.0])
     spread = max(1.0, float((1.4826 * np.median(alive)) ** 2)) if alive.size else 1.0
-    gains, projected = _project(directions, observed[:, None])
+    gains, projected = _compute_gains(directions, observed[:, None])
     freedom = np.array([d.basis.shape[1] for d in directions], dtype=float)
     own = _compute_log_p(gains / spread, freedom, dof)[:, 0]
     best: dict[str, Score] = {}
@@ -190,7 +192,7 @@ def score_candidates(
             best[d.effect.id] = Score(d.effect, d.shape, log_p, gain, d.root @ part[:, 0])
     p_value, needed = 1.0, float("inf")
     if draws:
-        null, _ = _project(directions, _draw_noise(problem, base, draws, seed))
+        null, _ = _compute_gains(directions, _draw_noise(problem, base, draws, seed))
         # among directions of equal freedom the least p of a draw is that of the largest gain
         kinds = np.unique(freedom)
         largest = np.stack([null[freedom == kind].max(axis=0) for kind in kinds])
@@ -211,7 +213,7 @@ def compute_detectable(
     # deviations
     asked = [e for e in effects if len(e.amplitudes) == 1]
     found: dict[str, float] = {}
-    for direction in _compute_directions(problem, base, asked, _build_null_basis(base)):
+    for direction in _compute_directions(problem, base, asked, _build_tangent_basis(base)):
         scale = next(
             p.scale for p in direction.effect.parameters if p.name == direction.effect.amplitudes[0]
         )

@@ -50,13 +50,13 @@ def check_claims(
     )
 
 
-def withdraw_claims(found: Explanation, told: tuple[Hint, ...]) -> Explanation:
+def withdraw_claims(found: Explanation, hints: tuple[Hint, ...]) -> Explanation:
     """Take back every name where something outside the model's reach is known to have gone on."""
-    if not told:
+    if not hints:
         return found
-    lost, why = Verdict.UNEXPLAINED, told[0].said
+    lost, why = Verdict.UNEXPLAINED, hints[0].said
     findings = tuple(replace(f, verdict=lost, reason=why) for f in found.findings)
-    return replace(found, findings=findings, verdict=lost, told=(*told, *found.told))
+    return replace(found, findings=findings, verdict=lost, told=(*hints, *found.told))
 
 
 def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Finding:

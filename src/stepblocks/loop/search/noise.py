@@ -224,7 +224,7 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
     return Scatter(variance[:count] / size**2, variance[count:] * unit**2, dof)
 
 
-def take_least_scatter(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
+def compute_least_scatter(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
     """Return the least of several estimates of scatter.
 
     It is taken for every quantity, and for every channel in all.
