@@ -211,11 +211,11 @@ def tabulate_prediction(prediction: Prediction) -> dict[str, float | str]:
     tool, dragged = prediction.point.tool, prediction.in_time
     power = prediction.felt_energy / tool.ring_duration
 
-    def within(name: str) -> float:
+    def read_bound(name: str) -> float:
         unknown = interval is None or (release.status.is_beyond_limit and "force" not in name)
         return math.nan if unknown else float(getattr(interval, name))
 
-    def corner(one: Release) -> float:
+    def read_energy(one: Release) -> float:
         return math.nan if release.status.is_beyond_limit else one.vibration_energy * 1e6
 
     locking = float(compute_locking_height(prediction.point.ball_radius, prediction.point.friction))
@@ -234,18 +234,18 @@ def tabulate_prediction(prediction: Prediction) -> dict[str, float | str]:
         "pull_force_low_n": low.pull_force,
         "pull_force_high_n": high.pull_force,
         "vibration_energy_uj": release.vibration_energy * 1e6,
-        "vibration_energy_low_uj": corner(low),
-        "vibration_energy_high_uj": corner(high),
+        "vibration_energy_low_uj": read_energy(low),
+        "vibration_energy_high_uj": read_energy(high),
         "conversion": tool.conversion,
         "mean_power_uw": release.mean_power * 1e6,
         "threshold_ratio": release.threshold_ratio,
         "locking_height_um": math.nan if release.status is Status.NO_CATCH else locking * 1e6,
-        "pull_force_95_low_n": within("force_low"),
-        "pull_force_95_high_n": within("force_high"),
-        "vibration_energy_95_low_uj": within("energy_low") * 1e6,
-        "vibration_energy_95_high_uj": within("energy_high") * 1e6,
-        "vibration_energy_analytic_95_low_uj": within("analytic_energy_low") * 1e6,
-        "vibration_energy_analytic_95_high_uj": within("analytic_energy_high") * 1e6,
+        "pull_force_95_low_n": read_bound("force_low"),
+        "pull_force_95_high_n": read_bound("force_high"),
+        "vibration_energy_95_low_uj": read_bound("energy_low") * 1e6,
+        "vibration_energy_95_high_uj": read_bound("energy_high") * 1e6,
+        "vibration_energy_analytic_95_low_uj": read_bound("analytic_energy_low") * 1e6,
+        "vibration_energy_analytic_95_high_uj": read_bound("analytic_energy_high") * 1e6,
         "held_probability": interval.held_probability if interval else math.nan,
         "intervals_agree": ""
         if interval is None or release.status.is_beyond_limit
@@ -408,11 +408,11 @@ def predict_one(face: Counterface, point: OperatingPoint, backward: bool = False
     return replace(made, in_time=_measure_drag(made, point.speed))
 
 
-def _measure_drag(one: Prediction, speed: float) -> InTime | None:
-    if one.release.status is not Status.RELEASES:
+def _measure_drag(prediction: Prediction, speed: float) -> InTime | None:
+    if prediction.release.status is not Status.RELEASES:
         return None
     try:
-        trace, ring = drag_in_time(one.face, one.point, one.backward, speed)
+        trace, ring = drag_in_time(prediction.face, prediction.point, prediction.backward, speed)
     except ContactError as error:
         return InTime(f"not dragged: {error}", energy=math.nan, share=math.nan)
     return InTime(str(trace.status), trace.peak_force, *((ring.energy, ring.share) if ring else ()))

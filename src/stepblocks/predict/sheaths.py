@@ -218,7 +218,7 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
     if not rings or stimuli.probe is None or stimuli.damping_rig is None:
         return []
     rod = stimuli.probe.rod()
-    told = {
+    content = {
         "probe": stimuli.probe.record(),
         "follows": {
             "free_length_m": rod.length,
@@ -230,7 +230,7 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
     texts = {
         "rings.csv": format_csv(rings),
         "damping-test.csv": format_csv(tabulate_decay_test(stimuli)),
-        "probe.json": json.dumps(told, indent=2, allow_nan=False) + "\n",
+        "probe.json": json.dumps(content, indent=2, allow_nan=False) + "\n",
     }
     for name, text in texts.items():
         replace_text(folder / name, text)

@@ -104,8 +104,8 @@ class SweepPlan:
         """Hash of all that the rows and their files depend on, the program's version included."""
         from stepblocks import __version__
 
-        told = {**asdict(self), "stepblocks": __version__}
-        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+        content = {**asdict(self), "stepblocks": __version__}
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 _CHOICES = {
