@@ -14,7 +14,7 @@ from stepblocks.errors import HapticsError
 from stepblocks.parts.shapes import compute_enclosed_volume
 from stepblocks.simulators.assemble import build_plain_step, resolve_contact
 from stepblocks.simulators.devices import find_device, load_devices
-from stepblocks.simulators.scene import SceneFormat, find_loudest_force, write_json, write_scene
+from stepblocks.simulators.scene import SceneFormat, find_full_scale_force, write_json, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli[2]
@@ -127,7 +127,7 @@ def test_a_new_format_is_one_object_and_gets_all_that_every_folder_has(plain, tm
     )
     write_scene(tmp_path, plain, form)
     names = {path.name for path in tmp_path.iterdir()}
-    full = f"full-scale-{find_loudest_force(plain.events):.4g}n"
+    full = f"full-scale-{find_full_scale_force(plain.events):.4g}n"
     waves = [f"-{rate}khz-{full}{kind}.wav" for rate in (10, 48) for kind in ("", "-int16")]
     rings = {f"ring-up{end}" for end in (*waves, ".json")}
     assert (

@@ -122,10 +122,10 @@ def lay_out_teeth(scenes: Sequence[Scene], folder: Path) -> Iterator[tuple[Mesh,
         places = np.array([part.station.place_m for _, part in stations])
         apart = np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1).max()
         scan = stations[0][1].read_tooth(folder, stations[0][0].scale)
-        yield scan, [_lay_section(scene, part, 1.02 * apart) for scene, part in stations]
+        yield scan, [_place_section(scene, part, 1.02 * apart) for scene, part in stations]
 
 
-def _lay_section(scene: Scene, part: ScannedMargin, width: float) -> Scene:
+def _place_section(scene: Scene, part: ScannedMargin, width: float) -> Scene:
     # Lay a section at its station; the level ends of the bar, which a tooth has not, are left out
     at = part.station
     turn = np.column_stack([at.across, np.cross(at.outward, at.across), at.outward])

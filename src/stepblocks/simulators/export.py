@@ -31,7 +31,7 @@ from stepblocks.simulators.devices import (
 from stepblocks.simulators.scene import (
     Scene,
     SceneFormat,
-    find_loudest_force,
+    find_full_scale_force,
     write_scene,
     write_tooth,
 )
@@ -204,7 +204,7 @@ def _build_scenes(
             scale = choose_common_scale(device, [(one.events[0], one.point) for one in contacts])
         each = [contacts[number] for number in meant]
         require_renderable(plan_rendering(device, one.events[0], one.point, scale) for one in each)
-    loudest = max((find_loudest_force(one.events) for one in contacts), default=0.0)
+    loudest = max((find_full_scale_force(one.events) for one in contacts), default=0.0)
     return [build_scene(contacts[number], device, scale, full_scale=loudest) for number in meant]
 
 

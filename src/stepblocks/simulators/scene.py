@@ -191,7 +191,7 @@ class SceneFormat:
     shares_probe: bool = True
 
 
-def find_loudest_force(events: Events) -> float:
+def find_full_scale_force(events: Events) -> float:
     """Return the largest force of the rings of both drags [N]; 0 where nothing rings."""
     ringing = [event for event in events if event.status is Status.RELEASES]
     return max((find_largest_force(event) for event in ringing), default=0.0)
