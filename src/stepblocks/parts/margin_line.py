@@ -59,7 +59,7 @@ def find_stations_confined(
             np.linalg.norm(mesh.triangles_center - place, axis=1) < 3.0 * _FITTED + radii[beside]
         )
         frames = [
-            (at, _face_section(at, along, middle, draw))
+            (at, _find_section_axes(at, along, middle, draw))
             for at, along in zip(line(where), line(where, 1), strict=True)
         ]
         hole, sides, level = _find_sides(
@@ -147,7 +147,7 @@ def _read_closed_line(points: Array, path: Path) -> Any:
     return CubicSpline(at, line, bc_type="periodic")
 
 
-def _face_section(place: Array, along: Array, middle: Array, draw: Array) -> Array:
+def _find_section_axes(place: Array, along: Array, middle: Array, draw: Array) -> Array:
     # Find the axes of a section: across to the crown, outwards, along the margin; shape (3, 3)
     outward = np.cross(along, draw)
     outward *= math.copysign(

@@ -30,18 +30,22 @@ def _list_fields(table: Table, leave_out: Iterable[str] = ()) -> dict[str, objec
         if name in leave_out or (value is None and field.default is None):
             continue
         quantity = next(
-            (one.dimension for one in _walk((field.annotation, *field.metadata))), "ratio"
+            (
+                one.dimension
+                for one in _find_quantity_validators((field.annotation, *field.metadata))
+            ),
+            "ratio",
         )
         written[name] = _write_value(value, quantity, isinstance(table, WorkingFaces))
     return written
 
 
-def _walk(annotations: Iterable[object]) -> Iterable[QuantityValidator]:
+def _find_quantity_validators(annotations: Iterable[object]) -> Iterable[QuantityValidator]:
     # Find the validators of quantities in annotations, however deep
     for one in annotations:
         if isinstance(one, QuantityValidator):
             yield one
-        yield from _walk((*get_args(one), *getattr(one, "__metadata__", ())))
+        yield from _find_quantity_validators((*get_args(one), *getattr(one, "__metadata__", ())))
 
 
 def _write_value(value: object, quantity: str, is_zone: bool) -> object:
