@@ -345,7 +345,7 @@ def _predict_felt(faces: Iterable[Counterface], point: OperatingPoint) -> list[f
     return list(choose_energies([predict_one(face, point) for face in faces])[0])
 
 
-def _rise(energies: Sequence[float]) -> bool:
+def _is_increasing(energies: Sequence[float]) -> bool:
     return energies[0] > 0.0 and all(low < high for low, high in itertools.pairwise(energies))
 
 
@@ -380,7 +380,9 @@ def choose_blocks(
         for block in sorted(stimuli.step_block, key=lambda one: one.height.nominal)
     ]
     # of the loads the first under which every block rings, and rises
-    point = next((point for point in points[:-1] if _rise(_predict_felt(faces, point))), points[-1])
+    point = next(
+        (point for point in points[:-1] if _is_increasing(_predict_felt(faces, point))), points[-1]
+    )
     items = tuple(Item(block.id, block.id.upper(), block.height.nominal) for block in blocks)
     return Blocks(items, {block.id: block.counterface() for block in blocks}, point)
 

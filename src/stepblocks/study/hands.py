@@ -128,10 +128,10 @@ class ForceDimension(Hand):
         _declare_functions(lib, signatures)
         self._one = ctypes.c_char(b"\xff")  # -1: the device that was opened last
         self._values = [ctypes.c_double() for _ in range(6)]
-        self._said(lib.dhdOpen() >= 0, "be opened")
-        self._said(lib.dhdEnableForce(1, self._one) >= 0, "switch its forces on")
+        self._require(lib.dhdOpen() >= 0, "be opened")
+        self._require(lib.dhdEnableForce(1, self._one) >= 0, "switch its forces on")
 
-    def _said(self, done: bool, wanted: str) -> None:
+    def _require(self, done: bool, wanted: str) -> None:
         if not done:
             raise PipelineError(
                 f"the device must {wanted}: {self._lib.dhdErrorGetLastStr().decode()}"
@@ -140,8 +140,10 @@ class ForceDimension(Hand):
     def read(self) -> tuple[Array, Array, bool]:
         """Its x points to the operator, its y to the right."""
         places = [ctypes.byref(value) for value in self._values]
-        self._said(self._lib.dhdGetPosition(*places[:3], self._one) >= 0, "tell its position")
-        self._said(self._lib.dhdGetLinearVelocity(*places[3:], self._one) >= 0, "tell its velocity")
+        self._require(self._lib.dhdGetPosition(*places[:3], self._one) >= 0, "tell its position")
+        self._require(
+            self._lib.dhdGetLinearVelocity(*places[3:], self._one) >= 0, "tell its velocity"
+        )
         x, y, z, u, v, w = (value.value for value in self._values)
         return (
             np.array([y, -x, z]),
@@ -151,7 +153,7 @@ class ForceDimension(Hand):
 
     def apply(self, force: Array) -> None:
         """Turn the force back into its axes."""
-        self._said(
+        self._require(
             self._lib.dhdSetForce(-force[1], force[0], force[2], self._one) >= 0, "take a force"
         )
 

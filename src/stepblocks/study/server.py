@@ -93,14 +93,14 @@ class _Handler(BaseHTTPRequestHandler):
             asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
             if not isinstance(asked, dict):
                 raise ValueError("a JSON object is expected")
-            found = self._act(self.server.experiment, asked)
+            found = self._perform(self.server.experiment, asked)
             self._json(200 if found is not None else 404, found or {"error": "nothing is here"})
         except StepblocksError as error:
             self._json(422, {"error": str(error)})
         except (ValueError, KeyError, TypeError, AttributeError):
             self._json(400, {"error": "the request is not one of this page"})
 
-    def _act(self, run: Run, asked: Mapping[str, Any]) -> dict[str, object] | None:
+    def _perform(self, run: Run, asked: Mapping[str, Any]) -> dict[str, object] | None:
         # Do what the page asks; None for what it cannot ask
         if self.path == "/hand":
             if isinstance(run.hand, Mouse):

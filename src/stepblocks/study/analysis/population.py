@@ -95,7 +95,7 @@ class Population:
             # a narrower normal would fall between the points of the grid
             narrow, wide = math.log(0.6 * step), math.log(float(np.ptp(axis)))
             self._bounds += [(float(axis[0]), float(axis[-1])), (narrow, wide)]
-        self.best = self._climb(self._start)
+        self.best = self._maximise(self._start)
 
     def _priors(self, point: Array) -> tuple[list[Array], list[Array]]:
         # Return the distribution along each axis, and the slopes of its logarithm
@@ -127,7 +127,7 @@ class Population:
             gradient += (slope @ (posterior - len(whole) * prior)).tolist()
         return -float(np.log(whole).sum()), -np.array(gradient)
 
-    def _climb(self, start: Sequence[float], place: int = -1, value: float = 0.0) -> Any:
+    def _maximise(self, start: Sequence[float], place: int = -1, value: float = 0.0) -> Any:
         # Maximise the likelihood, one parameter held where a place is given
         held = [(value, value) if n == place else one for n, one in enumerate(self._bounds)]
         first = [value if n == place else one for n, one in enumerate(start)]
@@ -151,7 +151,7 @@ class Population:
 
         def ratio(value: float) -> float:
             nonlocal nearest
-            found = self._climb(nearest, place, value)
+            found = self._maximise(nearest, place, value)
             nearest = found.x  # the next value is close by
             return 2.0 * (float(found.fun) - float(best.fun))
 

@@ -109,7 +109,7 @@ def fit_psychometric(
     fits = [climb([middle, spread - shrink, 0.02]) for shrink in (0.0, 0.7)]
     found = min(fits, key=lambda one: float(one.fun))
     # what a spread of zero loses more; where that is nothing, all small spreads fit alike
-    sharper = float(miss(_fit_steps(x, k, n)).min()) - float(found.fun)
+    sharper = float(miss(_fit_step_functions(x, k, n)).min()) - float(found.fun)
 
     def find_end(place: int, side: int) -> float:
         """Return where the profile has fallen by the 95 % point of chi squared, below or above."""
@@ -184,7 +184,7 @@ def assess_fit(p: Array, slopes: Array, k: Array, n: Array) -> tuple[float, floa
     return float(squares[0]) / df, share
 
 
-def _fit_steps(x: Array, k: Array, n: Array) -> Array:
+def _fit_step_functions(x: Array, k: Array, n: Array) -> Array:
     # Return what functions of no spread predict, one with its step at each level: there any share
     # between the lapses. The lapse rate is that of the other levels, or of all where it jumps.
     same, below = x[:, np.newaxis] == x, x < x[:, np.newaxis]

@@ -204,7 +204,9 @@ class StudyResult:
 
     def table(self) -> pd.DataFrame:
         """Lay out every figure with its unit, in `COLUMNS`; not-a-number where a row has none."""
-        accuracy = [{**row, "measure": one.name} for one in self.measures for row in _measure(one)]
+        accuracy = [
+            {**row, "measure": one.name} for one in self.measures for row in _list_measure(one)
+        ]
         tests = [
             _make_row(
                 "primary outcome" if one.primary else "secondary outcome, Holm",
@@ -305,7 +307,7 @@ def _list_intervals(
         yield _make_row(analysis, name, estimate=one.effect_size)
 
 
-def _measure(measure: Measure) -> Iterator[Row]:
+def _list_measure(measure: Measure) -> Iterator[Row]:
     mixed, log = measure.mixed, measure.logarithmic
     for term in measure.f_test.terms:
         yield _format_term("f-test", term)
