@@ -141,7 +141,7 @@ def extra_costs(stimuli: Path) -> None:
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
-    from stepblocks.build.make import checked_files
+    from stepblocks.build.make import list_checkable_files
     from stepblocks.build.picture import draw_part
     from stepblocks.declare import load_set
     from stepblocks.parts.kinds.step_block import StepBlock
@@ -175,7 +175,7 @@ def extra_costs(stimuli: Path) -> None:
             timed(
                 "picture", partial(draw_part, folder / f"{block.id}.png", arrays, *block.close_up())
             )
-            for path in checked_files(block, folder):
+            for path in list_checkable_files(block, folder):
                 timed(f"read back {path.suffix}", partial(check_artefact, block, path))
             triangles.append(len(mesh.triangles))
             if number == 0:  # the first block pays for imports

@@ -10,7 +10,7 @@ import pytest
 from stepblocks.artefacts.check import check_artefact
 from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh
 from stepblocks.artefacts.meshes.write import MESH_FORMATS
-from stepblocks.build.make import checked_files
+from stepblocks.build.make import list_checkable_files
 from stepblocks.declare import load_set
 from stepblocks.parts.shapes import Mesh
 from stepblocks.select import find_stimulus_files
@@ -21,7 +21,7 @@ ARTEFACTS = [
     pytest.param(name, stimulus, path.name, id=f"{name}/{path.name}")
     for name, stimuli in SETS.items()
     for stimulus in stimuli.stimuli
-    for path in checked_files(stimulus, Path())
+    for path in list_checkable_files(stimulus, Path())
 ]
 
 
@@ -159,7 +159,7 @@ def test_an_empty_picture_is_caught(folder, block):
 
 
 @pytest.mark.parametrize(
-    "artefact", [path.name for path in checked_files(SETS["paper-ten"].stimuli[4], Path())]
+    "artefact", [path.name for path in list_checkable_files(SETS["paper-ten"].stimuli[4], Path())]
 )
 @pytest.mark.parametrize("damage", ["missing", "empty", "truncated", "garbage"])
 def test_a_damaged_file_is_a_failed_verdict_not_a_traceback(folder, block, artefact, damage):

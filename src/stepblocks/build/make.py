@@ -60,7 +60,7 @@ def make_all(wanted: Sequence[Wanted], output: Path, jobs: int | None) -> Genera
             raise
 
 
-def checked_files(stimulus: Part, folder: Path) -> list[Path]:
+def list_checkable_files(stimulus: Part, folder: Path) -> list[Path]:
     """List the artefacts of a stimulus that can be checked."""
     from stepblocks.artefacts.meshes.write import MESH_FORMATS
 
@@ -80,7 +80,7 @@ def make_stimulus(output: Path, set_name: str, stimulus: Part, key: str, order: 
     started = time.perf_counter()
     with make_draft_folder(output / f"{set_name}-{stimulus.id}") as workshop:
         _write_artefacts(stimulus, workshop, order)
-        paths = checked_files(stimulus, workshop)
+        paths = list_checkable_files(stimulus, workshop)
         verdicts = [verdict for path in paths for verdict in check_artefact(stimulus, path)]
         record = {
             "key": key,
@@ -92,7 +92,7 @@ def make_stimulus(output: Path, set_name: str, stimulus: Part, key: str, order: 
             "outputs": {path.name: hash_file(path) for path in sorted(workshop.iterdir())},
         }
         sync_folder(workshop)
-        _move_in(workshop, output / set_name / stimulus.id, record)
+        _replace_files(workshop, output / set_name / stimulus.id, record)
     return Made(f"{set_name}/{stimulus.id}", time.perf_counter() - started)
 
 
@@ -100,7 +100,7 @@ def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
-    from stepblocks.build.picture import draw_part, write_view
+    from stepblocks.build.picture import draw_part, write_view_script
     from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
 
     bodies = build_solids(stimulus)
@@ -114,18 +114,18 @@ def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
         write_height_field(folder / f"{stimulus.id}.heightfield", stimulus)
     arrays = [(mesh.vertices, mesh.triangles) for mesh in meshes]
     draw_part(folder / f"{stimulus.id}.png", arrays, *stimulus.close_up())
-    write_view(folder / "view.js", stimulus.id, arrays, *stimulus.close_up())
+    write_view_script(folder / "view.js", stimulus.id, arrays, *stimulus.close_up())
     specification = json.dumps(stimulus.record(), indent=2, allow_nan=False)
     (folder / "specification.json").write_text(specification + "\n", encoding="utf-8")
 
 
-def _move_in(workshop: Path, folder: Path, record: Mapping[str, object]) -> None:
+def _replace_files(draft: Path, folder: Path, record: Mapping[str, object]) -> None:
     # Replace a stimulus's files one by one; files that this program did not write stay
     folder.mkdir(parents=True, exist_ok=True)
     outputs, before = list_outputs(record), list_outputs(load_json(folder / RECORD))
     (folder / RECORD).unlink(missing_ok=True)
     for name in outputs:
-        (workshop / name).replace(folder / name)
+        (draft / name).replace(folder / name)
     for name in set(before) - set(outputs):
         if (left := find_unchanged(folder, name, before[name])) is not None:
             left.unlink()

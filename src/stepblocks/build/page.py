@@ -177,7 +177,11 @@ def _compute_curves(stimuli: StimulusSet) -> str | None:
         grids = {"curve": np.linspace(0.002 * top, top, 300), "marks": marks}
         shown = {key: heights[heights <= least] for key, heights in grids.items()}
         curves.append(
-            {"name": name} | {key: [_shorten(x * 1e6), _shorten(y(x))] for key, x in shown.items()}
+            {"name": name}
+            | {
+                key: [_round_to_six_digits(x * 1e6), _round_to_six_digits(y(x))]
+                for key, x in shown.items()
+            }
         )
 
     def energy(heights: Array, friction: float) -> Array:
@@ -208,5 +212,5 @@ def _compute_curves(stimuli: StimulusSet) -> str | None:
     return json.dumps(content, allow_nan=False)
 
 
-def _shorten(values: Iterable[float]) -> list[float]:
+def _round_to_six_digits(values: Iterable[float]) -> list[float]:
     return [float(f"{value:.6g}") for value in values if math.isfinite(value)]

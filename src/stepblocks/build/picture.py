@@ -63,7 +63,7 @@ def _make_polydata(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) 
     return pv.PolyData.from_regular_faces(vertices * 1e3, triangles)
 
 
-def _cut(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
+def _cut_mesh(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
     # Cut a body in millimetres, closed where it is cut
     vertices, triangles = mesh
     left = cut(
@@ -79,17 +79,19 @@ def _cut_box(mesh: Arrays, half_width: float, centre: tuple[float, float, float]
     box = manifold3d.Manifold.cube([2e3 * half_width] * 3, True).translate(
         [1e3 * c for c in centre]
     )
-    return _cut(mesh, lambda solid: solid ^ box)
+    return _cut_mesh(mesh, lambda solid: solid ^ box)
 
 
 def _cut_open(meshes: Sequence[Arrays]) -> list[Polydata]:
     # Cut parts of several bodies open, so that what is inside can be seen
     if len(meshes) == 1:
         return [_make_polydata(*meshes[0])]
-    return [_cut(mesh, lambda solid: solid.trim_by_plane((0.0, 1.0, 0.0), 0.0)) for mesh in meshes]
+    return [
+        _cut_mesh(mesh, lambda solid: solid.trim_by_plane((0.0, 1.0, 0.0), 0.0)) for mesh in meshes
+    ]
 
 
-def write_view(
+def write_view_script(
     path: Path,
     identity: str,
     meshes: Sequence[Arrays],

@@ -143,7 +143,7 @@ def build_sets(
     learned = read_model(Path(model)) if model else None
     report = BuildReport(str(folder))
     with lock_folder(folder):
-        _require_folder(folder, sets)
+        _require_safe_output(folder, sets)
         selected = select_stimuli(sets, only)
         wanted = _find_outdated(selected, folder, code)
         report.current = len(selected) - len(wanted)
@@ -185,7 +185,7 @@ def _list_sources(files: Source | Sequence[Source] | None) -> list[Path | Stimul
     return found
 
 
-def _require_folder(output: Path, sets: Sequence[StimulusSet]) -> None:
+def _require_safe_output(output: Path, sets: Sequence[StimulusSet]) -> None:
     if not os.access(output, os.W_OK):
         raise PipelineError(f"the output folder must be writable [{output}]")
     for name in (
@@ -295,7 +295,7 @@ def check_output(
         If a stimulus file is malformed, the folder is missing, or nothing matches.
     """
     from stepblocks.artefacts.check import check_artefact
-    from stepblocks.build.make import checked_files
+    from stepblocks.build.make import list_checkable_files
     from stepblocks.declare import load_set
 
     folder = Path(output)
@@ -306,7 +306,7 @@ def check_output(
 
     def check() -> Iterator[tuple[str, list[Verdict]]]:
         for stimuli, stimulus in selected:
-            for path in checked_files(stimulus, folder / stimuli.name / stimulus.id):
+            for path in list_checkable_files(stimulus, folder / stimuli.name / stimulus.id):
                 yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
         for stimuli in sets if only is None else ():
             name = f"{stimuli.name}/predictions.csv"

@@ -103,16 +103,18 @@ def revolve(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) ->
     return cq.Solid.revolve(_make_wire(outline), [], angle, _make_vector(foot), _make_vector(end))
 
 
-def _place(outline: Outline, place: Callable[[float, float], Point]) -> Outline:
+def _lift_outline(outline: Outline, lift: Callable[[float, float], Point]) -> Outline:
     # Lift a plane outline into space
-    return [_place(item, place) if isinstance(item[0], tuple) else place(*item) for item in outline]
+    return [
+        _lift_outline(item, lift) if isinstance(item[0], tuple) else lift(*item) for item in outline
+    ]
 
 
 def turn(outline: Outline, origin: Point) -> Body:
     """Turn an outline given in radius and height about a vertical axis."""
     x, y, z = origin
     return revolve(
-        _place(outline, lambda radius, height: (x + radius, y, z + height)),
+        _lift_outline(outline, lambda radius, height: (x + radius, y, z + height)),
         origin,
         (0.0, 0.0, 1e-3),
     )
@@ -120,7 +122,7 @@ def turn(outline: Outline, origin: Point) -> Body:
 
 def make_prism(outline: Outline, width: float) -> Body:
     """Extrude an outline given in x and z along y, half of the width to either side."""
-    return extrude(_place(outline, lambda x, z: (x, -0.5 * width, z)), (0.0, width, 0.0))
+    return extrude(_lift_outline(outline, lambda x, z: (x, -0.5 * width, z)), (0.0, width, 0.0))
 
 
 def _require_single(shape: Body, what: str) -> Body:
