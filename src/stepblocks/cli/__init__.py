@@ -143,7 +143,7 @@ def _prepare_process() -> None:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             is_default = signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
             if is_default:  # not under nohup
-                signal.signal(number, _end)
+                signal.signal(number, _exit_on_signal)
 
 
 def _describe_error(error: Exception) -> tuple[str, int]:
@@ -179,7 +179,7 @@ def _keep_details(error: Exception) -> str:
     return f"{message} (please send {file.name})"
 
 
-def _end(number: int, _: object) -> NoReturn:
+def _exit_on_signal(number: int, _: object) -> NoReturn:
     kill_workers()
     # where a library waits for a worker that is no more
     late = threading.Timer(_GRACE, os._exit, (128 + number,))

@@ -245,7 +245,7 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
         written[:] = sorted(
             path for path in _list_files(place) if before.get(path) != _read_stamp(path)
         )
-        _remember(folder, known, [*written, *kept])
+        _record_hashes(folder, known, [*written, *kept])
 
 
 def _list_files(place: Path) -> list[Path]:
@@ -266,7 +266,7 @@ def _read_hashes(file: Path, key: str) -> dict[str, str]:
         return {}
 
 
-def _remember(folder: Path, known: Mapping[str, str], written: Sequence[Path]) -> None:
+def _record_hashes(folder: Path, known: Mapping[str, str], written: Sequence[Path]) -> None:
     # Keep the hashes of what was written, but for the files that a build's manifest names
     from stepblocks.atomic import replace_text
     from stepblocks.build.manifest import hash_file
