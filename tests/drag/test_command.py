@@ -259,8 +259,8 @@ def test_an_identity_in_two_sets_must_be_told_apart(tmp_path):
     for name in ("one", "two"):
         (tmp_path / f"{name}.toml").write_text(text.replace('set = "paper-ten"', f'set = "{name}"'))
     with pytest.raises(PipelineError, match="is several: one/step-050, two/step-050"):
-        resolve_subject("step-050", {}, where=tmp_path)
-    assert resolve_subject("two/step-050", {}, where=tmp_path).face == Step(50e-6)
+        resolve_subject("step-050", {}, stimuli=tmp_path)
+    assert resolve_subject("two/step-050", {}, stimuli=tmp_path).face == Step(50e-6)
 
 
 def test_a_profile_in_millimetres_is_the_profile_in_micrometres(tmp_path):

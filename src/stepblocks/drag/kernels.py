@@ -39,7 +39,7 @@ def return_no_friction(speed: float, load: float, place: float, time: float) -> 
 
 
 @njit(cache=True, inline="always")
-def _press(
+def _compute_contact_force(
     gap: float,
     s: float,
     bend: float,
@@ -200,10 +200,14 @@ def integrate(
                     s2 = s0 + step * (2.0 * b0 + 3.0 * step * e0)
                     q2 = 1.0 / math.sqrt(1.0 + s2 * s2)
                     bend2 = 2.0 * b0 + 6.0 * step * e0
-                    fx2, fy2, n2, d2 = _press(gap2, s2, bend2, q2, vx, vy, kn, power, loss)
+                    fx2, fy2, n2, d2 = _compute_contact_force(
+                        gap2, s2, bend2, q2, vx, vy, kn, power, loss
+                    )
         if gap > 0.0:
             q1 = 1.0 / math.sqrt(1.0 + sx * sx)
-            fx1, fy1, n1, d1 = _press(gap, sx, 2.0 * k2 + 6.0 * d * k3, q1, vx, vy, kn, power, loss)
+            fx1, fy1, n1, d1 = _compute_contact_force(
+                gap, sx, 2.0 * k2 + 6.0 * d * k3, q1, vx, vy, kn, power, loss
+            )
         # ---- friction of both contacts; a contact that has parted lets go of its bristle
         t = n * dt
         t1 = t2 = 0.0

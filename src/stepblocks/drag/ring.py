@@ -90,7 +90,7 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
     end = cut.release_time + 2.0 / trace.probe.frequency
     first = swing[: max(np.searchsorted(time, end), _FEWEST)]
     amplitude = max(level - float(first.min()), 0.0)
-    loud = np.flatnonzero(np.abs(swing - _find_settled(cut)) > _QUIET * amplitude)
+    loud = np.flatnonzero(np.abs(swing - _measure_settled_force(cut)) > _QUIET * amplitude)
     duration = float(time[loud[-1]] - cut.release_time) if loud.size else 0.0
     hard = trace.probe.hardening > 0.0
     energy = trace.probe.energy(level - amplitude, level) if hard else trace.probe.energy(amplitude)
@@ -131,7 +131,7 @@ def compute_phase_spectrum(
     if phase not in ("loading", "vibration"):
         raise ContactError(f"phase must be loading or vibration, got {phase!r}")
     cut = _cut_ring(trace, trace.asked)
-    begin = _find_fall(cut)
+    begin = _find_fall_time(cut)
     # the loading begins where the place before lets go
     before = trace.events[trace.asked - 1].released_s if trace.asked > 0 else -math.inf
     loading = (time < trace.release_time) & (time > before)
@@ -148,10 +148,10 @@ def compute_phase_spectrum(
 def _find_decay_time(cut: DragTrace) -> float:
     # Time after the fall in which the greatest deviation of each half period sinks to 1/e of the
     # first [s]
-    force = cut.column("fx_n")[cut.column("time_s") >= _find_fall(cut)]
+    force = cut.column("fx_n")[cut.column("time_s") >= _find_fall_time(cut)]
     rate = cut.settings.sample_rate
     half = max(round(0.5 * rate / cut.probe.frequency), 2)
-    swings = np.abs(force[: force.size // half * half] - _find_settled(cut))
+    swings = np.abs(force[: force.size // half * half] - _measure_settled_force(cut))
     swings = swings.reshape(-1, half).max(axis=1)
     below = np.flatnonzero(swings <= swings[:1] / math.e)
     if below.size == 0 or below[0] == 0:
@@ -163,7 +163,7 @@ def _find_decay_time(cut: DragTrace) -> float:
     return (last - 1 + min(part, 1.0)) * half / rate
 
 
-def _find_settled(cut: DragTrace) -> float:
+def _measure_settled_force(cut: DragTrace) -> float:
     # Mean pull over the last whole periods, so that a ring that still goes on averages out [N]
     time, force = cut.column("time_s"), cut.column("fx_n")
     span = 0.25 * (time[-1] - cut.release_time)
@@ -172,7 +172,7 @@ def _find_settled(cut: DragTrace) -> float:
     return float(force[-count - 1 : -1].mean())
 
 
-def _find_fall(cut: DragTrace) -> float:
+def _find_fall_time(cut: DragTrace) -> float:
     # First time after the release at which the pull is down at that of sliding [s]
     below = np.flatnonzero(cut.column("fx_n") <= cut.settings.sliding_force)
     return float(cut.column("time_s")[below[0]]) if below.size else cut.release_time

@@ -126,14 +126,14 @@ class DragTrace:
     @property
     def ledger_error(self) -> float:
         """Open share of the ledger of the whole drag, over the greatest of its entries [1]."""
-        return _open_share(np.array([self.ledger[name] for name in kernels.LEDGER]))
+        return _compute_unexplained_share(np.array([self.ledger[name] for name in kernels.LEDGER]))
 
     def column(self, name: str) -> NDArray[np.float64]:
         """One column of the trace by its name, such as ``"fx_n"``."""
         return self.rows[:, kernels.COLUMNS.index(name)]
 
 
-def _open_share(ledger: NDArray[np.float64], least: float = 1e-300) -> float:
+def _compute_unexplained_share(ledger: NDArray[np.float64], least: float = 1e-300) -> float:
     # Part of a ledger that its entries do not account for, over the greatest of them or `least` [1]
     return float(abs(ledger[0] - ledger[1:].sum()) / max(np.abs(ledger).max(), least))
 
@@ -235,7 +235,7 @@ def simulate_drag(
         1.02 * mu_s * settings.normal_load + settings.tissue_friction
     ):
         return trace
-    return _choose_answer(trace, wanted, places, needed)
+    return _report_asked_place(trace, wanted, places, needed)
 
 
 def _list_events(
@@ -262,12 +262,12 @@ def _list_events(
             caught_s=low_time,
             released_s=time if math.isfinite(pull) else behind,
             pull_n=pull if math.isfinite(pull) else math.nan,
-            ledger_error=_open_share(row[7:] - before, least),
+            ledger_error=_compute_unexplained_share(row[7:] - before, least),
         )
         before = row[7:]
 
 
-def _choose_answer(
+def _report_asked_place(
     trace: DragTrace, wanted: int, places: CatchPlaces, needed: NDArray[np.float64]
 ) -> DragTrace:
     # Give the trace the status and the figures of the place that was asked about

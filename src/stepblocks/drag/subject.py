@@ -37,7 +37,7 @@ def resolve_subject(
     given: str | Path | Counterface | Scanned,
     values: Mapping[str, float],
     backward: bool = False,
-    where: Path | None = None,
+    stimuli: Path | None = None,
 ) -> Subject:
     """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
     if not isinstance(given, (str, Path)):
@@ -65,7 +65,7 @@ def resolve_subject(
     try:
         height = parse_quantity(str(given), "length")
     except QuantityError:
-        return _drag_declared_part(*_find(str(given), where), values, backward)
+        return _resolve_declared_part(*_find_declared_part(str(given), stimuli), values, backward)
     face = Step(height, values.get("edge_radius", 0.0))
     return Subject(
         f"a step of {format_quantity(height, 'length')}", face, change_point(PAPER, values)
@@ -82,7 +82,7 @@ def _read_profile(given: object) -> Profile:
     return Profile.from_scan(cast(Scanned, given))
 
 
-def _drag_declared_part(
+def _resolve_declared_part(
     stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool
 ) -> Subject:
     # Drag over a part, or with it, under the first tip, load, friction and step of its set unless
@@ -128,15 +128,15 @@ def change_point(point: OperatingPoint, values: Mapping[str, float]) -> Operatin
     return replace(point, tool=replace(point.tool, **of_tool), **moved)  # type: ignore[arg-type]
 
 
-def _find(text: str, where: Path | None) -> tuple[StimulusSet, Part]:
+def _find_declared_part(text: str, stimuli: Path | None) -> tuple[StimulusSet, Part]:
     # Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``
     head, _, identity = text.rpartition("/")
     if head.endswith(".toml"):
         files, wanted = [Path(head)], identity
-    elif where is None and not Path("stimuli").is_dir():
+    elif stimuli is None and not Path("stimuli").is_dir():
         raise PipelineError(f"{_WANTED}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     else:
-        files, wanted = find_stimulus_files(where), text
+        files, wanted = find_stimulus_files(stimuli), text
     sets = [load_set(file) for file in files]
     found = [
         (one, part)
