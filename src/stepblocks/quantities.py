@@ -251,8 +251,10 @@ def format_column(values: Sequence[object]) -> list[str]:
     except ValueError:
         return list(map(format_units, texts))
     if all(number.is_integer() or math.isnan(number) for number in numbers):
-        each = zip(texts, numbers, strict=True)
-        return [text.removesuffix(".0") if number == number else "-" for text, number in each]
+        return [
+            text.removesuffix(".0") if number == number else "-"
+            for text, number in zip(texts, numbers, strict=True)
+        ]
     return [format_number(number) for number in numbers]
 
 

@@ -64,12 +64,13 @@ def list_checkable_files(stimulus: Part, folder: Path) -> list[Path]:
     """List the artefacts of a stimulus that can be checked."""
     from stepblocks.artefacts.meshes.write import MESH_FORMATS
 
-    names = [f"{stimulus.id}.step"]
-    names += [body + ending for body in stimulus.bodies for ending in MESH_FORMATS]
-    names.append(f"{stimulus.id}.convex.obj")
-    if stimulus.has_working_faces:
-        names += [f"{stimulus.id}.heightfield.tiff", f"{stimulus.id}.heightfield.npz"]
-    names += [f"{stimulus.id}.png", "specification.json"]
+    fields = ("heightfield.tiff", "heightfield.npz") if stimulus.has_working_faces else ()
+    names = (
+        f"{stimulus.id}.step",
+        *(body + ending for body in stimulus.bodies for ending in MESH_FORMATS),
+        *(f"{stimulus.id}.{ending}" for ending in ("convex.obj", *fields, "png")),
+        "specification.json",
+    )
     return [folder / name for name in names]
 
 

@@ -96,17 +96,19 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
         for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")
     ]
     rows = [row for section in sets for row in section["rows"]]
-    values = {
-        "total": len(rows),
-        "failed": sum(bool(row["failed"]) for row in rows),
-        "checks": sum(len(row["verdicts"]) for row in rows),
-        "kinds": sorted({row["kind"] for row in rows}),
-        "links": links[""],
-        "shown": _SHOWN,
-    }
-    replace_text(
-        page, render_page("stepblocks.build", "index.html", sections=sets, rows=rows, **values)
+    text = render_page(
+        "stepblocks.build",
+        "index.html",
+        sections=sets,
+        rows=rows,
+        total=len(rows),
+        failed=sum(bool(row["failed"]) for row in rows),
+        checks=sum(len(row["verdicts"]) for row in rows),
+        kinds=sorted({row["kind"] for row in rows}),
+        links=links[""],
+        shown=_SHOWN,
     )
+    replace_text(page, text)
     return [script, page]
 
 
@@ -130,8 +132,9 @@ def _describe_section(section: Section, links: Mapping[str, Sequence[Sequence[st
             "material": material.designation if material else "",
             "colour": _MATERIALS.get(material.name if material else "", "#b9c4ce"),
         }
-        same = {name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")}
-        rows.append(row | same)
+        rows.append(
+            row | {name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")}
+        )
     return {
         **{"name": stimuli.name, "title": stimuli.title, "source": stimuli.source, "rows": rows},
         **{"figure": _compute_curves(stimuli), "files": section.files},
@@ -202,14 +205,16 @@ def _compute_curves(stimuli: StimulusSet) -> str | None:
         f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks; no energy "
         f"beyond {most:g} N ({limit})"
     )
-    content = {
-        "title": title,
-        "names": [block.id for block in blocks],
-        "curves": curves,
-        "locking": [height * 1e6 if height < 1.02 * top else None for height in locking],
-        "highest": top * 1e6,
-    }
-    return json.dumps(content, allow_nan=False)
+    return json.dumps(
+        {
+            "title": title,
+            "names": [block.id for block in blocks],
+            "curves": curves,
+            "locking": [height * 1e6 if height < 1.02 * top else None for height in locking],
+            "highest": top * 1e6,
+        },
+        allow_nan=False,
+    )
 
 
 def _round_to_six_digits(values: Iterable[float]) -> list[float]:

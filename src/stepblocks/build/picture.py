@@ -52,8 +52,11 @@ def draw_part(
         )
         _show(plotter, _cut_open(whole), caption)
         plotter.subplot(0, 1)
-        close = [_cut_box(mesh, half_width, centre) for mesh in meshes]
-        _show(plotter, close, f"true scale, {2e6 * half_width:.4g} µm wide")
+        _show(
+            plotter,
+            [_cut_box(mesh, half_width, centre) for mesh in meshes],
+            f"true scale, {2e6 * half_width:.4g} µm wide",
+        )
         plotter.screenshot(str(path), return_img=False)
     finally:
         plotter.close()

@@ -152,11 +152,6 @@ def compute_volume(body: Body) -> float:
     return float(body.Volume()) / _MM**3
 
 
-def _find_corners(shape: Body) -> NDArray[np.float64]:
-    box = shape.BoundingBox()
-    return np.array([[box.xmin, box.ymin, box.zmin], [box.xmax, box.ymax, box.zmax]]) / _MM
-
-
 def describe_faces(body: Body) -> tuple[Face, ...]:
     """Describe the faces of a body."""
     described = []
@@ -164,7 +159,9 @@ def describe_faces(body: Body) -> tuple[Face, ...]:
         kind, adaptor = str(face.geomType()), face._geomAdaptor()
         shape = {"SPHERE": "Sphere", "CYLINDER": "Cylinder"}.get(kind)
         radius = float(getattr(adaptor, shape)().Radius()) / _MM if shape else math.nan
-        low, high = (tuple(corner) for corner in _find_corners(face).tolist())
+        box = face.BoundingBox()
+        low = box.xmin / _MM, box.ymin / _MM, box.zmin / _MM
+        high = box.xmax / _MM, box.ymax / _MM, box.zmax / _MM
         described.append(Face(kind, radius, low, high))
     return tuple(described)
 

@@ -70,8 +70,9 @@ def new(
         text, then = write_beginning(thing, place)
         texts = {place: text}
     _write_new(texts, force=force)
-    record = {"written": str(place), "then": then}
-    return Outcome(f"{place}: change it, then run: {then}", record=record)
+    return Outcome(
+        f"{place}: change it, then run: {then}", record={"written": str(place), "then": then}
+    )
 
 
 def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
@@ -101,8 +102,10 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
         )
     _write_new(texts, force=force)
     then = f"stepblocks build {folder}"
-    record = {"written": list(map(str, texts)), "then": then}
-    return Outcome(f"{len(texts)} files in {folder}: {then}", record=record)
+    return Outcome(
+        f"{len(texts)} files in {folder}: {then}",
+        record={"written": list(map(str, texts)), "then": then},
+    )
 
 
 def write_beginning(thing: str, place: Path) -> tuple[str, str]:
@@ -179,6 +182,9 @@ def print_completion(
     """
     from typer.completion import get_completion_script
 
-    names = {"prog_name": "stepblocks", "complete_var": "_STEPBLOCKS_COMPLETE"}
-    print(get_completion_script(**names, shell=shell))
+    print(
+        get_completion_script(
+            prog_name="stepblocks", complete_var="_STEPBLOCKS_COMPLETE", shell=shell
+        )
+    )
     return Outcome("")

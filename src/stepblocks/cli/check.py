@@ -56,8 +56,12 @@ def check(
     summary = f"{count} artefacts, all within tolerance"
     if failed:
         summary = f"{len(failed)} of {count} artefacts out of tolerance: {', '.join(failed)}"
-    record = {"artefacts": count, "failed": failed, "measurements": records}
-    return Outcome(summary, notes=rows, record=record, code=1 if failed else 0)
+    return Outcome(
+        summary,
+        notes=rows,
+        record={"artefacts": count, "failed": failed, "measurements": records},
+        code=1 if failed else 0,
+    )
 
 
 def _check_step_files(paths: list[Path]) -> Outcome:

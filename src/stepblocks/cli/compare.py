@@ -48,8 +48,13 @@ def compare(
     """
     from stepblocks.simulators.compare import compare_record
 
-    options = given(ball_radius=tip_radius, normal_load=load, friction=friction)
-    found = compare_record(record, to, output, backward=backward, **options)
+    found = compare_record(
+        record,
+        to,
+        output,
+        backward=backward,
+        **given(ball_radius=tip_radius, normal_load=load, friction=friction),
+    )
     return Outcome(
         f"{found['difference_jnd'].iloc[-1]:.3g} just noticeable differences from {to.name}, all "
         "parts together",

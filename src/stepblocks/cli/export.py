@@ -147,5 +147,6 @@ def _list_devices(own: Path | None) -> Outcome:
         }
         for one in load_devices(own)
     ]
-    summary = f"{len(rows)} devices; sources stand in simulators/devices.toml"
-    return Outcome(summary, {"devices": rows})
+    return Outcome(
+        f"{len(rows)} devices; sources stand in simulators/devices.toml", {"devices": rows}
+    )

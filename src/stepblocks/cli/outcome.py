@@ -191,13 +191,14 @@ def make_progress(label: str, *, quiet: bool, lines: int = 0) -> Callable[..., N
         TimeRemainingColumn,
     )
 
-    columns = (
+    bar = Progress(
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
         TextColumn("{task.description}", markup=False),
+        console=Console(stderr=True),
+        transient=True,
     )
-    bar = Progress(*columns, console=Console(stderr=True), transient=True)
     task = bar.add_task(label, total=None)
     atexit.register(bar.stop)  # also where the command fails: a terminal must get its cursor back
 

@@ -105,8 +105,7 @@ def predict(
     rings = {
         f"ring of the probe of {one.name}": found for one in sets if (found := tabulate_rings(one))
     }
-    record = {"predictions": rows, **rings}
-    return Outcome(summary, {**tables, **rings}, notes=notes, record=record)
+    return Outcome(summary, {**tables, **rings}, notes=notes, record={"predictions": rows, **rings})
 
 
 def _format_rows(by_name: "dict[str, tuple[Prediction, ...]]") -> list[dict[str, str]]:
@@ -153,12 +152,11 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
         raise PipelineError(f"expected one CSV table, got {', '.join(map(str, files)) or 'none'}")
     if output is None:
         raise PipelineError(f"-o must name the CSV to write [{files[0]}]")
-    if model is None:
-        from stepblocks.predict.table import predict_table
+    from stepblocks.predict.table import predict_table, predict_trials
 
+    if model is None:
         return Outcome(f"{output}: {len(predict_table(files[0], output))} predictions")
     from stepblocks.loop.session_table import read_trial_table
-    from stepblocks.predict.table import predict_trials
 
     trials = read_trial_table(files[0]) if files[0].is_dir() else files[0]
     status = predict_trials(trials, model, output)["status"]

@@ -300,8 +300,9 @@ class Block(Part):
         )
         label, left = "left hole from the left side", describe_plane(0, -half)
         yield make_location("hole_position", label, half + at, left, hole)
-        front = describe_plane(1, -side)
-        yield make_location("hole_row", "holes from the front", side, front, hole)
+        yield make_location(
+            "hole_row", "holes from the front", side, describe_plane(1, -side), hole
+        )
 
     def require_engravable(self) -> Iterator[str]:
         """Refuse an identity that does not fit the front, and stock that is too small."""

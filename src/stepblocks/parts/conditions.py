@@ -92,8 +92,11 @@ class PredictionGrid(Table):
 
     def as_tool(self) -> Tool:
         """Return the declared tool, with the tolerance of its ring and its limits."""
-        limits = Limits(**{name: one.value for name, one in self.limits})
-        return Tool(**dict(self.tool), frequency_deviation=self.tolerances.frequency, limits=limits)
+        return Tool(
+            **dict(self.tool),
+            frequency_deviation=self.tolerances.frequency,
+            limits=Limits(**{name: one.value for name, one in self.limits}),
+        )
 
     def first_point(self, **other: Any) -> OperatingPoint:
         """Return the first of the conditions; keywords replace fields of it."""

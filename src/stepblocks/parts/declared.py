@@ -235,9 +235,12 @@ def find_material(raw: object) -> object:
             f"must be one of {', '.join(MATERIALS)}, or a designation such as '440C, hardened "
             f"and tempered, 58 HRC', got {raw!r}"
         )
-    known = ((value, table) for grade, value, table in _GRADES if re.search(grade, raw))
     density = next(
-        (Sourced(value, "density", f"EN 10088-1:2014, table {table}") for value, table in known),
+        (
+            Sourced(value, "density", f"EN 10088-1:2014, table {table}")
+            for grade, value, table in _GRADES
+            if re.search(grade, raw)
+        ),
         None,
     )
     said = "stainless steel, grade not stated" if raw == "stainless" else raw

@@ -30,20 +30,15 @@ def _outline_glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
     advance -= float(TextPath((0.0, 0.0), "|", size=size, prop=font).vertices[:, 0].max())
     if character.isspace():
         return advance, ()  # matplotlib makes no path of nothing
-    rings = [
-        np.asarray(ring)[:-1]
-        for ring in TextPath((0.0, 0.0), character, size=size, prop=font).to_polygons()
-    ]
     shape = shapely.Polygon()
-    for ring in rings:  # even-odd: a ring inside another is its hole
-        shape = shape.symmetric_difference(shapely.Polygon(ring))
+    # even-odd: a ring inside another is its hole
+    for ring in TextPath((0.0, 0.0), character, size=size, prop=font).to_polygons():
+        shape = shape.symmetric_difference(shapely.Polygon(np.asarray(ring)[:-1]))
     shape = shapely.simplify(shape, _FLATNESS, preserve_topology=True)
-    polygons = []
-    for part in map(shapely.orient_polygons, getattr(shape, "geoms", [shape])):
-        polygons.append(
-            tuple(np.asarray(line.coords)[:-1] for line in (part.exterior, *part.interiors))
-        )
-    return advance, tuple(polygons)
+    return advance, tuple(
+        tuple(np.asarray(line.coords)[:-1] for line in (part.exterior, *part.interiors))
+        for part in map(shapely.orient_polygons, getattr(shape, "geoms", [shape]))
+    )
 
 
 def compute_text_width(text: str, height: float) -> float:

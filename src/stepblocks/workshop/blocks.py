@@ -17,8 +17,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
     k, (tx, ty) = 1e3 * scale, TOP_VIEW
     hy, right = 0.5e3 * scale * block.body.width.nominal, tx + 0.5 * k * block.body.length.nominal
     sheet.line((tx, ty - hy), (tx, ty + hy))
-    tip = tx, ty - 0.35 * hy
-    sheet.leader(tip, (right + 20.0, ty - 0.25 * hy), "working edge, detail A")
+    sheet.leader((tx, ty - 0.35 * hy), (right + 20.0, ty - 0.25 * hy), "working edge, detail A")
     _draw_step_detail(sheet, block)
     lines = [
         "Step (1): distance of two parallel planes fitted to both faces, flanks excluded;",
@@ -40,8 +39,11 @@ def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
     hy = 0.5 * margin.body.width.nominal * k
     for x in (0.0, margin.marginal_gap.nominal * k):
         sheet.line((tx + x, ty - hy), (tx + x, ty + hy))
-    text_at = (tx + 0.5 * margin.body.length.nominal * k + 20.0, ty + 0.4 * hy)
-    sheet.leader((tx, ty + 0.3 * hy), text_at, "margin, detail A")
+    sheet.leader(
+        (tx, ty + 0.3 * hy),
+        (tx + 0.5 * margin.body.length.nominal * k + 20.0, ty + 0.4 * hy),
+        "margin, detail A",
+    )
     _draw_margin_detail(sheet, margin)
     return ["Edges of the margin without burr; do not break them."]
 
@@ -64,8 +66,9 @@ def _draw_feature(sheet: Sheet, block: StepBlock, feature: MetrologyFeature, sca
     right = tx + 0.5 * block.body.length.nominal * k
     ends, long = [(tx + far, ty + low), (tx + far, ty + hy)], f"{feature.kind}_length"
     sheet.dimension(long, ends[0], ends[1], (right + 10.0, ty), scale, upright=True)
-    beyond = right + 20.0, ty + low + 6.0
-    sheet.leader((tx + far, ty + low + 2.0), beyond, f"{feature.kind}, detail B")
+    sheet.leader(
+        (tx + far, ty + low + 2.0), (right + 20.0, ty + low + 6.0), f"{feature.kind}, detail B"
+    )
 
 
 def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
@@ -110,8 +113,16 @@ def _draw_groove_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatur
     zs, xs = choose_scale(40.0 / (H * 1e3)), choose_scale(30.0 / (W * 1e3))
     top, half = cz + H * 1e3 * zs, 0.5 * W * 1e3 * xs
     outside, inside = (top, cz) if kind == "groove" else (cz, top)
-    across = [(cx - 40.0, outside), (cx - half, outside), (cx - half, inside)]
-    sheet.polyline([*across, (cx + half, inside), (cx + half, outside), (cx + 40.0, outside)])
+    sheet.polyline(
+        [
+            (cx - 40.0, outside),
+            (cx - half, outside),
+            (cx - half, inside),
+            (cx + half, inside),
+            (cx + half, outside),
+            (cx + 40.0, outside),
+        ]
+    )
     for x in (cx - 40.0, cx + 40.0):
         sheet.break_line(x, cz - 8.0, outside)
     # the text of a narrow width stands on the right, so the depth stands on the left
@@ -143,8 +154,14 @@ def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
         sheet.line((cx, floor), (wall, floor))
     sheet.dimension("marginal_gap", (cx, floor + 8.0), (wall, floor + 8.0), (cx, floor - 12.0), s)
     if sheet.listed["horizontal_discrepancy"][1].nominal > 0.0:
-        ends = (cx - 30.0, cz), (cx + 62.0, level)
-        sheet.dimension("horizontal_discrepancy", *ends, (cx - 40.0, cz), s, upright=True)
+        sheet.dimension(
+            "horizontal_discrepancy",
+            (cx - 30.0, cz),
+            (cx + 62.0, level),
+            (cx - 40.0, cz),
+            s,
+            upright=True,
+        )
     top = max(cz, level)
     beyond = max(cx + 18.0, wall + 8.0)
     if (

@@ -41,12 +41,17 @@ def _draw_front(sheet: Sheet, body: Body, identity: str, scale: float) -> None:
     )
     if body.engraving is not None:
         _draw_letters(sheet, body.engraving, identity, (fx, fz - 0.5 * t), fx + half, k)
-    corner = left + 0.5 * c, fz - 0.5 * c
-    sheet.leader(corner, (left + 6.0, fz + 7.0), "{} x 45°, all other edges", "edge_break")
+    sheet.leader(
+        (left + 0.5 * c, fz - 0.5 * c),
+        (left + 6.0, fz + 7.0),
+        "{} x 45°, all other edges",
+        "edge_break",
+    )
     base = fz - t
     sheet.datum((fx + half - 14.0, base), "B")
-    frame = sheet.frame("flatness_base", (fx + half + 6.0, base - 12.0))
-    sheet.point_to((fx + half - 5.0, base), frame)
+    sheet.point_to(
+        (fx + half - 5.0, base), sheet.frame("flatness_base", (fx + half + 6.0, base - 12.0))
+    )
     sheet.text((fx - 10.0, base - 10.0), f"front {scale:g}:1", 2.5, "BOTTOM_CENTER")
 
 
@@ -97,12 +102,12 @@ def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> N
         sheet.line((tx + x - hole - 3.0, ty), (tx + x + hole + 3.0, ty), "CENTRE")
         sheet.line((tx + x, ty - hole - 3.0), (tx + x, ty + hole + 3.0), "CENTRE")
     left, below, foot = tx - hx, ty - hy, ty - hole
-    ends = (tx - half, foot), (tx + half, foot)
-    sheet.dimension("hole_spacing", *ends, (tx, below - 19.0), scale)
-    ends = (left, below + c), (tx - half, foot)
-    sheet.dimension("hole_position", *ends, (tx, below - 10.0), scale, before=True)
-    ends = (left + c, below), (tx - half, ty)
-    sheet.dimension("hole_row", *ends, (left - 24.0, ty), scale, upright=True)
+    near, corner = (tx - half, foot), (left + c, below)
+    sheet.dimension("hole_spacing", near, (tx + half, foot), (tx, below - 19.0), scale)
+    sheet.dimension(
+        "hole_position", (left, below + c), near, (tx, below - 10.0), scale, before=True
+    )
+    sheet.dimension("hole_row", corner, (tx - half, ty), (left - 24.0, ty), scale, upright=True)
     tip, elbow = (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.65 * hy)
     made = f"{mounting.thread}-6H" if mounting.kind == "tapped" else f"for {mounting.thread}"
     sheet.leader(tip, elbow, f"2 x {made}, section C")
@@ -129,8 +134,12 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
         sheet.break_line(x + side * half, base, top)
         if tapped:
             point = drill / math.tan(0.5 * DRILL_POINT)
-            wall = [(entry, base), (drill, base + entry - drill), (drill, base + deep)]
-            outline = [*wall, (0.0, base + deep + point)]
+            outline = [
+                (entry, base),
+                (drill, base + entry - drill),
+                (drill, base + deep),
+                (0.0, base + deep + point),
+            ]
             full = base + mounting.thread_depth * k
             sheet.line((x + side * entry, base), (x + side * entry, full), "DIMENSION")
             sheet.line((x, full), (x + side * entry, full))
@@ -145,17 +154,26 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
     sheet.text((x, base - 8.0), f"C   {scale:g}:1", 2.5, "BOTTOM_CENTER")
     elbow = x - half - 5.0, base + 0.5 * (top - base)
     if tapped:
-        tip = x - entry, base + 0.4 * mounting.thread_depth * k
-        sheet.leader(tip, elbow, f"{mounting.thread}-6H, thread {{}} deep", "thread")
+        sheet.leader(
+            (x - entry, base + 0.4 * mounting.thread_depth * k),
+            elbow,
+            f"{mounting.thread}-6H, thread {{}} deep",
+            "thread",
+        )
         at = elbow[0] - 5.0, elbow[1] - 6.0
         sheet.text(at, f"core ⌀{mounting.hole_diameter * 1e3:g}, 6H of ISO 965-1", 2.5, "RIGHT")
     else:
-        said = f"⌀{2e3 * drill / k:g} through, counterbored ⌀{2e3 * entry / k:g}"
-        sheet.leader((x - drill, base + 3.0), elbow, said)
+        sheet.leader(
+            (x - drill, base + 3.0),
+            elbow,
+            f"⌀{2e3 * drill / k:g} through, counterbored ⌀{2e3 * entry / k:g}",
+        )
 
 
 def _list_octagon(low: Point, high: Point, cut: float) -> list[Point]:
     # Corners of a rectangle with broken edges, from the left end of its lower side
     (x0, z0), (x1, z1) = low, high
-    sides = [(x0 + cut, z0), (x1 - cut, z0), (x1, z0 + cut), (x1, z1 - cut)]
-    return [*sides, (x1 - cut, z1), (x0 + cut, z1), (x0, z1 - cut), (x0, z0 + cut)]
+    return [
+        *((x0 + cut, z0), (x1 - cut, z0), (x1, z0 + cut), (x1, z1 - cut)),
+        *((x1 - cut, z1), (x0 + cut, z1), (x0, z1 - cut), (x0, z0 + cut)),
+    ]

@@ -54,15 +54,15 @@ def write_drawing(
 
 
 def _list_order_fields(order: OrderSpec) -> dict[str, str]:
-    said = {
-        "drawn by": order.author,
-        "approved by": order.approved_by,
-        "owner": order.owner,
-        "date": order.date,
-        "revision": order.revision,
+    return {
+        "drawn by": order.author or "-",
+        "approved by": order.approved_by or "-",
+        "owner": order.owner or "-",
+        "date": order.date or "-",
+        "revision": order.revision or "-",
+        "quantity": str(order.quantity),
+        "sheet": "1 of 1",
     }
-    stated = {name: text or "-" for name, text in said.items()}
-    return {**stated, "quantity": str(order.quantity), "sheet": "1 of 1"}
 
 
 def write_series_drawing(
@@ -101,12 +101,14 @@ def draw_part_sheet(
         name, place, blocks = series
         sheet.letters = dict.fromkeys(("step_height", "groove_depth", "ridge_height"), "H")
         told |= {"identity": f"{name.upper()}, series", "mass": "-", "sheet": place}
-        heights = [(one.id.upper(), one.height) for one in blocks]
-        listed = [
-            (identity, format_limits(one.nominal, one.lower, one.upper))
-            for identity, one in heights
+        heights = [
+            (
+                one.id.upper(),
+                format_limits(one.height.nominal, one.height.lower, one.height.upper),
+            )
+            for one in blocks
         ]
-        sheet.table((150.0, 84.0), [("identity, engraved", "H"), *listed], (42.0, 30.0))
+        sheet.table((150.0, 84.0), [("identity, engraved", "H"), *heights], (42.0, 30.0))
     draw = next((VIEWS[kind] for kind in type(stimulus).__mro__ if kind in VIEWS), None)
     notes, governing = (
         draw(sheet, stimulus) if draw else [],
@@ -127,8 +129,10 @@ def draw_part_sheet(
     lines += [(note, "") for note in notes]
     rows = min(len(lines), _MOST_ROWS)
     for start in range(0, len(lines), _MOST_ROWS):  # the columns of a long list start level
-        at = 232.0 + 92.0 * (start // _MOST_ROWS), TOP_OF_TITLE - 1.0 + 5.0 * rows
-        sheet.notes(at, lines[start : start + _MOST_ROWS])
+        sheet.notes(
+            (232.0 + 92.0 * (start // _MOST_ROWS), TOP_OF_TITLE - 1.0 + 5.0 * rows),
+            lines[start : start + _MOST_ROWS],
+        )
     sheet.border(stimulus.drawing_title, told)
     return sheet
 
@@ -204,10 +208,13 @@ def _render(sheet: Sheet, path: Path) -> None:
         figure = Figure(figsize=(WIDTH / 25.4, HEIGHT / 25.4))
         FigureCanvasAgg(figure)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        colours = {"background_policy": BackgroundPolicy.WHITE, "color_policy": ColorPolicy.BLACK}
-        # the backend takes millimetres for points
-        lines = {"lineweight_policy": LineweightPolicy.ABSOLUTE, "lineweight_scaling": 72.0 / 25.4}
-        configuration = Configuration(**colours, **lines, min_lineweight=0.2)
+        configuration = Configuration(
+            background_policy=BackgroundPolicy.WHITE,
+            color_policy=ColorPolicy.BLACK,
+            lineweight_policy=LineweightPolicy.ABSOLUTE,
+            lineweight_scaling=72.0 / 25.4,  # the backend takes millimetres for points
+            min_lineweight=0.2,
+        )
         font = FontProperties(fname=Path(mpl.get_data_path()) / "fonts" / "ttf" / FONT)
 
         def letters(
@@ -219,11 +226,6 @@ def _render(sheet: Sheet, path: Path) -> None:
             )
             turned = math.degrees(math.atan2(ahead.y - origin.y, ahead.x - origin.x))
             size = cap_height * (ahead - origin).magnitude * 72.0 / 25.4 / _CAPITAL
-            how: dict[str, Any] = {
-                "rotation": turned,
-                "rotation_mode": "anchor",
-                "parse_math": False,
-            }
             axes.text(
                 origin.x,
                 origin.y,
@@ -231,20 +233,19 @@ def _render(sheet: Sheet, path: Path) -> None:
                 fontsize=size,
                 fontproperties=font.copy(),
                 va="baseline",
-                **how,
+                rotation=turned,
+                rotation_mode="anchor",
+                parse_math=False,
             )
 
         backend = MatplotlibBackend(axes, adjust_figure=False)
         frontend = Frontend(RenderContext(sheet.document), backend, config=configuration)
         frontend.pipeline.draw_text = letters
         frontend.draw_layout(sheet.space, finalize=True)
-        whole = {
-            "xlim": (0.0, WIDTH),
-            "ylim": (0.0, HEIGHT),
-            "aspect": "auto",
-            "position": (0.0, 0.0, 1.0, 1.0),
-        }
-        axes.set(**whole)  # the figure has the sheet's own proportions
+        # the figure has the sheet's own proportions
+        axes.set(
+            xlim=(0.0, WIDTH), ylim=(0.0, HEIGHT), aspect="auto", position=(0.0, 0.0, 1.0, 1.0)
+        )
         axes.set_axis_off()
         dated = ("Date",) if path.suffix == ".svg" else ("CreationDate", "ModDate")
         figure.savefig(path, metadata=dict.fromkeys(dated), dpi=150)

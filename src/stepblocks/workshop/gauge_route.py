@@ -103,19 +103,34 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     upper = (0.0, -half, floor), (wide, half, pair.upper - pair.lower)
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
     names = f"{block.id}-base", *(f"gauge-block-{piece}" for piece in pieces)
-    blocks = [cad.kernel.make_box(*corners) for corners in (lower, upper)]
-    bodies = list(zip(names, (base, *blocks), strict=True))
+    solids = base, cad.kernel.make_box(*lower), cad.kernel.make_box(*upper)
+    bodies = list(zip(names, solids, strict=True))
     deviation, _ = GRADES[pair.grade]
     dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):
         bottom, top = (
             PmiItem(index, face) for face in cad.kernel.find_end_faces(bodies[index][1], 2)
         )
-        measured = PmiDimension("distance", (bottom, top), length, -deviation, deviation)
-        dimensions.append((f"length of gauge block {pieces[index - 1]}", measured))
+        dimensions.append(
+            (
+                f"length of gauge block {pieces[index - 1]}",
+                PmiDimension("distance", (bottom, top), length, -deviation, deviation),
+            )
+        )
         tops.append(top)
     height = block.height
-    step = PmiDimension("distance", (tops[0], tops[1]), height.nominal, height.lower, height.upper)
     write_conforming(
-        path, f"{block.id}-gauge", bodies, block.material, [*dimensions, ("step height", step)]
+        path,
+        f"{block.id}-gauge",
+        bodies,
+        block.material,
+        [
+            *dimensions,
+            (
+                "step height",
+                PmiDimension(
+                    "distance", (tops[0], tops[1]), height.nominal, height.lower, height.upper
+                ),
+            ),
+        ],
     )

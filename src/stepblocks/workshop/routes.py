@@ -151,23 +151,19 @@ def make_route_row(name: str, route: Route) -> dict[str, object]:
         f"{key}: {one.source}" for key, one in made if isinstance(one, Sourced) and one.source
     ]
     return {
-        **{
-            "part": name,
-            "route": route.name,
-            "cost_class": "" if made.cost is None else f"{made.cost.value:g}",
-        },
-        **{"height_deviation_um": route.deviation * 1e6, "permitted_um": route.tolerance * 1e6},
+        "part": name,
+        "route": route.name,
+        "cost_class": "" if made.cost is None else f"{made.cost.value:g}",
+        "height_deviation_um": route.deviation * 1e6,
+        "permitted_um": route.tolerance * 1e6,
         **{f"{key}_um": getattr(made, key).value * 1e6 for key in lengths},
-        **{
-            "roughness_ra_um": made.roughness.value * 1e6,
-            "status": str(felt.status),
-            "energy_uj": felt.energy * 1e6,
-        },
-        **{"energy_95_low_uj": felt.energy_low * 1e6, "energy_95_high_uj": felt.energy_high * 1e6},
-        **{
-            "held_share": felt.held_probability,
-            "conforming_share": route.conforming,
-            "note": route.note,
-        },
+        "roughness_ra_um": made.roughness.value * 1e6,
+        "status": str(felt.status),
+        "energy_uj": felt.energy * 1e6,
+        "energy_95_low_uj": felt.energy_low * 1e6,
+        "energy_95_high_uj": felt.energy_high * 1e6,
+        "held_share": felt.held_probability,
+        "conforming_share": route.conforming,
+        "note": route.note,
         "sources": "; ".join(sources),
     }

@@ -100,14 +100,18 @@ def order_parts(
             alike = [one for one in blocks if _differs_in_height_only(one, blocks[0])]
             if len(alike) > 1:
                 folder = _make_folder(Path(output), declared.name)
-                sheets = write_series_drawing(folder, declared.name, alike, declared.order)
-                orders.append(PartOrder(f"{declared.name}/series", tuple(sheets), ()))
+                orders.append(
+                    PartOrder(
+                        f"{declared.name}/series",
+                        tuple(write_series_drawing(folder, declared.name, alike, declared.order)),
+                        (),
+                    )
+                )
     return orders
 
 
 def _differs_in_height_only(one: StepBlock, other: StepBlock) -> bool:
-    same = {"id": other.id, "height": other.height}
-    return one.model_copy(update=same) == other
+    return one.model_copy(update={"id": other.id, "height": other.height}) == other
 
 
 def _make_folder(output: Path, name: str) -> Path:
@@ -142,16 +146,23 @@ def _order_part(part: Part, output: Path, capability: float, declared: StimulusS
     sheets = [folder / f"{part.id}.inspection-sheet.{form}" for form in ("csv", "html")]
     table = make_sheet_table(part)
     write_table(table, sheets[0])
-    content = {"part": part, "order": said, "rows": table.to_dict("records"), "guard": GUARD_FACTOR}
-    replace_text(sheets[1], render_page("stepblocks.workshop", "sheet.html", **content))
+    text = render_page(
+        "stepblocks.workshop",
+        "sheet.html",
+        part=part,
+        order=said,
+        rows=table.to_dict("records"),
+        guard=GUARD_FACTOR,
+    )
+    replace_text(sheets[1], text)
     return PartOrder(name, (*written, *sheets), tuple(routes))
 
 
 def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, object]]:
     """Tabulate the routes of step blocks: height reached, energy, conforming share."""
-    lines = []
-    for order in orders:
-        for route in order.routes:
-            row = make_route_row(order.name, route) | {"reaches": "yes" if route.reaches else "no"}
-            lines.append({name: row[name] for name in _SHOWN})
-    return lines
+    rows = (
+        make_route_row(order.name, route) | {"reaches": "yes" if route.reaches else "no"}
+        for order in orders
+        for route in order.routes
+    )
+    return [{name: row[name] for name in _SHOWN} for row in rows]

@@ -84,9 +84,7 @@ class Sheet:
         self.document.header["$LWDISPLAY"] = 1
         self.document.appids.add("STEPBLOCKS")
         self.document.styles.add("LETTERS", font=FONT)
-        style = self.document.dimstyles.add("PART")
-        for name, value in _STYLE.items():
-            style.dxf.set(name, value)
+        self.document.dimstyles.add("PART", dxfattribs=_STYLE)
 
     def line(self, a: Point, b: Point, layer: str = "OUTLINE") -> None:
         """Draw a line."""
@@ -134,13 +132,17 @@ class Sheet:
     def break_line(self, x: float, low: float, high: float) -> None:
         """Draw a vertical break with a zigzag in its middle."""
         middle = 0.5 * (low + high)
-        zigzag = [
-            (x, middle - 2.0),
-            (x - 1.2, middle - 0.8),
-            (x + 1.2, middle + 0.8),
-            (x, middle + 2.0),
-        ]
-        self.polyline([(x, low), *zigzag, (x, high)], "DIMENSION")
+        self.polyline(
+            [
+                (x, low),
+                (x, middle - 2.0),
+                (x - 1.2, middle - 0.8),
+                (x + 1.2, middle + 0.8),
+                (x, middle + 2.0),
+                (x, high),
+            ],
+            "DIMENSION",
+        )
 
     def dimension(
         self,
@@ -168,18 +170,27 @@ class Sheet:
         }
         if prefix := _PREFIX.get(one.kind, ""):
             override["dimpost"] = prefix
-        said = {"dimstyle": "PART", "override": override, "dxfattribs": {"layer": "DIMENSION"}}
-        text = self.letters.get(key, "<>")
         dimension = self.space.add_linear_dim(
-            base=along, p1=a, p2=b, angle=90.0 if upright else 0.0, text=text, **said
+            base=along,
+            p1=a,
+            p2=b,
+            angle=90.0 if upright else 0.0,
+            text=self.letters.get(key, "<>"),
+            dimstyle="PART",
+            override=override,
+            dxfattribs={"layer": "DIMENSION"},
         )
         small = (
             1.0 if abs(one.upper + one.lower) < 1e-12 else 0.7
         )  # height of two unlike deviations
-        zeros = {"leading_zeros": True, "trailing_zeros": True}
         if key not in self.letters:
             dimension.set_tolerance(
-                one.upper * 1e3, -one.lower * 1e3, hfactor=small, dec=decimals, **zeros
+                one.upper * 1e3,
+                -one.lower * 1e3,
+                hfactor=small,
+                dec=decimals,
+                leading_zeros=True,
+                trailing_zeros=True,
             )
         # along the line of the dimension: its ends, and the length of its text; `side` leads away
         # from it

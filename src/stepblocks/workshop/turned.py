@@ -26,8 +26,14 @@ def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
     shank, end = tip.shank_radius.nominal, tip.length.nominal
     view = _draw_side_view(sheet, tip, end, [])
     corner, foot = view.at(end, -shank), view.at(0.0, -shank)
-    beyond = (view.at(end, 0.0)[0] + 14.0, view.origin[1])
-    sheet.dimension("shank_diameter", corner, view.at(end, shank), beyond, view.scale, upright=True)
+    sheet.dimension(
+        "shank_diameter",
+        corner,
+        view.at(end, shank),
+        (view.at(end, 0.0)[0] + 14.0, view.origin[1]),
+        view.scale,
+        upright=True,
+    )
     sheet.dimension("length", view.origin, corner, (view.origin[0], foot[1] - 12.0), view.scale)
     return _draw_ball(sheet, tip, view, -shank)
 
@@ -210,5 +216,7 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     sheet.line((end[0], cy - reach), (end[0], cy + reach), "CENTRE")
     sheet.text((end[0], cy - reach - 6.0), f"end {s:g}:1", 2.5, "BOTTOM_CENTER")
     lightest, heaviest = map(format_mass, part.mass_limits)
-    mass = f"Mass {format_mass(part.mass)}, {lightest} to {heaviest} within the limits."
-    return [mass, f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}."]
+    return [
+        f"Mass {format_mass(part.mass)}, {lightest} to {heaviest} within the limits.",
+        f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}.",
+    ]

@@ -246,10 +246,12 @@ class CrownOnTooth(CrownMargin, Turned):
             whole = Dimension(
                 root.nominal + height.nominal, root.upper + height.upper, root.lower + height.lower
             )
-            tooth = make_characteristic(
-                "tooth_length", "distance", whole, base, top, label="tooth, whole length"
+            yield replace(
+                make_characteristic(
+                    "tooth_length", "distance", whole, base, top, label="tooth, whole length"
+                ),
+                states=(root, height),
             )
-            yield replace(tooth, states=(root, height))
         outside = replace(h, nominal=self.outer_radius)
         at, label = FaceRule("CYLINDER", radius=self.outer_radius), "diameter of the crown"
         yield replace(
@@ -259,12 +261,13 @@ class CrownOnTooth(CrownMargin, Turned):
             states=(h,),
         )
         ceiling = height.nominal + self.internal_gap.nominal
-        shell = (
+        yield make_characteristic(
+            "shell_thickness",
+            "distance",
+            self.shell_thickness,
             describe_plane(2, ceiling),
             describe_plane(2, ceiling + self.shell_thickness.nominal),
-        )
-        yield make_characteristic(
-            "shell_thickness", "distance", self.shell_thickness, *shell, body=1
+            body=1,
         )
         kind, width, key = self.finish_line.kind, self.finish_line.width, "finish_line_width"
         if kind == "shoulder":
@@ -308,13 +311,14 @@ class CrownOnTooth(CrownMargin, Turned):
         )
         yield make_characteristic("internal_gap", "distance", inner, walls[0], top, method=_SEATED)
         if inner.nominal > 0.0:
-            roof = (
+            yield make_characteristic(
+                "internal_gap_roof",
+                "distance",
+                inner,
                 describe_plane(2, self.preparation_height.nominal, 0),
                 describe_plane(2, ceiling, 1),
-            )
-            label = "internal gap, roof"
-            yield make_characteristic(
-                "internal_gap_roof", "distance", inner, *roof, label=label, method=_SEATED
+                label="internal gap, roof",
+                method=_SEATED,
             )
         yield make_characteristic(
             "taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED
@@ -334,9 +338,14 @@ class CrownOnTooth(CrownMargin, Turned):
             "vertical_discrepancy",
         )
         if v.nominal < 0.0:
-            label = "vertical discrepancy, lip over the tooth"
             return make_characteristic(
-                key, "distance", v, cavosurface, end, label=label, method=_SEATED
+                key,
+                "distance",
+                v,
+                cavosurface,
+                end,
+                label="vertical discrepancy, lip over the tooth",
+                method=_SEATED,
             ).unsigned
         if v.nominal == g or finish == "feather-edge":
             return make_characteristic(key, "distance", v, cavosurface, end, method=_SEATED)
@@ -358,11 +367,10 @@ class CrownOnTooth(CrownMargin, Turned):
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         radii, heights = mesh.radii, mesh.vertices[:, 2]
         if body == 0:
-            finish = radii[abs(heights) < 1e-9].max()
             yield Finding(
                 "radius at the finish line",
                 self.margin_radius.nominal,
-                float(finish),
+                float(radii[abs(heights) < 1e-9].max()),
                 2.0 * NANOMETRE,
             )
             yield Finding(
@@ -378,11 +386,10 @@ class CrownOnTooth(CrownMargin, Turned):
         yield Finding(
             "vertical discrepancy of the margin", self.opening.nominal, float(foot), NANOMETRE
         )
-        at_margin = radii[outside & (heights < foot + 1e-9)].max()
         yield Finding(
             "outer radius of the crown's margin",
             self.outer_radius,
-            float(at_margin),
+            float(radii[outside & (heights < foot + 1e-9)].max()),
             2.0 * NANOMETRE,
         )
 

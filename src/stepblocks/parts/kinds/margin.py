@@ -194,14 +194,16 @@ class MarginBlock(CrownMargin, Block):
     def top(self, x: float) -> float:
         # Uppermost of the straight lines of the section at x
         depth, far = self.gap_depth.nominal, self.body.length.nominal
-        outline = [
-            (-far, 0.0),
-            (0.0, 0.0),
-            (0.0, -depth),
-            (self.marginal_gap.nominal, -depth),
-            *self.corner,
-        ]
-        lines = itertools.pairwise([*outline, (far, self.rise)])
+        lines = itertools.pairwise(
+            [
+                (-far, 0.0),
+                (0.0, 0.0),
+                (0.0, -depth),
+                (self.marginal_gap.nominal, -depth),
+                *self.corner,
+                (far, self.rise),
+            ]
+        )
         across = [
             (a, b) for a, b in lines if a[0] != b[0] and min(a[0], b[0]) <= x <= max(a[0], b[0])
         ]
@@ -280,12 +282,11 @@ class MarginBlock(CrownMargin, Block):
         ).unsigned
         yield from self._opening(wall, crown)
         yield from make_form_characteristics(self.face_demands, tooth, crown, "tooth", "crown")
-        floor = describe_plane(2, -depth.nominal, x=0.5 * g.nominal)
         yield make_characteristic(
             "gap_depth",
             "distance",
             depth,
-            floor,
+            describe_plane(2, -depth.nominal, x=0.5 * g.nominal),
             tooth,
             label="depth of the gap",
             method="microscope",

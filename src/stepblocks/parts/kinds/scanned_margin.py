@@ -173,11 +173,12 @@ class ScannedMargin(CrownMargin):
 
     def make_counterface(self, **sizes: float) -> ProfiledMargin:
         scan, level = self.station, vars(super().make_counterface(**sizes))
-        bent = {
-            "tooth_curvature": scan.tooth_curvature_per_m,
-            "crown_curvature": scan.crown_curvature_per_m,
-        }
-        return ProfiledMargin(**level, **bent, crown_slope=math.tan(scan.crown_slope_rad))
+        return ProfiledMargin(
+            **level,
+            tooth_curvature=scan.tooth_curvature_per_m,
+            crown_curvature=scan.crown_curvature_per_m,
+            crown_slope=math.tan(scan.crown_slope_rad),
+        )
 
     def _section(self) -> list[tuple[float, float]]:
         # Upper outline from end to end (x, z) [m]
@@ -210,8 +211,14 @@ class ScannedMargin(CrownMargin):
 
     def characteristics(self) -> Iterator[Characteristic]:
         g, low = self.marginal_gap, -0.5 * self.gap_depth.nominal
-        walls = describe_plane(0, 0.0, z=low), describe_plane(0, g.nominal, z=low)
-        yield make_characteristic("marginal_gap", "distance", g, *walls, method=ACROSS)
+        yield make_characteristic(
+            "marginal_gap",
+            "distance",
+            g,
+            describe_plane(0, 0.0, z=low),
+            describe_plane(0, g.nominal, z=low),
+            method=ACROSS,
+        )
         for name in ("horizontal_discrepancy", "vertical_discrepancy", "gap_depth", "thickness"):
             if (one := getattr(self, name)) is not None:
                 yield make_characteristic(name, "note", one, method=ACROSS)

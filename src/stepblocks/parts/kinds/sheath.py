@@ -153,9 +153,12 @@ class Sheath(Turned, HeldPart):
         )
         edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * broken.nominal}), side)
         yield make_edge_break(broken, describe_plane(2, 0.0), edge)
-        where = "position, from the clamp"
         yield make_characteristic(
-            "position", "note", self.position, label=where, method="caliper, assembled"
+            "position",
+            "note",
+            self.position,
+            label="position, from the clamp",
+            method="caliper, assembled",
         )
 
     def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:

@@ -177,10 +177,9 @@ class StepBlock(Block):
         if radius > 0.0:  # chords that keep the contact's chordal error
             step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
             turns = np.linspace(0.0, 0.5 * math.pi, max(2, math.ceil(0.5 * math.pi / step) + 1))
-            sines = [(math.sin(a), math.cos(a)) for a in turns]
             rounding = [
-                (float(radius * (1.0 - sin)), float(height - radius * (1.0 - cos)))
-                for sin, cos in sines
+                (radius * (1.0 - math.sin(turn)), height - radius * (1.0 - math.cos(turn)))
+                for turn in turns.tolist()
             ]
         right = make_hull(list_half_corners(body, 1.0, height, rounding))
         if feature is None:

@@ -96,10 +96,19 @@ class Tip(Turned, HeldPart):
 
     def characteristics(self) -> Iterator[Characteristic]:
         how = "microscope or interferometer, sphere fit"
-        ball = FaceRule("SPHERE", radius=self.ball_radius.nominal)
-        yield make_characteristic("ball_radius", "radius", self.ball_radius, ball, method=how)
-        shank = FaceRule("CYLINDER", radius=self.shank_radius.nominal)
-        yield make_characteristic("shank_diameter", "diameter", self.shank_radius, shank).doubled
+        yield make_characteristic(
+            "ball_radius",
+            "radius",
+            self.ball_radius,
+            FaceRule("SPHERE", radius=self.ball_radius.nominal),
+            method=how,
+        )
+        yield make_characteristic(
+            "shank_diameter",
+            "diameter",
+            self.shank_radius,
+            FaceRule("CYLINDER", radius=self.shank_radius.nominal),
+        ).doubled
         cone, label = FaceRule("CONE"), "cone angle, included"
         yield make_characteristic(
             "cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope"
@@ -175,12 +184,13 @@ class StraightTip(Tip):
 
     def characteristics(self) -> Iterator[Characteristic]:
         yield from super().characteristics()
-        at = (
+        yield make_characteristic(
+            "length",
+            "distance",
+            self.length,
             describe_plane(2, self.length.nominal),
             FaceRule("SPHERE", radius=self.ball_radius.nominal),
-        )
-        yield make_characteristic(
-            "length", "distance", self.length, *at, label="length from the contact point"
+            label="length from the contact point",
         )
 
     @make_rules_validator
