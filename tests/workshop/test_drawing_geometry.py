@@ -1,6 +1,7 @@
 """No line strikes a text, no balloon crosses the frame or a text: over heights and bodies."""
 
 import itertools
+import math
 
 import pytest
 import shapely
@@ -99,6 +100,23 @@ def overlaps_on(sheet):
 def test_nothing_on_the_drawing_of_a_step_block_strikes_anything(height, body):
     block = StepBlock(id=f"step-{height:03}", height=f"{height} um", **BODIES[body])
     assert list(overlaps_on(draw_part_sheet(block, ORDER))) == []
+
+
+def test_a_section_is_hatched_where_it_cuts_and_its_place_is_shown():
+    # ISO 128-50: what is cut, and only that; ISO 128-44: a line with letters and arrows
+    sheet = draw_part_sheet(StepBlock(id="step-050", height="50 um"))
+    areas = [hatch.paths[0].vertices for hatch in sheet.space.query("HATCH")]
+    assert len(areas) == 2
+    area = sum(shapely.Polygon([(x, y) for x, y, *_ in one]).area for one in areas)
+    # by hand, 3:1: a window 1.6 x 3.15 mm wide and 8 mm high, less a hole of 2.5 mm, 5 mm deep, its
+    # point of 118 degrees and its countersink of 90 degrees up to 3.15 mm
+    drill, entry, tall = 1.25, 1.575, 8.0
+    point = drill * drill / math.tan(math.radians(59.0))
+    cut = 3.2 * entry * tall - 2.0 * drill * 5.0 - point - (entry - drill) ** 2
+    assert area == pytest.approx(9.0 * cut, rel=1e-9)
+    letters = [one for one in sheet.space.query("TEXT") if one.dxf.text == "C"]
+    assert len(letters) == 2
+    assert any(one.dxf.text.startswith("C-C") for one in sheet.space.query("TEXT"))
 
 
 @pytest.mark.parametrize("opening", [None, "80 um", "-60 um", "20 um"])

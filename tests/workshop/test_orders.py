@@ -13,6 +13,7 @@ from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError, PipelineError, StepblocksError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.tips import StraightTip
+from stepblocks.parts.set import StimulusSet
 from stepblocks.workshop import drawing
 from stepblocks.workshop.drawing import VIEWS, write_drawing
 from stepblocks.workshop.gauge_route import GRADES, choose_pair
@@ -53,6 +54,22 @@ def test_a_capability_may_be_a_text_or_metres_and_decides_which_route_reaches(tm
     assert found[0]["one piece"] == (0.5e-6, True)  # 0.5 um of a workshop against +-1 um asked for
     assert found[2]["one piece"] == (2e-6, False)  # ground, not lapped
     assert found[0]["gauge blocks, grade K"] == found[2]["gauge blocks, grade K"]
+
+
+def test_a_block_with_the_sizes_of_another_is_said_where_it_is_ordered(tmp_path, capsys):
+    blocks = [
+        {"id": "first", "height": "25 um"},
+        {"id": "higher", "height": "26 um"},
+        {"id": "again", "height": "25 um", "material": "brass"},
+        {"id": "rounded", "height": "25 um", "edge_radius": "5 um"},
+    ]
+    alike = StimulusSet.declare("mine", step_block=blocks).describe_alike()
+    assert list(alike) == ["again"]
+    assert alike["again"].startswith("again has the sizes of first: height 25 um")
+    text = "\n".join(f'[[step_block]]\nid = "{one["id"]}"\nheight = "25 um"' for one in blocks[:2])
+    (tmp_path / "mine.toml").write_text(text)
+    assert main(["workshop", str(tmp_path / "mine.toml"), "-o", str(tmp_path / "out")]) == 0
+    assert "mine/higher: higher has the sizes of first: height 25 µm" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("capability", ["0 um", "-1 um", 0.0])

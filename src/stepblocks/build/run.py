@@ -62,12 +62,15 @@ class BuildReport:
         How many were up to date.
     failures : list of str
         Failed checks of all stimuli in the folder, one line each.
+    notes : list of str
+        Blocks of a set with the same sizes, where something was built.
     """
 
     output: str
     built: list[str] = field(default_factory=list)  # stimuli that were built, ``"set/id"``
     current: int = 0
     failures: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     def _repr_html_(self) -> str:
         page = escape(str(Path(self.output) / "index.html"))
@@ -141,7 +144,8 @@ def build_sets(
 
     sets = [load_set(one) if isinstance(one, Path) else one for one in sources]
     learned = read_model(Path(model)) if model else None
-    report = BuildReport(str(folder))
+    alike = [f"{one.name}: {text}" for one in sets for text in one.describe_alike().values()]
+    report = BuildReport(str(folder), notes=alike)
     with lock_folder(folder):
         _require_safe_output(folder, sets)
         selected = select_stimuli(sets, only)

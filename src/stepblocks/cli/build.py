@@ -60,7 +60,7 @@ def build(
         summary = f"{report.output}: {len(report.built)} built, {report.current} up to date"
     return Outcome(
         summary,
-        notes=[f"{len(report.failures)} checks failed"] if report.failures else [],
+        notes=report.notes + ([f"{len(report.failures)} checks failed"] if report.failures else []),
         page=Path(report.output) / "index.html",
         record=vars(report),
         code=1 if report.failures else 0,

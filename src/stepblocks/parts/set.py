@@ -203,6 +203,22 @@ class StimulusSet(Table):
         tool = self.prediction.tool.model_copy(update={"stiffness": ring.stiffness})
         return self.prediction.model_copy(update={"tool": tool})
 
+    def describe_alike(self) -> dict[str, str]:
+        """Say which bench blocks have the sizes of another: no hand and no scan tells them apart.
+
+        Returns
+        -------
+        dict of str to str
+            A sentence by the identity of each block that repeats an earlier one.
+        """
+        first: dict[tuple[object, ...], str] = {}
+        found = {}
+        for part in self.stimuli:
+            sizes = part.stanza, *(size.nominal for size in part.sizes.values())
+            if part.has_working_faces and first.setdefault(sizes, part.id) != part.id:
+                found[part.id] = f"{part.id} has the sizes of {first[sizes]}: {part.summary}"
+        return found
+
     @make_rules_validator
     def _parts_suit_the_conditions(self) -> Iterator[str]:
         counts = Counter(part.id for part in self.stimuli)

@@ -98,6 +98,8 @@ def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> N
     )
     hole, half = 0.5 * mounting.hole_diameter * k, 0.5 * mounting.spacing.nominal * k
     for x in (-half, half):
+        if mounting.kind == "clearance":
+            sheet.circle((tx + x, ty), 0.5 * mounting.entry_diameter * k)
         sheet.circle((tx + x, ty), hole, "HIDDEN" if mounting.kind == "tapped" else "OUTLINE")
         sheet.line((tx + x - hole - 3.0, ty), (tx + x + hole + 3.0, ty), "CENTRE")
         sheet.line((tx + x, ty - hole - 3.0), (tx + x, ty + hole + 3.0), "CENTRE")
@@ -111,6 +113,7 @@ def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> N
     tip, elbow = (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.65 * hy)
     made = f"{mounting.thread}-6H" if mounting.kind == "tapped" else f"for {mounting.thread}"
     sheet.leader(tip, elbow, f"2 x {made}, section C")
+    sheet.cutting_line((tx + half - hole - 6.5, ty), (tx + hx + 3.0, ty), "C")
     _draw_hole_section(sheet, body, mounting)
 
 
@@ -146,12 +149,14 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
         else:
             outline = [(drill, base), (drill, top - deep), (entry, top - deep), (entry, top)]
         sheet.polyline([(x + side * r, z) for r, z in outline])
+        cut = [*outline, (outline[-1][0], top), (half, top), (half, base)]
+        sheet.hatch([(x + side * r, z) for r, z in cut])
     sheet.line((x, base - 3.0), (x, top + 3.0), "CENTRE")
     low, high = (base, base + deep) if tapped else (top - deep, top)
     sheet.line((x - drill, high if tapped else low), (x + drill, high if tapped else low))
     ends = (x + drill, low), (x + drill, high)
     sheet.dimension("hole_depth", *ends, (x + half + 8.0, base), scale, upright=True)
-    sheet.text((x, base - 8.0), f"C   {scale:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.text((x, base - 8.0), f"C-C   {scale:g}:1", 2.5, "BOTTOM_CENTER")
     elbow = x - half - 5.0, base + 0.5 * (top - base)
     if tapped:
         sheet.leader(

@@ -48,6 +48,7 @@ class PartOrder:
     name: str  # ``"set/id"``
     files: tuple[Path, ...]  # drawings, for a step block also of the two-piece variant, and sheets
     routes: tuple[Route, ...]  # ways to make a step block; empty for other parts
+    note: str = ""  # which block of the set has the same sizes
 
 
 def order_parts(
@@ -155,7 +156,8 @@ def _order_part(part: Part, output: Path, capability: float, declared: StimulusS
         guard=GUARD_FACTOR,
     )
     replace_text(sheets[1], text)
-    return PartOrder(name, (*written, *sheets), tuple(routes))
+    note = declared.describe_alike().get(part.id, "")
+    return PartOrder(name, (*written, *sheets), tuple(routes), note)
 
 
 def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, object]]:

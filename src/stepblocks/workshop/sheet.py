@@ -218,6 +218,21 @@ class Sheet:
         middle[1 - axis] += side * beside
         self.balloon(key, (middle[0], middle[1]))
 
+    def hatch(self, points: Sequence[Point], angle: float = 0.0) -> None:
+        """Hatch the cut area within an outline, at 45 degrees and a further angle (ISO 128-50)."""
+        area = self.space.add_hatch(dxfattribs={"layer": "DIMENSION"})
+        area.set_pattern_fill("ANSI31", scale=0.8, angle=angle)
+        area.paths.add_polyline_path(points)
+
+    def cutting_line(self, left: Point, right: Point, letter: str) -> None:
+        """Draw where a section is cut (ISO 128-44), as seen from below on the paper."""
+        self.line(left, right, "CENTRE")
+        for (x, y), inwards in ((left, 1.0), (right, -1.0)):
+            self.line((x, y), (x + 3.0 * inwards, y))
+            self.line((x, y - 6.0), (x, y), "DIMENSION")
+            self.arrow((x, y), (x, y - 6.0))
+            self.text((x - 2.6 * inwards, y - 3.0), letter, 3.0, "MIDDLE_CENTER")
+
     def edge_state(self, tip: Point, corner: Point, limits: str) -> None:
         """Draw the symbol of the state of an edge (ISO 13715) with its limits in millimetres."""
         (x, y), wide = corner, 3.0 + compute_text_width(limits, _TEXT)

@@ -124,9 +124,11 @@ def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     view = View((110.0, 150.0), s)
     (cx, cy), at = view.origin, view.at
     tooth, crown = (list_outline_points(outline, _CHORD) for outline in margin.outlines())
-    for outline in (tooth, crown):
+    for outline, angle in ((tooth, 0.0), (crown, 90.0)):  # parts that touch are told apart
         for side in (1.0, -1.0):
-            sheet.polyline([at(side * r, z) for r, z in outline])
+            points = [at(side * r, z) for r, z in outline]
+            sheet.polyline(points)
+            sheet.hatch(points, angle)
     base, roof, outer = (
         at(0.0, -root)[1],
         max(z for _, z in crown),
@@ -188,6 +190,8 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     view = View((60.0, 190.0), s)
     (left, cy), at = view.origin, view.at
     _draw_mirrored(sheet, view, part.outline(), closed=True)
+    for side in (1.0, -1.0):
+        sheet.hatch([at(z, side * r) for r, z in part.outline()])
     if "edge_break" in sheet.listed:
         corner = at(length - 0.5 * c, 0.5 * outer - 0.5 * c)
         sheet.leader(
