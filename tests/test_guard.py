@@ -145,7 +145,7 @@ def test_a_subclass_of_a_user_makes_itself_as_it_likes_and_is_still_guarded():
 
     assert Own(id="a", height="25 um", tilt=4).tilt == 4
     assert Own.model_validate({"id": "a", "height": "25 um"}).height.nominal == 25e-6
-    with pytest.raises(sb.StepblocksError, match=r"^Own: tilt: input should be a valid integer"):
+    with pytest.raises(sb.StepblocksError, match=r"^Own: tilt must be a whole number"):
         Own(id="a", height="25 um", tilt="x")
 
 

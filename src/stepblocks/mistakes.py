@@ -141,6 +141,8 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
             f"{name}: {line}" if name and not line.startswith(said) else line
             for line in text.splitlines()
         ]
+    if kind.startswith("int_"):
+        return [f"{name} must be a whole number, got {shorten_value(value)}"]
     if kind == "string_pattern_mismatch":
         return [
             f"{name} must be lower-case words and digits joined by hyphens, "

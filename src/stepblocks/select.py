@@ -23,7 +23,11 @@ def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) 
             what = "a folder with stimulus files (*.toml)"
             found = sorted(argument.glob("*.toml"))
         if not found or not is_file(found[0]):
-            other = "name files or folders as FILE" if not several else _describe_nearby(argument)
+            other = (
+                "there is none here, name one as FILE"
+                if not several
+                else _describe_nearby(argument)
+            )
             raise PipelineError(f"expected {what}; {other} [{argument}]")
         files += found
     stems = [path.stem for path in files]
@@ -37,13 +41,15 @@ def _describe_nearby(path: Path) -> str:
     from difflib import get_close_matches
 
     there = (
-        [str(path.parent / one.name) for one in path.parent.glob("*.toml") if one.is_file()]
+        {one.stem: path.parent / one.name for one in path.parent.glob("*.toml") if one.is_file()}
         if path.parent.is_dir()
-        else []
+        else {}
     )
-    near = get_close_matches(str(path), there, 1, 0.6)
+    near = get_close_matches(path.stem, there, 1, 0.6)
     begun = path / "mine.toml" if path.is_dir() else path
-    return f"did you mean {near[0]}?" if near else f"'stepblocks new block {begun}' writes one"
+    return (
+        f"did you mean {there[near[0]]}?" if near else f"'stepblocks new block {begun}' writes one"
+    )
 
 
 def matches_pattern(only: str, set_name: str, identity: str) -> bool:

@@ -67,7 +67,7 @@ CASES = {
     ),
     "height beyond edge break": (
         swap('to = "100 um"', 'to = "400 um"'),
-        "height must be smaller than edge_break",
+        "height must be smaller than body.edge_break",
     ),
     "path as identity": (
         swap('id = "step-{height_um:03}"', 'id = "../{height_um:03}"'),

@@ -8,6 +8,7 @@ import typer
 from stepblocks.cli.command import command
 from stepblocks.cli.options import Stimuli, given, quantity, quantity_option, refuse_both
 from stepblocks.cli.outcome import Outcome
+from stepblocks.errors import PipelineError
 from stepblocks.text_file import Document
 
 app = typer.Typer()
@@ -21,7 +22,7 @@ def _read_range(text: str) -> tuple[float, float]:
         first, last = text.split("..")
         return _LENGTH(first), _LENGTH(last)
     except ValueError as error:
-        raise typer.BadParameter(
+        raise PipelineError(
             f"--x-range: must be two lengths such as -50um..50um, got {text!r}"
         ) from error
 

@@ -317,13 +317,15 @@ class Block(Part):
         width = compute_text_width(self.id.upper(), letter)
         yield check_rule(
             width < room,
-            "engraving.height",
-            f"let {self.id!r} fit the front",
+            "body.engraving.height",
+            f"be small enough for {self.id!r} to fit the front",
             letter * room / width,
             letter,
         )
         low = 0.6 * (body.thickness.nominal - broken)
-        yield check_below("engraving.height", "leave room over and under the letters", letter, low)
+        yield check_below(
+            "body.engraving.height", "leave room over and under the letters", letter, low
+        )
 
 
 def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body]:

@@ -223,7 +223,10 @@ class StimulusSet(Table):
     def _parts_suit_the_conditions(self) -> Iterator[str]:
         counts = Counter(part.id for part in self.stimuli)
         for name in (counts - Counter(set(counts))).elements():
-            yield f"id must be unique in its set, got {name!r} twice"
+            yield (
+                f"id must be unique in its set, got {name!r} twice; in a series it names what "
+                f"varies, such as '{name}-{{height_um:03}}'"
+            )
         if not all(part.crossed for part in self.stimuli) and not self.prediction.step_heights:
             yield "prediction.step_heights must be given for a set with tips or sheaths, got none"
         if any(part.ball is None for part in self.stimuli) and not self.prediction.tip_radii:

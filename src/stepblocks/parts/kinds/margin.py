@@ -351,5 +351,5 @@ class MarginBlock(CrownMargin, Block):
         yield check_rule(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
         covered = abs(h) < chamfer or chamfer == 0.0
         yield check_rule(
-            covered, "horizontal_discrepancy", "be smaller than edge_break", chamfer, abs(h)
+            covered, "horizontal_discrepancy", "be smaller than body.edge_break", chamfer, abs(h)
         )

@@ -277,7 +277,7 @@ class StepBlock(Block):
         yield check_rule(radius <= height, "edge_radius", "not exceed height", height, radius)
         chamfer, rule = (
             body.edge_break.nominal,
-            "be smaller than edge_break, or the chamfers of the two faces part",
+            "be smaller than body.edge_break, or the chamfers of the two faces part",
         )
         yield check_rule(height < chamfer or chamfer == 0.0, "height", rule, chamfer, height)
         yield check_below(
