@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, with_faults
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect import edge_arc
-from stepblocks.inspect.edge import _find_flank, fit_edge
+from stepblocks.inspect.edge import _find_better_flank, fit_edge
 
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 SPACING = 1.0e-6
@@ -265,4 +265,4 @@ def test_a_flank_is_one_where_it_is_gentler_than_the_arc_at_half_its_height(angl
     faces = SimpleNamespace(planes=planes, gamma=np.array([1e-16]))
     arc = edge_arc.Arc(30e-6, 1e-7, 30e-6, 0.0, 9.0, 1.0, ())
     z = flank_gauge(x, height, np.radians(angle), 2e-6)
-    assert (_find_flank(x, z, 0.5e-6, faces, arc) is not None) is gentler
+    assert (_find_better_flank(x, z, 0.5e-6, faces, arc) is not None) is gentler
