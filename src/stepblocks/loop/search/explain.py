@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+import pandas as pd
 
 from stepblocks.law import Law
 from stepblocks.loop.search.adequacy import check_residuals, depends_on_settings
@@ -156,7 +157,7 @@ class Explanation(_Grown):
 
 def explain(
     model: ForwardModel,
-    trials: Trials,
+    trials: Trials | pd.DataFrame,
     candidates: Sequence[Law],
     rules: Rules | None = None,
     deployed: Deployed | None = None,
@@ -167,8 +168,8 @@ def explain(
     ----------
     model : ForwardModel
         Predicts all channels of a table, and names its parameters and what scatters among trials.
-    trials : Trials
-        What was set and what was measured.
+    trials : Trials or DataFrame
+        What was set and what was measured; a table as `Trials.from_table` takes it.
     candidates : sequence of Law
         Effects that are tried.
     rules : Rules, optional
@@ -187,6 +188,7 @@ def explain(
         If there are fewer than 12 trials.
     """
     rules = rules or Rules()
+    trials = trials if isinstance(trials, Trials) else Trials.from_table(trials)
     grown = search_twice(model, trials, candidates, rules, deployed)
     apart: dict[int, float] = {}
     for _ in range(_ROUNDS):
@@ -349,13 +351,12 @@ def _exchange_effect(problem: Problem, current: Fit, candidates: Sequence[Law]) 
             score_candidates(problem, base, _list_untried(candidates, base), draws=0),
             most=6,
         )
-        best = choice[0] if choice else None
         if (
-            best
-            and best.effects[-1].id != effect.id
-            and best.criterion < current.criterion - _WORTH
+            choice
+            and choice[0].effects[-1].id != effect.id
+            and choice[0].criterion < current.criterion - _WORTH
         ):
-            return best
+            return choice[0]
     return None
 
 

@@ -63,10 +63,14 @@ class Problem:
     def share_errors(self, common: Sequence[Systematic], fitted: "Fit") -> "Problem":
         """Return the same with errors that trials share in the noise."""
         responses = self.model.responses(self.trials, fitted.values, fitted.active)
-        every = [*self.model.systematics(self.trials), *common]
         return replace(
             self,
-            noise=build_noise(self.trials, every, responses, self.noise.scatter),
+            noise=build_noise(
+                self.trials,
+                [*self.model.systematics(self.trials), *common],
+                responses,
+                self.noise.scatter,
+            ),
             common=tuple(common),
         )
 

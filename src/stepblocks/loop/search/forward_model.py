@@ -5,8 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from stepblocks.errors import PipelineError
 from stepblocks.law import Active, Parameter
 
 Floats = NDArray[np.float64]
@@ -39,6 +41,34 @@ class Trials:
     block: NDArray[np.str_]
     floor: Floats | None = None
 
+    @classmethod
+    def from_table(cls, table: pd.DataFrame) -> "Trials":
+        """Take a table of pandas with a row for each trial.
+
+        Parameters
+        ----------
+        table : DataFrame
+            A column with one of the same name and ``_std`` beside it was measured. ``block`` names
+            the specimen of a trial, one for all where it is missing. All others are covariates.
+
+        Raises
+        ------
+        PipelineError
+            If no column has an uncertainty beside it.
+        """
+        names = [str(name) for name in table if f"{name}_std" in table]
+        errors = [f"{name}_std" for name in names]
+        if not names:
+            raise PipelineError(
+                "table must have a column that was measured and its uncertainty, such as period and "
+                f"period_std, got {', '.join(map(str, table))}"
+            )
+        others = table.drop(columns=[*names, *errors, "block"], errors="ignore")
+        covariates = {str(name): column.to_numpy() for name, column in others.items()}
+        values, std = (table[part].to_numpy(dtype=np.float64) for part in (names, errors))
+        block = np.array(table.get("block", [""] * len(table)), dtype=np.str_)
+        return cls(covariates, tuple(names), values, std, block)
+
     def __len__(self) -> int:
         return len(self.block)
 
@@ -49,20 +79,23 @@ class Trials:
 
     def take(self, rows: NDArray[np.generic]) -> "Trials":
         """Return the trials of a mask or an index."""
-        covariates = {name: column[rows] for name, column in self.covariates.items()}
-        floor = None if self.floor is None else self.floor[rows]
-        return Trials(
-            covariates, self.channels, self.values[rows], self.std[rows], self.block[rows], floor
+        return replace(
+            self,
+            covariates={name: column[rows] for name, column in self.covariates.items()},
+            values=self.values[rows],
+            std=self.std[rows],
+            block=self.block[rows],
+            floor=None if self.floor is None else self.floor[rows],
         )
 
     def without(self, rows: Sequence[int]) -> "Trials":
         """Return the same table with nothing measured in some rows."""
-        values = self.values.copy()
-        values[rows] = np.nan
-        floor = None if self.floor is None else self.floor.copy()
-        if floor is not None:
-            floor[rows] = np.nan
-        return replace(self, values=values, floor=floor)
+        gone = np.isin(np.arange(len(self)), rows)[:, None]
+        return replace(
+            self,
+            values=np.where(gone, np.nan, self.values),
+            floor=None if self.floor is None else np.where(gone, np.nan, self.floor),
+        )
 
     def numeric(self, name: str) -> Floats | None:
         """Return a covariate as numbers, or None where it holds labels."""

@@ -132,10 +132,9 @@ def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | 
         return None
     member = two.predict(scaled) == int(np.argmin(two.means_[:, 0]))
     heaps = tuple(tuple(sorted(rows[m].tolist())) for m in (member, ~member))
-    step = float(values[~member].mean() - values[member].mean())
     said = (
-        f"{name} falls into two groups of {len(heaps[0])} and {len(heaps[1])} trials, {step:.3g} "
-        "apart"
+        f"{name} falls into two groups of {len(heaps[0])} and {len(heaps[1])} trials, "
+        f"{values[~member].mean() - values[member].mean():.3g} apart"
     )
     return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), said, heaps)
 
