@@ -157,6 +157,18 @@ PARTS = [
     ),
     Part("coverage", "python benchmarks/softgauge_coverage.py", {}, 90),
     Part(
+        "verdicts",
+        "python benchmarks/softgauge_verdicts.py 300",
+        {
+            "verdict-gauges": (r"(\d+) gauges", "{}"),
+            "verdict-refused": (r"gauges, (\d+) refused", "{}"),
+            "verdict-judged": (r"\| all \| (\d+) \|", "{}"),
+            "verdict-false": (r"\| all \| \d+ \| - \| (\d+) \|", "{}"),
+            "verdict-rejected": (r"\| all \| \d+ \| - \| \d+ \| (\d+) \|", "{}"),
+        },
+        10,
+    ),
+    Part(
         "study-nulls",
         "python benchmarks/study_nulls.py --summary",  # after hours without --summary
         {

@@ -1,12 +1,13 @@
 """Count false verdicts over soft gauges of known truth.
 
-Burr, ramp, rotation, cone, form, groove, a second step, a dome, unlike grooves; every 25th a patch, a
-map of 0.45 mm of faces of 5 mm that bow: it must not judge their form.
+Burr, ramp, rotation, cone, form, groove, a second step, a dome and unlike grooves; every 25th is a
+patch, a map of 0.45 mm of faces of 5 mm that bow, which must not judge their form.
 
 Every gauge draws its truth, its instrument (stylus or optical, calibration off by what is stated)
 and its noise from its own number. Each characteristic that was judged is compared with the truth: a
 false "conforms", a false "does not conform", and whether the interval of the value holds the truth.
-A run that is broken off goes on where it was: one line of JSON for each gauge.
+A run that is broken off goes on where it was, as long as the code is the same: one line of JSON for
+each gauge.
 
     python benchmarks/softgauge_verdicts.py [COUNT] [FILE]
 """
@@ -19,6 +20,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import records
 
 from oracles.softgauge import (
     correlated_map,
@@ -168,12 +171,14 @@ def main():
     path = Path(sys.argv[2] if len(sys.argv) > 2 else "out/softgauge-verdicts.jsonl")
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = path.read_text().splitlines() if path.exists() else []
-    done = {record["number"]: record for record in map(json.loads, lines)}
+    code = records.code_hash("inspect", "artefacts")
+    kept = [record for record in map(json.loads, lines) if record.get("code") == code]
+    done = {record["number"]: record for record in kept}
     part, *_ = find_declared("step-050", STIMULI)
     with path.open("a") as file:
         for number in range(count):
             if number not in done:
-                done[number] = judge_gauge(number, part)
+                done[number] = judge_gauge(number, part) | {"code": code}
                 file.write(json.dumps(done[number]) + "\n")
                 file.flush()
     rows = [row for number in range(count) for row in done[number]["judged"]]

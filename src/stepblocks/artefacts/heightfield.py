@@ -60,8 +60,13 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
     tiff, npz, sidecar = (
         stem.with_name(stem.name + suffix) for suffix in (".tiff", ".npz", ".json")
     )
-    said = {"description": "heights in um", "software": "stepblocks"}
-    tifffile.imwrite(tiff, (heights * 1e6).astype(np.float32), compression="zlib", **said)
+    tifffile.imwrite(
+        tiff,
+        (heights * 1e6).astype(np.float32),
+        compression="zlib",
+        description="heights in um",
+        software="stepblocks",
+    )
     np.savez_compressed(
         npz, height_m=heights, x_m=_choose_positions(part), y_m=_list_positions(_HALF_Y)
     )

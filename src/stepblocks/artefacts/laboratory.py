@@ -76,8 +76,9 @@ def read_laboratory(path: str | Path) -> Laboratory:
         With all mistakes of the file at once.
     """
     path = Path(path)
-    document = read_document(path, "laboratory", MetrologyError)
-    found: Laboratory = validate_data(Laboratory, document, path, MetrologyError)
+    found = validate_data(
+        Laboratory, read_document(path, "laboratory", MetrologyError), path, MetrologyError
+    )
     if found.measured_to < found.measured_from:
         raise MetrologyError(
             f"measured_to must not lie before measured_from, got {found.measured_from} to "

@@ -288,8 +288,12 @@ def inspect(
         result = inspect_scan(scan, stimulus, **options)
     if output is not None:
         write_inspection(result, output, laboratory)
-    code = 0 if result.verdict is None else result.verdict.exit_code
-    return Outcome("", notes=[str(result)], record=result.as_record(), code=code)
+    return Outcome(
+        "",
+        notes=[str(result)],
+        record=result.as_record(),
+        code=0 if result.verdict is None else result.verdict.exit_code,
+    )
 
 
 def _list_channels(scan: Path) -> Outcome:
@@ -303,5 +307,11 @@ def _list_channels(scan: Path) -> Outcome:
 def _summarise_many(together: "ManyScans", written: list[Path]) -> Outcome:
     said = [f"{serial}: {one.said}" for serial, one in together.reports.items()]
     page = next((path for path in written if path.suffix == ".html"), None)
-    record, code = together.as_record(), together.verdict.exit_code
-    return Outcome("", together.shown, [*said, *together.left_out], page, code, record)
+    return Outcome(
+        "",
+        together.shown,
+        [*said, *together.left_out],
+        page,
+        together.verdict.exit_code,
+        together.as_record(),
+    )

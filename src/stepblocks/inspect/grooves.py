@@ -410,8 +410,13 @@ def _measure_width(
         Component("flanks", flanks / np.sqrt(3.0), how="half of their width, rectangular"),
     ]
     if hidden > 0.0:
-        how = "half of what was not measured there, rectangular"
-        parts.append(Component("missing", hidden / np.sqrt(3.0), how=how))
+        parts.append(
+            Component(
+                "missing",
+                hidden / np.sqrt(3.0),
+                how="half of what was not measured there, rectangular",
+            )
+        )
     name = f"width W of the {label.split()[0]}, at half its height"
     return add_instrument_components(name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0))
 

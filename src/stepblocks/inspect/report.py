@@ -376,13 +376,13 @@ def write_inspection(
         sheet, qif = named("inspection-sheet.csv"), named("qif")
         write_table(make_sheet_table(result.stimulus, filled), sheet)
         write_qif(qif, result.stimulus, result.order, filled, result.is_complete)
-        certificate = named("dcc.xml")
-        paths += [sheet, qif]
-        paths += write_certificate(
-            certificate, result.stimulus, record, result.order, result.digest, laboratory
+        certificate = write_certificate(
+            named("dcc.xml"), result.stimulus, record, result.order, result.digest, laboratory
         )
-    instrument = "" if laboratory is None else f" by {laboratory.instrument.name}"
-    when = "" if laboratory is None else f" on {laboratory.measured_to}"
+        paths += [sheet, qif, *certificate]
+    taken = f"scan: {result.source.name}"
+    if laboratory is not None:
+        taken += f" by {laboratory.instrument.name} on {laboratory.measured_to}"
     replace_text(
         page,
         render_page(
@@ -392,7 +392,7 @@ def write_inspection(
             lead=result.energy_statement or f"Measured on {result.source.name}.",
             alt=f"Scan of {result.identity}, what was fitted, limits and guard bands",
             tables=result.tables,
-            notes=[f"scan: {result.source.name}{instrument}{when}", *result.remarks],
+            notes=[taken, *result.remarks],
             said=result.said,
             picture=plot.name,
             links=[path.name for path in paths if path not in (page, plot)],

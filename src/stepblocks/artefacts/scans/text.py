@@ -129,12 +129,11 @@ def read_text_scan(
         x, _find_last_digit(values[:, columns["x"]], factors["x"], least=1)
     )
     notes += ["positions set to equal steps within their last digit"] if snapped else []
-    said = "; ".join([f"columns {said}", *notes])
     return Profile(
         x,
         z,
         source=path.name,
-        scale=said,
+        scale="; ".join([f"columns {said}", *notes]),
         count=_find_last_digit(values[:, columns["z"]], factors["z"]),
     )
 
@@ -370,11 +369,14 @@ def _read_matrix(values: Array, given: dict[str, tuple[float, float]], path: Pat
             f"step and a unit, as x=0.5um,z=nm, got {values.shape[1]} columns [{path.name}]"
         )
     dx, dy, one = (size / per for size, per in (given["x"], given.get("y", given["x"]), given["z"]))
-    said, count = (
-        "matrix with the step and unit given",
-        _find_last_digit(values.ravel(), given["z"]),
+    return HeightMap(
+        values * one,
+        dx,
+        dy,
+        source=path.name,
+        scale="matrix with the step and unit given",
+        count=_find_last_digit(values.ravel(), given["z"]),
     )
-    return HeightMap(values * one, dx, dy, source=path.name, scale=said, count=count)
 
 
 def _snap_to_equal_steps(x: Array, digit: float) -> tuple[Array, bool]:
