@@ -1,6 +1,7 @@
 """From a stimulus to its drawing as DXF, SVG and PDF."""
 
 import math
+import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
@@ -151,17 +152,19 @@ def _write_all(
                         sheet.document.classes.add_class(kind)
                     sheet.document.saveas(draft)
                 else:
+                    random.seed(0)  # by which ezdxf moves the lines of a hatching a little
                     _render(sheet, draft)
     return paths
 
 
 @contextmanager
 def _pin_ezdxf() -> Iterator[None]:
-    # Let ezdxf write no time and no random identifier, and use matplotlib's fonts only
+    # Let ezdxf write no time and no random identifier, and use matplotlib's fonts only; the
+    # random numbers of whoever draws go on where they were
     import ezdxf
     from ezdxf.fonts import fonts
 
-    options = ezdxf.options
+    options, state = ezdxf.options, random.getstate()
     before = (
         options.write_fixed_meta_data_for_testing,
         fonts.font_manager,
@@ -172,6 +175,7 @@ def _pin_ezdxf() -> Iterator[None]:
     try:
         yield
     finally:
+        random.setstate(state)
         (
             options.write_fixed_meta_data_for_testing,
             fonts.font_manager,
