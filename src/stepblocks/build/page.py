@@ -195,12 +195,13 @@ def _compute_curves(stimuli: StimulusSet) -> str | None:
         return 1e6 * tool.conversion * energies
 
     add("critical angle", radius, lambda x: np.degrees(kernels.compute_angle_on_step(x, radius)))
-    for friction in grid.frictions:
+    frictions = [grid.first_point(friction=one).friction for one in grid.coefficients]
+    for friction in frictions:
         # where the pull reaches the limit: F = N tan(a + atan mu); beyond it there is no energy
         steepest = math.atan2(most, load) - math.atan(friction)
         least = float(kernels.compute_height_at_angle(steepest, radius))
         add(f"E<sub>v</sub>, µ {friction:g}", least, partial(energy, friction=friction))
-    locking = [float(kernels.compute_locking_height(radius, mu)) for mu in grid.frictions]
+    locking = [float(kernels.compute_locking_height(radius, mu)) for mu in frictions]
     title = (
         f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks; no energy "
         f"beyond {most:g} N ({limit})"

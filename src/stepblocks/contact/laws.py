@@ -1,19 +1,25 @@
 """Laws of friction and of the contact as objects.
 
-The drag in time takes their value at every step, the equations their value at rest.
+The drag in time takes their value at every step, the equations their value at rest. A file names
+a law that ships, or one that a package offers as an entry point.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import cast
+from importlib.metadata import entry_points
+from typing import Any, cast
 
-from stepblocks.contact.domain import require_not_negative, require_positive
-from stepblocks.errors import ContactError
+from stepblocks.contact.domain import (
+    read_number,
+    require_not_negative,
+    require_positive,
+)
+from stepblocks.errors import ContactError, QuantityError
 
 Coefficient = Callable[[float, float, float, float], float]
 
@@ -140,6 +146,43 @@ class LinearContact(ContactLaw):
     def power_law(self, ball_radius: float) -> tuple[float, float]:
         """Return the stiffness and 1."""
         return self.stiffness, 1.0
+
+
+_KINDS = {"friction": FrictionLaw, "contact": ContactLaw}
+_SHIPPED: dict[str, Callable[..., object]] = {
+    "stribeck": Stribeck,
+    "hertz": Hertz,
+    "linear": LinearContact,
+}
+_DIMENSIONS = {"speed": "speed", "stiffness": "stiffness", "modulus": "pressure"}
+
+
+def build_laws(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Build the laws that a file declares under ``friction`` and ``contact``.
+
+    The name of each, under ``law``, is that of a law that ships or of an entry point of the group
+    ``stepblocks.laws``; what stands beside it are its numbers.
+    """
+    return {kind: _build_law(kind, **one) for kind, one in declared.items()}
+
+
+def _build_law(kind: str, law: str = "", **numbers: Any) -> object:
+    offered = {one.name: one for one in entry_points(group="stepblocks.laws")}
+    known = [*_SHIPPED, *offered]
+    if kind not in _KINDS or law not in known:
+        wrong, right = (kind, list(_KINDS)) if kind not in _KINDS else (law, known)
+        raise QuantityError(f"laws must be of {', '.join(right)}, got {wrong!r}")
+    try:
+        given = {
+            name: read_number(name, value, _DIMENSIONS[name]) if name in _DIMENSIONS else value
+            for name, value in numbers.items()
+        }
+        made = (_SHIPPED[law] if law in _SHIPPED else offered[law].load())(**given)
+    except (TypeError, ContactError) as error:
+        raise QuantityError(f"law of {kind} {law!r}: {error}") from error
+    if not isinstance(made, _KINDS[kind]):
+        raise QuantityError(f"law of {kind} must be a {_KINDS[kind].__name__}, {law!r} is none")
+    return made
 
 
 @lru_cache(maxsize=64)

@@ -106,7 +106,12 @@ def _resolve_declared_part(
     if ring := stimuli.ring_of(part):
         tool = ring.as_tool(tool)
     point = OperatingPoint(
-        ball, grid.normal_loads[0], grid.frictions[0], tool, tissue=part.tissue(tool)
+        ball,
+        grid.normal_loads[0],
+        grid.coefficients[0],
+        tool,
+        tissue=part.tissue(tool),
+        contact=grid.built_laws.get("contact"),
     )
     face, name = part.counterface(height), part.id
     if height is not None:

@@ -1,11 +1,13 @@
 """Conditions of a set: tips, loads, frictions, steps, the tool, the probe and its rig."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Annotated, Any
 
 from pydantic import Field
 
+from stepblocks.contact.laws import build_laws
 from stepblocks.contact.operating_point import (
     LIMIT_SOURCES,
     PAPER,
@@ -15,7 +17,13 @@ from stepblocks.contact.operating_point import (
     Tool,
 )
 from stepblocks.contact.rod import Rod, RodRing, Sleeve, compute_rod_ring, fit_rod
-from stepblocks.parts.declared import Sourced, Table, read_positive, read_sourced
+from stepblocks.parts.declared import (
+    Sourced,
+    Table,
+    make_rules_validator,
+    read_positive,
+    read_sourced,
+)
 
 PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
 Force = Annotated[Sourced, read_sourced("force")]
@@ -86,9 +94,27 @@ class PredictionGrid(Table):
     normal_loads: Annotated[tuple[_Newtons, ...], _SOME] = (PAPER.normal_load,)  # F_py [N]
     frictions: Annotated[tuple[Ratio, ...], _SOME] = (PAPER.friction,)  # mu [1]
     step_heights: Lengths = ()  # H of the sharp steps on which tips and sheaths are predicted [m]
+    # by name, with their numbers; that of friction stands in the place of `frictions`
+    laws: dict[str, dict[str, Any]] | None = None
     tool: ToolSpec = ToolSpec()
     tolerances: SettingTolerances = SettingTolerances()
     limits: LimitsSpec = LimitsSpec()
+
+    @make_rules_validator
+    def _laws_are_known(self) -> Iterator[str]:
+        if "friction" in self.built_laws and self.frictions != (PAPER.friction,):
+            yield "frictions must not be given beside laws.friction, which takes their place"
+
+    @property
+    def built_laws(self) -> dict[str, Any]:
+        """The laws of friction and of the contact that are declared, by kind."""
+        return build_laws(self.laws or {})
+
+    @property
+    def coefficients(self) -> tuple[Any, ...]:
+        """Coefficients of friction, or the law that stands in their place."""
+        law = self.built_laws.get("friction")
+        return (law,) if law else self.frictions
 
     def as_tool(self) -> Tool:
         """Return the declared tool, with the tolerance of its ring and its limits."""

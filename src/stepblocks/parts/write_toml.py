@@ -65,7 +65,7 @@ def _write_value(value: object, quantity: str, is_zone: bool) -> object:
             return [_write_value(one, quantity, is_zone) for one in value]
         case float() if quantity != "ratio":
             return format_exactly(value, quantity)
-        case str() | int() | float():
+        case str() | int() | float() | dict():
             return value
     raise StimulusError(f"a set must hold values that a file can state, got {value!r:.60}")
 

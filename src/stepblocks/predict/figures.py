@@ -41,9 +41,9 @@ def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
     faces = {part.id: part.counterface() for part in parts}
     steps = {name: face for name, face in faces.items() if isinstance(face, Step)}
     margins = {name: face for name, face in faces.items() if isinstance(face, Margin)}
-    for radius, friction in product(grid.tip_radii, grid.frictions):
+    for radius, friction in product(grid.tip_radii, grid.coefficients):
         point = OperatingPoint(radius, max(grid.normal_loads), friction, tool)
-        name = f"R{radius * 1e6:g}.mu{friction:g}".replace("mu0.", "mu0p")
+        name = f"R{radius * 1e6:g}.mu{point.friction:g}".replace("mu0.", "mu0p")
         if steps:
             path = folder / f"{stimuli.name}.energy-of-height.{name}.png"
             first = next(part for part in parts if part.id in steps)

@@ -99,6 +99,7 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
     for part in stimuli.stimuli:
         grid, ring = stimuli.grid_of(part), stimuli.ring_of(part)
         tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
+        contact = grid.built_laws.get("contact")
         worn = convert_half_widths({"stiffness": _find_stiffness_deviation(stimuli, part)})[
             "stiffness"
         ]
@@ -121,12 +122,17 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
             for backward in range(len(faces[0].ways)):
                 reached = [angles[backward] for angles in corners]
                 angles = nominal[backward], min(reached), max(reached)
-                for friction, load in product(grid.frictions, grid.normal_loads):
+                for friction, load in product(grid.coefficients, grid.normal_loads):
                     point = OperatingPoint(
-                        ball.nominal, load, friction, tool, tissue=part.tissue(tool)
+                        ball.nominal,
+                        load,
+                        friction,
+                        tool,
+                        tissue=part.tissue(tool),
+                        contact=contact,
                     )
                     release, low, high = (
-                        find_release(angle, load, friction, tool) for angle in angles
+                        find_release(angle, load, point.friction, tool) for angle in angles
                     )
                     spread = collect_uncertainties(part, grid, ball, load)
                     spread["stiffness"] = math.hypot(spread["stiffness"], worn)

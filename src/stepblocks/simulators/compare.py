@@ -167,10 +167,10 @@ def _read_record(
     else:
         frame, place = record, "table"
     accelerates = "acceleration_m_s2" in frame
-    wanted: dict[str, tuple[list[str], str, float | None]] = {"time": (["time"], "time", None)}
-    if not accelerates:
-        wanted["force"] = (["force"], "force", None)
-    columns = read_si_columns(frame, wanted, place)
+    wanted = "acceleration" if accelerates else "force"
+    columns = read_si_columns(
+        frame, {"time": (["time"], "time", None), wanted: ([wanted], wanted, None)}, place
+    )
     steps = np.diff(columns["time"])
     if len(steps) < 15 or not (steps > 0.0).all():
         raise HapticsError(f"time_s must rise in at least 16 rows, got {len(steps) + 1} [{place}]")
@@ -181,11 +181,7 @@ def _read_record(
             f"a ring of {event.tool.frequency:g} Hz, got steps of {1e3 * step:.3g} ms; a column in "
             f"milliseconds is called time_ms [{place}]"
         )
-    if accelerates:
-        values = frame["acceleration_m_s2"].to_numpy(dtype=np.float64)
-        force = values * event.tool.effective_mass
-    else:
-        force = columns["force"]
+    force = columns[wanted] * (event.tool.effective_mass if accelerates else 1.0)
     if not np.isfinite(force).all():
         raise HapticsError(f"the record must have finite samples, got others [{place}]")
     return force, 1.0 / step, not accelerates

@@ -55,12 +55,15 @@ def choose_operating_point(
             "--tip-radius must be given for a set whose prediction names no tip_radii, got none "
             f"[{stimuli.name}]"
         )
-    given = {"normal_load": grid.normal_loads[0], "friction": grid.frictions[0]} | dict(overrides)
+    given = {"normal_load": grid.normal_loads[0], "friction": grid.coefficients[0]} | dict(
+        overrides
+    )
     radius = float(given.pop("ball_radius", ball or 0.0) if part.ball is None else ball or 0.0)
     given.pop("ball_radius", None)
     return replace(
         OperatingPoint(radius, given["normal_load"], given["friction"]),
         tool=tool,
         tissue=part.tissue(tool),
+        contact=grid.built_laws.get("contact"),
         speed=given.get("speed", 5e-3),
     )

@@ -136,10 +136,9 @@ def export_scenes(
     try:
         with make_draft_folder(Path(output)) as draft:
             for (stimuli, source), each in zip(sets, contacts, strict=True):
-                parts = enumerate(stimuli.stimuli)
                 meant = {
                     part.id: number
-                    for number, part in parts
+                    for number, part in enumerate(stimuli.stimuli)
                     if only is None or matches_pattern(only, stimuli.name, part.id)
                 }
                 scenes = _build_scenes(each, list(meant.values()), chosen, scale)

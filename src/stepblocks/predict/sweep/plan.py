@@ -164,6 +164,10 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
         surface, stimuli, grid = read_sweep_stimuli(
             folder / head["set"], parameters.get("stimulus"), tolerances
         )
+        if grid.laws:
+            raise PipelineError(
+                "a sweep knows no laws of friction or contact; leave out laws [sweep]"
+            )
         declared, limits = find_setting(grid), dict(vars(grid.as_tool().limits))
         if tolerances:
             shares = convert_half_widths(
