@@ -32,6 +32,10 @@ _RULE = (
     "2/(stiffness_n_per_m decay_s) (1 + 1/(2 pi frequency_hz decay_s)^2) times the integral of "
     "force^2"
 )
+_LEARNED = (
+    *("peak_force_n", "peak_force_low_n", "peak_force_high_n"),
+    *("energy_j", "energy_low_j", "energy_high_j"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,15 +196,8 @@ def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, o
             "simulated_factor": wave.factor,
         }
     if learned is not None:
-        forces = zip(
-            ("peak_force_n", "peak_force_low_n", "peak_force_high_n"),
-            learned.peak_force,
-            strict=True,
-        )
-        energies = zip(("energy_j", "energy_low_j", "energy_high_j"), learned.energy, strict=True)
-        record["learned"] = replace_nan_by_none(
-            {"status": learned.status, **dict(forces), **dict(energies)}
-        )
+        figures = zip(_LEARNED, learned.peak_force + learned.energy, strict=True)
+        record["learned"] = replace_nan_by_none({"status": learned.status, **dict(figures)})
     return replace_nan_by_none(record)
 
 

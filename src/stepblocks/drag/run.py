@@ -76,13 +76,12 @@ def _read_values(given: Mapping[str, object]) -> dict[str, float]:
             f"{', '.join(unknown)} must be one of {', '.join(_DIMENSIONS)}, contact, tool, "
             f"x_range{hint}"
         )
-    values: dict[str, float] = {}
-    for name, value in given.items():
-        if isinstance(value, FrictionLaw):
-            values[name] = cast(float, value)
-        else:
-            values[name] = read_number(name, value, _DIMENSIONS[name] or "ratio")
-    return values
+    return {
+        name: cast(float, value)
+        if isinstance(value, FrictionLaw)
+        else read_number(name, value, _DIMENSIONS[name] or "ratio")
+        for name, value in given.items()
+    }
 
 
 @dataclass(frozen=True, repr=False)

@@ -109,20 +109,21 @@ def compare_record(
     if has_pull:
         before = np.abs(force[max(0, start - math.ceil(_BEFORE * rate)) : start])
         found["peak force"], ideal["peak force"] = before.max(initial=0.0), event.critical_force
-    rows = [
-        {
-            "part": name,
-            "recorded": found[name],
-            "ideal": ideal[name],
-            "difference_jnd": abs(math.log(max(found[name], 1e-12) / ideal[name]))
-            / math.log1p(share),
-            "jnd_ratio": share,
-            "source": source,
-        }
-        for name, (share, source) in JND.items()
-        if name in found
-    ]
-    table = pd.DataFrame(rows)
+    table = pd.DataFrame(
+        [
+            {
+                "part": name,
+                "recorded": found[name],
+                "ideal": ideal[name],
+                "difference_jnd": abs(math.log(max(found[name], 1e-12) / ideal[name]))
+                / math.log1p(share),
+                "jnd_ratio": share,
+                "source": source,
+            }
+            for name, (share, source) in JND.items()
+            if name in found
+        ]
+    )
     score = np.linalg.norm(table["difference_jnd"])
     table.loc[len(table)] = {"part": "score", "difference_jnd": score}
     if output is not None:

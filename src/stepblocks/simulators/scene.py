@@ -216,12 +216,14 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
             name: compute_ring_energy(compute_ring_force(event, rate), rate, event.tool)
             for name, rate in waves.items()
         }
-        content = {
-            "full_scale_n": dict.fromkeys(waves, full),
-            "energy_j": event.energy,
-            "energy_in_file_j": energies,
-        }
-        write_json(folder / f"{stem}.json", content)
+        write_json(
+            folder / f"{stem}.json",
+            {
+                "full_scale_n": dict.fromkeys(waves, full),
+                "energy_j": event.energy,
+                "energy_in_file_j": energies,
+            },
+        )
     names = sorted(
         path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
     )

@@ -9,7 +9,6 @@ from stepblocks.artefacts.meshes.write import write_obj
 from stepblocks.contact.energy import Status
 from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
-from stepblocks.text_file import Document
 
 
 def _write(folder: Path, scene: Scene) -> None:
@@ -39,12 +38,12 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
         + 2.0 * scenes[0].ball_radius
     )
     clip = scenes[0].ball_radius / (len(scenes) * wide)  # nearer to a camera nothing is drawn
-    common: Document = {"reach": reach, "clip": clip}
     write_from_template(
         folder / "scene.xml",
         name=folder.parent.name,
         blocks=blocks,
-        **common,
+        reach=reach,
+        clip=clip,
     )
     write_from_template(
         folder / "README.md", "mujoco-blocks.md", name=folder.parent.name, scenes=scenes
