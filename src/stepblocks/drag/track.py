@@ -231,10 +231,8 @@ def build_step_track(height: float, ball_radius: float, edge_radius: float = 0.0
     length = _LEVEL * ball_radius
     angle = 2.0 * math.asin(math.sqrt(0.5 * height / radius))
     angles = np.linspace(angle, 0.0, 400)
-    x = np.concatenate(
-        [np.linspace(-length, -radius * math.sin(angle), 50)[:-1], -radius * np.sin(angles)]
-    )
-    x = np.concatenate([x, np.linspace(0.0, length, 50)[1:]])
+    before = np.linspace(-length, -radius * math.sin(angle), 50)[:-1]
+    x = np.concatenate([before, -radius * np.sin(angles), np.linspace(0.0, length, 50)[1:]])
     arc = slice(49, 449)
     z, slope = np.where(x < 0.0, 0.0, height), np.zeros_like(x)
     z[arc] = height - 2.0 * radius * np.square(np.sin(0.5 * angles))

@@ -113,8 +113,11 @@ class PredictionGrid(Table):
     @property
     def coefficients(self) -> tuple[Any, ...]:
         """Coefficients of friction, or the law that stands in their place."""
-        law = self.built_laws.get("friction")
-        return (law,) if law else self.frictions
+        return (
+            (self.built_laws["friction"],)
+            if self.laws and "friction" in self.laws
+            else self.frictions
+        )
 
     def as_tool(self) -> Tool:
         """Return the declared tool, with the tolerance of its ring and its limits."""

@@ -244,8 +244,12 @@ def simulate_ring_of(
 
     if event.status is not Status.RELEASES:
         return event
-    settings = {"sample_rate": _RATE, "ring_time": _LENGTH}
-    trace = drag_face(face, point, event.direction < 0, settings=settings)
+    trace = drag_face(
+        face,
+        point,
+        event.direction < 0,
+        settings={"sample_rate": _RATE, "ring_time": _LENGTH},
+    )
     name = f"[{event.stimulus} {event.drag}]"
     if trace.status is not Status.RELEASES:
         raise HapticsError(

@@ -168,10 +168,8 @@ def _read_record(
     else:
         frame, place = record, "table"
     accelerates = "acceleration_m_s2" in frame
-    wanted = "acceleration" if accelerates else "force"
-    columns = read_si_columns(
-        frame, {"time": (["time"], "time", None), wanted: ([wanted], wanted, None)}, place
-    )
+    wanted = ["time"] if accelerates else ["time", "force"]
+    columns = read_si_columns(frame, {name: ([name], name, None) for name in wanted}, place)
     steps = np.diff(columns["time"])
     if len(steps) < 15 or not (steps > 0.0).all():
         raise HapticsError(f"time_s must rise in at least 16 rows, got {len(steps) + 1} [{place}]")
@@ -182,7 +180,11 @@ def _read_record(
             f"a ring of {event.tool.frequency:g} Hz, got steps of {1e3 * step:.3g} ms; a column in "
             f"milliseconds is called time_ms [{place}]"
         )
-    force = columns[wanted] * (event.tool.effective_mass if accelerates else 1.0)
+    if accelerates:
+        values = frame["acceleration_m_s2"].to_numpy(dtype=np.float64)
+        force = values * event.tool.effective_mass
+    else:
+        force = columns["force"]
     if not np.isfinite(force).all():
         raise HapticsError(f"the record must have finite samples, got others [{place}]")
     return force, 1.0 / step, not accelerates
