@@ -140,6 +140,12 @@ def test_two_runs_of_one_participant_are_refused_and_other_mistakes_named(real):
     )
     with pytest.raises(StudyError, match="trial must be 1 here, as planned, got 2"):
         open_run(real, "1")
+    # the answers of another participant, under the name of this one
+    (real / "runs" / "participant-1.csv").write_text(
+        "participant,trial,condition,code,estimate_um\n2,1,bare,AAA,30\n"
+    )
+    with pytest.raises(StudyError, match="participant must be 1 here, as planned, got 2"):
+        open_run(real, "1")
 
 
 def test_a_virtual_trial_leaves_motion_and_forces_and_needs_to_be_felt(virtual):

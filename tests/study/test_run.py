@@ -159,6 +159,15 @@ def test_power_is_one_row_per_size_and_the_same_in_its_file(tmp_path):
     assert alone == table.to_dict("records")[3]
 
 
+def test_the_power_of_ratings_is_asked_of_virtual_blocks_alone():
+    options = {"seed": 1, "measure": "realism", "participants": (4,), "runs": 10}
+    (row,) = study_power(FOUR, experiment="virtual", **options).to_dict("records")
+    assert (row["measure"], row["analysis"], row["judgements_each"]) == ("realism", "ordinal", 24)
+    for wrong in ({}, {"experiment": "virtual", "probes": ("bare",)}):
+        with pytest.raises(StudyError, match="realism must be rated in the experiment virtual"):
+            study_power(FOUR, **options | wrong)
+
+
 @pytest.mark.parametrize("name", ["x/../../../evil", "..\\\\evil", "/tmp/evil", "a b", "p" * 41])
 def test_a_participant_is_one_word_and_leads_no_sheet_out_of_its_folder(folder, name):
     design = Path(folder) / "design.csv"

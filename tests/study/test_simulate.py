@@ -5,6 +5,7 @@ import pytest
 
 from oracles.designs import compared, crossed
 from stepblocks.errors import StudyError
+from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item
 from stepblocks.study.experiments import EXPERIMENTS
@@ -142,6 +143,30 @@ def test_a_difference_that_nobody_can_miss_is_always_found():
 def test_an_impossible_simulation_is_refused(options, message):
     with pytest.raises(StudyError, match=message):
         estimate_power(plan(), **options)
+
+
+def test_simulated_ratings_have_the_odds_that_the_observers_give_them():
+    frame = simulate_frame(plan(participants=60, observer=Observer(realism_gain=1.2)), seed=3)
+    assert set(frame["rating"]) <= set(range(1, 8))
+    (found,) = fit_ordinal_model(frame, "rating", "condition", "participant").effects
+    # "soft" is the last condition, which is rated up
+    assert found.log_odds == pytest.approx(1.2, abs=3.0 * found.error)
+    assert found.error < 0.3
+
+
+def test_the_power_of_ratings_is_that_of_the_ordinal_model_and_the_level_without_a_gain():
+    given = {"measure": "realism", "participants": 8, "repetitions": 4}
+    strong = estimate_power(plan(**given, observer=Observer(realism_gain=3.0)), runs=10)
+    assert strong["power_ratio"] == 1.0
+    none = [
+        compute_p_value(plan(**given, observer=Observer(realism_gain=0.0)), "mixed", seed)
+        for seed in range(40)
+    ]
+    # of 40 uniform values at most 7 lie below 0.05, but for one case in 1,000 (binomial)
+    assert sum(p < 0.05 for p in none) <= 7
+    # ratings that do not overlap have no finite odds: such a study finds nothing
+    far = plan(measure="realism", participants=3, observer=Observer(realism_gain=50.0))
+    assert compute_p_value(far, "mixed", 1) == 1.0
 
 
 def test_a_study_of_typical_observers_has_a_p_value():

@@ -121,6 +121,16 @@ Lapse = Annotated[
         rich_help_panel=_OBSERVER,
     ),
 ]
+RealismGain = Annotated[
+    float | None,
+    quantity_option(
+        "ratio",
+        "--realism-gain",
+        help="by how much vibration raises ratings, as the logarithm of their odds",
+        show_default="1.5",
+        rich_help_panel=_OBSERVER,
+    ),
+]
 
 
 def _make_observer(
@@ -129,6 +139,7 @@ def _make_observer(
     spread: float | None,
     condition_spread: float | None,
     lapse: float | None,
+    realism_gain: float | None,
 ) -> "Observer":
     from stepblocks.study.simulate import Observer
 
@@ -139,6 +150,7 @@ def _make_observer(
             participant_spread=spread,
             condition_spread=condition_spread,
             lapse=lapse,
+            realism_gain=realism_gain,
         )
     )
 
@@ -155,6 +167,7 @@ def simulate(
     spread: Spread = None,
     condition_spread: ConditionSpread = None,
     lapse: Lapse = None,
+    realism_gain: RealismGain = None,
     seed: Seed,
     tip_radius: TipRadius = None,
     load: Load = None,
@@ -172,7 +185,7 @@ def simulate(
 ) -> Outcome:
     """Let simulated participants fill in the run sheets."""
     place = output or folder / "answers.csv"
-    observer = _make_observer(weber, noise, spread, condition_spread, lapse)
+    observer = _make_observer(weber, noise, spread, condition_spread, lapse, realism_gain)
     number = stepblocks.simulate_study(
         folder,
         file,
@@ -196,7 +209,7 @@ def power(
     file: Blocks = None,
     heights: HeightsOption = None,
     experiment: Annotated[
-        Literal["estimates", "constant", "2afc"] | None,
+        Literal["estimates", "virtual", "constant", "2afc"] | None,
         typer.Option("--experiment", help="kind of judgement", show_default="estimates"),
     ] = None,
     standard: StandardOption = None,
@@ -211,7 +224,7 @@ def power(
         ),
     ] = None,
     measure: Annotated[
-        Literal["absolute error", "bias", "spread"] | None,
+        Literal["absolute error", "bias", "spread", "realism"] | None,
         typer.Option("--measure", help="what is tested", show_default="absolute error"),
     ] = None,
     participants: Annotated[
@@ -241,6 +254,7 @@ def power(
     spread: Spread = None,
     condition_spread: ConditionSpread = None,
     lapse: Lapse = None,
+    realism_gain: RealismGain = None,
     tip_radius: TipRadius = None,
     load: Load = None,
     friction: Friction = None,
@@ -272,7 +286,7 @@ def power(
     ] = None,
 ) -> Outcome:
     """Find the share of simulated studies that find a difference between conditions."""
-    observer = _make_observer(weber, noise, spread, condition_spread, lapse)
+    observer = _make_observer(weber, noise, spread, condition_spread, lapse, realism_gain)
     source = choose_source(file, heights)
     table = stepblocks.study_power(
         source,

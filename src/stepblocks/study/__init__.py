@@ -5,7 +5,9 @@ from pandas import DataFrame as Table
 from stepblocks.contact import Array
 from stepblocks.errors import StudyError
 
-__all__ = ["Array", "Table", "require"]
+__all__ = ["RATINGS", "Array", "Table", "require"]
+
+RATINGS = (1, 7)  # lowest and highest rating
 
 
 def require(holds: object, rule: str) -> None:

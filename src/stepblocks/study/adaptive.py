@@ -12,10 +12,10 @@ from functools import cache
 
 import numpy as np
 
-from stepblocks.study import Array, require
+from stepblocks.study import RATINGS, Array, require
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z75
 from stepblocks.study.design import name_setting
-from stepblocks.study.experiments import EXPERIMENTS, RATINGS, Row, read_number
+from stepblocks.study.experiments import EXPERIMENTS, Row, read_number
 
 _LAPSES = np.linspace(0.0, MAX_LAPSE, 5)
 _REACH = np.linspace(-3.0, 3.0, 25)  # of the grid, in standard deviations of the prior

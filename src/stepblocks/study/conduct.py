@@ -23,7 +23,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.quantities import parse_quantity
 from stepblocks.simulators.renderer import Renderer
-from stepblocks.study import require
+from stepblocks.study import RATINGS, require
 from stepblocks.study.adaptive import order_trials
 from stepblocks.study.design import (
     FACTOR,
@@ -33,7 +33,7 @@ from stepblocks.study.design import (
     Blocks,
     find_designed_blocks,
 )
-from stepblocks.study.experiments import EXPERIMENTS, RATINGS, Row, read_number
+from stepblocks.study.experiments import EXPERIMENTS, Row, read_number
 from stepblocks.study.hands import HANDS, Hand, Mouse
 from stepblocks.study.servo import RATE, Limits, Servo, write_motion
 from stepblocks.study.sheet import (
@@ -121,11 +121,12 @@ class Run:
         rows = read_answers(self.path, self.experiment)
         self._place(rows)
         for row, planned in zip(rows, self.planned, strict=False):
-            require(
-                row["trial"] == planned["trial"],
-                f"trial must be {planned['trial']} here, as planned, got {row['trial']} "
-                f"[{row['line']}]",
-            )
+            for name in ("participant", "trial"):
+                require(
+                    row[name] == planned[name],
+                    f"{name} must be {planned[name]} here, as planned, got {row[name]} "
+                    f"[{row['line']}]",
+                )
         most = len(self.planned)
         require(len(rows) <= most, f"at most {most} trials are planned, got more [{self.path}]")
         if whole.partition("\n")[0] + "\n" != self._header():
@@ -188,8 +189,9 @@ class Run:
                 *self.kind.answers,
                 *(("condition", "code") if virtual else ()),
             )
-            blind = blind_rows([row])[0]
-            found |= {name: text for name, text in blind.items() if name not in hidden}
+            found |= {
+                name: text for name, text in blind_rows([row])[0].items() if name not in hidden
+            }
         return found
 
     def _set_point(self, row: Row) -> OperatingPoint:
@@ -221,8 +223,13 @@ class Run:
             self.end()
             face, point = self.blocks.faces[row["stimulus"]], self._set_point(row)
             path = face.centre_path(point.ball_radius)
-            event = "vibration-off" not in row["condition"].split("/")
-            renderer = Renderer(path, point, scale=self.scale, rate=RATE, event=event)
+            renderer = Renderer(
+                path,
+                point,
+                scale=self.scale,
+                rate=RATE,
+                event="vibration-off" not in row["condition"].split("/"),
+            )
             renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
             if self.hand is None or isinstance(self.hand, Mouse):
                 self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from stepblocks.study import require, sheet
+from stepblocks.study import RATINGS, require, sheet
 from stepblocks.study.design import FACTOR
-from stepblocks.study.experiments import ALIASES, EXPERIMENTS, RATINGS, Row, read_number
+from stepblocks.study.experiments import ALIASES, EXPERIMENTS, Row, read_number
 
 FORMATS = ("bids",)
 HEIGHTS = (0.1, 5000.0)  # of the steps of blocks; what lies outside is in another unit [um]

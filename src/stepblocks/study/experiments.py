@@ -30,6 +30,7 @@ from stepblocks.study.design import FACTOR, ORDERS
 from stepblocks.study.simulate import (
     Observer,
     estimate_heights,
+    rate_realism,
     simulate_comparison,
     simulate_sensation,
 )
@@ -41,7 +42,6 @@ _Group = tuple[list[str], Population, Grid, tuple[Estimate, Estimate]]
 
 
 LARGEST_ESTIMATE = 10_000.0  # um; the same for every study, so that it reveals no height
-RATINGS = (1, 7)  # lowest and highest
 
 Fields = dict[str, Any]  # of a `StudyResult`, by name
 
@@ -142,12 +142,8 @@ def _simulate_estimates(trials: Table, observer: Observer, generator: np.random.
 
 def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Generator) -> Texts:
     estimates = _simulate_estimates(trials, observer, generator)
-    own = generator.standard_normal(trials["person"].max() + 1)
-    felt = (
-        own[trials["person"]]
-        + observer.realism_gain * (trials["condition"] == "vibration-on").to_numpy()
-    )
-    ratings = np.clip(np.round(3.5 + (felt + generator.logistic(size=len(trials)))), *RATINGS)
+    shown = (trials["condition"] == "vibration-on").to_numpy()
+    ratings = rate_realism(trials["person"].to_numpy(), shown, observer, generator)
     return [
         (estimate, f"{rating:.0f}") for (estimate,), rating in zip(estimates, ratings, strict=True)
     ]

@@ -57,8 +57,10 @@ def _describe_measure(measure: Measure, finding: Finding, reference: str, p: str
     if finding.corrected < _LEVEL:
         found = [_describe_pair(measure, one) for one in pairs if one.p < _LEVEL]
         return "; ".join(found or ["conditions differ, no single pair does"]) + f" ({p})"
-    bounds = [one.bound for one in measure.equivalence if reference in ("", one.first, one.second)]
-    bound = max(bounds, default=math.nan)
+    bound = max(
+        (one.bound for one in measure.equivalence if reference in ("", one.first, one.second)),
+        default=math.nan,
+    )
     less = f"a factor of {math.exp(bound):.2g}" if measure.logarithmic else f"{bound * 1e6:.2g} um"
     factors = [compute_bayes_factor(one.difference / one.error, one.df + 1.0) for one in pairs]
     ends = " to ".join(f"{value:.2g}" for value in sorted({min(factors), max(factors)}))

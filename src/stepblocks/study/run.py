@@ -15,7 +15,7 @@ from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
 from stepblocks.quantities import parse_quantity
-from stepblocks.study import require, sheet
+from stepblocks.study import RATINGS, require, sheet
 from stepblocks.study.adaptive import complete_prior
 from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
@@ -33,11 +33,11 @@ from stepblocks.study.exchange import read_foreign_judgements
 from stepblocks.study.experiments import (
     ALIASES,
     EXPERIMENTS,
-    RATINGS,
     refuse_unused_options,
 )
 from stepblocks.study.page import render_run_sheets, render_study, write_figures
 from stepblocks.study.simulate import (
+    REALISM,
     TYPICAL_OBSERVER,
     Observer,
     SimulatedStudy,
@@ -410,8 +410,9 @@ def study_power(
     output : str or Path, optional
         CSV to write.
     experiment : str
-        ``"estimates"``, or ``"constant"``, also as ``"2afc"``: each block against `standard`, by a
-        t-test of the participants' shares of right answers against one half.
+        ``"estimates"``; ``"virtual"``, with vibration off and on; or ``"constant"``, also as
+        ``"2afc"``: each block against `standard`, by a t-test of the participants' shares of right
+        answers against one half.
     seed, runs, jobs : int
         Seed of all chance, simulated studies per size, processes (on which the outcome does not
         depend).
@@ -421,7 +422,9 @@ def study_power(
         Share of the energy that a condition lets through, and how many times the response noise it
         has [1]; 1 where not named.
     measure : str
-        ``"absolute error"``, which the report reads for accuracy, ``"bias"`` or ``"spread"``.
+        ``"absolute error"``, which the report reads for accuracy, ``"bias"`` or ``"spread"``; of
+        ``"virtual"`` also ``"realism"``, by the ordinal model, whatever `analysis` is: vibration
+        moves ratings by the observer's `realism_gain`.
     standard : str
         Block of ``"constant"`` that all others are compared with.
     participants, repetitions : sequence of int
@@ -446,13 +449,20 @@ def study_power(
     energies = blocks.energies()
     heights = {item.identity: item.height for item in blocks.items}
     rows = []
-    names = tuple(dict.fromkeys((*probes, *(damping or {}), *(noise or {}))))
+    kind = ALIASES.get(experiment, experiment)
+    vibration = tuple(EXPERIMENTS["virtual"].factors["vibration"]) if kind == "virtual" else ()
+    names = tuple(dict.fromkeys((*vibration, *probes, *(damping or {}), *(noise or {}))))
+    require(
+        measure != REALISM or (vibration and names == vibration),
+        "realism must be rated in the experiment virtual, with vibration off and on, got "
+        f"{experiment} with {', '.join(names) or 'no conditions'}",
+    )
     factors = tuple((name, (damping or {}).get(name, 1.0)) for name in names)
     noises = tuple((noise or {}).get(name, 1.0) for name in names)
     sizes = (tuple(heights.values()), tuple(energies.values()), factors, observer, noises, measure)
     for people, times in itertools.product(participants, repetitions):
         size: dict[str, object] = {"participants": people, "repetitions": times}
-        if ALIASES.get(experiment, experiment) == "constant":
+        if kind == "constant":
             require(
                 standard in energies,
                 f"standard must be one of the blocks {', '.join(energies)}, got {standard!r}",
@@ -469,7 +479,8 @@ def study_power(
             continue
         found = estimate_power(SimulatedStudy(people, times, *sizes), analysis, runs, seed, jobs)
         size["judgements_each"] = times * len(heights) * len(names)
-        rows.append({"measure": measure, "analysis": analysis} | size | found | {"runs": runs})
+        tested = {"measure": measure, "analysis": "ordinal" if measure == REALISM else analysis}
+        rows.append(tested | size | found | {"runs": runs})
     table = pd.DataFrame(rows)
     if output is not None:
         write_table(table, Path(output), "%.3f")

@@ -18,12 +18,12 @@ import pandas as pd
 from stepblocks.atomic import replace_bytes
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
-from stepblocks.study import Table, require
+from stepblocks.study import RATINGS, Table, require
 from stepblocks.study.adaptive import complete_prior, order_trials
 from stepblocks.study.analysis.people import describe_unlike_participants
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import DESIGN_COLUMNS, FACTOR, WHEN, Item, name_setting
-from stepblocks.study.experiments import EXPERIMENTS, RATINGS, Row, read_number
+from stepblocks.study.experiments import EXPERIMENTS, Row, read_number
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import format_csv
 
@@ -222,8 +222,12 @@ class Judgements:
             not reference or reference in known,
             f"reference must be one of {', '.join(known)}, got {reference!r}",
         )
-        found = EXPERIMENTS[self.experiment].analyse(self.frame, margin)
-        result = StudyResult(self.experiment, tuple(self.notes()), self.frame, **found)
+        result = StudyResult(
+            self.experiment,
+            tuple(self.notes()),
+            self.frame,
+            **EXPERIMENTS[self.experiment].analyse(self.frame, margin),
+        )
         tests = [one.name for one in result.findings()]
         require(
             not primary or primary in tests,

@@ -2,14 +2,17 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.study import Array, Table, require
+from stepblocks.errors import StudyError
+from stepblocks.study import RATINGS, Array, Table, require
 from stepblocks.study.analysis.accuracy import ANSWER, MEASURES, compute_measure
 from stepblocks.study.analysis.anova import run_f_test
 from stepblocks.study.analysis.mixed import fit_mixed_model
+from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.psychometric import Z75
 
 
@@ -115,6 +118,15 @@ def estimate_heights(
     return np.maximum(estimates, 0.0)
 
 
+def rate_realism(
+    person: Array, shown: Array, observer: Observer, generator: np.random.Generator
+) -> Array:
+    """Let participants rate realism, each from a level of her own; `shown` is what they rate up."""
+    felt = generator.standard_normal(person.max() + 1)[person] + observer.realism_gain * shown
+    latent = 3.5 + (felt + generator.logistic(size=len(person)))
+    return np.asarray(np.clip(np.round(latent), *RATINGS))
+
+
 def simulate_comparison(
     energy: float, standard: float, observer: Observer, generator: np.random.Generator
 ) -> bool:
@@ -157,6 +169,7 @@ def estimate_detection_power(
 
 
 ANALYSES = ("f-test", "mixed")  # the paper's F-test, and the mixed model
+REALISM = "realism"  # the measure that ratings give, tested by the ordinal model
 
 
 @dataclass(frozen=True)
@@ -174,12 +187,12 @@ class SimulatedStudy:
     noise: tuple[
         float, ...
     ] = ()  # times the response noise, by condition [1]; alike where left out
-    measure: str = ANSWER  # what is tested, one of `MEASURES`
+    measure: str = ANSWER  # what is tested, one of `MEASURES` or `REALISM`
 
     def __post_init__(self) -> None:
         require(
-            self.measure in MEASURES,
-            f"measure must be one of {', '.join(MEASURES)}, got {self.measure!r}",
+            self.measure in (*MEASURES, REALISM),
+            f"measure must be one of {', '.join((*MEASURES, REALISM))}, got {self.measure!r}",
         )
         require(
             self.participants >= 2 and self.repetitions >= 1,
@@ -201,7 +214,14 @@ class SimulatedStudy:
 
 def compute_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
     """Simulate a study and test its conditions."""
-    frame, block = compute_measure(simulate_frame(plan, seed), plan.measure)
+    simulated = simulate_frame(plan, seed)
+    if plan.measure == REALISM:
+        with suppress(StudyError):  # ratings without finite odds show no difference
+            return fit_ordinal_model(simulated, "rating", "condition", "participant").participants[
+                "p"
+            ]
+        return 1.0
+    frame, block = compute_measure(simulated, plan.measure)
     if analysis == "f-test":
         return run_f_test(frame, "value", "condition", block, intervals=False).terms[0].p
     term = fit_mixed_model(
@@ -222,15 +242,16 @@ def simulate_frame(plan: SimulatedStudy, seed: int) -> Table:
     frame = pd.DataFrame({"person": person, "setting": setting, "height": heights[block]})
     frame["energy"] = energies[block] * np.array(shares)[setting]
     frame["noisier"] = np.array(plan.noise or [1.0] * len(shares))[setting]
-    estimates = estimate_heights(
-        frame, (heights, energies), plan.observer, np.random.default_rng(seed)
-    )
+    generator = np.random.default_rng(seed)
+    estimates = estimate_heights(frame, (heights, energies), plan.observer, generator)
     return frame.assign(
         participant=person.astype(str),
         condition=np.array(names)[setting],
         stimulus=block.astype(str),
         estimate=estimates,
         error=estimates - heights[block],
+        # the last condition is the one that changes realism
+        rating=rate_realism(person, setting == setting.max(), plan.observer, generator),
     )
 
 

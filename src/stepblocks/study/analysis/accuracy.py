@@ -208,8 +208,8 @@ def compare_groups(data: Table) -> tuple[tuple[Term, ...], tuple[Interval, ...]]
         if "stimulus" in data
         else data.set_index(keys)["value"]
     )
-    table = cells.groupby(keys).mean().unstack()
-    table = table.dropna()  # a participant without a condition is named in the notes
+    # a participant without a condition is named in the notes
+    table = cells.groupby(keys).mean().unstack().dropna()
     group = data.groupby("participant")["group"].first().reindex(table.index)
     sizes = group.value_counts().sort_index()
     require(

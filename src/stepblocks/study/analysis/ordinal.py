@@ -93,8 +93,12 @@ def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: st
         * (people - number)
         / (number * (people - 1))
     )
-    tail, left = float(f.sf(statistic, number, people - number)), float(people - number)
-    wald = {"statistic": statistic, "df": float(number), "df_error": left, "p": tail}
+    wald = {
+        "statistic": statistic,
+        "df": float(number),
+        "df_error": float(people - number),
+        "p": float(f.sf(statistic, number, people - number)),
+    }
     reach = float(t.ppf(0.975, people - 1))
     conditions = sorted(frame[condition].unique())
     pairs = list(itertools.combinations(range(len(conditions)), 2))

@@ -106,8 +106,10 @@ def fit_psychometric(
         )
 
     middle, spread = _guess_start(log_x, k, n)
-    fits = [climb([middle, spread - shrink, 0.02]) for shrink in (0.0, 0.7)]
-    found = min(fits, key=lambda one: float(one.fun))
+    found = min(
+        (climb([middle, spread - shrink, 0.02]) for shrink in (0.0, 0.7)),
+        key=lambda one: float(one.fun),
+    )
     # what a spread of zero loses more; where that is nothing, all small spreads fit alike
     sharper = float(miss(_fit_step_functions(x, k, n)).min()) - float(found.fun)
 
@@ -115,10 +117,9 @@ def fit_psychometric(
         """Return where the profile has fallen by the 95 % point of chi squared, below or above."""
 
         def excess(value: float) -> float:
-            points = ([*found.x], [*found.x[:2], 0.02], [middle, spread, 0.02])
             least = min(
                 float(climb([*one[:place], value, *one[place + 1 :]], place, value).fun)
-                for one in points
+                for one in ([*found.x], [*found.x[:2], 0.02], [middle, spread, 0.02])
             )
             return 2.0 * (least - float(found.fun)) - _CHI95
 
