@@ -175,7 +175,7 @@ def test_power_is_of_the_statistic_that_is_asked_for():
             <= high
         )
     with pytest.raises(
-        StudyError, match="measure must be one of bias, absolute error, spread, got 'x'"
+        StudyError, match="measure must be one of bias, absolute error, spread, realism, got 'x'"
     ):
         plan(measure="x")
 

@@ -7,7 +7,7 @@ from oracles.designs import compared, crossed
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item
+from stepblocks.study.design import Item, design_trials
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_study
 from stepblocks.study.sheet import (
@@ -152,6 +152,16 @@ def test_simulated_ratings_have_the_odds_that_the_observers_give_them():
     # "soft" is the last condition, which is rated up
     assert found.log_odds == pytest.approx(1.2, abs=3.0 * found.error)
     assert found.error < 0.3
+
+
+def test_vibration_raises_ratings_also_where_other_factors_cross_it():
+    factors = {"vibration": ("vibration-off", "vibration-on"), "amplitude": ("0.5", "1")}
+    rows = design_trials("virtual", 8, BLOCKS, 2, 1, factors=factors).trials
+    answers = simulate_answers(rows, ENERGIES, {}, Observer(realism_gain=4.0), seed=1)
+    ratings = np.array([int(row["realism_rating"]) for row in answers])
+    shown = np.array([row["factor_vibration"] == "vibration-on" for row in rows])
+    # four logits on a scale of seven steps of one, cut off at its end
+    assert ratings[shown].mean() - ratings[~shown].mean() > 2.0
 
 
 def test_the_power_of_ratings_is_that_of_the_ordinal_model_and_the_level_without_a_gain():

@@ -142,7 +142,7 @@ def _simulate_estimates(trials: Table, observer: Observer, generator: np.random.
 
 def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Generator) -> Texts:
     estimates = _simulate_estimates(trials, observer, generator)
-    shown = (trials["condition"] == "vibration-on").to_numpy()
+    shown = np.array(["vibration-on" in name.split("/") for name in trials["condition"]])
     ratings = rate_realism(trials["person"].to_numpy(), shown, observer, generator)
     return [
         (estimate, f"{rating:.0f}") for (estimate,), rating in zip(estimates, ratings, strict=True)
