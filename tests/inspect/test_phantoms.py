@@ -7,8 +7,10 @@ from oracles.softgauge import correlated_map, correlated_noise, edge_gauge
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.grooves import _check_level, measure_groove
+from stepblocks.inspect.levelling import Feature, FoundEdge, Levels
 from stepblocks.inspect.measure import AS_FOUND
+from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.run import EVALUATIONS, _suggest_next, inspect_standard
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.characteristics import Characteristic
@@ -95,3 +97,14 @@ def test_the_refusal_of_a_map_is_one_reason_and_a_next_step():
         reason, step = str(refused.value).split("; ")
         assert reason.startswith("profiles must agree")
         assert step.startswith("a part that shows one kind of feature may do: --from")
+
+
+def test_edges_whose_flanks_overlap_may_stand_in_another_order():
+    # an image of nano sheets had ended in an error of numpy
+    x, z = np.arange(100) * UM, np.where(np.arange(100) > 50, UM, 0.0)
+    edges = [FoundEdge(at * UM, UM, at * UM, at * UM, 0.0) for at in (52.0, 50.0)]
+    height = Feature(52 * UM, np.inf, 0.0, 0.0, Estimate(UM, NM))
+    used = np.ones(100, dtype=bool)
+    levels = Levels((height,), 1, z, used, 0, 99.0, 1.0, tuple(edges))
+    with pytest.raises(MetrologyError, match="must keep half of their points"):
+        _check_level(x, z, levels, height)

@@ -212,7 +212,8 @@ def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
             f"at most {_MOST_DROPPED:.0%} of the points of a profile may be spikes, got "
             f"{levels.rejected / points:.0%}"
         )
-    ends = [float(x[0]), *(edge.position for edge in levels.edges), float(x[-1])]
+    # flanks that overlap may cross half of their heights in another order
+    ends = sorted([float(x[0]), *(edge.position for edge in levels.edges), float(x[-1])])
     at = ends.index(feature.begin)
     kept, seen = (
         np.histogram(x[points], ends)[0][at - 1 : at + 1]
