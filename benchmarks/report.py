@@ -113,7 +113,7 @@ PARTS = [
     ),
     Part(
         "drag-profiles",
-        "python benchmarks/drag_profiles.py --scans {shared}/real",
+        "python benchmarks/drag_profiles.py --scans {shared}/real/surfacetopography",
         {
             "profiles-pull": (r"\| all \| \d+ \| \d+ \| (\d+ of \d+)", "{}"),
             "profiles-energy": (r"\| all (?:\| [^|]+){3}\| (\d+ of \d+)", "{}"),
