@@ -10,6 +10,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 from scipy import stats
+from scipy.linalg import orth
 from statsmodels.regression.linear_model import OLS
 from statsmodels.stats.multitest import multipletests
 
@@ -62,7 +63,8 @@ def check_residuals(
 
 def compute_smooth_p(residual: Floats, columns: Floats) -> float:
     """F-test of what some columns explain of a residual beside its mean; 1 where it has none."""
-    fitted = OLS(residual, np.column_stack([np.ones(len(residual)), columns])).fit()
+    basis = orth(columns - columns.mean(axis=0))  # columns that say the same count once
+    fitted = OLS(residual, np.column_stack([np.ones(len(residual)), basis])).fit()
     return float(fitted.f_pvalue) if fitted.df_model > 0.0 and fitted.ssr > 0.0 else 1.0
 
 

@@ -60,8 +60,8 @@ class Trials:
         errors = [f"{name}_std" for name in names]
         if not names:
             raise PipelineError(
-                "table must have a column that was measured and its uncertainty, such as period and "
-                f"period_std, got {', '.join(map(str, table))}"
+                "table must have a column that was measured and its uncertainty, such as period "
+                f"and period_std, got {', '.join(map(str, table))}"
             )
         others = table.drop(columns=[*names, *errors, "block"], errors="ignore")
         covariates = {str(name): column.to_numpy() for name, column in others.items()}
