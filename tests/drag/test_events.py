@@ -359,6 +359,6 @@ def test_the_command_answers_for_a_range_and_says_what_else_released(tmp_path, c
     assert record["equation_1"]["peak_force_n"] == pytest.approx(expected, rel=1e-6)
     for wrong in ("200um", "a..b", "1um..2um..3um", "1N..2N"):
         assert main(["drag", str(path), "--x-range", wrong, *out]) == 2
-        assert f"--x-range: must be two lengths such as -50um..50um, got {wrong!r}" in (
+        assert f"--x-range: must be two lengths such as -50µm..50µm, got {wrong!r}" in (
             capsys.readouterr().err
         )
