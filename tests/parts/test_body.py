@@ -150,7 +150,9 @@ def test_a_body_that_cannot_be_made_is_refused(changed, said):
 
 def test_an_identity_that_does_not_fit_the_front_says_how_high_letters_may_be():
     long = "a-name-that-is-much-too-long-for-it"
-    with pytest.raises(ValueError, match=r"engraving\.height must be small enough for 'a-name") as caught:
+    with pytest.raises(
+        ValueError, match=r"engraving\.height must be small enough for 'a-name"
+    ) as caught:
         StepBlock.model_validate(
             {name: getattr(BLOCK, name) for name in StepBlock.model_fields} | {"id": long}
         )
