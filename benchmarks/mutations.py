@@ -383,6 +383,10 @@ class Reach:
             }
         named = [one for one in tests_of(tree.root, mutant) if one.endswith(".py")]
         files = {one.split("::")[0] for one in direct} | set(named)
+        # tests that are newer than what was measured may call it, too
+        direct |= {
+            one for one in spent if one not in found["seconds"] and one.split("::")[0] in files
+        }
         order = sorted(
             (test not in direct, test.split("::")[0] not in named, seconds, test)
             if seconds > 1.0

@@ -197,6 +197,15 @@ def test_a_margin_whose_sides_do_not_bend_is_the_margin_between_level_ones(margi
     assert bent.heights(x) == pytest.approx(margin.heights(x), abs=1e-15)
 
 
+def test_the_section_of_a_margin_has_the_parabola_of_each_side():
+    bent = ProfiledMargin(60e-6, 60e-6, 12e-6, 1e-3, 0.0, -150.0, 0.12, -90.0)
+    x, z = np.array(bent.section(0.0))[:, np.array(bent.section(0.0))[1] > -5e-4]  # without floor
+    tooth, far = x[x <= 0.0], x[x >= 60e-6] - 60e-6
+    assert z[x <= 0.0] == pytest.approx(-75.0 * tooth**2, abs=1e-15)
+    assert z[x >= 60e-6] == pytest.approx(12e-6 + 0.12 * far - 45.0 * far**2, abs=1e-15)
+    assert min(tooth.size, far.size) > 20
+
+
 def test_draws_over_a_margin_whose_sides_bend_lie_close_to_the_dilation_of_each():
     bent = ProfiledMargin(60e-6, 60e-6, 12e-6, 1e-3, 0.0, -150.0, 0.12, -90.0)
     gaps = np.array([52e-6, 57e-6, 60e-6, 66e-6])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.effects.named import list_named_laws
+from stepblocks.contact.effects.release_motion import compute_release
 from stepblocks.contact.forward import (
     BenchDesign,
     build_bench_design,
@@ -281,3 +282,42 @@ def test_scanned_heights_become_tight_priors(design):
     assert found[format_height_name("step-050")].start == pytest.approx(0.6e-6)
     assert found[format_height_name("step-050")].prior_std == pytest.approx(100e-9)
     assert found[format_height_name("step-020")].prior_std == pytest.approx(1e-6)
+
+
+def test_a_bent_gauge_shows_the_ramp_as_steep_as_the_chord_of_its_curve(design):
+    # origin: a gauge that shows F (1 + q F) shows e - s as (e - s) (1 + q (s + e))
+    state = build_nominal_state(design, _VALUES)
+    straight = compute_channels(state)[:, _SPRING]
+    bent = compute_channels(state.changed(gauge_square=np.full(4, 0.05)))[:, _SPRING]
+    s = state.sliding_force()
+    e = s + 0.9 * (state.peak_force() - s)  # where the line through a ramp ends
+    chord = (e + 0.05 * e**2 - s - 0.05 * s**2) / (e - s)
+    assert bent / straight == pytest.approx(chord, rel=1e-12)
+
+
+def test_a_normal_gauge_that_is_not_zeroed_shows_more_load_and_less_friction(design):
+    moved = compute_channels(
+        _law("normal_zero").apply(
+            build_nominal_state(design, _VALUES), None, {"normal_zero_n": 0.02}
+        )
+    )
+    load = _COLUMNS["load_n"]
+    assert moved[:, _LOAD] == pytest.approx((load + 0.02) / load)
+    assert moved[:, _FRICTION] == pytest.approx(0.17 * load / (load + 0.02))
+
+
+def test_a_release_in_motion_takes_the_mass_that_the_ring_tells(design):
+    # origin: m = k / omega^2; what counts is k R / N, v sqrt(k m) / N and the share of critical
+    # damping
+    state = build_nominal_state(design, _VALUES)
+    moved = _law("real_release").apply(state, None, {"weight": 1.0})
+    mass = state.stiffness / (2.0 * math.pi * state.frequency) ** 2
+    excess, _ = compute_release(
+        state.height / state.radius,
+        state.friction,
+        state.stiffness * state.radius / state.load,
+        state.speed * np.sqrt(state.stiffness * mass) / state.load,
+        1.0 / (2.0 * math.pi * state.frequency * state.decay_time),
+        np.zeros(4),
+    )
+    assert moved.climb_load == pytest.approx(state.climb_load + state.load * np.expm1(excess))

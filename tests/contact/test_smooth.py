@@ -158,3 +158,8 @@ def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range():
     place = CovariateRange("temperature_c", 18.0, 26.0)
     assert np.allclose(place.basis(np.array([22.0])), 0.0)
     assert np.array_equal(place.basis(np.array([26.0])), place.basis(np.array([40.0])))
+
+
+def test_levels_are_named_by_every_label_but_the_first():
+    law = next(law for law in list_smooth_laws((_LABELS,)) if law.id == "smooth_friction_operator")
+    assert [one.name for one in law.parameters] == ["g[B]", "g[C]"]

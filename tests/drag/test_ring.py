@@ -147,3 +147,20 @@ def test_the_release_is_marked_where_it_is_on_the_axis_of_milliseconds():
     force, mark = axes.lines
     assert max(force.get_xdata()) == 300.0
     assert set(mark.get_xdata()) == {125.0}
+
+
+def test_other_releases_than_the_one_asked_about_are_marked_too():
+    time = np.linspace(0.0, 0.3, 4)
+    events = [
+        SimpleNamespace(status=status, released_s=at)
+        for status, at in (("releases", 0.05), ("run-over", 0.1), ("releases", 0.125))
+    ]
+    trace = SimpleNamespace(
+        column=lambda name: time,
+        events=events,
+        asked=2,
+        status=Status.RELEASES,
+        release_time=0.125,
+    )
+    _, other, asked = plot_force(trace, Figure().subplots()).lines
+    assert (set(other.get_xdata()), set(asked.get_xdata())) == ({50.0}, {125.0})

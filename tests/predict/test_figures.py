@@ -75,3 +75,25 @@ def test_the_colours_of_a_map_of_margins_begin_at_the_least_force(tmp_path, monk
     norm = figures[0].axes[0].collections[0].norm
     known = forces[np.isfinite(forces) & (forces > 0.0)]
     assert (norm.vmin, norm.vmax) == (max(known.min(), 1e-2), min(known.max(), 50.0))
+
+
+def test_each_margin_is_marked_by_its_gap_and_by_how_far_its_tooth_lies_over_its_crown(
+    tmp_path, monkeypatch
+):
+    marked = []
+    monkeypatch.setattr(
+        "stepblocks.predict.figures.draw_margin_map",
+        lambda *given: marked.append(given[-1]),
+    )
+    stimuli = load_set(STIMULI / "crown-margins.toml")
+    list(write_plots(stimuli, tmp_path))
+    parts = [one for one in stimuli.stimuli if one.crossed]
+    # a crown that stands over its tooth has a positive horizontal discrepancy
+    expected = [
+        (max(part.counterface().opening, 0.0), -part.horizontal_discrepancy.nominal)
+        for part in parts
+    ]
+    assert marked
+    for marks in marked:
+        assert np.array(marks) == pytest.approx(np.array(expected), abs=1e-12)
+    assert {np.sign(away) for _, away in expected} == {-1.0, 0.0, 1.0}
