@@ -18,15 +18,19 @@ STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 SURFACES = ("gap-050-over-020", "gap-020-lip")
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """What the five commands write of a set under one tip, load and friction."""
+LAWS = """laws.friction = { law = "stribeck", sliding = 0.1, static = 0.15, speed = "2 mm/s" }
+laws.contact = { law = "linear", stiffness = "4e6 N/m" }"""
+
+
+@pytest.fixture(scope="module", params=["frictions = [0.15]", LAWS], ids=["coulomb", "laws"])
+def folder(tmp_path_factory, request):
+    """What the five commands write of a set under one tip, load and friction, or laws."""
     out = tmp_path_factory.mktemp("event")
     text = (STIMULI / "crown-margins.toml").read_text()
     for given, one in (
         ('tip_radii = ["60 um", "125 um"]', 'tip_radii = ["125 um"]'),
         ('normal_loads = ["0.3 N", "0.5 N", "1 N"]', 'normal_loads = ["0.5 N"]'),
-        ("frictions = [0.15, 0.20]", "frictions = [0.15]"),
+        ("frictions = [0.15, 0.20]", request.param),
     ):
         assert given in text
         text = text.replace(given, one)

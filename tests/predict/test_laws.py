@@ -2,6 +2,7 @@
 
 from importlib.metadata import EntryPoint, EntryPoints
 
+import numpy as np
 import pytest
 
 import stepblocks as sb
@@ -96,3 +97,97 @@ def test_a_law_of_a_user_is_named_by_its_entry_point(own_law):
         expected = find_release(angle, load, one.point.friction).pull_force
         assert one.release.pull_force == expected
     assert [one.point.normal_load for one in predict_by_formula(stimuli)] == [0.5, 2.0]
+
+
+SWEEP = """
+[sweep]
+mode = "{mode}"
+[parameters]
+height = "25 um"
+normal_load = ["0.5 N", "2 N"]
+speed = "20 mm/s"
+[laws]
+friction = {{ {law} }}
+contact = {{ {contact} }}
+"""
+FALLING = 'law = "falling", share = 0.12'
+STRIBECK = 'law = "stribeck", sliding = 0.1, static = 0.2'
+
+
+def write_sweep(tmp_path, law, mode="static", contact='law = "linear", stiffness = "5e6 N/m"'):
+    path = tmp_path / "sweep.toml"
+    path.write_text(SWEEP.format(law=law, mode=mode, contact=contact), encoding="utf-8")
+    return path
+
+
+def sweep(tmp_path, *given, jobs=1):
+    pytest.importorskip("pyarrow")
+    return sb.run_sweep(write_sweep(tmp_path, *given), tmp_path / "out", jobs=jobs).read()
+
+
+def test_a_sweep_takes_the_law_of_a_user_at_each_load(tmp_path, own_law):
+    # Expected values: mu = 0.12 N^(-1/3), then equation (1).
+    table = sweep(tmp_path, FALLING)
+    expected = 0.12 * np.array([0.5, 2.0]) ** (-1.0 / 3.0)
+    assert table.friction.to_numpy() == pytest.approx(expected, rel=1e-12)
+    pulls = find_release(find_step_angle(25e-6, R), np.array([0.5, 2.0]), expected).pull_force
+    assert table.peak_force_n.to_numpy() == pytest.approx(pulls, rel=1e-12)
+
+
+def test_a_sweep_in_time_is_the_drag_under_the_same_laws(tmp_path):
+    table = sweep(tmp_path, STRIBECK, "drag")
+    by_hand = sb.drag_over(
+        sb.Step(25e-6),
+        load=2.0,
+        friction=Stribeck(0.1, 0.2),
+        contact=LinearContact(5e6),
+        speed=20e-3,
+    )
+    assert table.drag_peak_force_n[1] == pytest.approx(by_hand.trace.peak_force, rel=1e-6)
+
+
+def test_constant_friction_and_steel_as_laws_are_the_sweep_without_laws(tmp_path):
+    # Coulomb's friction is the limit of Stribeck's; the contact of steel is the default.
+    law = 'law = "stribeck", sliding = 0.15, static = 0.15'
+    table = sweep(tmp_path, law, "drag", 'law = "hertz"')
+    text = write_sweep(tmp_path, law, "drag").read_text().split("[laws]")[0]
+    (tmp_path / "plain.toml").write_text(text + "friction = 0.15\n", encoding="utf-8")
+    plain = sb.run_sweep(tmp_path / "plain.toml", tmp_path / "plain").read()
+    for name in ("peak_force_n", "vibration_energy_j"):
+        assert table[name].to_numpy() == pytest.approx(plain[name].to_numpy(), rel=1e-12)
+        in_time = (one[f"drag_{name}"].to_numpy() for one in (table, plain))
+        assert next(in_time) == pytest.approx(next(in_time), rel=1e-9)
+
+
+def test_the_laws_of_a_set_hold_in_its_sweep_unless_it_names_others(tmp_path):
+    declare(
+        laws={
+            "friction": {"law": "stribeck", "sliding": 0.1, "static": 0.3},
+            "contact": {"law": "linear", "stiffness": "4e6 N/m"},
+        }
+    ).to_toml(tmp_path / "laws.toml")
+    path = tmp_path / "sweep.toml"
+    text = '[sweep]\nset = "laws.toml"\n'
+    path.write_text(text, encoding="utf-8")
+    assert sb.run_sweep(path, tmp_path / "out").read().friction.tolist() == [0.3]
+    path.write_text(text + f"[laws]\nfriction = {{ {STRIBECK} }}\n", encoding="utf-8")
+    done = sb.run_sweep(path, tmp_path / "other")
+    assert done.read().friction.tolist() == [0.2]
+    assert done.plan.laws["contact"] == {"law": "linear", "stiffness": "4e6 N/m"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("speed =", "friction = 0.1\nspeed =", r"friction.*\[parameters\]"),
+        ("[laws]", "[draws]\nfriction = 0.01\n[laws]", "friction cannot be drawn"),
+        ('"stribeck"', '"coulom"', r"laws must be of stribeck.*'coulom' \[.*\[laws\]"),
+        ("contact = {", "contact = 3 # {", "contact must be a table"),
+    ],
+)
+def test_what_a_sweep_cannot_do_with_laws_is_one_line(tmp_path, old, new, message):
+    path = write_sweep(tmp_path, STRIBECK)
+    path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    with pytest.raises(StepblocksError, match=message):
+        sb.run_sweep(path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

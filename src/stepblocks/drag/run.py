@@ -316,7 +316,8 @@ def drag_over(
     elif "handle_mass" in given or "handle_damping" in given:
         raise PipelineError("handle_mass and handle_damping are for a handle that a pull moves")
     found = resolve_subject(subject, given, backward, stimuli)
-    point, face = replace(found.point, contact=contact, tool=tool or found.point.tool), found.face
+    point, face = found.point, found.face
+    point = replace(point, contact=contact or point.contact, tool=tool or point.tool)
     if x_range is not None:
         if not isinstance(face, Profile):
             raise PipelineError(f"x_range is for a profile; {found.name} has one edge")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stepblocks.contact.laws import build_laws
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS
 from stepblocks.contact.uncertainty import convert_half_widths
 from stepblocks.declare import load_set
@@ -88,6 +89,7 @@ class SweepPlan:
         Document
     ]  # of a set that the sweep goes over, see `axes.stimuli_of`; empty without a set
     limits: dict[str, float]  # tangential forces beyond which a tip does not slip, by name [N]
+    laws: dict[str, Document]  # as declared, by kind
 
     @property
     def rows(self) -> int:
@@ -131,9 +133,9 @@ def load_sweep(path: Path) -> SweepPlan:
 
 def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> SweepPlan:
     # Read all that can be read, noting what is wrong on the way
-    mistakes += find_unknown_names(data, ("sweep", "parameters", "draws"))
-    head, parameters, draws = (
-        _read_section(data, name) for name in ("sweep", "parameters", "draws")
+    mistakes += find_unknown_names(data, ("sweep", "parameters", "draws", "laws"))
+    head, parameters, draws, laws = (
+        _read_section(data, name) for name in ("sweep", "parameters", "draws", "laws")
     )
     mistakes += find_unknown_names(head, _HEAD, "[sweep]")
     size, points, count = 1, 0, 1
@@ -164,10 +166,7 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
         surface, stimuli, grid = read_sweep_stimuli(
             folder / head["set"], parameters.get("stimulus"), tolerances
         )
-        if grid.laws:
-            raise PipelineError(
-                "a sweep knows no laws of friction or contact; leave out laws [sweep]"
-            )
+        laws = (grid.laws or {}) | laws
         declared, limits = find_setting(grid), dict(vars(grid.as_tool().limits))
         if tolerances:
             shares = convert_half_widths(
@@ -186,7 +185,10 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
         if stimuli
         else set()
     )
-    open_names = [name for name in names if name not in taken]
+    with collect_mistakes(mistakes, "[laws]"):
+        build_laws({kind: _read_section(laws, kind) for kind in laws})
+    # a law of friction gives the coefficient
+    open_names = [name for name in names if name not in {*taken, *laws}]
     mistakes += find_unknown_names(
         parameters, (*(["stimulus"] if stimuli else []), *open_names), "[parameters]"
     )
@@ -221,7 +223,9 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
         mistakes.append(("[draws]", "standard uncertainties must not be negative"))
     given = {*values, *ranges, *parameters}
     for name in (
-        name for name in spreads if name == "direction" or (not stimuli and name not in given)
+        name
+        for name in spreads
+        if name in {"direction", *laws} or (not stimuli and name not in given)
     ):
         mistakes.append(("[draws]", f"{name} cannot be drawn about a value that is not given"))
     shares = {name: share for name, share in shares.items() if name not in spreads}
@@ -253,6 +257,7 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
         shares,
         stimuli,
         limits,
+        laws,
     )
 
 

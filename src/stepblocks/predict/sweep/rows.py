@@ -2,22 +2,23 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from stepblocks.contact import kernels
+from stepblocks.contact import Array, kernels
 from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Release, Status, find_release
+from stepblocks.contact.laws import build_laws
 from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
 from stepblocks.errors import ContactError
 from stepblocks.predict.predictions import drag_in_time
 from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan
 
-Floats = NDArray[np.float64]
-Column = Floats | NDArray[np.int64] | NDArray[np.str_] | NDArray[np.object_]
+Column = Array | NDArray[np.int64] | NDArray[np.str_] | NDArray[np.object_]
 
 _UNITS = {
     "length": "_m",
@@ -33,7 +34,7 @@ _DRAG = ("peak_force_n", "vibration_energy_j", "share", "ring_s", "ledger_error"
 _SIGNED = ("horizontal_discrepancy", "vertical_discrepancy")
 
 
-def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Floats]:
+def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
     """Draw the inputs [SI] of neighbouring rows, by name; NaN where a part lacks the size."""
     names = list(PARAMETERS[plan.surface])
     points = np.arange(rows.start, rows.stop) // plan.draws
@@ -41,7 +42,7 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Floats]:
     share = _draw_uniform(plan.seed, 0, range(first, int(points[-1]) + 1), len(names) + 1)
     if plan.draws > 1:
         share = share[points - first]
-    inputs: dict[str, Floats] = {}
+    inputs: dict[str, Array] = {}
     left = points
     for place, name in enumerate(names):
         if name in plan.ranges:
@@ -52,7 +53,7 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Floats]:
             left, turn = np.divmod(left, len(choices))
             chosen = (share[:, place] * len(choices)).astype(np.int64)
             inputs[name] = choices[turn if plan.kind == "grid" else chosen]
-    spreads: dict[str, Floats] = {}
+    spreads: dict[str, Array] = {}
     if plan.stimuli:
         which = left if plan.kind == "grid" else (share[:, -1] * len(plan.stimuli)).astype(int)
         inputs["stimulus"] = which.astype(np.float64)
@@ -70,7 +71,7 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Floats]:
     return inputs
 
 
-def _draw_uniform(seed: int, stream: int, rows: range, columns: int) -> Floats:
+def _draw_uniform(seed: int, stream: int, rows: range, columns: int) -> Array:
     # Draw numbers between 0 and 1, shape (rows, columns), each by the number of its row
     blocks = -(-columns // 4)  # the generator counts in blocks of four
     random = np.random.Philox(key=np.array([seed, stream], dtype=np.uint64))
@@ -81,7 +82,7 @@ def _draw_uniform(seed: int, stream: int, rows: range, columns: int) -> Floats:
 
 def _take_column(
     records: Sequence[Mapping[str, float]], which: NDArray[np.int64], missing: float
-) -> dict[str, Floats]:
+) -> dict[str, Array]:
     names = dict.fromkeys(name for one in records for name in one)
     return {name: np.array([one.get(name, missing) for one in records])[which] for name in names}
 
@@ -89,6 +90,10 @@ def _take_column(
 def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
     """Compute rows; one outside the equations has its reason in ``problem``, and no figures."""
     inputs = draw_inputs(plan, rows)
+    laws = build_laws(plan.laws)
+    if "friction" in laws:
+        loads, law = inputs["normal_load"].tolist(), laws["friction"]
+        inputs["friction"] = np.array([law.coefficient(0.0, one, 0.0, 0.0) for one in loads])
     numbers = np.arange(rows.start, rows.stop)
     columns: dict[str, Column] = {"row": numbers, "draw": numbers % plan.draws}
     if plan.stimuli:
@@ -100,9 +105,9 @@ def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
     backward = inputs.get("direction", np.zeros(len(rows))) > 0.0
     if plan.surface == "margin":
         columns["direction"] = np.array(DIRECTIONS)[backward.astype(int)]
-    columns |= _predict_rows(plan, inputs, backward)
+    columns |= _predict_rows(plan, inputs, backward, laws)
     if plan.mode == "drag":
-        columns |= _drag_rows(plan, inputs, backward, columns)
+        columns |= _drag_rows(plan, inputs, backward, columns, laws)
     arrays = {
         name: _encode_texts(column) if column.dtype.kind in "UO" else pa.array(column)
         for name, column in columns.items()
@@ -117,7 +122,10 @@ def _encode_texts(column: Column) -> pa.Array:
 
 
 def _predict_rows(
-    plan: SweepPlan, inputs: Mapping[str, Floats], backward: NDArray[np.bool_]
+    plan: SweepPlan,
+    inputs: Mapping[str, Array],
+    backward: NDArray[np.bool_],
+    laws: Mapping[str, Any],
 ) -> dict[str, Column]:
     # Predict all rows inside the equations at once, and the others one by one
     count = len(backward)
@@ -136,7 +144,7 @@ def _predict_rows(
         inside = np.zeros(count, dtype=bool)
     for row in np.flatnonzero(~inside):
         try:
-            face, point = _make_condition(plan, inputs, int(row))
+            face, point = _make_condition(plan, inputs, int(row), laws)
             one = face.release(point, bool(backward[row]))
             status[row], figures[:2, row] = str(one.status), (one.angle, one.pull_force)
         except ContactError as error:
@@ -153,7 +161,7 @@ def _predict_rows(
     }
 
 
-def _find_inside(surface: str, inputs: Mapping[str, Floats]) -> NDArray[np.bool_]:
+def _find_inside(surface: str, inputs: Mapping[str, Array]) -> NDArray[np.bool_]:
     # Tell for each row whether all of its inputs lie where the equations hold
     inside = np.ones(len(inputs["friction"]), dtype=bool)
     for name in ("tip_radius", "normal_load", "stiffness", "conversion"):
@@ -167,10 +175,10 @@ def _find_inside(surface: str, inputs: Mapping[str, Floats]) -> NDArray[np.bool_
 
 def _release_at_once(
     plan: SweepPlan,
-    inputs: Mapping[str, Floats],
+    inputs: Mapping[str, Array],
     backward: NDArray[np.bool_],
     inside: NDArray[np.bool_],
-) -> tuple[Floats, Release[NDArray[np.str_], Floats]]:
+) -> tuple[Array, Release[NDArray[np.str_], Array]]:
     sizes = {
         name: inputs[column][inside]
         for name, column in SURFACES[plan.surface].items()
@@ -191,7 +199,7 @@ def _release_at_once(
 
 
 def _make_condition(
-    plan: SweepPlan, inputs: Mapping[str, Floats], row: int
+    plan: SweepPlan, inputs: Mapping[str, Array], row: int, laws: Mapping[str, Any]
 ) -> tuple[Counterface, OperatingPoint]:
     # Return the counterface and the operating point of one row
     one = {name: float(column[row]) for name, column in inputs.items()}
@@ -205,14 +213,18 @@ def _make_condition(
     face = Step(**sizes) if step else Margin(**{"opening": sizes["gap"]} | sizes)
     limits = Limits(**plan.limits)
     tool = Tool(one["stiffness"], one["conversion"], frequency=one["frequency"], limits=limits)
-    return face, OperatingPoint(one["tip_radius"], one["normal_load"], one["friction"], tool)
+    friction, contact = laws.get("friction", one["friction"]), laws.get("contact")
+    return face, OperatingPoint(
+        one["tip_radius"], one["normal_load"], friction, tool, contact=contact
+    )
 
 
 def _drag_rows(
     plan: SweepPlan,
-    inputs: Mapping[str, Floats],
+    inputs: Mapping[str, Array],
     backward: NDArray[np.bool_],
     columns: Mapping[str, Column],
+    laws: Mapping[str, Any],
 ) -> dict[str, Column]:
     # Drag every row in time that the equations let slip or lock
     found = columns["status"].astype("U16")
@@ -221,7 +233,7 @@ def _drag_rows(
     for row in np.flatnonzero(dragged):
         try:
             trace, ring = drag_in_time(
-                *_make_condition(plan, inputs, int(row)),
+                *_make_condition(plan, inputs, int(row), laws),
                 bool(backward[row]),
                 float(inputs["speed"][row]),
                 damping_ratio=float(inputs["damping_ratio"][row]),
