@@ -62,6 +62,12 @@ def test_parallelism_of_a_wedge_is_its_rise_over_the_face():
     assert compute_parallelism(wedge, datum) == pytest.approx(1e-6, rel=1e-4)
 
 
+def test_four_corners_are_a_face():
+    # two opposite corners up, two down: the zone is that of the level plane between them
+    corners = np.array([[0, 0, 1e-6], [1e-2, 0, -1e-6], [0, 1e-2, -1e-6], [1e-2, 1e-2, 1e-6]])
+    assert compute_flatness(corners) == pytest.approx(2e-6, rel=1e-6)
+
+
 @pytest.mark.parametrize(
     "points", [np.zeros((10, 2)), np.zeros((3, 3)), np.full((10, 3), np.nan), np.eye(3)[[0] * 9]]
 )

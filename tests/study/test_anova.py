@@ -76,6 +76,7 @@ def test_the_interval_of_eta_squared_is_that_of_the_noncentrality():
     [
         (lambda f: f.assign(a="1"), ["a"], "a must have at least two levels"),
         (lambda f: f.assign(y=np.inf), ["a"], "y must be finite in every row"),
+        (lambda f: f.assign(y=f["y"].where(f.index > 0)), ["a"], "y must be finite in every row"),
         (
             lambda f: f[(f["a"] == "0") | (f["b"] != "2")],
             ["a", "b"],

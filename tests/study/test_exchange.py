@@ -119,6 +119,11 @@ def test_the_report_opens_with_what_was_found_and_ends_as_a_journal_wants_it(res
     assert [format_apa_p(p) for p in (0.0004, 0.0312, 0.5)] == ["< .001", "= .031", "= .500"]
 
 
+def test_a_result_is_printed_with_its_first_finding(result):
+    first = result.findings()[0]
+    assert repr(result).endswith(f" judgements, {first.name}: p = {first.p:.3g}>")
+
+
 def test_only_the_primary_outcome_opens_the_headline(tmp_path):
     # noise scatters the estimates: the spread and the absolute error find it, the bias does not
     design_study(HEIGHTS, tmp_path, seed=1, participants=6, probes=("a", "b"), primary="bias")

@@ -1,11 +1,16 @@
 """Laws that hold for any study: units, order, names."""
 
+import warnings
+
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
+from scipy.integrate import quad
+from scipy.stats import cauchy, nct, t as student
 
 from stepblocks.study.analysis.mixed import fit_mixed_model
+from stepblocks.study.analysis.people import describe_unlike_participants
 from stepblocks.study.analysis.psychometric import fit_psychometric
 from stepblocks.study.analysis.repeated import (
     assess_effect,
@@ -125,3 +130,22 @@ def test_two_participants_are_compared_and_one_is_not():
     (pair,) = compare_participants(table)
     assert (pair.difference, pair.df) == (2.0, 1.0)
     assert compare_participants(table[:1]) == ()
+
+
+@pytest.mark.parametrize(("t", "people"), [(0.0, 10), (1.2, 10), (2.5, 6), (3.4, 25)])
+def test_the_bayes_factor_is_that_of_the_noncentral_t_under_a_cauchy_prior(t, people):
+    # independent: Student's noncentral t of scipy over the effect sizes of Rouder et al. 2009
+    df, root = people - 1, np.sqrt(people)
+    likelihood = lambda d: nct.pdf(t, df, d * root) * cauchy.pdf(d, scale=np.sqrt(0.5))  # noqa: E731
+    under_difference = quad(likelihood, -8.0, 8.0, limit=400, points=[0.0, t / root])[0]
+    assert compute_bayes_factor(t, people) == pytest.approx(
+        student.pdf(t, df) / under_difference, rel=1e-3
+    )
+
+
+def test_one_height_alone_gives_no_participant_a_trend():
+    frame = pd.DataFrame(
+        {"participant": ["1"] * 4, "height": [50e-6] * 4, "estimate_um": [40.0, 45.0, 55.0, 60.0]}
+    )
+    with warnings.catch_warnings(action="error"):
+        assert describe_unlike_participants(frame, "estimate_um") == []

@@ -81,3 +81,14 @@ def test_levels_without_trials_say_nothing():
 def test_a_malformed_table_is_refused(given, message):
     with pytest.raises(StudyError, match=message):
         fit_psychometric(*given)
+
+
+def test_the_dispersion_is_pearson_s_chi_squared_over_its_degrees_of_freedom():
+    hits = np.array([3, 4, 12, 19, 31, 34, 40])
+    fit = fit_psychometric(LEVELS, hits, [40] * 7)
+    rise = ndtr(np.log(LEVELS / fit.threshold) / fit.spread)
+    p = fit.lapse + (1.0 - 2.0 * fit.lapse) * rise
+    # the two parameters of the curve and the lapse rate are fitted; what they could still take up
+    # is next to nothing at the best fit
+    squares = np.sum((hits - 40 * p) ** 2 / (40 * p * (1.0 - p)))
+    assert fit.dispersion == pytest.approx(squares / (7 - 3), rel=0.02)
