@@ -2,10 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stepblocks.atomic import write_atomically
 from stepblocks.quantities import format_units
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def make_figure(
@@ -31,6 +34,15 @@ def make_figure(
         axis.grid(alpha=0.3, lw=0.5)
         axis.tick_params(labelsize=8)
     return figure, axes
+
+
+def take_axes(ax: "Axes | None") -> "Axes":
+    """Return the axes that were given, or new ones, which a notebook shows by itself."""
+    if ax is None:
+        from matplotlib import pyplot
+
+        ax = pyplot.subplots()[1]
+    return ax
 
 
 def save_figure(figure: Any, path: Path) -> None:

@@ -29,7 +29,7 @@ from stepblocks.drag.ring import Ring, measure_ring
 from stepblocks.drag.simulate import DragEvent, DragTrace
 from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.figure_file import make_figure
+from stepblocks.figure_file import take_axes
 from stepblocks.tables import write_table
 from stepblocks.text_file import Document
 
@@ -156,7 +156,7 @@ class Drag:
         -------
         matplotlib.axes.Axes
         """
-        axes = plot_force(self.trace, make_figure()[1] if ax is None else ax)
+        axes = plot_force(self.trace, take_axes(ax))
         axes.set_xlabel("time [ms]")
         axes.set_title(self.title, fontsize=10)
         return axes

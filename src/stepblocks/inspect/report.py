@@ -21,7 +21,7 @@ from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import replace_text
 from stepblocks.errors import MetrologyError
-from stepblocks.figure_file import make_figure, save_figure
+from stepblocks.figure_file import make_figure, save_figure, take_axes
 from stepblocks.inspect.budget import Decision, Measured, Outcome
 from stepblocks.inspect.measure import Evaluation, Shown
 from stepblocks.page_file import render_page
@@ -232,12 +232,9 @@ class InspectionResult:
         """
         if self.evaluation.shown is None:
             raise MetrologyError("only what was scanned here can be drawn, got results of others")
-        if ax is None:
-            from matplotlib import pyplot
-
-            ax = pyplot.subplots()[1]
-        _draw_scan(ax, self, self.evaluation.shown)
-        return ax
+        axes = take_axes(ax)
+        _draw_scan(axes, self, self.evaluation.shown)
+        return axes
 
     @property
     def _others(self) -> dict[str, Measured]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from stepblocks.errors import PipelineError
+from stepblocks.figure_file import take_axes
 from stepblocks.quantities import format_column_label, format_units
 
 if TYPE_CHECKING:
@@ -95,21 +96,20 @@ def plot_predictions(
     if missing := [name for name in (x, y) if name not in frame]:
         known = ", ".join(map(str, frame.columns))
         raise PipelineError(f"{missing[0]!r} must be a column of the table: {known}")
-    if ax is None:
-        from matplotlib import pyplot
-
-        ax = pyplot.subplots()[1]
+    axes = take_axes(ax)
     own = {x, y, "stimulus", "step_height_um"}
     by = [name for name in _find_varying(frame) if name not in own]
     for condition, rows in frame.groupby(by, sort=False) if by else [((), frame)]:
         ordered = rows.sort_values(x)
         label = ", ".join(map(str, condition))
-        ax.plot(ordered[x], ordered[y], marker="o", label=label or None)
+        axes.plot(ordered[x], ordered[y], marker="o", label=label or None)
     if by:
         titles = (format_column_label(name) for name in by)
-        ax.legend(title=format_units("; ".join(titles)), fontsize=8)
-    ax.set(xlabel=format_units(format_column_label(x)), ylabel=format_units(format_column_label(y)))
-    return ax
+        axes.legend(title=format_units("; ".join(titles)), fontsize=8)
+    axes.set(
+        xlabel=format_units(format_column_label(x)), ylabel=format_units(format_column_label(y))
+    )
+    return axes
 
 
 def _require_frame(table: object) -> pd.DataFrame:

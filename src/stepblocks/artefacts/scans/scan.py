@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
+from stepblocks.figure_file import take_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +77,7 @@ class Profile:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw heights over positions in micrometres, into `ax` or new axes, and return these."""
-        axes = _take_axes(ax)
+        axes = take_axes(ax)
         axes.plot(self.position * 1e6, self.height * 1e6, linewidth=1.0)
         axes.set(xlabel="position / um", ylabel="height / um")
         return axes
@@ -137,7 +138,7 @@ class HeightMap:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw heights in micrometres as an image, into `ax` or new axes, and return these."""
-        axes, size = _take_axes(ax), np.array(self.height.shape) * (self.dy, self.dx) * 1e6
+        axes, size = take_axes(ax), np.array(self.height.shape) * (self.dy, self.dx) * 1e6
         image = axes.imshow(self.height * 1e6, origin="lower", extent=(0.0, size[1], 0.0, size[0]))
         axes.figure.colorbar(image, ax=axes, label="height / um")
         axes.set(xlabel="x / um", ylabel="y / um")
@@ -158,15 +159,6 @@ def _describe(scan: Profile | HeightMap) -> str:
     # Return range of heights and source, for a representation.
     low, high = float(np.nanmin(scan.height)) * 1e6, float(np.nanmax(scan.height)) * 1e6
     return f", {low:.4g} to {high:.4g} um" + (f", {scan.source!r}" if scan.source else "")
-
-
-def _take_axes(ax: Axes | None) -> Axes:
-    if ax is not None:
-        return ax
-    from matplotlib import pyplot
-
-    axes: Axes = pyplot.subplots()[1]
-    return axes
 
 
 def list_profiles(scan: Profile | HeightMap) -> list[Profile]:

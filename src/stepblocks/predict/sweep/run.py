@@ -86,13 +86,12 @@ class SweepResult:
         -------
         matplotlib Axes
         """
-        from matplotlib import pyplot
-
+        from stepblocks.figure_file import take_axes
         from stepblocks.quantities import format_column_label, format_units
 
         x = x or ("height_m" if self.plan.surface == "step" else "marginal_gap_m")
         table = self.read([x, y])
-        axes = pyplot.subplots()[1] if ax is None else ax
+        axes = take_axes(ax)
         axes.plot(table[x], table[y], ".", markersize=3.0)
         axes.set_xlabel(format_units(format_column_label(x)))
         axes.set_ylabel(format_units(format_column_label(y)))

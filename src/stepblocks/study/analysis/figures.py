@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import pandas as pd
 
+from stepblocks.figure_file import take_axes
 from stepblocks.quantities import format_column_label
 from stepblocks.study import Table
 from stepblocks.study.analysis.repeated import average_participants
@@ -43,9 +44,7 @@ def draw_study_figures(result: Result) -> Iterator[tuple[str, str, Figure, Table
 
 def draw_main_figure(result: Result, ax: Axes | None = None) -> Axes:
     """Draw the first figure of a study, which has one pair of axes, where it is wanted."""
-    import matplotlib.pyplot as plt
-
-    axes = ax if ax is not None else plt.subplots()[1]
+    axes = take_axes(ax)
     draws = [draw for draw, part, _ in _FIGURES.values() if getattr(result, part)]
     draws[0](SimpleNamespace(subplots=lambda: axes), result)
     return axes
