@@ -19,7 +19,11 @@ from oracles.softgauge import (
 from stepblocks.artefacts.as_built import (
     read_as_built,
 )
+from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.cli import main
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.measure import EvaluationOptions
+from stepblocks.inspect.run import inspect_standard
 
 STIMULI = str(__import__("pathlib").Path(__file__).parents[2] / "stimuli")
 
@@ -234,6 +238,12 @@ def test_what_cannot_be_inspected_gives_one_line_and_exit_code_2(
         ),
         (
             None,
+            ["--units", "um", "--area", "0um", "50um", "0um", "20um"],
+            "area must be four lengths on a map, from and to along x, from and to along y, got 4 "
+            "on a profile",
+        ),
+        (
+            None,
             ["--units", "um", "-o", "scan.csv"],
             "a folder must stand here, got a file [scan.csv]",
         ),
@@ -249,6 +259,21 @@ def test_a_strange_file_is_refused_in_one_line_that_says_what_would_do(
     captured = capsys.readouterr()
     assert words in captured.err
     assert captured.err.count("\n") == 1
+
+
+def test_a_rectangle_of_a_map_is_judged_by_itself_and_the_whole_map_by_all_of_it(tmp_path):
+    # 25 um on the lower 150 um of the map, 40 um on the others, whose edge lies elsewhere
+    x, y = np.meshgrid(np.arange(1200) * 1e-6, np.arange(60) * 5e-6)
+    high = np.where(y <= 150e-6, np.where(x > 0.6e-3, 25e-6, 0.0), np.where(x > 0.4e-3, 40e-6, 0.0))
+    scan = HeightMap(high + np.random.default_rng(3).normal(0.0, 20e-9, x.shape), 1e-6, 5e-6)
+    for area, true in (((0.0, 1.2e-3, 0.0, 140e-6), 25e-6), ((0.0, 1.2e-3, 160e-6, 1.0), 40e-6)):
+        found = inspect_standard(scan, feature="edge", how=EvaluationOptions(area=area))
+        value = found.evaluation.values["step_height"]
+        assert abs(value.value - true) < 10e-9
+    whole = inspect_standard(scan, feature="edge").evaluation.values["step_height"]
+    assert whole.expanded() > 1e-6
+    with pytest.raises(MetrologyError, match="height map must have at least 2 x 3 points, got 1 x"):
+        inspect_standard(scan, how=EvaluationOptions(area=(0.0, 1.2e-3, 0.0, 1e-6)))
 
 
 def test_a_folder_without_scans_and_a_pipe_are_refused_in_one_line(tmp_path, capsys):

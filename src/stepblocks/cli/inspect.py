@@ -158,6 +158,16 @@ def inspect(
             rich_help_panel=_EVALUATION,
         ),
     ] = None,
+    area: Annotated[
+        list[float] | None,
+        typer.Option(
+            "--area",
+            metavar="X0 X1 Y0 Y1",
+            parser=_LENGTH,
+            help="evaluate this rectangle of a map, such as 0um 200um 50um 90um",
+            rich_help_panel=_EVALUATION,
+        ),
+    ] = None,
     exclusion: Annotated[
         float | None,
         typer.Option(
@@ -262,6 +272,7 @@ def inspect(
         degree=LEVELS.get(level or ""),
         edges=edges,
         along=along,
+        area=tuple(area) if area else None,
         exclusion=exclusion,
         begin=begin,
         end=end,

@@ -71,6 +71,9 @@ class EvaluationOptions:
         Which features, counted from 1; by default all.
     along : {"x", "y"} or None
         Direction of the profiles of a map; by default whichever shows features.
+    area : tuple of float or None
+        Rectangle of a map that is looked at, from and to along x, from and to along y [m].
+        Positions count from its corner; by default the whole map.
     stylus_radius : float or None
         Radius of the stylus [m], 0 of an optical instrument. Where it is not stated, a radius of an
         edge is an upper bound.
@@ -85,6 +88,7 @@ class EvaluationOptions:
     end: float | None = None
     edges: tuple[int, ...] | None = None
     along: Literal["x", "y"] | None = None
+    area: tuple[float, ...] | None = None
     stylus_radius: float | None = None
     stylus_cone: float | None = None
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from stepblocks.artefacts.qif_read import QifResult, match_results, read_qif_results
 from stepblocks.artefacts.scans.read import read_scan
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, Profile, crop_map
 from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import (
@@ -387,6 +387,8 @@ def _evaluate(
     how: EvaluationOptions,
 ) -> Evaluation:
     # Evaluate a scan by an instrument that resolves no less than one count of it.
+    if how.area is not None:
+        scan = crop_map(scan, how.area)
     place = f" [{scan.source}]" if scan.source else ""
     try:
         resolution = max(instrument.resolution, scan.count or 0.0)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -159,6 +160,18 @@ def _describe(scan: Profile | HeightMap) -> str:
     # Return range of heights and source, for a representation.
     low, high = float(np.nanmin(scan.height)) * 1e6, float(np.nanmax(scan.height)) * 1e6
     return f", {low:.4g} to {high:.4g} um" + (f", {scan.source!r}" if scan.source else "")
+
+
+def crop_map(scan: Profile | HeightMap, area: Sequence[float]) -> HeightMap:
+    """Return a rectangle of a map: from and to along x, from and to along y [m]."""
+    if isinstance(scan, Profile) or len(area) != 4:
+        raise MetrologyError(
+            "area must be four lengths on a map, from and to along x, from and to along y, got "
+            f"{len(area)} on a {'profile' if isinstance(scan, Profile) else 'map'}"
+        )
+    columns = (scan.x >= area[0]) & (scan.x <= area[1])
+    rows = (scan.y >= area[2]) & (scan.y <= area[3])
+    return replace(scan, height=scan.height[np.ix_(rows, columns)])
 
 
 def list_profiles(scan: Profile | HeightMap) -> list[Profile]:
