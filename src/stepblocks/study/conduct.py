@@ -325,7 +325,12 @@ class Run:
                 self._shown = now
                 return
             seconds = reaction if 0.0 <= reaction < math.inf else now - self._shown
-            stamps = [_format_time(one) for one in (self._shown, now)]
+            stamps = [
+                datetime.fromtimestamp(one, UTC)
+                .isoformat(timespec="milliseconds")
+                .replace("+00:00", "Z")
+                for one in (self._shown, now)
+            ]
             cells = (*stamps, f"{seconds:.3f}", " ".join(comment.split())[:500])
             line = blind_rows([row])[0] | given | dict(zip(_TIMES, cells, strict=True))
             self._append(line)
@@ -363,11 +368,6 @@ class Run:
         if self.hand is not None:
             self.hand.close()
         self._held.close()
-
-
-def _format_time(seconds: float) -> str:
-    moment = datetime.fromtimestamp(seconds, UTC)
-    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def _give_feedback(row: Row, values: Mapping[str, float]) -> str:

@@ -345,10 +345,6 @@ def _predict_felt(faces: Iterable[Counterface], point: OperatingPoint) -> list[f
     return list(choose_energies([predict_one(face, point) for face in faces])[0])
 
 
-def _is_increasing(energies: Sequence[float]) -> bool:
-    return energies[0] > 0.0 and all(low < high for low, high in itertools.pairwise(energies))
-
-
 def choose_blocks(
     source: str | Path | Sequence[float],
     felt: Mapping[str, float] = MappingProxyType({}),
@@ -381,7 +377,12 @@ def choose_blocks(
     ]
     # of the loads the first under which every block rings, and rises
     point = next(
-        (point for point in points[:-1] if _is_increasing(_predict_felt(faces, point))), points[-1]
+        (
+            point
+            for point in points[:-1]
+            if (np.diff([0.0, *_predict_felt(faces, point)]) > 0.0).all()
+        ),
+        points[-1],
     )
     items = tuple(Item(block.id, block.id.upper(), block.height.nominal) for block in blocks)
     return Blocks(items, {block.id: block.counterface() for block in blocks}, point)

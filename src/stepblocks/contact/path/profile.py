@@ -153,12 +153,8 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
         if not inside.any():
             return Catch(math.nan, math.nan, 0.0)  # the tip touches nothing there
         slopes = slopes[inside]
-    return _make_catch(*slopes[np.nanargmax(slopes[:, 0])])
-
-
-def _make_catch(slope: float, where: float, contact: float) -> Catch:
-    angle = 0.5 * math.pi if np.isposinf(slope) else math.atan(max(slope, 0.0))
-    return Catch(float(where), float(contact), angle)
+    slope, where, contact = map(float, slopes[np.nanargmax(slopes[:, 0])])
+    return Catch(where, contact, math.atan(max(slope, 0.0)))
 
 
 def find_interval_slopes(path: TipPath, floor: float) -> NDArray[np.float64]:
