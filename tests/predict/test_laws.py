@@ -1,5 +1,6 @@
 """Laws of friction and contact by name: in a set, in a sweep, and as an entry point of a user."""
 
+import math
 from importlib.metadata import EntryPoint, EntryPoints
 
 import numpy as np
@@ -11,6 +12,7 @@ from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.laws import FrictionLaw, LinearContact, Stribeck, build_laws
 from stepblocks.declare import load_set
+from stepblocks.drag.kernels import _compute_grip
 from stepblocks.errors import QuantityError, StepblocksError
 from stepblocks.predict.predictions import predict_by_formula
 
@@ -191,3 +193,53 @@ def test_what_a_sweep_cannot_do_with_laws_is_one_line(tmp_path, old, new, messag
     with pytest.raises(StepblocksError, match=message):
         sb.run_sweep(path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+# Origin: Dahl's law in closed form, F = F_c (1 - exp(-s x / F_c)) from rest.
+def test_bristles_bend_as_dahls_law():
+    stiffness, most, step = 1.3e6, 0.17, 2e-11
+    bend, force = 0.0, []
+    for _ in range(40_000):
+        one, bend = _compute_grip(bend, step, 0.0, most, stiffness, 1 / stiffness, 0.0, True)
+        force.append(one)
+    x = step * np.arange(1, 40_001)
+    expected = most * (1.0 - np.exp(-stiffness * x / most))
+    assert np.abs(np.array(force) - expected).max() < 1e-4 * most
+    assert force[-1] == pytest.approx(most, rel=0.01)
+    back, _ = _compute_grip(bend, -1.0, 0.0, most, stiffness, 1 / stiffness, 0.0, True)
+    assert back == pytest.approx(-most, rel=1e-5)
+
+
+def test_stiff_bristles_are_coulombs_friction():
+    # the limit of LuGre: equal friction at rest and sliding, bristles that hardly bend
+    plain = sb.drag_over("25 um", friction=0.15, speed=10e-3).trace
+    peaks = [
+        sb.drag_over(
+            "25 um", friction=Stribeck(0.15, 0.15, bristle_stiffness=stiffness), speed=10e-3
+        ).trace.peak_force
+        for stiffness in (1e5, 3e7)
+    ]
+    assert abs(peaks[1] - plain.peak_force) < abs(peaks[0] - plain.peak_force) + 1e-4
+    assert peaks[1] == pytest.approx(plain.peak_force, rel=2e-3)
+
+
+def test_the_energy_of_a_drag_on_bristles_is_accounted_for():
+    done = sb.drag_over("25 um", friction=Stribeck(0.1, 0.2, bristle_stiffness=1e6), speed=10e-3)
+    assert done.summary["status"] == "releases"
+    assert done.trace.ledger_error < 1e-3
+    assert math.isclose(
+        done.formula.pull_force, sb.drag_over("25 um", friction=0.2).formula.pull_force
+    )
+
+
+# Expected value: Stribeck's curve in closed form; the start of the tangential force on bristles
+# that rest is their stiffness (Canudas de Wit and others 1995, section III).
+def test_bristles_slide_by_stribecks_curve_and_start_by_their_stiffness():
+    law = Stribeck(0.1, 0.2, speed=1e-3, viscous=2.0, bristle_stiffness=1e6)
+    done = sb.drag_over("25 um", friction=law, load=0.7, speed=10e-3, lead=4e-4, sample_rate=1e5)
+    before = done.frame[done.frame.x_m < -80e-6]  # the ball meets the edge at -75 um
+    mu = 0.1 + 0.1 * math.exp(-10.0) + 2.0 * 10e-3
+    assert len(before) > 100
+    assert (before.friction_n / before.normal_n).mean() == pytest.approx(mu, rel=1e-3)
+    force, _ = _compute_grip(0.0, 1e-13, 0.0, mu * 0.7, 1e6, 1e-6, 0.0, True)
+    assert force / 1e-13 == pytest.approx(1e6, rel=1e-5)

@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.metadata import entry_points
 from typing import Any, cast
 
@@ -38,6 +38,9 @@ class FrictionLaw:
         ``coefficient(speed, load, place, time)``: the coefficient [1], at least 0, at a speed of
         sliding of either sign [m/s], a normal force [N], x [m] and t [s]. It is compiled by numba,
         so it may use floats, `math` and other compiled functions.
+    bristle_stiffness : float
+        Of bristles that bend before the tip slides, after Dahl [N/m]. With 0 the tip sticks as
+        stiffly as the contact (Mindlin) up to the limit of Coulomb.
 
     Examples
     --------
@@ -47,8 +50,10 @@ class FrictionLaw:
     """
 
     coefficient: Coefficient
+    bristle_stiffness: float = 0.0
 
     def __post_init__(self) -> None:
+        require_not_negative("bristle_stiffness", self.bristle_stiffness, "N/m")
         for speed in (0.0, 5e-3, 0.5):
             value = self.coefficient(speed, 1.0, 0.0, 0.0)
             if not 0.0 <= value < math.inf:
@@ -59,7 +64,11 @@ class FrictionLaw:
 
 
 class Stribeck(FrictionLaw):
-    """Friction that falls from rest to sliding and rises with the speed.
+    """Friction that falls from rest to sliding and rises with the speed, on bristles if asked.
+
+    With bristles it is the law of LuGre, and that of Dahl where `static` equals `sliding`: they
+    bend by ``dz/dt = v - |v| z / z_ss`` with ``z_ss = mu(v) N / bristle_stiffness``, so that the
+    tip creeps before it slides, and steady sliding is that without them.
 
     Parameters
     ----------
@@ -69,17 +78,28 @@ class Stribeck(FrictionLaw):
         Over which the one falls to the other, to 1/e of the difference [m/s].
     viscous : float
         Rise of the coefficient per speed [s/m].
+    bristle_stiffness : float
+        Of the bristles [N/m]; 0 for none.
 
     Attributes
     ----------
     coefficient : callable
         As of `FrictionLaw`.
+
+    References
+    ----------
+    Canudas de Wit, Olsson, Astrom, Lischinsky (1995), IEEE Trans. Automatic Control 40, 419.
     """
 
     _numbers: tuple[float, ...]
 
     def __init__(
-        self, sliding: float, static: float, speed: float = 1e-3, viscous: float = 0.0
+        self,
+        sliding: float,
+        static: float,
+        speed: float = 1e-3,
+        viscous: float = 0.0,
+        bristle_stiffness: float = 0.0,
     ) -> None:
         require_positive("speed", speed, "m/s")
         for name, value in (("sliding", sliding), ("static", static), ("viscous", viscous)):
@@ -87,9 +107,11 @@ class Stribeck(FrictionLaw):
         super().__init__(
             lambda v, load, place, time: (
                 sliding + (static - sliding) * math.exp(-abs(v) / speed) + viscous * abs(v)
-            )
+            ),
+            bristle_stiffness,
         )
-        object.__setattr__(self, "_numbers", (sliding, static, speed, viscous))
+        more = (bristle_stiffness,) if bristle_stiffness else ()
+        object.__setattr__(self, "_numbers", (sliding, static, speed, viscous, *more))
 
     def __reduce__(self) -> tuple[type[Stribeck], tuple[float, ...]]:
         return Stribeck, self._numbers  # a function within a function cannot be pickled
@@ -151,10 +173,17 @@ class LinearContact(ContactLaw):
 _KINDS = {"friction": FrictionLaw, "contact": ContactLaw}
 _SHIPPED: dict[str, Callable[..., object]] = {
     "stribeck": Stribeck,
+    # bristles, assumed, about as stiff as a steel ball of 125 um under 1 N
+    "lugre": partial(Stribeck, bristle_stiffness=1e6),
     "hertz": Hertz,
     "linear": LinearContact,
 }
-_DIMENSIONS = {"speed": "speed", "stiffness": "stiffness", "modulus": "pressure"}
+_DIMENSIONS = {
+    "speed": "speed",
+    "stiffness": "stiffness",
+    "bristle_stiffness": "stiffness",
+    "modulus": "pressure",
+}
 
 
 def build_laws(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

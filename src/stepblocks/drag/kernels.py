@@ -68,9 +68,14 @@ def _compute_grip(
     stiffness: float,
     give: float,
     damping: float,
+    bends: bool,
 ) -> tuple[float, float]:
     # Friction, and the new stretch of the tangential spring: it sticks below `limit` and yields
-    # there
+    # there, or bends towards it (Dahl, LuGre), implicitly, so that no step passes the limit
+    if bends and limit > 0.0:
+        share = stiffness / limit
+        stretch = (bristle + travel) / (1.0 + abs(travel) * share)
+        return stiffness * stretch + damping * (rate - abs(rate) * stretch * share), stretch
     stretch = bristle + travel
     force = stiffness * stretch + damping * rate
     if force > limit:
@@ -118,9 +123,9 @@ def integrate(
         wall_c,
         wall_most,
     ) = settings
-    # friction at rest, stiffness of the bristles, force past which the tip counts as locked, and
-    # whether the friction is a function of the user
-    mu_s, kt, limit, own_friction = contact
+    # friction at rest, stiffness of the bristles, force past which the tip counts as locked,
+    # whether the friction is a function of the user, and whether its bristles bend
+    mu_s, kt, limit, own_friction, bending = contact
     # within `near` of a kink both sides are touched; `rest` is the stretch in steady sliding
     # and from `slipped` behind a place it must climb again
     x, y, near, rest, slipped = start
@@ -150,6 +155,7 @@ def integrate(
     low, low_t, top, top_t, top_x, pass_t = np.inf, 0.0, -np.inf, 0.0, x, 0.0
     slipped_t = np.inf
     kinked, varied, give = kinks.size > 0, mu_s != mu_k or viscous > 0.0, 1.0 / kt
+    bends = bending > 0.0
     # of the first half step and of a whole one: h / m, and the damper at the middle of the step
     kicks = np.empty((2, 5))
     for k_step in range(2):
@@ -224,17 +230,17 @@ def integrate(
             here = mu1 * n1 * give if driven else 0.0
             stored_before = 0.5 * kt * here * here
         if n1 > 0.0:
-            t1, here = _compute_grip(here, rate1 * travel, rate1, mu1 * n1, kt, give, ct)
+            t1, here = _compute_grip(here, rate1 * travel, rate1, mu1 * n1, kt, give, ct, bends)
         else:
             here = 0.0
         if n2 > 0.0:
-            t2, there = _compute_grip(there, rate2 * travel, rate2, mu2 * n2, kt, give, ct)
+            t2, there = _compute_grip(there, rate2 * travel, rate2, mu2 * n2, kt, give, ct, bends)
         else:
             there = 0.0
         wall, wall_before = 0.0, stretch
         if walled:
             wall, stretch = _compute_grip(
-                stretch, vx * travel, vx, wall_most, wall_k, 1.0 / wall_k, wall_c
+                stretch, vx * travel, vx, wall_most, wall_k, 1.0 / wall_k, wall_c, False
             )
         # ---- forces on the tip (elastic and lossy contact, friction, springs)
         loss_x, loss_y = -d1 * sx * q1 - d2 * s2 * q2, d1 * q1 + d2 * q2

@@ -190,7 +190,13 @@ def simulate_drag(
         ),
         tuple(map(float, astuple(probe))),
         tuple(float(getattr(settings, field.name)) for field in fields(settings)[:-1]),
-        (float(mu_s), bristle, limit, float(own is not None)),
+        (
+            float(mu_s),
+            bristle,
+            limit,
+            float(own is not None),
+            own.bristle_stiffness if own else 0.0,
+        ),
         (
             x,
             y,
@@ -341,7 +347,8 @@ def _find_time_step(
     under_load = p * settings.normal_load / probe.find_indentation(settings.normal_load)
     # Mindlin: the tangential stiffness of a contact is 2 (1 - nu) / (2 - nu) = 0.82 of the normal
     # one, at nu = 0.3
-    tangential = 0.82 * under_load
+    law = settings.friction_law
+    tangential = (law.bristle_stiffness if law else 0.0) or 0.82 * under_load
     fastest = math.sqrt((2.0 * normal + 2.0 * tangential + probe.stiffness) / probe.mass)
     return (
         2.0 * math.pi / (fastest * settings.resolution),
