@@ -46,6 +46,13 @@ WORDS = {
     "drag": "drag 25|um --load 0.5|N --friction 0.15 -o dragged --quiet",
     "design": "study design mine.toml --seed 1 --participants 2 --repetitions 2 -o study",
 }
+# the same in forms that are quick, to be done a thousand times
+QUICK = {
+    "build": "build mine.toml -o built --jobs 1",
+    "inspect": "inspect scan.csv --standard 25|um --feature edge",
+    "predict": "predict mine.toml -o predictions.csv",
+    "drag": "drag 25|um --load 0.5|N --friction 0.15 --json --quiet",
+}
 OUTPUTS = ("built", "seen", "predictions.csv", "dragged", "study")
 DISK = 32  # MiB; one set of outputs takes eight
 GROWTH = 0.05  # of the memory after the warm-up, as a median over a fifth of the run
@@ -64,9 +71,9 @@ def write_inputs(folder: Path) -> None:
     (folder / "scan.csv").write_text("x_um,z_um\n" + "".join(points))
 
 
-def run_command(name: str) -> tuple[int, str]:
+def run_command(line: str) -> tuple[int, str]:
     """Run a command in this process; its exit code and what it says of errors."""
-    words = [word.replace("|", " ") for word in WORDS[name].split()]
+    words = [word.replace("|", " ") for word in line.split()]
     said = io.StringIO()
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
         code = command_line(words)
@@ -109,15 +116,16 @@ def hash_tree(folder: Path) -> dict[str, str]:
     Of a note of what was written there, which grows with every file, only whether it is whole.
     """
     found = {}
-    for path in sorted(folder.rglob("*")):
+    # a folder may vanish while it is listed: this walk passes it over, `Path.rglob` does not
+    for path in sorted(Path(at, one) for at, _, names in os.walk(folder) for one in names):
         name = path.relative_to(folder).as_posix()
         if ".partial-" in name or "/runs" in name:
             continue
         with contextlib.suppress(OSError):
-            content = path.read_bytes() if path.is_file() else None
-            if content is not None and path.name == ".stepblocks.json":
+            content = path.read_bytes()
+            if path.name == ".stepblocks.json":
                 found[name] = "whole" if is_json(content) else "half"
-            elif content is not None:
+            else:
                 found[name] = hashlib.sha256(content).hexdigest()
     return found
 
@@ -133,7 +141,7 @@ def find_expected(folder: Path) -> tuple[dict[str, list[str]], dict[str, int]]:
     allowed: dict[str, set[str]] = {}
     ends: dict[str, int] = {}
     for name in (*WORDS, *WORDS):
-        ends[name], _ = run_command(name)
+        ends[name], _ = run_command(WORDS[name])
         for path, digest in hash_tree(folder).items():
             allowed.setdefault(path, set()).add(digest)
     return {name: sorted(digests) for name, digests in allowed.items()}, ends
@@ -180,7 +188,7 @@ def use(
     draw = random.Random(user)
     said: Any
     tasks: dict[str, Callable[[], tuple[int, str]]] = {
-        name: partial(run_command, name) for name in WORDS
+        name: partial(run_command, line) for name, line in WORDS.items()
     }
     tasks["answer"] = partial(answer_study, str(user))
     while time.monotonic() < end:
@@ -345,6 +353,42 @@ def soak(minutes: float, work: Path) -> dict[str, Any]:
     return record | {"faults": faults}
 
 
+def repeat(rounds: int, minutes: float, work: Path) -> dict[str, Any]:
+    """Do all in quick forms so many times in this process, or as often as the time allows."""
+    write_inputs(work)
+    os.chdir(work)
+    begun, done, course, faults = time.monotonic(), 0, list[tuple[int, int]](), list[str]()
+    first: tuple[dict[str, int], dict[str, str]] | None = None
+    while done < rounds and time.monotonic() < begun + 60.0 * minutes:
+        for name in OUTPUTS:
+            remove(work / name)
+        ends = {name: run_command(line)[0] for name, line in QUICK.items()}
+        found = ends, hash_tree(work)
+        first = first or found
+        if found != first or 2 in ends.values():
+            faults.append(f"round {done + 1} ended as {ends}, or wrote other bytes than the first")
+        done += 1
+        if done % max(1, rounds // 100) == 0:
+            course.append(measure_process())
+    record = {"minutes": round((time.monotonic() - begun) / 60.0, 1), "times": done}
+    for place, name in enumerate(("memory", "files")):
+        early, late = find_growth([one[place] for one in course], len(course) // 10)
+        record[f"{name} early"], record[f"{name} late"] = early, late
+        if late > early * (1.0 + GROWTH if name == "memory" else 1.0):
+            faults.append(f"{name} grew from {early:.0f} to {late:.0f}")
+    return record | {"course": course, "faults": faults}
+
+
+def show_repeat(record: dict[str, Any]) -> None:
+    """Print what a thousand times each leave."""
+    print(f"{record['times']} times each in one process, {record['minutes']} minutes:\n")
+    print("| what | first fifth | last fifth |\n|---|---|---|")
+    early, late = record["memory early"] / 2**20, record["memory late"] / 2**20
+    print(f"| memory | {early:.0f} MiB | {late:.0f} MiB |")
+    print(f"| open files | {record['files early']:.0f} | {record['files late']:.0f} |")
+    print(f"\n{len(record['faults'])} faults", *record["faults"][:20], sep="\n")
+
+
 def show(record: dict[str, Any]) -> None:
     """Print the record as tables."""
     print(f"Soak of {record['minutes']} minutes, {record['disk']}; {record['rounds']} rounds")
@@ -376,6 +420,7 @@ def main(argv: list[str] | None = None) -> int:
     """Soak, or show what the last soak found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--rounds", type=int, help="so often in one process, undisturbed")
     parser.add_argument("--record", type=Path, default=Path("out/soak.json"))
     parser.add_argument("--summary", action="store_true", help="only print what the record holds")
     parser.add_argument("--expect", nargs=2, type=Path, help=argparse.SUPPRESS)
@@ -398,10 +443,14 @@ def main(argv: list[str] | None = None) -> int:
         record = json.loads(path.read_text(encoding="utf-8"))
     else:
         with tempfile.TemporaryDirectory(prefix="stepblocks-soak-") as folder:
-            record = soak(asked.minutes, Path(folder))
+            if asked.rounds:
+                record = repeat(asked.rounds, asked.minutes, Path(folder))
+                os.chdir("/")
+            else:
+                record = soak(asked.minutes, Path(folder))
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(record) + "\n", encoding="utf-8")
-    show(record)
+    (show_repeat if "times" in record else show)(record)
     return int(bool(record["faults"]))
 
 
