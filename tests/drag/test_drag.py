@@ -359,6 +359,10 @@ def test_hertz_by_johnson():
         (lambda: DragSettings(1.0, 0.1, pulling_force=1.0), "exactly one of speed"),
         (lambda: DragSettings(1.0, 0.3, static_friction=0.2), "static_friction"),
         (lambda: DragSettings(1.0, 0.1, speed=math.nan), "speed"),
+        (
+            lambda: DragSettings(1.0, 0.1, speed=0.0, pulling_force=0.5, handle_mass=0.0),
+            "handle_mass must be positive",
+        ),
         (lambda: replace(PAPER_DRAG, mass=0.0), "mass"),
         (lambda: replace(PAPER_DRAG, contact_power=0.5), "contact_power"),
         (lambda: build_step_track(130e-6, R), "too-high"),

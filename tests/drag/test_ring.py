@@ -19,6 +19,7 @@ from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.ring import (
     LOADING_BAND,
     RING_BAND,
+    _cut_ring,
     compute_band_share,
     compute_phase_spectrum,
     measure_ring,
@@ -164,3 +165,15 @@ def test_other_releases_than_the_one_asked_about_are_marked_too():
     )
     _, other, asked = plot_force(trace, Figure().subplots()).lines
     assert (set(other.get_xdata()), set(asked.get_xdata())) == ({50.0}, {125.0})
+
+
+def test_a_ring_ends_where_the_next_release_is_and_not_where_the_tip_runs_over_a_place():
+    trace = trace_of(length=120e-3)
+    events = tuple(
+        SimpleNamespace(status=status, released_s=at, pull_n=PEAK)
+        for status, at in (("releases", RELEASE), ("run-over", 30e-3), ("releases", 60e-3))
+    )
+    cut = _cut_ring(replace(trace, events=events), 0)
+    time = cut.column("time_s")
+    assert time[0] == pytest.approx(RELEASE, abs=1.0 / RATE)
+    assert time[-1] == pytest.approx(60e-3, abs=1.5 / RATE)

@@ -131,6 +131,10 @@ def test_trials_that_went_wrong_are_told_from_those_that_scatter():
     chance, share = find_bad_trials(problem, SimpleNamespace(predicted=np.zeros((200, 1))))
     assert np.flatnonzero(chance > 0.9).tolist() == wrong
     assert share == pytest.approx(4 / 200, abs=0.01)
+    # Bayes' rule with the share that was found and a second normal six times as wide
+    narrow, wide = stats.norm.pdf(values[:, 0]), stats.norm.pdf(values[:, 0], scale=6.0)
+    expected = share * wide / (share * wide + (1.0 - share) * narrow)
+    assert chance == pytest.approx(expected, rel=0.05, abs=1e-6)
 
 
 def test_the_p_value_of_a_gate_counts_the_data_as_one_draw_of_the_null(squared):
@@ -179,3 +183,10 @@ def test_a_law_at_another_place_leaves_those_that_stand_and_one_that_is_not_need
     assert left.effects == (needed,)
     # one law alone is not looked for again
     assert _exchange_effect(problem, left, toy_effects()) is None
+
+
+def test_without_candidates_nothing_can_surprise(squared):
+    problem = build_problem(Toy(), squared)
+    gate = score_candidates(problem, fit(problem), [])
+    assert gate.p_value == 1.0
+    assert not gate.scores
