@@ -110,8 +110,7 @@ class Stribeck(FrictionLaw):
             ),
             bristle_stiffness,
         )
-        more = (bristle_stiffness,) if bristle_stiffness else ()
-        object.__setattr__(self, "_numbers", (sliding, static, speed, viscous, *more))
+        object.__setattr__(self, "_numbers", (sliding, static, speed, viscous, bristle_stiffness))
 
     def __reduce__(self) -> tuple[type[Stribeck], tuple[float, ...]]:
         return Stribeck, self._numbers  # a function within a function cannot be pickled

@@ -125,7 +125,7 @@ def integrate(
     ) = settings
     # friction at rest, stiffness of the bristles, force past which the tip counts as locked,
     # whether the friction is a function of the user, and whether its bristles bend
-    mu_s, kt, limit, own_friction, bending = contact
+    mu_s, kt, limit, own_friction, bends = contact
     # within `near` of a kink both sides are touched; `rest` is the stretch in steady sliding
     # and from `slipped` behind a place it must climb again
     x, y, near, rest, slipped = start
@@ -155,7 +155,6 @@ def integrate(
     low, low_t, top, top_t, top_x, pass_t = np.inf, 0.0, -np.inf, 0.0, x, 0.0
     slipped_t = np.inf
     kinked, varied, give = kinks.size > 0, mu_s != mu_k or viscous > 0.0, 1.0 / kt
-    bends = bending > 0.0
     # of the first half step and of a whole one: h / m, and the damper at the middle of the step
     kicks = np.empty((2, 5))
     for k_step in range(2):

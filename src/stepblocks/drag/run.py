@@ -263,7 +263,8 @@ def drag_over(
         Where on a profile the edge lies that is asked about [m]; by default the edge with the
         greatest critical angle answers. All other events stand in `Drag.events` either way.
     contact : ContactLaw, optional
-        `Hertz`, `LinearContact` or `ContactFunction`; by default steel on steel by Hertz.
+        `Hertz`, `LinearContact` or a law of your own; by default that of the set, or steel on
+        steel by Hertz.
     tool : Tool, optional
         Stiffness, frequency (and so its mass) and decay of the explorer, in the place of the set's
         and of `stiffness` and `frequency`.

@@ -195,7 +195,7 @@ def simulate_drag(
             bristle,
             limit,
             float(own is not None),
-            own.bristle_stiffness if own else 0.0,
+            own is not None and own.bristle_stiffness > 0.0,
         ),
         (
             x,

@@ -5,6 +5,7 @@ They belong to the contact, to the tool or to its gauges.
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from importlib.metadata import entry_points
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from stepblocks.contact.effects.gauges import GAUGE_LAWS
 from stepblocks.contact.forward import SPEED_OVER_LOAD
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.state import DragState, Floats
+from stepblocks.errors import ContactError
 from stepblocks.law import Law, Parameter
 
 # the parts of the model that an effect may change
@@ -453,13 +455,20 @@ _TOOL = (
 def list_named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
     """Return the laws that have names, the height error of each of `blocks` among them.
 
-    Laws without a name are in `smooth`.
+    Packages may offer their own as entry points of the group ``stepblocks.effects``. Laws without
+    a name are in `smooth`.
     """
+    own = [one.load() for one in entry_points(group="stepblocks.effects")]
+    if wrong := [one for one in own if not isinstance(one, Law)]:
+        raise ContactError(
+            f"entry points of stepblocks.effects must be a Law, got {wrong[0]!r:.60}"
+        )
     return (
         *_GEOMETRY,
         *_FRICTION,
         *_TOOL,
         *_CONVERSION,
         *GAUGE_LAWS,
+        *own,
         *map(_make_height_error_law, blocks),
     )

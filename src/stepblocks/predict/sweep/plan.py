@@ -365,15 +365,14 @@ def read_sweep_stimuli(
 
 def find_setting(grid: PredictionGrid) -> dict[str, list[float]]:
     """Return the values of the conditions that a set declares."""
-    of_tool = {
-        name: [getattr(grid.tool, name)] for name in ("stiffness", "conversion", "frequency")
+    return {
+        "tip_radius": list(grid.tip_radii),
+        "normal_load": list(grid.normal_loads),
+        "friction": list(grid.frictions),
+        "stiffness": [grid.tool.stiffness],
+        "conversion": [grid.tool.conversion],
+        "frequency": [grid.tool.frequency],
     }
-    listed = {
-        "tip_radius": grid.tip_radii,
-        "normal_load": grid.normal_loads,
-        "friction": grid.frictions,
-    }
-    return {name: list(values) for name, values in listed.items()} | of_tool
 
 
 def _find_surface(part: Part) -> str:
