@@ -10,7 +10,8 @@ every outcome in the record and goes on from there the next time. A mutant meets
 room that call its function, the quickest first, then the other tests of these files; which tests
 call what is measured once and kept beside the record (``reach-ROOM.json``; delete it to measure
 again). Survivors that no test can notice stand with their reason in
-``mutations_equivalent.json``. A sample tries few
+``mutations_equivalent.json``; there, too, those ``chosen``: a width of a line or an allowance for
+which there is no expected value, and which count as survivors. A sample tries few
 mutants of all rooms, 60 s each and ``--seconds`` in all; what does not end in that time is
 undecided. Its exit code is 1 only where fewer than half of at least six that ended are noticed.
 """
@@ -646,12 +647,13 @@ def summary(record: Path) -> int:
     tried = read_record(record)
     lines = [line for line in tried if line["key"] in present]
     reasons = json.loads(EQUIVALENT.read_text(encoding="utf-8")) if EQUIVALENT.exists() else {}
+    equivalent = {key for key, one in reasons.items() if not one.get("chosen")}
     print("Mutants:")
     print("\n| room | mutants | noticed | equivalent | survive |\n|---|---|---|---|---|")
     for room in [*ROOMS, None]:
         own = [line for line in lines if room in (None, line["room"])]
         noticed = sum(line["outcome"] == "noticed" for line in own)
-        equal = sum(line["outcome"] == "survived" and line["key"] in reasons for line in own)
+        equal = sum(line["outcome"] == "survived" and line["key"] in equivalent for line in own)
         rest = len(own) - noticed - equal
         print(f"| {room or 'all'} | {len(own)} | {noticed} | {equal} | {rest} |")
     print("\nSurvivors:\n\n| place | change | why no test can notice it |\n|---|---|---|")
@@ -659,7 +661,8 @@ def summary(record: Path) -> int:
         if line["outcome"] == "survived":
             text = line["mutant"].removeprefix("src/stepblocks/").replace("|", "or")
             place, change = text.split(": ", 1)
-            why = reasons.get(line["key"], {}).get("reason", "none known: a test is missing")
+            known = reasons.get(line["key"], {"reason": "none known: a test is missing"})
+            why = ("no value to hold it to: " if known.get("chosen") else "") + known["reason"]
             print(f"| {place} | {change} | {why} |")
     gone = len(tried) - len(lines)
     if gone:

@@ -174,3 +174,11 @@ def test_a_mirrored_tolerance_gives_the_mirrored_verdict(value, std):
     here = judge(Measured("x", value, part), -1e-5, -1e-6, 2e-6)
     there = judge(Measured("x", -value, part), 1e-5, -2e-6, 1e-6)
     assert here.verdict is there.verdict
+
+
+@pytest.mark.parametrize(("reach", "known"), [(200, True), (170, True), (150, False)])
+def test_a_burr_is_told_where_four_fifths_of_its_zone_were_scanned(reach, known):
+    # the zone is 0.2 mm wide; what lies beyond it is not asked for
+    across = (np.arange(-200, reach) + 0.5)[np.newaxis] * UM
+    z = np.where(across > 0.0, 50 * UM, 0.0)
+    assert (find_burr(across, z, 50 * UM, 3 * UM) is not None) is known

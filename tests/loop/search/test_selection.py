@@ -190,3 +190,14 @@ def test_without_candidates_nothing_can_surprise(squared):
     gate = score_candidates(problem, fit(problem), [])
     assert gate.p_value == 1.0
     assert not gate.scores
+
+
+def test_what_can_be_detected_knows_nothing_of_the_step_of_a_parameter(squared):
+    problem = build_problem(Toy(), squared)
+    base, effect = fit(problem), toy_effects()[0]
+    coarse = tuple(replace(one, scale=4.0 * one.scale) for one in effect.parameters)
+    one, other = (
+        next(iter(compute_detectable(problem, base, [law], needed=4.0).values()))
+        for law in (effect, replace(effect, parameters=coarse))
+    )
+    assert other == pytest.approx(one, rel=0.02)
