@@ -19,6 +19,7 @@ from stepblocks.predict.predictions import (
     format_row,
     predict_all,
     predict_set,
+    tabulate_prediction,
 )
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
@@ -126,3 +127,14 @@ def test_a_terminal_is_shown_the_drawn_interval_of_the_energy_alone(four):
     assert not {"pull_force_low_n", "pull_force_95_high_n", "vibration_energy_low_uj"} & set(
         columns
     )
+
+
+def test_a_row_has_energies_and_intervals_to_compare_unless_it_is_beyond_a_limit(four):
+    for one in four:
+        row, beyond = tabulate_prediction(one), one.release.status.is_beyond_limit
+        worst = [row[f"vibration_energy_{end}_uj"] for end in ("low", "high")]
+        if one.release.status is Status.RELEASES and one.limits[1].status is Status.RELEASES:
+            assert worst[0] < row["vibration_energy_uj"] < worst[1]
+            assert row["intervals_agree"] in ("yes", "no")
+        assert not beyond or (all(map(math.isnan, worst)) and row["intervals_agree"] == "")
+    assert {one.release.status.is_beyond_limit for one in four} == {True, False}

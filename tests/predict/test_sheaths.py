@@ -58,6 +58,9 @@ def test_the_same_force_stores_less_in_a_stiffer_probe():
 
 def test_the_damping_test_counts_the_releases_that_tell_a_sheath_from_none():
     rows = tabulate_decay_test(SET)
+    for row in rows:  # the decrement is ln of two swings a period apart, T = 1 / f
+        product = float(row["decay_time_ms"]) * float(row["frequency_hz"])
+        assert product * float(row["log_decrement"]) == pytest.approx(1e3, rel=0.01)
     for row in rows[1:]:
         releases = int(row["releases_to_tell_from_bare"])
         difference = abs(float(row["log_decrement"]) - float(rows[0]["log_decrement"]))
