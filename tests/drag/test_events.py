@@ -34,6 +34,24 @@ def steps(*edges):
     return Profile(X, sum(np.where(edge < X, height, 0.0) for edge, height in edges))
 
 
+def follow_a_rigid_tip(done, corners):
+    """The events that the second integrator sees over the same corners."""
+    probe, path = done.trace.probe, RigidPath(*corners, R)
+    rows = rigid_drag(
+        path,
+        load=1.0,
+        friction=0.15,
+        speed=5e-3,
+        stiffness=probe.stiffness,
+        mass=probe.mass,
+        damping_ratio=probe.damping_ratio,
+        loss=probe.contact_loss,
+        start=float(done.frame.x_m[0]),
+        end=0.4e-3,
+    )
+    return events_of(rows, path, level=0.15, stiffness=probe.stiffness, frequency=probe.frequency)
+
+
 WAVY = Profile(X, np.where(X > 0, 25e-6, 0.0) + 0.5e-6 * np.sin(2.0 * np.pi * X / 1e-4))
 
 
@@ -72,7 +90,9 @@ def test_ripples_lie_a_wavelength_apart_and_ask_the_pull_of_their_slope():
     assert events.pull_n.median() == pytest.approx(events.formula_pull_n.median(), rel=0.05)
 
 
-@pytest.mark.parametrize(("first", "second"), [(15e-6, 20e-6), (20e-6, 40e-6), (15e-6, 25e-6)])
+@pytest.mark.parametrize(
+    ("first", "second"), [(15e-6, 20e-6), (20e-6, 40e-6), (15e-6, 25e-6), (20e-6, 60e-6)]
+)
 def test_of_two_steps_the_higher_answers_and_both_are_listed(first, second):
     face = steps((0.0, first), (50e-6, second))
     done = drag_over(face)
@@ -155,6 +175,27 @@ def test_a_slope_of_45_degrees_releases_however_densely_it_is_sampled(pitch):
     assert done.trace.peak_force == pytest.approx(formula, rel=0.04)
 
 
+def test_behind_a_long_ramp_the_ring_is_that_of_the_fall_and_not_of_the_highest_pull():
+    # Origin: `oracles.rigid_drag`; the pull is highest at the foot and falls 12 ms later.
+    x = np.arange(-0.4e-3, 0.4e-3, 0.5e-6)
+    done = drag_over(Profile(x, np.clip(x, 0.0, 100e-6)), contact=LinearContact(3e8))
+    corners = np.array([-0.4e-3, 0.0, 1e-4, 0.5e-3]), np.array([0.0, 0.0, 1e-4, 1e-4])
+    (expected,) = follow_a_rigid_tip(done, corners)
+    assert done.summary["peak_force_n"] == pytest.approx(expected["pull_n"], rel=1e-3)
+    assert done.summary["vibration_energy_j"] == pytest.approx(expected["ring_j"], rel=0.01)
+    assert done.events.vibration_energy_j.iloc[0] == done.summary["vibration_energy_j"]
+
+
+def test_of_two_steps_far_apart_each_has_its_own_pull():
+    # Closed form: H = R (1 - cos a), equation (1).
+    done = drag_over(steps((-0.15e-3, 20e-6), (0.15e-3, 60e-6)), speed=1e-3)
+    pulls = [find_release(find_step_angle(h, R), 1.0, 0.15).pull_force for h in (20e-6, 60e-6)]
+    assert pulls == pytest.approx([0.8813, 2.3787], abs=1e-4)
+    assert done.events.formula_pull_n.to_numpy() == pytest.approx(pulls, rel=1e-4)
+    assert done.events.pull_n.to_numpy() == pytest.approx(pulls, rel=0.03)
+    assert done.summary["peak_force_n"] == done.events.pull_n.iloc[1]
+
+
 @pytest.mark.parametrize(
     ("face", "backward"),
     [
@@ -186,22 +227,7 @@ def test_a_rigid_tip_integrated_from_event_to_event_gives_the_same_release(heigh
     # Origin: `oracles.rigid_drag`, its own path, contact, impacts and integrator.
     corners = np.array([-0.4e-3, 0.0, 1e-9, 0.5e-3]), np.array([0.0, 0.0, height, height])
     done = drag_over(Profile(*corners), contact=LinearContact(3e8))
-    probe, path = done.trace.probe, RigidPath(*corners, R)
-    rows = rigid_drag(
-        path,
-        load=1.0,
-        friction=0.15,
-        speed=5e-3,
-        stiffness=probe.stiffness,
-        mass=probe.mass,
-        damping_ratio=probe.damping_ratio,
-        loss=probe.contact_loss,
-        start=float(done.frame.x_m[0]),
-        end=0.4e-3,
-    )
-    (expected,) = events_of(
-        rows, path, level=0.15, stiffness=probe.stiffness, frequency=probe.frequency
-    )
+    (expected,) = follow_a_rigid_tip(done, corners)
     assert done.summary["peak_force_n"] == pytest.approx(expected["pull_n"], rel=1e-3)
     assert done.summary["vibration_energy_j"] == pytest.approx(expected["ring_j"], rel=0.02)
 

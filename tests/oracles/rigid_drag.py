@@ -264,7 +264,10 @@ def events_of(rows, path, *, level, stiffness, frequency, least=LEAST):
     # the next place ends the ring once it holds the tip
     for number, one in enumerate(found):
         held = [other["time_s"] for other in found[number + 1 :] if other["rise_n"] > HELD]
-        end = min([one["time_s"] + RING_WINDOW / frequency, *held])
+        # on a long ramp the pull falls long after its peak
+        behind = (time >= one["time_s"]) & (force <= level)
+        fall = time[int(np.argmax(behind))] if behind.any() else one["time_s"]
+        end = min([max(one["time_s"] + RING_WINDOW / frequency, fall + 1.0 / frequency), *held])
         first = force[(time >= one["time_s"]) & (time <= end)]
         one["ring_j"] = 0.5 * max(level - float(first.min()), 0.0) ** 2 / stiffness
     return found

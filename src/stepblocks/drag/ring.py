@@ -86,8 +86,9 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         )
     level = trace.settings.sliding_force
     # the lowest point of the first swing lies within one period of the release, after the fall
-    # itself
-    end = cut.release_time + 2.0 / trace.probe.frequency
+    # itself; on a long ramp the pull falls long after its peak
+    period = 1.0 / trace.probe.frequency
+    end = max(cut.release_time + 2.0 * period, _find_fall_time(cut) + period)
     first = swing[: max(np.searchsorted(time, end), _FEWEST)]
     amplitude = max(level - float(first.min()), 0.0)
     loud = np.flatnonzero(np.abs(swing - _measure_settled_force(cut)) > _QUIET * amplitude)
