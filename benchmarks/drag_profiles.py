@@ -91,7 +91,7 @@ def read_texture(folder):
             row = scan.height[scan.height.shape[0] // 2]
             if np.isfinite(row).mean() > 0.95 and scan.dx < 5e-6:
                 known = np.isfinite(row)
-                print(f"texture from {path.name}")
+                print(f"texture from {path.name}", file=sys.stderr)
                 return scan.dx, np.interp(scan.x, scan.x[known], row[known])
     return None
 
@@ -160,6 +160,7 @@ def tabulate(records):
         "energy within 3 %",
         "median pull difference",
     )
+    print("Random surfaces, by kind")
     print("| kind |", " | ".join((*head, "missed events", "texture hides steps of, um")), "|")
     print("|---" * 8 + "|")
     for kind in (*KINDS, "all"):
