@@ -273,3 +273,11 @@ def test_no_two_places_of_a_path_lie_farther_apart_than_a_25th_of_the_ball(spaci
     x = np.arange(0.0, 4.0, spacing) * 2.0 * R
     path = build_profile_path(x, 0.0 * x, R)
     assert np.diff(path.position).max() <= 0.04 * 2.0 * R * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("slope", [0.5, 2.0, 5.0])
+def test_a_ramp_longer_than_the_ball_is_as_steep_as_it_is(slope):
+    # the centre runs beside a straight flank on a line of the same slope
+    path = build_profile_path([-1e-3, 0.0, 1e-3 / slope, 2e-3], [0.0, 0.0, 1e-3, 1e-3], R)
+    assert find_steepest_catch(path).angle == pytest.approx(math.atan(slope), rel=1e-9)
+
