@@ -280,4 +280,3 @@ def test_a_ramp_longer_than_the_ball_is_as_steep_as_it_is(slope):
     # the centre runs beside a straight flank on a line of the same slope
     path = build_profile_path([-1e-3, 0.0, 1e-3 / slope, 2e-3], [0.0, 0.0, 1e-3, 1e-3], R)
     assert find_steepest_catch(path).angle == pytest.approx(math.atan(slope), rel=1e-9)
-

@@ -31,6 +31,15 @@ def draw(seed, height, radius, spacing=SPACING):
     return x, clean + correlated_noise(len(x), spacing, 10e-9, 50e-9, 2.4e-6, random)
 
 
+@pytest.mark.parametrize("at", [-200e-6, 200e-6])
+def test_the_faces_of_an_edge_end_where_a_lesser_step_stands(at):
+    z = edge_gauge(X, 50e-6, 0.0) + np.where(at < X, 30e-6, 0.0)
+    z += correlated_noise(len(X), SPACING, 5e-9, 0.0, 2.4e-6, np.random.default_rng(3))
+    for sign in (1.0, -1.0):  # up, and down
+        edge = fit_edge(X, sign * z)
+        assert edge.height.value == pytest.approx(50e-6, abs=10e-9)
+
+
 @pytest.mark.parametrize("height", [10e-6, 80e-6])
 @pytest.mark.parametrize("radius", [0.0, 14e-6])
 def test_a_profile_without_noise_gives_its_height_exactly(height, radius):

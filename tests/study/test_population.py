@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -170,3 +171,15 @@ def test_the_order_of_conditions_changes_the_sign_alone():
     there, back = compare_within(one, other, axis), compare_within(other, one, axis)
     assert (there.value, there.low) == pytest.approx((-back.value, -back.high), abs=1e-4)
     assert there.p == pytest.approx(back.p, rel=1e-3)
+
+
+def test_the_order_of_two_groups_turns_their_difference_and_keeps_its_p():
+    one = SimpleNamespace(value=1.0, low=0.7, high=1.6)
+    other = SimpleNamespace(value=1.5, low=1.1, high=1.7)
+    (apart, low, high), p = compare_between(one, other)
+    (back, *ends), same = compare_between(other, one)
+    assert (back, *ends) == pytest.approx((-apart, -high, -low))
+    assert p == pytest.approx(same)
+    # Zou and Donner 2008: where the end that faces zero lies at it, p is 0.05
+    far = SimpleNamespace(value=2.0, low=2.0 - 0.8, high=2.5)
+    assert compare_between(one, far)[1] == pytest.approx(0.05)

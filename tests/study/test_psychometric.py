@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.special import ndtr
 
 from stepblocks.errors import StudyError
@@ -76,6 +77,7 @@ def test_levels_without_trials_say_nothing():
         (([0.0, 2.0, 3.0], [1, 2, 3], [4, 4, 4]), "levels must be positive and finite"),
         (([1.0, 2.0, 3.0], [1, 2, 3.5], [4, 4, 4]), "hits must be whole numbers"),
         (([1.0, 2.0, 2.0], [1, 2, 3], [4, 4, 4]), "needs trials at three levels, got 2"),
+        (([1.0, 2.0, 3.0, 4.0], [0, 0, 9, 9], [9] * 4), "from none to all between two levels"),
     ],
 )
 def test_a_malformed_table_is_refused(given, message):
@@ -92,3 +94,19 @@ def test_the_dispersion_is_pearson_s_chi_squared_over_its_degrees_of_freedom():
     # is next to nothing at the best fit
     squares = np.sum((hits - 40 * p) ** 2 / (40 * p * (1.0 - p)))
     assert fit.dispersion == pytest.approx(squares / (7 - 3), rel=0.02)
+
+
+def test_the_fit_is_the_greatest_likelihood_that_a_search_without_slopes_finds():
+    # independent: the simplex of scipy over the same model, its lapse rate within its bound
+    hits = np.array([3, 4, 12, 19, 31, 34, 39])
+    fit = fit_psychometric(LEVELS, hits, [40] * 7)
+
+    def lose(point):
+        lapse = np.clip(point[2], 0.0, MAX_LAPSE)
+        p = lapse + (1.0 - 2.0 * lapse) * ndtr((np.log(LEVELS * 1e6) - point[0]) / point[1])
+        return -np.sum(hits * np.log(p) + (40 - hits) * np.log(1.0 - p))
+
+    found = minimize(lose, [np.log(40.0), 0.35, 0.02], method="Nelder-Mead", tol=1e-10).x
+    assert fit.threshold == pytest.approx(np.exp(found[0]) * 1e-6, rel=1e-4)
+    assert fit.spread == pytest.approx(found[1], rel=1e-3)
+    assert fit.lapse == pytest.approx(np.clip(found[2], 0.0, MAX_LAPSE), abs=1e-4)

@@ -64,6 +64,7 @@ def test_the_estimate_of_a_trial_is_what_moved_all_its_channels_alike():
     errors, std = estimate_quantity_errors(problem, fit(problem))
     assert errors[7, 0] == pytest.approx(1.5, abs=0.5)
     assert np.all(std > 0.0)
+    assert errors.shape == std.shape == (60, 1)
 
 
 def test_the_likelihood_of_a_walk_is_that_of_its_covariance():
