@@ -56,6 +56,7 @@ def test_landmarks_scale_with_the_force_and_shift_with_its_zero(scale):
     ("force", "message"),
     [
         (np.full(TIME.size, 0.12) + noise(3e-3), "no slip"),
+        (np.full(TIME.size, 0.12), "no sliding before the edge"),
         (np.minimum(COURSE.force(TIME), 0.14) + noise(3e-3), "no slip"),
         (np.where(COURSE.release > TIME, COURSE.force(TIME), 1.2) + noise(1e-3), "no release"),
     ],
