@@ -659,7 +659,8 @@ def summary(record: Path) -> int:
     print("\nSurvivors:\n\n| place | change | why no test can notice it |\n|---|---|---|")
     for line in lines:
         if line["outcome"] == "survived":
-            text = line["mutant"].removeprefix("src/stepblocks/").replace("|", "or")
+            text = " ".join(line["mutant"].removeprefix("src/stepblocks/").split())
+            text = text.replace("|", "or")
             place, change = text.split(": ", 1)
             known = reasons.get(line["key"], {"reason": "none known: a test is missing"})
             why = ("no value to hold it to: " if known.get("chosen") else "") + known["reason"]

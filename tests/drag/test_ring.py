@@ -25,7 +25,7 @@ from stepblocks.drag.ring import (
     measure_ring,
 )
 from stepblocks.drag.run import Drag
-from stepblocks.drag.simulate import DragTrace
+from stepblocks.drag.simulate import DragTrace, _report_asked_place
 from stepblocks.errors import ContactError
 
 LOAD, MU, PEAK, RELEASE, RATE = 0.5, 0.2, 0.9, 20e-3, 10e3
@@ -177,3 +177,20 @@ def test_a_ring_ends_where_the_next_release_is_and_not_where_the_tip_runs_over_a
     time = cut.column("time_s")
     assert time[0] == pytest.approx(RELEASE, abs=1.0 / RATE)
     assert time[-1] == pytest.approx(60e-3, abs=1.5 / RATE)
+
+
+def test_of_a_place_that_is_met_twice_the_release_answers_and_not_the_way_past_it():
+    events = tuple(
+        SimpleNamespace(
+            place=3,
+            status=status,
+            caught_s=at - 1e-3,
+            released_s=at,
+            pull_n=pull,
+            x_m=0.0,
+            critical_angle_deg=40.0,
+        )
+        for status, at, pull in (("run-over", 10e-3, 0.4), ("releases", RELEASE, PEAK))
+    )
+    answer = _report_asked_place(replace(trace_of(), events=events), 3, None, None)
+    assert (answer.asked, answer.status, answer.release_time) == (1, Status.RELEASES, RELEASE)

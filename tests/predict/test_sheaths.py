@@ -11,7 +11,11 @@ from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.predict.predictions import _find_stiffness_deviation, predict_by_formula
-from stepblocks.predict.sheaths import predict_conditions, tabulate_decay_test
+from stepblocks.predict.sheaths import (
+    predict_conditions,
+    tabulate_decay_test,
+    write_sheath_files,
+)
 
 SHIPPED = Path(__file__).resolve().parents[2] / "stimuli" / "sheaths.toml"
 SET = load_set(SHIPPED)
@@ -123,3 +127,10 @@ def test_a_tolerance_of_a_sheath_moves_the_spring_by_half_of_what_its_limits_dif
     ]
     half = 0.5 * abs(ends[1].stiffness - ends[0].stiffness)
     assert _find_stiffness_deviation(SET, part) == pytest.approx(half)
+
+
+def test_three_files_stand_in_the_folder_of_a_set_with_sheaths(tmp_path):
+    written = write_sheath_files(SET, tmp_path)
+    assert [one.name for one in written] == ["rings.csv", "damping-test.csv", "probe.json"]
+    assert sorted(tmp_path.iterdir()) == sorted(written)
+    assert (tmp_path / "rings.csv").read_text().count("\n") == len(predict_conditions(SET)) + 1
