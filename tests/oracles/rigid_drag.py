@@ -264,10 +264,13 @@ def events_of(rows, path, *, level, stiffness, frequency, least=LEAST):
     # the next place ends the ring once it holds the tip
     for number, one in enumerate(found):
         held = [other["time_s"] for other in found[number + 1 :] if other["rise_n"] > HELD]
-        # on a long ramp the pull falls long after its peak
+        # on a long ramp the pull stays near its peak for long before it falls
         behind = (time >= one["time_s"]) & (force <= level)
         fall = time[int(np.argmax(behind))] if behind.any() else one["time_s"]
-        end = min([max(one["time_s"] + RING_WINDOW / frequency, fall + 1.0 / frequency), *held])
+        near = (time >= one["time_s"]) & (time <= fall)
+        near &= force > 0.9 * one["pull_n"] + 0.1 * level
+        last = time[near].max(initial=0.0) + 1.5 / frequency
+        end = min([max(one["time_s"] + RING_WINDOW / frequency, last), *held])
         first = force[(time >= one["time_s"]) & (time <= end)]
         one["ring_j"] = 0.5 * max(level - float(first.min()), 0.0) ** 2 / stiffness
     return found

@@ -86,15 +86,19 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         )
     level = trace.settings.sliding_force
     # the lowest point of the first swing lies within one period of the release, after the fall
-    # itself; on a long ramp the pull falls long after its peak
+    # itself; on a long ramp the pull stays near its peak for long before it falls
     period = 1.0 / trace.probe.frequency
-    end = max(cut.release_time + 2.0 * period, _find_fall_time(cut) + period)
+    held = time[(time <= _find_fall_time(cut)) & (swing > 0.9 * cut.peak_force + 0.1 * level)]
+    end = max(cut.release_time + 2.0 * period, held.max(initial=0.0) + 1.5 * period)
     first = swing[: max(np.searchsorted(time, end), _FEWEST)]
     amplitude = max(level - float(first.min()), 0.0)
     loud = np.flatnonzero(np.abs(swing - _measure_settled_force(cut)) > _QUIET * amplitude)
     duration = float(time[loud[-1]] - cut.release_time) if loud.size else 0.0
-    hard = trace.probe.hardening > 0.0
-    energy = trace.probe.energy(level - amplitude, level) if hard else trace.probe.energy(amplitude)
+    energy = (
+        trace.probe.energy(level - amplitude, level)
+        if trace.probe.hardening > 0.0
+        else trace.probe.energy(amplitude)
+    )
     # what the spring, the fall of the load and the handle can give
     fall, travel = cut.column("y_m")[0] - cut.column("y_m").min(), np.ptp(cut.column("handle_m"))
     given = cut.stored_energy + trace.settings.normal_load * fall + abs(cut.peak_force) * travel
