@@ -15,6 +15,7 @@ from stepblocks.study.conduct import open_run
 from stepblocks.study.page import render_study
 from stepblocks.study.run import analyse_study, design_study, simulate_study
 from stepblocks.study.server import RunServer
+from stepblocks.study.sheet import blind_rows
 
 HEIGHTS = tuple(h * 1e-6 for h in (25, 35, 50, 70, 95))
 
@@ -238,6 +239,30 @@ def test_several_factors_are_crossed_and_each_is_tested(tmp_path):
     assert found["probe"] < 0.01 < found["load"]
     assert [term.name for term in measure.groups] == ["group", "condition:group"]
     assert "declared factors" in render_study(result)
+
+
+def test_estimates_are_analysed_where_fewer_people_than_settings_rated(tmp_path):
+    # six settings of four participants once ended the whole analysis of experiment 2
+    factors = {"amplitude": ("0.5", "1", "2"), "frequency": ("150 Hz", "250 Hz")}
+    options = {"experiment": "virtual", "factors": factors, "participants": 4, "repetitions": 1}
+    design_study(HEIGHTS, tmp_path, seed=1, **options)
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2)
+    result = analyse_study(tmp_path, [tmp_path / "answers.csv"], tmp_path / "report")
+    assert [one.name for one in result.measures] == ["bias", "absolute error"]
+    assert result.ordinal is None
+    assert any("Ratings are not analysed: more participants" in text for text in result.remarks)
+
+
+def test_a_mixed_model_without_a_maximum_is_refused_in_a_line(tmp_path):
+    # two participants whose answers follow the number of the trial once met a singular matrix
+    heights = tuple(h * 1e-6 for h in range(10, 101, 10))
+    design_study(heights, tmp_path, seed=1, experiment="virtual", participants=2)
+    rows = blind_rows(pd.read_csv(tmp_path / "design.csv", dtype=str).to_dict("records"))
+    for row in rows:
+        number = int(row["trial"]) % 7
+        row |= {"estimate_um": str(10 + 5 * number), "realism_rating": str(1 + number)}
+    with pytest.raises(StudyError, match="its likelihood has no maximum"):
+        analyse_study(tmp_path, table(tmp_path / "answers.csv", rows))
 
 
 def test_thresholds_of_two_probes_are_one_study_with_one_comparison(tmp_path):

@@ -170,6 +170,14 @@ def _analyse_estimates(frame: Table, margin: float) -> Fields:
     return {"measures": tuple(found), "remarks": tuple(lacking)}
 
 
+def _analyse_virtual(frame: Table, margin: float) -> Fields:
+    found = _analyse_estimates(frame, margin)
+    try:
+        return found | {"ordinal": fit_ordinal_model(frame, "rating", "condition", "participant")}
+    except StudyError as error:  # the estimates stand by themselves
+        return found | {"remarks": (*found["remarks"], f"Ratings are not analysed: {error}.")}
+
+
 def _read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
     require(
         planned["condition"] in ORDERS,
@@ -349,10 +357,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         factors={"vibration": ("vibration-off", "vibration-on")},
         read=_read_virtual,
         simulate=_simulate_virtual,
-        analyse=lambda frame, margin: (
-            _analyse_estimates(frame, margin)
-            | {"ordinal": fit_ordinal_model(frame, "rating", "condition", "participant")}
-        ),
+        analyse=_analyse_virtual,
         takes=("factors", "equivalent", "ratings"),
     ),
     "constant": Experiment(

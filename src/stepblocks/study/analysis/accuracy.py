@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg, stats
 
 from stepblocks.quantities import format_column_label
 from stepblocks.study import Table, require
@@ -146,8 +147,6 @@ def compute_measure(frame: Table, name: str) -> tuple[Table, str]:
 
 def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measure:
     """Analyse one measure; conditions that differ by less than `margin` [m] are equivalent."""
-    from scipy.linalg import helmert
-
     data, block = compute_measure(frame, name)
     tested = run_f_test(data, "value", "condition", block)
     mixed = fit_mixed_model(data, "value", "condition", "participant", block)
@@ -155,7 +154,9 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
     table = average_participants(data)
     complete, corrected, sphericity = table.dropna(), mixed.condition, None
     if len(complete) > 2 and corrected is not None and table.shape[1] > 1:
-        sphericity = assess_effect("condition", complete.to_numpy(), helmert(table.shape[1]))[1]
+        sphericity = assess_effect(
+            "condition", complete.to_numpy(), linalg.helmert(table.shape[1])
+        )[1]
         df = sphericity.epsilon * corrected.df, sphericity.epsilon * corrected.df_error
         corrected = make_term("condition", *df, math.nan, corrected.f)
     return Measure(
@@ -188,13 +189,11 @@ def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
 
 def assess_equivalence(one: Interval, df: float, margin: float = math.nan) -> Equivalence:
     """Test whether two conditions differ by less than a margin, from either side."""
-    from scipy.stats import t
-
     require(not margin <= 0.0, f"a margin of equivalence must be positive, got {margin:g}")
-    bound = abs(one.difference) + float(t.ppf(0.95, df)) * one.error
+    bound = abs(one.difference) + float(stats.t.ppf(0.95, df)) * one.error
     statistic = (margin - abs(one.difference)) / one.error
     return Equivalence(
-        one.first, one.second, bound, margin, statistic, df, float(t.sf(statistic, df))
+        one.first, one.second, bound, margin, statistic, df, float(stats.t.sf(statistic, df))
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from stepblocks.study import Array, Table, require
 
@@ -158,7 +159,6 @@ def standardise_response(frame: Table, response: str, **names: str) -> tuple[Tab
 def make_term(name: str, df: float, df_error: float, squares: float, f: float) -> Term:
     """Complete a line of an analysis of variance from its statistic."""
     # Steiger, J. H. (2004), Psychological Methods 9, 164-182, doi:10.1037/1082-989X.9.2.164.
-    from scipy import stats
     from statsmodels.stats.oneway import confint_noncentrality
 
     low, high = (float(value) for value in confint_noncentrality(f, (df, df_error), alpha=0.05))
@@ -179,16 +179,14 @@ def make_interval(
 ) -> Interval:
     """Complete a comparison, one of all pairs of some levels, from difference and error."""
     # Tukey's family; with unequal numbers: Kramer, C. Y. (1956), Biometrics 12, 307-310.
-    from scipy.stats import studentized_range, t
-
     difference, error = (value * scale for value in found)
     size, root = abs(difference) / error, math.sqrt(2.0)
     limit, p = (
-        (t.ppf(0.975, df), 2.0 * t.sf(size, df))  # two levels: no integral is needed
+        (stats.t.ppf(0.975, df), 2.0 * stats.t.sf(size, df))  # two levels: no integral is needed
         if levels == 2
         else (
-            studentized_range.ppf(0.95, levels, df) / root,
-            studentized_range.sf(size * root, levels, df),
+            stats.studentized_range.ppf(0.95, levels, df) / root,
+            stats.studentized_range.sf(size * root, levels, df),
         )
     )
     ends = (difference, difference - float(limit) * error, difference + float(limit) * error)

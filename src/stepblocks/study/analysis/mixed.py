@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import linalg, optimize
 from statsmodels.tools.numdiff import approx_fprime_cs, approx_hess_cs
 
 from stepblocks.study import Array, Table, require
@@ -89,20 +90,20 @@ class _Likelihood:
 
     def loss(self, point: Array) -> Any:
         # Return minus the restricted log likelihood; a point ends with ln residual variance
-        from scipy.linalg import lu_factor
-
         found, log_det = self.products(point)
-        diagonal = np.diag(lu_factor(found[:-1, :-1], check_finite=False)[0])
-        left = found[-1, -1] - found[-1, :-1] @ np.linalg.solve(found[:-1, :-1], found[:-1, -1])
+        factors = linalg.lu_factor(found[:-1, :-1], check_finite=False)
+        diagonal = np.diag(factors[0])
+        # of a singular matrix infinite, not an error: a line search may pass by one
+        left = found[-1, -1] - found[-1, :-1] @ linalg.lu_solve(
+            factors, found[:-1, -1], check_finite=False
+        )
         whole = self.free * (math.log(2.0 * math.pi) + point[-1]) + left * np.exp(-point[-1])
         return 0.5 * (whole + log_det + np.log(diagonal * np.sign(diagonal.real)).sum())
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # beyond the bounds
     def fit(self, repeated: bool) -> tuple[Array, Array]:
         # Return the optimum and the covariance of its parameters
-        from scipy.optimize import minimize
-
-        found = minimize(
+        found = optimize.minimize(
             lambda at: float(self.loss(at)),
             [1.0, 0.3, -0.5] if repeated else [1.0, -0.5],
             jac=lambda at: approx_fprime_cs(at, self.loss).ravel(),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import optimize, stats
 
 from stepblocks.study import Array, Table, require
 
@@ -60,7 +61,6 @@ def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: st
     """Fit a proportional-odds model in which each participant has an own level."""
     # McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
     import pandas as pd
-    from scipy.stats import f, t
     from statsmodels.stats.multitest import multipletests
 
     frame = frame.reset_index(drop=True)
@@ -97,16 +97,18 @@ def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: st
         "statistic": statistic,
         "df": float(number),
         "df_error": float(people - number),
-        "p": float(f.sf(statistic, number, people - number)),
+        "p": float(stats.f.sf(statistic, number, people - number)),
     }
-    reach = float(t.ppf(0.975, people - 1))
+    reach = float(stats.t.ppf(0.975, people - 1))
     conditions = sorted(frame[condition].unique())
     pairs = list(itertools.combinations(range(len(conditions)), 2))
     rows = np.eye(len(conditions))[:, 1:]  # the first condition is the zero of the coefficients
     contrasts = [rows[two] - rows[one] for one, two in pairs]
     logs = [float(row @ values) for row in contrasts]
     errors = [math.sqrt(row @ covariance @ row) for row in contrasts]
-    single = [2.0 * float(t.sf(abs(a) / b, people - 1)) for a, b in zip(logs, errors, strict=True)]
+    single = [
+        2.0 * float(stats.t.sf(abs(a) / b, people - 1)) for a, b in zip(logs, errors, strict=True)
+    ]
     effects = [
         OddsRatio(
             first=conditions[two],
@@ -133,7 +135,6 @@ def fit_proportional_odds(
     With clusters only these are independent: Liang, K.-Y., Zeger, S. L. (1986), Biometrika 73,
     13-22, doi:10.1093/biomet/73.1.13.
     """
-    from scipy.optimize import minimize
     from statsmodels.tools.numdiff import approx_fprime, approx_fprime_cs
 
     steps, x = np.unique(rating, return_inverse=True)[1], np.asarray(exog, dtype=np.float64)
@@ -151,7 +152,7 @@ def fit_proportional_odds(
 
     shares = np.cumsum(np.bincount(steps))[:-1] / len(x)
     first = np.log(shares / (1.0 - shares))
-    found = minimize(
+    found = optimize.minimize(
         lambda at: -float(predict(at).sum()),
         np.concatenate([np.zeros(size), first[:1], np.log(np.diff(first))]),
         jac=lambda at: -slope(at).sum(axis=0),

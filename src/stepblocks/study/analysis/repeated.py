@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import integrate, linalg, stats
 
 from stepblocks.study import Array, Table
 from stepblocks.study.analysis.anova import Interval, Term, make_interval, make_term
@@ -43,8 +44,6 @@ def assess_effect(name: str, table: Array, contrasts: Array) -> tuple[Term, Sphe
     The correction is that of Greenhouse, S. W., Geisser, S. (1959), Psychometrika 24, 95-112,
     doi:10.1007/BF02289823; the test of sphericity Mauchly's (1940), doi:10.1214/aoms/1177731915.
     """
-    from scipy.stats import chi2
-
     own = table @ contrasts.T
     people, q = own.shape
     spread = np.atleast_2d(np.cov(own, rowvar=False))
@@ -55,22 +54,20 @@ def assess_effect(name: str, table: Array, contrasts: Array) -> tuple[Term, Sphe
     if 1 < q < people:
         statistic = float(np.linalg.det(spread / (trace / q)))
         scale = (people - 1) - (2.0 * q * q + q + 2.0) / (6.0 * q)
-        p = float(chi2.sf(-scale * math.log(max(statistic, 1e-300)), q * (q + 1) / 2.0 - 1.0))
+        p = float(stats.chi2.sf(-scale * math.log(max(statistic, 1e-300)), q * (q + 1) / 2.0 - 1.0))
     term = make_term(name, q * epsilon, q * epsilon * (people - 1), math.nan, f)
     return term, Sphericity(epsilon, statistic, p)
 
 
 def assess_factors(table: Table, levels: Mapping[str, Sequence[str]]) -> tuple[Term, ...]:
     """Test every factor and interaction of a table whose columns cross all levels, in order."""
-    from scipy.linalg import helmert
-
     found = []
     for size in range(1, len(levels) + 1):
         for chosen in itertools.combinations(levels, size):
             contrasts = np.ones((1, 1))
             for name, values in levels.items():
                 # the first row of the whole matrix is the mean
-                whole = helmert(len(values), full=True)
+                whole = linalg.helmert(len(values), full=True)
                 contrasts = np.kron(contrasts, whole[1:] if name in chosen else whole[:1])
             complete = table.dropna().to_numpy()
             found.append(assess_effect(":".join(chosen), complete, contrasts)[0])
@@ -107,8 +104,6 @@ def compute_bayes_factor(t: float, people: float) -> float:
     The effect size under a difference has a Cauchy prior of scale 0.707: Rouder et al. (2009),
     Psychonomic Bulletin & Review 16, 225-237, doi:10.3758/PBR.16.2.225.
     """
-    from scipy.integrate import quad
-
     df, half = people - 1.0, 0.5
 
     def weigh(g: float) -> float:
@@ -117,4 +112,4 @@ def compute_bayes_factor(t: float, people: float) -> float:
         return math.exp(log - 1.5 * math.log(g) - 0.5 / g) / math.sqrt(2.0 * math.pi)
 
     null = math.exp(-0.5 * (df + 1.0) * math.log1p(t * t / df))
-    return null / float(quad(weigh, 0.0, math.inf)[0])
+    return null / float(integrate.quad(weigh, 0.0, math.inf)[0])
