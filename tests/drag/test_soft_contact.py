@@ -1,14 +1,20 @@
 """A contact that gives way is as soft in the drag in time as its law says."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
+from stepblocks.contact.counterface import Step
 from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.forward import BenchDesign, build_nominal_state
+from stepblocks.contact.laws import Hertz
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.state import compute_channels
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
+from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track
 
@@ -50,3 +56,29 @@ def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(
         )[0, _SPRING]
         # origin: the integrated drag, which knows nothing of the formula
         assert 1.0 - soft == pytest.approx(1.0 - shown, rel=0.1)
+
+
+# Expected value: floor and edge press elastically against one ball that rests at each place,
+# N1 + N2 (cos a - mu sin a) = W, and the greatest pull of all places: no code of the drag.
+@pytest.mark.parametrize("height", [1e-6, 3e-6])
+def test_a_step_no_higher_than_the_indentation_asks_the_pull_of_two_elastic_contacts(height):
+    load, mu = 1.0, 0.15
+    radius = PAPER.ball_radius
+    stiffness, power = Hertz().power_law(radius)
+
+    def balance(y, x):
+        up = radius + y - height
+        away = math.hypot(x, up)
+        floor, edge = (stiffness * max(one, 0.0) ** power for one in (-y, radius - away))
+        cosine, sine = up / away, -x / away
+        return floor + edge * (cosine - mu * sine) - load, mu * floor + edge * (sine + mu * cosine)
+
+    pulls = []
+    for x in np.linspace(-1.6 * math.sqrt(2.0 * radius * height) - 2e-6, 0.0, 801):
+        y = brentq(lambda y, x=x: balance(y, x)[0], -5e-6, height, xtol=1e-15)
+        pulls.append(balance(y, x)[1])
+    rigid = Step(height).release(PAPER).pull_force
+    assert max(pulls) < 0.93 * rigid
+    assert drag_over(Step(height), speed=1e-3).trace.peak_force == pytest.approx(
+        max(pulls), rel=0.01
+    )
