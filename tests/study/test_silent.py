@@ -253,6 +253,7 @@ def test_estimates_are_analysed_where_fewer_people_than_settings_rated(tmp_path)
     assert any("Ratings are not analysed: more participants" in text for text in result.remarks)
 
 
+@pytest.mark.filterwarnings("ignore::scipy.linalg.LinAlgWarning")  # on the way to the error
 def test_a_mixed_model_without_a_maximum_is_refused_in_a_line(tmp_path):
     # two participants whose answers follow the number of the trial once met a singular matrix
     heights = tuple(h * 1e-6 for h in range(10, 101, 10))
