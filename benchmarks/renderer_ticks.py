@@ -8,6 +8,10 @@ code takes.
 
 from __future__ import annotations
 
+import importlib.util
+import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -16,7 +20,11 @@ import numpy as np
 from stepblocks.contact.event import compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
+from stepblocks.simulators.assemble import build_scene, lay_out_teeth, resolve_contact
+from stepblocks.simulators.conditions import choose_operating_point
 from stepblocks.simulators.renderer import Renderer
+from stepblocks.simulators.scene import write_tooth
+from stepblocks.simulators.scenes import SCENE_FORMATS
 
 RATE = 10e3
 REPEATS = 5
@@ -32,6 +40,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|---|---|")
     blocks = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
     row("ten blocks", np.concatenate([one(block) for block in blocks], axis=1))
+    row("tooth of six stations, C library called from Python", tooth())
 
 
 def one(stimulus: object) -> np.ndarray:
@@ -41,6 +50,39 @@ def one(stimulus: object) -> np.ndarray:
     nanoseconds, energy = np.array([times for times, _ in runs]), runs[0][1]
     row(stimulus.id, nanoseconds, energy, event.energy)
     return nanoseconds
+
+
+def tooth() -> np.ndarray:
+    """Time each tick of a drag over the margin of a scanned tooth, as a loop in C answers it."""
+    sys.path.insert(0, str(ROOT / "tests"))
+    from oracles.scanned_tooth import RADIUS, scan, scanned_set
+
+    with tempfile.TemporaryDirectory() as name:
+        source = scanned_set(Path(name), scan(noise=0.0), stations=6)
+        stimuli = load_set(source)
+        scenes = [
+            build_scene(resolve_contact(part, choose_operating_point(stimuli, part, {})))
+            for part in stimuli.stimuli
+        ]
+        ((mesh, stations),) = lay_out_teeth(scenes, source.parent)
+        folder = Path(name) / "native"
+        write_tooth(folder, mesh, stations, SCENE_FORMATS["native"])
+        for command in (["-S", ".", "-B", "build"], ["--build", "build"]):
+            subprocess.run(["cmake", *command], cwd=folder, capture_output=True, check=True)
+        path = folder / "stepblocks_native.py"
+        spec = importlib.util.spec_from_file_location("tooth_binding", path)
+        binding = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(binding)
+        times, clock = np.empty((REPEATS, 4000), dtype=np.int64), time.perf_counter_ns
+        for repeat in range(REPEATS):
+            with binding.World(folder / "blocks.txt") as world:
+                hand = np.array([RADIUS + POINT.ball_radius - 5e-5, 0.0, -1e-4])
+                for index in range(times.shape[1]):
+                    start = clock()
+                    last = world.tick_tooth(hand, dt=1.0 / RATE)
+                    times[repeat, index] = clock() - start
+                    hand = [*hand, (last.load - 0.5) / 9810.0, 0.0, 1e-07]
+    return times
 
 
 def drag(renderer: Renderer, event: object) -> tuple[np.ndarray, float]:
