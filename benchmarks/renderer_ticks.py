@@ -81,7 +81,7 @@ def tooth() -> np.ndarray:
                     start = clock()
                     last = world.tick_tooth(hand, dt=1.0 / RATE)
                     times[repeat, index] = clock() - start
-                    hand = [*hand, (last.load - 0.5) / 9810.0, 0.0, 1e-07]
+                    hand += np.array([(last.load - 0.5) / 9.81e3, 0.0, 1e-7])
     return times
 
 
