@@ -158,10 +158,10 @@ def _answer_request(request: Document) -> Answer:
         return {}, f"it needs more than {MEMORY >> 30} GiB of memory", False
     except BaseException as error:  # a foreign reader may raise anything, even SystemExit
         text = str(getattr(error, "strerror", None) or error)  # without the number of an error
-        said = " ".join(text.split())[:300] or type(error).__name__
-        said = f"no {said}" if isinstance(error, KeyError) else said
-        said = "a size of zero" if isinstance(error, ZeroDivisionError) else said
-        return {}, said, type(error).__module__.startswith("stepblocks.")
+        reason = " ".join(text.split())[:300] or type(error).__name__
+        reason = f"no {reason}" if isinstance(error, KeyError) else reason
+        reason = "a size of zero" if isinstance(error, ZeroDivisionError) else reason
+        return {}, reason, type(error).__module__.startswith("stepblocks.")
     return found, "", False
 
 

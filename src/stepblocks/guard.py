@@ -4,6 +4,7 @@ import difflib
 import functools
 import inspect
 import reprlib
+import warnings
 from collections.abc import Callable, Mapping
 from typing import ParamSpec, TypeVar
 
@@ -12,6 +13,8 @@ from stepblocks.errors import StepblocksError, UsageError
 P = ParamSpec("P")
 R = TypeVar("R")
 
+# keywords of version 0.1, kept for one release
+_RENAMED = {"how": "options", "said": "description"}
 # what Python and its libraries raise over a value of a wrong type, shape or size
 _MISUSE = (TypeError, AttributeError, ValueError, LookupError, ArithmeticError, RecursionError)
 
@@ -21,6 +24,13 @@ def guard(function: Callable[P, R], name: str) -> Callable[P, R]:
 
     @functools.wraps(function)
     def guarded(*values: P.args, **named: P.kwargs) -> R:
+        for old in _RENAMED.keys() & named.keys():
+            warnings.warn(
+                f"{name}: {old!r} is now the keyword {_RENAMED[old]!r}; it goes in version 2",
+                DeprecationWarning,
+                stacklevel=2,
+            )
+            named[_RENAMED[old]] = named.pop(old)
         try:
             return function(*values, **named)
         except StepblocksError:

@@ -1,7 +1,7 @@
 """The shape that all effects share, whatever the model that they change."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 # ``apply(state, covariate, values)``: the model's state, what the effect follows, the values by
@@ -42,10 +42,6 @@ class Parameter:
     prior_std: float = float("inf")
     block: str = ""
 
-    def renamed(self, name: str) -> "Parameter":
-        """Return the same under another name."""
-        return replace(self, name=name)
-
 
 @dataclass(frozen=True)
 class Law:
@@ -71,7 +67,7 @@ class Law:
         False for a smooth, which claims no law.
     rank : int
         Order of preference among laws that predict the same.
-    said : str
+    description : str
         What it is in the words of a sentence that ends in its figures.
     how_to_decide : str
         What to do on the bench to tell it from its rivals.
@@ -91,7 +87,7 @@ class Law:
     shapes: tuple[Mapping[str, float], ...] = ({},)
     named: bool = True
     rank: int = 0
-    said: str = ""
+    description: str = ""
     how_to_decide: str = ""
     given: bool = True
     steps: tuple[str, ...] = ()

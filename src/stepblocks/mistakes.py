@@ -136,9 +136,9 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
     if kind in ("value_error", "quantity"):
         text = str(finding["ctx"]["error"]) if "ctx" in finding else finding["msg"]
         last = name.rsplit(".", 1)[-1]
-        said = (last, f"`{name}")
+        stated = (last, f"`{name}")
         return [
-            f"{name}: {line}" if name and not line.startswith(said) else line
+            f"{name}: {line}" if name and not line.startswith(stated) else line
             for line in text.splitlines()
         ]
     if kind.startswith("int_"):

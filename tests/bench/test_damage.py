@@ -74,7 +74,7 @@ def gap(table):
 
 SESSION_DAMAGE = {
     "no folder": (lambda f: shutil.rmtree(f), "must be a folder"),
-    "no session.toml": (lambda f: (f / "session.toml").unlink(), "session.toml is missing"),
+    "no session.toml": (lambda f: (f / "session.toml").unlink(), "a folder with a session.toml"),
     "session.toml is no TOML": (lambda f: (f / "session.toml").write_text("= ="), "must be TOML"),
     "session.toml without a probe": (
         lambda f: edit(f / "session.toml", "[probe]", "[notes.probe]"),

@@ -123,7 +123,7 @@ def test_an_option_may_stand_without_its_value_where_the_help_says_so():
         (["export", "--for", "usd", "--scale", "x"], "must be a ratio such as '0.15', got 'x'"),
         (["drag", "25 um", "--speed", "1 mm/s", "--pull", "1 N"], "exclude each other"),
         (["inspect", "s", "--stimulus", "a", "--standard", "1 um"], "exclude each other"),
-        (["new"], "one of THING or --shipped must be given"),
+        (["new"], "one of KIND or --shipped must be given"),
         (["study"], "Missing command (see stepblocks study --help)"),
     ],
 )

@@ -190,7 +190,7 @@ def test_power_rises_with_the_damping(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["sheet", "no-such-folder"], "design.csv"),
+        (["sheet", "no-such-folder"], "a folder that 'stepblocks study design' wrote"),
         (
             ["design", str(ROOT / "stimuli" / "probe-tips.toml"), "--seed", "1", "-o", "x"],
             "needs step blocks",

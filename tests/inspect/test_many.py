@@ -53,7 +53,11 @@ def batch(tmp_path_factory):
 
 def test_a_batch_gets_its_days_and_repeats_into_the_budget_and_a_page(batch, tmp_path):
     result = inspect_many(
-        [batch], "step-050", stimuli="stimuli", instrument=Instrument(1e-4, 0.0, 1e-3), how=OPTICAL
+        [batch],
+        "step-050",
+        stimuli="stimuli",
+        instrument=Instrument(1e-4, 0.0, 1e-3),
+        options=OPTICAL,
     )
     blocks = result.tables["blocks"].query("characteristic == 'step_height'").set_index("block")
     for block, height in (("B1", 50.1), ("B2", 50.2), ("B3", 49.9)):

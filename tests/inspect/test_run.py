@@ -58,7 +58,9 @@ def block(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(block):
-    return inspect_scan(str(block), "step-050", stimuli=str(STIMULI), instrument=KNOWN, how=OPTICAL)
+    return inspect_scan(
+        str(block), "step-050", stimuli=str(STIMULI), instrument=KNOWN, options=OPTICAL
+    )
 
 
 def test_a_scan_is_judged_in_one_call_wherever_the_stimulus_is_declared(result, block):
@@ -69,7 +71,7 @@ def test_a_scan_is_judged_in_one_call_wherever_the_stimulus_is_declared(result, 
         "burr": Outcome.CONFORMS,
     }
     one_file = inspect_scan(
-        block, "step-050", stimuli=STIMULI / "paper-ten.toml", instrument=KNOWN, how=OPTICAL
+        block, "step-050", stimuli=STIMULI / "paper-ten.toml", instrument=KNOWN, options=OPTICAL
     )
     assert str(one_file) == str(result)
 

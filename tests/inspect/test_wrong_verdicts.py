@@ -60,7 +60,9 @@ def with_burr(tall, wide=6 * UM, at=3 * UM):
 
 
 def inspected(scan, how=STYLUS, instrument=KNOWN, **more):
-    return inspect_scan(scan, "step-050", stimuli=STIMULI, how=how, instrument=instrument, **more)
+    return inspect_scan(
+        scan, "step-050", stimuli=STIMULI, options=how, instrument=instrument, **more
+    )
 
 
 def outcome(result, key):

@@ -14,7 +14,7 @@ from stepblocks.parts.declared import (
     Zone,
     complete_face_demands,
     find_material,
-    read_sourced,
+    make_sourced_validator,
 )
 from stepblocks.parts.tolerance import (
     Angle,
@@ -25,7 +25,9 @@ from stepblocks.parts.tolerance import (
     find_general_deviation,
 )
 
-DENSITY, TIME = (Annotated[Sourced, read_sourced(quantity)] for quantity in ("density", "time"))
+DENSITY, TIME = (
+    Annotated[Sourced, make_sourced_validator(quantity)] for quantity in ("density", "time")
+)
 
 
 def read(kind, raw):

@@ -14,7 +14,7 @@ from stepblocks.errors import StudyError
 from stepblocks.study.adaptive import (
     PRIOR,
     complete_prior,
-    expect_entropy,
+    compute_expected_entropy,
     order_trials,
     tabulate_prior,
 )
@@ -75,7 +75,7 @@ def test_the_block_that_is_chosen_leaves_the_least_entropy():
     for likelihood in higher:
         parts = (start * likelihood, start * (1.0 - likelihood))
         expected.append(sum(part.sum() * entropy(part.ravel()) for part in parts))
-    found = expect_entropy(start, higher)
+    found = compute_expected_entropy(start, higher)
     assert found.argsort().tolist() == np.argsort(expected).tolist()
     assert found == pytest.approx(expected, abs=1e-6)
 
@@ -91,7 +91,7 @@ def test_observers_who_lapse_are_measured_without_bias():
     for person in range(60):
         posterior, last = before, -1
         for _ in range(80):
-            expected = expect_entropy(posterior, higher)
+            expected = compute_expected_entropy(posterior, higher)
             expected[last] += math.inf if last >= 0 else 0.0
             last = int(expected.argmin())
             p = 0.05 + 0.9 * ndtr((LEVELS[last] - math.log(1.08)) / sigma)
@@ -247,7 +247,7 @@ def test_an_answer_to_one_setting_moves_that_setting_alone():
     # setting b knows nothing yet: its block is the best one but for that of the trial before
     levels = tuple(math.log(height / 50) for height in (40, 60, 70))
     before, higher, *_ = tabulate_prior(levels, tuple(prior.values()))
-    best = expect_entropy(before, higher).argsort()
+    best = compute_expected_entropy(before, higher).argsort()
     assert first["height_um"] == ("40", "60", "70")[best[0]]
     assert again[1]["height_um"] == ("40", "60", "70")[best[1]]
     assert again[1]["factor_probe"] == "b"

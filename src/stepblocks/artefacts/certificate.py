@@ -137,8 +137,10 @@ def _format_line(number: int, entry: Document) -> Document:
         ],
         # what is unknown is no zero: it is named in the text and has no number
         "budget": [(name, _format_decimal(std)) for name, std, _ in budget if std is not None],
-        "not_observed": [f"{name}: {how}" for name, std, how in budget if std is None],
-        "assumed": [f"{name} {how}" for name, _, how in budget if how.startswith("not stated")],
+        "not_observed": [f"{name}: {origin}" for name, std, origin in budget if std is None],
+        "assumed": [
+            f"{name} {origin}" for name, _, origin in budget if origin.startswith("not stated")
+        ],
         "conformity": status or ("conditionalPass" if inside else "conditionalFail"),
     }
 

@@ -121,8 +121,8 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
     for one, found in pairs:
         if found is None:
             scale, unit = choose_display_unit(one.quantity == "angle")
-            said = ", ".join(f"{value * scale:.9g}" for value in _list_values(one))
-            findings.append(f"{one.label}: must stand in the file as {one.kind} of {said} {unit}")
+            values = ", ".join(f"{value * scale:.9g}" for value in _list_values(one))
+            findings.append(f"{one.label}: must stand in the file as {one.kind} of {values} {unit}")
         else:
             left.remove(found)
             if found in report.dimensions and found.geometry is None and not found.problem:

@@ -79,10 +79,10 @@ def _draw(
     figure, (whole, near, normal) = make_figure(3, 1, width=11.0, height=8.5)
     conditions = ", ".join(f"{name} {cell}" for name, cell in list(trial.cells.items())[1:6])
     figure.suptitle(f"{title}: trial {trial.name} ({conditions})", fontsize=11)
-    time, release, told = 1e3 * trace.time, float(trace.time[0]), f"excluded: {reason}"
+    time, release, caption = 1e3 * trace.time, float(trace.time[0]), f"excluded: {reason}"
     if measured is not None:
         release, seen = measured.start + measured.peak.time, measured.features
-        told = "\n".join(
+        caption = "\n".join(
             f"{name} {seen[of] * by:.4g} ± {seen[std] * by:.2g} {unit}".rstrip()
             for name, of, std, by, unit in _NOTES
         )
@@ -94,7 +94,7 @@ def _draw(
             axes.plot(1e3 * instants, force, color=_FIT, linewidth=1.1, label=name)
         axes.set_ylabel("tangential force / N")
     near.set_xlim(1e3 * (release - 12e-3), 1e3 * (release + 40e-3))
-    near.text(0.99, 0.97, told, transform=near.transAxes, ha="right", va="top", fontsize=8)
+    near.text(0.99, 0.97, caption, transform=near.transAxes, ha="right", va="top", fontsize=8)
     whole.legend(loc="upper right", fontsize=8, frameon=False)
     normal.plot(time, trace.normal, color=_LINE, linewidth=0.6)
     normal.set(xlabel="time / ms", ylabel="normal force / N")

@@ -184,7 +184,7 @@ def write_features(
                 )
                 if progress is not None:
                     progress(done, table.count)
-        return _write_labelled(draft, output, table, check.faults())
+        return _write_with_label_faults(draft, output, table, check.faults())
 
 
 def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
@@ -272,7 +272,7 @@ def _measure_chunk(folder: Path, tool: Tool | None, trials: list[Trial]) -> list
     return [measure_trial(_opened(folder), trial, tool) for trial in trials]
 
 
-def _write_labelled(
+def _write_with_label_faults(
     draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
 ) -> MeasureSummary:
     # Put the faults of labels into the draft, and the draft into its place

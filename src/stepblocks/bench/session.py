@@ -411,10 +411,11 @@ def open_session(folder: str | Path) -> Session:
     """
     folder = Path(folder)
     path = folder / "session.toml"
-    if not folder.is_dir():
-        raise BenchError(f"session must be a folder with a session.toml, got {str(folder)!r}")
     if not path.exists():
-        raise BenchError(f"session.toml is missing [{folder}]")
+        raise BenchError(
+            "session must be a folder with a session.toml, which 'stepblocks new session' writes, "
+            f"got {str(folder)!r}"
+        )
     declared = read_document(path, "session.toml", BenchError, _MOST_BYTES)
     mistakes: list[Mistake] = []
     try:

@@ -237,9 +237,9 @@ def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
     if isinstance(column, int) and 0 <= column < len(header):
         return header[column]
     if column not in header:
-        told = ", ".join(header[:12])
+        known = ", ".join(header[:12])
         raise BenchError(
-            f"table of trials must have a column {column!r} for the {part}, it has {told}"
+            f"table of trials must have a column {column!r} for the {part}, it has {known}"
         )
     return str(column)
 

@@ -145,10 +145,10 @@ def _summarise(predictions: Sequence[Prediction]) -> Iterator[str]:
     # Range of what is felt in each direction, and what locks
     for drag in dict.fromkeys(prediction.drag for prediction in predictions):
         releases = [prediction.release for prediction in predictions if prediction.drag == drag]
-        felt = [one for one in releases if one.status is Status.RELEASES]
+        released = [one for one in releases if one.status is Status.RELEASES]
         figures = {
-            "force": [one.pull_force for one in felt],
-            "energy": [one.vibration_energy for one in felt],
+            "force": [one.pull_force for one in released],
+            "energy": [one.vibration_energy for one in released],
         }
         spans = (
             format_span(min(values), max(values), name)

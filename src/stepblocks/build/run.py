@@ -154,10 +154,10 @@ def build_sets(
         with closing(
             make_all(wanted, folder, jobs)
         ) as results:  # its workers have ended before drafts are swept
-            for number, made in enumerate(results, start=1):
-                report.built.append(made.name)
+            for number, built in enumerate(results, start=1):
+                report.built.append(built.name)
                 if announce:
-                    announce(made, number, len(wanted))
+                    announce(built, number, len(wanted))
         outputs, total = _write_tables_and_page(sets, folder, report, learned)
         manifest = {
             "schema": 1,
@@ -242,8 +242,8 @@ def _write_tables_and_page(
         replace_text(folder / "predictions.csv", format_predictions_csv(predictions, more))
         found = {stimulus.id: load_record(folder / stimulus.id) for stimulus in stimuli.stimuli}
         records = {identity: record for identity, record in found.items() if record}
-        made = [folder / "predictions.csv", *write_sheath_files(stimuli, folder)]
-        sections.append(Section(stimuli, predictions, records, [path.name for path in made]))
+        tables = [folder / "predictions.csv", *write_sheath_files(stimuli, folder)]
+        sections.append(Section(stimuli, predictions, records, [path.name for path in tables]))
         for identity, record in records.items():
             place = f"{stimuli.name}/{identity}"
             outputs |= {f"{place}/{name}": value for name, value in list_outputs(record).items()}
@@ -252,7 +252,7 @@ def _write_tables_and_page(
                 for verdict in record["verdicts"]
                 if not verdict["passed"]
             ]
-        outputs |= hashes([*made, *(folder / identity / RECORD for identity in records)])
+        outputs |= hashes([*tables, *(folder / identity / RECORD for identity in records)])
     outputs |= hashes(write_page(sections, output))
     return outputs, sum(len(section.records) for section in sections)
 

@@ -33,17 +33,17 @@ def _make_vector(point: Point) -> cq.Vector:
 
 def _make_wire(outline: Outline) -> cq.Wire:
     start = here = _make_vector(outline[0])
-    made = []
+    edges = []
     for item in outline[1:]:
         is_arc = isinstance(item[0], tuple)
         end = _make_vector(item[1] if is_arc else item)
-        made.append(
+        edges.append(
             _make_arc(here, _make_vector(item[0]), end) if is_arc else cq.Edge.makeLine(here, end)
         )
         here = end
     if here.toTuple() != start.toTuple():
-        made.append(cq.Edge.makeLine(here, start))
-    return cq.Wire.assembleEdges(made)
+        edges.append(cq.Edge.makeLine(here, start))
+    return cq.Wire.assembleEdges(edges)
 
 
 def _make_arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:

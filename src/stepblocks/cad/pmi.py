@@ -144,13 +144,13 @@ class _Document:
         self._tolerances = XCAFDoc_DocumentTool.DimTolTool_s(self.document.Main())
         materials = XCAFDoc_DocumentTool.MaterialTool_s(self.document.Main())
         # another type than POSITIVE_RATIO_MEASURE is dropped without a word
-        said = material[0], "", "density measure", "POSITIVE_RATIO_MEASURE"
+        texts = material[0], "", "density measure", "POSITIVE_RATIO_MEASURE"
         self._bodies: list[tuple[TDF_Label, list[Body]]] = []
         for name, body in bodies:
             label = self._shapes.AddShape(body.wrapped, False)
             TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
             self._bodies.append((label, body.Faces()))
-            designation, note, what, kind = map(TCollection_HAsciiString, said)
+            designation, note, what, kind = map(TCollection_HAsciiString, texts)
             materials.SetMaterial(label, designation, note, material[1] or 0.0, what, kind)
         if len(bodies) > 1:
             # one product of all bodies where they are, which stay products of their own, each of

@@ -20,7 +20,7 @@ _PANEL = "to begin"
 # columns that a session's table of trials must have; the first row shows how
 _TRIALS = "trial,block,height_um,load_n,speed_mm_s,tip\n1,step-025,25,0.5,5,tip-125\n"
 
-_Thing = Literal["block", "crown", "tip", "study", "session", "sweep"]
+_Kind = Literal["block", "crown", "tip", "study", "session", "sweep"]
 
 
 @command(
@@ -34,11 +34,11 @@ _Thing = Literal["block", "crown", "tip", "study", "session", "sweep"]
 )
 def new(
     *,
-    thing: Annotated[_Thing | None, typer.Argument(help="what to begin")] = None,
+    kind: Annotated[_Kind | None, typer.Argument(metavar="KIND", help="what to begin")] = None,
     file: Annotated[
         Path | None,
         typer.Argument(
-            metavar="FILE", help="file to write", show_default="my-THING.toml, my-session"
+            metavar="FILE", help="file to write", show_default="my-KIND.toml, my-session"
         ),
     ] = None,
     shipped: Annotated[
@@ -56,18 +56,18 @@ def new(
 
     The file is valid as it stands and says what can be changed; a session is a folder.
     """
-    require_one(THING=thing, shipped=shipped)
-    if thing is None:
+    require_one(KIND=kind, shipped=shipped)
+    if kind is None:
         return _copy_shipped(shipped or Path("stimuli"), force=force)
-    file = file or Path(f"my-{thing}" if thing == "session" else f"my-{thing}.toml")
-    if thing == "session":
+    file = file or Path(f"my-{kind}" if kind == "session" else f"my-{kind}.toml")
+    if kind == "session":
         folder = file.parent if file.name == "session.toml" else file
         place = folder / "session.toml"
-        text, then = write_beginning(thing, folder)
+        text, then = write_beginning(kind, folder)
         texts = {place: text, folder / "trials.csv": _TRIALS}
     else:
         place = file.with_suffix(".toml") if file.name else file
-        text, then = write_beginning(thing, place)
+        text, then = write_beginning(kind, place)
         texts = {place: text}
     _write_new(texts, force=force)
     return Outcome(
@@ -108,7 +108,7 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
     )
 
 
-def write_beginning(thing: str, place: Path) -> tuple[str, str]:
+def write_beginning(kind: str, place: Path) -> tuple[str, str]:
     """Return the text of a file to begin with, and the command that takes it.
 
     Below it stands, commented out, what its kinds leave to their defaults.
@@ -116,16 +116,16 @@ def write_beginning(thing: str, place: Path) -> tuple[str, str]:
     from stepblocks.parts.set import list_kinds
 
     sections = Path(__file__).with_name("beginnings.txt").read_text(encoding="utf-8").split("==== ")
-    (section,) = (one for one in sections if one.startswith(f"{thing}: "))
+    (section,) = (one for one in sections if one.startswith(f"{kind}: "))
     section = section.replace("{file}", str(place)).replace("{folder}", str(place))
     head, _, text = section.partition("\n")
     text, _, shown = text.partition("%usual ")
-    for kind in shown.split():
+    for name in shown.split():
         text += (
-            f"# What a {kind} leaves out; to change it for all of them, take the leading '# ' "
+            f"# What a {name} leaves out; to change it for all of them, take the leading '# ' "
             "away.\n"
         )
-        defaults = _list_defaults(list_kinds()[kind], f"defaults.{kind}")
+        defaults = _list_defaults(list_kinds()[name], f"defaults.{name}")
         text += "".join(f"# {line}\n" for line in defaults) + "\n"
     return text.rstrip() + "\n", head.partition(": ")[2]
 

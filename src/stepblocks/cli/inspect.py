@@ -268,7 +268,7 @@ def inspect(
         return _list_channels(scan)
     laboratory = None if lab is None else read_laboratory(lab)
     tool = {} if laboratory is None else laboratory.instrument.model_dump()
-    how = EvaluationOptions(
+    evaluation = EvaluationOptions(
         degree=LEVELS.get(level or ""),
         edges=edges,
         along=along,
@@ -284,19 +284,21 @@ def inspect(
         resolution or tool.get("resolution") or 0.0,
         lateral_calibration if lateral_calibration is not None else tool.get("lateral_calibration"),
     )
-    options = given(how=how, instrument=instrument, unit=unit, channel=channel, feature=feature)
+    arguments = given(
+        options=evaluation, instrument=instrument, unit=unit, channel=channel, feature=feature
+    )
     if len(scans) > 1 or scan.is_dir() or is_table(scans):
-        options |= given(stimulus=stimulus, standard=standard)
+        arguments |= given(stimulus=stimulus, standard=standard)
         asked = given(stimuli=stimuli, characteristics=characteristics)
-        options |= asked if standard is None else given(tolerance=tolerance)
-        together = inspect_many(scans, **options)
+        arguments |= asked if standard is None else given(tolerance=tolerance)
+        together = inspect_many(scans, **arguments)
         written = [] if output is None else write_many(together, output, laboratory)
         return _summarise_many(together, written)
     if stimulus is None:
-        result = inspect_standard(scan, standard, tolerance or 0.0, **options)
+        result = inspect_standard(scan, standard, tolerance or 0.0, **arguments)
     else:
-        options |= given(stimuli=stimuli, characteristics=characteristics)
-        result = inspect_scan(scan, stimulus, **options)
+        arguments |= given(stimuli=stimuli, characteristics=characteristics)
+        result = inspect_scan(scan, stimulus, **arguments)
     if output is not None:
         write_inspection(result, output, laboratory)
     return Outcome(
@@ -316,12 +318,12 @@ def _list_channels(scan: Path) -> Outcome:
 
 
 def _summarise_many(together: "ManyScans", written: list[Path]) -> Outcome:
-    said = [f"{serial}: {one.said}" for serial, one in together.reports.items()]
+    findings = [f"{serial}: {one.conclusion}" for serial, one in together.reports.items()]
     page = next((path for path in written if path.suffix == ".html"), None)
     return Outcome(
         "",
         together.shown,
-        [*said, *together.left_out],
+        [*findings, *together.left_out],
         page,
         together.verdict.exit_code,
         together.as_record(),

@@ -50,7 +50,7 @@ def quantity_option(
     return option
 
 
-def whole_number(least: int, most: int) -> Callable[[str | int], int]:
+def make_whole_number_reader(least: int, most: int) -> Callable[[str | int], int]:
     """Return a reader of whole numbers within limits."""
 
     def read(given_value: str | int) -> int:
@@ -70,7 +70,7 @@ class Numbers(tuple[int, ...]):
 
 def read_numbers(text: str) -> Numbers:
     """Read whole numbers separated by commas."""
-    read = whole_number(1, 100_000)
+    read = make_whole_number_reader(1, 100_000)
     return Numbers(read(part.strip()) for part in text.split(","))
 
 
@@ -168,7 +168,7 @@ Jobs = Annotated[
         "--jobs",
         "-j",
         metavar="N",
-        parser=whole_number(1, 1024),
+        parser=make_whole_number_reader(1, 1024),
         help="processes",
         show_default="one per core",
     ),

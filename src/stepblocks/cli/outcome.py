@@ -122,7 +122,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
         if len(rows) > 1 and not wide and len({*column}) == 1
     }
     width = 10_000 if wide else int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
-    names = _choose_fitting(cells, heads, alike, width)
+    names = _choose_columns(cells, heads, alike, width)
     constants = (
         f"{heads[name].replace(',', '')} {value}"
         for name, value in alike.items()
@@ -148,7 +148,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
         print(f"({more} more columns: --wide)", file=sys.stderr)
 
 
-def _choose_fitting(
+def _choose_columns(
     cells: Mapping[str, Sequence[str]],
     heads: Mapping[str, str],
     alike: Mapping[str, str],

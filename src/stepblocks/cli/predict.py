@@ -92,7 +92,7 @@ def predict(
     else:
         by_name = {one.name: predict_all(one, in_time, **given(speed=speed)) for one in sets}
         rows = _format_rows(by_name)
-    notes = describe_left_out([one for made in by_name.values() for one in made])
+    notes = describe_left_out([one for predictions in by_name.values() for one in predictions])
     if plots:
         from stepblocks.predict.figures import write_plots
 
@@ -111,7 +111,7 @@ def predict(
 def _format_rows(by_name: "dict[str, tuple[Prediction, ...]]") -> list[dict[str, str]]:
     from stepblocks.predict.predictions import format_row
 
-    return [format_row(one) for made in by_name.values() for one in made]
+    return [format_row(one) for predictions in by_name.values() for one in predictions]
 
 
 def _predict_as_built(
@@ -139,8 +139,8 @@ def _predict_as_built(
     surfaces = {one.name: as_built.prepare_surface_releases(one, records) for one in nominal}
     rows = [
         format_row(one) | as_built.format_surface_columns(surfaces[name](one))
-        for name, made in by_name.items()
-        for one in made
+        for name, predictions in by_name.items()
+        for one in predictions
     ]
     return sets, by_name, rows
 

@@ -16,10 +16,10 @@ from stepblocks.cli.options import (
     Only,
     TipRadius,
     given,
+    make_whole_number_reader,
     quantity,
     quantity_option,
     read_numbers,
-    whole_number,
 )
 from stepblocks.cli.outcome import Outcome
 from stepblocks.cli.study_options import (
@@ -267,7 +267,7 @@ def power(
         typer.Option(
             "--runs",
             metavar="N",
-            parser=whole_number(1, 100_000),
+            parser=make_whole_number_reader(1, 100_000),
             help="simulated studies per size",
             show_default="200",
         ),
@@ -275,7 +275,9 @@ def power(
     seed: Seed,
     jobs: Annotated[
         int,
-        typer.Option("--jobs", "-j", metavar="N", parser=whole_number(1, 1024), help="processes"),
+        typer.Option(
+            "--jobs", "-j", metavar="N", parser=make_whole_number_reader(1, 1024), help="processes"
+        ),
     ] = 1,
     only: Only = None,
     output: Annotated[

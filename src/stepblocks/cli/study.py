@@ -17,8 +17,8 @@ from stepblocks.cli.options import (
     Only,
     TipRadius,
     given,
+    make_whole_number_reader,
     quantity_option,
-    whole_number,
 )
 from stepblocks.cli.outcome import Outcome
 from stepblocks.cli.study_options import (
@@ -46,7 +46,7 @@ study.add_typer(simulate.app)
 app = typer.Typer()
 app.add_typer(study, rich_help_panel="people")
 
-_COUNT = whole_number(1, 100_000)
+_COUNT = make_whole_number_reader(1, 100_000)
 _EXPERIMENTS = Literal["estimates", "virtual", "constant", "magnitude", "2afc", "adaptive"]
 
 
@@ -148,7 +148,7 @@ def design(
         typer.Option(
             "--trials",
             metavar="N",
-            parser=whole_number(2, 9_999),
+            parser=make_whole_number_reader(2, 9_999),
             help="most of each participant in each setting (adaptive)",
             show_default="60",
         ),
@@ -265,7 +265,7 @@ def run(
         typer.Option(
             "--practice",
             metavar="N",
-            parser=whole_number(0, 1000),
+            parser=make_whole_number_reader(0, 1000),
             help="trials with feedback before the first, not recorded",
             show_default="0",
         ),
@@ -278,7 +278,7 @@ def run(
         typer.Option(
             "--port",
             metavar="N",
-            parser=whole_number(0, 65535),
+            parser=make_whole_number_reader(0, 65535),
             help="port of the page on this machine; 0: a free one",
         ),
     ] = 0,

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from stepblocks.cli.options import quantity, whole_number
+from stepblocks.cli.options import make_whole_number_reader, quantity
 from stepblocks.errors import PipelineError
 
 
@@ -61,7 +61,7 @@ Participants = Annotated[
     typer.Option(
         "--participants",
         metavar="N",
-        parser=whole_number(1, 100_000),
+        parser=make_whole_number_reader(1, 100_000),
         help="number of participants",
         show_default="10",
     ),
@@ -71,7 +71,7 @@ Seed = Annotated[
     typer.Option(
         "--seed",
         metavar="N",
-        parser=whole_number(0, 10**18 - 1),
+        parser=make_whole_number_reader(0, 10**18 - 1),
         help="seed of all random choices",
     ),
 ]

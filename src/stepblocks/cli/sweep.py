@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Quiet, whole_number
+from stepblocks.cli.options import Quiet, make_whole_number_reader
 from stepblocks.cli.outcome import Outcome, make_progress
 
 app = typer.Typer()
@@ -27,7 +27,9 @@ def sweep(
     ] = Path("out/sweep"),
     jobs: Annotated[
         int,
-        typer.Option("--jobs", "-j", metavar="N", parser=whole_number(1, 1024), help="processes"),
+        typer.Option(
+            "--jobs", "-j", metavar="N", parser=make_whole_number_reader(1, 1024), help="processes"
+        ),
     ] = 1,
     quiet: Quiet = False,
 ) -> Outcome:

@@ -127,8 +127,15 @@ def list_vibration_events(face: Counterface, point: OperatingPoint, stimulus: st
     def event(direction: int) -> VibrationEvent:
         notch = path.find_notch(direction)
         release = find_release(notch[2], point.normal_load, point.friction, point.tool)
-        felt = release.pull_force, release.vibration_energy, point.tool
-        return VibrationEvent(stimulus, release.status, direction, *notch, *felt)
+        return VibrationEvent(
+            stimulus,
+            release.status,
+            direction,
+            *notch,
+            release.pull_force,
+            release.vibration_energy,
+            point.tool,
+        )
 
     return event(+1), event(-1)
 

@@ -208,11 +208,11 @@ def compute_responses(state: DragState) -> Floats:
     """
     base, step = compute_channels(state), 1e-4
     weight = state.set_load + state.sensed_offset
-    moved = (
+    shifted = (
         state.changed(friction=state.friction * (1.0 + step)),
         state.changed(
             load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight
         ),
         state.changed(conversion=state.conversion * (1.0 + step)),
     )
-    return np.stack([(compute_channels(other) - base) / step for other in moved], axis=2)
+    return np.stack([(compute_channels(other) - base) / step for other in shifted], axis=2)

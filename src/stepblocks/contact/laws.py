@@ -205,12 +205,12 @@ def _build_law(kind: str, law: str = "", **numbers: Any) -> object:
             name: read_number(name, value, _DIMENSIONS[name]) if name in _DIMENSIONS else value
             for name, value in numbers.items()
         }
-        made = (_SHIPPED[law] if law in _SHIPPED else offered[law].load())(**given)
+        built = (_SHIPPED[law] if law in _SHIPPED else offered[law].load())(**given)
     except (TypeError, ContactError) as error:
         raise QuantityError(f"law of {kind} {law!r}: {error}") from error
-    if not isinstance(made, _KINDS[kind]):
-        raise QuantityError(f"law of {kind} must be a {_KINDS[kind].__name__}, {law!r} is none")
-    return made
+    if not isinstance(built, _KINDS[kind]):
+        raise QuantityError(f"law of {kind} must be a {_KINDS[kind].__name__}, {built!r} is none")
+    return built
 
 
 @lru_cache(maxsize=64)

@@ -351,8 +351,8 @@ def compute_finger_share(
     n = len(modes)
     w = np.array([math.tau * one.frequency for one in modes])
     momentum, tip = np.array([one.momentum for one in modes]), np.array([one.tip for one in modes])
-    moved = hand.handle_mass + rod.line_mass * rod.length + rod.end_mass
-    mass = np.diag([*np.ones(n), moved, hand.mass])
+    displaced = hand.handle_mass + rod.line_mass * rod.length + rod.end_mass
+    mass = np.diag([*np.ones(n), displaced, hand.mass])
     mass[n, :n] = mass[:n, n] = momentum
     grasp = np.zeros(n + 2)
     grasp[n:] = 1.0, -1.0

@@ -55,14 +55,14 @@ def convert_half_widths(half_widths: Mapping[str, float]) -> dict[str, float]:
 
 def list_inputs(face: Counterface, point: OperatingPoint) -> dict[str, float]:
     """Everything that force and energy depend on, by name [SI]."""
-    felt = {
+    inputs = {
         "ball_radius": point.ball_radius,
         "friction": point.friction,
         "normal_load": point.normal_load,
     }
     return (
         face.dimensions
-        | felt
+        | inputs
         | {"stiffness": point.tool.stiffness, "conversion": point.tool.conversion}
     )
 
@@ -190,8 +190,8 @@ def estimate_interval(
         slopes = compute_sensitivities(face, point, uncertainty, backward)
         spread = math.sqrt(
             sum(
-                moved * moved
-                for moved in (slopes[name] * uncertainty[name] for name in uncertainty)
+                shifted * shifted
+                for shifted in (slopes[name] * uncertainty[name] for name in uncertainty)
             )
         )
         wide = NormalDist().inv_cdf(_TAILS[1]) * spread

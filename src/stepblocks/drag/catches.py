@@ -75,8 +75,8 @@ def find_catch_places(track: Track, least: float = LEAST_ANGLE) -> CatchPlaces:
         while last[n] < angle.size - 1 and angle[last[n] + 1] >= angle[peak] - _LEVEL:
             last[n] += 1
     # rounding makes several peaks of one slope
-    alone = np.append(True, first[1:] > last[:-1])[: peaks.size]
-    peaks, first, last = peaks[alone], first[alone], last[alone]
+    single = np.append(True, first[1:] > last[:-1])[: peaks.size]
+    peaks, first, last = peaks[single], first[single], last[single]
     start, behind = np.full(peaks.size, -np.inf), x[last]
     for n in range(peaks.size):
         following = first[n + 1] if n + 1 < peaks.size else angle.size - 1

@@ -125,12 +125,12 @@ def _resolve_declared_part(
 def change_point(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
     """Return the point with the given values; a new coefficient replaces a law of friction."""
     of_tool = {name: values[name] for name in OF_TOOL if name in values}
-    moved: dict[str, object] = {
+    changes: dict[str, object] = {
         field: values[name] for name, field in OF_POINT.items() if name in values
     }
-    if "friction" in moved:
-        moved["friction_law"] = None
-    return replace(point, tool=replace(point.tool, **of_tool), **moved)  # type: ignore[arg-type]
+    if "friction" in changes:
+        changes["friction_law"] = None
+    return replace(point, tool=replace(point.tool, **of_tool), **changes)  # type: ignore[arg-type]
 
 
 def _find_declared_part(text: str, stimuli: Path | None) -> tuple[StimulusSet, Part]:

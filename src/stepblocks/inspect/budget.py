@@ -163,8 +163,8 @@ class Measured:
         # one more component brings must not narrow the interval
         own = [one for one in self.components if math.isfinite(one.std) and one.is_type_a]
         few = math.sqrt(sum(part.std**2 for part in own))
-        alone = compute_student_quantile(share, _find_effective_dof(own, few)) * few
-        return max(alone, compute_student_quantile(share, self.dof) * self.std)
+        single = compute_student_quantile(share, _find_effective_dof(own, few)) * few
+        return max(single, compute_student_quantile(share, self.dof) * self.std)
 
 
 def _find_effective_dof(components: Iterable[Component], std: float) -> float:
@@ -199,10 +199,12 @@ def add_instrument_components(
     for (label, stated), power in zip(scales, axes, strict=True):
         if power != 0.0:
             relative = power * (UNSTATED_SCALE if stated is None else stated)
-            how = f"{relative:g} of the value"
+            origin = f"{relative:g} of the value"
             if stated is None:
-                how = f"{UNSTATED}: {how}, as makers specify stylus instruments (Haitjema 1998)"
-            parts.append(Component(label, relative * abs(value), how=how))
+                origin = (
+                    f"{UNSTATED}: {origin}, as makers specify stylus instruments (Haitjema 1998)"
+                )
+            parts.append(Component(label, relative * abs(value), how=origin))
     resolution = Component(
         "resolution", instrument.resolution / math.sqrt(12.0), how="one count, rectangular"
     )
@@ -253,7 +255,7 @@ def _split_scatter(deviations: Array, noise: float) -> list[Component]:
         float(np.mean(dct(deviations, norm="ortho")[1 : cosines + 1] ** 2)) / count,
         float(cosines),
     )
-    how = (
+    origin = (
         f"slow part of the scatter of {count} profiles"
         if cosines < count - 1
         else f"scatter of {count} profiles"
@@ -261,14 +263,14 @@ def _split_scatter(deviations: Array, noise: float) -> list[Component]:
     beyond = variance - noise
     if beyond <= 0.0:
         none = Component("repeatability", 0.0, how="none beyond noise")
-        return [Component("noise", math.sqrt(variance), dof, how), none]
+        return [Component("noise", math.sqrt(variance), dof, origin), none]
     return [
         Component("noise", math.sqrt(noise), how="autocovariance of the residuals"),
         Component(
             "repeatability",
             math.sqrt(beyond),
             dof * (beyond / variance) ** 2,
-            f"{how}, beyond their noise",
+            f"{origin}, beyond their noise",
         ),
     ]
 

@@ -56,7 +56,7 @@ _DEGREE_NAMES = {1: "line", 2: "parabola", 3: "cubic"}
 def measure_groove(
     scan: Profile | HeightMap,
     instrument: Instrument,
-    how: EvaluationOptions = AS_FOUND,
+    options: EvaluationOptions = AS_FOUND,
     key: str = "groove_depth",
     sign: float = 0.0,
 ) -> Evaluation:
@@ -67,20 +67,20 @@ def measure_groove(
     # A map whose rows do not agree on what they cross is evaluated across its columns, then by two
     # levels.
     ways: list[Callable[[], Evaluation]] = [
-        lambda: _measure_by_rows(scan, instrument, how, key, sign)
+        lambda: _measure_by_rows(scan, instrument, options, key, sign)
     ]
-    if isinstance(scan, HeightMap) and how.along != "x":
+    if isinstance(scan, HeightMap) and options.along != "x":
         turned = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)
-        ways.append(lambda: _measure_by_rows(turned, instrument, how, key, sign))
+        ways.append(lambda: _measure_by_rows(turned, instrument, options, key, sign))
         ways = (
             ways[1:]
-            if how.along == "y"
-            else [*ways, lambda: _measure_masked(scan, instrument, how, key)]
+            if options.along == "y"
+            else [*ways, lambda: _measure_masked(scan, instrument, options, key)]
         )
     refused = []
     # a part, a level or an edge is followed profile by profile alone
-    if any(one is not None for one in (how.begin, how.end, how.degree, how.edges)):
-        ways = ways[: 1 if isinstance(scan, Profile) or how.along else 2]
+    if any(one is not None for one in (options.begin, options.end, options.degree, options.edges)):
+        ways = ways[: 1 if isinstance(scan, Profile) or options.along else 2]
     for way in ways:
         try:
             return way()
@@ -123,17 +123,17 @@ class _Row:
         return [(one.feature.begin, one.feature.end) for one in self.seen]
 
 
-def _evaluate_row(row: Profile, edges: list[FoundEdge], how: EvaluationOptions) -> _Row:
+def _evaluate_row(row: Profile, edges: list[FoundEdge], options: EvaluationOptions) -> _Row:
     # Evaluate all features of a profile, each by what its windows allow; and again with other
     # windows, for the form.
     x, z = row.position, row.height
-    levels = measure_features(x, z, edges, how.degree, how.exclusion)
+    levels = measure_features(x, z, edges, options.degree, options.exclusion)
     for _ in range(_MOST_HIDDEN):
         if not (hidden := _find_hidden_edges(x, z, levels)):
             break
         edges = sorted([*levels.edges, *hidden], key=lambda one: one.position)
         more = evaluate_each(
-            lambda own: measure_features(x, z, own, how.degree, how.exclusion), [edges]
+            lambda own: measure_features(x, z, own, options.degree, options.exclusion), [edges]
         )[0]
         if not more or more[0][1].rejected >= levels.rejected:
             break
@@ -141,13 +141,13 @@ def _evaluate_row(row: Profile, edges: list[FoundEdge], how: EvaluationOptions) 
     chosen = [
         index
         for index in range(len(levels.features))
-        if how.edges is None or index + 1 in how.edges
+        if options.edges is None or index + 1 in options.edges
     ]
     if not chosen:
         raise MetrologyError(
-            f"edges must name features of the {len(levels.features)} found, got {how.edges}"
+            f"edges must name features of the {len(levels.features)} found, got {options.edges}"
         )
-    others, seen = _evaluate_otherwise(x, z, levels, how), []
+    others, seen = _evaluate_otherwise(x, z, levels, options), []
     known = np.isfinite(z)
     line = np.polynomial.Polynomial.fit(x[known], z[known], 1)
     extent = float(np.ptp(z[known] - line(x[known])))
@@ -157,7 +157,7 @@ def _evaluate_row(row: Profile, edges: list[FoundEdge], how: EvaluationOptions) 
         change = tuple(float(one[index]) - height.value for one in others)
         best = (
             None
-            if how.degree is not None or how.exclusion is not None
+            if options.degree is not None or options.exclusion is not None
             else _evaluate_by_windows(x, z, levels, feature)
         )
         span, rest = (feature.begin, feature.end), z - levels.level
@@ -220,8 +220,8 @@ def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
         for points in (levels.used, np.isfinite(z))
     )
     # what a profile with whole features cuts at its ends has less
-    alone = not any(np.isfinite(one.end) for one in levels.features)
-    if alone and (kept < np.maximum(LEAST_FACE // 2, seen // 2)).any():
+    is_edge = not any(np.isfinite(one.end) for one in levels.features)
+    if is_edge and (kept < np.maximum(LEAST_FACE // 2, seen // 2)).any():
         raise MetrologyError(
             f"faces beside a single step must keep half of their points, and {LEAST_FACE // 2}, "
             f"got {kept[0]} of {seen[0]} and {kept[1]} of {seen[1]}"
@@ -261,7 +261,9 @@ def _evaluate_by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -
     return best if best.kind == "A2" or best.scatter < _FITS * polynomial else None
 
 
-def _evaluate_otherwise(x: Array, z: Array, levels: Levels, how: EvaluationOptions) -> list[Array]:
+def _evaluate_otherwise(
+    x: Array, z: Array, levels: Levels, options: EvaluationOptions
+) -> list[Array]:
     # Heights by the next polynomial, and with more kept out at the edges.
     step, wider = float(x[1] - x[0]), []
     for one in levels.edges:
@@ -269,15 +271,21 @@ def _evaluate_otherwise(x: Array, z: Array, levels: Levels, how: EvaluationOptio
         wider.append(replace(one, begin=one.begin - more, end=one.end + more))
     degrees = [levels.degree + 1 if levels.degree < 3 else 2, levels.degree]
     asked = zip(
-        (levels.edges, wider), degrees if how.degree is None else [how.degree] * 2, strict=True
+        (levels.edges, wider),
+        degrees if options.degree is None else [options.degree] * 2,
+        strict=True,
     )
     return [found for _, found in evaluate_each(lambda pair: fit_heights(x, z, *pair), asked)[0]]
 
 
 def _measure_by_rows(
-    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions, key: str, sign: float
+    scan: Profile | HeightMap,
+    instrument: Instrument,
+    options: EvaluationOptions,
+    key: str,
+    sign: float,
 ) -> Evaluation:
-    rows, notes = sample_profiles(scan, how)
+    rows, notes = sample_profiles(scan, options)
     crossing, refused = evaluate_each(lambda row: find_edges(row.position, row.height), rows)
     rule = "profiles must agree on the features that they cross"
     if len(rows) > 1 and len(refused) > len(crossing):
@@ -287,10 +295,10 @@ def _measure_by_rows(
     some = crossing[:: max(len(crossing) // _TRIED, 1)]
     if (
         len(some) >= _TRIED
-        and len(evaluate_each(lambda one: _evaluate_row(*one, how), some)[0]) < 2
+        and len(evaluate_each(lambda one: _evaluate_row(*one, options), some)[0]) < 2
     ):
         raise MetrologyError(f"{rule}, got less than 2 of {len(some)}")
-    results, others = evaluate_each(lambda one: _evaluate_row(*one, how), crossing)
+    results, others = evaluate_each(lambda one: _evaluate_row(*one, options), crossing)
     kinds = [one.kind for _, one in results]
     kind = max(sorted(set(kinds)), key=kinds.count, default=(0, ""))
     usual = np.array([one.spans for _, one in results if one.kind == kind])
@@ -423,9 +431,9 @@ def _measure_width(
 
 
 def _measure_masked(
-    scan: HeightMap, instrument: Instrument, how: EvaluationOptions, key: str
+    scan: HeightMap, instrument: Instrument, options: EvaluationOptions, key: str
 ) -> Evaluation:
-    step = measure_masked_step(scan, how.exclusion)
+    step = measure_masked_step(scan, options.exclusion)
     # a floor too narrow for more to be kept out is compared with more of its flanks
     again = partial(measure_masked_step, scan, inside=step.inside)
     others = (

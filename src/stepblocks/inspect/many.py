@@ -350,8 +350,8 @@ def _average_block(its: pd.DataFrame, readings: int, std: float, dof: float) -> 
     budgets: list[Measured] = list(its["measured"])
     if not dof or len(its) == 1:
         return budgets[0]
-    how = f"scatter over all blocks, {readings} readings of this one"
-    parts = [Component("repeatability", std / math.sqrt(readings), dof, how)]
+    origin = f"scatter over all blocks, {readings} readings of this one"
+    parts = [Component("repeatability", std / math.sqrt(readings), dof, origin)]
     for part in budgets[0].components:
         stds = [own.std for one in budgets for own in one.components if own.name == part.name]
         if part.name not in _SCATTER:  # all scans share what they have of it
@@ -389,19 +389,19 @@ def write_many(
         lab = None if laboratory is None else laboratory.model_copy(update={"serial": serial})
         paths += write_inspection(report, own, lab)
     links = [path.relative_to(base).as_posix() for path in paths if path.suffix == ".html"]
-    said = [f"{serial}: {one.said}" for serial, one in result.reports.items()]
+    findings = [f"{serial}: {one.conclusion}" for serial, one in result.reports.items()]
     replace_text(
         page,
         render_page(
             "stepblocks.inspect",
             "inspection.html.j2",
             title=f"Inspection of {len(result.tables['scans'])} measurements",
-            said=result.verdict.value,
+            conclusion=result.verdict.value,
             lead=_LEAD,
             tables=result.shown,
             picture="",
             alt="",
-            notes=[*said, *(f"left out: {one}" for one in result.left_out)],
+            notes=[*findings, *(f"left out: {one}" for one in result.left_out)],
             links=links[1:],
         ),
     )

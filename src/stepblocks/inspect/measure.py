@@ -134,7 +134,7 @@ class Evaluation:
 
 
 def sample_profiles(
-    scan: Profile | HeightMap, how: EvaluationOptions = AS_FOUND
+    scan: Profile | HeightMap, options: EvaluationOptions = AS_FOUND
 ) -> tuple[list[Profile], list[str]]:
     """Return the profiles of a scan that are evaluated, cropped and in equal steps.
 
@@ -146,7 +146,10 @@ def sample_profiles(
         notes = [f"{len(chosen)} of {len(rows)} profiles evaluated"]
         rows = [rows[index] for index in chosen]
     x = rows[0].position
-    begin, end = x[0] if how.begin is None else how.begin, x[-1] if how.end is None else how.end
+    begin, end = (
+        x[0] if options.begin is None else options.begin,
+        x[-1] if options.end is None else options.end,
+    )
     inside = (x >= begin) & (x <= end)
     measured = [row for row in rows if np.isfinite(row.height[inside]).any()]
     if inside.sum() < 3 or not measured:
@@ -228,10 +231,10 @@ def evaluate_each(
 
 
 def measure_margin(
-    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions = AS_FOUND
+    scan: Profile | HeightMap, instrument: Instrument, options: EvaluationOptions = AS_FOUND
 ) -> Evaluation:
     """Measure opening and rise of a margin, and the absolute discrepancy."""
-    rows, notes = sample_profiles(scan, how)
+    rows, notes = sample_profiles(scan, options)
     found, refused = evaluate_each(lambda row: fit_margin(row.position, row.height), rows)
     openings = np.array([[one.opening.value] for _, one in found]).reshape(-1, 1)
     results = keep_agreeing(
@@ -259,7 +262,7 @@ def measure_margin(
 def measure_tip(
     scan: Profile | HeightMap,
     instrument: Instrument,
-    how: EvaluationOptions = AS_FOUND,
+    options: EvaluationOptions = AS_FOUND,
     nominal: float = 0.0,
 ) -> Evaluation:
     """Radius of a probe tip of about `nominal` [m].
@@ -268,7 +271,7 @@ def measure_tip(
     """
     notes: list[str] = []
     if isinstance(scan, Profile):
-        (scan,), notes = sample_profiles(scan, how)
+        (scan,), notes = sample_profiles(scan, options)
     cap = fit_cap(scan, nominal)
     radius, reach = (
         cap.radius,
@@ -281,9 +284,9 @@ def measure_tip(
     form = Component(
         "form", beyond, how="change over a cap of seven tenths of it, less its noise, rectangular"
     )
-    if how.stylus_radius:
-        radius = replace(radius, value=radius.value - how.stylus_radius)
-        notes.append(f"the stylus radius of {how.stylus_radius * 1e6:.4g} um is taken off")
+    if options.stylus_radius:
+        radius = replace(radius, value=radius.value - options.stylus_radius)
+        notes.append(f"the stylus radius of {options.stylus_radius * 1e6:.4g} um is taken off")
     # of a cap, height h over width a, R is a^2 / 2h: twice the lateral error, once the vertical
     value = average_profiles("ball radius", [radius], instrument, [form], axes=(1.0, 2.0))
     notes.append(

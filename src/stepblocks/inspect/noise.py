@@ -146,7 +146,7 @@ def estimate_linear(
     if gamma.flat[0] <= LEAST_SCATTER**2:
         return Estimate(value, 0.0)
     count = float(inside.sum())
-    taper = _taper_lags(gamma, residuals.shape, count)
+    taper = _compute_lag_taper(gamma, residuals.shape, count)
     c = lags.autocorrelation(w)
     white = float(c.flat[0] * gamma.flat[0])
     variance = max(float(np.sum(c * gamma * taper)), _LEAST_OF_WHITE * white)
@@ -216,7 +216,7 @@ def _compute_expectations(
     return trace, trace - float(swallowed) + float(twice)
 
 
-def _taper_lags(gamma: Array, shape: tuple[int, ...], count: float) -> Array:
+def _compute_lag_taper(gamma: Array, shape: tuple[int, ...], count: float) -> Array:
     # Flat top over the correlated lags of each axis, then linear to zero at twice as far.
     taper = np.ones(gamma.shape)
     limit = 2.0 * np.sqrt(np.log10(max(count, 10.0)) / count)

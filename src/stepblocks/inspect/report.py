@@ -110,11 +110,11 @@ class InspectionResult:
             if labels:
                 parts.append(f"{len(labels)} {verb} ({', '.join(labels)})")
         asked = f"{len(self.asked)}" if whole else f"the {len(self.asked)} asked for"
-        said = f"{len(own)} of {asked} measured, {', '.join(parts) or 'all conform'}"
-        return f"{said}; {absent} not measured" if absent else said
+        counted = f"{len(own)} of {asked} measured, {', '.join(parts) or 'all conform'}"
+        return f"{counted}; {absent} not measured" if absent else counted
 
     @property
-    def said(self) -> str:
+    def conclusion(self) -> str:
         """The verdict in words.
 
         Where it is open, it says how many of the characteristics were measured.
@@ -193,9 +193,9 @@ class InspectionResult:
         unstated = sorted(
             {name for measured in self.evaluation.values.values() for name in measured.unstated}
         )
-        said = [f"statement: {self.statement}"] if self.judged and self.stimulus else []
-        said += [f"not stated: {', '.join(unstated)} (see the budget)"] if unstated else []
-        said += [
+        lines = [f"statement: {self.statement}"] if self.judged and self.stimulus else []
+        lines += [f"not stated: {', '.join(unstated)} (see the budget)"] if unstated else []
+        lines += [
             f"convention: {self.evaluation.convention}",
             (
                 f"decision: ISO 14253-1, guard band {GUARD_FACTOR} u, or Student's 95 % point "
@@ -203,10 +203,10 @@ class InspectionResult:
             ),
             *(f"note: {note}" for note in self.evaluation.notes),
         ]
-        return [*said, f"energy: {self.energy_statement}"] if self.energy_statement else said
+        return [*lines, f"energy: {self.energy_statement}"] if self.energy_statement else lines
 
     def __str__(self) -> str:
-        said = [f"{self.identity}: {self.said}\n"]
+        lines = [f"{self.identity}: {self.conclusion}\n"]
         for name, rows in self.tables.items():
             cells = [
                 [
@@ -216,11 +216,11 @@ class InspectionResult:
                 for key in rows[0]
             ]
             columns = [[cell.ljust(max(map(len, column))) for cell in column] for column in cells]
-            said += [name, *("  ".join(line).rstrip() for line in zip(*columns, strict=True)), ""]
-        return "\n".join([*said, *self.remarks])
+            lines += [name, *("  ".join(line).rstrip() for line in zip(*columns, strict=True)), ""]
+        return "\n".join([*lines, *self.remarks])
 
     def __repr__(self) -> str:
-        return f"InspectionResult({self.identity}: {self.said}, {self.source.name!r})"
+        return f"InspectionResult({self.identity}: {self.conclusion}, {self.source.name!r})"
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
@@ -390,7 +390,7 @@ def write_inspection(
             alt=f"Scan of {result.identity}, what was fitted, limits and guard bands",
             tables=result.tables,
             notes=[taken, *result.remarks],
-            said=result.said,
+            conclusion=result.conclusion,
             picture=plot.name,
             links=[path.name for path in paths if path not in (page, plot)],
         ),
@@ -405,7 +405,7 @@ def _draw(path: Path, result: InspectionResult) -> None:
     if shown is not None:
         _draw_scan(axis, result, shown)
     colour = _COLOUR.get(result.verdict, "#1d2a36")
-    axis.set_title(f"{result.identity}: {result.said}", color=colour, loc="left", fontsize=9)
+    axis.set_title(f"{result.identity}: {result.conclusion}", color=colour, loc="left", fontsize=9)
     save_figure(figure, path)
 
 

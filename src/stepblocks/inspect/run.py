@@ -58,18 +58,18 @@ Evaluator = Callable[
 # What is scanned of a part, by the characteristic that it shows: a part that has one can be
 # inspected.
 EVALUATIONS: dict[str, Evaluator] = {
-    "step_height": lambda scan, instrument, asked, how: measure_edge(scan, instrument, how),
-    "groove_depth": lambda scan, instrument, asked, how: measure_groove(
-        scan, instrument, how, asked.key, -1.0 if asked.key == "groove_depth" else 0.0
+    "step_height": lambda scan, instrument, asked, options: measure_edge(scan, instrument, options),
+    "groove_depth": lambda scan, instrument, asked, options: measure_groove(
+        scan, instrument, options, asked.key, -1.0 if asked.key == "groove_depth" else 0.0
     ),
-    "ridge_height": lambda scan, instrument, asked, how: measure_groove(
-        scan, instrument, how, asked.key, 1.0
+    "ridge_height": lambda scan, instrument, asked, options: measure_groove(
+        scan, instrument, options, asked.key, 1.0
     ),
-    "horizontal_discrepancy": lambda scan, instrument, asked, how: measure_margin(
-        scan, instrument, how
+    "horizontal_discrepancy": lambda scan, instrument, asked, options: measure_margin(
+        scan, instrument, options
     ),
-    "ball_radius": lambda scan, instrument, asked, how: measure_tip(
-        scan, instrument, how, asked.nominal
+    "ball_radius": lambda scan, instrument, asked, options: measure_tip(
+        scan, instrument, options, asked.nominal
     ),
 }
 # what a scan of a feature does not show, and which evaluation a standard of a feature needs
@@ -100,7 +100,7 @@ def inspect_scan(
     stimuli: str | Path = "stimuli",
     instrument: Instrument = _NOTHING_KNOWN,
     feature: str = "edge",
-    how: EvaluationOptions = AS_FOUND,
+    options: EvaluationOptions = AS_FOUND,
     unit: str | None = None,
     channel: str | None = None,
     characteristics: Sequence[int | str] | None = None,
@@ -121,7 +121,7 @@ def inspect_scan(
         Calibration and resolution; for a scale that is not stated a default of 2 % counts.
     feature : {"edge", "groove"}
         What of a step block was scanned; the groove stands also for a ridge.
-    how : EvaluationOptions
+    options : EvaluationOptions
         Exclusion, levelling, part of the scan, edges, direction and stylus; what is not given
         follows the data.
     unit, channel : str, optional
@@ -141,7 +141,7 @@ def inspect_scan(
         If the scan cannot be read or evaluated.
     PipelineError
         If the stimulus is not declared there, there is no evaluation for it or none that follows
-        `how`, or the feature or a characteristic is unknown.
+        `options`, or the feature or a characteristic is unknown.
     """
     if feature not in _BESIDE:
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
@@ -170,16 +170,16 @@ def inspect_scan(
             raise PipelineError(
                 f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can"
             )
-        _refuse_unused_options(shown[0].key, how)
+        _refuse_unused_options(shown[0].key, options)
         loaded = load_scan(scan, unit, channel)
         scale = loaded.scale
-        evaluation = _evaluate(EVALUATIONS[shown[0].key], loaded, instrument, shown[0], how)
+        evaluation = _evaluate(EVALUATIONS[shown[0].key], loaded, instrument, shown[0], options)
         rough = next((one for one in listed if one.key == "roughness"), None)
         if rough is not None and evaluation.faces:
             evaluation = _add_roughness(evaluation, rough.upper, instrument)
     main = [one for one in listed if one.key in EVALUATIONS and one.key in evaluation.values]
     doubts = [
-        said for one in main for said in _describe_size_doubts(one, evaluation, scale, others)
+        doubt for one in main for doubt in _describe_size_doubts(one, evaluation, scale, others)
     ]
     read = [f"heights were read as: {scale}"] if scale else []
     evaluation = replace(evaluation, notes=(*doubts, *evaluation.notes, *read))
@@ -239,8 +239,10 @@ def _read_results(path: Path, called: Mapping[str, str]) -> Evaluation:
         )
     values = {}
     for key, one in found.items():
-        how = "combined standard uncertainty" if one.std == one.std else f"{UNSTATED} in the file"
-        stated = Component("as stated in the file", one.std, how=how, decisive=True)
+        origin = (
+            "combined standard uncertainty" if one.std == one.std else f"{UNSTATED} in the file"
+        )
+        stated = Component("as stated in the file", one.std, how=origin, decisive=True)
         values[key] = Measured(key.replace("_", " "), one.value, (stated,))
     other = [key for key, one in found.items() if qif and one.status not in ("PASS", "FAIL")]
     notes = [f"{len(results)} measured in the file, {len(found)} of them asked for"]
@@ -260,7 +262,7 @@ def inspect_standard(
     *,
     feature: str = "groove",
     instrument: Instrument = _NOTHING_KNOWN,
-    how: EvaluationOptions = AS_FOUND,
+    options: EvaluationOptions = AS_FOUND,
     unit: str | None = None,
     channel: str | None = None,
 ) -> InspectionResult:
@@ -270,7 +272,7 @@ def inspect_standard(
 
     Parameters
     ----------
-    scan, instrument, how, unit, channel
+    scan, instrument, options, unit, channel
         As `inspect_scan` takes them.
     depth, tolerance : float
         Certified depth or radius and its tolerance [m]; with a tolerance of 0 nothing can be proven
@@ -294,13 +296,13 @@ def inspect_standard(
         raise PipelineError(f"feature must be one of {', '.join(_STANDARDS)}, got {feature!r}")
     if feature == "ball" and depth is None:
         raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
-    _refuse_unused_options(_STANDARDS[feature], how)
+    _refuse_unused_options(_STANDARDS[feature], options)
     key = _STANDARDS[feature].removeprefix("groove_")
     asked = Characteristic(
         key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance
     )
     evaluate = EVALUATIONS[_STANDARDS[feature]]
-    evaluation = _evaluate(evaluate, load_scan(scan, unit, channel), instrument, asked, how)
+    evaluation = _evaluate(evaluate, load_scan(scan, unit, channel), instrument, asked, options)
     source, digest = describe_source(scan)
     name = format_file_name(source.stem)
     result = InspectionResult(name, None, evaluation, (), None, source, digest)
@@ -365,12 +367,12 @@ def _describe_size_doubts(
     return []
 
 
-def _refuse_unused_options(key: str, how: EvaluationOptions) -> None:
+def _refuse_unused_options(key: str, options: EvaluationOptions) -> None:
     # Refuse options that an evaluation would ignore.
     idle = [
         option
         for name, option in _UNFOLLOWED[key].items()
-        if getattr(how, name) != getattr(AS_FOUND, name)
+        if getattr(options, name) != getattr(AS_FOUND, name)
     ]
     if idle:
         raise PipelineError(
@@ -384,7 +386,7 @@ def _evaluate(
     scan: Profile | HeightMap,
     instrument: Instrument,
     asked: Characteristic,
-    how: EvaluationOptions,
+    options: EvaluationOptions,
 ) -> Evaluation:
     # Evaluate a scan by an instrument that resolves no less than one count of it.
     if how.area is not None:
@@ -392,13 +394,13 @@ def _evaluate(
     place = f" [{scan.source}]" if scan.source else ""
     try:
         resolution = max(instrument.resolution, scan.count or 0.0)
-        return evaluate(scan, replace(instrument, resolution=resolution), asked, how)
+        return evaluate(scan, replace(instrument, resolution=resolution), asked, options)
     except UnlikeError as error:
         raise UnlikeError(f"{error}{place}") from error
     except MetrologyError as error:
-        said = str(error).removesuffix(place)
-        said += _suggest_next(evaluate, scan, instrument, asked, how)
-        raise MetrologyError(f"{said}{place}") from error
+        message = str(error).removesuffix(place)
+        message += _suggest_next(evaluate, scan, instrument, asked, options)
+        raise MetrologyError(f"{message}{place}") from error
 
 
 def _suggest_next(
@@ -406,14 +408,14 @@ def _suggest_next(
     scan: Profile | HeightMap,
     instrument: Instrument,
     asked: Characteristic,
-    how: EvaluationOptions,
+    options: EvaluationOptions,
 ) -> str:
     # Say what may be tried with a scan of an edge or groove that was refused.
     features = {EVALUATIONS[_STANDARDS[name]]: name for name in ("groove", "edge")}
     if features.pop(evaluate, None) is None:
         return ""
     ((other, name),) = features.items()
-    if evaluate_each(lambda one: other(one, instrument, asked, how), [scan])[0]:
+    if evaluate_each(lambda one: other(one, instrument, asked, options), [scan])[0]:
         return f"; --feature {name} measures it"
     part = "; a part that shows one kind of feature may do: --from, --to, --along"
     return part if isinstance(scan, HeightMap) else ""

@@ -78,8 +78,8 @@ class SessionModel:
 
     def order(self, trials: Trials) -> Floats:
         """Order in time: the run order where it is told, else that of the table."""
-        told = trials.numeric("run_order") if "run_order" in trials.covariates else None
-        return np.arange(float(len(trials))) if told is None else told
+        run_order = trials.numeric("run_order") if "run_order" in trials.covariates else None
+        return np.arange(float(len(trials))) if run_order is None else run_order
 
     def cells(self, trials: Trials) -> list[tuple[object, ...]]:
         """Trials of one block, load and speed, under the same labels, are replicates."""
@@ -139,8 +139,8 @@ class SessionModel:
         state = forward.build_extended_state(
             _find_design(trials, self.tool.stiffness), values, effects
         )
-        told = {name: value for name, (value, _) in self.known.items()}
-        return apply_instrument_constants(state, None, told) if told else state
+        constants = {name: value for name, (value, _) in self.known.items()}
+        return apply_instrument_constants(state, None, constants) if constants else state
 
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
         """Return every effect that may be asked of a table.

@@ -68,14 +68,14 @@ def write_sentence(found: Explanation, document: Document) -> str:
             f"Nothing is there that noise would not do{shown}; error of E_v "
             f"{errors['before']}, noise {errors['noise']}"
         )
-    parts = [hint.said for hint in found.told]
+    parts = [hint.sentence for hint in found.hints]
     parts += [
         _describe_finding(f, entry)
         for f, entry in zip(found.findings, document["effects"], strict=True)
     ]
     if found.verdict is Verdict.UNEXPLAINED and found.reason:
         parts.append(f"unexplained as a whole, as {found.reason}")
-    if any(hint.kind != "stick-slip" for hint in found.told):
+    if any(hint.kind != "stick-slip" for hint in found.hints):
         parts.append("write down what differs between these trials")
     text = (
         "; ".join(parts) or "The trials differ by more than noise would do, and no law is claimed"
@@ -109,7 +109,7 @@ def _format_errors(document: Document) -> dict[str, str]:
 
 def _describe_finding(finding: Finding, entry: Document) -> str:
     law = finding.effect
-    name = "" if finding.verdict is Verdict.UNEXPLAINED else law.said
+    name = "" if finding.verdict is Verdict.UNEXPLAINED else law.description
     if not name:
         along = {"none": "is another", "block": "differs by block"}.get(
             law.covariate, f"follows {describe_covariate(law.covariate)}"

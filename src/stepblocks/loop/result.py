@@ -88,11 +88,11 @@ class LoopResult:
     def _repr_html_(self) -> str:
         errors = {part: self.document[part]["error"] for part in ("nominal", "extended")}
         rows = pd.DataFrame(errors).drop(index="noise_floor").rename_axis("held-out error")
-        said = (
+        summary = (
             f"<p>{escape(self.title)}: <b>{self.verdict}</b>. "
             f"{escape(self.document['finding'])}.</p>"
         )
-        return said + str(rows.to_html(float_format="{:.3g}".format))
+        return summary + str(rows.to_html(float_format="{:.3g}".format))
 
 
 def build_learned_model(
@@ -155,9 +155,9 @@ def build_document(
             for e, fitted, behind in f.rivals
         ],
         "unwritten": [
-            {"kind": h.kind, "quantity": h.quantity, "p_value": h.p_value, "said": h.said}
+            {"kind": h.kind, "quantity": h.quantity, "p_value": h.p_value, "said": h.sentence}
             | {"heaps": [[str(table.names[row]) for row in heap] for heap in h.clusters]}
-            for h in found.told
+            for h in found.hints
         ],
         "known_of_the_gauges": {
             n: {"value": v, "std": s} for n, (v, s) in table.model.known.items()
@@ -188,8 +188,8 @@ def _list_censored(table: SessionTable, found: Explanation) -> dict[str, object]
     )
     rows = np.isfinite(bound)
     scatter, fitted = found.problem.noise.scatter, found.extended
-    moved = table.model.responses(table.trials, fitted.values, fitted.active)[:, 1]
-    spread = np.sqrt(scatter.channels[1] + moved**2 @ scatter.quantities)
+    shifted = table.model.responses(table.trials, fitted.values, fitted.active)[:, 1]
+    spread = np.sqrt(scatter.channels[1] + shifted**2 @ scatter.quantities)
     below = rows & (found.extended.predicted[:, 1] < bound - 3.0 * spread)
     return {
         "trials": table.names[rows].tolist(),
@@ -244,8 +244,8 @@ def _describe_constants(fitted: Fit, spring: float) -> dict[str, object]:
 
 def _list_apart(table: SessionTable, found: Explanation) -> list[dict[str, object]]:
     # List the trials that went wrong, with the chance that they did and what they look like
-    alone = np.isfinite(table.measured[:, :2]) & np.isnan(table.trials.values[:, :2])
-    chances = dict.fromkeys(np.flatnonzero(alone.any(axis=1)).tolist(), 1.0) | dict(found.apart)
+    single = np.isfinite(table.measured[:, :2]) & np.isnan(table.trials.values[:, :2])
+    chances = dict.fromkeys(np.flatnonzero(single.any(axis=1)).tolist(), 1.0) | dict(found.apart)
     return [
         {
             "trial": str(table.names[row]),
@@ -401,12 +401,12 @@ def propose_experiment(found: Explanation) -> dict[str, object] | None:
     pair = _choose_pair(found)
     if pair is None:
         asked: dict[str, object] = {
-            "separates": [h.said for h in found.told],
+            "separates": [h.sentence for h in found.hints],
             "trials": [],
             "note": "write down what differs between these trials: who, when, which tip and which "
             "batch",
         }
-        return asked if found.told else None
+        return asked if found.hints else None
     names, first, second = pair
     trials = found.problem.trials
     extra = sorted(

@@ -133,12 +133,12 @@ def build_session_table(
     covariates = _read_covariates(table) | implied | {"tip_radius_um": radius[good]}
     trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy(), floor)
     names = table["trial"].to_numpy()
-    alone = find_outliers(trials)
+    single = find_outliers(trials)
     excluded += [
         (str(names[i]), f"{CHANNELS[j]} lies far from all other trials")
-        for i, j in np.argwhere(alone)
+        for i, j in np.argwhere(single)
     ]
-    measured, values = values, np.where(alone, np.nan, values)
+    measured, values = values, np.where(single, np.nan, values)
     edges = [
         (scan["edge_radius_m"], scan.get("edge_radius_std_m", 0.0))
         for scan in (scans or {}).values()
@@ -191,11 +191,11 @@ def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
     if stuck < _STICKING * n:
         return ()
     seen = f" of {table.static_friction:.2g}" if np.isfinite(table.static_friction) else ""
-    said = (
+    sentence = (
         f"static friction{seen} above the kinetic: the tip sticks and slips before the edge in "
         f"{stuck} of {n} trials"
     )
-    return (Hint("stick-slip", "friction", 0.0, said),)
+    return (Hint("stick-slip", "friction", 0.0, sentence),)
 
 
 def _select_good(

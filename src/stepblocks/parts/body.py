@@ -256,12 +256,15 @@ class Block(Part):
         )
         if engraving is not None:
             floor = describe_plane(1, -side), describe_plane(1, -side + engraving.depth.nominal)
-            how, said = "microscope, focus", "height of the engraved letters, middle of the front"
-            yield make_characteristic(
-                "engraving_depth", "distance", engraving.depth, *floor, method=how
+            method, label = (
+                "microscope, focus",
+                "height of the engraved letters, middle of the front",
             )
             yield make_characteristic(
-                "engraving_height", "note", engraving.height, label=said, method=MICROSCOPE
+                "engraving_depth", "distance", engraving.depth, *floor, method=method
+            )
+            yield make_characteristic(
+                "engraving_height", "note", engraving.height, label=label, method=MICROSCOPE
             )
         if mounting is not None:
             yield from self._hole_characteristics(mounting, holes[0], lower)
@@ -278,8 +281,8 @@ class Block(Part):
         )
         if mounting is not None and mounting.kind == "tapped":
             full, label = mounting.thread_depth, f"thread {mounting.thread}-6H, least full depth"
-            more, how = mounting.depth.nominal - full, "thread plug gauge 6H, go and no-go"
-            yield Characteristic("thread", label, "note", full, 0.0, more, method=how)
+            more, method = mounting.depth.nominal - full, "thread plug gauge 6H, go and no-go"
+            yield Characteristic("thread", label, "note", full, 0.0, more, method=method)
 
     def _hole_characteristics(
         self, mounting: Mounting, hole: FaceRule, lower: FaceRule

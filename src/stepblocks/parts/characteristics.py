@@ -184,12 +184,12 @@ def make_form_characteristics(
     demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upper: str
 ) -> Iterator[Characteristic]:
     """State flatness and parallelism of the two working faces."""
-    how = "interferometer, form of the face, minimum zone"
+    method = "interferometer, form of the face, minimum zone"
     yield from _make_forms(
         demands,
-        ("flatness_lower", f"flatness, {lower}", "flatness", (low,), how),
-        ("flatness_upper", f"flatness, {upper}", "flatness", (high,), how),
-        ("parallelism", f"parallelism, {upper} to A", "parallelism", (high, low), how),
+        ("flatness_lower", f"flatness, {lower}", "flatness", (low,), method),
+        ("flatness_upper", f"flatness, {upper}", "flatness", (high,), method),
+        ("parallelism", f"parallelism, {upper} to A", "parallelism", (high, low), method),
     )
 
 
@@ -197,12 +197,12 @@ def make_surface_characteristics(
     demands: FaceDemands, lower: FaceRule, upper: FaceRule, base: FaceRule
 ) -> Iterator[Characteristic]:
     """State the roughness of the working faces, and the form of the base under the lower one."""
-    how = "profilometer or interferometer, ISO 21920-2"
+    method = "profilometer or interferometer, ISO 21920-2"
     flat, level = "optical flat or electronic comparator", "comparator on a surface plate"
     label = "parallelism, lower face to B, the base"
     yield from _make_forms(
         demands,
-        ("roughness", "roughness Ra, working faces", "roughness", (lower, upper), how),
+        ("roughness", "roughness Ra, working faces", "roughness", (lower, upper), method),
         ("flatness_base", "flatness, base", "flatness", (base,), flat),
         ("parallelism_base", label, "parallelism", (lower, base), level),
     )
@@ -211,10 +211,12 @@ def make_surface_characteristics(
 def _make_forms(
     demands: FaceDemands, *rows: tuple[str, str, Kind, tuple[Rule, ...], str]
 ) -> Iterator[Characteristic]:
-    for key, label, kind, faces, how in rows:
+    for key, label, kind, faces, method in rows:
         zone = demands[f"base_{kind}" if key.endswith("_base") else kind]
         states = () if zone.usual else (zone,)
-        yield Characteristic(key, label, kind, 0.0, 0.0, zone.upper, 0, faces, how, states=states)
+        yield Characteristic(
+            key, label, kind, 0.0, 0.0, zone.upper, 0, faces, method, states=states
+        )
 
 
 def make_location(key: str, label: str, at: float, *faces: Rule) -> Characteristic:
@@ -228,11 +230,11 @@ def make_edge_characteristics(
 ) -> Iterator[Characteristic]:
     """State the burr at the working edge (ISO 13715), and angle and straightness of its wall."""
     label = f"burr over the upper face within {BURR_ZONE * 1e3:g} mm of the edge"
-    how, states = "profilometer or interferometer, ISO 13715", () if burr.usual else (burr,)
-    yield Characteristic("burr", label, "note", 0.0, 0.0, burr.upper, method=how, states=states)
+    method, states = "profilometer or interferometer, ISO 13715", () if burr.usual else (burr,)
+    yield Characteristic("burr", label, "note", 0.0, 0.0, burr.upper, method=method, states=states)
     if wall is None:  # of a rounding as high as the step nothing is upright
         return
-    label, how = "angle of the riser to the faces", "section or replica across the edge"
+    label, method = "angle of the riser to the faces", "section or replica across the edge"
     yield make_characteristic(
         "riser_angle",
         "angle",
@@ -240,9 +242,9 @@ def make_edge_characteristics(
         wall,
         lower,
         label=label,
-        method=how,
+        method=method,
     )
     label = "straightness of the riser across the edge"
     yield Characteristic(
-        "riser_straightness", label, "note", 0.0, 0.0, RISER_STRAIGHTNESS, method=how
+        "riser_straightness", label, "note", 0.0, 0.0, RISER_STRAIGHTNESS, method=method
     )

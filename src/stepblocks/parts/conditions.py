@@ -21,12 +21,12 @@ from stepblocks.parts.declared import (
     Sourced,
     Table,
     make_rules_validator,
+    make_sourced_validator,
     read_positive,
-    read_sourced,
 )
 
 PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
-Force = Annotated[Sourced, read_sourced("force")]
+Force = Annotated[Sourced, make_sourced_validator("force")]
 Ratio = Annotated[float, read_positive("ratio", or_zero=True)]
 Said = Annotated[str, Field(max_length=60)]
 _Newtons = Annotated[float, read_positive("force")]
@@ -144,16 +144,16 @@ class Gum(Table):
     contact: Annotated[float, read_positive("length")] = (
         1e-3  # of the flank with the gum along the tool; assumed [m]
     )
-    shear_modulus: Annotated[Sourced, read_sourced("pressure")] = Sourced(
+    shear_modulus: Annotated[Sourced, make_sourced_validator("pressure")] = Sourced(
         83e3,
         "pressure",
         "masticatory mucosa, mean of patients: Wakabayashi, Suzuki 2013, doi "
         "10.1177/1758736013483298",
     )
-    loss_factor: Annotated[Sourced, read_sourced("ratio")] = Sourced(
+    loss_factor: Annotated[Sourced, make_sourced_validator("ratio")] = Sourced(
         0.3, "ratio", "assumed at 300 Hz; the relaxation that is published takes minutes"
     )
-    friction: Annotated[Sourced, read_sourced("ratio")] = Sourced(
+    friction: Annotated[Sourced, make_sourced_validator("ratio")] = Sourced(
         0.1, "ratio", "assumed: wet with saliva"
     )
 
@@ -188,12 +188,14 @@ class ProbeSpec(Table):
     Its free length follows from the stiffness, the mass from the frequency.
     """
 
-    stiffness: Annotated[Sourced, read_sourced("stiffness")]  # of the tip along the drag
-    frequency: Annotated[Sourced, read_sourced("frequency")]  # at which it rings
-    decay_time: Annotated[Sourced, read_sourced("time")]  # in which its amplitude falls to 1/e
-    shank_diameter: Annotated[Sourced, read_sourced("length")]
-    modulus: Annotated[Sourced, read_sourced("pressure")]  # Young's modulus of the rod
-    density: Annotated[Sourced, read_sourced("density")]  # of the rod
+    stiffness: Annotated[Sourced, make_sourced_validator("stiffness")]  # of the tip along the drag
+    frequency: Annotated[Sourced, make_sourced_validator("frequency")]  # at which it rings
+    decay_time: Annotated[
+        Sourced, make_sourced_validator("time")
+    ]  # in which its amplitude falls to 1/e
+    shank_diameter: Annotated[Sourced, make_sourced_validator("length")]
+    modulus: Annotated[Sourced, make_sourced_validator("pressure")]  # Young's modulus of the rod
+    density: Annotated[Sourced, make_sourced_validator("density")]  # of the rod
 
     def rod(self) -> Rod:
         """Return the rod that it is taken for."""
@@ -207,10 +209,10 @@ class ProbeSpec(Table):
 class DampingRig(Table):
     """The rig that moves a tip by a fixed distance and lets it go."""
 
-    displacement: Annotated[Sourced, read_sourced("length")]  # that distance
+    displacement: Annotated[Sourced, make_sourced_validator("length")]  # that distance
     noise: Annotated[
-        Sourced, read_sourced("length")
+        Sourced, make_sourced_validator("length")
     ]  # standard deviation of one sample of the displacement
-    sample_rate: Annotated[Sourced, read_sourced("frequency")]
+    sample_rate: Annotated[Sourced, make_sourced_validator("frequency")]
     # relative standard uncertainty wanted of the logarithmic decrement
-    uncertainty: Annotated[Sourced, read_sourced("ratio")]
+    uncertainty: Annotated[Sourced, make_sourced_validator("ratio")]

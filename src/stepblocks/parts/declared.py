@@ -68,8 +68,8 @@ def declare_default(
     """
     more: dict[str, Any] = {"otherwise": otherwise} if otherwise else {}
     beside = {"tolerance": tolerance, "source": source, **more}
-    told = {"nominal": nominal, **{name: text for name, text in beside.items() if text}}
-    default = told if len(told) > 1 and isinstance(nominal, str) else nominal
+    fields = {"nominal": nominal, **{name: text for name, text in beside.items() if text}}
+    default = fields if len(fields) > 1 and isinstance(nominal, str) else nominal
     return Field(default, validate_default=True, json_schema_extra=more)
 
 
@@ -128,7 +128,7 @@ class Sourced:
         return {f"value_{unit}" if unit else "value": self.value, "source": self.source}
 
 
-def read_sourced(quantity: str) -> BeforeValidator:
+def make_sourced_validator(quantity: str) -> BeforeValidator:
     """Read a positive value with its source."""
 
     def read(raw: object) -> Sourced:
@@ -165,7 +165,7 @@ class Material(Table):
 
     name: Identity = "own"
     designation: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[ -&(-~]+$")]
-    density: Annotated[Sourced, read_sourced("density")] | None = None
+    density: Annotated[Sourced, make_sourced_validator("density")] | None = None
     heat_treatment: Annotated[str, Field(max_length=80, pattern=r"^[ -&(-~]*$")] = ""
 
     @property
@@ -180,21 +180,21 @@ class Material(Table):
 
     def record(self) -> dict[str, object]:
         """Return plain values for JSON, the unit in the name."""
-        told: dict[str, object] = {}
+        fields: dict[str, object] = {}
         named = {
             "density": ("density_kg_m3", "source"),
             "modulus": ("modulus_pa", "modulus_source"),
         }
         for name, one in self:
             value, source = named.get(name, (name, f"{name}_source"))
-            told |= (
+            fields |= (
                 {value: one.value, source: one.source}
                 if isinstance(one, Sourced)
                 else {name: one}
                 if one
                 else {}
             )
-        return told
+        return fields
 
 
 # Materials that stimulus files may name, with their densities [kg/m^3]
@@ -243,8 +243,8 @@ def find_material(raw: object) -> object:
         ),
         None,
     )
-    said = "stainless steel, grade not stated" if raw == "stainless" else raw
-    return Material(designation=said, density=density)
+    designation = "stainless steel, grade not stated" if raw == "stainless" else raw
+    return Material(designation=designation, density=density)
 
 
 def read_none(raw: object) -> object:

@@ -193,7 +193,7 @@ class Part(Table, ABC):
         """Write it out in full for JSON."""
         return {"kind": self.kind_name, **super().record()}
 
-    def lacks(self, conditions: Mapping[str, object]) -> Iterator[str]:
+    def list_missing_conditions(self, conditions: Mapping[str, object]) -> Iterator[str]:
         """Say what a set lacks that it needs; `conditions` are the set's own fields."""
         yield from ()
 

@@ -62,7 +62,7 @@ def find_stations_confined(
             (at, _find_section_axes(at, along, middle, draw))
             for at, along in zip(line(where), line(where, 1), strict=True)
         ]
-        hole, sides, level = _find_sides(
+        hole, sides, level = _fit_sections(
             [_cut_section(mesh, near, *frame) for frame in frames], shows
         )
         if hole:
@@ -174,7 +174,7 @@ def _cut_section(mesh: object, near: NDArray[np.int64], place: Array, axes: Arra
     return np.asarray(np.column_stack([where, top])[top > -2.0 * _FITTED])
 
 
-def _find_sides(sections: list[Array], shows: str) -> tuple[str, list[float], Array]:
+def _fit_sections(sections: list[Array], shows: str) -> tuple[str, list[float], Array]:
     # Find the missing side, if any; curvature of the tooth, slope of the crown, scatter; and in the
     # frame of the middle section the origin and the axes of the level one
     # sections share their shape, each at a level of its own, in a frame turned until the tooth, or

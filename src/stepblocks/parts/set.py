@@ -235,7 +235,9 @@ class StimulusSet(Table):
                 "got none"
             )
         given = {"probe": self.probe, "damping_rig": self.damping_rig}
-        yield next((line for part in self.stimuli for line in part.lacks(given)), "")
+        yield next(
+            (line for part in self.stimuli for line in part.list_missing_conditions(given)), ""
+        )
         if not self.stimuli:
             yield "a set must declare at least one stimulus, got none"
 

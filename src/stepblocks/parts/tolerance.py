@@ -93,9 +93,9 @@ class Dimension:
             "default": self.usual,
             "stated": True,
         }
-        told: dict[str, object] = {f"{name}_{unit}": value for name, value in values.items()}
-        told["tolerance"] = next(origin for origin, holds in origins.items() if holds)
-        return {**told, "source": self.source} if self.source else told
+        fields: dict[str, object] = {f"{name}_{unit}": value for name, value in values.items()}
+        fields["tolerance"] = next(origin for origin, holds in origins.items() if holds)
+        return {**fields, "source": self.source} if self.source else fields
 
     def __str__(self) -> str:
         text = format_quantity(self.nominal, self.quantity)

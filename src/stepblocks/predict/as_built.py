@@ -63,11 +63,11 @@ def prepare_surface_releases(
 
 
 def predict_from_surfaces(
-    made: Iterable[Prediction], stimuli: StimulusSet, known: Mapping[str, AsBuilt]
+    predictions: Iterable[Prediction], stimuli: StimulusSet, known: Mapping[str, AsBuilt]
 ) -> Iterator[Prediction]:
     """Predict a recorded edge that is no arc from its surface: its radius says little."""
     scanned = prepare_surface_releases(stimuli, known)
-    for one in made:
+    for one in predictions:
         record = known.get(one.stimulus)
         release = None if record is None or record.arc else scanned(one)
         if release is not None:
@@ -108,7 +108,7 @@ def format_surface_columns(release: Release | None) -> dict[str, str]:
 def describe_energy_changes(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iterator[str]:
     """Say for each recorded block how far the felt energy moved over its set's conditions."""
     built = replace_nominals(stimuli, records)
-    asked, made = (
+    asked, predictions = (
         list(predict_by_formula(stimuli)),
         list(predict_from_surfaces(predict_by_formula(built), stimuli, records)),
     )
@@ -116,13 +116,15 @@ def describe_energy_changes(stimuli: StimulusSet, records: Mapping[str, AsBuilt]
     for part in built.stimuli:
         if part.id not in records or "height" not in part.sizes:
             continue
-        pairs = [(a, b.release) for a, b in zip(asked, made, strict=True) if a.stimulus == part.id]
+        pairs = [
+            (a, b.release) for a, b in zip(asked, predictions, strict=True) if a.stimulus == part.id
+        ]
         verdicts = ", ".join(f"{key} {one.verdict}" for key, one in records[part.id].values.items())
-        moved = _format_energy_change(pairs) or "nothing to compare: the probe does not release"
+        changes = _format_energy_change(pairs) or "nothing to compare: the probe does not release"
         height, radius = (part.sizes[name].nominal * 1e6 for name in ("height", "edge_radius"))
         sentence = (
             f"{part.id} ({verdicts}): as built, {height:.2f} um and an edge radius of "
-            f"{radius:.2g} um, {moved}"
+            f"{radius:.2g} um, {changes}"
         )
         over = _format_energy_change(
             [(a, release) for a, _ in pairs if (release := scanned(a)) is not None]
@@ -136,7 +138,9 @@ def describe_energy_changes(stimuli: StimulusSet, records: Mapping[str, AsBuilt]
 
 
 def _format_energy_change(pairs: Sequence[tuple[Prediction, Release]]) -> str:
-    changes = [find_energy_change(asked.release, made, asked.point) for asked, made in pairs]
+    changes = [
+        find_energy_change(asked.release, as_built, asked.point) for asked, as_built in pairs
+    ]
     known = [change for change in changes if not math.isnan(change)]
     return (
         f"E_v {min(known) * 100:+.1f} % to {max(known) * 100:+.1f} % over {len(known)} conditions"

@@ -30,8 +30,10 @@ def compute_margin_map(
     # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405: a tooth that stands higher than the
     # crown is positive. The gap is taken to be deeper than the tip sinks.
     to_tooth, to_crown = find_margin_angles(gaps[:, None], discrepancies, point.ball_radius)
-    felt = point.friction, point.normal_load, 1.0, 1.0
-    return kernels.compute_release(to_tooth, *felt)[0], kernels.compute_release(to_crown, *felt)[0]
+    conditions = point.friction, point.normal_load, 1.0, 1.0
+    return kernels.compute_release(to_tooth, *conditions)[0], kernels.compute_release(
+        to_crown, *conditions
+    )[0]
 
 
 def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:

@@ -158,7 +158,7 @@ def _find_stiffness_deviation(stimuli: StimulusSet, part: Part) -> float:
     # Find how far the tolerances of a sheath move the spring [N/m], summed in quadrature
     if stimuli.probe is None or part.sleeve is None:
         return 0.0
-    moved = 0.0
+    deviation = 0.0
     for name, one in part:
         if isinstance(one, Dimension) and one.upper > one.lower:
             ends = (
@@ -168,8 +168,8 @@ def _find_stiffness_deviation(stimuli: StimulusSet, part: Part) -> float:
             low, high = (
                 stimuli.probe.ring(sleeve).stiffness for sleeve in ends if sleeve is not None
             )
-            moved = math.hypot(moved, 0.5 * (high - low))
-    return moved
+            deviation = math.hypot(deviation, 0.5 * (high - low))
+    return deviation
 
 
 def find_tip(grid: PredictionGrid, radius: float) -> Dimension:
@@ -305,19 +305,21 @@ def predict_all(
     """
     if not (math.isfinite(speed) and speed > 0.0):
         raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
-    made = tuple(predict_by_formula(stimuli))
+    predictions = tuple(predict_by_formula(stimuli))
     if dragged is None:
-        dragged = len(made) <= MOST_DRAGGED
+        dragged = len(predictions) <= MOST_DRAGGED
     return (
-        tuple(replace(one, in_time=_measure_drag(one, speed)) for one in made) if dragged else made
+        tuple(replace(one, in_time=_measure_drag(one, speed)) for one in predictions)
+        if dragged
+        else predictions
     )
 
 
 def format_predictions_csv(
-    made: Iterable[Prediction], more: Callable[[Prediction], dict[str, str]] | None = None
+    predictions: Iterable[Prediction], more: Callable[[Prediction], dict[str, str]] | None = None
 ) -> str:
     """Write predictions as ``predictions.csv``, with further columns behind."""
-    return format_csv([format_row(one) | (more(one) if more else {}) for one in made])
+    return format_csv([format_row(one) | (more(one) if more else {}) for one in predictions])
 
 
 def predict_set(
@@ -410,8 +412,8 @@ def drag_in_time(
 def predict_one(face: Counterface, point: OperatingPoint, backward: bool = False) -> Prediction:
     """Predict one drag by the formula and in time, without tolerances."""
     release = face.release(point, backward)
-    made = Prediction("", "", face, point, backward, release, (release, release), None)
-    return replace(made, in_time=_measure_drag(made, point.speed))
+    prediction = Prediction("", "", face, point, backward, release, (release, release), None)
+    return replace(prediction, in_time=_measure_drag(prediction, point.speed))
 
 
 def _measure_drag(prediction: Prediction, speed: float) -> InTime | None:

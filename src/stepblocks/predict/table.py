@@ -361,8 +361,8 @@ def apply_model(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
     values, grid = learned.extended.values, stimuli.prediction
     stiffness = learned.tool.stiffness * values["stiffness_ratio"]
     spring = {"stiffness": stiffness, "conversion": float(np.exp(values["ln_conversion"]))}
-    taught = {"frictions": (values["friction"],), "tool": grid.tool.model_copy(update=spring)}
-    return stimuli.model_copy(update={"prediction": grid.model_copy(update=taught)})
+    update = {"frictions": (values["friction"],), "tool": grid.tool.model_copy(update=spring)}
+    return stimuli.model_copy(update={"prediction": grid.model_copy(update=update)})
 
 
 def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dict[str, str]:

@@ -189,20 +189,20 @@ def apply_learned_model(
 ) -> tuple[Part, OperatingPoint, Events]:
     """Apply a learned model to a surface, its operating point and its events."""
     known = _predict_with_model(learned, surface, point, 1)
-    taught = replace(
+    learned_point = replace(
         point, friction=point.friction if keep_friction else known.friction, tool=known.tool
     )
     edge = surface.sizes.get("edge_radius")
     if edge is not None and known.edge_radius > 0.0:
         radius = min(known.edge_radius, surface.counterface().far_side)
         surface = surface.model_copy(update={"edge_radius": replace(edge, nominal=radius)})
-    up, down = list_vibration_events(surface.counterface(), taught, surface.id)
+    up, down = list_vibration_events(surface.counterface(), learned_point, surface.id)
     return (
         surface,
-        taught,
+        learned_point,
         (
-            _apply_learned_energy(learned, up, surface, taught),
-            _apply_learned_energy(learned, down, surface, taught),
+            _apply_learned_energy(learned, up, surface, learned_point),
+            _apply_learned_energy(learned, down, surface, learned_point),
         ),
     )
 

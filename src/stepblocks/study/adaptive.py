@@ -79,7 +79,7 @@ def tabulate_prior(levels: tuple[float, ...], prior: tuple[float, ...]) -> tuple
     return before, _LAPSES + (1.0 - 2.0 * _LAPSES) * rising, middles, spreads
 
 
-def expect_entropy(posterior: Array, higher: Array) -> Array:
+def compute_expected_entropy(posterior: Array, higher: Array) -> Array:
     """Return the expected entropy [1] of the posterior after one more answer to each block."""
     expected = np.zeros(len(higher))
     for likelihood in (higher, 1.0 - higher):
@@ -128,7 +128,7 @@ def order_trials(
     if len(done) >= trials * len(counts) or max(errors) <= prior["precision"] ** 2:
         return done
     turn = min(counts, key=lambda setting: counts[setting])  # settings take turns
-    expected = dict(zip(names, expect_entropy(beliefs[turn], higher), strict=True))
+    expected = dict(zip(names, compute_expected_entropy(beliefs[turn], higher), strict=True))
     best = min(
         (row for row in left.values() if name_setting(row) == turn),
         key=lambda row: (

@@ -312,11 +312,11 @@ class Run:
                 if servo is None or not (servo.record()["held"] > 0.0).any():
                     raise StudyError(f"trial {trial} must be touched before it is answered")
                 servo.stop()
-                told = {name: row[name] for name in (*WHEN, "stimulus", "height_um")}
+                asked = {name: row[name] for name in (*WHEN, "stimulus", "height_um")}
                 name = f"trial-{int(trial):04}.h5"
                 if not self.practice:
                     write_motion(
-                        self.path.with_suffix("") / name, servo, told | {"scale": self.scale}
+                        self.path.with_suffix("") / name, servo, asked | {"scale": self.scale}
                     )
                 self._running = None
             if self.practice:

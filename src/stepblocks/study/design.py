@@ -281,13 +281,13 @@ def _check_size(
     # Refuse what is impossible; return settings, groups and the source of all chance
     (participants, repetitions, seed), known = size, [item.identity for item in items]
     for name, values in {**factors, "blocks": known}.items():
-        said = "conditions" if name == "probe" else name
-        require(values, f"{said} must be at least one, got none")
+        label = "conditions" if name == "probe" else name
+        require(values, f"{label} must be at least one, got none")
         twice = sorted({value for value in values if list(values).count(value) > 1})
-        require(not twice, f"{said} must differ from each other, got {''.join(twice[:1])!r} twice")
+        require(not twice, f"{label} must differ from each other, got {''.join(twice[:1])!r} twice")
         require(
             all(value and value.strip() == value and "/" not in value for value in values),
-            f"{said} must have names without slash or outer spaces, got {list(values)}",
+            f"{label} must have names without slash or outer spaces, got {list(values)}",
         )
         require(name.replace("-", "_").isidentifier(), f"a factor must be one word, got {name!r}")
     unknown = [name for name in between if name not in factors]
@@ -333,10 +333,10 @@ class Blocks:
         for name, face in self.faces.items():
             if not found[name] > 0.0:
                 status = face.release(self.point).status
-                said = "walked over in time" if status is Status.RELEASES else status.value
+                reason = "walked over in time" if status is Status.RELEASES else status.value
                 raise PipelineError(
                     f"every block must release the probe to be felt by its vibration; {name} "
-                    f"is {said} at friction {self.point.friction:g}"
+                    f"is {reason} at friction {self.point.friction:g}"
                 )
         return found
 

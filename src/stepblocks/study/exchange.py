@@ -200,7 +200,7 @@ def _write_bids(
     credit: Mapping[str, str],
 ) -> dict[str, str]:
     columns, title = list(next(iter(people.values()))[0]), EXPERIMENTS[experiment].title
-    said = {
+    description = {
         name: {
             "Description": _SAID.get(name, "level of a declared factor"),
             **({"Units": "um"} if name.endswith("_um") else {}),
@@ -227,7 +227,9 @@ def _write_bids(
         "participants.json": json.dumps(
             {"name": {"Description": "name of the participant in the design"}}, indent=1
         ),
-        f"task-{experiment}_beh.json": json.dumps({"TaskName": experiment, **said}, indent=1),
+        f"task-{experiment}_beh.json": json.dumps(
+            {"TaskName": experiment, **description}, indent=1
+        ),
     }
     for who, rows in people.items():
         lines = [columns, *([row[name] or "n/a" for name in columns] for row in rows)]

@@ -262,8 +262,8 @@ def _compare_settings(
     if len(both) > 1 and axis.shape == axis_same.shape and np.allclose(axis, axis_same):
         own = one.profile(index)[[people.index(who) for who in both]]
         facing = other.profile(index)[[others.index(who) for who in both]]
-        made = compare_within(own, facing, axis)
-        ends, p = (made.value, made.low, made.high), made.p
+        comparison = compare_within(own, facing, axis)
+        ends, p = (comparison.value, comparison.low, comparison.high), comparison.p
     else:
         ends, p = compare_between(means[index], others_means[index])
     return Interval(first, second, *ends, p, math.nan, math.nan, len(both) - 1.0)
@@ -294,9 +294,9 @@ def _simulate_magnitudes(
     trials: Table, observer: Observer, generator: np.random.Generator
 ) -> Texts:
     reach, person = trials["energy"].to_numpy(), trials["person"].to_numpy()
-    felt = simulate_sensation(reach, observer, generator)
+    sensations = simulate_sensation(reach, observer, generator)
     modulus = np.exp(0.5 * generator.standard_normal(person.max() + 1))[person]
-    return [(f"{value:.3g}",) for value in modulus * (felt / reach.mean()) ** 0.5 * 10.0]
+    return [(f"{value:.3g}",) for value in modulus * (sensations / reach.mean()) ** 0.5 * 10.0]
 
 
 def fit_power_law(

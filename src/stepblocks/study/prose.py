@@ -16,16 +16,16 @@ _LEVEL = 0.05
 def write_headline(result: StudyResult) -> str:
     """Say what the primary outcome is; the others only where it shows a difference."""
     # Only the primary test may claim a difference first, so that the level of the headline is 5 %.
-    said = [*_describe_levels(result)]
+    sentences = [*_describe_levels(result)]
     for finding in result.findings():
         text = _describe_finding(result, finding)
         if finding.primary:
-            said.append(f"primary outcome, {finding.name}: {text}")
+            sentences.append(f"primary outcome, {finding.name}: {text}")
             if not finding.p < _LEVEL:
                 break
         elif finding.corrected < _LEVEL:
-            said.append(f"secondary, corrected for their number, {finding.name}: {text}")
-    return format_units(" ".join(f"{text[0].upper()}{text[1:]}." for text in said))
+            sentences.append(f"secondary, corrected for their number, {finding.name}: {text}")
+    return format_units(" ".join(f"{text[0].upper()}{text[1:]}." for text in sentences))
 
 
 def _describe_finding(result: StudyResult, finding: Finding) -> str:

@@ -287,11 +287,11 @@ def simulate_study(
     design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
     levels = (part for row in design for part in name_setting(row).split("/"))
     known = sorted({row["condition"] for row in design} | {*levels} - {""})
-    for said, given in (("damping", damping), ("noise", noise)):
+    for option, given in (("damping", damping), ("noise", noise)):
         unknown = sorted(set(given or {}) - set(known))
         if unknown:
             raise PipelineError(
-                f"{said} must name conditions of the design ({', '.join(known)}), got "
+                f"{option} must name conditions of the design ({', '.join(known)}), got "
                 f"{unknown[0]!r}"
             )
     energies = find_designed_blocks(design, source, felt).energies()

@@ -140,7 +140,7 @@ class Servo(threading.Thread):
             renderer.reset(position)
         self._held = held
         force = renderer.tick(position, velocity) if held else np.zeros(3)
-        self._applied = self._limited(force, self._applied) if held else force
+        self._applied = self._limit_force(force, self._applied) if held else force
         row[1:-1] = (
             *position,
             *force,
@@ -170,7 +170,7 @@ class Servo(threading.Thread):
             pass
         return late
 
-    def _limited(self, force: Array, before: Array) -> Array:
+    def _limit_force(self, force: Array, before: Array) -> Array:
         size, was = float(np.linalg.norm(force)), float(np.linalg.norm(before))
         most = min(self.limits.force, was + self.limits.growth * self._period)
         return force * (most / size) if size > most else force.copy()
@@ -198,7 +198,7 @@ class Servo(threading.Thread):
         }
 
 
-def write_motion(path: Path, servo: Servo, told: dict[str, object]) -> None:
+def write_motion(path: Path, servo: Servo, attributes: dict[str, object]) -> None:
     """Write a trial's motion and forces as HDF5, one dataset per column.
 
     The file is written beside its place and renamed.
@@ -215,6 +215,6 @@ def write_motion(path: Path, servo: Servo, told: dict[str, object]) -> None:
                 "ended": servo.ended,
                 "doubts": "; ".join(servo.doubts),
                 **servo.summary(),
-                **told,
+                **attributes,
             }
         )

@@ -175,16 +175,16 @@ class Judgements:
     def notes(self) -> list[str]:
         """Say what was done about what is missing."""
         people = self.frame["participant"].nunique()
-        said = [f"{len(self.frame)} judgements of {people} participants."]
+        lines = [f"{len(self.frame)} judgements of {people} participants."]
         if self.left:
-            said.append(
+            lines.append(
                 "Left out entirely, for a condition without any answer: participant "
                 f"{', '.join(self.left)}."
             )
         if self.missing:
             shown = ", ".join(f"{participant}/{trial}" for participant, trial in self.missing[:20])
             more = " and more" if len(self.missing) > 20 else ""
-            said.append(
+            lines.append(
                 f"{len(self.missing)} missing judgements (participant/trial "
                 f"{shown}{more}); "
                 "the "
@@ -195,8 +195,8 @@ class Judgements:
         for name, own in self.frame.groupby("participant", sort=False):
             lacking = sorted(set(conditions) - set(own["condition"]))
             if lacking:
-                said.append(f"Participant {name} has no judgement with {', '.join(lacking)}.")
-        return said + describe_unlike_participants(self.frame, EXPERIMENTS[self.experiment].value)
+                lines.append(f"Participant {name} has no judgement with {', '.join(lacking)}.")
+        return lines + describe_unlike_participants(self.frame, EXPERIMENTS[self.experiment].value)
 
     def assign_groups(self, path: str | Path | None) -> Judgements:
         """Say of which group each participant is, by a table of participants and groups."""
@@ -238,6 +238,11 @@ class Judgements:
 
 def read_design(path: Path) -> list[dict[str, str]]:
     """Read design.csv."""
+    require(
+        path.exists(),
+        f"a study must be a folder that 'stepblocks study design' wrote, got no {path.name} "
+        f"[{path}]",
+    )
     rows = read_rows(path, DESIGN_COLUMNS)
     experiments = sorted({row["experiment"] for row in rows})
     require(
@@ -380,8 +385,8 @@ def _split_groups(frame: Table) -> Table:
     between = [name for name in names if own[name] == 1 and frame[name].nunique() > 1]
     if between and "group" not in frame:
         frame = frame.assign(group=frame[between].agg("/".join, axis=1))
-    alone = [name for name in names if own[name] == 1 or frame[name].equals(frame["condition"])]
-    return frame.drop(columns=alone)
+    dropped = [name for name in names if own[name] == 1 or frame[name].equals(frame["condition"])]
+    return frame.drop(columns=dropped)
 
 
 def read_rows(path: Path, columns: Sequence[str], empty: bool = False) -> list[dict[str, str]]:

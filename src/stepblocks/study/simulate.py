@@ -122,8 +122,8 @@ def rate_realism(
     person: Array, shown: Array, observer: Observer, generator: np.random.Generator
 ) -> Array:
     """Let participants rate realism, each from a level of her own; `shown` is what they rate up."""
-    felt = generator.standard_normal(person.max() + 1)[person] + observer.realism_gain * shown
-    latent = 3.5 + (felt + generator.logistic(size=len(person)))
+    realism = generator.standard_normal(person.max() + 1)[person] + observer.realism_gain * shown
+    latent = 3.5 + (realism + generator.logistic(size=len(person)))
     return np.asarray(np.clip(np.round(latent), *RATINGS))
 
 

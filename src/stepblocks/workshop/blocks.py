@@ -103,8 +103,8 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     sheet.point_to((cx + 4.0, top), sheet.frame("flatness_upper", (cx + 8.0, top + 7.0)))
     sheet.frame("parallelism", (cx + 8.0, top + 13.0), "A")
     sheet.texture((cx + 46.0, top), "roughness", " (2 x)")
-    said = f"A   lengths {xs:g}:1, heights {zs:g}:1 (heights exaggerated {zs / xs:g} times)"
-    sheet.text((cx, cz - 33.0), said, 2.5, "BOTTOM_CENTER")
+    caption = f"A   lengths {xs:g}:1, heights {zs:g}:1 (heights exaggerated {zs / xs:g} times)"
+    sheet.text((cx, cz - 33.0), caption, 2.5, "BOTTOM_CENTER")
 
 
 def _draw_groove_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeature) -> None:

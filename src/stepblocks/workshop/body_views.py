@@ -111,8 +111,8 @@ def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> N
     )
     sheet.dimension("hole_row", corner, (tx - half, ty), (left - 24.0, ty), scale, upright=True)
     tip, elbow = (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.65 * hy)
-    made = f"{mounting.thread}-6H" if mounting.kind == "tapped" else f"for {mounting.thread}"
-    sheet.leader(tip, elbow, f"2 x {made}, section C")
+    thread = f"{mounting.thread}-6H" if mounting.kind == "tapped" else f"for {mounting.thread}"
+    sheet.leader(tip, elbow, f"2 x {thread}, section C")
     sheet.cutting_line((tx + half - hole - 6.5, ty), (tx + hx + 3.0, ty), "C")
     _draw_hole_section(sheet, body, mounting)
 

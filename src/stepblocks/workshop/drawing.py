@@ -92,7 +92,7 @@ def draw_part_sheet(
     """
     sheet = Sheet(list(stimulus.characteristics()))
     density, volume = stimulus.material.density, math.fsum(stimulus.volumes())
-    told = {
+    fields = {
         "identity": stimulus.id.upper(),
         "material": stimulus.material.order_text,
         "mass": "-" if density is None else f"{density.value * volume * 1e3:.4g} g",
@@ -101,7 +101,7 @@ def draw_part_sheet(
     if series is not None:
         name, place, blocks = series
         sheet.letters = dict.fromkeys(("step_height", "groove_depth", "ridge_height"), "H")
-        told |= {"identity": f"{name.upper()}, series", "mass": "-", "sheet": place}
+        fields |= {"identity": f"{name.upper()}, series", "mass": "-", "sheet": place}
         heights = [
             (
                 one.id.upper(),
@@ -134,7 +134,7 @@ def draw_part_sheet(
             (232.0 + 92.0 * (start // _MOST_ROWS), TOP_OF_TITLE - 1.0 + 5.0 * rows),
             lines[start : start + _MOST_ROWS],
         )
-    sheet.border(stimulus.drawing_title, told)
+    sheet.border(stimulus.drawing_title, fields)
     return sheet
 
 

@@ -13,12 +13,12 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
 from stepblocks.errors import MachiningError
-from stepblocks.parts.declared import Sourced, Table, read_sourced
+from stepblocks.parts.declared import Sourced, Table, make_sourced_validator
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.workshop.gauge_route import choose_pair
 
-_Length = Annotated[Sourced, read_sourced("length")]
-_Ratio = Annotated[Sourced, read_sourced("ratio")]
+_Length = Annotated[Sourced, make_sourced_validator("length")]
+_Ratio = Annotated[Sourced, make_sourced_validator("ratio")]
 _NONE = Sourced(0.0, "length", "")
 
 
@@ -145,19 +145,19 @@ def _compute_share(middle: float, std: float, low: float, high: float) -> float:
 
 def make_route_row(name: str, route: Route) -> dict[str, object]:
     """Put a route into the columns of ``routes.csv``."""
-    made, felt = route.process, route.felt
+    process, felt = route.process, route.felt
     lengths = ("edge_radius", "edge_spread", "burr", "burr_spread")
     sources = [
-        f"{key}: {one.source}" for key, one in made if isinstance(one, Sourced) and one.source
+        f"{key}: {one.source}" for key, one in process if isinstance(one, Sourced) and one.source
     ]
     return {
         "part": name,
         "route": route.name,
-        "cost_class": "" if made.cost is None else f"{made.cost.value:g}",
+        "cost_class": "" if process.cost is None else f"{process.cost.value:g}",
         "height_deviation_um": route.deviation * 1e6,
         "permitted_um": route.tolerance * 1e6,
-        **{f"{key}_um": getattr(made, key).value * 1e6 for key in lengths},
-        "roughness_ra_um": made.roughness.value * 1e6,
+        **{f"{key}_um": getattr(process, key).value * 1e6 for key in lengths},
+        "roughness_ra_um": process.roughness.value * 1e6,
         "status": str(felt.status),
         "energy_uj": felt.energy * 1e6,
         "energy_95_low_uj": felt.energy_low * 1e6,

@@ -126,10 +126,10 @@ def _make_folder(output: Path, name: str) -> Path:
 
 
 def _order_part(part: Part, output: Path, capability: float, declared: StimulusSet) -> PartOrder:
-    name, said = f"{declared.name}/{part.id}", declared.order
+    name, order = f"{declared.name}/{part.id}", declared.order
     folder = _make_folder(output, name)
-    written = [*write_drawing(folder, part, order=said), folder / f"{part.id}.plan.qif"]
-    write_qif(written[-1], part, said)
+    written = [*write_drawing(folder, part, order=order), folder / f"{part.id}.plan.qif"]
+    write_qif(written[-1], part, order)
     routes: list[Route] = []
     pair = None
     if isinstance(part, StepBlock):
@@ -151,7 +151,7 @@ def _order_part(part: Part, output: Path, capability: float, declared: StimulusS
         "stepblocks.workshop",
         "sheet.html",
         part=part,
-        order=said,
+        order=order,
         rows=table.to_dict("records"),
         guard=GUARD_FACTOR,
     )

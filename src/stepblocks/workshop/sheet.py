@@ -324,13 +324,13 @@ class Sheet:
         self.rectangle((x - 3.0, y - 12.0), (x + 3.0, y - 6.0), "FRAME")
         self.text((x, y - 9.0), letter, 3.0, "MIDDLE_CENTER")
 
-    def texture(self, foot: Point, key: str = "", said: str = "") -> None:
+    def texture(self, foot: Point, key: str = "", suffix: str = "") -> None:
         """Draw the symbol of a machined surface (ISO 21920-1) with its largest Ra [um].
 
         Without a key it is that of all other surfaces.
         """
         (x, y), largest = foot, self.listed[key][1].upper if key else ELSEWHERE
-        text = f"Ra {largest * 1e6:g}{said}"
+        text = f"Ra {largest * 1e6:g}{suffix}"
         self.polyline([(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)], "DIMENSION", closed=True)
         end = x + 6.0 + compute_text_width(text, _TEXT)
         self.polyline([(x + 2.0, y + 3.5), (x + 4.3, y + 7.5), (end, y + 7.5)], "DIMENSION")
@@ -352,13 +352,13 @@ class Sheet:
             "reference temperature": "20 °C (ISO 1)",
             "projection, size": "first angle (ISO 5456-2), A3",
         }
-        told = list((rows | standard).items())
+        cells = list((rows | standard).items())
         self.rectangle((10.0, 10.0), (WIDTH - 10.0, HEIGHT - 10.0), "FRAME")
-        left, half = WIDTH - 190.0, -(-len(told) // 2)
+        left, half = WIDTH - 190.0, -(-len(cells) // 2)
         high = (TOP_OF_TITLE - 20.0) / half
         self.rectangle((left, 10.0), (WIDTH - 10.0, TOP_OF_TITLE), "FRAME")
         self.text((left + 3.0, TOP_OF_TITLE - 5.0), title, 4.5, "MIDDLE_LEFT")
-        for index, (name, value) in enumerate(told):
+        for index, (name, value) in enumerate(cells):
             column, row = divmod(index, half)
             x, y = left + 90.0 * column, TOP_OF_TITLE - 10.0 - high * row
             self.rectangle((x, y - high), (x + 90.0, y), "FRAME")

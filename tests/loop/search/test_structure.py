@@ -51,7 +51,7 @@ def test_neighbours_that_err_together_are_told_and_no_law_is_read_off_them():
     random = np.random.default_rng(8)
     trials = _shifted(160, 8, 0.12 * np.cumsum(random.standard_normal(160)))
     found = explain(_MODEL, trials, toy_effects(), Rules(draws=150))
-    assert [hint.kind for hint in found.told] == ["neighbours"]
+    assert [hint.kind for hint in found.hints] == ["neighbours"]
     assert found.findings == ()
     assert found.verdict is Verdict.UNEXPLAINED
 

@@ -111,12 +111,12 @@ def read_scan(
     stated = read_height_scale(path, form, found.pop("channel", ""))
     scan = Profile(**found) if "position" in found else HeightMap(**found)
     if stated is None:
-        said = (
+        note = (
             ""
             if form in ("points", "asc")
             else "; its height scale was read once, not checked against its header"
         )
-        return replace(scan, count=None, scale=scan.scale + said)
+        return replace(scan, count=None, scale=scan.scale + note)
     checked = check_height_scale(scan.height, stated, path.name, scan.count)
     # a stored floating number has no steps, so its unit is no resolution
     return replace(
@@ -277,7 +277,7 @@ def _find_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "Ch
     # Return the channel that the user names, or the first whose name does not deny that it holds
     # heights.
     names = [f"{one.name} [{one.unit}]" for one in channels]
-    said = ", ".join(repr(str(one.name)) for one in channels)
+    listed = ", ".join(repr(str(one.name)) for one in channels)
     if wanted:
         exact = [
             one for one, name in zip(channels, names, strict=True) if wanted in (name, one.name)
@@ -286,7 +286,7 @@ def _find_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "Ch
             one for one, name in zip(channels, names, strict=True) if wanted.lower() in name.lower()
         ]
         if len({one.name for one in found}) != 1:
-            raise MetrologyError(f"channel must name one of {said}, got {wanted!r} [{place}]")
+            raise MetrologyError(f"channel must name one of {listed}, got {wanted!r} [{place}]")
         return found[0]
     heights = [
         one
@@ -297,7 +297,7 @@ def _find_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "Ch
     if not found:
         raise MetrologyError(
             "channel must hold heights in a unit of length, and "
-            f"{f'none of {said} says so' if said else 'the file has none'} [{place}]"
+            f"{f'none of {listed} says so' if listed else 'the file has none'} [{place}]"
         )
     return found[0]
 

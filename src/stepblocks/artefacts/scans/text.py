@@ -116,13 +116,13 @@ def read_text_scan(
     columns = _choose_columns(names, values, path, channel)
     named = {axis: names[column] if names else None for axis, column in columns.items()}
     factors = {axis: _find_factor(name, axis, common, given, path) for axis, name in named.items()}
-    said = ", ".join(filter(None, named.values())) or f"unit {unit or 'of the head'} as given"
+    units = ", ".join(filter(None, named.values())) or f"unit {unit or 'of the head'} as given"
     axes = {
         axis: values[:, column] * factors[axis][0] / factors[axis][1]
         for axis, column in columns.items()
     }
     if "y" in axes:
-        grid = grid_points(axes["x"], axes["y"], axes["z"], path.name, f"columns {said}")
+        grid = grid_points(axes["x"], axes["y"], axes["z"], path.name, f"columns {units}")
         return replace(grid, count=_find_last_digit(values[:, columns["z"]], factors["z"]))
     x, z, notes = _keep_forward(axes["x"], axes["z"], path)
     x, snapped = _snap_to_equal_steps(
@@ -133,7 +133,7 @@ def read_text_scan(
         x,
         z,
         source=path.name,
-        scale="; ".join([f"columns {said}", *notes]),
+        scale="; ".join([f"columns {units}", *notes]),
         count=_find_last_digit(values[:, columns["z"]], factors["z"]),
     )
 
@@ -253,8 +253,8 @@ def _parse_names(
     width = values.shape[1]
     kept = [[field for field in fields if field] for fields in head if any(fields)]
     single = [fields[0].lower() for fields in kept if len(fields) == 1]
-    alone = [LENGTH_UNITS[word] for word in single if word in LENGTH_UNITS]
-    common = (1.0, alone[-1]) if alone else None
+    unit_words = [LENGTH_UNITS[word] for word in single if word in LENGTH_UNITS]
+    common = (1.0, unit_words[-1]) if unit_words else None
     words = kept and not any(_parse_numbers([one], comma=False) for one in kept[-1])
     if words and len(kept[-1]) == width - 1 > 1 and (np.diff(values[:, 0]) == 1.0).all():
         step = next(

@@ -156,7 +156,7 @@ def report_confined(path: Path, require_ap242: bool) -> dict[str, object]:
             "tolerances": list(map(asdict, tolerances)),
         },
         **{
-            "materials": list(_list_materials(file)),
+            "materials": list(_list_material_names(file)),
             "densities": densities,
             "textures": list(_list_textures(file)),
         },
@@ -216,7 +216,7 @@ def _read_dimension(
     )
 
 
-def _find_linked(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
+def _find_partners(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
     # Yield what an entity of two parameters links with an instance (parameter `own`)
     for user in file.users(ref):
         pair = file.parameters(user, entity)
@@ -228,7 +228,7 @@ def _read_limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float
     # Read the nominal value, the signed deviations, and what is wrong with them. Limits stand as
     # deviations or as values of their own.
     found: dict[str, Measure] = {}
-    for representation in _find_linked(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
+    for representation in _find_partners(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
         for item in (file.parameters(representation, "SHAPE_DIMENSION_REPRESENTATION") or ("", ()))[
             1
         ]:
@@ -246,7 +246,7 @@ def _read_limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float
             found[side].si - nominal.si if side in found else math.nan
             for side in ("lower", "upper")
         )
-    for stated in _find_linked(file, ref, "PLUS_MINUS_TOLERANCE", 1) if not found else ():
+    for stated in _find_partners(file, ref, "PLUS_MINUS_TOLERANCE", 1) if not found else ():
         if bounds := file.parameters(stated, "TOLERANCE_VALUE"):
             sides = [one for bound in bounds if (one := read_measure(file, bound)) is not None]
             if len(sides) != 2:
@@ -319,7 +319,7 @@ def _check_dimension(one: Characteristic) -> Iterator[str]:
         yield f"{label}: {one.problem}"
     if one.deviation is not None and abs(one.deviation) > ALLOWED:
         scale, unit = choose_display_unit(one.angular)
-        said, had = (
+        stated, measured = (
             f"{value * scale:.9g} {unit}" for value in (one.value, one.value + one.deviation)
         )
         faces, off = (
@@ -327,7 +327,7 @@ def _check_dimension(one: Characteristic) -> Iterator[str]:
             if one.angular
             else (f" {', '.join(one.faces)}", f" ({one.deviation * 1e9:+.3f} nm)")
         )
-        yield f"{label}: says {said}, but its faces{faces} have {had}{off}"
+        yield f"{label}: says {stated}, but its faces{faces} have {measured}{off}"
 
 
 def _list_textures(file: Exchange) -> Iterator[tuple[str, float]]:
@@ -342,7 +342,7 @@ def _list_textures(file: Exchange) -> Iterator[tuple[str, float]]:
                 yield from ((face.ref, measure.si) for face in find_faces(file, owner))
 
 
-def _list_materials(file: Exchange) -> Iterator[str]:
+def _list_material_names(file: Exchange) -> Iterator[str]:
     for _, values in file.named("REPRESENTATION"):
         for item in (
             values[1] if len(values) == 3 and "material name" in str(values[0]).lower() else ()

@@ -114,10 +114,10 @@ def read_densities(file: Exchange) -> tuple[list[float], list[str]]:
             continue
         value, (factor, powers) = read_number(stated[1]), _read_derived_unit(file, stated[2])
         if powers != _DENSITY:
-            said = (
+            shown = (
                 " ".join(f"{name}^{power:g}" for name, power in sorted(powers.items())) or "nothing"
             )
-            findings.append(f"{ref} density: unit must be mass^1 length^-3, got {said}")
+            findings.append(f"{ref} density: unit must be mass^1 length^-3, got {shown}")
         elif value is None or not 10.0 <= value * factor <= 25_000.0:
             got = "no number" if value is None else f"{value * factor:g}"
             findings.append(f"{ref} density: must lie between 10 and 25000 kg/m^3, got {got}")

@@ -86,8 +86,8 @@ def write_step_ap242(
             )
             dimensions.append((one.label, dimension))
     demands = stimulus.face_demands if stimulus.has_working_faces else None
-    if demands is not None and (said := describe_default_demands(stimulus)):
-        notes.append(("defaults", said))
+    if demands is not None and (defaults := describe_default_demands(stimulus)):
+        notes.append(("defaults", defaults))
     texture = None if demands is None else demands["roughness"].upper
     write_conforming(
         path,

@@ -135,19 +135,19 @@ def _write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
         (folder / "truth.csv").open("w", newline="", encoding="utf-8") as truths,
     ):
         table = csv.DictWriter(trials, list(rows[0]), lineterminator="\n")
-        told = csv.writer(truths, lineterminator="\n")
+        truth_writer = csv.writer(truths, lineterminator="\n")
         table.writeheader()
-        told.writerow(["trial", "status", *_FIGURES])
+        truth_writer.writerow(["trial", "status", *_FIGURES])
         for number, row in enumerate(rows, start=1):
             trial = _record_row(plan, row, heights, np.random.default_rng([plan.seed, 4, number]))
             if trial is None:
                 locked += 1
-                told.writerow([row["trial"], "locked", *[""] * len(_FIGURES)])
+                truth_writer.writerow([row["trial"], "locked", *[""] * len(_FIGURES)])
                 continue
             trace, figures = trial
             write(number, trace)
             table.writerow({name: escape_formula(cell) for name, cell in row.items()})
-            told.writerow([row["trial"], "ok", *(f"{value:.9g}" for value in figures)])
+            truth_writer.writerow([row["trial"], "ok", *(f"{value:.9g}" for value in figures)])
     if locked == len(rows):
         raise PipelineError("every trial of the plan locks; lower the friction or the heights")
     return SimulationSummary(len(rows), locked)
@@ -239,7 +239,7 @@ def compute_planted_state(
     bare = build_nominal_state(design, values)
     if bool(bare.locked()[0]):
         return None
-    told: dict[str, float | str] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
+    covariates: dict[str, float | str] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
     state = build_nominal_state(
         design, values | {format_height_name(row["block"]): heights[nominal] - nominal}
     )
@@ -251,7 +251,7 @@ def compute_planted_state(
         else:
             names = _SLOTS.get(str(effect.slot), (str(effect.slot),))
             changed: dict[str, Array] = {
-                n: np.array([effect.apply(float(getattr(state, n)[0]), told)]) for n in names
+                n: np.array([effect.apply(float(getattr(state, n)[0]), covariates)]) for n in names
             }
             if effect.slot == "normal_load":
                 # a load that is not the one set is weighed by the gauge all the same
@@ -310,10 +310,10 @@ def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, Operati
 
     Beside the force of the tip it has the steady force along the drag [N].
     """
-    moved = [name for name in _NOT_IN_TIME if bool(np.any(getattr(state, name) != 0.0))]
-    if moved:
+    changed_slots = [name for name in _NOT_IN_TIME if bool(np.any(getattr(state, name) != 0.0))]
+    if changed_slots:
         raise PipelineError(
-            f"an effect changes {moved[0]}, for which the drag in time has no place"
+            f"an effect changes {changed_slots[0]}, for which the drag in time has no place"
         )
     slots = {
         name: float(value[0])

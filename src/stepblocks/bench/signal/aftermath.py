@@ -7,7 +7,7 @@ import numpy as np
 
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
-from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Saw, find_first_swing
+from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Sawtooth, find_first_swing
 from stepblocks.bench.signal.ring import (
     GUESSED,
     TOLD,
@@ -142,7 +142,7 @@ def fit_aftermath(
     approach: Approach,
     tool: Tool | None = None,
     *,
-    saw: Saw | None = None,
+    saw: Sawtooth | None = None,
 ) -> Aftermath:
     """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs."""
     marks = replace(marks, noise=estimate_whole_noise(time, approach, marks))
@@ -302,11 +302,13 @@ def measure_normal_level(time: Array, normal: Array, approach: Approach) -> Esti
     Its standard uncertainty stands beside it [N].
     """
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
-    weights, covariance = fit_with_covariance(_is_still(time[:end], approach), normal[:end])
+    weights, covariance = fit_with_covariance(
+        _build_still_columns(time[:end], approach), normal[:end]
+    )
     return float(weights[0]), float(np.sqrt(covariance[0, 0]))
 
 
-def _is_still(t: Array, approach: Approach) -> Array:
+def _build_still_columns(t: Array, approach: Approach) -> Array:
     return np.column_stack([np.ones_like(t), t - t.mean(), build_wave_columns(t, approach.mains)])
 
 
@@ -318,7 +320,7 @@ def measure_sympathetic_force(
     The ring has the frequency and the decay of the tangential force.
     """
     begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.ring.origin)))
-    still, since = _is_still(time[begin:], approach), time[begin:] - after.start
+    still, since = _build_still_columns(time[begin:], approach), time[begin:] - after.start
 
     def ringing(frequency: float, decay_time: float) -> Estimate:
         columns = np.column_stack([build_damped_wave_columns(since, frequency, decay_time), still])
@@ -331,6 +333,8 @@ def measure_sympathetic_force(
     (frequency, frequency_std), (decay, decay_std) = after.frequency, after.decay_time
     amplitude, own = ringing(frequency, decay)
     # what is uncertain of the tangential ring, whose course this one is taken to follow
-    moved = ringing(frequency + frequency_std, decay)[0], ringing(frequency, decay + decay_std)[0]
+    shifted = ringing(frequency + frequency_std, decay)[0], ringing(frequency, decay + decay_std)[0]
     late = amplitude * after.sample / decay if decay > 0.0 else 0.0
-    return amplitude, float(np.linalg.norm([own, moved[0] - amplitude, moved[1] - amplitude, late]))
+    return amplitude, float(
+        np.linalg.norm([own, shifted[0] - amplitude, shifted[1] - amplitude, late])
+    )

@@ -321,7 +321,9 @@ def fit_approach(
     clock = Clock(mains, float(time[: max(slide_end, 1)].mean()), float(np.median(np.diff(time))))
     found = _fit_ramp(time, force, marks, clock, start_up)
     since = np.maximum(time[: found.end] - found.onset, 0.0)
-    if not straight and found.fit.lacks(compute_ramp_bend(since, (found.level, found.slope))):
+    if not straight and found.fit.would_gain_from(
+        compute_ramp_bend(since, (found.level, found.slope))
+    ):
         for _ in range(_BENDS):  # the slope with which it begins tells how it bends
             found = _fit_ramp(
                 time, force, marks, replace(clock, bend=(found.level, found.slope)), start_up

@@ -32,7 +32,7 @@ from stepblocks.bench.signal.approach import (
 from stepblocks.bench.signal.regimes import (
     USUAL_TOOL,
     Motion,
-    Saw,
+    Sawtooth,
     classify_regime,
     find_extremum,
     find_saw,
@@ -217,7 +217,7 @@ class Loading:
     load: Estimate
     zeros: tuple[Estimate, Estimate]
     speed: float
-    saw: Saw | None = None
+    saw: Sawtooth | None = None
 
     @property
     def features(self) -> Features:

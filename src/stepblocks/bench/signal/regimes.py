@@ -96,7 +96,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Saw:
+class Sawtooth:
     """A limit cycle of sticking and slipping before the edge.
 
     Attributes
@@ -131,7 +131,7 @@ class Saw:
 
 def find_saw(
     time: Array, force: Array, marks: Landmarks, tool: Tool, stiffness: float
-) -> Saw | None:
+) -> Sawtooth | None:
     """Look for teeth before the edge; None where the tip slides."""
     from scipy.signal import find_peaks
 
@@ -178,7 +178,7 @@ def find_saw(
     kinetic -= unseen
     last = int(bottoms[-1])
     onset = int(np.searchsorted(time, time[last] + max(kinetic - float(smooth[last]), 0.0) / slope))
-    return Saw(
+    return Sawtooth(
         amplitude=(top - bottom, math.hypot(top_std, bottom_std)),
         stick_time=(
             float(np.median(rises[:, 1])),
@@ -242,7 +242,7 @@ def find_first_swing(motion: Motion) -> tuple[float, float, float]:
     return depth - odds * apart, math.hypot(std, math.sqrt(odds * (1.0 - odds)) * apart), instant
 
 
-def classify_regime(motion: Motion, saw: Saw | None, bell: bool) -> str:
+def classify_regime(motion: Motion, saw: Sawtooth | None, bell: bool) -> str:
     """Say what the tip did.
 
     `bell` says that a damped cosine explains the ring, as of a tool whose tip hangs free.

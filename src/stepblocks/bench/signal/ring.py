@@ -173,7 +173,7 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
     columns = [
         _build_ring_columns(since, origin, mains, shape, about) for shape in (ring.fit.shape, hard)
     ]
-    if not ring.fit.lacks((columns[1] - columns[0]) @ ring.fit.weights):
+    if not ring.fit.would_gain_from((columns[1] - columns[0]) @ ring.fit.weights):
         return ring
     harder = _fit_damped(time, force, origin, mains, noise, hard, about=about)
     # about which level it rings is in units of an amplitude that a cosine misses
@@ -450,11 +450,11 @@ def fit_rubbing_ring(
         if best is None or found.cost < (1.0 - _ALIKE) * best.cost:
             best = found
         # a tip that never slips back in this course says nothing of the gap
-        moved = _compute_rubbing_with_drift(best.x, t, slope) - _compute_rubbing_with_drift(
+        change = _compute_rubbing_with_drift(best.x, t, slope) - _compute_rubbing_with_drift(
             best.x * [1.0, 0.98, 1.0, 1.0, 1.0, 1.0, 1.0], t, slope
         )
         if compute_misfit(best.fun[:-2], 7, begin, noise) < _GOOD and bool(
-            np.any(np.abs(moved) > _ROUNDING)
+            np.any(np.abs(change) > _ROUNDING)
         ):
             break
     assert best is not None

@@ -47,7 +47,7 @@ class SeparableFit:
         """Return the standard uncertainty of one of `shape` and `weights`, counted on."""
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
-    def lacks(self, column: Array) -> bool:
+    def would_gain_from(self, column: Array) -> bool:
         """Whether one column more would clearly take a positive weight: one Gauss-Newton step."""
         columns = np.column_stack([self.jacobian, column])
         weights, covariance = fit_with_covariance(

@@ -55,8 +55,8 @@ def _open_text(path: Path, layout: Layout) -> nullcontext[Any]:
 
 def _read_text_column(table: Any, name: str | int) -> Any:
     if name not in table.columns:
-        told = join_first(map(str, table.columns))
-        raise TraceError(f"unknown channel: {table.attrs['file']} has no {name!r}, it has {told}")
+        known = join_first(map(str, table.columns))
+        raise TraceError(f"unknown channel: {table.attrs['file']} has no {name!r}, it has {known}")
     return table[name].to_numpy()
 
 
@@ -119,8 +119,10 @@ def _read_increments(group: Any, names: Sequence[str | int]) -> Array:
         with suppress(Exception):  # a group of a TDMS file knows no index, a table no columns
             holder = group if name is None else group[name]
             kept |= dict(getattr(holder, "attrs", {})) | dict(getattr(holder, "properties", {}))
-    said = [(kept[key], power) for key, power in _INCREMENTS.items() if key in kept]
-    numbers = [float(v) ** power for v, power in said if np.isreal(v) and np.size(v) == 1 and v > 0]
+    increments = [(kept[key], power) for key, power in _INCREMENTS.items() if key in kept]
+    numbers = [
+        float(v) ** power for v, power in increments if np.isreal(v) and np.size(v) == 1 and v > 0
+    ]
     return np.array(numbers)
 
 
@@ -205,8 +207,8 @@ class Traces(ExitStack):
         found = self._in_si(raw)
         sizes = {part: values.size for part, values in found.items()}
         if len(set(sizes.values())) > 1:
-            told = ", ".join(f"{part} {size}" for part, size in sizes.items())
-            raise TraceError(f"truncated: the channels have different lengths ({told} samples)")
+            lengths = ", ".join(f"{part} {size}" for part, size in sizes.items())
+            raise TraceError(f"truncated: the channels have different lengths ({lengths} samples)")
         if "time" not in found:
             found["time"] = np.arange(sizes["tangential"]) / acquisition.sample_rate
         return Trace(**found)

@@ -52,8 +52,8 @@ def _find_releases(force: Array, rate: float, count: int) -> list[int]:
     width = max(round(_FALL * rate), 2)
     fall = np.convolve(force, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
     fall = np.maximum(fall[:-width] - fall[width:], 0.0)
-    found, told = find_peaks(fall, distance=max(round(_APART * rate), 1), prominence=0.0)
-    order = np.argsort(-told["prominences"], kind="stable")
+    found, properties = find_peaks(fall, distance=max(round(_APART * rate), 1), prominence=0.0)
+    order = np.argsort(-properties["prominences"], kind="stable")
     heights = fall[found[order]]
     if found.size < count or (found.size > count and heights[count - 1] < _CLEAR * heights[count]):
         clear = (

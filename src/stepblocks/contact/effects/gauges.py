@@ -49,37 +49,40 @@ GAUGE_LAWS = (
         "sensor_gain",
         "F_x -> G F_x",
         (_GAIN,),
-        said="the tangential gauge reads by ln G of",
+        description="the tangential gauge reads by ln G of",
         how_to_decide="hang a known weight on the tangential gauge",
     ),
     _zero(
         "tangential_zero",
         "F_x shown + z; a tare enters no stored energy",
         (_ZERO,),
-        said="the tangential gauge reads without force",
+        description="the tangential gauge reads without force",
     ),
     _zero(
-        "normal_zero", "F_y shown + z", (_NORMAL_ZERO,), said="the normal gauge reads without force"
+        "normal_zero",
+        "F_y shown + z",
+        (_NORMAL_ZERO,),
+        description="the normal gauge reads without force",
     ),
     _gauge(
         "normal_gain",
         "F_y shown times G",
         (_NORMAL_GAIN,),
-        said="the normal gauge reads by ln G of",
+        description="the normal gauge reads by ln G of",
         how_to_decide="put a known weight on the normal gauge",
     ),
     _gauge(
         "cross_talk",
         "F_x shown + c F_y; it enters no stored energy",
         (_CROSS_TALK,),
-        said="the tangential gauge also shows of the normal force",
+        description="the tangential gauge also shows of the normal force",
         how_to_decide="drag in the other direction: friction changes its sign, cross-talk does not",
     ),
     _gauge(
         "gauge_not_linear",
         "F_x shown F_x (1 + q F_x)",
         (Parameter("square_per_n", "1/N", 0.0, -0.2, 0.2, 5e-3),),
-        said="the tangential gauge is not linear: it shows F (1 + q F) with q of",
+        description="the tangential gauge is not linear: it shows F (1 + q F) with q of",
         how_to_decide="hang five known weights on the tangential gauge",
     ),
     _gauge(
@@ -87,7 +90,7 @@ GAUGE_LAWS = (
         "F_y shown F_y (1 + q F_y)",
         (Parameter("normal_square_per_n", "1/N", 0.0, -0.2, 0.2, 5e-3),),
         rank=1,
-        said="the normal gauge is not linear: it shows F (1 + q F) with q of",
+        description="the normal gauge is not linear: it shows F (1 + q F) with q of",
         how_to_decide="put five known weights on the normal gauge",
     ),
     _gauge(
@@ -95,7 +98,7 @@ GAUGE_LAWS = (
         "F_y shown + c F_x",
         (_NORMAL_CROSS_TALK,),
         rank=1,
-        said="the normal gauge also shows of the tangential force",
+        description="the normal gauge also shows of the tangential force",
         how_to_decide="pull the tip along without a load on it",
     ),
     _gauge(
@@ -103,7 +106,7 @@ GAUGE_LAWS = (
         "time shown times c: ring slower, decay longer, ramp softer",
         (_CLOCK,),
         rank=8,
-        said="the clock of the record runs by ln c of",
+        description="the clock of the record runs by ln c of",
         how_to_decide="record a signal of known frequency",
     ),
     _gauge(
@@ -113,7 +116,7 @@ GAUGE_LAWS = (
         "F_x shown G F_x + z + c F_y, F_y shown G' F_y + z'",
         (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
         rank=9,
-        said="several constants of the gauges are off: zeros, gain, cross-talk, gain",
+        description="several constants of the gauges are off: zeros, gain, cross-talk, gain",
         how_to_decide="tare both gauges, hang known weights on each, drag in both directions",
     ),
     _gauge(
@@ -121,7 +124,7 @@ GAUGE_LAWS = (
         "gauge of first order: peak short by k v tau (1 - exp(-t_ramp / tau))",
         (_LAG,),
         covariate="speed_mm_s",
-        said="the gauge is slow: time constant",
+        description="the gauge is slow: time constant",
         how_to_decide="tap the tool: the ring of a free tool shows the bandwidth",
     ),
 )

@@ -50,7 +50,7 @@ _GEOMETRY = (
         "a = arccos(1 - H / (R + r))",
         (Parameter("edge_radius_m", "m", 0.0, 0.0, 3e-4, 5e-6),),
         lambda state, _, v: state.changed(radius=state.radius + v["edge_radius_m"]),
-        said="edges are rounded: r =",
+        description="edges are rounded: r =",
         how_to_decide="scan the edges, or drag the same blocks with another tip",
     ),
     _geometry(
@@ -61,7 +61,7 @@ _GEOMETRY = (
             radius=state.radius + v["growth_m_per_trial"] * order
         ),
         covariate="run_order",
-        said="the tip wears: its radius grows per trial by",
+        description="the tip wears: its radius grows per trial by",
         how_to_decide="swap the tip",
     ),
     _geometry(
@@ -73,7 +73,7 @@ _GEOMETRY = (
         ),
         covariate="passes_of_block",
         rank=1,
-        said="each pass polishes the edge of its block: the radius grows by",
+        description="each pass polishes the edge of its block: the radius grows by",
         how_to_decide="scan an edge before and after, or drag a block that nobody has used",
     ),
     _geometry(
@@ -82,7 +82,7 @@ _GEOMETRY = (
         (Parameter("radius_error_m", "m", 0.0, -1e-4, 3e-4, 5e-6),),
         lambda state, _, v: state.changed(radius=state.radius + v["radius_error_m"]),
         rank=1,
-        said="the tip is larger than stated by",
+        description="the tip is larger than stated by",
         how_to_decide="swap the tip, or measure it",
     ),
     _geometry(
@@ -92,7 +92,7 @@ _GEOMETRY = (
         (Parameter("flat_depth_m", "m", 0.0, 0.0, 3e-5, 1e-6),),
         lambda state, _, v: state.changed(height=state.height + v["flat_depth_m"]),
         rank=1,
-        said="the tip has a flat, of a depth of",
+        description="the tip has a flat, of a depth of",
         how_to_decide="swap the tip",
     ),
     _geometry(
@@ -102,7 +102,7 @@ _GEOMETRY = (
         (Parameter("tilt_rad", "rad", 0.0, -0.3, 0.3, 0.01),),
         lambda state, _, v: state.changed(tilt=state.tilt + v["tilt_rad"]),
         rank=5,
-        said="the blocks are tilted by",
+        description="the blocks are tilted by",
         how_to_decide="turn the blocks round: a tilt changes its sign",
     ),
     *(  # of a ball on the edge after Hertz, or of whatever holds block or tip
@@ -114,7 +114,7 @@ _GEOMETRY = (
             partial(_apply_compliance, power),
             covariate="load_n",
             rank=rank,
-            said="the contact gives way: depth at 1 N",
+            description="the contact gives way: depth at 1 N",
         )
         for mark, power, rank in (("", 2.0 / 3.0, 0), ("~linear", 1.0, 1))
     ),
@@ -133,14 +133,16 @@ def _make_height_error_law(block: str) -> Law:
         (Parameter("height_error_m", "m", 0.0, -4e-5, 4e-5, 1e-6),),
         apply,
         covariate="block",
-        said=f"block {block} is higher than stated by",
+        description=f"block {block} is higher than stated by",
         how_to_decide=f"scan or gauge the block {block}",
     )
 
 
 _friction = partial(Law, slot="friction")
 _by_speed = partial(
-    _friction, covariate="speed_mm_s", said="friction falls with speed: excess at rest and speed"
+    _friction,
+    covariate="speed_mm_s",
+    description="friction falls with speed: excess at rest and speed",
 )
 
 _FRICTION = (
@@ -152,14 +154,14 @@ _FRICTION = (
             friction=state.friction * (state.load / 0.6) ** -v["exponent"]
         ),
         covariate="load_n",
-        said="friction falls with load: exponent",
+        description="friction falls with load: exponent",
     ),
     _friction(
         "edge_friction",  # an edge is ground, coated or worn otherwise than the faces
         "e mu while the tip climbs, mu on the faces",
         (Parameter("edge_over_face", "1", 1.0, 0.1, 4.0, 0.03),),
         lambda state, _, v: state.changed(edge_factor=state.edge_factor * v["edge_over_face"]),
-        said="friction on the edge over that on the faces is",
+        description="friction on the edge over that on the faces is",
         how_to_decide="turn the blocks round, and drag a block with a fresh edge",
     ),
     _by_speed(
@@ -197,7 +199,7 @@ _FRICTION = (
         ),
         covariate=SPEED_OVER_LOAD,
         shapes=tuple({"number": h} for h in (3e-3, 8e-3, 2e-2, 5e-2)),
-        said="friction follows speed over load: excess at rest and number",
+        description="friction follows speed over load: excess at rest and number",
     ),
     _friction(
         "hersey_friction~power",
@@ -208,7 +210,7 @@ _FRICTION = (
         ),
         covariate=SPEED_OVER_LOAD,
         rank=1,
-        said="friction follows speed over load: exponent",
+        description="friction follows speed over load: exponent",
     ),
     _friction(
         "carried_over",
@@ -218,7 +220,7 @@ _FRICTION = (
             friction=state.friction * (before / 0.6) ** v["exponent"]
         ),
         covariate="previous_load_n",
-        said="friction follows the load of the trial before: exponent",
+        description="friction follows the load of the trial before: exponent",
         how_to_decide="repeat one trial after a light and after a heavy one",
     ),
     _friction(
@@ -234,7 +236,7 @@ _FRICTION = (
         ),
         covariate="run_order",
         shapes=tuple({"settling_trials": n} for n in (15.0, 40.0, 100.0, 400.0)),
-        said="friction runs in: excess at first and trials to settle",
+        description="friction runs in: excess at first and trials to settle",
     ),
 )
 
@@ -280,7 +282,7 @@ _CONVERSION = (
             conversion=state.conversion * (state.speed / 6e-3) ** v["exponent"]
         ),
         covariate="speed_mm_s",
-        said="the share that rings follows the speed: exponent",
+        description="the share that rings follows the speed: exponent",
     ),
     _conversion(
         "temperature_dependent_conversion",
@@ -290,7 +292,7 @@ _CONVERSION = (
             conversion=state.conversion * np.exp(v["rate_per_k"] * (celsius - 22.0))
         ),
         covariate="temperature_c",
-        said="the share that rings follows the temperature, per K by",
+        description="the share that rings follows the temperature, per K by",
     ),
     # the tip has a mass that must be moved and lifted over the rest of the step while the handle
     # goes on; or, by energies alone, C_v less the work of lifting and rubbing
@@ -302,7 +304,7 @@ _CONVERSION = (
         "power w",
         (Parameter("weight", "1", 0.0, 0.0, 1.5, 0.05),),
         _apply_motion,
-        said="the tip must be moved and lifted over the step: weight of that motion",
+        description="the tip must be moved and lifted over the step: weight of that motion",
     ),
     _conversion(
         "real_release~work",
@@ -310,7 +312,7 @@ _CONVERSION = (
         (Parameter("share", "1", 0.0, -1.0, 3.0, 0.02),),
         _apply_work,
         rank=1,
-        said="the tip must be moved and lifted over the step: weight of that motion",
+        description="the tip must be moved and lifted over the step: weight of that motion",
     ),
 )
 
@@ -318,19 +320,19 @@ _CONVERSION = (
 _stiffness, _load = (partial(Law, slot=slot) for slot in ("stiffness", "normal_load"))
 _bias = partial(
     _load,
-    said="the load differs from the weights by",
+    description="the load differs from the weights by",
     how_to_decide="weigh the arm without weights",
 )
 _pivot = partial(
     _load,
-    said="a pivot rubs while the tip is lifted: share of the load, or force,",
+    description="a pivot rubs while the tip is lifted: share of the load, or force,",
     how_to_decide="lift the arm slowly by a scale",
 )
 _drag = partial(
     Law,
     slot="drag",
     covariate="speed_mm_s",
-    said="a viscous drag acts: coefficient",
+    description="a viscous drag acts: coefficient",
     how_to_decide="drag without touching a block",
 )
 
@@ -383,7 +385,7 @@ _TOOL = (
         covariate="peak_force_n",
         given=False,
         shapes=({"pitch_share": 0.0}, {"pitch_share": 0.4}),
-        said="the spring hardens: g and the share of the first swing that its pitch shows",
+        description="the spring hardens: g and the share of the first swing that its pitch shows",
     ),
     _softening(
         "softening_spring",
@@ -395,7 +397,8 @@ _TOOL = (
         ),
         _apply_softening,
         shapes=({"damping_power": 0.0}, {"damping_power": 0.5}),
-        said="the spring softens as it warms: per K, and the power of k that its damping follows",
+        description="the spring softens as it warms: per K, and the power of k that its damping "
+        "follows",
     ),
     _softening(
         "softening_spring~pitch_unchanged",
@@ -406,7 +409,7 @@ _TOOL = (
             conversion=state.conversion * _compute_softening(celsius, v),
         ),
         rank=1,
-        said="the spring softens as it warms, though its pitch does not: per K by",
+        description="the spring softens as it warms, though its pitch does not: per K by",
     ),
     _bias("load_bias", "F_py -> F_py + b, as the gauge sees it", _BIAS, _apply_seen_bias),
     _bias(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -177,17 +177,17 @@ def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
     for where in covariates:
         for name in _MOVED_BY.get(where.name, SLOT_MOVES):
             if where.pair or (not where.labels and where.distinct > 2):
-                laws.append(_smooth_law("trend", name, where))
+                laws.append(_make_smooth_law("trend", name, where))
             if not where.pair:
-                laws.append(_smooth_law("smooth", name, where))
+                laws.append(_make_smooth_law("smooth", name, where))
         if where.labels and where.name != "block":
             laws.append(_offset_law(where))
         if where.labels or where.pair or where.distinct <= 2 * _STEP_SHAPES:
             continue
         run = where.name == "run_order"
-        laws += [_step_law(name, where) for name in (_STEPPING if run else _JUMPING)]
+        laws += [_make_step_law(name, where) for name in (_STEPPING if run else _JUMPING)]
         for name in _JUMPING if run else ():
-            laws += [_step_law(name, where, levels) for levels in range(3, len(_LEVELS) + 2)]
+            laws += [_make_step_law(name, where, levels) for levels in range(3, len(_LEVELS) + 2)]
             laws.append(_make_periodic_law(name, where))
     return tuple(laws)
 
@@ -211,11 +211,11 @@ def _offset_law(where: CovariateRange) -> Law:
         apply,
         "normal_load",
         where.name,
-        said=f"the load differs from the weights by {where.name}:",
+        description=f"the load differs from the weights by {where.name}:",
     )
 
 
-def _step_law(name: str, where: CovariateRange, levels: int = 2) -> Law:
+def _make_step_law(name: str, where: CovariateRange, levels: int = 2) -> Law:
     # Change a slot where a covariate passes a value: of the radius along the run a chipped tip. Of
     # more than two levels each counts from the first.
     run = where.name == "run_order"
@@ -236,7 +236,7 @@ def _step_law(name: str, where: CovariateRange, levels: int = 2) -> Law:
         if chip
         else Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
     )
-    sizes, places = ([one.renamed(one.name + mark) for mark in marks] for one in (size, at))
+    sizes, places = ([replace(one, name=one.name + mark) for mark in marks] for one in (size, at))
 
     def apply(
         state: DragState, order: NDArray[np.generic], values: Mapping[str, float]
@@ -252,9 +252,11 @@ def _step_law(name: str, where: CovariateRange, levels: int = 2) -> Law:
         if several
         else np.arange(0.5, _STEP_SHAPES)[:, None] / _STEP_SHAPES
     )
-    said = f"{name} changes at once, by ln and from {'trial' if run else where.name} on"
+    description = f"{name} changes at once, by ln and from {'trial' if run else where.name} on"
     if several:
-        said = f"{name} goes from level to level along the run, by ln above the first and from:"
+        description = (
+            f"{name} goes from level to level along the run, by ln above the first and from:"
+        )
     return Law(
         "tip_chip" if chip else f"step_{name}_{where.name}{f'~{levels}' if several else ''}",
         f"{'R + w' if chip else f'{move.form}, g'} from one value of {where.name} on",
@@ -268,7 +270,7 @@ def _step_law(name: str, where: CovariateRange, levels: int = 2) -> Law:
         ),
         named=chip or name in _JUMPING,
         rank=2 if chip else 15,
-        said="the tip chipped: its radius changed by, at trial" if chip else said,
+        description="the tip chipped: its radius changed by, at trial" if chip else description,
         steps=tuple(p.name for p in places),
     )
 
@@ -296,20 +298,20 @@ def _make_periodic_law(name: str, where: CovariateRange) -> Law:
         where.name,
         tuple({"period_trials": float(2.0 * reach / turn)} for turn in turns),
         rank=12,
-        said=f"{name} swings along the run: cosine, sine and period in trials",
+        description=f"{name} swings along the run: cosine, sine and period in trials",
     )
 
 
-def _smooth_law(kind: str, name: str, where: CovariateRange) -> Law:
+def _make_smooth_law(kind: str, name: str, where: CovariateRange) -> Law:
     move, trend = SLOT_MOVES[name], kind == "trend"
     labels = where.labels if name in _JUMPING and where.name != "block" else ()
     names = ("slope",) if trend else tuple(f"g{i + 1}" for i in range(where.freedom))
     names = tuple(f"g[{label}]" for label in labels[1:]) or names
-    said = ""
+    description = ""
     if labels:
-        said = f"{name} has a level for each {where.name}, by ln above that of {labels[0]}:"
+        description = f"{name} has a level for each {where.name}, by ln above that of {labels[0]}:"
     elif trend and where.name == "run_order" and name in _JUMPING:
-        said = f"{name} drifts along the run, by ln"
+        description = f"{name} drifts along the run, by ln"
     basis = where.line if trend else where.basis
     last: list[NDArray[np.generic] | None] = [None, None]
 
@@ -329,7 +331,7 @@ def _smooth_law(kind: str, name: str, where: CovariateRange) -> Law:
         apply,
         move.slot,
         where.name,
-        named=bool(said),
+        named=bool(description),
         rank=10 if trend else 20,
-        said=said,
+        description=description,
     )

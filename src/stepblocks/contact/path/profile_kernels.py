@@ -19,7 +19,7 @@ _SAME = 1e-6  # share by which slopes may differ along one line, from the roundi
 
 
 @njit(cache=True)
-def _compute_rest_height(
+def _compute_height_resting_on(
     u: float, x: float, x0: float, z0: float, x1: float, z1: float, radius: float
 ) -> float:
     # Height at which the ball at `x` rests on a segment's point `u`, within its reach but for
@@ -43,7 +43,7 @@ def find_best_contact(
             continue
         # elements[e, 4] is where the ball is as steep as the element
         u = min(max(x + elements[e, 4], max(x0, low)), min(x1, high))
-        rest = _compute_rest_height(u, x, x0, z0, x1, z1, radius)
+        rest = _compute_height_resting_on(u, x, x0, z0, x1, z1, radius)
         if rest > best:
             best, where, which = rest, u, e
     return best, where, which

@@ -27,15 +27,15 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     radius = max(values["edge_radius"].value, 0.0)
     burr = values["burr"].value if "burr" in failed else 0.0
     height = values["step_height"].value
-    made = Step(height + burr, radius)
+    as_built = Step(height + burr, radius)
     steps = {
         f"its edge radius of {radius * 1e6:.3g} um": Step(asked.height, radius),
         f"its height of {height * 1e6:.2f} um": Step(height, asked.edge_radius),
         f"its burr of {burr * 1e6:.3g} um": Step(asked.height + burr, asked.edge_radius),
     }
-    releases = [face.release(point) for face in (asked, made, *steps.values())]
+    releases = [face.release(point) for face in (asked, as_built, *steps.values())]
     verdict = f"{result.identity} " + (
-        "is measured in part" if result.said == result.statement else result.said
+        "is measured in part" if result.conclusion == result.statement else result.conclusion
     )
     where = (
         f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction "
@@ -58,7 +58,7 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
                 f"{verdict}; the edge is no arc; by the scanned surface itself {change:+.1f} "
                 f"%, to {energy:.3g} uJ {where}"
             )
-    causes = {said: find_energy_change(asked, step, point) for said, step in steps.items()}
+    causes = {cause: find_energy_change(asked, step, point) for cause, step in steps.items()}
     named = " and ".join(
         f"{cause} {'raises' if change > 0.0 else 'lowers'} E_v by {abs(change) * 100:.1f} %"
         for cause, change in causes.items()
@@ -67,5 +67,5 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     clause = f", and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
     if named:
         clause = f"{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
-    change, energy = find_energy_change(asked, made, point), float(releases[1].vibration_energy)
+    change, energy = find_energy_change(asked, as_built, point), float(releases[1].vibration_energy)
     return f"{verdict}{clause}; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ {where}"

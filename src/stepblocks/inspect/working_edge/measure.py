@@ -61,33 +61,33 @@ _SECTION = "a section or replica across the edge would show it"
 
 
 def measure_edge(
-    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions = AS_FOUND
+    scan: Profile | HeightMap, instrument: Instrument, options: EvaluationOptions = AS_FOUND
 ) -> Evaluation:
     """Measure a step across its edge.
 
     Along the rows of a map, or its columns where these show it.
     """
     if isinstance(scan, Profile):
-        return _measure_along_rows(scan, instrument, how)
+        return _measure_along_rows(scan, instrument, options)
     columns = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)
-    ways = {"x": [scan], "y": [columns], None: [scan, columns]}[how.along]
-    found, refused = evaluate_each(lambda one: _measure_along_rows(one, instrument, how), ways)
+    ways = {"x": [scan], "y": [columns], None: [scan, columns]}[options.along]
+    found, refused = evaluate_each(lambda one: _measure_along_rows(one, instrument, options), ways)
     if not found:
         raise MetrologyError(refused[0])
     return found[0][1]
 
 
 def _measure_along_rows(
-    scan: Profile | HeightMap, instrument: Instrument, how: EvaluationOptions
+    scan: Profile | HeightMap, instrument: Instrument, options: EvaluationOptions
 ) -> Evaluation:
-    rows, notes = sample_profiles(scan, how)
+    rows, notes = sample_profiles(scan, options)
     slant = _find_slant(rows)
     turn = 1.0 / math.hypot(1.0, slant)
     if slant != 0.0:  # the profile across the edge is shorter than the row
         rows = [replace(row, position=row.position * turn) for row in rows]
         notes.append(f"edge turned by {math.degrees(math.atan(slant)):.3g} deg; measured across it")
     found, refused = evaluate_each(
-        lambda row: fit_edge(row.position, row.height, how.exclusion), rows
+        lambda row: fit_edge(row.position, row.height, options.exclusion), rows
     )
     crossed = np.array(
         [(one.height.value, one.position, one.exclusion) for _, one in found]
@@ -102,11 +102,12 @@ def _measure_along_rows(
     flanks = flanks if 2 * len(flanks) > len(edges) else []
     values = {"step_height": height}
     values["edge_radius"] = _average_radius(
-        edges, rows[0].spacing, isinstance(scan, HeightMap), instrument, how
+        edges, rows[0].spacing, isinstance(scan, HeightMap), instrument, options
     )
-    if how.stylus_radius:
+    if options.stylus_radius:
         notes.append(
-            f"the stylus radius of {how.stylus_radius * 1e6:.3g} um is taken off the edge radius"
+            f"the stylus radius of {options.stylus_radius * 1e6:.3g} um is taken off the edge "
+            "radius"
         )
     missing = dict.fromkeys(
         ("riser_angle", "riser_straightness"),
@@ -114,10 +115,10 @@ def _measure_along_rows(
     )
     surface = None
     if flanks:
-        riser, reason = _measure_riser(results, flanks, instrument, how, notes)
+        riser, reason = _measure_riser(results, flanks, instrument, options, notes)
         values |= riser
         missing = {} if riser else dict.fromkeys(missing, reason)
-        surface = _rebuild_between_level_faces(*results[0]) if riser else None
+        surface = _extend_by_level_faces(*results[0]) if riser else None
     first, edge = results[0]
     if beside := _find_others(first, edge):
         notes.append(
@@ -135,10 +136,10 @@ def _measure_along_rows(
             )
     # a second step bends the planes: only the part between such steps is levelled
     steps = [one.begin for one in beside if not np.isfinite(one.end)]
-    if steps and how.begin is None and how.end is None:
+    if steps and options.begin is None and options.end is None:
         before = max([at for at in steps if at < edge.middle], default=first.position[0])
         behind = min([at for at in steps if at > edge.middle], default=first.position[-1])
-        part = replace(how, begin=before / turn, end=behind / turn)
+        part = replace(options, begin=before / turn, end=behind / turn)
         narrow = _measure_along_rows(scan, instrument, part).values
         values |= {key: one for key, one in narrow.items() if key in values and key in _OF_THE_EDGE}
         notes[-1] += "; height and radius are those of the part between such steps"
@@ -205,7 +206,11 @@ def _find_slant(rows: list[Profile]) -> float:
 
 
 def _average_radius(
-    edges: list[Edge], spacing: float, is_map: bool, instrument: Instrument, how: EvaluationOptions
+    edges: list[Edge],
+    spacing: float,
+    is_map: bool,
+    instrument: Instrument,
+    options: EvaluationOptions,
 ) -> Measured:
     # Average the edge radius over profiles, with what sampling, pixels and stylus leave open of it.
     sloped = 2 * sum(one.flank is not None for one in edges) > len(edges)
@@ -215,16 +220,16 @@ def _average_radius(
     interval = spacing / math.sqrt(12.0)
     sharp = bool(np.mean([one.value for one in corners]) < _RESOLVED * spacing)
     own = interval if sharp else 0.0
-    tip = how.stylus_radius or 0.0
+    tip = options.stylus_radius or 0.0
     corners = [
         Estimate(one.value - tip, math.sqrt(max(one.std**2 - own**2, 0.0)), one.dof)
         for one in corners
     ]
     others = []
     if sharp or is_map:
-        said = "one interval, rectangular" + (": what a pixel averages" if is_map else "")
-        others.append(Component("sampling", interval, how=said))
-    if how.stylus_radius is None:
+        origin = "one interval, rectangular" + (": what a pixel averages" if is_map else "")
+        others.append(Component("sampling", interval, how=origin))
+    if options.stylus_radius is None:
         others.append(
             Component("stylus radius", math.nan, how=f"{UNSTATED}: the radius is at most this")
         )
@@ -232,7 +237,7 @@ def _average_radius(
         worn = _WORN * tip / math.sqrt(3.0)
         others.append(Component("stylus radius", worn, how="a quarter of it, rectangular"))
     found = average_profiles("edge radius", corners, instrument, others, axes=(1.0, 1.0))
-    return replace(found, bound="at most" if how.stylus_radius is None else "")
+    return replace(found, bound="at most" if options.stylus_radius is None else "")
 
 
 def _is_flank_of_surface(angle: float, off: float, cone: float | None) -> bool:
@@ -247,7 +252,7 @@ def _measure_riser(
     results: list[tuple[Profile, Edge]],
     flanks: list[Flank],
     instrument: Instrument,
-    how: EvaluationOptions,
+    options: EvaluationOptions,
     notes: list[str],
 ) -> tuple[dict[str, Measured], str]:
     # Return angle and straightness of a riser that slopes; why not, where the stylus may show it
@@ -258,10 +263,10 @@ def _measure_riser(
     notes.append(
         f"the edge is no arc: its flank slopes by {slope}, its radius is that of the corner"
     )
-    if not _is_flank_of_surface(angle, off, how.stylus_cone):
+    if not _is_flank_of_surface(angle, off, options.stylus_cone):
         cone = (
             "cone of the stylus, which is not stated,"
-            if how.stylus_cone is None
+            if options.stylus_cone is None
             else "cone of the stylus"
         )
         notes[-1] += f", and the flank may be steeper: the {cone} shows none steeper"
@@ -297,7 +302,7 @@ def _fit_riser_line(row: Profile, edge: Edge, angle: float) -> float:
     return float(np.ptp(rest)) * math.cos(angle)
 
 
-def _rebuild_between_level_faces(row: Profile, edge: Edge) -> Profile:
+def _extend_by_level_faces(row: Profile, edge: Edge) -> Profile:
     # Return the edge as it was scanned between level faces, so that the length of a scan says
     # nothing.
     u, level = edge.measure_across(row.position, row.height)

@@ -123,7 +123,7 @@ class _Grown:
     gates: dict[str, float]  # chance of a false alarm of the gate that let each effect in
     last_gate_p: float
     needed: float  # gain of one amplitude that opens the last gate
-    told: tuple[Hint, ...] = ()  # what nobody wrote down
+    hints: tuple[Hint, ...] = ()  # what nobody wrote down
     walks: frozenset[str] = frozenset()  # effects along the run that a walk would do as well
 
 
@@ -217,16 +217,16 @@ def search_twice(
     """
     problem = build_problem(model, trials)
     grown = _search(problem, candidates, rules, deployed)
-    told, mistaken, wanders = _find_wanderings(grown)
+    hints, mistaken, wanders = _find_wanderings(grown)
     jumps = {e.slot for e in grown.extended.effects if e.steps} & set(model.quantities)
     if wanders or jumps:
         # what changed at once is looked for again where the errors fall apart best
         base = drop_what_follows_time(grown.problem, grown.extended)
         candidates = place_levels(grown.problem, base, wanders | jumps, candidates)
         grown = _search(problem, candidates, rules, deployed)
-        told, mistaken, wanders = _find_wanderings(grown)
+        hints, mistaken, wanders = _find_wanderings(grown)
     if not wanders:
-        return replace(grown, told=told)
+        return replace(grown, hints=hints)
     # a law that a walk does as well counts as walk: its quantity is looked at without what goes
     # with the hour
     base = drop_what_follows_time(grown.problem, grown.extended) if mistaken else grown.extended
@@ -234,18 +234,18 @@ def search_twice(
     seen = {q: estimate_errors_in_order(grown.problem, one, q)[1] for q, one in fits.items()}
     noisy = problem.share_errors(build_wandering(problem, base, seen), base)
     again = _search(noisy, candidates, rules, deployed)
-    return replace(_add_runs(again, problem, wanders, candidates), told=told)
+    return replace(_add_runs(again, problem, wanders, candidates), hints=hints)
 
 
 def _find_wanderings(grown: _Grown) -> tuple[tuple[Hint, ...], set[str], set[str]]:
     # What nobody wrote down, quantities whose law a walk does as well, and all that go with the
     # hour
     problem, mistaken = grown.problem, find_walks(grown.problem, grown.extended)
-    told = find_hints(problem, grown.extended)
-    beside = {h.quantity for h in told if h.kind == "neighbours"}
-    known = {h.quantity for h in told}
-    told += tuple(map(describe_wandering, sorted(mistaken - known)))
-    return told, mistaken, beside | mistaken
+    hints = find_hints(problem, grown.extended)
+    beside = {h.quantity for h in hints if h.kind == "neighbours"}
+    known = {h.quantity for h in hints}
+    hints += tuple(map(describe_wandering, sorted(mistaken - known)))
+    return hints, mistaken, beside | mistaken
 
 
 def _add_runs(
@@ -288,7 +288,7 @@ def _search(
         if grown is None:
             break
         for _ in range(2):
-            better = _exchange_effect(problem, grown, candidates)
+            better = _exchange_or_drop_effect(problem, grown, candidates)
             if better is None:
                 break
             grown = better
@@ -338,7 +338,9 @@ def _add_effect(
     return chosen if not added.named and all(not s.named for s in same) else None
 
 
-def _exchange_effect(problem: Problem, current: Fit, candidates: Sequence[Law]) -> Fit | None:
+def _exchange_or_drop_effect(
+    problem: Problem, current: Fit, candidates: Sequence[Law]
+) -> Fit | None:
     # Look for one of several effects again in the presence of the others, or drop one that is no
     # longer needed.
     for effect in current.effects if len(current.effects) > 1 else ():
@@ -386,7 +388,7 @@ def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explana
                 Verdict.AMBIGUOUS if leading.verdict is Verdict.AMBIGUOUS else Verdict.UNEXPLAINED
             )
             reason = LEFT
-    if grown.told and verdict in (Verdict.NONE, Verdict.EFFECT):
+    if grown.hints and verdict in (Verdict.NONE, Verdict.EFFECT):
         # something differs between trials that no column names
         verdict = Verdict.UNEXPLAINED
     return Explanation(

@@ -79,7 +79,7 @@ class Problem:
 
         Those of an effect are called ``effect.parameter``.
         """
-        of_effects = (p.renamed(f"{e.id}.{p.name}") for e in effects for p in e.parameters)
+        of_effects = (replace(p, name=f"{e.id}.{p.name}") for e in effects for p in e.parameters)
         return (*self.model.parameters(self.trials), *of_effects)
 
     def predict(self, effects: Sequence[Law], values: Mapping[str, float]) -> Floats:
@@ -204,9 +204,9 @@ class _Objective:
         stack = np.zeros((n, c, len(x)))
         for group in self.groups:
             step = np.where(x[group] + _STEP > self.bounds[1][group], -_STEP, _STEP)
-            moved = x.copy()
-            moved[group] += step
-            change = self._predict(moved) - base
+            shifted = x.copy()
+            shifted[group] += step
+            change = self._predict(shifted) - base
             for i, h in zip(group, step, strict=True):
                 rows = self.rows[self.parameters[i].block]
                 stack[rows, :, i] = change[rows] / h
@@ -278,7 +278,7 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
     systematics = model.systematics(trials)
     # replicates hold a drift between them, a flexible regression what it cannot follow: each
     # scatter is the less of both
-    told = [
+    informed = [
         r
         for r in (
             compute_flexible_residual(trials),
@@ -291,7 +291,7 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
         # the responses depend on the constants, the constants a little on the weights
         responses = model.responses(trials, start)
         scatter = compute_least_scatter(
-            [estimate_scatter(residual, trials.std, responses, dof) for residual, dof in told],
+            [estimate_scatter(residual, trials.std, responses, dof) for residual, dof in informed],
             responses,
         )
         problem = Problem(model, trials, build_noise(trials, systematics, responses, scatter))

@@ -86,9 +86,9 @@ def _compute_changes(
     columns = []
     for parameter in (p for p in effect.parameters if p.name in effect.amplitudes):
         step = 0.02 * parameter.scale
-        moved = neutral | {parameter.name: neutral[parameter.name] + step}
+        shifted = neutral | {parameter.name: neutral[parameter.name] + step}
         change = (
-            problem.model.predict(problem.trials, base.values, [*base.active, (effect, moved)])
+            problem.model.predict(problem.trials, base.values, [*base.active, (effect, shifted)])
             - base.predicted
         )
         columns.append(change * (parameter.scale / step))

@@ -54,9 +54,9 @@ def withdraw_claims(found: Explanation, hints: tuple[Hint, ...]) -> Explanation:
     """Take back every name where something outside the model's reach is known to have gone on."""
     if not hints:
         return found
-    lost, why = Verdict.UNEXPLAINED, hints[0].said
+    lost, why = Verdict.UNEXPLAINED, hints[0].sentence
     findings = tuple(replace(f, verdict=lost, reason=why) for f in found.findings)
-    return replace(found, findings=findings, verdict=lost, told=(*hints, *found.told))
+    return replace(found, findings=findings, verdict=lost, hints=(*hints, *found.hints))
 
 
 def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Finding:

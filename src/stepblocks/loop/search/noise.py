@@ -159,24 +159,24 @@ def find_outliers(trials: Trials, threshold: float = 5.0) -> NDArray[np.bool_]:
 
     Marked values take no part in the next regression, until no more are marked.
     """
-    alone = np.zeros_like(trials.seen)
+    single = np.zeros_like(trials.seen)
     basis = build_flexible_columns(trials, _ROBUST)
-    for j in range(alone.shape[1]):
+    for j in range(single.shape[1]):
         seen = np.flatnonzero(trials.seen[:, j])
         for _ in range(_ROUNDS if len(seen) > basis.shape[1] + 10 else 0):
-            used = seen[~alone[seen, j]]
+            used = seen[~single[seen, j]]
             weights = np.linalg.lstsq(basis[used], trials.values[used, j], rcond=None)[0]
             column = trials.values[seen, j] - basis[seen] @ weights
             # the regression has bent to the values that it saw
-            size = np.median(np.abs(column[~alone[seen, j]])) * np.sqrt(
+            size = np.median(np.abs(column[~single[seen, j]])) * np.sqrt(
                 len(used) / max(len(used) - basis.shape[1], 1)
             )
             noise = np.hypot(1.4826 * size, trials.std[seen, j])
             marked = np.abs(column) > threshold * np.maximum(noise, 1e-300)
-            if marked.sum() > _MOST_ALONE * len(seen) or np.all(marked == alone[seen, j]):
+            if marked.sum() > _MOST_ALONE * len(seen) or np.all(marked == single[seen, j]):
                 break
-            alone[seen, j] = marked
-    return alone
+            single[seen, j] = marked
+    return single
 
 
 def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int) -> Scatter:

@@ -46,7 +46,7 @@ class Hint:
         Which quantity of the model differs.
     p_value : float
         After Holm over all tests; of groups the odds by the criterion.
-    said : str
+    sentence : str
         One sentence.
     clusters : tuple[tuple[int, ...], ...]
         Rows of the trials of each heap, where they fall apart.
@@ -55,7 +55,7 @@ class Hint:
     kind: str
     quantity: str
     p_value: float
-    said: str
+    sentence: str
     clusters: tuple[tuple[int, ...], ...] = ()
 
 
@@ -132,11 +132,11 @@ def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | 
         return None
     member = two.predict(scaled) == int(np.argmin(two.means_[:, 0]))
     heaps = tuple(tuple(sorted(rows[m].tolist())) for m in (member, ~member))
-    said = (
+    sentence = (
         f"{name} falls into two groups of {len(heaps[0])} and {len(heaps[1])} trials, "
         f"{values[~member].mean() - values[member].mean():.3g} apart"
     )
-    return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), said, heaps)
+    return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), sentence, heaps)
 
 
 def fit_walk(values: Floats) -> tuple[float, float, float]:

@@ -21,7 +21,7 @@ from stepblocks.parts.declared import (
     check_below,
     check_rule,
     make_rules_validator,
-    read_sourced,
+    make_sourced_validator,
 )
 from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, Manifold, MeasuredMesh
 from stepblocks.parts.revolution import Outline, Point, Turned, make_sectors
@@ -39,10 +39,10 @@ Model = TypeVar("Model", bound=Table)
 class SheathMaterial(Material):
     """A material that bends and damps; modulus and ratios at the frequency of the ring."""
 
-    density: Annotated[Sourced, read_sourced("density")]
-    modulus: Annotated[Sourced, read_sourced("pressure")]  # Young's
-    poisson: Annotated[Sourced, read_sourced("ratio")]
-    loss_factor: Annotated[Sourced, read_sourced("ratio")]
+    density: Annotated[Sourced, make_sourced_validator("density")]
+    modulus: Annotated[Sourced, make_sourced_validator("pressure")]  # Young's
+    poisson: Annotated[Sourced, make_sourced_validator("ratio")]
+    loss_factor: Annotated[Sourced, make_sourced_validator("ratio")]
 
     @make_rules_validator
     def _is_elastic(self) -> Iterator[str]:
@@ -196,7 +196,7 @@ class Sheath(Turned, HeldPart):
         )
         return [["mass", text], ["material", self.material.designation]]
 
-    def lacks(self, conditions: Mapping[str, Any]) -> Iterator[str]:
+    def list_missing_conditions(self, conditions: Mapping[str, Any]) -> Iterator[str]:
         missing = [name for name in ("probe", "damping_rig") if conditions[name] is None]
         yield from (f"{name} must be declared for a set with sheaths, got none" for name in missing)
         shank = 0.0 if "probe" in missing else conditions["probe"].shank_diameter.value

@@ -231,7 +231,7 @@ class StepBlock(Block):
         self, feature: MetrologyFeature, lower: FaceRule, upper: FaceRule
     ) -> Iterator[Characteristic]:
         H, back = self.height.nominal, 0.5 * self.body.width.nominal
-        lane, kind, how = (
+        lane, kind, method = (
             back - 0.5 * feature.lane.nominal,
             feature.kind,
             "profilometer, ISO 5436-1 A1",
@@ -242,7 +242,7 @@ class StepBlock(Block):
         of, ends = "ridge_height", (lower, describe_plane(2, H, x=middle, y=lane))
         if kind == "groove":
             of, ends = "groove_depth", (describe_plane(2, 0.0, x=middle, y=lane), upper)
-        yield make_characteristic(of, "distance", self.height, *ends, method=how)
+        yield make_characteristic(of, "distance", self.height, *ends, method=method)
         walls = describe_plane(0, near, y=lane), describe_plane(0, near + width, y=lane)
         yield make_characteristic(
             f"{kind}_width", "distance", feature.width, *walls, method="profilometer"

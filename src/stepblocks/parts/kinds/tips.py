@@ -95,13 +95,13 @@ class Tip(Turned, HeldPart):
         return CONTACT_DEFLECTION if face.kind == "SPHERE" else COARSE_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        how = "microscope or interferometer, sphere fit"
+        method = "microscope or interferometer, sphere fit"
         yield make_characteristic(
             "ball_radius",
             "radius",
             self.ball_radius,
             FaceRule("SPHERE", radius=self.ball_radius.nominal),
-            method=how,
+            method=method,
         )
         yield make_characteristic(
             "shank_diameter",

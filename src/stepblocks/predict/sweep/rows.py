@@ -66,8 +66,8 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
 
         normal = ndtri(_draw_uniform(plan.seed, 1, rows, len(names)))
         for name in (name for name in spreads if name in inputs):
-            moved = inputs[name] + spreads[name] * normal[:, names.index(name)]
-            inputs[name] = moved if name in _SIGNED else np.maximum(moved, 0.0)
+            drawn = inputs[name] + spreads[name] * normal[:, names.index(name)]
+            inputs[name] = drawn if name in _SIGNED else np.maximum(drawn, 0.0)
     return inputs
 
 

@@ -250,12 +250,12 @@ class StudyResult:
     def __repr__(self) -> str:
         people, rows = self.frame["participant"].nunique(), len(self.frame)
         first = self.findings()[:1]
-        said = f", {first[0].name}: p = {first[0].p:.3g}" if first else ""
-        return f"<StudyResult {self.experiment}: {people} participants, {rows} judgements{said}>"
+        outcome = f", {first[0].name}: p = {first[0].p:.3g}" if first else ""
+        return f"<StudyResult {self.experiment}: {people} participants, {rows} judgements{outcome}>"
 
     def _repr_html_(self) -> str:
-        said = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
-        return said + str(
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+        return notes + str(
             self.table().to_html(index=False, na_rep="", float_format="{:.4g}".format)
         )
 
@@ -329,8 +329,8 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
         yield _format_term("declared factors", term)
     for name, mean, error in mixed.means:
         ends = (mean, mean - Z975 * error, mean + Z975 * error)
-        said = f"mean {'error' if measure.name == 'bias' else measure.name} with {name}"
-        yield _make_span("mixed model", said, tuple(map(math.exp, ends)) if log else ends, "um")
+        label = f"mean {'error' if measure.name == 'bias' else measure.name} with {name}"
+        yield _make_span("mixed model", label, tuple(map(math.exp, ends)) if log else ends, "um")
     unit, factor = ("1", 1.0) if log else ("um", 1e6)
     for name, spread in (
         ("participants", mixed.sd_participant),
@@ -345,13 +345,13 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
             f"{alike.first} and {alike.second}",
             math.exp(alike.bound) if log else alike.bound * 1e6,
         )
-        said = f"{name} differ by less than{' a factor of' if log else ''}"
-        yield _make_row("equivalence", said, unit, high_95=bound, df_error=alike.df)
+        label = f"{name} differ by less than{' a factor of' if log else ''}"
+        yield _make_row("equivalence", label, unit, high_95=bound, df_error=alike.df)
         if math.isfinite(alike.margin):
-            said = f"{name} differ by less than the margin"
+            label = f"{name} differ by less than the margin"
             yield _make_row(
                 "equivalence",
-                said,
+                label,
                 unit,
                 estimate=alike.margin * 1e6,
                 statistic=alike.statistic,
