@@ -268,7 +268,7 @@ def run_one(name: str, trials: int, seed: int) -> dict[str, Any]:
         "found": [
             [f.effect.id, str(f.verdict), [r[0].id for r in f.rivals]] for f in found.findings
         ],
-        "told": [[h.kind, h.quantity] for h in found.told],
+        "told": [[h.kind, h.quantity] for h in found.hints],
         "false geometry": ("contact_geometry" not in {slot for slot, _ in places})
         and _claims(found, "contact_geometry"),
         "named law": any(f.verdict is Verdict.EFFECT for f in found.findings)
@@ -294,7 +294,7 @@ def _claims(found: Explanation, slot: str) -> bool:
 
 def judge(found: Explanation, places: set[tuple[str, str]]) -> str:
     """Name it: right, in a group of at most three, right beside another, wrong, or none."""
-    told = {("told", h.quantity) for h in found.told}
+    told = {("told", h.quantity) for h in found.hints}
     if found.verdict is Verdict.NONE:
         return "none"
     own = [({f.effect.place} | {r[0].place for r in f.rivals}, f) for f in found.findings]

@@ -267,13 +267,13 @@ def test_a_rectangle_of_a_map_is_judged_by_itself_and_the_whole_map_by_all_of_it
     high = np.where(y <= 150e-6, np.where(x > 0.6e-3, 25e-6, 0.0), np.where(x > 0.4e-3, 40e-6, 0.0))
     scan = HeightMap(high + np.random.default_rng(3).normal(0.0, 20e-9, x.shape), 1e-6, 5e-6)
     for area, true in (((0.0, 1.2e-3, 0.0, 140e-6), 25e-6), ((0.0, 1.2e-3, 160e-6, 1.0), 40e-6)):
-        found = inspect_standard(scan, feature="edge", how=EvaluationOptions(area=area))
+        found = inspect_standard(scan, feature="edge", options=EvaluationOptions(area=area))
         value = found.evaluation.values["step_height"]
         assert abs(value.value - true) < 10e-9
     whole = inspect_standard(scan, feature="edge").evaluation.values["step_height"]
     assert whole.expanded() > 1e-6
     with pytest.raises(MetrologyError, match="height map must have at least 2 x 3 points, got 1 x"):
-        inspect_standard(scan, how=EvaluationOptions(area=(0.0, 1.2e-3, 0.0, 1e-6)))
+        inspect_standard(scan, options=EvaluationOptions(area=(0.0, 1.2e-3, 0.0, 1e-6)))
 
 
 def test_a_folder_without_scans_and_a_pipe_are_refused_in_one_line(tmp_path, capsys):

@@ -389,8 +389,8 @@ def _evaluate(
     options: EvaluationOptions,
 ) -> Evaluation:
     # Evaluate a scan by an instrument that resolves no less than one count of it.
-    if how.area is not None:
-        scan = crop_map(scan, how.area)
+    if options.area is not None:
+        scan = crop_map(scan, options.area)
     place = f" [{scan.source}]" if scan.source else ""
     try:
         resolution = max(instrument.resolution, scan.count or 0.0)
