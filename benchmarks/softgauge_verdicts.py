@@ -126,7 +126,7 @@ def draw(number):
         z = scale * z + random.uniform(-1e-3, 1e-3) * x
         scan = Profile(lateral * x, z, kind)
     how = EvaluationOptions(stylus_radius=tip, stylus_cone=cone)
-    asked = {"how": how, "instrument": Instrument(relative, 0.0, relative)}
+    asked = {"options": how, "instrument": Instrument(relative, 0.0, relative)}
     return (
         kind,
         scan,
