@@ -266,6 +266,16 @@ def test_a_mixed_model_without_a_maximum_is_refused_in_a_line(tmp_path):
         analyse_study(tmp_path, table(tmp_path / "answers.csv", rows))
 
 
+def test_noise_of_estimates_is_refused_of_answers_that_have_none(tmp_path):
+    heights = tuple(h * 1e-6 for h in (30, 40, 50, 60))
+    options = {"experiment": "constant", "probes": ("bare", "soft"), "standard": "step-050"}
+    design_study(heights, tmp_path, seed=1, participants=2, **options)
+    said = "noise is an option of estimates, virtual, not of constant"
+    with pytest.raises(StudyError, match=said):
+        simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2, noise={"soft": 2.0})
+    assert not (tmp_path / "answers.csv").exists()
+
+
 def test_thresholds_of_two_probes_are_one_study_with_one_comparison(tmp_path):
     heights = tuple(h * 1e-6 for h in (30, 40, 45, 50, 55, 62, 75))
     options = {"experiment": "constant", "probes": ("bare", "soft"), "standard": "step-050"}

@@ -69,7 +69,7 @@ class Experiment:
         Takes the tidy table and the margin within which conditions count as equivalent [m];
         returns fields of `StudyResult`.
     takes : tuple of str
-        Options of `design_study` that the design follows.
+        Options of `design_study` and `simulate_study` that the design follows.
     paired : bool
         Whether each block is compared with a standard.
     adaptive : bool
@@ -347,7 +347,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         read=_read_estimate,
         simulate=_simulate_estimates,
         analyse=_analyse_estimates,
-        takes=("probes", "factors", "equivalent"),
+        takes=("probes", "factors", "equivalent", "noise"),
     ),
     "virtual": Experiment(
         title="Virtual blocks: errors and realism",
@@ -358,7 +358,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         read=_read_virtual,
         simulate=_simulate_virtual,
         analyse=_analyse_virtual,
-        takes=("factors", "equivalent", "ratings"),
+        takes=("factors", "equivalent", "ratings", "noise"),
     ),
     "constant": Experiment(
         title="Comparison with a standard",

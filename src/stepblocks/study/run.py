@@ -265,7 +265,8 @@ def simulate_study(
     damping : mapping of float, optional
         Share of the energy that each condition lets through [1]; 1 for what is not named.
     noise : mapping of float, optional
-        How many times the response noise each condition has [1]; once for what is not named.
+        How many times the response noise each condition has [1]; once for what is not named. Only
+        of estimates: of comparisons and magnitudes the observer's Weber fraction is the noise.
     seed : int
         Of all random choices.
     observer : Observer
@@ -282,7 +283,7 @@ def simulate_study(
     Raises
     ------
     StepblocksError
-        If a block has no energy there, or a name is unknown.
+        If a block has no energy there, a name is unknown, or the answers have no response noise.
     """
     design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
     levels = (part for row in design for part in name_setting(row).split("/"))
@@ -294,8 +295,15 @@ def simulate_study(
                 f"{option} must name conditions of the design ({', '.join(known)}), got "
                 f"{unknown[0]!r}"
             )
-    energies = find_designed_blocks(design, source, felt).energies()
-    answers = sheet.simulate_answers(design, energies, damping or {}, observer, seed, noise or {})
+    refuse_unused_options(design[0]["experiment"], {"noise": noise} if noise else {})
+    answers = sheet.simulate_answers(
+        design,
+        find_designed_blocks(design, source, felt).energies(),
+        damping or {},
+        observer,
+        seed,
+        noise or {},
+    )
     if EXPERIMENTS[design[0]["experiment"]].adaptive:
         answers = sheet.choose_answers(design, answers, sheet.read_plan(Path(folder))[1])
     sheet.write_new_files(output.parent, {output.name: format_csv(answers)})
