@@ -9,7 +9,13 @@ from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.approach import find_landmarks
 from stepblocks.bench.signal.features import measure_trace
-from stepblocks.bench.signal.regimes import Motion, Saw, classify_regime, find_first_swing, find_saw
+from stepblocks.bench.signal.regimes import (
+    Motion,
+    Sawtooth,
+    classify_regime,
+    find_first_swing,
+    find_saw,
+)
 
 K, TOOL = 9810.0, (300.0, 1.0 / (0.025 * 2.0 * np.pi * 300.0))
 
@@ -163,7 +169,7 @@ def test_a_record_without_its_teeth_keeps_its_noise():
     # white noise of 1 mN; what five samples have in common is taken for motion
     force = 0.3 + 1e-3 * np.random.default_rng(4).standard_normal(20_000)
     saw = SimpleNamespace(kinetic=(0.2, 1e-3), onset=18_000)
-    calm = Saw.calmed(saw, force)
+    calm = Sawtooth.calmed(saw, force)
     assert calm[10:17_990].mean() == pytest.approx(0.2, abs=1e-4)
     assert calm[10:17_990].std() == pytest.approx(1e-3, rel=0.03)
     assert np.array_equal(calm[18_000:], force[18_000:])

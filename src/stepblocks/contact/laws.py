@@ -209,7 +209,7 @@ def _build_law(kind: str, law: str = "", **numbers: Any) -> object:
     except (TypeError, ContactError) as error:
         raise QuantityError(f"law of {kind} {law!r}: {error}") from error
     if not isinstance(built, _KINDS[kind]):
-        raise QuantityError(f"law of {kind} must be a {_KINDS[kind].__name__}, {built!r} is none")
+        raise QuantityError(f"law of {kind} must be a {_KINDS[kind].__name__}, {law!r} is none")
     return built
 
 
