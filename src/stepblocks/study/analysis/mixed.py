@@ -112,10 +112,14 @@ class _Likelihood:
         point = found.x
         for _ in range(3):  # Newton's steps: a line search ends at half the digits
             slope = approx_fprime_cs(point, self.loss).ravel()
-            spread = np.linalg.pinv(approx_hess_cs(point, self.loss), hermitian=True)
+            # where the likelihood is no number, zeros: some solvers stop at what is no number
+            spread = np.linalg.pinv(
+                np.nan_to_num(approx_hess_cs(point, self.loss), posinf=0.0, neginf=0.0),
+                hermitian=True,
+            )
             point = point - spread @ slope if np.abs(slope).max() < 1e-2 else point
         require(
-            np.isfinite(point).all() and np.abs(slope).max() < 1e-3,
+            np.isfinite(point).all() and spread.any() and np.abs(slope).max() < 1e-3,
             f"the mixed model cannot be fitted to these {self.free} degrees of freedom: its "
             "likelihood has no maximum",
         )
