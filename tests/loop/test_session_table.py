@@ -3,6 +3,7 @@
 Every number in its channel, every trial that is left out with its reason.
 """
 
+import json
 import math
 
 import numpy as np
@@ -10,6 +11,8 @@ import pandas as pd
 import pytest
 
 from oracles.taught import taught_model
+from stepblocks.artefacts.model_file import build_model_document
+from stepblocks.cli import main
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.state import CHANNELS
 from stepblocks.errors import PipelineError
@@ -287,3 +290,19 @@ def test_a_prediction_from_the_folder_is_that_of_its_trials_in_si_units(log):
     )
     wanted = predict_trials(plain, taught_model())
     pd.testing.assert_frame_equal(found[wanted.columns], wanted)
+
+
+def test_the_command_predicts_the_trials_of_a_folder_from_its_own_log(log, tmp_path, capsys):
+    model, output = tmp_path / "model.json", tmp_path / "out.csv"
+    model.write_text(json.dumps(build_model_document(taught_model())))
+    assert main(["predict", str(log), "--model", str(model), "-o", str(output)]) == 0
+    assert "3 trials predicted, 0 of them not ok" in capsys.readouterr().out
+    found = pd.read_csv(output, dtype={"trial": str})
+    wanted = predict_trials(read_trial_table(log), taught_model())
+    assert found["trial"].tolist() == ["1", "2", "3"]
+    for name in ("peak_force_n", "vibration_energy_j"):
+        assert found[name].to_numpy() == pytest.approx(wanted[name].to_numpy(), rel=1e-6)
+    # a folder without a log, and a folder without a model
+    (log / "log.csv").unlink()
+    assert main(["predict", str(log), "--model", str(model), "-o", str(output), "--force"]) == 2
+    assert "table of trials is missing, expected log.csv" in capsys.readouterr().err
