@@ -263,7 +263,8 @@ def simulate_study(
         Folder with design.csv, stimulus file for the predicted energies (without one its blocks are
         sharp steps), CSV of answers to write.
     damping : mapping of float, optional
-        Share of the energy that each condition lets through [1]; 1 for what is not named.
+        Share of the energy that each condition lets through [1]; 1 for what is not named. A probe
+        damps both blocks of a pair alike, which changes no comparison.
     noise : mapping of float, optional
         How many times the response noise each condition has [1]; once for what is not named. Only
         of estimates: of comparisons and magnitudes the observer's Weber fraction is the noise.
@@ -305,7 +306,8 @@ def simulate_study(
         noise or {},
     )
     if EXPERIMENTS[design[0]["experiment"]].adaptive:
-        answers = sheet.choose_answers(design, answers, sheet.read_plan(Path(folder))[1])
+        prior = sheet.read_plan(Path(folder))[1]
+        answers = [*sheet.choose_answers(design, answers, prior)]
     sheet.write_new_files(output.parent, {output.name: format_csv(answers)})
     return len(answers)
 

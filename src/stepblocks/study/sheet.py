@@ -7,7 +7,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -31,7 +31,6 @@ _MISSING = ("NA", "N/A", "n/a", "#N/A", "<NA>")  # as R, BIDS, spreadsheets and 
 TIMES = ("reaction_s",)  # columns beside the answers that `study run` writes, numbers
 _MAX_BYTES = 100_000_000
 _UNNAMED = {"primary": "", "reference": ""}
-_KEY = ("code", "engraved", "stimulus", "height_um")
 _COMMA = re.compile(
     r"^(-?\d+),(\d+)$"
 )  # a decimal comma, as spreadsheets of half of Europe write it
@@ -78,7 +77,7 @@ def format_key(blocks: Mapping[str, Mapping[str, Item]]) -> str:
         for who, items in blocks.items()
         for code in sorted(items)
     ]
-    return format_csv(rows, ("participant", *_KEY))
+    return format_csv(rows, ("participant", "code", "engraved", "stimulus", "height_um"))
 
 
 def write_new_files(folder: Path, texts: Mapping[str, str | bytes]) -> None:
@@ -122,10 +121,11 @@ def simulate_answers(
         [math.prod(given.get(level, 1.0) for level in own) for own in levels]
         for given in (damping, noise)
     )
-    trials["undamped"], trials["standard_energy"] = (
-        trials[name].map(energies) for name in ("stimulus", "standard")
+    trials["undamped"] = trials["stimulus"].map(energies)
+    # both blocks of a pair are felt with the same probe
+    trials["energy"], trials["standard_energy"] = (
+        trials[name].map(energies) * shares for name in ("stimulus", "standard")
     )
-    trials["energy"] = trials["undamped"] * shares
     trials["noisier"] = noisier
     kind = EXPERIMENTS[design[0]["experiment"]]
     answers = kind.simulate(trials, observer, np.random.default_rng(seed))
@@ -137,16 +137,14 @@ def simulate_answers(
 
 def choose_answers(
     design: Sequence[Row], answers: Sequence[dict[str, str]], prior: Mapping[str, float]
-) -> list[dict[str, str]]:
+) -> Iterator[dict[str, str]]:
     """Choose of answers to all trials those to the trials that an adaptive design places."""
     given = {(row["participant"], row["trial"]): row for row in answers}
-    found = list[dict[str, str]]()
     for who, planned in group_by_participant(design).items():
         own = list[dict[str, str]]()
         while len(order := order_trials(planned, own, prior)) > len(own):
             own.append(given[who, order[len(own)]["trial"]])
-        found += own
-    return found
+        yield from own
 
 
 @dataclass(frozen=True)

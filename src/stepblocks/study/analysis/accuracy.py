@@ -184,7 +184,7 @@ def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
     crossed = cells.sort_values(within).index if within else []
     if len(within) < 2 or math.prod(map(len, levels.values())) != len(cells) or len(complete) < 3:
         return ()
-    return assess_factors(complete[crossed], levels)
+    return tuple(assess_factors(complete[crossed], levels))
 
 
 def assess_equivalence(one: Interval, df: float, margin: float = math.nan) -> Equivalence:

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,9 +59,8 @@ def assess_effect(name: str, table: Array, contrasts: Array) -> tuple[Term, Sphe
     return term, Sphericity(epsilon, statistic, p)
 
 
-def assess_factors(table: Table, levels: Mapping[str, Sequence[str]]) -> tuple[Term, ...]:
+def assess_factors(table: Table, levels: Mapping[str, Sequence[str]]) -> Iterator[Term]:
     """Test every factor and interaction of a table whose columns cross all levels, in order."""
-    found = []
     for size in range(1, len(levels) + 1):
         for chosen in itertools.combinations(levels, size):
             contrasts = np.ones((1, 1))
@@ -69,9 +68,7 @@ def assess_factors(table: Table, levels: Mapping[str, Sequence[str]]) -> tuple[T
                 # the first row of the whole matrix is the mean
                 whole = linalg.helmert(len(values), full=True)
                 contrasts = np.kron(contrasts, whole[1:] if name in chosen else whole[:1])
-            complete = table.dropna().to_numpy()
-            found.append(assess_effect(":".join(chosen), complete, contrasts)[0])
-    return tuple(found)
+            yield assess_effect(":".join(chosen), table.to_numpy(), contrasts)[0]
 
 
 def compare_participants(table: Table) -> tuple[Interval, ...]:
