@@ -79,7 +79,12 @@ def answer(window, estimate, rating=None):
     return window.execute_script("return state.done")
 
 
-def whole_run(window, folder, participant, kills, *options, pixels=560):
+def reply_by_number(trial):
+    """An estimate and a rating of a trial that say nothing of its block."""
+    return 10 + 5 * (trial % 7), 1 + trial % 7
+
+
+def whole_run(window, folder, participant, kills, *options, pixels=560, reply=reply_by_number):
     """Run all trials of a participant, the program killed in the middle of the trials `kills`;
     return the trials as shown.
     """
@@ -101,6 +106,7 @@ def whole_run(window, folder, participant, kills, *options, pixels=560):
                     waiting.pop(0)
                     process.kill()
                     break
-                if answer(window, 10 + 5 * (shown[-1] % 7), 1 + shown[-1] % 7 if virtual else None):
+                estimate, rating = reply(shown[-1])
+                if answer(window, estimate, rating if virtual else None):
                     assert process.wait(20.0) == 0
                     return shown

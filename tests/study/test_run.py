@@ -129,6 +129,16 @@ def test_a_damper_must_be_a_condition_of_the_design(folder):
         simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2, damping={"wood": 0.5})
 
 
+def test_a_damped_probe_damps_both_blocks_of_a_pair(tmp_path):
+    # Weber's law: a share of both energies leaves their ratio, and so every answer, as it was
+    options = {"probes": ("bare", "soft"), "standard": "step-030", "participants": 2}
+    heights = [20e-6, 25e-6, 30e-6, 35e-6, 40e-6]
+    design_study(heights, tmp_path, seed=1, experiment="constant", **options)
+    for name, share in (("whole", 1.0), ("half", 0.5)):
+        simulate_study(tmp_path, None, tmp_path / f"{name}.csv", seed=2, damping={"soft": share})
+    assert (tmp_path / "whole.csv").read_bytes() == (tmp_path / "half.csv").read_bytes()
+
+
 def test_a_harder_press_is_not_taken_for_a_higher_block(folder):
     # who connects each block with what it rings with under this load reads its height off, whatever
     # the load
