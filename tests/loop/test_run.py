@@ -13,7 +13,9 @@ import pytest
 
 from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
+from oracles.virtual_session import Plan, write_session
 from stepblocks.errors import PipelineError
+from stepblocks.loop import run
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.search.explain import Rules, Verdict
 from stepblocks.predict.table import predict_trials
@@ -92,3 +94,19 @@ def test_a_session_without_the_radius_of_its_tip_is_refused(tmp_path):
 def test_records_that_do_not_exist_are_told_before_anything_is_measured(tmp_path):
     with pytest.raises(PipelineError, match="at least one record"):
         loop_session(tmp_path, as_built=[tmp_path])
+
+
+def test_traces_of_trials_held_apart_are_drawn_on_the_page(worn, tmp_path, monkeypatch):
+    write_session(tmp_path / "session", Plan(trials=6), 1)
+    count = {}
+    for name, apart in (("without", []), ("with", ["2", "5"])):
+        rows = [{"trial": one, "chance": 0.99, "looks_like": "let go early"} for one in apart]
+        shown = replace(worn[2], document=worn[2].document | {"apart": rows})
+        monkeypatch.setattr(run, "analyse_features", lambda *_, shown=shown, **__: shown)
+        loop_session(tmp_path / "session", tmp_path / name, jobs=1, forces_only=True)
+        page = (tmp_path / name / "report.html").read_text()
+        assert page.count("Trace of a trial held apart") == len(apart)
+        count[name] = page.count("data:image/png;base64,")
+    # the page is one file: no picture lies beside it
+    assert count["with"] == count["without"] + 2
+    assert not list((tmp_path / "with").rglob("*.png"))

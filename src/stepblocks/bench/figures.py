@@ -15,6 +15,7 @@ from stepblocks.bench.traces.split import draw_cuts
 from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.errors import PipelineError
 from stepblocks.figure_file import make_figure, save_figure
+from stepblocks.tables import escape_formula
 
 _FIRST = 12  # trials that are drawn where none are named
 _LINE, _FIT = "#1f4e79", "#c0392b"
@@ -43,9 +44,11 @@ def draw_trials(
     chosen = (
         list(islice(table, _FIRST))
         if trials is None
-        else [trial for trial in table if trial.name in trials]
+        # features have escaped names
+        else [trial for trial in table if {trial.name, escape_formula(trial.name)} & set(trials)]
     )
-    missing = sorted(set(trials or ()) - {trial.name for trial in chosen})
+    known = {name for trial in chosen for name in (trial.name, escape_formula(trial.name))}
+    missing = sorted(set(trials or ()) - known)
     if missing:
         raise PipelineError(
             f"trial {missing[0]!r} is not in the table of trials [{declared.table}]"

@@ -227,8 +227,7 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     # which trials depends on their number alone, so that every run and any number of workers
     # measure alike
     stride = max(table.count // _PILOTS, 1)
-    chosen = islice(table, 0, _PILOTS * stride, stride)
-    results = [measure_trial(traces, trial) for trial in chosen]
+    results = [measure_trial(traces, trial) for trial in islice(table, 0, _PILOTS * stride, stride)]
     if results and all(one.reason.startswith("wrong rate") for one in results):
         raise BenchError(f"{results[0].reason} [{traces.session.folder}]")
     check_declarations(

@@ -207,8 +207,10 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
             )
     if count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
-    swap = session.trials.swap
-    pairs = [(_find_trial_name(one, homes), _find_trial_name(other, homes)) for one, other in swap]
+    pairs = [
+        (_find_trial_name(one, homes), _find_trial_name(other, homes))
+        for one, other in session.trials.swap
+    ]
     return TrialTable(
         session,
         header,

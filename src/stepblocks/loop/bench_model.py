@@ -157,8 +157,12 @@ class SessionModel:
         open_to = {name: std for name, (_, std) in self.known.items()}
 
         def informed(law: Law) -> Law:
-            held = (replace(p, prior_std=open_to.get(p.name, p.prior_std)) for p in law.parameters)
-            return replace(law, parameters=tuple(held))
+            return replace(
+                law,
+                parameters=tuple(
+                    replace(p, prior_std=open_to.get(p.name, p.prior_std)) for p in law.parameters
+                ),
+            )
 
         return tuple(
             informed(law) if law.slot in ("sensor", "normal_load") else law for law in laws

@@ -36,10 +36,9 @@ def add_heights(found: Explanation, table: SessionTable) -> Explanation:
     if not laws:
         return found
     nominal = table.trials.covariates["height_um"]
-    for block in off:
-        # the height of the block belongs to the law now
-        heights[block] = 1e-6 * float(nominal[table.trials.block == block][0]), 0.0
-    informed: SessionModel = replace(model, scanned=heights)
+    # the heights of these blocks belong to the laws now
+    owned = {one: (1e-6 * float(nominal[table.trials.block == one][0]), 0.0) for one in off}
+    informed: SessionModel = replace(model, scanned=heights | owned)
     problem = replace(found.problem, model=informed)
     start = fitted.values | {
         f"{law.id}.height_error_m": fitted.values[format_height_name(block)]

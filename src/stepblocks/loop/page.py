@@ -4,10 +4,12 @@ It is one file that opens offline.
 """
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
@@ -37,8 +39,8 @@ _SHOWN_CHANNELS = ("ln_energy", "ln_peak_force", "sliding_friction")
 _FINE = 12  # settings that are averaged one by one, not in groups
 
 
-def render_loop_page(result: LoopResult) -> str:
-    """Render the page."""
+def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
+    """Render the page; `traces` are figures of the trials held apart."""
     asked = result.document["next_experiment"]
     return render_page(
         "stepblocks.loop",
@@ -52,6 +54,7 @@ def render_loop_page(result: LoopResult) -> str:
         constants=[
             (n, p) for n, p in result.document["extended"]["parameters"].items() if "." not in n
         ],
+        traces=[_encode(path.read_bytes()) for path in traces],
         agreement=_draw_agreement(result.found),
         residuals=[_draw_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
         curves=[
@@ -67,7 +70,11 @@ def render_loop_page(result: LoopResult) -> str:
 def _encode_png(figure: "Figure") -> str:
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    return _encode(buffer.getvalue())
+
+
+def _encode(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def _draw_agreement(found: Explanation) -> str:
@@ -154,8 +161,10 @@ def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, 
     axis.plot(x, middle, color=_AFTER)
     axis.axhline(0.0, color="0.6", lw=0.8)
     axis.set(xlabel=format_column_label(name), ylabel=f"change of {unit}, %")
-    title = f"{name_shown}: change of {unit} that it makes, average over the other settings"
-    return {"title": title, "image": _encode_png(figure)}
+    return {
+        "title": f"{name_shown}: change of {unit} that it makes, average over the other settings",
+        "image": _encode_png(figure),
+    }
 
 
 def _compute_change(found: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
@@ -196,13 +205,11 @@ def _find_abscissa(result: LoopResult, effect: Law) -> tuple[Floats, str]:
 def _average_by_setting(
     along: Floats, values: Floats, std: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    settings = np.unique(along)
-    if len(settings) <= _FINE:
-        groups = [np.flatnonzero(along == setting) for setting in settings]
-    else:
-        order = np.argsort(along, kind="stable")
-        groups = list(np.array_split(order, min(24, max(2, len(order) // 5))))
-    x, mean, spread = (
-        np.array([column[g].mean() for g in groups]) for column in (along, values, std)
-    )
+    table = pd.DataFrame({"along": along, "values": values, "std": std})
+    groups = table["along"]
+    if groups.nunique() > _FINE:
+        groups = pd.qcut(
+            groups.rank(method="first"), min(24, max(2, len(table) // 5)), labels=False
+        )
+    x, mean, spread = table.groupby(groups.to_numpy()).mean().to_numpy().T
     return x, mean, spread

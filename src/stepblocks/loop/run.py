@@ -2,6 +2,7 @@
 
 import json
 import os
+import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -43,6 +44,7 @@ from stepblocks.loop.session_table import (
 
 _WITHIN, _BETWEEN = 3, 4  # folds
 _FEWEST = 12  # trials that a fold must leave
+_DRAWN = 12  # trials held apart whose traces are drawn
 
 
 def loop_session(
@@ -84,6 +86,7 @@ def loop_session(
     StepblocksError
         If the session cannot be read, holds too few good trials, or the output cannot be written.
     """
+    from stepblocks.bench.figures import draw_trials
     from stepblocks.bench.measure import measure_session
     from stepblocks.bench.session import open_session
     from stepblocks.bench.trials import insert_conditions, read_conditions
@@ -93,7 +96,6 @@ def loop_session(
         list_measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
     )
     declared = open_session(session)
-    known = declared.calibration.list_known()
     conditions = read_conditions(declared)
     radius = declared.probe.tip_radius
     if radius is None:
@@ -115,14 +117,22 @@ def loop_session(
         scans, failed = scan_blocks(session, declared.stimuli.scans, unknown)
         scans |= {block: dict(inspected[block]) for block in blocks if block in inspected}
         result = analyse_features(
-            features, declared.probe.spring_constant, radius, scans, jobs=cores, known=known
+            features,
+            declared.probe.spring_constant,
+            radius,
+            scans,
+            jobs=cores,
+            known=declared.calibration.list_known(),
         )
         result.document["scans"]["left_out"] = [
             {"block": block, "reason": reason} for block, reason in failed.items()
         ]
         result = replace(result, title=declared.title or session.name)
         if output is not None:
-            write_loop(result, Path(output))
+            apart = [one["trial"] for one in result.document["apart"][:_DRAWN]]
+            with tempfile.TemporaryDirectory(prefix="stepblocks-apart-") as scratch:
+                drawn = draw_trials(session, scratch, apart) if apart else []
+                write_loop(result, Path(output), drawn)
     return result
 
 
@@ -180,10 +190,10 @@ def _explain_and_hold_out(
     return withdraw_claims(found, find_regime_hints(table)), holdouts
 
 
-def write_loop(result: LoopResult, output: Path) -> None:
+def write_loop(result: LoopResult, output: Path, traces: Sequence[Path] = ()) -> None:
     """Write result.json, model.json and report.html, each at once.
 
-    Where a block is asked for, next-block.toml is written too.
+    Where a block is asked for, next-block.toml is written too. `traces` are figures for the page.
     """
     from stepblocks.loop.page import render_loop_page
 
@@ -199,4 +209,4 @@ def write_loop(result: LoopResult, output: Path) -> None:
     (output / "next-block.toml").unlink(missing_ok=True)
     if asked := write_block_stimulus(result.document["next_experiment"]):
         replace_text(output / "next-block.toml", asked)
-    replace_text(output / "report.html", render_loop_page(result))
+    replace_text(output / "report.html", render_loop_page(result, traces))

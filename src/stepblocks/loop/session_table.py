@@ -263,25 +263,20 @@ def _derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]
     # Compute what the log implies: pauses by its clock, passes over a block, the trial before
     order = _read_numbers(features, "run_order")
     rows = np.argsort(order if np.isfinite(order).all() else np.arange(len(order)), kind="stable")
-    found: dict[str, NDArray[np.generic]] = {}
-
-    def add(name: str, values: Floats, first: float) -> None:
-        found[name] = np.empty(len(rows))
-        found[name][rows] = np.where(np.isfinite(values), values, first)
-
+    run = features.iloc[rows].reset_index(drop=True)
+    found: dict[str, pd.Series] = {}
     for name in ("load_n", "height_um"):
-        column = _read_numbers(features, name)[rows]
-        add(f"previous_{name}", np.append(np.nan, column[:-1]), float(np.nanmedian(column)))
-    passes = features["block"].iloc[rows].groupby(features["block"].iloc[rows]).cumcount()
-    add("passes_of_block", passes.to_numpy(dtype=np.float64), 0.0)
+        column = pd.Series(_read_numbers(run, name))
+        found[f"previous_{name}"] = column.shift().fillna(column.median())
+    found["passes_of_block"] = run.groupby("block").cumcount().astype(np.float64)
     for name in [c for c in features.columns if c.endswith("_elapsed_s")][:1]:
-        gaps = np.diff(_read_numbers(features, name)[rows], prepend=np.nan)
-        if np.nanmin(gaps) >= 0.0:
-            add("pause_s", gaps, float(np.nanmax(gaps)))
-            days = 1 + np.cumsum(gaps > _NIGHT)
-            if "day" not in features and days[-1] > 1:
-                found["day"] = days.astype(str)[np.argsort(rows)]
-    return found
+        gaps = pd.Series(_read_numbers(run, name)).diff()
+        if gaps.min() >= 0.0:
+            found["pause_s"] = gaps.fillna(gaps.max())
+            days = 1 + (gaps > _NIGHT).cumsum()
+            if "day" not in features and days.iloc[-1] > 1:
+                found["day"] = days.astype(str)
+    return {name: column.to_numpy()[np.argsort(rows)] for name, column in found.items()}
 
 
 def read_trial_table(session: Path) -> pd.DataFrame:

@@ -141,8 +141,10 @@ def find_saw(
     slope = (
         float(np.polyfit(time[climb], force[climb], 1)[0]) if climb.stop - climb.start > 2 else 0.0
     )
-    least = _TOOTH_NOISE * marks.noise
-    tops, bottoms = (find_peaks(sign * smooth[2:], prominence=least)[0] + 2 for sign in (1.0, -1.0))
+    tops, bottoms = (
+        find_peaks(sign * smooth[2:], prominence=_TOOTH_NOISE * marks.noise)[0] + 2
+        for sign in (1.0, -1.0)
+    )
     # a tooth is a bottom with a top after it and no bottom between
     teeth = [(b, int(tops[tops > b][0])) for b in bottoms if np.any(tops > b)]
     teeth = [(b, top) for b, top in teeth if not np.any((bottoms > b) & (bottoms < top))]

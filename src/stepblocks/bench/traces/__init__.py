@@ -214,8 +214,15 @@ class Traces(ExitStack):
         return Trace(**found)
 
     def _columns(self, path: Path, place: Place, names: Sequence[str | int]) -> dict[str, Array]:
-        asked = self.session.acquisition.kind, self._layout, place, names
-        return read_confined(f"{__name__}:read_columns", path, *asked, raises=TraceError)
+        return read_confined(
+            f"{__name__}:read_columns",
+            path,
+            self.session.acquisition.kind,
+            self._layout,
+            place,
+            names,
+            raises=TraceError,
+        )
 
     def _in_si(self, raw: Mapping[str, Array]) -> dict[str, Array]:
         found, rate = {}, self.session.acquisition.sample_rate

@@ -236,8 +236,11 @@ def is_along_the_run(problem: Problem, effect: Law) -> bool:
 
 def drop_what_follows_time(problem: Problem, current: Fit) -> Fit:
     """Fit again without what goes with the hour."""
-    plain = tuple(e for e in current.effects if not _follows_time(problem, e))
-    return fit(problem, plain, current.values)
+    return fit(
+        problem,
+        tuple(e for e in current.effects if not _follows_time(problem, e)),
+        current.values,
+    )
 
 
 def find_walks(problem: Problem, current: Fit) -> set[str]:
