@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numba import cfunc, njit
+from numba import njit
 
 from stepblocks.contact import Array
 
@@ -31,13 +31,6 @@ _LOST = ("friction_loss", "damping_loss", "impact_loss", "tissue_loss")
 LEDGER = ("handle_work", *_STORED, *_LOST)
 
 
-# Stands in the call of `integrate` where the friction is no function; it is never called
-@cfunc("float64(float64, float64, float64, float64)", cache=True)
-def return_no_friction(speed: float, load: float, place: float, time: float) -> float:
-    """No friction."""
-    return 0.0
-
-
 @njit(cache=True, inline="always")
 def _compute_contact_force(
     gap: float,
@@ -54,7 +47,7 @@ def _compute_contact_force(
     # the gradient of a potential of the indentation along the normal conserves energy on a curved
     # path too; the loss is Hunt and Crossley's; q is 1 / sqrt(1 + s^2)
     dent = gap * q
-    force = stiffness * (dent * math.sqrt(dent) if power == 1.5 else dent**power)
+    force = stiffness * (dent * (math.sqrt(dent) if power == 1.5 else dent ** (power - 1.0)))
     lossy = max(force * loss * q * (s * vx - vy), -force)
     return -force * (s * q - gap * s * bend * q * q * q), force * q, force + lossy, lossy
 
@@ -94,7 +87,7 @@ def integrate(
     start: tuple[float, ...],
     pace: tuple[float, int, int],
     places: tuple[Array, ...],
-    friction_law: Callable[[float, float, float, float], float],
+    friction_law: Callable[[float, float, float, float], float] | None,
 ) -> tuple[Array, int, Array, Array, Array, int]:
     """Integrate a drag.
 
@@ -123,9 +116,9 @@ def integrate(
         wall_c,
         wall_most,
     ) = settings
-    # friction at rest, stiffness of the bristles, force past which the tip counts as locked,
-    # whether the friction is a function of the user, and whether its bristles bend
-    mu_s, kt, limit, own_friction, bends = contact
+    # friction at rest, stiffness of the bristles, force past which the tip counts as locked, and
+    # whether the bristles bend
+    mu_s, kt, limit, bends = contact
     # within `near` of a kink both sides are touched; `rest` is the stretch in steady sliding
     # and from `slipped` behind a place it must climb again
     x, y, near, rest, slipped = start
@@ -218,7 +211,7 @@ def integrate(
         t1 = t2 = 0.0
         rate1, rate2 = q1 * (vx + sx * vy), q2 * (vx + s2 * vy)
         mu1 = mu2 = mu_k
-        if own_friction > 0.0:
+        if friction_law is not None:
             mu1 = friction_law(rate1, n1, x, t)
             mu2 = friction_law(rate2, n2, x, t)
         elif varied:

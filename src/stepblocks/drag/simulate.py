@@ -194,7 +194,6 @@ def simulate_drag(
             float(mu_s),
             bristle,
             limit,
-            float(own is not None),
             own is not None and own.bristle_stiffness > 0.0,
         ),
         (
@@ -211,7 +210,7 @@ def simulate_drag(
             places.start,
             np.isinf(needed).astype(np.float64),
         ),
-        kernels.return_no_friction if own is None else compile_coefficient(own.coefficient),
+        None if own is None else compile_coefficient(own.coefficient),
     )
     if not np.isfinite(rows[:count]).all():
         raise ContactError("the law of friction returned no number during the drag")

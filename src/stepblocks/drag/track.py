@@ -117,6 +117,8 @@ class Track(CentrePath):
         A bend reaches half way to the next kinks, at most as far as the `patch` of contact [m]: at
         a corner the normal would turn at once, and the energy of the contact jump.
         """
+        if kept.size == self.kinks.size:
+            return self
         places = self.x[self.kinks]
         room = _HALF * np.diff(places, prepend=-math.inf, append=math.inf)
         width = np.clip(np.minimum(room[:-1], room[1:]), _BEND * self.ball_radius, patch)
