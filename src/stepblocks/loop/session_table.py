@@ -266,7 +266,7 @@ def _derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]
     run = features.iloc[rows].reset_index(drop=True)
     found: dict[str, pd.Series] = {}
     for name in ("load_n", "height_um"):
-        column = pd.Series(_read_numbers(run, name))
+        column = pd.Series(_read_numbers(run, name)).replace([np.inf, -np.inf], np.nan)
         found[f"previous_{name}"] = column.shift().fillna(column.median())
     found["passes_of_block"] = run.groupby("block").cumcount().astype(np.float64)
     for name in [c for c in features.columns if c.endswith("_elapsed_s")][:1]:
