@@ -40,7 +40,7 @@ def make_participant(
         row = planned[trial]
         estimate = float(row["height_um"]) * np.exp(0.2 * generator.standard_normal())
         vibrates = "vibration-on" in row["condition"]
-        return f"{estimate:.1f}", int(generator.integers(2, 5)) + 2 * vibrates
+        return f"{estimate:.1f}", int(generator.integers(1, 6)) + 2 * vibrates
 
     return reply
 

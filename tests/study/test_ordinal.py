@@ -99,3 +99,13 @@ def test_too_few_participants_are_refused():
             "condition",
             "participant",
         )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_ratings_that_meet_in_one_category_have_no_finite_odds(seed):
+    # 2 to 4 without and 4 to 6 with: the likelihood rises with the odds for ever
+    draws = np.random.default_rng(seed).integers(2, 5, (3, 2, 30)) + np.array([[0], [2]])
+    who, vibration, _ = (index.ravel() for index in np.indices(draws.shape))
+    frame = pd.DataFrame({"who": who.astype(str), "on": vibration, "rating": draws.ravel()})
+    with pytest.raises(StudyError, match="no finite odds fit"):
+        fit_ordinal_model(frame, "rating", "on", "who")
