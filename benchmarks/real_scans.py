@@ -16,6 +16,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import shorten
 
 import numpy as np
 
@@ -145,7 +146,7 @@ def compared(path: Path, known: Known) -> tuple[str, str, str, str]:
         result = asked(path, known)
     except MetrologyError as error:
         return (
-            f"refused: {str(error)[:110]}",
+            f"refused: {shorten(str(error).split(';')[0], 100, placeholder=' ...')}",
             "-",
             spread,
             "rightly" if known.feature == "none" else "no answer",
@@ -197,6 +198,9 @@ def main() -> int:
         f"\n{answered} of {len(steps)} with a step answered rightly; "
         f"{sum(v == 'PHANTOM' for _, v in verdicts)} phantoms"
     )
+    nothing = [verdict for feature, verdict in verdicts if feature == "none"]
+    print(f"{nothing.count('rightly')} of {len(nothing)} without a step refused")
+    print(f"answered wrongly: {sum(v == 'WRONG' for v in steps) or 'none'}")
     doubted = sum("with a warning" in verdict for verdict in steps if verdict.startswith("holds"))
     print(f"{doubted} of {answered} right answers with a warning")
     wrong = any(verdict.startswith(("WRONG", "PHANTOM")) for _, verdict in verdicts)

@@ -7,7 +7,9 @@ import json
 import os
 import re
 import resource
+import struct
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -347,3 +349,37 @@ def test_a_cloud_whose_points_repeat_a_place_is_refused_with_what_would_do(tmp_p
     path.write_text(head + "\n".join(" ".join(f"{v:.5f}" for v in row) for row in points))
     with pytest.raises(MetrologyError, match="points must lie on a grid"):
         read_scan(path, "mm")
+
+
+@pytest.mark.parametrize(
+    "comment", [b"", b"Created by TrueMap v6\r\n", b"of more than 24 bytes, " * 3]
+)
+def test_a_truemap_file_is_read_whatever_its_comment(comment, tmp_path):
+    # numbers in mm behind a comment that ends with a zero, as Gwyddion's rmitmd.c and x3ptools's
+    # tmd_to_x3p.R read them; the comment was empty in x3ptools's own testing.tmd
+    heights = np.arange(84, dtype="<f4").reshape(7, 12) * 1e-3
+    head = b"Binary TrueMap Data File v2.0\r\n\0" + comment + b"\0"
+    content = struct.pack("<IIffff", 12, 7, 1.2, 0.7, 0.0, 0.0) + heights.tobytes()
+    (tmp_path / "a.tmd").write_bytes(head + content)
+    scan = read_scan(tmp_path / "a.tmd")
+    assert (scan.dx, scan.dy) == pytest.approx((1e-4, 1e-4), rel=1e-6)
+    np.testing.assert_allclose(scan.height, heights * 1e-3, rtol=1e-6)
+    for cut in (0, 10, 31, 34, len(head) + 8, len(head) + len(content) - 1):
+        (tmp_path / "b.tmd").write_bytes((head + content)[:cut])
+        with pytest.raises(MetrologyError, match=r"must .*\[b.tmd\]"):
+            read_scan(tmp_path / "b.tmd")
+
+
+def test_a_compressed_surface_file_has_the_heights_of_the_plain_one(tmp_path):
+    # the plain file with its points in two deflated pieces behind a directory of their sizes
+    WRITERS["c.sur"](tmp_path / "c.sur")
+    raw = (tmp_path / "c.sur").read_bytes()
+    begin = 512 + sum(struct.unpack_from("<HH", raw, 334))
+    pieces = raw[begin : begin + 7], raw[begin + 7 :]
+    packed = [zlib.compress(one) for one in pieces]
+    sizes = [struct.pack("<II", len(a), len(b)) for a, b in zip(pieces, packed, strict=True)]
+    directory = struct.pack("<I", 2) + b"".join(sizes)
+    (tmp_path / "d.sur").write_bytes(b"DSCOMPRESSED" + raw[12:begin] + directory + b"".join(packed))
+    plain, unpacked = read_scan(tmp_path / "c.sur"), read_scan(tmp_path / "d.sur")
+    np.testing.assert_array_equal(unpacked.height, plain.height)
+    assert (unpacked.dx, unpacked.dy) == (plain.dx, plain.dy)

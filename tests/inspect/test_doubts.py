@@ -16,6 +16,7 @@ from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.many import inspect_many
 from stepblocks.inspect.run import inspect_scan
+from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.set import StimulusSet
 
 UM = 1e-6
@@ -120,6 +121,26 @@ def test_domes_too_near_for_windows_of_their_own_are_measured_to_their_apex(dept
     assert abs(value.value - abs(depth)) < max(value.expanded(), 0.002 * abs(depth))
 
 
+@pytest.mark.parametrize(
+    ("depth", "gap", "rough"), [(10.65 * UM, 350, 30e-9), (-0.61 * UM, 150, 2e-9)]
+)
+def test_domes_apart_are_one_feature_each(depth, gap, rough):
+    # arcs 300 um wide; the sides of one had been taken for features of their own, of 0.3 um
+    width, edge = 300 * UM, 1.05  # of the chord, and radius over half of it [1]
+    centres = 400 * UM + np.arange(3) * (width + gap * UM)
+    x = np.arange(0.0, centres[-1] + gap * UM + width, UM)
+    t = (x - centres[:, np.newaxis]) / (0.5 * width)
+    foot = np.sqrt(edge**2 - 1.0)
+    arcs = np.maximum(np.sqrt(np.maximum(edge**2 - t**2, 0.0)) - foot, 0.0) / (edge - foot)
+    z = 3e-4 * x + depth * arcs.sum(axis=0) + noise(1, len(x), 2e-9, rough)
+    values = measure_groove(Profile(x, z), Instrument(0.0, 0.0, 0.0)).values
+    assert [key for key in values if key.startswith("groove_depth_")] == [
+        f"groove_depth_{number}" for number in (1, 2, 3)
+    ]
+    value = values["groove_depth"]
+    assert abs(value.value - abs(depth)) < max(value.expanded(), 0.002 * abs(depth))
+
+
 @pytest.mark.parametrize("radius", [11 * UM, 12.5 * UM, 24 * UM])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_flank_of_55_degrees_is_no_arc_as_high_as_the_step(radius, seed):
@@ -160,3 +181,15 @@ def test_the_serial_number_of_a_sheet_is_that_of_the_scans_beside_it(tmp_path):
     assert "serial number SN-7, as the sheet states it" in alone.evaluation.notes
     together = inspect_many([scan, tmp_path / "sheet.csv"], "step-050", instrument=KNOWN)
     assert list(together.reports) == ["SN-7"]
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "height"), [(300, 700, -20.0), (40, 140, -3.0), (120, 220, -3.0)]
+)
+def test_an_edge_is_refused_for_no_feature_that_is_far_from_it_or_far_less_high(begin, end, height):
+    # a step down as high as the edge 300 um behind it, and lesser grooves near it: no notch or
+    # ridge in the place of a face
+    inside = (begin * UM < X) & (end * UM > X)
+    z = edge_gauge(X, 20 * UM, 0.0) + height * UM * inside + noise(3, rough=0.0)
+    found = measure_edge(Profile(X, z), KNOWN).values["step_height"]
+    assert found.value == pytest.approx(20 * UM, abs=0.02 * UM)

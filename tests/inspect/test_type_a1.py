@@ -304,3 +304,14 @@ def test_a_bowed_surface_is_judged_by_the_windows_of_type_a1_alone():
         assert _evaluate_by_windows(x, z, levels, groove) is None
     flat = SimpleNamespace(level=groove_gauge(x, 30e-6, 1200e-6, 1800e-6, 0.0), used=used)
     assert _evaluate_by_windows(x, z - level + flat.level, flat, groove).kind == "A1"
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e-3, -450e-6])
+def test_the_apex_of_a_domed_floor_is_that_of_its_parabola_wherever_the_scan_begins(shift):
+    # ISO 5436-1, type A2: the floor of a groove of 10 um rises by 5 um up to its edges, 150 um away
+    middle = 450e-6
+    inside = np.abs(X - middle) < 150e-6
+    z = np.where(inside, -10e-6 + 5e-6 * ((X - middle) / 150e-6) ** 2, 0.0)
+    found = evaluate_a1(X + shift, z, (300e-6 + shift, 600e-6 + shift))
+    assert found.kind == "A2"
+    assert found.depth.value == pytest.approx(10e-6, abs=1e-12)

@@ -19,10 +19,13 @@ from oracles.softgauge import (
 )
 from stepblocks.artefacts.scans.scan import HeightMap, Profile
 from stepblocks.errors import MetrologyError, StepblocksError
-from stepblocks.inspect.budget import Instrument, Outcome
-from stepblocks.inspect.measure import EvaluationOptions
-from stepblocks.inspect.run import inspect_scan
+from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome
+from stepblocks.inspect.many import inspect_many
+from stepblocks.inspect.measure import Evaluation, EvaluationOptions
+from stepblocks.inspect.report import write_inspection
+from stepblocks.inspect.run import find_declared, inspect_scan, judge_part
 from stepblocks.inspect.working_edge.measure import measure_edge
+from stepblocks.parts.conditions import NO_ORDER
 
 STIMULI = Path(__file__).parents[2] / "stimuli" / "paper-ten.toml"
 KNOWN = Instrument(1e-3, 0.0, 1e-3)
@@ -119,6 +122,21 @@ def test_a_riser_as_steep_as_the_cone_is_not_measured_and_what_would_measure_it_
     reason = {one.key: why for one, why in result.missing}
     assert "cone" in reason["riser_angle"]
     assert "section or replica" in reason["riser_angle"]
+
+
+def test_the_straightness_of_a_riser_is_the_width_of_the_zone_that_holds_its_middle_half():
+    bow = 1 * UM  # a parabola over the height, whose middle half has a quarter of its sagitta
+
+    def bowed(x):
+        z = flank_gauge(x, 50 * UM, math.radians(45.0), 0.5 * UM)
+        share = z / (50 * UM)
+        return z + np.where((share > 0.02) & (share < 0.98), 4.0 * bow * share * (1.0 - share), 0.0)
+
+    result = inspected(profile_of(bowed, step=0.5 * UM, rough=10e-9), OPTICAL)
+    zone = 0.25 * bow * math.cos(math.radians(45.0))
+    assert outcome(result, "riser_straightness").value == pytest.approx(zone, rel=0.15)
+    assert outcome(result, "riser_straightness").upper == pytest.approx(20 * UM)
+    assert outcome(result, "riser_straightness").verdict is Outcome.CONFORMS
 
 
 # 3. Part for whole
@@ -227,6 +245,13 @@ def test_the_energy_of_a_ramp_that_was_seen_does_not_depend_on_the_length_of_the
     assert np.ptp([float(one) for one in said]) < 2.0  # the noise of four scans
 
 
+@pytest.mark.parametrize("step", [0.25 * UM, UM])
+def test_a_good_map_changes_no_energy_however_fine_it_is(step):
+    said = inspected(map_of(block, size=(400, 60), step=step), OPTICAL).energy_statement
+    assert "surface itself" not in said
+    assert abs(float(said.split("together ")[1].split(" %")[0])) < 3.0  # was -99 % of a fine one
+
+
 # 7. Edge radius
 
 
@@ -274,7 +299,47 @@ def test_an_unstated_calibration_counts_by_a_default_with_its_source_and_a_state
     assert widths == sorted(widths)
 
 
-# 9. Turned maps
+def test_few_readings_keep_their_interval_in_qif_and_sheet_and_get_no_certificate(tmp_path):
+    part = find_declared("step-050", STIMULI)[0]
+    scatter = Component("scatter", 0.05 * UM, 2.0, "over three scans", decisive=True)
+    height = Measured("step height", 50 * UM, (scatter,))
+    found = Evaluation({"step_height": height}, "two planes", ())
+    asked = frozenset({"step_height"})
+    result = judge_part(part, found, Path("a.csv"), "0" * 64, NO_ORDER, asked)
+    assert height.expanded() == pytest.approx(4.303 * 0.05 * UM, rel=1e-3)  # Student's, 2 degrees
+    files = {one.name.split(".", 1)[1]: one for one in write_inspection(result, tmp_path)}
+    for name in ("qif", "csv"):
+        ending = next(end for end in files if end.endswith(name))
+        back = inspect_scan(files[ending], "step-050", stimuli=STIMULI).evaluation
+        assert back.values["step_height"].expanded() == pytest.approx(height.expanded(), rel=0.01)
+    said = files["dcc.xml"].read_text()
+    assert "too few profiles or scans: coverage factor 4.30" in said
+
+
+# 9. Limits in tables, turned maps
+
+
+def test_the_limits_in_a_table_of_several_scans_are_not_rounded(tmp_path):
+    declared = 'schema = 1\n[[step_block]]\nid = "step-105"\n'
+    (tmp_path / "a.toml").write_text(
+        declared + 'height = { nominal = "105 um", tolerance = "1.5 um" }\n'
+    )
+    x = np.arange(-400, 400) * UM
+    for number in (1, 2):
+        z = block(x, height=105 * UM) + np.random.default_rng(number).normal(0.0, 20e-9, len(x))
+        columns = np.column_stack([x, z]) * 1e6
+        np.savetxt(
+            tmp_path / f"{number}.csv", columns, delimiter=",", header="x_um,z_um", comments=""
+        )
+    many = inspect_many(
+        [tmp_path / "1.csv", tmp_path / "2.csv"],
+        "step-105",
+        stimuli=tmp_path / "a.toml",
+        instrument=KNOWN,
+    )
+    rows = many.shown["blocks"]
+    row = next(one for one in rows if one["characteristic"] == "step_height")
+    assert (row["lower_um"], row["upper_um"]) == ("103.5", "106.5")
 
 
 @pytest.mark.parametrize("degrees", [20.0, -12.0, 90.0, 70.0])

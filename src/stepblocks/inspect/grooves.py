@@ -1,4 +1,4 @@
-"""Ridges, grooves and gratings.
+"""Ridges and grooves.
 
 All features of each profile are measured, or those of a map where its profiles do not agree.
 """
@@ -194,6 +194,11 @@ def _find_hidden_edges(x: Array, z: Array, levels: Levels) -> list[FoundEdge]:
     for edge in levels.edges:
         slack = edge.end - edge.begin + LEAST_FACE * float(x[1] - x[0])
         beside &= (x < edge.begin - slack) | (x > edge.end + slack)
+    for one in levels.features:  # a domed top, which a level one does not fit, hides no edges
+        if one.end < np.inf and find_apex(
+            x, z - levels.level, one.height.value, (one.begin, one.end), 0.5
+        ):
+            beside &= (x < one.begin) | (x > one.end)
     lost = np.flatnonzero(np.diff(np.concatenate([[0], beside & ~levels.used, [0]]).astype(int)))
     if not (lost[1::2] - lost[::2] >= LEAST_FACE).any():
         return []
@@ -400,8 +405,10 @@ def _average_features(label: str, each: list[Measured], instrument: Instrument) 
     form = float(
         np.mean([part.std for one in each for part in one.components if part.name == "form"])
     )
-    scatter = Component("scatter", own, len(each) - 1.0, f"over {len(each)} features")
-    parts = [scatter, Component("form", form, how="mean of theirs")]
+    parts = [
+        Component("scatter", own, len(each) - 1.0, f"over {len(each)} features"),
+        Component("form", form, how="mean of theirs"),
+    ]
     return add_instrument_components(f"{label}, mean", float(heights.mean()), parts, instrument)
 
 
@@ -464,6 +471,7 @@ def _measure_masked(
     note = (
         f"the features differ by {step.differ * 1e9:.3g} nm, so may another (standard deviation, "
         "by area)"
+        if step.features > 1
+        else "one feature alone: another may be of another height"
     )
-    note = note if step.features > 1 else "one feature alone: another may be of another height"
     return Evaluation({key: value}, convention, (note,), Shown(scan.x, step.level[step.shown]))

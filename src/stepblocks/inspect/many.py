@@ -380,7 +380,6 @@ def write_many(
         block.
     """
     base = Path(folder)
-    base.mkdir(parents=True, exist_ok=True)
     table, page = base / "inspections.csv", base / "inspections.html"
     write_table(result.tables["scans"], table)
     paths = [table, page]

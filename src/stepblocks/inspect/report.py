@@ -339,7 +339,6 @@ def write_inspection(
     list of Path
     """
     base = Path(folder) / result.identity
-    base.parent.mkdir(parents=True, exist_ok=True)
 
     def named(ending: str) -> Path:
         return base.with_name(f"{base.name}.{ending}")

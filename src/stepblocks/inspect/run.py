@@ -30,6 +30,7 @@ from stepblocks.inspect.budget import (
     judge,
 )
 from stepblocks.inspect.grooves import UnlikeError, measure_groove
+from stepblocks.inspect.map_levels import is_periodic
 from stepblocks.inspect.measure import (
     AS_FOUND,
     Evaluation,
@@ -283,8 +284,7 @@ def inspect_standard(
     Returns
     -------
     InspectionResult
-        Depth by type A1 or A2, by a masked polynomial, a masked step or as a grating; or radius of
-        a ball.
+        Depth by type A1 or A2, by a masked polynomial or a masked step; or radius of a ball.
 
     Raises
     ------
@@ -301,11 +301,12 @@ def inspect_standard(
     asked = Characteristic(
         key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance
     )
-    evaluate = EVALUATIONS[_STANDARDS[feature]]
-    evaluation = _evaluate(evaluate, load_scan(scan, unit, channel), instrument, asked, options)
+    loaded = load_scan(scan, unit, channel)
+    evaluation = _evaluate(EVALUATIONS[_STANDARDS[feature]], loaded, instrument, asked, options)
     source, digest = describe_source(scan)
-    name = format_file_name(source.stem)
-    result = InspectionResult(name, None, evaluation, (), None, source, digest)
+    result = InspectionResult(
+        format_file_name(source.stem), None, evaluation, (), None, source, digest
+    )
     if depth is None:
         return result
     if key not in evaluation.values:
@@ -418,6 +419,8 @@ def _suggest_next(
     if evaluate_each(lambda one: other(one, instrument, asked, options), [scan])[0]:
         return f"; --feature {name} measures it"
     part = "; a part that shows one kind of feature may do: --from, --to, --along"
+    if isinstance(scan, HeightMap) and is_periodic(scan.height):
+        part = "; the map repeats itself: of a grating only level ridges and grooves have a depth"
     return part if isinstance(scan, HeightMap) else ""
 
 

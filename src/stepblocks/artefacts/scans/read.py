@@ -3,9 +3,9 @@
 SurfaceTopography and x3pio read the files of instruments, in the confined process.
 """
 
+import io
 import re
 import struct
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -198,12 +198,12 @@ def read_scan_confined(path: Path, unit: str = "", channel: str = "") -> dict[st
         return vars(replace(read_points(path, parse_given_units(unit)), count=None))
     if form in ("x3p", "sdf"):
         return vars(_read_x3p(path) if form == "x3p" else _read_sdf(path))
+    file: str | io.BytesIO = str(path)
+    if form == "tmd":
+        file = _pad_tmd(path)
     if form == "sur" and path.read_bytes()[:12] == b"DSCOMPRESSED":
-        with tempfile.NamedTemporaryFile(suffix=".sur") as plain:
-            plain.write(_unpack_sur(path))
-            plain.flush()
-            return _read_by_surfacetopography(plain.name, form, channel, path.name)
-    return _read_by_surfacetopography(str(path), form, channel, path.name)
+        file = _unpack_sur(path)
+    return _read_by_surfacetopography(file, form, channel, path.name)
 
 
 def _check_size(shape: Sequence[int], place: str) -> None:
@@ -211,7 +211,7 @@ def _check_size(shape: Sequence[int], place: str) -> None:
         raise MetrologyError(f"scan must have at most {_MOST_POINTS} points, got {shape} [{place}]")
 
 
-def _unpack_sur(path: Path) -> bytes:
+def _unpack_sur(path: Path) -> io.BytesIO:
     # Compressed Digital Surf file as a plain one: 512 bytes of header, comments, then a directory
     # of deflated pieces.
     raw = path.read_bytes()
@@ -233,7 +233,14 @@ def _unpack_sur(path: Path) -> bytes:
                 f"{len(plain[-1])} [{path.name}]"
             )
         at += packed
-    return b"".join(plain)
+    return io.BytesIO(b"".join(plain))
+
+
+def _pad_tmd(path: Path) -> io.BytesIO:
+    # TrueMap file whose comment is as long as the reader takes it to be: 24 bytes with its end.
+    raw = path.read_bytes()
+    comment, _, rest = raw[32:].partition(b"\0")
+    return io.BytesIO(raw[:32] + comment[:23].ljust(24, b"\0") + rest)
 
 
 def _read_sdf(path: Path) -> Profile | HeightMap:
@@ -302,7 +309,9 @@ def _find_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "Ch
     return found[0]
 
 
-def _read_by_surfacetopography(file: str, form: str, wanted: str, place: str) -> dict[str, object]:
+def _read_by_surfacetopography(
+    file: str | io.BytesIO, form: str, wanted: str, place: str
+) -> dict[str, object]:
     from SurfaceTopography import open_topography
 
     reader = open_topography(file, format=form)
@@ -323,8 +332,11 @@ def _read_by_surfacetopography(file: str, form: str, wanted: str, place: str) ->
     raw = (
         np.ma.filled(np.ma.masked_invalid(surface.heights()).astype(np.float64), np.nan) / per_metre
     )
-    first = len(reader.channels) > 1 and not wanted
-    others = f", the first of {len(reader.channels)} that is named as heights" if first else ""
+    others = (
+        f", the first of {len(reader.channels)} that is named as heights"
+        if len(reader.channels) > 1 and not wanted
+        else ""
+    )
     factor = 1.0 if channel.height_scale_factor is None else abs(float(channel.height_scale_factor))
     content: dict[str, object] = {
         "height": raw.T,  # SurfaceTopography keeps x first; here a row is a line along x
