@@ -49,6 +49,16 @@ def declared(tmp_path, *changes):
     return open_session(tmp_path)
 
 
+LAW = 'tip_radius = "125 um"\nfriction = { law = "stribeck", sliding = 0.14, static = 0.21 }'
+
+
+def test_a_law_of_friction_is_read_by_its_name_and_refused_with_the_known_ones(tmp_path):
+    session = declared(tmp_path, ('tip_radius = "125 um"', LAW))
+    assert session.probe.friction == {"law": "stribeck", "sliding": 0.14, "static": 0.21}
+    with pytest.raises(BenchError, match=r"probe\.friction.*stribeck, lugre.*'stribek'"):
+        declared(tmp_path, ('tip_radius = "125 um"', LAW.replace("stribeck", "stribek")))
+
+
 def test_quantities_are_read_into_si(tmp_path):
     session = declared(tmp_path)
     assert session.probe.spring_constant == pytest.approx(9810.0)
@@ -165,7 +175,8 @@ def test_what_else_a_laboratory_wants_to_note_stands_in_a_table_of_notes(tmp_pat
         (
             "tip_radius",
             "maker",
-            "probe.maker is not a known field, got '125 um'; known are spring_constant, tip_radius",
+            "probe.maker is not a known field, got '125 um'; known are friction, spring_constant, "
+            "tip_radius",
         ),
         ("set =", "sett =", "stimuli.sett is not a known field, got 'ten'; did you mean"),
     ],

@@ -128,6 +128,33 @@ def test_held_out_errors_fall_to_the_noise_floor(worn) -> None:  # type: ignore[
         assert after[key] < 1.25 * after["noise_floor"][key]
 
 
+@pytest.mark.parametrize(
+    ("seed", "ending"), [(3, ""), (91, "_blocks_left_out")], ids=["new trials", "new blocks"]
+)
+def test_the_first_line_says_by_how_much_the_delivered_model_errs_on_what_it_never_saw(  # type: ignore[no-untyped-def]
+    worn, seed: int, ending: str
+) -> None:
+    _, truth, result, folder = worn
+    # 600 more drags of the same bench, over the same blocks or over others of the same drawing
+    columns = design_columns(600, 77) | {"run_order": 1.0 + np.arange(600.0) % 120.0}
+    unseen = features_of(bench_trials(columns, seed, truth))
+    if ending:
+        unseen["block"] += "-new"
+    asked = ["trial", "block", "height_um", "load_n", "speed_mm_s", "run_order"]
+    others = ["temperature_c", "humidity_pct", "operator"]
+    found = predict_trials(unseen[asked + others], read_model(folder / "model.json"))
+    measured = np.log(unseen["vibration_energy_j"].to_numpy())
+    errors, said = [], result.document["finding"]
+    for part, prefix in (("nominal", "nominal_"), ("extended", "")):
+        wrong = np.log(found[f"{prefix}vibration_energy_j"].to_numpy()) - measured
+        rms = float(np.sqrt(np.nanmean(wrong**2)))
+        told = result.document[part]["error"][f"ln_energy_rms{ending}"]
+        # the session has 120 trials: an rms of them is known to a fifteenth, one of 8 blocks worse
+        assert rms == pytest.approx(told, rel=0.3 if ending else 0.2)
+        errors.append(f"{100.0 * math.expm1(told):.0f} %")
+    assert f"{errors[0]} -> {errors[1]} on new {'blocks' if ending else 'trials'}" in said
+
+
 def test_documents_hold_finite_numbers_only_and_the_page_opens_offline(worn) -> None:  # type: ignore[no-untyped-def]
     _, _, _, folder = worn
     for name in ("result.json", "model.json"):

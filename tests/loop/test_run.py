@@ -26,6 +26,7 @@ _RULES = Rules(draws=60, fits=2)
 @pytest.fixture(scope="module")
 def quiet():
     features = features_of(bench_trials(design_columns(45, 40), 40))
+    features.loc[2, ["status", "reason"]] = ["flagged", "mislabelled: another load"]
     return features, analyse_features(features, 9810.0, 125e-6, rules=_RULES)
 
 
@@ -48,6 +49,13 @@ def test_a_notebook_shows_the_verdict_and_the_errors(quiet):
     assert "<b>none</b>" in html
     assert "ln_energy_rms_blocks_left_out" in html
     assert html.count("<table") == html.count("</table>") == 1
+
+
+def test_a_trial_that_contradicts_its_row_is_listed_as_flagged_and_takes_no_part(quiet):
+    document = quiet[1].document
+    assert document["flagged"] == [{"trial": "3", "reason": "mislabelled: another load"}]
+    assert document["flagged"] == document["excluded"]
+    assert document["trials_analysed"] == len(quiet[0]) - 1
 
 
 def test_every_fold_chooses_for_itself_and_every_trial_is_held_out_once_either_way(quiet):

@@ -168,6 +168,22 @@ def test_a_value_known_to_no_better_than_a_factor_of_two_says_nothing(features):
     assert trials.seen.sum() == 40 * 7 - 2
 
 
+def test_tips_whose_labels_contradict_the_declared_radius_are_refused_with_both(features):
+    with pytest.raises(PipelineError, match=r"`probe.tip_radius`, 62 um: their labels say 125 um"):
+        build_session_table(features, 9810.0, 62e-6)
+    # one tip among others may be another, and keeps its own radius
+    features.loc[3, "tip"] = "tip-90"
+    radius = _table(features).trials.covariates["tip_radius_um"]
+    assert radius.tolist() == [125.0] * 3 + [90.0] + [125.0] * 36
+
+
+def test_a_trial_whose_record_contradicts_its_row_takes_no_part_and_says_why(features):
+    features.loc[4, ["status", "reason"]] = ["flagged", "mislabelled: the load is another"]
+    table = _table(features)
+    assert table.excluded == [("5", "mislabelled: the load is another")]
+    assert "5" not in table.names
+
+
 def test_a_single_wild_value_goes_and_its_trial_stays(features):
     features.loc[6, "ring_frequency_hz"] = 600.0
     table = _table(features)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -78,6 +79,8 @@ class LearnedModel:
     nominal : LearnedFit
     extended : LearnedFit
         With the effects found.
+    friction : Mapping[str, Any]
+        Law of friction of both, by its name and numbers; empty for a constant coefficient.
     """
 
     verdict: str
@@ -91,6 +94,7 @@ class LearnedModel:
     channel_std: Floats = field(repr=False)
     nominal: LearnedFit = field(repr=False)
     extended: LearnedFit = field(repr=False)
+    friction: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __reduce__(self) -> "tuple[Callable[[Document], LearnedModel], tuple[Document]]":
         return _parse_model, (build_model_document(self),)  # laws hold functions without a name
@@ -105,7 +109,8 @@ def build_model_document(learned: LearnedModel) -> dict[str, object]:
         "probe": {
             "spring_constant_n_per_m": tool.stiffness,
             "tip_radius_um": learned.tip_radius_um,
-        },
+        }
+        | ({"friction": dict(learned.friction)} if learned.friction else {}),
         "start": {"ring_frequency_hz": tool.frequency, "decay_time_s": tool.decay_time},
         "block_height_std_m": learned.height_std,
         "scanned_height_m": learned.scanned,
@@ -187,6 +192,7 @@ def _parse_model(document: Document) -> LearnedModel:
         channel_std=_parse_numbers("channel_std", scatter["channel_std"], (len(CHANNELS),)),
         nominal=_parse_fit("nominal", document["nominal"], laws),
         extended=_parse_fit("extended", document["extended"], laws),
+        friction=dict(probe.get("friction", {})),
     )
 
 

@@ -124,9 +124,12 @@ class LabelCheck:
             at = np.array([place[row] for row in couple])
             ramps, loads = slope[at] / usual / speed[at[::-1]], normal[at] / load[at[::-1]]
             if not np.any(_is_off(ramps, 1.0, _EXCHANGED) | _is_off(loads, 1.0, _EXCHANGED)):
-                swap = ", ".join(self.trials[i] for i in at)
+                both = ", ".join(self.trials[i] for i in at)
                 for row in couple:
-                    found[row] += f"; exchanged rows? `swap = [[{swap}]]`"
+                    found[row] += (
+                        f"; exchanged rows? with `swap = [[{both}]]` load and ramp agree, with "
+                        f"`exclude = [{both}]` both stay out"
+                    )
         return found
 
 

@@ -8,12 +8,13 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from stepblocks.bench.calibration import Calibration, Frequency, Stiffness, Strict
 from stepblocks.bench.signal import TraceError
+from stepblocks.contact.laws import build_laws
 from stepblocks.errors import BenchError, QuantityError
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_mistakes
 from stepblocks.quantities import make_quantity_parser, parse_quantity
@@ -88,6 +89,11 @@ def _require_finite(value: object) -> object:
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError("input should be a finite number")
     return value
+
+
+def _require_friction_law(declared: dict[str, Any]) -> dict[str, Any]:
+    build_laws({"friction": declared})
+    return declared
 
 
 _Gain = Annotated[float | str, BeforeValidator(_require_finite)]
@@ -222,10 +228,13 @@ class Probe(Strict):
         [N/m].
     tip_radius : _Length | None
         [m].
+    friction : dict or None
+        Law of friction that is known beforehand: its name under ``law``, and its numbers.
     """
 
     spring_constant: Stiffness
     tip_radius: _Length | None = None
+    friction: Annotated[dict[str, Any], AfterValidator(_require_friction_law)] | None = None
 
 
 class Acquisition(Strict):

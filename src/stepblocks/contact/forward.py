@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.contact.laws import FrictionLaw, build_laws
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import DragState, Floats, compute_channels
 from stepblocks.errors import ContactError
@@ -35,6 +36,7 @@ class BenchDesign:
     spring_constant: float  # nominal, of the probe [N/m]
     # what an effect may follow, as in trials.csv
     covariates: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
+    friction_law: FrictionLaw | None = None  # known beforehand; its size is fitted
 
     def __post_init__(self) -> None:
         for name in ("height", "load", "speed", "tip_radius"):
@@ -54,17 +56,35 @@ class BenchDesign:
         blocks, inverse = np.unique(self.block, return_inverse=True)
         return tuple(format_height_name(str(b)) for b in blocks), inverse
 
+    @cached_property
+    def friction_shape(self) -> tuple[Floats, Floats]:
+        """Coefficient of sliding over that at rest under 1 N; that at the release over sliding.
+
+        Both are 1 without a law. The tip is at rest when it releases.
+        """
+        law = self.friction_law or FrictionLaw(lambda speed, load, place, time: 1.0)
+        compute = np.vectorize(law.coefficient, otypes=[float])
+        sliding, rest = (compute(speed, self.load, 0.0, 0.0) for speed in (self.speed, 0.0))
+        return sliding / law.coefficient(0.0, 1.0, 0.0, 0.0), rest / sliding
+
 
 def build_bench_design(
-    block: NDArray[np.str_], covariates: Mapping[str, NDArray[np.generic]], spring_constant: float
+    block: NDArray[np.str_],
+    covariates: Mapping[str, NDArray[np.generic]],
+    spring_constant: float,
+    friction: Mapping[str, Any] | None = None,
 ) -> BenchDesign:
-    """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units."""
+    """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units.
+
+    `friction` is a law by name with its numbers, as `build_laws` takes it.
+    """
+    law = build_laws({"friction": friction})["friction"] if friction else None
     height, load, speed, radius = (
         np.asarray(covariates[name], dtype=np.float64)
         for name in ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
     )
     return BenchDesign(
-        block, height * 1e-6, load, speed * 1e-3, radius * 1e-6, spring_constant, covariates
+        block, height * 1e-6, load, speed * 1e-3, radius * 1e-6, spring_constant, covariates, law
     )
 
 
@@ -128,6 +148,7 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float]) -> Dra
     names, inverse = design.members
     errors = np.array([values.get(name, 0.0) for name in names])
     one, zero = np.ones(len(design.block)), np.zeros(len(design.block))
+    sliding, at_release = design.friction_shape
     absent: dict[str, Any] = dict.fromkeys((slot.name for slot in fields(DragState)), zero)
     frequency, decay_time = (
         np.exp(values[f"ln_{name}"]) * one for name in ("ring_frequency", "decay_time")
@@ -139,14 +160,14 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float]) -> Dra
     return DragState(**absent).changed(
         height=design.height + errors[inverse],
         radius=design.tip_radius + values.get("edge_radius", 0.0),
-        friction=values["friction"] * one,
+        friction=values["friction"] * sliding,
         load=design.load + off,
         set_load=design.load,
         speed=design.speed,
         stiffness=design.spring_constant * values["stiffness_ratio"] * one,
         ring_stiffness=design.spring_constant * one,
         conversion=np.exp(values["ln_conversion"]) * one,
-        edge_factor=one,
+        edge_factor=at_release,
         damping=one,
         gain=one,
         normal_gain=one,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import combinations
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -41,8 +41,12 @@ _SAME_BY_DEFINITION = frozenset({"block_tilt"})
 
 
 @lru_cache(maxsize=4)
-def _find_design(trials: Trials, spring_constant: float) -> BenchDesign:
-    return forward.build_bench_design(trials.block, trials.covariates, spring_constant)
+def _find_design(
+    trials: Trials, spring_constant: float, friction: tuple[tuple[str, Any], ...]
+) -> BenchDesign:
+    return forward.build_bench_design(
+        trials.block, trials.covariates, spring_constant, dict(friction)
+    )
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,8 @@ class SessionModel:
         Of the edges from their scans: mean and uncertainty [m].
     known : Mapping[str, tuple[float, float]]
         Certified or tared.
+    friction : tuple of pairs
+        A law of friction that is known beforehand: its name under ``law``, and its numbers.
     quantities : ClassVar
         What scatters among trials, by its slot.
     """
@@ -70,6 +76,7 @@ class SessionModel:
     scanned: Mapping[str, tuple[float, float]] | None = None
     scanned_radius: tuple[float, float] | None = None
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    friction: tuple[tuple[str, Any], ...] = ()
     quantities: ClassVar = (
         "friction",
         "normal_load",
@@ -90,7 +97,10 @@ class SessionModel:
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
         found = forward.list_constants(
-            _find_design(trials, self.tool.stiffness), self.tool, self.height_std, self.scanned
+            _find_design(trials, self.tool.stiffness, self.friction),
+            self.tool,
+            self.height_std,
+            self.scanned,
         )
         if spring := self.known.get("spring_constant"):
             ratio, std = (one / self.tool.stiffness for one in spring)
@@ -122,7 +132,7 @@ class SessionModel:
 
         Along height, load, speed and their squares.
         """
-        design = _find_design(trials, self.tool.stiffness)
+        design = _find_design(trials, self.tool.stiffness, self.friction)
         height, load, speed = (
             _standardise(np.log(column)) for column in (design.height, design.load, design.speed)
         )
@@ -137,7 +147,7 @@ class SessionModel:
     def state(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> DragState:
         """Fill all slots, effects applied."""
         state = forward.build_extended_state(
-            _find_design(trials, self.tool.stiffness), values, effects
+            _find_design(trials, self.tool.stiffness, self.friction), values, effects
         )
         constants = {name: value for name, (value, _) in self.known.items()}
         return apply_instrument_constants(state, None, constants) if constants else state

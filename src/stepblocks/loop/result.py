@@ -116,6 +116,7 @@ def build_learned_model(
         channel_std=np.sqrt(scatter.channels),
         nominal=nominal,
         extended=extended,
+        friction=dict(model.friction),
     )
 
 
@@ -164,7 +165,11 @@ def build_document(
         },
         "could_have_shown": _list_detectable(found),
         "excluded": [{"trial": trial, "reason": reason} for trial, reason in table.excluded],
-        "flagged": [{"trial": trial, "reason": reason} for trial, reason in table.flagged],
+        "flagged": [
+            {"trial": trial, "reason": reason}
+            for trial, reason in table.excluded
+            if reason.startswith("mislabelled")
+        ],
         "apart": _list_apart(table, found),
         "regimes": table.regimes,
         "censored": _list_censored(table, found),

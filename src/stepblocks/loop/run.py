@@ -3,11 +3,12 @@
 import json
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -123,6 +124,7 @@ def loop_session(
             scans,
             jobs=cores,
             known=declared.calibration.list_known(),
+            friction=declared.probe.friction,
         )
         result.document["scans"]["left_out"] = [
             {"block": block, "reason": reason} for block, reason in failed.items()
@@ -145,13 +147,15 @@ def analyse_features(
     jobs: int = 1,
     rules: Rules | None = None,
     known: Known | None = None,
+    friction: Mapping[str, Any] | None = None,
 ) -> LoopResult:
     """Find what the nominal model lacks for a table of features.
 
-    `known` gives constants of the gauges that are known, if there are any.
+    `known` gives constants of the gauges that are known, if there are any, `friction` a law by its
+    name and numbers whose size is fitted.
     """
     rules = rules or Rules()
-    table = build_session_table(features, spring_constant, tip_radius, scans, known)
+    table = build_session_table(features, spring_constant, tip_radius, scans, known, friction)
     found, holdouts = _explain_and_hold_out(table, rules, jobs)
     document = build_document(table, found, holdouts, scans or {}, rules)
     model = build_learned_model(table, found, list_covariate_ranges(table.trials))
@@ -197,7 +201,6 @@ def write_loop(result: LoopResult, output: Path, traces: Sequence[Path] = ()) ->
     """
     from stepblocks.loop.page import render_loop_page
 
-    output.mkdir(parents=True, exist_ok=True)
     for name, document in (
         ("result.json", {"schema": 1, **result.document}),
         ("model.json", build_model_document(result.model)),

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -64,8 +65,6 @@ class SessionTable:
         Shape (n,).
     excluded : list[tuple[str, str]]
         Trial and reason; single values far from all others are named with their channel.
-    flagged : list[tuple[str, str]]
-        Measured and used, but unlike their label.
     regimes : dict[str, int]
         How many of the trials moved how.
     static_friction : float
@@ -81,7 +80,6 @@ class SessionTable:
     trials: Trials
     names: NDArray[np.str_]
     excluded: list[tuple[str, str]]
-    flagged: list[tuple[str, str]]
     regimes: dict[str, int]
     static_friction: float
     model: SessionModel
@@ -95,6 +93,7 @@ def build_session_table(
     tip_radius: float,
     scans: Scans | None = None,
     known: Known | None = None,
+    friction: Mapping[str, Any] | None = None,
 ) -> SessionTable:
     """Turn a table of features into trials with channels."""
     missing = [name for name in _REQUIRED if name not in features.columns]
@@ -161,14 +160,13 @@ def build_session_table(
         if edges
         else None,
         known=estimate_unloaded_zeros(features) | dict(known or {}),
+        friction=tuple((friction or {}).items()),
     )
-    flagged = table.loc[table["status"] == "flagged", ["trial", "reason"]]
     regimes = table["regime"].dropna().astype(str).value_counts() if "regime" in table else {}
     return SessionTable(
         trials=replace(trials, values=values),
         names=names,
         excluded=excluded,
-        flagged=list(flagged.itertuples(index=False, name=None)),
         regimes={str(name): int(count) for name, count in dict(regimes).items()},
         static_friction=float(table["static_friction"].dropna().median())
         if "static_friction" in table

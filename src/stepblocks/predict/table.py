@@ -192,7 +192,10 @@ def predict_with_model(
     )
     # a block is known by its name; a new height under an old name is a block of its own
     design = build_bench_design(
-        table["block"].astype(str).to_numpy(), columns, learned.tool.stiffness
+        table["block"].astype(str).to_numpy(),
+        columns,
+        learned.tool.stiffness,
+        learned.friction,
     )
     models = {
         "": _predict_channels(design, learned.extended, learned),

@@ -19,7 +19,13 @@ from stepblocks.loop.search.adequacy import (
     compute_smooth_p,
     rank_settings,
 )
-from stepblocks.loop.search.explain import Rules, Verdict, explain, select_likeliest
+from stepblocks.loop.search.explain import (
+    Rules,
+    Verdict,
+    _add_effect,
+    explain,
+    select_likeliest,
+)
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import Gate, score_candidates
@@ -268,3 +274,39 @@ def test_what_columns_explain_of_a_residual_is_judged_as_in_a_regression_at_any_
     ours = compute_smooth_p(residual, columns)
     assert ours == pytest.approx(OLS(residual, add_constant(columns)).fit().f_pvalue, rel=1e-9)
     assert compute_smooth_p(residual - 9.0, columns) == pytest.approx(ours, rel=1e-9)
+
+
+def test_the_constant_that_imitates_an_effect_most_is_named_first() -> None:
+    def apply(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
+        return level + own["size"] * (1.0 + trials.covariates["x"])
+
+    size = Parameter("size", "1", 0.0, -10.0, 10.0, 0.1)
+    trials = toy_trials(60, 4)
+    trials.values[:, 1] = np.nan
+    problem = build_problem(Toy(), trials)
+    lean = Law("lean", "s (1 + x)", (size,), apply, "level", "x")
+    outcome = compare_directions(problem, fit(problem), [lean])
+    # closed form: on the first channel 1 + x is one column of a and one of b, and that of ones is
+    # longer than that of x, which lies within one of zero
+    assert outcome["imitated_by_constants"] == {"lean": ("a", "b")}
+
+
+def test_a_line_that_is_too_stiff_gives_way_to_a_smooth_that_fits_far_better_and_to_no_worse() -> (
+    None
+):
+    trials = toy_trials(120, 3)
+    shift = np.sin(3.0 * trials.covariates["z"])
+    bent = replace(trials, values=trials.values + np.stack([shift, 2.0 * shift], axis=1))
+    square, line, *_ = toy_effects()
+
+    def wave(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
+        return level + own["size"] * np.sin(3.0 * trials.covariates["z"])
+
+    stiff, smooth = replace(line, named=True), replace(line, id="smooth_of_z", apply=wave)
+    for data, expected in ((bent, ["smooth_of_z"]), (trials, None)):
+        problem = build_problem(Toy(), data)
+        current = fit(problem, (stiff,))
+        chosen = fit(problem, (stiff, square), current.values)
+        found = _add_effect(problem, current, chosen, [stiff, square, smooth])
+        # a law never stands beside a law of its place that it does not beat
+        assert (found and [e.id for e in found.effects]) == expected

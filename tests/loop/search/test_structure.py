@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.loop.search.explain import Rules, Verdict, explain
+from stepblocks.loop.search.explain import Rules, Verdict, _find_wanderings, _search, explain
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.structure import (
     _follows_time,
@@ -127,3 +127,26 @@ def test_neighbours_are_tested_by_ljung_and_box_over_five_lags():
     assert fit_walk(values)[0] < 1e-6
     found = _test_neighbours("level", values)
     assert found.p_value == pytest.approx(2.0 * chi2.sf(q, 5), rel=1e-9)
+
+
+def test_a_trial_that_shows_nothing_of_a_quantity_has_no_error_and_ten_times_its_scatter():
+    trials = toy_trials(60, 3)
+    trials.values[11] = np.nan
+    problem = build_problem(_MODEL, trials)
+    errors, std = estimate_quantity_errors(problem, fit(problem))
+    assert np.isnan(errors[11, 0])
+    assert np.isfinite(np.delete(errors, 11)).all()
+    # closed form: nothing but the prior is known, a normal law ten times as wide as the scatter
+    scatter = np.sqrt(problem.noise.scatter.quantities[0])
+    assert std[11, 0] == pytest.approx(10.0 * scatter, rel=1e-9)
+
+
+def test_a_quantity_wanders_where_neighbours_err_together_and_not_where_trials_fall_in_heaps():
+    random = np.random.default_rng(8)
+    walk = 0.12 * np.cumsum(random.standard_normal(160))
+    heaps = 0.7 * random.integers(0, 2, 160)
+    for shift, kind, wanders in ((walk, "neighbours", {"level"}), (heaps, "heaps", set())):
+        grown = _search(build_problem(_MODEL, _shifted(160, 8, shift)), [], Rules(draws=20))
+        hints, _, found = _find_wanderings(grown)
+        assert [hint.kind for hint in hints] == [kind]
+        assert found == wanders

@@ -69,8 +69,6 @@ class Noise:
         tail = filled.shape[2:]
         columns = filled.reshape(*filled.shape[:2], -1)
         white = np.matmul(self.factors, columns).reshape(-1, *tail)
-        if not self.shrink.size:
-            return np.asarray(white)
         along = self.basis.T @ white
         weight = 1.0 - self.shrink
         return np.asarray(

@@ -1,0 +1,64 @@
+"""A block whose height is beyond its tolerance is a finding, not a constant in a list.
+
+The truth is that of the planted error and of the errors that the simulated bench gives its blocks.
+"""
+
+import numpy as np
+import pytest
+
+from oracles.feature_bench import bench_trials, block_errors, design_columns
+from oracles.features_file import features_of
+from stepblocks.contact.effects.named import list_named_laws
+from stepblocks.loop.heights import add_heights
+from stepblocks.loop.run import analyse_features
+from stepblocks.loop.search.explain import Rules, Verdict, explain
+from stepblocks.loop.session_table import build_session_table
+
+_RULES = Rules(draws=60, fits=2)
+_COLUMNS = design_columns(120, 3)
+(_LAW,) = (law for law in list_named_laws(["step-040"]) if law.covariate == "block")
+
+
+def _features(error):
+    effects = ((_LAW, {"height_error_m": error}),)
+    return features_of(bench_trials(_COLUMNS, 3, effects))
+
+
+@pytest.mark.parametrize("error", [-6e-6, 1e-6, 6e-6])
+def test_a_height_is_named_where_it_is_beyond_its_tolerance_and_not_within_it(error):
+    table = build_session_table(_features(error), 9810.0, 125e-6)
+    # blocks are held to 1 um (one standard deviation); the search is given nothing to find
+    nothing = explain(table.model, table.trials, [], _RULES)
+    found = add_heights(nothing, table)
+    if abs(error) < 2e-6:
+        assert found is nothing
+        return
+    assert [f.effect.id for f in found.findings] == ["block_height_error~step-040"]
+    assert found.findings[0].verdict is found.verdict is Verdict.EFFECT
+    name = "block_height_error~step-040.height_error_m"
+    true = error + block_errors(_COLUMNS, 3)["step-040"]
+    assert found.extended.values[name] == pytest.approx(true, abs=4.0 * found.extended.std[name])
+    assert found.extended.std[name] < 0.2e-6
+    assert found.extended.cost < nothing.extended.cost
+
+
+def test_a_height_that_a_scan_has_measured_is_no_finding():
+    scan = {"step-040": {"height_m": 46e-6, "height_std_m": 15e-9}}
+    table = build_session_table(_features(6e-6), 9810.0, 125e-6, scan)
+    nothing = explain(table.model, table.trials, [], _RULES)
+    assert add_heights(nothing, table) is nothing
+
+
+def test_the_finding_names_the_block_and_its_height_error_and_the_energies_are_right():
+    result = analyse_features(_features(6e-6), 9810.0, 125e-6, rules=_RULES)
+    assert result.verdict is Verdict.EFFECT
+    (entry,) = result.document["effects"]
+    assert entry["variant"] == "block_height_error~step-040"
+    shown = entry["parameters"]["height_error_m"]
+    true = 6e-6 + block_errors(_COLUMNS, 3)["step-040"]
+    assert shown["low"] < true < shown["high"]
+    assert "step-040" in result.document["finding"]
+    rows = result.table.trials.block == "step-040"
+    error = result.within.extended[rows, 0]
+    # of the bench: energies scatter by 7 % from trial to trial
+    assert np.sqrt(np.nanmean(error**2)) < 1.5 * 0.07
