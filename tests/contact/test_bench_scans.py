@@ -21,7 +21,7 @@ def radius_seen_by_the_ball(path):
     tilt, lower, upper = np.linalg.lstsq(columns, z[faces], rcond=None)[0]
     level = z - tilt * x - lower
     rolled = build_profile_path(x, level, R)
-    assert find_catch_places(build_profile_track(x, level, R), math.radians(5)).x.size == 1
+    assert find_catch_places(build_profile_track(x, level, R), R, math.radians(5)).x.size == 1
     return (upper - lower) / (1.0 - math.cos(find_steepest_catch(rolled).angle)) - R
 
 

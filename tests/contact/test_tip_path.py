@@ -152,7 +152,7 @@ def test_every_step_of_a_staircase_is_a_catch_with_its_own_angle():
         z += [level, level + h]
         level += h
     there, back = (
-        find_catch_places(build_profile_track([*x, 4e-3], [*z, level], R, backward=way))
+        find_catch_places(build_profile_track([*x, 4e-3], [*z, level], R, backward=way), R)
         for way in (False, True)
     )
     assert there.angle == pytest.approx([find_step_angle(h, R) for h in heights], rel=1e-8)

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from stepblocks.contact.counterface import Step
+from stepblocks.contact.counterface import Profile, Step
 from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.forward import BenchDesign, build_nominal_state
-from stepblocks.contact.laws import Hertz
+from stepblocks.contact.laws import Hertz, LinearContact
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.state import compute_channels
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag
-from stepblocks.drag.track import build_step_track
+from stepblocks.drag.track import build_step_track, build_track
 
 _SPRING = 3  # of the channels
 _VALUES = {"ln_conversion": -1.5, "ln_ring_frequency": 5.7, "ln_decay_time": -3.9}
@@ -82,3 +82,14 @@ def test_a_step_no_higher_than_the_indentation_asks_the_pull_of_two_elastic_cont
     assert drag_over(Step(height), speed=1e-3).trace.peak_force == pytest.approx(
         max(pulls), rel=0.01
     )
+
+
+def test_the_pull_of_an_edge_grows_as_long_as_the_tip_is_not_at_the_next_one():
+    # a contact of 20 N/mm gives way by 50 um: the tip has passed the edge before it slips off it
+    x = np.arange(-0.8e-3, 0.8e-3, 0.5e-6)
+    face = Profile(x, np.where(x > 0.0, 40e-6, 0.0) + np.where(x > 60e-6, 20e-6, 0.0))
+    trace = drag_over(face, contact=LinearContact(2e4)).trace
+    following = build_track(face, PAPER.ball_radius).catch_places.start[1]
+    before = trace.column("x_m") < following
+    # origin: the rows of the trace, of which one in some steps is kept
+    assert trace.events[0].pull_n == pytest.approx(trace.column("fx_n")[before].max(), rel=1e-3)

@@ -2,6 +2,7 @@
 
 import math
 import os
+from dataclasses import astuple, fields
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.laws import LinearContact
 from stepblocks.contact.operating_point import PAPER
+from stepblocks.drag import kernels
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag
@@ -172,3 +174,49 @@ def test_a_place_that_does_not_catch_the_tip_says_whether_it_flew_or_slid():
     assert (
         flown.column("normal_n")[flown.column("time_s") > flown.events[0].released_s].min() == 0.0
     )
+
+
+def test_both_branches_at_the_notch_of_a_groove_bend_as_the_arcs_about_its_rims():
+    # closed form: the centre goes on an arc of R about either rim, z'' = -(1 + s^2)^1.5 / R
+    track = build_track(
+        Profile([-1e-3, -1e-4, -1e-4, 1e-4, 1e-4, 1e-3], [0, 0, -1e-3, -1e-3, 0, 0]), R
+    )
+    assert track.x[track.kinks] == pytest.approx([0.0], abs=1e-12)
+    slope = 100.0 / math.sqrt(125.0**2 - 100.0**2)
+    (left, right), bend = track.branches[0], -0.5 * (1.0 + slope**2) ** 1.5 / R
+    assert [left[1], right[1]] == pytest.approx([-slope, slope], rel=1e-5)
+    assert [left[2], right[2]] == pytest.approx([bend, bend], rel=0.02)
+
+
+def test_over_a_face_that_is_its_own_mirror_image_a_tip_is_pulled_left_as_it_is_pulled_right():
+    # four slots of 60 um, in each of which both rims share the load; symmetry alone is asked for
+    edges = np.array([-1e3, -330, -270, -130, -70, 70, 130, 270, 330, 1e3]) * 1e-6
+    x, z = (
+        np.repeat(edges, 2)[1:-1],
+        np.repeat([0.0, -1.0, 0.0, -1.0, 0.0, -1.0, 0.0, -1.0, 0.0], 2),
+    )
+    track = build_track(Profile(x, z * 50e-6), R)
+    assert track.x[track.kinks] == pytest.approx(np.array([-300, -100, 100, 300]) * 1e-6, abs=1e-12)
+    window, depth = 0.3 * R, PAPER_DRAG.find_indentation(1.0)
+    path = track.x, track.cubics, track.kinks, track.part_branches(np.arange(4), 1e-6, window)
+    settings = DragSettings(1.0, 0.15, speed=0.0, pulling_force=1.0, handle_mass=0.05)
+    given = {field.name: float(getattr(settings, field.name)) for field in fields(settings)[:-1]}
+    rows = {}
+    for way in (1.0, -1.0):
+        found, count, *_ = kernels.integrate(
+            path,
+            tuple(map(float, astuple(PAPER_DRAG))),
+            tuple((given | {"pulling_force": way}).values()),
+            (0.15, 1e6, 1e9, False),
+            (-way * 0.5e-3, -depth, window, 0.0, 1e-6),
+            (1e-7, 150_000, 100),
+            (np.zeros(0),) * 4,
+            None,
+        )
+        rows[way] = dict(zip(kernels.COLUMNS, found[:count].T, strict=True))
+    right, left = rows[1.0], rows[-1.0]
+    assert right["x_m"][-1] > 1e-3
+    for name, sign, close in (("x_m", -1, 1e-12), ("y_m", 1, 1e-12), ("fx_n", -1, 1e-6)):
+        assert sign * left[name] == pytest.approx(right[name], abs=close)
+    for name, sign in (("normal_n", 1), ("friction_n", -1)):
+        assert sign * left[name] == pytest.approx(right[name], abs=1e-6)

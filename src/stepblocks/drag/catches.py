@@ -3,17 +3,13 @@
 Every place at which the slope of its path has a maximum.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from stepblocks.contact import Array
-
-if TYPE_CHECKING:
-    from stepblocks.drag.track import Track
+from stepblocks.contact.path.centre import CentrePath
 
 LEAST_ANGLE = math.radians(0.5)  # a slope that rises by less is no catch
 _LEVEL = math.radians(0.02)  # slopes that differ by less are one
@@ -60,7 +56,9 @@ def find_asked_place(places: CatchPlaces, within: tuple[float, float] | None) ->
     return int(np.flatnonzero(angle >= angle.max() * (1.0 - 1e-7))[0])
 
 
-def find_catch_places(track: Track, least: float = LEAST_ANGLE) -> CatchPlaces:
+def find_catch_places(
+    track: CentrePath, ball_radius: float, least: float = LEAST_ANGLE
+) -> CatchPlaces:
     """Find every place steeper than the ground on both its sides by `least` [rad]."""
     from scipy.signal import find_peaks
 
@@ -86,6 +84,6 @@ def find_catch_places(track: Track, least: float = LEAST_ANGLE) -> CatchPlaces:
         if n > 0:
             between = slice(int(last[n - 1]), int(first[n]) + 1)
             low = np.flatnonzero(angle[between] <= angle[between].min() + _LEVEL) + last[n - 1]
-            start[n] = max(x[low[0]], x[low[-1]] - _AHEAD * track.ball_radius)
-    contact = x[first] + track.ball_radius * np.sin(angle[peaks])
+            start[n] = max(x[low[0]], x[low[-1]] - _AHEAD * ball_radius)
+    contact = x[first] + ball_radius * np.sin(angle[peaks])
     return CatchPlaces(x[first], angle[peaks], x[last], behind, start, contact)

@@ -222,7 +222,6 @@ class Drag:
 
         After a release, ``spectra.png`` is written too.
         """
-        folder.mkdir(parents=True, exist_ok=True)
         write_table(self.frame, folder / "trace.csv")
         write_table(self.events, folder / "events.csv")
         draw_force(self.trace, folder / "force.png", self.title)

@@ -5,7 +5,7 @@ It gives the trace, every passage and the ledger of energy.
 
 import math
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stepblocks.contact.energy import Status
 from stepblocks.contact.laws import compile_coefficient
 from stepblocks.drag import kernels
-from stepblocks.drag.catches import CatchPlaces, find_asked_place, find_catch_places
+from stepblocks.drag.catches import CatchPlaces, find_asked_place
 from stepblocks.drag.probe import DragSettings, Probe
 from stepblocks.drag.track import NEAR, PATCHES, Track
 from stepblocks.errors import ContactError
@@ -172,7 +172,7 @@ def simulate_drag(
             f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; "
             "record fewer"
         )
-    places = find_catch_places(track)
+    places = track.catch_places
     needed = _compute_needed_pulls(places, settings)
     own = settings.friction_law
     depth = probe.find_indentation(settings.normal_load)
@@ -188,7 +188,7 @@ def simulate_drag(
             pressed.kinks,
             track.part_branches(shared, _BLOW * blow, window),
         ),
-        tuple(map(float, astuple(probe))),
+        tuple(float(getattr(probe, field.name)) for field in fields(probe)),
         tuple(float(getattr(settings, field.name)) for field in fields(settings)[:-1]),
         (
             float(mu_s),

@@ -16,6 +16,7 @@ from stepblocks.contact.counterface import Counterface, Profile, Step
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.path.centre import CentrePath, FeatureRange
 from stepblocks.contact.path.profile import TipPath, build_profile_path
+from stepblocks.drag.catches import CatchPlaces, find_catch_places
 from stepblocks.errors import ContactError
 
 _KINK = math.radians(
@@ -76,7 +77,7 @@ class Track(CentrePath):
     def evaluate(self, x: Array, side: Literal["left", "right"] = "right") -> tuple[Array, Array]:
         """Height [m] and slope [1] at any positions; at a knot, of the piece on one side."""
         piece = np.clip(np.searchsorted(self.x, x, side=side) - 1, 0, self.x.size - 2)
-        k0, k1, k2, k3 = np.moveaxis(self.cubics[piece], -1, 0)
+        k0, k1, k2, k3 = self.cubics.T[:, piece]
         d = x - self.x[piece]
         return k0 + d * (k1 + d * (k2 + d * k3)), k1 + d * (2.0 * k2 + 3.0 * d * k3)
 
@@ -106,7 +107,7 @@ class Track(CentrePath):
         places = self.x[self.kinks[kept]]
         room = 0.5 * np.diff(places, prepend=-math.inf, append=math.inf).clip(max=2.0 * window)
         reach = np.column_stack([room[1:], -room[:-1]])
-        c0, s0, b0 = np.moveaxis(self.branches[kept], -1, 0)
+        c0, s0, b0 = self.branches[kept].transpose(2, 0, 1)
         apart = self.evaluate(places[:, None] + reach)[0] - (c0 + reach * (s0 + reach * b0))
         short = np.maximum(depth - apart, 0.0)
         return np.stack([c0, s0, b0, -short / reach**3], axis=-1)
@@ -135,6 +136,11 @@ class Track(CentrePath):
         )
 
     @cached_property
+    def catch_places(self) -> CatchPlaces:
+        """Every place that may catch the tip, whatever the load."""
+        return find_catch_places(self, self.ball_radius)
+
+    @cached_property
     def steepest_angle(self) -> float:
         """Critical angle towards growing x [rad], whichever edge was asked about."""
         return replace(self, feature=None).find_notch(+1.0)[2]
@@ -146,10 +152,8 @@ class Track(CentrePath):
         The middle if it is flat.
         """
         found = np.flatnonzero(np.maximum(*np.abs(self.slopes)) > math.tan(math.radians(1.0)))
-        if found.size == 0:
-            middle = 0.5 * float(self.x[0] + self.x[-1])
-            return middle, middle
-        return float(self.x[found[0]]), float(self.x[found[-1]])
+        places = self.x[found] if found.size else 0.5 * (self.x[:1] + self.x[-1:])
+        return float(places[0]), float(places[-1])
 
 
 @lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
