@@ -32,7 +32,10 @@ def protect_files(is_protected: Callable[[Path], bool]) -> Iterator[None]:
 
 @contextmanager
 def write_atomically(path: Path) -> Iterator[Path]:
-    """Give a draft to write to; it replaces `path` when the block succeeds, else it is removed."""
+    """Give a draft to write to; it replaces `path` when the block succeeds, else it is removed.
+
+    The folder of `path` is made where there is none.
+    """
     with _make_locked_folder(path.parent) as folder:
         draft = folder / path.name
         yield draft
@@ -49,7 +52,6 @@ def write_atomically(path: Path) -> Iterator[Path]:
 @contextmanager
 def make_draft_folder(path: Path) -> Iterator[Path]:
     """Give an empty folder beside a place to prepare files in; it is removed with the block."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     with _make_locked_folder(path.parent) as draft:
         yield draft
 
@@ -57,6 +59,7 @@ def make_draft_folder(path: Path) -> Iterator[Path]:
 @contextmanager
 def _make_locked_folder(folder: Path) -> Iterator[Path]:
     # Give a new folder, locked while its process lives: the next run knows what was left
+    folder.mkdir(parents=True, exist_ok=True)
     _remove_stale_drafts_once(folder)
     while True:
         draft = folder / f".partial-{secrets.token_hex(8)}"

@@ -163,7 +163,6 @@ def format_csv(
 def write_table(frame: pd.DataFrame, path: Path, float_format: str | None = None) -> None:
     """Write a CSV beside its place and rename it; 17 digits give the same doubles back."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         replace_text(path, format_csv(frame, None, float_format))
     except OSError as error:
         raise PipelineError(f"table cannot be written: {error.strerror} [{path}]") from error

@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from stepblocks.atomic import lock_folder
-from stepblocks.build import run as building
+from stepblocks.build import make, run as building
 from stepblocks.build.manifest import hash_file
 from stepblocks.build.run import build_sets
+from stepblocks.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = (
@@ -214,9 +215,27 @@ def test_a_stimulus_that_fails_half_way_leaves_nothing_half_written(source, tmp_
     assert [path.name for path in (tmp_path / "out").rglob("*")] == []
 
 
+def test_a_file_that_somebody_removes_before_it_is_checked_is_no_failed_check(
+    source, tmp_path, monkeypatch, capsys
+):
+    # found by benchmarks/soak.py: a page said that ten checks had failed, and stayed so
+    write, output = make._write_artefacts, tmp_path / "out"
+
+    def write_and_lose(stimulus, folder, order):
+        write(stimulus, folder, order)
+        (folder / f"{stimulus.id}.stl").unlink()
+
+    words = ["build", str(source), "-o", str(output), "--jobs", "1"]
+    monkeypatch.setattr(make, "_write_artefacts", write_and_lose)
+    assert main(words) == 2
+    assert "No such file" in capsys.readouterr().err
+    assert not (output / "manifest.json").exists()
+    monkeypatch.setattr(make, "_write_artefacts", write)
+    assert main(words) == 0
+
+
 def test_a_failed_check_is_reported_every_time(source, tmp_path, monkeypatch, capsys):
     from stepblocks.artefacts import check as artefacts
-    from stepblocks.cli import main
 
     monkeypatch.setattr(artefacts, "VOLUME_LIMIT", 1e-30)
     arguments = [
@@ -246,9 +265,9 @@ def test_selection_and_output_are_checked_before_anything_is_built(source, tmp_p
     with pytest.raises(PipelineError, match="output folder cannot be made"):
         build_sets([source], blocked)
     with pytest.raises(PipelineError, match="expected a stimulus file"):
-        building.stimulus_files([tmp_path / "none.toml"])
+        building.find_stimulus_files([tmp_path / "none.toml"])
     with pytest.raises(PipelineError, match="different names"):
-        building.stimulus_files([source, source])
+        building.find_stimulus_files([source, source])
 
 
 def test_predictions_have_units_in_their_columns_and_no_number_where_the_tip_locks(shipped_output):
@@ -277,7 +296,7 @@ from stepblocks.declare import load_set
 
 output, *files = map(Path, sys.argv[1:])
 chosen = {"hook-125", "tip-125", "crown-shoulder", "gap-020-lip"}
-every = [(one.name, part, "") for one in map(load_set, files) for part in one.stimuli]
+every = [(one.name, part, "", one.order) for one in map(load_set, files) for part in one.stimuli]
 parts = [one for one in every if one[1].id in chosen]
 assert len(list(make_all(parts, output, 1))) == len(chosen)
 build_sets(files, output, only="step-010", jobs=1)  # with tables and page of all of them

@@ -155,8 +155,6 @@ def write_features(
         raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
     if output.is_dir():
         raise PipelineError(f"output must be a file, got the folder {str(output)!r}")
-    if not output.parent.is_dir():
-        raise PipelineError(f"folder of the output does not exist: {str(output.parent)!r}")
     if output.exists() and folder.resolve() in output.resolve().parents:
         raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
     check = LabelCheck()

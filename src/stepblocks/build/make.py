@@ -82,15 +82,20 @@ def make_stimulus(output: Path, set_name: str, stimulus: Part, key: str, order: 
     with make_draft_folder(output / f"{set_name}-{stimulus.id}") as workshop:
         _write_artefacts(stimulus, workshop, order)
         paths = list_checkable_files(stimulus, workshop)
-        verdicts = [verdict for path in paths for verdict in check_artefact(stimulus, path)]
+        # of all that was asked for: what somebody removes meanwhile is missed and not left out
+        outputs = {path.name: hash_file(path) for path in sorted({*paths, *workshop.iterdir()})}
         record = {
             "key": key,
             "stimulus": stimulus.id,
             "kind": stimulus.kind_name,
             "dimensions": [[name, str(value)] for name, value in stimulus.dimensions()],
             "derived": stimulus.derived(),
-            "verdicts": [verdict.as_record() | {"text": str(verdict)} for verdict in verdicts],
-            "outputs": {path.name: hash_file(path) for path in sorted(workshop.iterdir())},
+            "verdicts": [
+                verdict.as_record() | {"text": str(verdict)}
+                for path in paths
+                for verdict in check_artefact(stimulus, path)
+            ],
+            "outputs": outputs,
         }
         sync_folder(workshop)
         _replace_files(workshop, output / set_name / stimulus.id, record)

@@ -82,7 +82,6 @@ def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
     if there := [str(place) for place in texts if place.exists() and not force]:
         raise PipelineError(f"there is one already; --force replaces it [{', '.join(there)}]")
     for place, text in texts.items():
-        place.parent.mkdir(parents=True, exist_ok=True)
         replace_text(place, text)
 
 

@@ -30,7 +30,6 @@ def simulate_session(
     """
     from stepblocks.bench.rehearse.run import simulate_session
 
-    output.parent.mkdir(parents=True, exist_ok=True)
     summary = simulate_session(plan, output)
     locked = f", {summary.locked} locked" if summary.locked else ""
     return Outcome(
@@ -80,7 +79,6 @@ def measure(
     from stepblocks.bench.measure import write_features
 
     progress = make_progress("measured trials", quiet=quiet, lines=10)
-    output.parent.mkdir(parents=True, exist_ok=True)
     summary = write_features(session, output, progress=progress, jobs=jobs)
     if plots is not None:
         from stepblocks.bench.figures import draw_trials

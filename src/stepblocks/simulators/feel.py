@@ -68,7 +68,6 @@ def write_feel_page(files: Sets, page: str | Path) -> int:
         data=json.dumps(stimuli, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
     )
     try:
-        Path(page).parent.mkdir(parents=True, exist_ok=True)
         replace_text(Path(page), text)
     except OSError as error:
         raise PipelineError(f"the page cannot be written: {error.strerror} [{page}]") from error

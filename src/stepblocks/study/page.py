@@ -64,7 +64,6 @@ def render_study(result: StudyResult) -> str:
 
 def write_figures(result: StudyResult, folder: Path) -> None:
     """Write every figure as SVG and PDF at the width of a page, with its data as CSV."""
-    folder.mkdir(parents=True, exist_ok=True)
     for name, _, figure, data in draw_study_figures(result):
         for form in ("svg", "pdf"):
             replace_bytes(folder / f"{name}.{form}", _save(figure, form))

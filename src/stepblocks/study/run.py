@@ -383,7 +383,6 @@ def analyse_study(
     result = found.assign_groups(groups).analyse(equivalent, **plan)
     if output is not None:
         page, output = render_study(result), Path(output)
-        output.mkdir(parents=True, exist_ok=True)
         write_figures(result, output / "figures")
         replace_text(output / "judgements.csv", result.judgements_csv())
         replace_text(output / "results.csv", result.results_csv())

@@ -205,7 +205,6 @@ def write_motion(path: Path, servo: Servo, attributes: dict[str, object]) -> Non
     """
     import h5py
 
-    path.parent.mkdir(parents=True, exist_ok=True)
     with write_atomically(path) as draft, h5py.File(draft, "w", track_order=True) as file:
         for name, values in servo.record().items():
             file.create_dataset(name, data=values, compression="gzip", shuffle=True)

@@ -95,7 +95,6 @@ def write_new_files(folder: Path, texts: Mapping[str, str | bytes]) -> None:
                 f"{path} has another content already; move it away or choose another folder"
             )
     for name, content in contents.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         replace_bytes(folder / name, content)
 
 

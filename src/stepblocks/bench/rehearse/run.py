@@ -94,14 +94,10 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
     declared, output = read_plan(Path(plan)), Path(output)
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
-    if not output.parent.is_dir():
-        raise PipelineError(f"folder of the output does not exist: {str(output.parent)!r}")
     with make_draft_folder(output) as draft:
         summary = _write_session(declared, draft)
         sync_folder(draft)
-        if output.exists():
-            output.rmdir()
-        draft.rename(output)
+        draft.rename(output)  # an empty folder gives way
     return summary
 
 

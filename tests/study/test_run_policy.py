@@ -1,0 +1,184 @@
+"""The server of `study run` keeps its policy: each rule is broken by a request, or from the page.
+
+The rules stand in `stepblocks.study.server`: host, origin, token, length, size, rate, and what the
+page may load, run and be framed by.
+"""
+
+import json
+import re
+import socket
+import threading
+import types
+
+import pytest
+
+from oracles.browser import browser
+from oracles.page_policy import ATTEMPTS, TRY, counting_server
+from stepblocks.study.conduct import open_run
+from stepblocks.study.run import design_study
+from stepblocks.study.server import RunServer
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    design_study((20e-6, 50e-6), folder, seed=1, participants=1, repetitions=1, probes=("a", "b"))
+    found = RunServer(open_run(folder, "1"))
+    threading.Thread(target=found.until_done, daemon=True).start()
+    yield found
+    found.shutdown()
+
+
+def send(server, *lines, body=b""):
+    """All that the server answers to these very bytes until it hangs up, or is silent for 2 s."""
+    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as line:
+        line.sendall("\r\n".join((*lines, "", "")).encode() + body)
+        line.settimeout(2.0)
+        answer = b""
+        try:
+            while part := line.recv(1 << 16):
+                answer += part
+        except TimeoutError:
+            pass
+        return answer
+
+
+def statuses(answer):
+    return [int(one) for one in re.findall(rb"HTTP/1\.1 (\d+) ", answer)]
+
+
+def host(server, name="127.0.0.1"):
+    return f"Host: {name}:{server.port}"
+
+
+def close(server, *lines):
+    """A request after which the connection ends."""
+    return statuses(send(server, *lines, "Connection: close"))
+
+
+@pytest.mark.parametrize(
+    "named",
+    [
+        (),
+        ("Host:",),
+        ("Host: 127.0.0.1",),
+        ("Host: localhost:80",),
+        ("Host: 127.0.0.1:{port}.evil.example",),
+        ("Host: [::1]:{port}",),
+        ("Host: evil.example:{port}",),
+    ],
+)
+def test_who_names_another_host_is_told_nothing_not_even_the_state(server, named):
+    # a name that a foreign page lets point at this machine must not open it (DNS rebinding)
+    lines = [one.format(port=server.port) for one in named]
+    for path in ("/", "/state", "/nowhere"):
+        answer = send(server, f"GET {path} HTTP/1.1", *lines)
+        assert statuses(answer) == [403]
+        assert b"condition" not in answer
+        assert server.token.encode() not in answer
+    assert close(server, "GET /state HTTP/1.1", host(server, "localhost")) == [200]
+
+
+@pytest.mark.parametrize("origin", ["null", "http://evil.example", "https://127.0.0.1:{port}", ""])
+@pytest.mark.parametrize("method", ["GET", "POST"])
+def test_a_request_of_another_page_is_refused_whatever_it_asks(server, method, origin):
+    lines = host(server), f"Origin: {origin.format(port=server.port)}", "Content-Length: 2"
+    token = f"X-Stepblocks: {server.token}"
+    refused = send(server, f"{method} /state HTTP/1.1", *lines, token, body=b"{}")
+    assert statuses(refused) == [403]
+
+
+@pytest.mark.parametrize(
+    "length",
+    [
+        (),
+        ("Transfer-Encoding: chunked",),
+        ("Transfer-Encoding: chunked", "Content-Length: 2"),  # which of the two is believed?
+        ("Content-Length: 1e3",),
+    ],
+)
+def test_a_request_that_does_not_say_its_length_is_refused(server, length):
+    lines = host(server), f"X-Stepblocks: {server.token}", *length
+    assert statuses(send(server, "POST /begin HTTP/1.1", *lines, body=b"2\r\n{}\r\n")) == [411]
+
+
+@pytest.mark.parametrize(("size", "status"), [(20_000, 200), (20_001, 413), (10**30, 413)])
+def test_a_request_has_at_most_20_000_bytes(server, size, status):
+    lines = host(server), f"X-Stepblocks: {server.token}", f"Content-Length: {size}"
+    body = b"{}".ljust(min(size, 20_000))
+    assert statuses(send(server, "POST /begin HTTP/1.1", *lines, body=body)) == [status]
+
+
+def test_what_follows_a_refused_request_on_its_line_is_no_request(server):
+    # a body that nobody read would else be taken for the next request (request smuggling)
+    inner = f"GET /state HTTP/1.1\r\n{host(server)}\r\n\r\n".encode()
+    lines = host(server), "X-Stepblocks: guess", f"Content-Length: {len(inner)}"
+    assert statuses(send(server, "POST /begin HTTP/1.1", *lines, body=inner)) == [403]
+
+
+def test_the_401st_request_of_a_second_is_refused_and_the_next_second_is_free(server, monkeypatch):
+    now = [10.0]
+    clock = types.SimpleNamespace(monotonic=lambda: now[0])
+    monkeypatch.setattr("stepblocks.study.server.time", clock)
+    request = f"GET /state HTTP/1.1\r\n{host(server)}\r\n\r\n"
+    many = request.encode() * 401
+    answer = send(server, request.strip(), body=many)
+    assert statuses(answer) == [200] * 400 + [429]
+    now[0] = 11.0
+    assert close(server, "GET /state HTTP/1.1", host(server)) == [200]
+
+
+def test_every_answer_forbids_to_keep_guess_or_tell_it_refusals_too(server):
+    for lines in (("GET / HTTP/1.1", host(server), "Connection: close"), ("GET / HTTP/1.1",)):
+        head, _, body = send(server, *lines).partition(b"\r\n\r\n")
+        found = dict(line.split(": ", 1) for line in head.decode().split("\r\n")[1:])
+        assert found["X-Content-Type-Options"] == "nosniff"
+        assert found["Referrer-Policy"] == "no-referrer"
+        assert found["Cache-Control"] == "no-store"
+        assert found["Connection"] == "close"
+        policy = dict(rule.split(" ", 1) for rule in found["Content-Security-Policy"].split("; "))
+        assert policy["default-src"] == policy["base-uri"] == policy["form-action"] == "'none'"
+        assert policy["frame-ancestors"] == "'none'"
+        assert policy["connect-src"] == "'self'"
+        assert policy["script-src"] == f"'nonce-{server.nonce}'"
+    assert json.loads(body) == {"error": "only the page of this run may ask this"}
+
+
+@pytest.fixture(scope="module")
+def window(tmp_path_factory):
+    with browser(f"user-data-dir={tmp_path_factory.mktemp('profile')}") as found:
+        if found is None:
+            pytest.skip("no chromium with chromedriver")
+        found.set_script_timeout(60)
+        yield found
+
+
+@pytest.fixture(scope="module")
+def there():
+    with counting_server() as found:
+        yield found
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("name", ATTEMPTS)
+def test_what_breaks_a_rule_from_within_the_page_is_stopped_and_reaches_nobody(
+    name, server, there, window
+):
+    attempt, rule = ATTEMPTS[name]
+    place, asked = there
+    asked.clear()
+    window.get(server.url)
+    broken, taken = window.execute_async_script(TRY.replace("ATTEMPT", attempt), place)
+    assert broken[0].startswith(rule)
+    assert not taken
+    assert asked == []
+    assert window.current_url == server.url
+
+
+@pytest.mark.browser
+def test_the_page_of_a_run_stands_in_no_frame_of_another(server, window):
+    with counting_server(f'<iframe src="{server.url}"></iframe><p>outer</p>') as (outer, _):
+        window.get(outer)
+        window.switch_to.frame(0)
+        assert server.token not in window.page_source
+        assert "participant" not in window.page_source
