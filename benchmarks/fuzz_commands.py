@@ -51,6 +51,7 @@ HONEST = {
         "A=X,B=Y": "bare=1,soft=0.5",
         "LOW-HIGH": "1-7",
         "LIST": "1,2",
+        "X0 X1 Y0 Y1": "20 um",
     },
     **{
         "OURS=YOURS,...": "participant=subject",
@@ -59,6 +60,7 @@ HONEST = {
         "STIMULUS": "25 um",
         "thing": "block",
         "NAME=A,B,...": "light=on,off",
+        "NAME=X,...": "weber=0.2",
     },
 }
 WHOLE = (

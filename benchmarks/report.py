@@ -93,6 +93,8 @@ PARTS = [
         "python benchmarks/real_scans.py {shared}/real",
         {
             "scans-right": (r"(\d+ of \d+) with a step answered", "{}"),
+            "scans-wrong": (r"answered wrongly: (\w+)", "{}"),
+            "scans-steps": (r"(\d+ of \d+) without a step refused", "{}"),
             "scans-warning": (r"(\d+ of \d+) right answers with a warning", "{}"),
         },
         2,

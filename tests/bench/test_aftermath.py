@@ -167,3 +167,55 @@ def test_the_corner_before_a_tip_that_rubs_lies_between_two_samples(shift):
     found = _find_corner_of_fall(TIME, force, marks, approach)
     assert found.time == pytest.approx(release, abs=2e-6)
     assert found.force == pytest.approx(peak, abs=1e-3)
+
+
+def test_a_normal_channel_that_reads_nothing_has_no_ring_and_no_missing_number():
+    force = COURSE.force(TIME) + noise(TIME.size)
+    after, _, approach = settled(TIME, force)
+    # origin: the least squares of nothing are nothing
+    assert measure_sympathetic_force(TIME, np.zeros(TIME.size), approach, after) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("scale", [1.0, 100.0])
+def test_of_two_fits_that_miss_the_noise_the_one_that_leaves_less_is_taken_at_any_force(scale):
+    # a tip that rubs, heard with a tone at 900 Hz that neither law knows
+    time = RUBBING.clock(tail=0.14)
+    since = np.clip(time - RUBBING.release, 0.0, None)
+    tone = 50e-3 * np.exp(-since / 40e-3) * np.sin(2.0 * np.pi * 900.0 * since)
+    force = scale * (rubbed(time) + tone + noise(time.size))
+    after, _, _ = settled(time, force, (270.0, 28e-3))
+    assert after.ring.misfit > 5.0
+    assert not after.damped
+    assert after.frequency[0] == pytest.approx(270.0, abs=1.0)
+
+
+def test_a_corner_that_a_parabola_leaves_is_as_uncertain_as_its_extrapolation():
+    # a force without noise of which 15 mN are said
+    force, since = rubbed(TIME), TIME - RUBBING.release
+    fall = RUBBING.peak - 900.0 * since - 2e4 * since**2
+    force = np.where(since < 0.0, RUBBING.peak + RUBBING.slope * since, np.maximum(fall, force))
+    force[RUBBING.onset > TIME] = RUBBING.level
+    marks = replace(find_landmarks(TIME, force), noise=15e-3)
+    approach = fit_approach(TIME, force, marks, None)
+    found = _find_corner_of_fall(TIME, force, marks, approach)
+    # closed form: the parabola goes through six equal steps, the first of which has fallen by five
+    # times the noise; at u steps from their middle it is known to this many variances
+    first = np.flatnonzero(RUBBING.peak + RUBBING.slope * since - force > 75e-3)[0]
+    u = (RUBBING.release - TIME[first]) / 1e-4 - 2.5
+    variances = 1.0 / 6.0 + u**2 / 17.5 + (u**2 - 35.0 / 12.0) ** 2 / (112.0 / 3.0)
+    # the slopes of ramp and fall carry that over, and the moment between two samples is not seen
+    carried = RUBBING.slope / (900.0 + RUBBING.slope) * np.sqrt(variances) * 15e-3
+    unseen = RUBBING.slope * 1e-4 / np.sqrt(12.0)
+    assert found.force_std == pytest.approx(np.hypot(carried, unseen), rel=0.01)
+
+
+def test_how_early_a_release_may_lie_within_a_sample_is_part_of_the_sympathetic_ring():
+    force = COURSE.force(TIME) + noise(TIME.size)
+    after, _, approach = settled(TIME, force)
+    normal = COURSE.load + Course(amplitude=0.13).ring(TIME) + noise(TIME.size, seed=1)
+    (size, known), (_, late) = (
+        measure_sympathetic_force(TIME, normal, approach, replace(after, sample=sample))
+        for sample in (0.0, 1e-3)
+    )
+    # closed form: a ring that decays loses A dt / tau in a sample, beside what else is uncertain
+    assert late**2 - known**2 == pytest.approx((size * 1e-3 / after.decay_time[0]) ** 2, rel=1e-9)

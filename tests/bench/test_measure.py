@@ -121,8 +121,11 @@ def test_the_number_of_processes_has_bounds(jobs, session, tmp_path):
 def test_an_output_that_cannot_be_is_refused_before_anything_is_measured(session, tmp_path):
     with pytest.raises(PipelineError, match="output must be a file, got the folder"):
         write_features(session, tmp_path)
-    with pytest.raises(PipelineError, match="folder of the output does not exist"):
-        write_features(session, tmp_path / "no" / "f.csv")
+
+
+def test_the_folder_of_the_output_is_made_where_there_is_none(session, tmp_path):
+    write_features(session, tmp_path / "new" / "features" / "f.csv", jobs=1)
+    assert len((tmp_path / "new" / "features" / "f.csv").read_text().splitlines()) == 7
 
 
 def test_the_tool_is_the_median_of_trials_that_show_it_clearly():

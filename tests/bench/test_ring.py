@@ -5,7 +5,13 @@ import pytest
 from scipy.optimize import curve_fit
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.ring import fit_ring, guess_ring
+from stepblocks.bench.signal.ring import (
+    TOLD,
+    compute_rubbing_force,
+    fit_ring,
+    fit_rubbing_ring,
+    guess_ring,
+)
 
 COURSE = Course(phase=0.4)
 TIME = COURSE.clock(tail=0.12)
@@ -107,3 +113,13 @@ def test_the_band_of_the_curve_covers_its_scatter():
     # origin: a standard normal number; four sigma of the mean and of the spread of 30
     assert abs(np.mean(pulls)) < 0.73
     assert 0.5 < np.std(pulls) < 1.5
+
+
+@pytest.mark.parametrize("noise", [2e-3, 5e-3])
+def test_a_gap_is_sought_until_one_is_seen_though_a_tip_that_sticks_fits_within_the_noise(noise):
+    # forward 0.40 N, back 0.36 N: a fit from the gap of dry friction, 0.80 N, never slips back
+    time, tool = np.arange(1000) / 1e4, (270.0, 28e-3)
+    force = compute_rubbing_force(time, 0.4, 0.04, tool, (0.3, 0.0), COURSE.slope)
+    force += noise * np.random.default_rng(1).standard_normal(time.size)
+    found = fit_rubbing_ring(time, force, 0.4, tool, COURSE.slope, noise, spread=TOLD)
+    assert found.values[1] == pytest.approx(0.04, abs=4.0 * found.std(1))
