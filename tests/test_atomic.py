@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.atomic import lock_folder, replace_text, write_atomically
+from stepblocks.atomic import _remove_stale_drafts, lock_folder, replace_text, write_atomically
 from stepblocks.cli import main
 
 
@@ -38,6 +38,23 @@ def test_two_writers_of_one_file_never_share_a_draft(tmp_path):
         first.write_text("one")
         second.write_text("two")
     assert target.read_text() == "one"
+
+
+def test_a_draft_swept_before_it_was_locked_is_made_again(tmp_path, monkeypatch):
+    # two workers come to a new folder at once: one sweeps what the other has made and not locked
+    opened, really_open = [], os.open
+
+    def open_late(path, *flags, **more):
+        if not opened:
+            opened.append(path)
+            _remove_stale_drafts(tmp_path)
+            assert not path.exists()
+        return really_open(path, *flags, **more)
+
+    monkeypatch.setattr(os, "open", open_late)
+    replace_text(tmp_path / "table.csv", "whole")
+    assert (tmp_path / "table.csv").read_text() == "whole"
+    assert names(tmp_path) == ["table.csv"]
 
 
 def killed_while_writing(target):

@@ -64,7 +64,10 @@ def _make_locked_folder(folder: Path) -> Iterator[Path]:
     while True:
         draft = folder / f".partial-{secrets.token_hex(8)}"
         draft.mkdir()
-        number = os.open(draft, os.O_RDONLY)
+        try:
+            number = os.open(draft, os.O_RDONLY)
+        except FileNotFoundError:  # another process, which came to the folder just now, swept it
+            continue
         with suppress(OSError):  # a file system without locks: nobody sweeps there
             fcntl.flock(number, fcntl.LOCK_EX)
         if draft.is_dir():  # nobody swept it before it was locked
