@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from stepblocks.cli import main
+from stepblocks.errors import PipelineError
 from stepblocks.study.conduct import open_run
 from stepblocks.study.run import design_study
 
@@ -96,6 +97,7 @@ def test_a_study_that_is_killed_while_it_is_written_is_written_by_the_next_run(w
     code = """
 import os, signal, sys
 from stepblocks.cli import main
+from stepblocks.errors import PipelineError
 fsync, count = os.fsync, []
 def killing(number):
     count.append(number)
@@ -124,7 +126,7 @@ def led(folder):
     while not (said := run.state())["done"]:
         try:
             run.answer(said["trial"], {"estimate_um": str(10 + int(said["trial"]))})
-        except (OSError, MemoryError):
+        except (PipelineError, OSError, MemoryError):
             assert run.state()["trial"] == said["trial"]
     run.close()
     text = (folder / "runs" / "participant-1.csv").read_text(encoding="utf-8")
@@ -176,7 +178,7 @@ def test_whatever_happens_while_a_study_is_run_every_trial_is_answered_once(
             assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
         else:
             disturbed.setattr(os, "fsync", failing)
-            with suppress(OSError, MemoryError):  # the first two points are the empty file's
+            with suppress(PipelineError, OSError, MemoryError):  # the first two points are the empty file's
                 led(tmp_path / "disturbed")
     assert led(tmp_path / "disturbed") == whole
     assert [row["trial"] for row in whole] == [str(n) for n in range(1, 13)]

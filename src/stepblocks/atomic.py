@@ -36,7 +36,7 @@ def write_atomically(path: Path) -> Iterator[Path]:
 
     The folder of `path` is made where there is none.
     """
-    with _make_locked_folder(path.parent) as folder:
+    with _make_locked_folder(path) as folder:
         draft = folder / path.name
         yield draft
         # what a killed run wrote, and had no time to note as ours, is the same again
@@ -52,15 +52,33 @@ def write_atomically(path: Path) -> Iterator[Path]:
 @contextmanager
 def make_draft_folder(path: Path) -> Iterator[Path]:
     """Give an empty folder beside a place to prepare files in; it is removed with the block."""
-    with _make_locked_folder(path.parent) as draft:
+    with _make_locked_folder(path) as draft:
         yield draft
 
 
 @contextmanager
-def _make_locked_folder(folder: Path) -> Iterator[Path]:
-    # Give a new folder, locked while its process lives: the next run knows what was left
-    folder.mkdir(parents=True, exist_ok=True)
-    _remove_stale_drafts_once(folder)
+def _make_locked_folder(path: Path) -> Iterator[Path]:
+    # Give a new folder beside a place. What the system refuses, here or to the user of the folder,
+    # is an error of ours.
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_stale_drafts_once(path.parent)
+        draft, number = _make_draft(path.parent)
+        try:
+            yield draft
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+            os.close(number)
+    except OSError as error:
+        named = str(error.filename2 or error.filename or path)
+        place = str(path if "/.partial-" in named else named).partition("/.partial-")[0]
+        is_file = isinstance(error, FileExistsError)
+        what = "a folder must stand here, got a file" if is_file else error.strerror or error
+        raise PipelineError(f"output cannot be written: {what} [{place}]") from error
+
+
+def _make_draft(folder: Path) -> tuple[Path, int]:
+    # Make a folder that is locked while its process lives: the next run knows what was left
     while True:
         draft = folder / f".partial-{secrets.token_hex(8)}"
         draft.mkdir()
@@ -71,12 +89,7 @@ def _make_locked_folder(folder: Path) -> Iterator[Path]:
         with suppress(OSError):  # a file system without locks: nobody sweeps there
             fcntl.flock(number, fcntl.LOCK_EX)
         if draft.is_dir():  # nobody swept it before it was locked
-            break
-        os.close(number)
-    try:
-        yield draft
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
+            return draft, number
         os.close(number)
 
 

@@ -162,7 +162,4 @@ def format_csv(
 
 def write_table(frame: pd.DataFrame, path: Path, float_format: str | None = None) -> None:
     """Write a CSV beside its place and rename it; 17 digits give the same doubles back."""
-    try:
-        replace_text(path, format_csv(frame, None, float_format))
-    except OSError as error:
-        raise PipelineError(f"table cannot be written: {error.strerror} [{path}]") from error
+    replace_text(path, format_csv(frame, None, float_format))

@@ -14,7 +14,7 @@ from stepblocks.artefacts.certificate import _collect_content, _write_pdf, write
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.qif_read import match_results, read_qif_results
 from stepblocks.declare import load_set
-from stepblocks.errors import MetrologyError
+from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.select import find_stimulus_files
@@ -228,7 +228,7 @@ def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):
     try:
         for room in (size // 8, size // 4, size // 2, size - 1):
             resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
-            with pytest.raises(OSError, match="File too large"):
+            with pytest.raises(PipelineError, match="File too large"):
                 _write_pdf(page, content)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)

@@ -129,7 +129,7 @@ def test_an_unknown_simulator_names_the_known_ones(tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_named_and_leaves_nothing_half_done(tmp_path):
     (tmp_path / "paper-ten").write_text("in the way")
-    with pytest.raises(PipelineError, match="the folder cannot be written"):
+    with pytest.raises(PipelineError, match="output cannot be written"):
         export_scenes([SET], "x3d", tmp_path, only="step-010")
     assert [path.name for path in tmp_path.iterdir()] == ["paper-ten"]
 

@@ -104,7 +104,7 @@ def test_of_two_sets_either_both_are_written_or_none(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "paper-ten").write_text("in the way")
     four = Path(SET).with_name("paper-four.toml")
-    with pytest.raises(PipelineError, match="the folder cannot be written: Not a directory"):
+    with pytest.raises(PipelineError, match="output cannot be written: Not a directory"):
         export_scenes([four, SET], "gltf", tmp_path / "out", only="*-0[25]0")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["paper-ten"]
 

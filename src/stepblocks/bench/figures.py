@@ -53,12 +53,6 @@ def draw_trials(
         raise PipelineError(
             f"trial {missing[0]!r} is not in the table of trials [{declared.table}]"
         )
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PipelineError(
-            f"folder for figures cannot be made: {error.strerror} [{output}]"
-        ) from error
     drawn = []
     with Traces(declared) as traces:
         if declared.acquisition.split:

@@ -274,42 +274,37 @@ def _write_with_label_faults(
 ) -> MeasureSummary:
     # Put the faults of labels into the draft, and the draft into its place
     counts: Counter[tuple[str, str]] = Counter()
-    try:
-        with write_atomically(output) as whole:
-            with (
-                draft.open(newline="", encoding="utf-8") as source,
-                whole.open("w", newline="", encoding="utf-8") as sink,
-            ):
-                named = (
-                    (row, dict(zip(table.covariates, cells[len(_LEADING) :], strict=False)))
-                    for row, cells in enumerate(csv.reader(source))
-                    if cells[1] == _OK
-                )
-                data = find_shared_faults(named, faults)
-                source.seek(0)
-                writer = csv.writer(sink, lineterminator="\n")
-                for row, cells in enumerate(csv.reader(source)):
-                    if row in faults and cells[1] == _OK and row not in data:
-                        throw = not faults[row].startswith("mislabelled")
-                        cells[1:3] = [_EXCLUDED if throw else _FLAGGED, faults[row]]
-                        if throw:
-                            cells[-len(FEATURE_COLUMNS) :] = [""] * len(FEATURE_COLUMNS)
-                    if row:
-                        counts[cells[1], cells[2].split(":")[0][:60]] += 1
-                    writer.writerow(cells)
-            reasons = Counter(
-                {kind: n for (status, kind), n in counts.items() if status == _EXCLUDED}
+    with write_atomically(output) as whole:
+        with (
+            draft.open(newline="", encoding="utf-8") as source,
+            whole.open("w", newline="", encoding="utf-8") as sink,
+        ):
+            named = (
+                (row, dict(zip(table.covariates, cells[len(_LEADING) :], strict=False)))
+                for row, cells in enumerate(csv.reader(source))
+                if cells[1] == _OK
             )
-            if reasons.total() == table.count:
-                commonest, times = reasons.most_common(1)[0]
-                first = next(iter(faults.values()), commonest)
-                raise PipelineError(
-                    f"no trial of {table.count} could be measured; {times} times "
-                    f"{first if first.startswith(commonest) else commonest} "
-                    f"[{table.session.folder}]"
-                )
-    except OSError as error:
-        raise PipelineError(f"output cannot be written: {error.strerror} [{output}]") from error
+            data = find_shared_faults(named, faults)
+            source.seek(0)
+            writer = csv.writer(sink, lineterminator="\n")
+            for row, cells in enumerate(csv.reader(source)):
+                if row in faults and cells[1] == _OK and row not in data:
+                    throw = not faults[row].startswith("mislabelled")
+                    cells[1:3] = [_EXCLUDED if throw else _FLAGGED, faults[row]]
+                    if throw:
+                        cells[-len(FEATURE_COLUMNS) :] = [""] * len(FEATURE_COLUMNS)
+                if row:
+                    counts[cells[1], cells[2].split(":")[0][:60]] += 1
+                writer.writerow(cells)
+        reasons = Counter({kind: n for (status, kind), n in counts.items() if status == _EXCLUDED})
+        if reasons.total() == table.count:
+            commonest, times = reasons.most_common(1)[0]
+            first = next(iter(faults.values()), commonest)
+            raise PipelineError(
+                f"no trial of {table.count} could be measured; {times} times "
+                f"{first if first.startswith(commonest) else commonest} "
+                f"[{table.session.folder}]"
+            )
     conditions, names = (
         {(t.block, str(t.speed), str(t.load)) for t in table},
         ("block", "speed", "load"),

@@ -152,12 +152,9 @@ def _describe_error(error: Exception) -> tuple[str, int]:
         return f"error: {describe_mistake(error)}", 2
     if isinstance(error, StepblocksError):
         return f"error: {format_units(error)}", error.exit_code
-    if isinstance(error, OSError):  # a full disk, a read-only folder, a file in place of a folder
-        name = str(error.filename).partition("/.partial-")[0]
-        place = "" if error.filename is None else f" [{name}]"
-        is_file = isinstance(error, FileExistsError)
-        what = "a folder must stand here, got a file" if is_file else error.strerror or error
-        return f"error: {what}{place}", 2
+    if isinstance(error, OSError):  # a file that vanished, or that nobody may read
+        place = "" if error.filename is None else f" [{error.filename}]"
+        return f"error: {error.strerror or error}{place}", 2
     if isinstance(error, MemoryError):
         return "error: this needs more memory than there is", 2
     if isinstance(error, ImportError) and "cannot open shared object file" in str(error):

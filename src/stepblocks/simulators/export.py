@@ -133,34 +133,30 @@ def export_scenes(
     form = SCENE_FORMATS[simulator]
     name = simulator if chosen is None else f"{simulator}-{chosen.id}"
     done: list[Exported] = []
-    try:
-        with make_draft_folder(Path(output)) as draft:
-            for (stimuli, source), each in zip(sets, contacts, strict=True):
-                meant = {
-                    part.id: number
-                    for number, part in enumerate(stimuli.stimuli)
-                    if only is None or matches_pattern(only, stimuli.name, part.id)
-                }
-                scenes = _build_scenes(each, list(meant.values()), chosen, scale)
-                for identity, scene in zip(meant, scenes, strict=True):
-                    folder = Path(stimuli.name) / identity / name
-                    (draft / folder).mkdir(parents=True)
-                    write_scene(draft / folder, scene, form)
-                    one = Exported(f"{stimuli.name}/{identity}", Path(output) / folder, scene.plan)
-                    done.append(one)
-                    if progress is not None:
-                        progress(one)
-                _write_set(draft / stimuli.name / f"{name}-blocks", scenes, form, name)
-                if form.write_tooth and Path(source).is_file():
-                    for scan, stations in lay_out_teeth(scenes, Path(source).parent):
-                        folder = draft / stimuli.name / scan.name / f"{name}-tooth"
-                        write_tooth(folder, scan, stations, form)
-            if not done:
-                raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
-            _move_into_place(draft, Path(output))
-    except OSError as error:
-        place = error.filename2 or error.filename or output
-        raise PipelineError(f"the folder cannot be written: {error.strerror} [{place}]") from error
+    with make_draft_folder(Path(output)) as draft:
+        for (stimuli, source), each in zip(sets, contacts, strict=True):
+            meant = {
+                part.id: number
+                for number, part in enumerate(stimuli.stimuli)
+                if only is None or matches_pattern(only, stimuli.name, part.id)
+            }
+            scenes = _build_scenes(each, list(meant.values()), chosen, scale)
+            for identity, scene in zip(meant, scenes, strict=True):
+                folder = Path(stimuli.name) / identity / name
+                (draft / folder).mkdir(parents=True)
+                write_scene(draft / folder, scene, form)
+                one = Exported(f"{stimuli.name}/{identity}", Path(output) / folder, scene.plan)
+                done.append(one)
+                if progress is not None:
+                    progress(one)
+            _write_set(draft / stimuli.name / f"{name}-blocks", scenes, form, name)
+            if form.write_tooth and Path(source).is_file():
+                for scan, stations in lay_out_teeth(scenes, Path(source).parent):
+                    folder = draft / stimuli.name / scan.name / f"{name}-tooth"
+                    write_tooth(folder, scan, stations, form)
+        if not done:
+            raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
+        _move_into_place(draft, Path(output))
     return done
 
 

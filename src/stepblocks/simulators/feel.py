@@ -10,7 +10,6 @@ import numpy as np
 
 from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface
-from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
@@ -67,10 +66,7 @@ def write_feel_page(files: Sets, page: str | Path) -> int:
         # "<" ends no script, whatever a set is called
         data=json.dumps(stimuli, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
     )
-    try:
-        replace_text(Path(page), text)
-    except OSError as error:
-        raise PipelineError(f"the page cannot be written: {error.strerror} [{page}]") from error
+    replace_text(Path(page), text)
     return len(stimuli)
 
 
