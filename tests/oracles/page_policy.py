@@ -25,7 +25,12 @@ ATTEMPTS = {
     "worker": ("new Worker(URL.createObjectURL(new Blob(['']))).onerror = () => 0", "worker-src"),
     "script from there": ("add('script', {src: THERE})", "script-src"),
     "script of another": ("add('script', {textContent: 'window.taken = true'})", "script-src"),
-    "handler": ("add('button', {}).setAttribute('onclick', 'window.taken = true')", "script-src"),
+    # browsers judge it when it is set, or when it is first needed
+    "handler": (
+        "const button = add('button', {}); button.setAttribute('onclick', 'window.taken = true'); "
+        "button.click()",
+        "script-src",
+    ),
     # later, since a debugger's own script may evaluate what it likes
     "eval": (
         "setTimeout(() => { try { eval('window.taken = true') } catch (refused) {} })",
