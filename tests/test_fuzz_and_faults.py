@@ -178,7 +178,8 @@ def test_whatever_happens_while_a_study_is_run_every_trial_is_answered_once(
             assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
         else:
             disturbed.setattr(os, "fsync", failing)
-            with suppress(PipelineError, OSError, MemoryError):  # the first two points are the empty file's
+            # the first two points are the empty file's
+            with suppress(PipelineError, OSError, MemoryError):
                 led(tmp_path / "disturbed")
     assert led(tmp_path / "disturbed") == whole
     assert [row["trial"] for row in whole] == [str(n) for n in range(1, 13)]

@@ -50,9 +50,9 @@ def test_a_folder_that_is_read_only_is_named(monkeypatch, capsys, tmp_path):
 
     monkeypatch.setattr(Path, "mkdir", refuse)
     assert main(["predict", FOUR, "-o", str(tmp_path / "table.csv")]) == 2
-    assert one_line(capsys) == (
-        f"stepblocks: error: output cannot be written: Read-only file system [{tmp_path}]"
-    )
+    place = tmp_path / "table.csv"
+    refusal = f"stepblocks: error: output cannot be written: Read-only file system [{place}]"
+    assert one_line(capsys) == refusal
 
 
 def test_a_file_where_a_folder_should_be_is_named(capsys, tmp_path):
