@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from stepblocks.cli import main
-from stepblocks.errors import PipelineError
+from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.predict.table import predict_table
 from stepblocks.tables import escape_formula, format_csv, read_table, write_table
 
@@ -62,3 +62,16 @@ def test_a_pipe_is_no_table(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     with pytest.raises(PipelineError, match=r"cannot be read: Not a plain file"):
         read_table(tmp_path / "pipe.csv")
+
+
+@pytest.mark.parametrize("digits", [310, 4000])
+def test_a_whole_number_beyond_the_largest_double_is_a_mistake_of_one_line(digits, tmp_path):
+    # 1.8e308 is the largest double (IEEE 754)
+    path = tmp_path / "t.csv"
+    path.write_text(f"height_um,load_n,friction\n25,{'9' * digits},0.15\n")
+    with pytest.raises(StepblocksError) as refused:
+        predict_table(path)
+    message = str(refused.value)
+    assert "load_n must be a finite number, got '999" in message
+    assert "\n" not in message
+    assert len(message) < 300

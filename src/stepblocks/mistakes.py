@@ -153,8 +153,8 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
 
 
 def shorten_value(value: object) -> str:
-    """Write a value in at most sixty letters."""
-    text = repr(value)
+    """Write a value in one line of at most sixty letters."""
+    text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
-from stepblocks.mistakes import Mistake, format_mistakes
+from stepblocks.mistakes import Mistake, format_mistakes, shorten_value
 from stepblocks.quantities import multiply_by_unit, parse_quantity
 from stepblocks.text_file import measure_file_size
 
@@ -122,10 +122,12 @@ def _convert_column(
     # Read a column; cells that are no finite number are among the mistakes
     import pandas as pd
 
-    numbers = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
-    for row in np.flatnonzero(~np.isfinite(numbers)):
-        given = repr(cells.iloc[row]) if isinstance(cells.iloc[row], str) else str(cells.iloc[row])
-        mistakes.append((f"row {row + 1}", f"{cells.name} must be a finite number, got {given}"))
+    # a whole number of hundreds of digits is an object that only as a text becomes infinite
+    texts = cells.astype(str) if cells.dtype == object else cells
+    numbers = pd.to_numeric(texts, errors="coerce").to_numpy(dtype=np.float64)
+    for row, given in cells.reset_index(drop=True)[~np.isfinite(numbers)].items():
+        rule = f"{cells.name} must be a finite number, got {shorten_value(given)}"
+        mistakes.append((f"row {row + 1}", rule))
     return np.asarray(
         multiply_by_unit(numbers, parse_quantity(f"1 {unit}", dimension) if unit else 1.0)
     )

@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse
 
 from stepblocks.cli import main
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError, PipelineError
 from stepblocks.simulators.compare import compare_record
 from stepblocks.simulators.export import export_scenes
+from stepblocks.simulators.feel import write_feel_page
 
 SET = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
 BLOCKS = "step-0[15]0"  # 10 and 50 um
@@ -209,3 +211,12 @@ def test_a_set_for_chai3d_brings_a_program_that_switches_its_blocks(tmp_path):
         assert amplitude == pytest.approx(math.sqrt(0.2) * force, rel=0.02)
         scores = compare_record(log, f"{SET}/step-010", normal_load=load).set_index("part")
         assert scores["difference_jnd"]["score"] < 1.0
+
+
+def test_what_is_no_set_is_refused_in_one_line_whatever_it_looks_like():
+    several = [scipy.sparse.eye_array(3)]  # it prints itself in three lines
+    with pytest.raises(
+        PipelineError, match="a set must be a path or a StimulusSet, got"
+    ) as refused:
+        write_feel_page(several, "never-written.html")
+    assert "\n" not in str(refused.value)

@@ -7,6 +7,7 @@ page may load, run and be framed by.
 import json
 import re
 import socket
+import struct
 import threading
 import types
 
@@ -16,7 +17,7 @@ from oracles.browser import browser
 from oracles.page_policy import ATTEMPTS, TRY, counting_server
 from stepblocks.study.conduct import open_run
 from stepblocks.study.run import design_study
-from stepblocks.study.server import RunServer
+from stepblocks.study.server import RunServer, _Handler
 
 
 @pytest.fixture(scope="module")
@@ -182,3 +183,32 @@ def test_the_page_of_a_run_stands_in_no_frame_of_another(server, window):
         window.switch_to.frame(0)
         assert server.token not in window.page_source
         assert "participant" not in window.page_source
+
+
+def test_a_client_that_says_nothing_is_cut_off_and_keeps_nobody_waiting(server, monkeypatch):
+    # 30 s of silence, here half of one; a request of which half comes is as silent
+    assert 1.0 < _Handler.timeout <= 60.0
+    monkeypatch.setattr(_Handler, "timeout", 0.5)
+    half = (
+        f"POST /begin HTTP/1.1\r\n{host(server)}\r\nX-Stepblocks: {server.token}\r\n"
+        "Content-Length: 100\r\n\r\n{"
+    )
+    for said in (b"", half.encode()):
+        with socket.create_connection(("127.0.0.1", server.port), timeout=10) as silent:
+            silent.sendall(said)
+            assert close(server, "GET /state HTTP/1.1", host(server)) == [200]
+            assert silent.recv(1 << 16) == b""  # hung up; an endless wait would end in an error
+
+
+def test_a_client_that_hangs_up_in_the_middle_of_an_answer_prints_nothing(server, capfd):
+    for _ in range(5):
+        line = socket.create_connection(("127.0.0.1", server.port), timeout=10)
+        line.sendall(f"GET / HTTP/1.1\r\n{host(server)}\r\n\r\n".encode() * 20)
+        # closed at once, with a reset: what the server still writes meets nobody
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        line.close()
+    assert close(server, "GET /state HTTP/1.1", host(server)) in ([200], [429])
+    for thread in threading.enumerate():
+        if "process_request" in thread.name:
+            thread.join(timeout=5.0)
+    assert capfd.readouterr().err == ""

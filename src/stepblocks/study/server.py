@@ -6,6 +6,7 @@ import secrets
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -61,9 +62,14 @@ class _Handler(BaseHTTPRequestHandler):
     # nothing, runs its own script only, and stands in no frame.
     server: RunServer
     protocol_version = "HTTP/1.1"
+    timeout = 30.0  # s of silence until a line is cut; a page opens a new one by itself
 
     def log_message(self, format: str, *args: object) -> None:
         """Write nothing: the terminal is the experimenter's."""
+
+    def handle(self) -> None:
+        with suppress(ConnectionError):  # who closes the page in the middle of an answer wants none
+            super().handle()
 
     def do_GET(self) -> None:
         run = self.server.experiment
