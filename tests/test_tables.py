@@ -72,6 +72,6 @@ def test_a_whole_number_beyond_the_largest_double_is_a_mistake_of_one_line(digit
     with pytest.raises(StepblocksError) as refused:
         predict_table(path)
     message = str(refused.value)
-    assert "load_n must be a finite number, got '999" in message
+    assert "load_n must be a finite number, got 999" in message
     assert "\n" not in message
     assert len(message) < 300
