@@ -18,7 +18,7 @@ app = typer.Typer()
     "build",
     "build mine.toml -o out",
     "build stimuli --only 'paper-ten/step-0?0'",
-    panel="stimuli",
+    panel="Stimuli",
 )
 def build(
     *,

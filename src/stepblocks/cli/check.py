@@ -12,7 +12,7 @@ from stepblocks.cli.outcome import Outcome
 app = typer.Typer()
 
 
-@command(app, "check", "check", "check part.step", panel="stimuli")
+@command(app, "check", "check", "check part.step", panel="Stimuli")
 def check(
     *,
     files: Annotated[
@@ -31,7 +31,7 @@ def check(
         bool, typer.Option("--verbose", help="print every measurement, not only the verdicts")
     ] = False,
 ) -> Outcome:
-    """Read every artefact back from disk and measure it, or check anybody's STEP file.
+    """Read every artefact back from disk and measure it, or check any STEP file.
 
     Prints a verdict per artefact; for STEP files named on the command line, dimensions and
     tolerances against their geometry, read as text. Exit code 1 if one is out of tolerance.

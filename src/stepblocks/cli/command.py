@@ -110,9 +110,14 @@ def command(
         run.__signature__ = own.replace(  # type: ignore[attr-defined]
             parameters=[*own.parameters.values(), *added]
         )
-        app.command(name, cls=Command, rich_help_panel=panel, epilog=_format_examples(examples))(
-            run
-        )
+        paragraphs = (inspect.getdoc(function) or "").split("\n\n")
+        app.command(
+            name,
+            cls=Command,
+            help="\n\n".join(" ".join(one.split()) for one in paragraphs),
+            rich_help_panel=panel,
+            epilog=_format_examples(examples),
+        )(run)
         return function
 
     return register
@@ -126,7 +131,7 @@ def _take_common_options(
 
 def _format_examples(examples: Sequence[str]) -> str | None:
     lines = [f"  stepblocks {example}" for example in examples]
-    return "\n".join(["examples:", *lines]) if lines else None
+    return "\n".join(["Examples:", *lines]) if lines else None
 
 
 def describe_mistake(error: typer.TyperException) -> str:

@@ -16,7 +16,7 @@ app = typer.Typer()
     app,
     "compare",
     "compare record.csv --to stimuli/paper-ten.toml/step-050",
-    panel="simulators",
+    panel="Simulators",
 )
 def compare(
     *,

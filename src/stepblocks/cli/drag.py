@@ -33,7 +33,7 @@ def _read_range(text: str) -> tuple[float, float]:
     "drag '25 um' --load '0.5 N'",
     "drag mine.toml/step-050 -o out/drag --backward",
     "drag profile.csv --pull '0.4 N'",
-    panel="what will be felt",
+    panel="What is felt",
 )
 def drag(
     *,

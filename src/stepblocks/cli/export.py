@@ -30,7 +30,7 @@ app = typer.Typer()
     "export mine.toml --for mujoco",
     "export --for chai3d --device touch --only step-050",
     "export --list-devices",
-    panel="simulators",
+    panel="Simulators",
 )
 def export(
     *,

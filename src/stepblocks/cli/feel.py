@@ -12,7 +12,7 @@ from stepblocks.cli.outcome import Outcome
 app = typer.Typer()
 
 
-@command(app, "feel", "feel", "feel mine.toml --no-open", panel="simulators")
+@command(app, "feel", "feel", "feel mine.toml --no-open", panel="Simulators")
 def feel(
     *,
     files: Files = None,

@@ -30,11 +30,11 @@ _EVALUATION, _INSTRUMENT = "how the scan is evaluated", "the instrument"
     app,
     "inspect",
     "inspect scan.x3p --stimulus step-050 --calibration '0.1 %' -o out/inspect",
-    "inspect scan.csv --stimulus step-050 --stimuli mine.toml --unit um",
+    "inspect scan.csv --stimulus step-050 --stimuli mine.toml --units um",
     "inspect standard.nid --standard '500 nm' --tolerance '10 nm'",
-    "inspect profile.csv --unit x=mm,z=um",
+    "inspect profile.csv --units x=mm,z=um",
     "inspect scans/ --stimulus step-050 -o out/inspect",
-    panel="stimuli",
+    panel="Stimuli",
 )
 def inspect(
     *,

@@ -19,7 +19,7 @@ app = typer.Typer()
     "loop",
     "loop session",
     "loop session -o out/loop --as-built out/inspect",
-    panel="the bench",
+    panel="Bench",
 )
 def loop(
     *,

@@ -15,7 +15,7 @@ from typer.models import OptionInfo
 from stepblocks.errors import PipelineError
 from stepblocks.quantities import parse_quantity
 
-_EVERYWHERE = "in every command"
+_EVERYWHERE = "In every command"
 
 
 def quantity(dimension: str, *, above_zero: bool = False) -> Callable[[str], float]:

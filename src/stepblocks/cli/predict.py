@@ -25,7 +25,7 @@ app = typer.Typer()
     "predict table.csv -o out.csv",
     "predict trials.csv --model out/loop/model.json -o out.csv",
     "predict session --model out/loop/model.json -o out.csv",
-    panel="what will be felt",
+    panel="What is felt",
 )
 def predict(
     *,

@@ -12,7 +12,7 @@ from stepblocks.cli.outcome import Outcome, make_progress
 app = typer.Typer()
 
 
-@command(app, "simulate-session", "simulate-session plan.toml -o rehearsal", panel="the bench")
+@command(app, "simulate-session", "simulate-session plan.toml -o rehearsal", panel="Bench")
 def simulate_session(
     *,
     plan: Annotated[
@@ -47,7 +47,7 @@ def simulate_session(
     "measure",
     "measure session",
     "measure session -o features.csv --plots plots --trials 1,2",
-    panel="the bench",
+    panel="Bench",
 )
 def measure(
     *,

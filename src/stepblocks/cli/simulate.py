@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_OBSERVER = "the simulated participants"
+_OBSERVER = "Simulated participants"
 
 
 def _read_shares(text: str) -> dict[str, float]:

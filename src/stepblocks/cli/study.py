@@ -37,14 +37,14 @@ from stepblocks.errors import PipelineError
 study = typer.Typer(
     name="study",
     cls=Group,
-    help="Design, run, simulate and analyse the experiments on people; how many participants.\n\n"
+    help="Design, run, simulate and analyse the experiments on people; find the number of participants.\n\n"
     "The experiments on people: a design, run sheets, answers, a report; and the power of a study "
     "before it is run.",
     subcommand_metavar="COMMAND ...",
 )
 study.add_typer(simulate.app)
 app = typer.Typer()
-app.add_typer(study, rich_help_panel="people")
+app.add_typer(study, rich_help_panel="People")
 
 _COUNT = make_whole_number_reader(1, 100_000)
 _EXPERIMENTS = Literal["estimates", "virtual", "constant", "magnitude", "2afc", "adaptive"]

@@ -17,7 +17,7 @@ app = typer.Typer()
     "sweep",
     "sweep sweep.toml",
     "sweep sweep.toml -o out/sweep --jobs 4",
-    panel="what will be felt",
+    panel="What is felt",
 )
 def sweep(
     *,

@@ -17,7 +17,7 @@ app = typer.Typer()
     "workshop",
     "workshop mine.toml",
     "workshop --only 'paper-ten/*' --capability '1 um'",
-    panel="stimuli",
+    panel="Stimuli",
 )
 def workshop(
     *,
@@ -37,7 +37,7 @@ def workshop(
     ] = None,
     quiet: Quiet = False,
 ) -> Outcome:
-    """Write drawings, inspection sheets and gauge-block variants; say which route reaches what.
+    """Write drawings, inspection sheets and gauge-block variants; compare the routes of making.
 
     Drawings (DXF, SVG, PDF) and inspection sheets (CSV, PDF) of every part, the two-piece variant
     of step blocks, setup sheets with the stock, and a table of the ways to make them with what each
