@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 _LENGTH, _RATIO = quantity("length"), quantity("ratio")
-_EVALUATION, _INSTRUMENT = "how the scan is evaluated", "the instrument"
+_EVALUATION, _INSTRUMENT = "Evaluation of the scan", "Instrument"
 
 
 @command(
