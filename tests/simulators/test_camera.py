@@ -108,6 +108,46 @@ def test_the_tip_starts_outside_the_block_and_rests_there_under_its_load(deliver
     assert data.sensor("pull").data[0] == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.fixture(scope="module")
+def all_margins(tmp_path_factory):
+    """Folders of the blocks and margins that are shipped, by their names."""
+    pytest.importorskip("mujoco")
+    sets = [SET, SET.with_name("crown-margins.toml")]
+    done = export_scenes(sets, "mujoco", tmp_path_factory.mktemp("scenes"))
+    return {one.name.split("/")[1]: one.folder for one in done}
+
+
+def test_nothing_moves_at_the_keyframe_of_any_scene_in_a_gap_neither(all_margins):
+    """A ball over a gap would slide into it: at rest, it lies in the notch from the start."""
+    import mujoco
+
+    assert len(all_margins) == 22
+    for name, folder in all_margins.items():
+        model = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        home = data.qpos.copy()
+        mujoco.mj_forward(model, data)
+        assert all(abs(contact.dist) < 1e-7 for contact in data.contact), name
+        mujoco.mj_step(model, data, 1000)
+        assert data.qpos == pytest.approx(home, abs=1e-7), name
+
+
+@pytest.mark.parametrize("name", ["step-100", "gap-100", "gap-050-under-020", "gap-050-bevelled"])
+def test_the_readme_of_the_extremes_runs_as_it_stands_too(all_margins, name):
+    """The greatest force, 5.71 N, and the three gaps whose flank is steeper than friction."""
+    event = json.loads((all_margins[name] / "event.json").read_text())["events"][0]
+    code = re.search(r"```python\n(.*?)```", (all_margins[name] / "README.md").read_text(), re.S)[1]
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", code],
+        cwd=all_margins[name],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert float(done.stdout.split()[1]) == pytest.approx(event["critical_force_n"], rel=0.005)
+
+
 def test_the_tip_by_itself_rings_as_long_as_the_event_says(delivered):
     """Lifted off and let go: frequency and decay of the swing beside event.json."""
     import mujoco

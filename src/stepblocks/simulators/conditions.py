@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
-from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
@@ -50,21 +50,18 @@ def choose_operating_point(
     tool = grid.as_tool()
     if worn is not None:  # how the probe rings with this part on its shank
         tool = replace(tool, frequency=worn.frequency, decay_time=worn.decay_time)
-    ball = next(iter(grid.tip_radii), None) if part.ball is None else part.ball.nominal
-    if ball is None and "ball_radius" not in overrides:
-        raise PipelineError(
-            "--tip-radius must be given for a set whose prediction names no tip_radii, got none "
-            f"[{stimuli.name}]"
-        )
-    given = {"normal_load": grid.normal_loads[0], "friction": grid.coefficients[0]} | dict(
-        overrides
-    )
-    radius = float(given.pop("ball_radius", ball or 0.0) if part.ball is None else ball or 0.0)
-    given.pop("ball_radius", None)
+    given = {
+        "normal_load": grid.normal_loads[0],
+        "friction": grid.coefficients[0],
+        "ball_radius": next(iter(grid.tip_radii), PAPER.ball_radius),
+        "speed": 5e-3,
+        **overrides,
+    }
+    radius = given["ball_radius"] if part.ball is None else part.ball.nominal
     return replace(
         OperatingPoint(radius, given["normal_load"], given["friction"]),
         tool=tool,
         tissue=part.tissue(tool),
         contact=grid.built_laws.get("contact"),
-        speed=given.get("speed", 5e-3),
+        speed=given["speed"],
     )

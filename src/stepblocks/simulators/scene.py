@@ -131,8 +131,13 @@ class Scene:
 
     @property
     def start(self) -> tuple[float, float]:
-        """Where the ball's centre rests before the drag towards +x: x and z [m], magnified."""
-        x = (self.events[0].trigger_position - _APPROACH) * self.scale
+        """Where the ball's centre rests before the drag towards +x: x and z [m], magnified.
+
+        In the notch itself where the ball would slide down into it, as in a gap.
+        """
+        before, notch = ((self.events[0].trigger_position - d) * self.scale for d in (_APPROACH, 0))
+        slope = self.path.slope_end[np.searchsorted(self.path.x, before) - 1]
+        x = before if abs(slope) <= self.point.friction else notch
         return x, float(np.interp(x, self.path.x, self.path.z))
 
     def parameters(self) -> dict[str, object]:

@@ -73,17 +73,20 @@ MUJOCO = SceneFormat(
         "camera `tip` rides with the tip). `-blocks` beside the blocks of a set is one scene with "
         "all of them.\n\n"
         "In a program of your own start from the keyframe `before`, in which the tip rests before "
-        "the step under its load, and pull the far end of the spring:\n\n"
+        "the step (in a gap: in its notch) under its load, and pull the far end of the spring:\n\n"
         "```python\n"
         "import json\n\n"
         "import mujoco\n\n"
         'model = mujoco.MjModel.from_xml_path("scene.xml")\n'
         "data = mujoco.MjData(model)\n"
         'mujoco.mj_resetDataKeyframe(model, data, model.key("before").id)\n'
-        'scale = json.load(open("event.json"))["scale"]\n'
+        'scene = json.load(open("event.json"))\n'
+        'force = scene["events"][0]["critical_force_n"] or 1.0\n'
+        'speed = 5e-4 * scene["scale"] * min(1.0, force)  # slow: inertia adds sqrt(k m) times it\n'
+        'travel = 1e-4 * scene["scale"] + 1.1 * force / scene["stiffness_n_per_m"]\n'
         "peak = 0.0\n"
-        "for step in range(60_000):  # further for a higher step or load\n"
-        '    data.actuator("spring").ctrl = 5e-4 * scale * step * model.opt.timestep\n'
+        "for step in range(int(travel / speed / model.opt.timestep)):\n"
+        '    data.actuator("spring").ctrl = speed * step * model.opt.timestep\n'
         "    mujoco.mj_step(model, data)\n"
         '    peak = max(peak, data.sensor("pull").data[0])\n'
         'print(f"peak {peak:.4f} N")\n'
