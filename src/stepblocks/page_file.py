@@ -3,6 +3,8 @@
 import html
 from importlib.resources import files
 
+from stepblocks.quantities import format_column_label, format_number, format_units
+
 _HEAD = """<!doctype html>
 <html lang="en">
 <meta charset="utf-8">
@@ -18,8 +20,6 @@ def render_page(package: str, template: str, **values: object) -> str:
     ``head`` opens the page with the common style, ``readable`` writes units as people do.
     """
     import jinja2
-
-    from stepblocks.quantities import format_column_label, format_units
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(package),
@@ -41,8 +41,6 @@ def render_page(package: str, template: str, **values: object) -> str:
 
 def _format_cell(value: object) -> str:
     # Three digits; a dash for what does not exist
-    from stepblocks.quantities import format_number
-
     if isinstance(value, bool) or value is None:
         return "-" if value is None else str(value).lower()
     return str(value) if isinstance(value, str | int) else format_number(float(str(value)))

@@ -4,8 +4,6 @@ A stimulus file says ``"25 um"``; everything behind this module holds ``2.5e-05`
 units; this module knows the dimension of each field and says where a value does not fit it.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -52,7 +50,7 @@ _QUANTITY = re.compile(
 
 
 @cache
-def _build_registry() -> pint.UnitRegistry[float]:
+def _build_registry() -> "pint.UnitRegistry[float]":
     import pint
 
     registry: pint.UnitRegistry[float] = pint.UnitRegistry(

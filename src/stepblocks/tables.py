@@ -1,7 +1,5 @@
 """Tables at the border: a column's unit stands in its name, ``height_um`` or ``speed_mm_s``."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -32,7 +30,7 @@ SUFFIXES: dict[str, dict[str, str]] = {
 _LARGEST_FILE = 2_000_000_000  # bytes
 
 
-def read_table(path: Path) -> pd.DataFrame:
+def read_table(path: Path) -> "pd.DataFrame":
     """Read a CSV with a header."""
     import pandas as pd
 
@@ -54,7 +52,7 @@ def read_table(path: Path) -> pd.DataFrame:
     return frame
 
 
-def find_misspelt_columns(frame: pd.DataFrame, known: Collection[str]) -> dict[str, str]:
+def find_misspelt_columns(frame: "pd.DataFrame", known: Collection[str]) -> dict[str, str]:
     """Find columns that are nearly one of the known, and which."""
     near = {
         str(name): difflib.get_close_matches(str(name), known, 1, 0.8)
@@ -65,7 +63,7 @@ def find_misspelt_columns(frame: pd.DataFrame, known: Collection[str]) -> dict[s
 
 
 def read_si_columns(
-    frame: pd.DataFrame,
+    frame: "pd.DataFrame",
     wanted: Mapping[str, tuple[Sequence[str], str, float | None]],
     place: object,
 ) -> dict[str, NDArray[np.float64]]:
@@ -117,7 +115,7 @@ def read_si_columns(
 
 
 def _convert_column(
-    cells: pd.Series, unit: str, dimension: str, mistakes: list[Mistake]
+    cells: "pd.Series", unit: str, dimension: str, mistakes: list[Mistake]
 ) -> NDArray[np.float64]:
     # Read a column; cells that are no finite number are among the mistakes
     import pandas as pd
@@ -162,6 +160,6 @@ def format_csv(
     return str(frame.to_csv(index=False, lineterminator="\n", float_format=float_format))
 
 
-def write_table(frame: pd.DataFrame, path: Path, float_format: str | None = None) -> None:
+def write_table(frame: "pd.DataFrame", path: Path, float_format: str | None = None) -> None:
     """Write a CSV beside its place and rename it; 17 digits give the same doubles back."""
     replace_text(path, format_csv(frame, None, float_format))

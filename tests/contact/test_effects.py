@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from stepblocks.contact.critical_angle import find_step_angle
-from stepblocks.contact.effects.named import SLOTS, list_named_laws
+from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.forward import (
@@ -79,7 +79,6 @@ def _changed(law: Law, **values: float) -> np.ndarray:
 
 @pytest.mark.parametrize("law", _all_laws(), ids=lambda law: law.id)
 def test_every_law_vanishes_at_its_start_and_moves_something_beside_it(law: Law) -> None:
-    assert law.slot in SLOTS
     assert np.allclose(_changed(law), 0.0, atol=1e-12)
     for name in law.amplitudes:
         parameter = next(p for p in law.parameters if p.name == name)

@@ -1,7 +1,5 @@
 """A characteristic on paper: its limits on a drawing, its line on an inspection sheet."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -72,7 +70,7 @@ def describe_default_demands(stimulus: Part) -> str:
     return named and f"Defaults, not stated in the order: {named}."
 
 
-def make_sheet_table(stimulus: Part, measured: Values | None = None) -> pd.DataFrame:
+def make_sheet_table(stimulus: Part, measured: Values | None = None) -> "pd.DataFrame":
     """Return the lines of the sheet, as texts."""
     import pandas as pd  # a scan is inspected without it
 

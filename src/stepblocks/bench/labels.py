@@ -3,8 +3,6 @@
 A trial that contradicts its session is flagged; a group that does so is data.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from array import array
@@ -49,8 +47,8 @@ class LabelCheck:
         Name of each trial.
     """
 
-    labels: array[int] = field(default_factory=lambda: array("Q"))
-    numbers: array[float] = field(default_factory=lambda: array("d"))
+    labels: "array[int]" = field(default_factory=lambda: array("Q"))
+    numbers: "array[float]" = field(default_factory=lambda: array("d"))
     names: dict[str, int] = field(default_factory=dict)
     trials: list[str] = field(default_factory=list)
 

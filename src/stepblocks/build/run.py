@@ -3,8 +3,6 @@
 Heavy modules are imported only when something has to be built.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -84,12 +82,12 @@ class BuildReport:
 
 
 def build_sets(
-    files: Source | Sequence[Source] | None = None,
+    files: "Source | Sequence[Source] | None" = None,
     output: str | Path = "out",
     *,
     only: str | None = None,
     jobs: int | None = None,
-    announce: Callable[[Made, int, int], None] | None = None,
+    announce: "Callable[[Made, int, int], None] | None" = None,
     model: str | Path | None = None,
 ) -> BuildReport:
     """Build every stimulus that is not up to date, then the tables and the page.
@@ -176,7 +174,7 @@ def build_sets(
     return report
 
 
-def _list_sources(files: Source | Sequence[Source] | None) -> list[Path | StimulusSet]:
+def _list_sources(files: "Source | Sequence[Source] | None") -> "list[Path | StimulusSet]":
     # List stimulus files and declared sets, each name once
     several = files if isinstance(files, list | tuple) else () if files is None else (files,)
     paths = [one for one in several if isinstance(one, str | Path)]
@@ -189,7 +187,7 @@ def _list_sources(files: Source | Sequence[Source] | None) -> list[Path | Stimul
     return found
 
 
-def _require_safe_output(output: Path, sets: Sequence[StimulusSet]) -> None:
+def _require_safe_output(output: Path, sets: "Sequence[StimulusSet]") -> None:
     if not os.access(output, os.W_OK):
         raise PipelineError(f"the output folder must be writable [{output}]")
     for name in (
@@ -204,8 +202,8 @@ def _require_safe_output(output: Path, sets: Sequence[StimulusSet]) -> None:
 
 
 def _find_outdated(
-    selected: Sequence[tuple[StimulusSet, Part]], output: Path, code: str
-) -> list[Wanted]:
+    selected: "Sequence[tuple[StimulusSet, Part]]", output: Path, code: str
+) -> "list[Wanted]":
     # List the stimuli to build, each with its set and the hash of its inputs
     wanted: list[Wanted] = []
     for stimuli, stimulus in selected:
@@ -219,7 +217,7 @@ def _find_outdated(
 
 
 def _write_tables_and_page(
-    sets: Sequence[StimulusSet], output: Path, report: BuildReport, learned: LearnedModel | None
+    sets: "Sequence[StimulusSet]", output: Path, report: BuildReport, learned: "LearnedModel | None"
 ) -> tuple[dict[str, str], int]:
     # Write tables and page from the records. Return the hash of every file of the folder, and the
     # number of stimuli.
@@ -275,7 +273,7 @@ def check_output(
     output: str | Path = "out",
     *,
     only: str | None = None,
-) -> Iterator[tuple[str, list[Verdict]]]:
+) -> "Iterator[tuple[str, list[Verdict]]]":
     """Check the artefacts of all stimuli.
 
     Parameters
@@ -308,7 +306,7 @@ def check_output(
         raise PipelineError(f"the output folder must exist; run stepblocks build first [{folder}]")
     selected = select_stimuli(sets, only)
 
-    def check() -> Iterator[tuple[str, list[Verdict]]]:
+    def check() -> "Iterator[tuple[str, list[Verdict]]]":
         for stimuli, stimulus in selected:
             for path in list_checkable_files(stimulus, folder / stimuli.name / stimulus.id):
                 yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
@@ -319,7 +317,7 @@ def check_output(
     return check()  # what was asked wrongly is refused at once, not where the first is taken
 
 
-def _check_table(stimuli: StimulusSet, folder: Path, name: str) -> Verdict:
+def _check_table(stimuli: "StimulusSet", folder: Path, name: str) -> "Verdict":
     # Compare the table of predictions line by line with a new prediction. Figures may differ by one
     # in their last digit, which a last bit can turn on another processor. With a learned model
     # the table must have the hash of the manifest.

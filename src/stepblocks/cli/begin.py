@@ -10,6 +10,7 @@ import typer
 from stepblocks.cli.command import command
 from stepblocks.cli.options import Force, require_one
 from stepblocks.cli.outcome import Outcome
+from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -77,7 +78,6 @@ def new(
 
 def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
     from stepblocks.atomic import replace_text
-    from stepblocks.errors import PipelineError
 
     if there := [str(place) for place in texts if place.exists() and not force]:
         raise PipelineError(f"there is one already; --force replaces it [{', '.join(there)}]")
@@ -87,7 +87,6 @@ def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
 
 def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
     # Copy the shipped stimuli from where a wheel puts them, or from the checkout
-    from stepblocks.errors import PipelineError
 
     installed = Path(sysconfig.get_path("data")) / "share" / "stepblocks" / "stimuli"
     source = installed if installed.is_dir() else Path(__file__).parents[3] / "stimuli"

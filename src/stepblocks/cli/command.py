@@ -1,22 +1,17 @@
 """How a command is declared, and how a mistake in its options is reported."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import typer
+from typer._click.core import Context, Parameter
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
 from stepblocks.cli.options import Force, Json, Quiet, Wide
 from stepblocks.cli.outcome import Outcome, protect_output, show
 from stepblocks.errors import PipelineError
-
-if TYPE_CHECKING:
-    from typer._click.core import Context, Parameter
 
 Function = Callable[..., Outcome]
 

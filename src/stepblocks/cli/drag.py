@@ -13,14 +13,14 @@ from stepblocks.text_file import Document
 
 app = typer.Typer()
 
-_LENGTH, _RATIO = quantity("length"), quantity("ratio")
+_read_length = quantity("length")
 
 
 def _read_range(text: str) -> tuple[float, float]:
     # Read two lengths with two dots between them
     try:
         first, last = text.split("..")
-        return _LENGTH(first), _LENGTH(last)
+        return _read_length(first), _read_length(last)
     except ValueError as error:
         raise PipelineError(
             f"--x-range: must be two lengths such as -50um..50um, got {text!r}"
@@ -43,10 +43,9 @@ def drag(
     ] = Path("out/drag"),
     static_friction: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "ratio",
             "--static-friction",
-            metavar="RATIO",
-            parser=_RATIO,
             help="coefficient of friction at rest; 0: as while sliding",
             show_default="0",
         ),
@@ -80,30 +79,27 @@ def drag(
     ] = None,
     tip_radius: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--tip-radius",
-            metavar="LENGTH",
-            parser=_LENGTH,
             help="radius of the ball R",
             show_default="the set's first, or 125 um",
         ),
     ] = None,
     edge_radius: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--edge-radius",
-            metavar="LENGTH",
-            parser=_LENGTH,
             help="radius of a plain step's edge r",
             show_default="0 um",
         ),
     ] = None,
     step_height: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--step-height",
-            metavar="LENGTH",
-            parser=_LENGTH,
             help="step under a declared tip",
             show_default="the set's first",
         ),
@@ -119,10 +115,9 @@ def drag(
     ] = None,
     friction: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "ratio",
             "--friction",
-            metavar="RATIO",
-            parser=_RATIO,
             help="coefficient of friction mu",
             show_default="the set's first, or 0.15",
         ),
@@ -147,10 +142,9 @@ def drag(
     ] = None,
     damping_ratio: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "ratio",
             "--damping-ratio",
-            metavar="RATIO",
-            parser=_RATIO,
             help="share of critical damping",
             show_default="0.037, the paper's, or of the sheath",
         ),

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_LENGTH, _RATIO = quantity("length"), quantity("ratio")
 _EVALUATION, _INSTRUMENT = "Evaluation of the scan", "Instrument"
 
 
@@ -52,10 +51,9 @@ def inspect(
     ] = None,
     standard: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--standard",
-            metavar="LENGTH",
-            parser=_LENGTH,
             help="a depth standard or grating of this certified depth, such as '500 nm'",
         ),
     ] = None,
@@ -89,10 +87,9 @@ def inspect(
     ] = None,
     tolerance: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--tolerance",
-            metavar="LENGTH",
-            parser=_LENGTH,
             help="with --standard: uncertainty or tolerance of its certificate",
         ),
     ] = None,
@@ -163,17 +160,16 @@ def inspect(
         typer.Option(
             "--area",
             metavar="X0 X1 Y0 Y1",
-            parser=_LENGTH,
+            parser=quantity("length"),
             help="evaluate this rectangle of a map, such as 0um 200um 50um 90um",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,
     exclusion: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--exclusion",
-            metavar="LENGTH",
-            parser=_LENGTH,
             help="width that is left out at every edge, such as '50 um'",
             show_default="where its flank is",
             rich_help_panel=_EVALUATION,
@@ -181,30 +177,27 @@ def inspect(
     ] = None,
     begin: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--from",
-            metavar="LENGTH",
-            parser=_LENGTH,
             help="evaluate each profile from here",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,
     end: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--to",
-            metavar="LENGTH",
-            parser=_LENGTH,
             help="evaluate each profile up to here",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,
     stylus_radius: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--stylus-radius",
-            metavar="LENGTH",
-            parser=_LENGTH,
             help="radius of the stylus, 0 um of an optical instrument",
             rich_help_panel=_INSTRUMENT,
         ),
@@ -220,30 +213,27 @@ def inspect(
     ] = None,
     calibration: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "ratio",
             "--calibration",
-            metavar="RATIO",
-            parser=_RATIO,
             help="relative standard uncertainty of the vertical calibration, such as '0.1 %'",
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
     lateral_calibration: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "ratio",
             "--lateral-calibration",
-            metavar="RATIO",
-            parser=_RATIO,
             help="the same of its lateral calibration",
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
     resolution: Annotated[
         float | None,
-        typer.Option(
+        quantity_option(
+            "length",
             "--resolution",
-            metavar="LENGTH",
-            parser=_LENGTH,
             help="least difference of height, such as '1 nm'",
             rich_help_panel=_INSTRUMENT,
         ),

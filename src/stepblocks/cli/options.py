@@ -65,8 +65,6 @@ def make_whole_number_reader(least: int, most: int) -> Callable[[str | int], int
 class Numbers(tuple[int, ...]):
     """Whole numbers, separated by commas on the command line."""
 
-    __slots__ = ()
-
 
 def read_numbers(text: str) -> Numbers:
     """Read whole numbers separated by commas."""

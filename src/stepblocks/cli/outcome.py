@@ -11,6 +11,8 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepblocks.atomic import protect_files, replace_text
+from stepblocks.build.manifest import hash_file
 from stepblocks.quantities import format_column, format_column_label, format_units
 
 if TYPE_CHECKING:
@@ -220,9 +222,6 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
     command wrote, in ``.stepblocks.json`` with its hash, so that a table which somebody filled in
     since is theirs.
     """
-    from stepblocks.atomic import protect_files
-    from stepblocks.build.manifest import hash_file
-
     written: list[Path] = []
     if not isinstance(place, Path):
         yield written
@@ -269,9 +268,6 @@ def _read_hashes(file: Path, key: str) -> dict[str, str]:
 
 def _record_hashes(folder: Path, known: Mapping[str, str], written: Sequence[Path]) -> None:
     # Keep the hashes of what was written, but for the files that a build's manifest names
-    from stepblocks.atomic import replace_text
-    from stepblocks.build.manifest import hash_file
-
     built = _read_hashes(folder / "manifest.json", "outputs") | {"manifest.json": ""}
     fresh = {path.relative_to(folder).as_posix(): hash_file(path) for path in written}
     every = {**known, **fresh}.items()

@@ -79,6 +79,7 @@ def predict(
     from stepblocks.predict.predictions import (
         choose_terminal_columns,
         describe_left_out,
+        format_row,
         predict_all,
     )
     from stepblocks.predict.sheaths import tabulate_rings
@@ -91,7 +92,7 @@ def predict(
         sets, by_name, rows = _predict_as_built(sets, as_built, in_time, speed)
     else:
         by_name = {one.name: predict_all(one, in_time, **given(speed=speed)) for one in sets}
-        rows = _format_rows(by_name)
+        rows = [format_row(one) for predictions in by_name.values() for one in predictions]
     notes = describe_left_out([one for predictions in by_name.values() for one in predictions])
     if plots:
         from stepblocks.predict.figures import write_plots
@@ -106,12 +107,6 @@ def predict(
         f"ring of the probe of {one.name}": found for one in sets if (found := tabulate_rings(one))
     }
     return Outcome(summary, {**tables, **rings}, notes=notes, record={"predictions": rows, **rings})
-
-
-def _format_rows(by_name: "dict[str, tuple[Prediction, ...]]") -> list[dict[str, str]]:
-    from stepblocks.predict.predictions import format_row
-
-    return [format_row(one) for predictions in by_name.values() for one in predictions]
 
 
 def _predict_as_built(
@@ -135,7 +130,8 @@ def _predict_as_built(
         for one in sets
     }
     if all(record.surface is None for record in records.values()):
-        return sets, by_name, _format_rows(by_name)
+        rows = [format_row(one) for predictions in by_name.values() for one in predictions]
+        return sets, by_name, rows
     surfaces = {one.name: as_built.prepare_surface_releases(one, records) for one in nominal}
     rows = [
         format_row(one) | as_built.format_surface_columns(surfaces[name](one))

@@ -12,8 +12,6 @@ from stepblocks.errors import PipelineError
 class Heights(tuple[float, ...]):
     """Heights [m], separated by commas on the command line."""
 
-    __slots__ = ()
-
 
 def _read_heights(text: str) -> Heights:
     # Read heights in micrometres, or in the unit that each names
@@ -24,8 +22,6 @@ def _read_heights(text: str) -> Heights:
 
 class Names(tuple[str, ...]):
     """Names, separated by commas on the command line."""
-
-    __slots__ = ()
 
 
 def read_names(text: str) -> Names:

@@ -1,7 +1,5 @@
 """What a slider meets: the surface across which a tip is dragged, in the plane of the drag."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -350,7 +348,7 @@ class Profile(Counterface):
         return f"Profile({self.x.size} points over {run}, heights over {span})"
 
     @classmethod
-    def from_scan(cls, scan: Scanned, feature: tuple[float, float] | None = None) -> Profile:
+    def from_scan(cls, scan: Scanned, feature: tuple[float, float] | None = None) -> "Profile":
         """Take over a scanned profile; points that were not measured are bridged by straight lines.
 
         Parameters

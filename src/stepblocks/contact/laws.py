@@ -4,8 +4,6 @@ The drag in time takes their value at every step, the equations their value at r
 a law that ships, or one that a package offers as an entry point.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -112,7 +110,7 @@ class Stribeck(FrictionLaw):
         )
         object.__setattr__(self, "_numbers", (sliding, static, speed, viscous, bristle_stiffness))
 
-    def __reduce__(self) -> tuple[type[Stribeck], tuple[float, ...]]:
+    def __reduce__(self) -> "tuple[type[Stribeck], tuple[float, ...]]":
         return Stribeck, self._numbers  # a function within a function cannot be pickled
 
     def __repr__(self) -> str:

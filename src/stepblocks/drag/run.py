@@ -1,7 +1,5 @@
 """One drag, from what is dragged over to traces, figures and a summary."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping
@@ -144,7 +142,7 @@ class Drag:
         """Traces [SI], one column each, its unit in its name."""
         return pd.DataFrame(self.trace.rows, columns=list(COLUMNS))
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Plot the pull against time with a mark at every event.
 
         Parameters

@@ -8,8 +8,6 @@ times the scatter of its scans takes the place of what each scan says of its own
 instrument owes and the form of the surface do not average.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -61,7 +59,7 @@ class ManyScans:
         One for each block, by its serial number; none of a standard.
     """
 
-    tables: Mapping[str, pd.DataFrame]
+    tables: "Mapping[str, pd.DataFrame]"
     left_out: tuple[str, ...]
     verdict: Outcome
     reports: Mapping[str, InspectionResult]
@@ -261,7 +259,7 @@ def _merge_reports(
     return judge_part(first.stimulus, evaluation, source, digest, first.order, first.asked)
 
 
-def _convert_to_um(table: pd.DataFrame) -> pd.DataFrame:
+def _convert_to_um(table: "pd.DataFrame") -> "pd.DataFrame":
     # Give columns of lengths their unit; angles stand in degrees beside them.
     lengths = [name for name in table if name in _LENGTHS]
     angles = table["characteristic"].str.endswith("_angle").to_numpy()
@@ -272,7 +270,7 @@ def _convert_to_um(table: pd.DataFrame) -> pd.DataFrame:
     return table.rename(columns={name: f"{name}_um" for name in lengths})
 
 
-def _list_scans(paths: Sequence[Path], stimulus: str | None) -> pd.DataFrame:
+def _list_scans(paths: Sequence[Path], stimulus: str | None) -> "pd.DataFrame":
     # Name the scans with their parts, blocks and conditions.
     import pandas as pd
 
@@ -328,7 +326,7 @@ def is_table(paths: Sequence[Path]) -> bool:
         return "scan" in [name.strip() for name in file.readline(10_000).split(",")]
 
 
-def estimate_repeatability(table: pd.DataFrame) -> tuple[float, float]:
+def estimate_repeatability(table: "pd.DataFrame") -> tuple[float, float]:
     """Return the standard deviation of a reading of a block and its degrees of freedom.
 
     Both are pooled over blocks.
@@ -344,7 +342,7 @@ def estimate_repeatability(table: pd.DataFrame) -> tuple[float, float]:
     return math.sqrt(float((within**2).sum()) / dof) if dof else 0.0, float(dof)
 
 
-def _average_block(its: pd.DataFrame, readings: int, std: float, dof: float) -> Measured:
+def _average_block(its: "pd.DataFrame", readings: int, std: float, dof: float) -> Measured:
     # Mean over the scans of a block: the scatter over all scans in place of their own, and what
     # does not average.
     budgets: list[Measured] = list(its["measured"])

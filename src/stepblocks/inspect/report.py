@@ -3,8 +3,6 @@
 The plot shows the scan, its limits and the guard bands.
 """
 
-from __future__ import annotations
-
 import html
 import json
 import math
@@ -225,7 +223,7 @@ class InspectionResult:
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the scan with what was fitted and its limits; return the axes.
 
         They are `ax`, or new ones where none are given.
@@ -408,7 +406,7 @@ def _draw(path: Path, result: InspectionResult) -> None:
     save_figure(figure, path)
 
 
-def _draw_scan(axis: Axes, result: InspectionResult, shown: Shown) -> None:
+def _draw_scan(axis: "Axes", result: InspectionResult, shown: Shown) -> None:
     thin = max(len(shown.position) // _MOST_DRAWN, 1)
     x, z = shown.position[::thin] * 1e6, shown.height[::thin] * 1e6
     axis.plot(x, z, color="#1d2a36", linewidth=1.4)

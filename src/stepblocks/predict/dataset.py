@@ -1,7 +1,5 @@
 """Tables of predictions as labelled arrays, and as a plot."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -21,7 +19,7 @@ _CONDITIONS = (
 )
 
 
-def to_dataset(table: pd.DataFrame) -> xarray.Dataset:
+def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
     """Turn a table of predictions into an xarray Dataset.
 
     Parameters
@@ -70,8 +68,8 @@ def plot_predictions(
     table: pd.DataFrame,
     x: str = "step_height_um",
     y: str = "felt_energy_uj",
-    ax: Axes | None = None,
-) -> Axes:
+    ax: "Axes | None" = None,
+) -> "Axes":
     """Draw a column of predictions against another, a line for each condition.
 
     Parameters

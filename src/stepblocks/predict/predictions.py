@@ -1,7 +1,5 @@
 """What will be felt: every stimulus of a set under every tip, load and friction asked for."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -324,7 +322,7 @@ def format_predictions_csv(
 
 def predict_set(
     stimuli: StimulusSet | str | Path, *, dragged: bool | None = None, speed: float = PAPER.speed
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Predict every stimulus of a set under every tip, load and friction that it asks for.
 
     Parameters
@@ -400,7 +398,7 @@ def describe_left_out(predictions: Iterable[Prediction]) -> list[str]:
 
 def drag_in_time(
     face: Counterface, point: OperatingPoint, backward: bool, speed: float, **probe: float
-) -> tuple[DragTrace, Ring | None]:
+) -> "tuple[DragTrace, Ring | None]":
     """Drag in time and measure the ring of a tip that releases; `probe` overrides the tool."""
     from stepblocks.drag.events import drag_face
     from stepblocks.drag.ring import measure_ring

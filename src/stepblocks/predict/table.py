@@ -1,13 +1,10 @@
 """Predict the rows of a table with intervals: by the equations, or by a learned model."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -32,11 +29,9 @@ from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingP
 from stepblocks.contact.state import CHANNELS, DragState, Floats, compute_channels
 from stepblocks.contact.uncertainty import estimate_interval
 from stepblocks.errors import ContactError, PipelineError
+from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import Prediction, format_six_digits
 from stepblocks.tables import read_si_columns, read_table, write_table
-
-if TYPE_CHECKING:
-    from stepblocks.parts.set import StimulusSet
 
 _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
     "height": (("height", "step_height"), "length", None),

@@ -1,7 +1,5 @@
 """From a stimulus to its scene: surface, solids and pieces, turned so that drags run along x."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -219,7 +217,7 @@ def _apply_learned_energy(
 
 def _predict_with_model(
     learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int
-) -> LearnedDrag:
+) -> "LearnedDrag":
     # Predict the drag over this edge as over a step: of its height, or of its critical angle
     from stepblocks.predict.table import make_learned_drag
 

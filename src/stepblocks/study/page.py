@@ -1,7 +1,5 @@
 """What a study prints: the report with its figures, and the run sheets."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -70,7 +68,7 @@ def write_figures(result: StudyResult, folder: Path) -> None:
         replace_bytes(folder / f"{name}.csv", format_csv(data, None, "%.8g").encode())
 
 
-def _save(figure: Figure, form: str) -> bytes:
+def _save(figure: "Figure", form: str) -> bytes:
     # Return a figure as a file: the same bytes from the same data
     import matplotlib as mpl
 

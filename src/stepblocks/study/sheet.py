@@ -1,7 +1,5 @@
 """A design and its answers as files: plan, key, blinded sheets, and the table of judgements."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -195,7 +193,7 @@ class Judgements:
                 lines.append(f"Participant {name} has no judgement with {', '.join(lacking)}.")
         return lines + describe_unlike_participants(self.frame, EXPERIMENTS[self.experiment].value)
 
-    def assign_groups(self, path: str | Path | None) -> Judgements:
+    def assign_groups(self, path: str | Path | None) -> "Judgements":
         """Say of which group each participant is, by a table of participants and groups."""
         if path is None:
             return self

@@ -3,18 +3,15 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import ezdxf
+from ezdxf.entities import DXFEntity
 from ezdxf.enums import TextEntityAlignment
 from ezdxf.math import Vec2
 
 from stepblocks.artefacts.on_paper import choose_decimals, format_limits, format_zone
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.lettering import compute_text_width
-
-if TYPE_CHECKING:
-    from ezdxf.entities import DXFEntity
 
 Point = tuple[float, float]
 WIDTH, HEIGHT = 420.0, 297.0  # A3, landscape [mm]
@@ -118,7 +115,7 @@ class Sheet:
         if key:
             self._states(entity, key)
 
-    def _states(self, entity: "DXFEntity", key: str) -> None:
+    def _states(self, entity: DXFEntity, key: str) -> None:
         # Mark what states a characteristic on paper, for whoever checks that all are there
         number, _ = self.listed[key]
         self.numbers.add(number)

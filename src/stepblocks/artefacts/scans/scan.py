@@ -1,7 +1,5 @@
 """A measured profile or height map, in metres and float64, with what is known of its scale."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -76,7 +74,7 @@ class Profile:
         length = float(np.ptp(self.position)) * 1e3
         return f"Profile({len(self.position)} points over {length:.4g} mm{_describe(self)})"
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights over positions in micrometres, into `ax` or new axes, and return these."""
         axes = take_axes(ax)
         axes.plot(self.position * 1e6, self.height * 1e6, linewidth=1.0)
@@ -137,7 +135,7 @@ class HeightMap:
         (ny, nx), steps = self.height.shape, f"{self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
         return f"HeightMap({nx} x {ny} points of {steps}{_describe(self)})"
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights in micrometres as an image, into `ax` or new axes, and return these."""
         axes, size = take_axes(ax), np.array(self.height.shape) * (self.dy, self.dx) * 1e6
         image = axes.imshow(self.height * 1e6, origin="lower", extent=(0.0, size[1], 0.0, size[0]))

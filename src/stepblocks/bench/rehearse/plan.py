@@ -3,8 +3,6 @@
 It holds the design, the model, the scatter, the rig and the planted effects.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Mapping
@@ -168,7 +166,7 @@ class PlantedEffect(Strict):
             return value + change
         return value * (change if self.form == "power" else 1.0 + change)
 
-    def fault(self, plan: SessionPlan, number: int) -> str:
+    def fault(self, plan: "SessionPlan", number: int) -> str:
         """Say which field breaks which rule; empty where all is well."""
         if self.law:
             laws = {law.id: law for law in list_named_laws(plan.blocks())}

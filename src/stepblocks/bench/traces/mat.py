@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.io import loadmat, whosmat
 
 from stepblocks.bench.session import Place
 from stepblocks.bench.signal import TraceError, join_first
@@ -37,8 +38,6 @@ class Variables:
 
     def load(self, names: tuple[str, ...]) -> object:
         """Read the first of `names` that is there."""
-        from scipy.io import loadmat
-
         name = next((name for name in names if name in self.places), None)
         if name is None:
             raise TraceError(f"missing: no variable {names[0]!r} among the traces")
@@ -102,8 +101,6 @@ def find_mat_variables(path: Path) -> Variables:
 
     SciPy reads through all of them to find one.
     """
-    from scipy.io import whosmat
-
     places: dict[str, tuple[int, int]] = {}
     size, place = path.stat().st_size, _HEADER
     with path.open("rb") as file:

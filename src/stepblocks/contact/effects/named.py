@@ -16,8 +16,6 @@ from stepblocks.contact.state import DragState, Floats
 from stepblocks.errors import ContactError
 from stepblocks.law import Law, Parameter
 
-# the parts of the model that an effect may change
-SLOTS = ("contact_geometry", "friction", "normal_load", "stiffness", "conversion", "drag", "sensor")
 _geometry = partial(Law, slot="contact_geometry")
 
 

@@ -1,7 +1,5 @@
 """Any slot as a smooth function of any covariate: the way in for an effect that nobody foresaw."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -44,7 +42,7 @@ class CovariateRange:
     log: bool = False
     labels: tuple[str, ...] = ()
     distinct: int = 100
-    pair: tuple[CovariateRange, ...] = ()
+    pair: "tuple[CovariateRange, ...]" = ()
 
     @property
     def freedom(self) -> int:

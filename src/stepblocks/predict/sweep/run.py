@@ -4,8 +4,6 @@ A partition is a pure function of the plan and its number, written beside its pl
 a run may be interrupted, and what is finished stays. Rows do not depend on how they are divided.
 """
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable, Iterator
@@ -71,8 +69,8 @@ class SweepResult:
         return pq.read_table(paths, columns=columns).to_pandas()
 
     def plot(
-        self, x: str | None = None, y: str = "vibration_energy_j", ax: Axes | None = None
-    ) -> Axes:
+        self, x: str | None = None, y: str = "vibration_energy_j", ax: "Axes | None" = None
+    ) -> "Axes":
         """Draw a column against another, by default the energy against the height or the gap.
 
         Parameters

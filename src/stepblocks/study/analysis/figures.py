@@ -1,7 +1,5 @@
 """The figures of a study, each with the data that it draws."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -25,7 +23,7 @@ _INK, _LINE = "#1d2a36", "#999999"
 _SIZE = (7.0, 3.0)  # of a figure across both columns of a journal [inch]
 
 
-def draw_study_figures(result: Result) -> Iterator[tuple[str, str, Figure, Table]]:
+def draw_study_figures(result: Result) -> "Iterator[tuple[str, str, Figure, Table]]":
     """Draw what a study found: name, caption, figure, and the data that are drawn."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -42,7 +40,7 @@ def draw_study_figures(result: Result) -> Iterator[tuple[str, str, Figure, Table
             yield name, caption, figure, data
 
 
-def draw_main_figure(result: Result, ax: Axes | None = None) -> Axes:
+def draw_main_figure(result: Result, ax: "Axes | None" = None) -> "Axes":
     """Draw the first figure of a study, which has one pair of axes, where it is wanted."""
     axes = take_axes(ax)
     draws = [draw for draw, part, _ in _FIGURES.values() if getattr(result, part)]
@@ -50,7 +48,7 @@ def draw_main_figure(result: Result, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def _draw_estimates(figure: Figure | SimpleNamespace, result: Result) -> Table:
+def _draw_estimates(figure: "Figure | SimpleNamespace", result: Result) -> Table:
     axes, frame = figure.subplots(), result.frame
     groups = list(frame.groupby("condition"))
     top = float(max(frame["height"].max(), frame["estimate"].max())) * 1e6
@@ -73,7 +71,7 @@ def _convert_to_um(table: Table, names: Sequence[str]) -> Table:
     return table.assign(**{name: table[name] * 1e6 for name in names})
 
 
-def _draw_participants(figure: Figure | SimpleNamespace, result: Result) -> Table:
+def _draw_participants(figure: "Figure | SimpleNamespace", result: Result) -> Table:
     rows = []
     panels = np.atleast_1d(figure.subplots(1, len(result.measures)))
     for axes, measure in zip(panels, result.measures, strict=True):
@@ -94,7 +92,7 @@ def _draw_participants(figure: Figure | SimpleNamespace, result: Result) -> Tabl
     return pd.concat(rows)
 
 
-def _draw_ratings(figure: Figure | SimpleNamespace, result: Result) -> Table:
+def _draw_ratings(figure: "Figure | SimpleNamespace", result: Result) -> Table:
     axes, frame = figure.subplots(), result.frame
     shares = frame.groupby("condition")["rating"].value_counts(normalize=True).unstack(0).fillna(0)
     width = 0.8 / shares.shape[1]
@@ -107,7 +105,7 @@ def _draw_ratings(figure: Figure | SimpleNamespace, result: Result) -> Table:
     return shares.reset_index()
 
 
-def _draw_curves(figure: Figure | SimpleNamespace, result: Result) -> Table:
+def _draw_curves(figure: "Figure | SimpleNamespace", result: Result) -> Table:
     from scipy.special import ndtr
 
     axes, rows = figure.subplots(), []
@@ -140,7 +138,7 @@ def _draw_curves(figure: Figure | SimpleNamespace, result: Result) -> Table:
     return pd.DataFrame(rows, columns=["setting", "participant", "height_um", "higher", "trials"])
 
 
-def _draw_magnitudes(figure: Figure | SimpleNamespace, result: Result) -> Table:
+def _draw_magnitudes(figure: "Figure | SimpleNamespace", result: Result) -> Table:
     axes, keys = figure.subplots(), ["condition", "participant", "height"]
     logs = np.log(result.frame["magnitude"]).groupby([result.frame[key] for key in keys]).mean()
     means = np.exp(logs).reset_index()

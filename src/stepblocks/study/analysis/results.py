@@ -1,7 +1,5 @@
 """What the judgements say, and the same as one flat table with units."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Iterator, Mapping
@@ -230,7 +228,7 @@ class StudyResult:
             frame[name] = [f"{value * 1e6:.9g}" for value in frame[name]]
         return format_csv(frame.rename(columns={name: f"{name}_um" for name in _IN_UM}))
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the main figure of the study.
 
         Parameters
