@@ -122,9 +122,7 @@ def test_a_guarded_class_stays_the_class_that_it_is():
     from stepblocks.contact.counterface import Step
 
     assert sb.Step is Step
-    assert (
-        str(inspect.signature(sb.Step)) == "(height: 'float', edge_radius: 'float' = 0.0) -> None"
-    )
+    assert str(inspect.signature(sb.Step)) == "(height: float, edge_radius: float = 0.0) -> None"
     step = sb.Step(25e-6)
     assert pickle.loads(pickle.dumps(step)) == step
     assert dataclasses.replace(step, edge_radius="5 um") == sb.Step(25e-6, 5e-6)
