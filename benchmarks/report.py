@@ -188,6 +188,7 @@ PARTS = [
             "null-exponent": (r"\| magnitudes \| exponent, a minus b \| \d+ \| (\S+)", "{}"),
         },
     ),
+    Part("study-beside-r", "python benchmarks/study_beside_r.py"),
     Part("accuracy", "python benchmarks/study_accuracy.py 2000", {}, 30),
     Part(
         "simulators",

@@ -42,7 +42,7 @@ def test_sums_of_squares_of_a_balanced_table_are_those_of_its_means():
     assert [term.name for term in found.terms] == ["a", "b", "a:b"]
     assert [term.sum_of_squares for term in found.terms] == pytest.approx(expected, rel=1e-9)
     assert [term.df for term in found.terms] == [1, 2, 2]
-    assert found.df_error == 24 - 6
+    assert [term.df_error for term in found.terms] == [24 - 6] * 3
 
 
 def test_a_change_of_unit_or_of_zero_moves_no_statistic():

@@ -62,7 +62,7 @@ def test_missing_cells_are_counted_and_named(study):
     ]
     assert "2 missing judgements" in " ".join(table.notes())
     result = table.analyse()
-    assert result.measure("bias").f_test.df_error == 46 - 6
+    assert result.measure("bias").f_test.terms[0].df_error == 46 - 6
     assert "2 missing judgements" in " ".join(result.notes)
 
 

@@ -106,7 +106,7 @@ def test_the_gradient_is_that_of_the_likelihood():
 
 @pytest.mark.parametrize("lapse", [0.0, 0.1])
 def test_intervals_of_the_population_hold(lapse):
-    # benchmarks/study_intervals.py has 500 studies of each; of 20 an interval that holds 95 %
+    # benchmarks/study_nulls.py has 500 studies of each; of 20 an interval that holds 95 %
     # misses five or more once in 400 times. All answers as those of one observer held the PSE in
     # 18 of 100
     held = np.zeros(2)

@@ -201,14 +201,8 @@ def compare_groups(data: Table) -> tuple[tuple[Term, ...], tuple[Interval, ...]]
     """Compare groups of participants by a split-plot analysis of the participants' means."""
     # Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2. Groups may
     # differ in size.
-    keys = ["participant", "condition"]
-    cells = (
-        data.groupby([*keys, "stimulus"])["value"].mean()
-        if "stimulus" in data
-        else data.set_index(keys)["value"]
-    )
     # a participant without a condition is named in the notes
-    table = cells.groupby(keys).mean().unstack().dropna()
+    table = average_participants(data).dropna()
     group = data.groupby("participant")["group"].first().reindex(table.index)
     sizes = group.value_counts().sort_index()
     require(

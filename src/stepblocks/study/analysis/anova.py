@@ -78,14 +78,11 @@ class FTest:
     ----------
     terms : tuple of Term
         One per factor and interaction.
-    df_error : float
-        Residual degrees of freedom.
     intervals : tuple of Interval
         Tukey's family over the first factor.
     """
 
     terms: tuple[Term, ...]
-    df_error: float
     intervals: tuple[Interval, ...]
 
 
@@ -139,7 +136,7 @@ def run_f_test(
         family = compare_all_pairs(
             levels, rows, parameters, lambda _: float(fit.df_resid), spread=spread, scale=scale
         )
-    return FTest(tuple(terms), float(fit.df_resid), tuple(family))
+    return FTest(tuple(terms), tuple(family))
 
 
 def standardise_response(frame: Table, response: str, **names: str) -> tuple[Table, float, float]:

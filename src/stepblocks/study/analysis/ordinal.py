@@ -1,6 +1,6 @@
 """Ratings by an ordinal model: categories in order, not assumed to be equally far apart."""
 
-# statsmodels has this model, but differentiates it by differences: slower, and to six digits.
+# statsmodels has this model without levels of participants.
 
 import itertools
 import math
@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, stats
+from scipy.special import expit, logsumexp
 
 from stepblocks.study import Array, Table, require
 
 _FAR = 300.0  # logits beyond which no rating lies
+_LEVELS = np.linspace(-4.5, 4.5, 31)  # of participants, in their standard deviations
 
 
 @dataclass(frozen=True)
@@ -23,21 +25,20 @@ class OddsRatio:
     ----------
     first, second : str
         Conditions.
-    log_odds, error : float
-        Difference of coefficients, and its standard error over participants [1].
     ratio, low, high : float
         Ratio of the odds, with its 95 % interval [1].
+    error : float
+        Standard error of its logarithm, over participants [1].
     p : float
         Probability under equal odds, Holm's correction over all pairs.
     """
 
     first: str
     second: str
-    log_odds: float
-    error: float
     ratio: float
     low: float
     high: float
+    error: float
     p: float
 
 
@@ -58,31 +59,25 @@ class OrdinalFit:
 
 
 def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: str) -> OrdinalFit:
-    """Fit a proportional-odds model in which each participant has an own level."""
+    """Fit a proportional-odds model in which participants' levels are normal."""
     # McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
     import pandas as pd
     from statsmodels.stats.multitest import multipletests
 
-    frame = frame.reset_index(drop=True)
-    count = frame[rating].nunique()
-    require(count > 1, f"{rating} must have at least two different values, got {count}")
+    require(frame[rating].nunique() > 1, f"{rating} must have at least two different values, got 1")
     exog = pd.get_dummies(frame[[condition]], prefix="", prefix_sep="", drop_first=True).astype(
         float
     )
     require(exog.shape[1], f"{condition} must have at least two levels")
-    who, names = frame[participant].astype(str), list(exog.columns)
-    levels = pd.get_dummies(who, prefix="participant", prefix_sep=" ", drop_first=True).astype(
-        float
-    )
-    people, number = who.nunique(), len(names)
+    who = frame[participant].astype(str)
+    people, number = who.nunique(), exog.shape[1]
     require(
         people > number,
         f"more participants than compared conditions must have rated, got {people} for {number}",
     )
-    found, spread, _ = fit_proportional_odds(
-        frame[rating], exog.join(levels), np.unique(who, return_inverse=True)[1]
+    values, covariance, _ = fit_proportional_odds(
+        frame[rating], exog, np.unique(who, return_inverse=True)[1]
     )
-    values, covariance = found[:number], spread[:number, :number]
     require(
         # of ratings that do not overlap the climb ends where the slope is lost, at odds of e**27
         np.isfinite(covariance).all() and not ((np.abs(values) * exog.std() > 8.0).any()),
@@ -94,12 +89,6 @@ def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: st
         * (people - number)
         / (number * (people - 1))
     )
-    wald = {
-        "statistic": statistic,
-        "df": float(number),
-        "df_error": float(people - number),
-        "p": float(stats.f.sf(statistic, number, people - number)),
-    }
     reach = float(stats.t.ppf(0.975, people - 1))
     conditions = sorted(frame[condition].unique())
     pairs = list(itertools.combinations(range(len(conditions)), 2))
@@ -114,18 +103,25 @@ def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: st
         OddsRatio(
             first=conditions[two],
             second=conditions[one],
-            log_odds=value,
-            error=error,
             ratio=math.exp(value),
             low=math.exp(value - reach * error),
             high=math.exp(min(value + reach * error, 700.0)),
+            error=error,
             p=float(p),
         )
         for (one, two), value, error, p in zip(
             pairs, logs, errors, multipletests(single, method="holm")[1], strict=True
         )
     ]
-    return OrdinalFit(tuple(effects), wald)
+    return OrdinalFit(
+        tuple(effects),
+        {
+            "statistic": statistic,
+            "df": float(number),
+            "df_error": float(people - number),
+            "p": float(stats.f.sf(statistic, number, people - number)),
+        },
+    )
 
 
 def fit_proportional_odds(
@@ -133,36 +129,48 @@ def fit_proportional_odds(
 ) -> tuple[Array, Array, float]:
     """Fit cumulative logits: coefficients, their covariance, and the log likelihood.
 
-    With clusters only these are independent: Liang, K.-Y., Zeger, S. L. (1986), Biometrika 73,
-    13-22, doi:10.1093/biomet/73.1.13.
+    Clusters have levels that are normal (Hedeker, D., Gibbons, R. D. (1994), Biometrics 50,
+    933-944, doi:10.2307/2533433), and only they are independent: Liang, K.-Y., Zeger, S. L. (1986),
+    Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
     """
-    from statsmodels.tools.numdiff import approx_fprime, approx_fprime_cs
-
     steps, x = np.unique(rating, return_inverse=True)[1], np.asarray(exog, dtype=np.float64)
-    size = x.shape[1]
+    size, alone = x.shape[1], clusters is None
+    levels = np.zeros(1) if alone else _LEVELS
+    weights = np.exp(-0.5 * levels**2) / np.exp(-0.5 * levels**2).sum()
+    own = np.eye(len(x)) if clusters is None else np.eye(clusters.max() + 1)[clusters]
+    # a cut is the first one and all later steps up to it; beyond the last there is none
+    rise = np.vstack([np.tri(steps.max() + 1, steps.max(), -1), np.zeros(steps.max())])
 
-    def predict(point: Array) -> Array:
-        # a cut is the first one and the exponentials of all later steps up to it
-        cuts = np.cumsum(np.concatenate([point[size : size + 1], np.exp(point[size + 1 :])]))
-        ends = np.concatenate([[-_FAR], cuts, [_FAR]])
-        below, above = (1.0 / (1.0 + np.exp(x @ point[:size] - ends[steps + n])) for n in (0, 1))
-        return np.asarray(np.log(above - below + 1e-300))
-
-    def slope(point: Array) -> Array:
-        return np.asarray(approx_fprime_cs(point, predict).reshape(len(x), -1))
+    def score(point: Array) -> tuple[Array, Array]:
+        # Return minus the log likelihood of each cluster, and its slopes
+        grown = np.append(point[size], np.exp(point[size + 1 : -1]))
+        cuts = rise @ grown + np.array([-_FAR, *np.zeros(len(grown)), _FAR])
+        at = (x @ point[:size])[:, None] + point[-1] * levels
+        below, above = (expit(cuts[steps + n, None] - at) for n in (0, 1))
+        share = above - below + 1e-300
+        joint = own.T @ np.log(share) + np.log(weights)
+        whole = logsumexp(joint, axis=1, keepdims=True)
+        likely = own @ np.exp(joint - whole)
+        slope = likely * (1.0 - above - below)
+        low, high = (
+            (likely * end * (1.0 - end) / share).sum(axis=1)[:, None] for end in (below, above)
+        )
+        by_step = (rise[steps] * low - rise[steps + 1] * high) * np.append(1.0, grown[1:])
+        every = [slope.sum(axis=1)[:, None] * x, by_step, (slope @ levels)[:, None]]
+        return -whole[:, 0], own.T @ np.hstack(every)
 
     shares = np.cumsum(np.bincount(steps))[:-1] / len(x)
     first = np.log(shares / (1.0 - shares))
     found = optimize.minimize(
-        lambda at: -float(predict(at).sum()),
-        np.concatenate([np.zeros(size), first[:1], np.log(np.diff(first))]),
-        jac=lambda at: -slope(at).sum(axis=0),
+        lambda at: tuple(part.sum(axis=0) for part in score(at)),
+        [*np.zeros(size), first[0], *np.log(np.diff(first)), 0.0 if alone else 1.0],
+        jac=True,
         method="BFGS",
         options={"gtol": 1e-9, "maxiter": 2000},
     )
-    bread = approx_fprime(found.x, lambda at: -slope(at).sum(axis=0), centered=True)
+    bread = optimize.approx_fprime(found.x, lambda at: score(at)[1].sum(axis=0))
     covariance = np.linalg.pinv(0.5 * (bread + bread.T))
-    if clusters is not None:
-        own = np.eye(clusters.max() + 1)[clusters].T @ slope(found.x)
-        covariance = covariance @ (own.T @ own) @ covariance * len(own) / (len(own) - 1)
+    if not alone:
+        slopes = score(found.x)[1]
+        covariance = covariance @ (slopes.T @ slopes) @ covariance * len(slopes) / (len(slopes) - 1)
     return found.x[:size], covariance[:size, :size], -float(found.fun)
