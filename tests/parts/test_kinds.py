@@ -125,7 +125,7 @@ def test_its_mesh_is_closed_of_its_volume_and_measures_what_was_declared(part):
         measured = MeshMeasures(mesh.vertices, mesh.triangles)
         assert measured.bad_edges() == 0
         assert measured.volume == pytest.approx(volume, rel=1e-9)
-        findings = list(part.measured(body, measured))
+        findings = list(part.measure_mesh(body, measured))
         assert findings
         for one in findings:
             limit = one.limit * (abs(one.nominal) if one.relative else 1.0)
@@ -174,7 +174,7 @@ def test_its_faces_are_asked_for_what_its_band_allows(part):
 
 @pytest.mark.parametrize("part", PARTS)
 def test_its_picture_shows_what_is_felt(part):
-    factor, width, middle = part.close_up()
+    factor, width, middle = part.choose_close_up()
     assert factor >= 1.0
     assert 0.0 < width < 10e-3
     assert all(map(math.isfinite, middle))

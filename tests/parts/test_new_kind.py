@@ -82,12 +82,12 @@ class CollaredPin(Turned):
         crest, size = FaceRule("CYLINDER", radius=R + H), replace(self.collar_height, nominal=R + H)
         yield make_characteristic("collar_diameter", "diameter", size, crest).doubled
 
-    def measured(self, body, mesh):
+    def measure_mesh(self, body, mesh):
         yield Finding(
             "collar", self.collar_height.nominal, float(mesh.radii.max() - self.turn_radius), 2e-9
         )
 
-    def close_up(self):
+    def choose_close_up(self):
         wide = 6.0 * self.collar_height.nominal
         return 1.0, wide, (self.turn_radius, wide, 0.0)
 

@@ -206,7 +206,7 @@ def _check_mesh(part: Part, path: Path) -> Iterator[Verdict]:
     )
     wanted, found = part.volumes()[body], mesh.volume
     yield Verdict(path.name, "volume", wanted, found, VOLUME_LIMIT, "volume", relative=True)
-    for finding in part.measured(body, mesh):
+    for finding in part.measure_mesh(body, mesh):
         yield Verdict(path.name, *finding)
 
 

@@ -132,7 +132,7 @@ class Channel(Strict):
             else value
         )
 
-    def scale(self, dimension: str, place: str) -> float:
+    def compute_scale(self, dimension: str, place: str) -> float:
         """Factor from the numbers in the file to SI."""
         unit = self.unit or find_unit_in_name(str(self.column), dimension)
         if isinstance(self.factor, str):
@@ -163,17 +163,22 @@ class Channel(Strict):
         except QuantityError as error:
             raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
 
-    def offset_in_si(self, dimension: str, place: str) -> float:
+    def compute_offset(self, dimension: str, place: str) -> float:
         """Return what the channel reads at none, in SI."""
         if not isinstance(self.offset, str):
-            return self.offset * self.scale(dimension, place)
+            return self.offset * self.compute_scale(dimension, place)
         volts = re.fullmatch(r"\s*([-+.\deE]+)\s*(V|mV|uV)\s*", self.offset)
         if volts and isinstance(self.factor, str):
             own = self.unit or find_unit_in_name(str(self.column), dimension) or "V"
-            return float(volts[1]) * _VOLTS[volts[2]] / _VOLTS[own] * self.scale(dimension, place)
+            return (
+                float(volts[1])
+                * _VOLTS[volts[2]]
+                / _VOLTS[own]
+                * self.compute_scale(dimension, place)
+            )
         return _parse(self.offset, dimension, f"{place}.offset")
 
-    def tare_time(self, place: str) -> float:
+    def read_tare_duration(self, place: str) -> float:
         """Seconds at the begin of a record that count as none; 0 for no tare."""
         if self.tare is None:
             return 0.0
@@ -193,9 +198,9 @@ def check_channels(channels: Mapping[str, tuple[Channel, str]]) -> None:
     mistakes: list[Mistake] = []
     for place, (channel, dimension) in channels.items():
         with collect_mistakes(mistakes):
-            channel.scale(dimension, place)
-            channel.offset_in_si(dimension, place)
-            if channel.tare_time(place) and place.startswith("trials"):
+            channel.compute_scale(dimension, place)
+            channel.compute_offset(dimension, place)
+            if channel.read_tare_duration(place) and place.startswith("trials"):
                 raise BenchError(f"`{place}` has no time to take a tare from")
     if mistakes:
         raise ValueError("\n".join(text for _, text in mistakes))
@@ -210,10 +215,15 @@ class Channels(Strict):
 
     @model_validator(mode="after")
     def _units_fit(self) -> Self:
-        check_channels({f"acquisition.channels.{part}": one for part, one in self.parts().items()})
+        check_channels(
+            {
+                f"acquisition.channels.{part}": one
+                for part, one in self.pair_with_dimensions().items()
+            }
+        )
         return self
 
-    def parts(self) -> dict[str, tuple[Channel, str]]:
+    def pair_with_dimensions(self) -> dict[str, tuple[Channel, str]]:
         """Return the declared channels, each with its dimension."""
         forces = {"tangential": (self.tangential, "force"), "normal": (self.normal, "force")}
         return forces | ({} if self.time is None else {"time": (self.time, "time")})

@@ -106,8 +106,8 @@ class TrialTable:
         read = [
             (
                 str(one.column),
-                one.scale(dimension, "trials.columns"),
-                one.offset_in_si(dimension, "trials.columns"),
+                one.compute_scale(dimension, "trials.columns"),
+                one.compute_offset(dimension, "trials.columns"),
             )
             for one, dimension in ((columns.speed, "speed"), (columns.load, "force"))
         ]
@@ -337,7 +337,10 @@ def find_heights(
             return "", [heights.get(row.block, math.nan) for row in rows]
         channel = Channel(column=others[0])
     name, place = find_column(channel.column, header, "height"), "trials.columns.height"
-    scale, off = 1e6 * channel.scale("length", place), 1e6 * channel.offset_in_si("length", place)
+    scale, off = (
+        1e6 * channel.compute_scale("length", place),
+        1e6 * channel.compute_offset("length", place),
+    )
     texts = [row.cells.get(name, "").strip().replace(session.trials.decimal, ".") for row in rows]
     values = pd.to_numeric(pd.Series(texts), errors="coerce") * scale - off
     return name, values.tolist()

@@ -119,8 +119,8 @@ def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     if stimulus.has_working_faces:
         write_height_field(folder / f"{stimulus.id}.heightfield", stimulus)
     arrays = [(mesh.vertices, mesh.triangles) for mesh in meshes]
-    draw_part(folder / f"{stimulus.id}.png", arrays, *stimulus.close_up())
-    write_view_script(folder / "view.js", stimulus.id, arrays, *stimulus.close_up())
+    draw_part(folder / f"{stimulus.id}.png", arrays, *stimulus.choose_close_up())
+    write_view_script(folder / "view.js", stimulus.id, arrays, *stimulus.choose_close_up())
     specification = json.dumps(stimulus.record(), indent=2, allow_nan=False)
     (folder / "specification.json").write_text(specification + "\n", encoding="utf-8")
 

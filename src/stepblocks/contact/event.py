@@ -124,7 +124,7 @@ def list_vibration_events(face: Counterface, point: OperatingPoint, stimulus: st
     """
     path = face.centre_path(point.ball_radius)
 
-    def event(direction: int) -> VibrationEvent:
+    def predict_event(direction: int) -> VibrationEvent:
         notch = path.find_notch(direction)
         release = find_release(notch[2], point.normal_load, point.friction, point.tool)
         return VibrationEvent(
@@ -137,7 +137,7 @@ def list_vibration_events(face: Counterface, point: OperatingPoint, stimulus: st
             point.tool,
         )
 
-    return event(+1), event(-1)
+    return predict_event(+1), predict_event(-1)
 
 
 def compute_ring_force(event: VibrationEvent, rate: float) -> Array:

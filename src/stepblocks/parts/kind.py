@@ -155,7 +155,7 @@ class Part(Table, ABC):
         """List what a workshop must hold, in the order of the inspection sheet."""
 
     @abstractmethod
-    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         """Measure a mesh of one of its solids against what was declared."""
 
     @property
@@ -165,7 +165,7 @@ class Part(Table, ABC):
         return complete_face_demands(getattr(self, "working_faces", None), governing)
 
     @abstractmethod
-    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         """How to show it: exaggeration of heights, width of the close-up [m] and its middle [m]."""
 
     def derived(self) -> list[list[str]]:

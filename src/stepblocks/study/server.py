@@ -88,9 +88,9 @@ class _Handler(BaseHTTPRequestHandler):
             )
             self._send(200, page, "text/html; charset=utf-8")
         elif self.path == "/state":
-            self._json(200, run.state())
+            self._send_json(200, run.state())
         else:
-            self._json(404, {"error": "there is nothing here"})
+            self._send_json(404, {"error": "there is nothing here"})
 
     def do_POST(self) -> None:
         if not self._is_allowed():
@@ -100,11 +100,13 @@ class _Handler(BaseHTTPRequestHandler):
             if not isinstance(asked, dict):
                 raise ValueError("a JSON object is expected")
             found = self._perform(self.server.experiment, asked)
-            self._json(200 if found is not None else 404, found or {"error": "nothing is here"})
+            self._send_json(
+                200 if found is not None else 404, found or {"error": "nothing is here"}
+            )
         except StepblocksError as error:
-            self._json(422, {"error": str(error)})
+            self._send_json(422, {"error": str(error)})
         except (ValueError, KeyError, TypeError, AttributeError):
-            self._json(400, {"error": "the request is not one of this page"})
+            self._send_json(400, {"error": "the request is not one of this page"})
 
     def _perform(self, run: Run, asked: Mapping[str, Any]) -> dict[str, object] | None:
         # Do what the page asks; None for what it cannot ask
@@ -149,10 +151,10 @@ class _Handler(BaseHTTPRequestHandler):
             status, rule = 429, f"at most {_MOST_REQUESTS} requests in a second are answered"
         if status:
             self.close_connection = True
-            self._json(status, {"error": rule})
+            self._send_json(status, {"error": rule})
         return not status
 
-    def _json(self, status: int, content: object) -> None:
+    def _send_json(self, status: int, content: object) -> None:
         self._send(status, json.dumps(content), "application/json")
 
     def _send(self, status: int, text: str, kind: str) -> None:

@@ -140,7 +140,7 @@ def simulate_comparison(
     return higher
 
 
-def _share_of(hits: int, runs: int) -> dict[str, float]:
+def _estimate_power(hits: int, runs: int) -> dict[str, float]:
     # Return the share of studies that find a difference, with the ends of its 95 % interval by
     # Wilson
     from statsmodels.stats.proportion import proportion_confint
@@ -165,7 +165,7 @@ def estimate_detection_power(
     ) + 0.5 * observer.lapse
     shares = np.random.default_rng(seed).binomial(trials, right, (runs, participants)) / trials
     mean, spread = shares.mean(axis=1) - 0.5, shares.std(axis=1, ddof=1) / math.sqrt(participants)
-    return _share_of(int(np.sum(mean > stats.t.ppf(0.95, participants - 1) * spread)), runs)
+    return _estimate_power(int(np.sum(mean > stats.t.ppf(0.95, participants - 1) * spread)), runs)
 
 
 ANALYSES = ("f-test", "mixed")  # the paper's F-test, and the mixed model
@@ -281,4 +281,4 @@ def estimate_power(
     found = Parallel(n_jobs=jobs, initializer=die_with_parent)(
         delayed(compute_p_value)(plan, analysis, one) for one in seeds
     )
-    return _share_of(sum(p < 0.05 for p in found), runs)
+    return _estimate_power(sum(p < 0.05 for p in found), runs)

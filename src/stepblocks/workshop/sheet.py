@@ -113,9 +113,9 @@ class Sheet:
         )
         entity.set_placement(at, align=TextEntityAlignment[align])
         if key:
-            self._states(entity, key)
+            self._mark_characteristic(entity, key)
 
-    def _states(self, entity: DXFEntity, key: str) -> None:
+    def _mark_characteristic(self, entity: DXFEntity, key: str) -> None:
         # Mark what states a characteristic on paper, for whoever checks that all are there
         number, _ = self.listed[key]
         self.numbers.add(number)
@@ -209,7 +209,7 @@ class Sheet:
             if text_at != 0.5:
                 dimension.set_location(Vec2(middle[0] - 1.8, middle[1]), leader=False)
         dimension.render()
-        self._states(dimension.dimension, key)
+        self._mark_characteristic(dimension.dimension, key)
         after, beside = (reach, 0.0) if narrow else (0.5 * needed + 2.6, 3.4)
         middle[axis] += after
         middle[1 - axis] += side * beside

@@ -202,7 +202,11 @@ class Approach:
         gradient[first + 2] = 1.0
         if self.clock.bend is not None:
             grid = np.linspace(0.0, rise / self.slope, 801)
-            end = float(np.interp(_LINE_SHARE * rise, self.slope * grid + self._bent(grid), grid))
+            end = float(
+                np.interp(
+                    _LINE_SHARE * rise, self.slope * grid + self._compute_bend_force(grid), grid
+                )
+            )
             # the least-squares line through t^2 and t^3 over 0 to T climbs by T and by 0.9 T^2
             level, slope = self.clock.bend
             gradient[first + 5] = 3.0 * level * slope**2 * end + 0.9 * slope**3 * end**2
@@ -210,7 +214,7 @@ class Approach:
             gradient, self.fit.covariance
         )
 
-    def _bent(self, since: Array) -> Array:
+    def _compute_bend_force(self, since: Array) -> Array:
         # Return what a bent ramp has over its line [N]
         return (
             np.zeros_like(since)
@@ -235,7 +239,8 @@ class Approach:
         columns = _build_approach_columns(time, self.onset, replace(self.clock, bend=None))
         columns[:, 2] = time - self.onset
         return np.asarray(
-            columns @ self.fit.weights[:5] + self._bent(time - self.onset), dtype=float
+            columns @ self.fit.weights[:5] + self._compute_bend_force(time - self.onset),
+            dtype=float,
         )
 
     def line_std(self, time: float) -> float:
@@ -271,7 +276,7 @@ class Approach:
         return (
             self.level
             + self.slope * (time - self.onset)
-            + float(self._bent(np.array([time - self.onset]))[0])
+            + float(self._compute_bend_force(np.array([time - self.onset]))[0])
         )
 
 
@@ -356,12 +361,12 @@ def _fit_until(
 ) -> SeparableFit:
     reach = max(0.25 * (float(t[-1]) - onset), 5.0 * clock.step)
 
-    def plain(shape: Array) -> Array:
+    def build_columns(shape: Array) -> Array:
         return _build_approach_columns(t, float(shape[0]), clock)
 
     first = np.array([onset])
     fit = fit_separable(
-        plain, y, first, first - 4.0 * reach, first + 2.0 * reach, np.array([reach])
+        build_columns, y, first, first - 4.0 * reach, first + 2.0 * reach, np.array([reach])
     )
     if start_up is None:
         return fit
@@ -369,7 +374,7 @@ def _fit_until(
     def ringing(shape: Array) -> Array:
         decay = np.where(t < shape[0], np.exp(-(t - t[0]) / shape[2]), 0.0)
         return np.column_stack(
-            [plain(shape), decay[:, None] * build_wave_columns(t - t[0], float(shape[1]))]
+            [build_columns(shape), decay[:, None] * build_wave_columns(t - t[0], float(shape[1]))]
         )
 
     # does what sliding and ramp leave over hold a ring that begins with the record?

@@ -133,7 +133,7 @@ class Traces(ExitStack):
         super().__init__()
         self.session = session
         acquisition = session.acquisition
-        self._channels = acquisition.channels.parts()
+        self._channels = acquisition.channels.pair_with_dimensions()
         self._layout = {
             **{name: getattr(acquisition, name) for name in ("delimiter", "decimal", "skip_lines")},
             "named": not any(
@@ -227,9 +227,9 @@ class Traces(ExitStack):
     def _in_si(self, raw: Mapping[str, Array]) -> dict[str, Array]:
         found, rate = {}, self.session.acquisition.sample_rate
         for number, (part, (channel, dimension)) in enumerate(self._channels.items()):
-            values = raw[str(number)] * channel.scale(dimension, part)
-            values = values - off if (off := channel.offset_in_si(dimension, part)) else values
-            still = round(channel.tare_time(part) * rate)
+            values = raw[str(number)] * channel.compute_scale(dimension, part)
+            values = values - off if (off := channel.compute_offset(dimension, part)) else values
+            still = round(channel.read_tare_duration(part) * rate)
             if still >= max(values.size, 1):
                 raise TraceError(
                     f"truncated: the tare of {part} takes {still} samples, the record has "

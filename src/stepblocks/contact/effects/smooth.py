@@ -93,7 +93,7 @@ class CovariateRange:
         return np.asarray((design[:-1] - design[-1])[:, [0, 1, 3, 4]])
 
 
-def _scale_slots(between: tuple[float, float] | None = None, **powers: float) -> Change:
+def _make_scaling(between: tuple[float, float] | None = None, **powers: float) -> Change:
     # Multiply each slot by a power of exp g
     def change(state: DragState, g: Floats) -> DragState:
         held = g if between is None else np.clip(g, *between)
@@ -103,7 +103,7 @@ def _scale_slots(between: tuple[float, float] | None = None, **powers: float) ->
     return change
 
 
-def _move_slots(*slots: str, by: float = 0.1) -> Change:
+def _make_shift(*slots: str, by: float = 0.1) -> Change:
     return lambda state, g: state.changed(**{slot: getattr(state, slot) + by * g for slot in slots})
 
 
@@ -122,31 +122,31 @@ class Move(NamedTuple):
 
 # several ways where the bench may show a slot in several ways
 SLOT_MOVES = {
-    "radius": Move("contact_geometry", "(R + r) exp g", _scale_slots((-1.0, 1.5), radius=1)),
-    "height": Move("contact_geometry", "H + 10 um g", _move_slots("height", by=1e-5)),
-    "friction": Move("friction", "mu exp g", _scale_slots((-4.0, 2.0), friction=1)),
-    "load": Move("normal_load", "F_py exp g, unseen by the gauge", _scale_slots(load=1)),
+    "radius": Move("contact_geometry", "(R + r) exp g", _make_scaling((-1.0, 1.5), radius=1)),
+    "height": Move("contact_geometry", "H + 10 um g", _make_shift("height", by=1e-5)),
+    "friction": Move("friction", "mu exp g", _make_scaling((-4.0, 2.0), friction=1)),
+    "load": Move("normal_load", "F_py exp g, unseen by the gauge", _make_scaling(load=1)),
     "seen_load": Move("normal_load", "F_py exp g, seen by the gauge", _scale_seen_load),
-    "load_offset": Move("normal_load", "F_py + 0.1 N g", _move_slots("load", "sensed_offset")),
+    "load_offset": Move("normal_load", "F_py + 0.1 N g", _make_shift("load", "sensed_offset")),
     "climb_load": Move(
         "normal_load",
         "F_py exp g while climbing",
         lambda s, g: s.changed(climb_load=s.climb_load + s.set_load * np.expm1(g)),
     ),
-    "stiffness": Move("stiffness", "k exp g", _scale_slots(stiffness=1, ring_stiffness=1)),
+    "stiffness": Move("stiffness", "k exp g", _make_scaling(stiffness=1, ring_stiffness=1)),
     "weighed_stiffness": Move(
         "stiffness",
         "k exp g, energies weighed with it",
-        _scale_slots(stiffness=1, ring_stiffness=1, conversion=-1),
+        _make_scaling(stiffness=1, ring_stiffness=1, conversion=-1),
     ),
     # the amplitude of a ring that keeps its pitch counts on the declared spring all the same
     "ramp_stiffness": Move(
-        "stiffness", "k exp g, pitch unchanged", _scale_slots(stiffness=1, conversion=1)
+        "stiffness", "k exp g, pitch unchanged", _make_scaling(stiffness=1, conversion=1)
     ),
-    "conversion": Move("conversion", "C_v exp g", _scale_slots(conversion=1)),
-    "drag": Move("drag", "F_x + 0.1 N g", _move_slots("drag")),
-    "climb_drag": Move("drag", "F_px + 0.1 N g", _move_slots("climb_drag")),
-    "gain": Move("sensor", "gauge gain exp g", _scale_slots(gain=1)),
+    "conversion": Move("conversion", "C_v exp g", _make_scaling(conversion=1)),
+    "drag": Move("drag", "F_x + 0.1 N g", _make_shift("drag")),
+    "climb_drag": Move("drag", "F_px + 0.1 N g", _make_shift("climb_drag")),
+    "gain": Move("sensor", "gauge gain exp g", _make_scaling(gain=1)),
 }
 
 
@@ -175,11 +175,11 @@ def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
     for where in covariates:
         for name in _MOVED_BY.get(where.name, SLOT_MOVES):
             if where.pair or (not where.labels and where.distinct > 2):
-                laws.append(_make_smooth_law("trend", name, where))
+                laws.append(_make_covariate_law("trend", name, where))
             if not where.pair:
-                laws.append(_make_smooth_law("smooth", name, where))
+                laws.append(_make_covariate_law("smooth", name, where))
         if where.labels and where.name != "block":
-            laws.append(_offset_law(where))
+            laws.append(_make_added_load_law(where))
         if where.labels or where.pair or where.distinct <= 2 * _STEP_SHAPES:
             continue
         run = where.name == "run_order"
@@ -190,7 +190,7 @@ def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
     return tuple(laws)
 
 
-def _offset_law(where: CovariateRange) -> Law:
+def _make_added_load_law(where: CovariateRange) -> Law:
     # Each label presses by its own force more than the weights
     names = tuple(f"added_n[{label}]" for label in where.labels)
 
@@ -300,16 +300,16 @@ def _make_periodic_law(name: str, where: CovariateRange) -> Law:
     )
 
 
-def _make_smooth_law(kind: str, name: str, where: CovariateRange) -> Law:
-    move, trend = SLOT_MOVES[name], kind == "trend"
-    labels = where.labels if name in _JUMPING and where.name != "block" else ()
+def _make_covariate_law(kind: str, slot: str, where: CovariateRange) -> Law:
+    move, trend = SLOT_MOVES[slot], kind == "trend"
+    labels = where.labels if slot in _JUMPING and where.name != "block" else ()
     names = ("slope",) if trend else tuple(f"g{i + 1}" for i in range(where.freedom))
     names = tuple(f"g[{label}]" for label in labels[1:]) or names
     description = ""
     if labels:
-        description = f"{name} has a level for each {where.name}, by ln above that of {labels[0]}:"
-    elif trend and where.name == "run_order" and name in _JUMPING:
-        description = f"{name} drifts along the run, by ln"
+        description = f"{slot} has a level for each {where.name}, by ln above that of {labels[0]}:"
+    elif trend and where.name == "run_order" and slot in _JUMPING:
+        description = f"{slot} drifts along the run, by ln"
     basis = where.line if trend else where.basis
     last: list[NDArray[np.generic] | None] = [None, None]
 
@@ -323,7 +323,7 @@ def _make_smooth_law(kind: str, name: str, where: CovariateRange) -> Law:
         return move.change(state, last[1] @ np.array([values[name] for name in names]))
 
     return Law(
-        f"{kind}_{name}_{where.name}",
+        f"{kind}_{slot}_{where.name}",
         f"{move.form}, g {'a straight line' if trend else 'smooth'} over {where.name}",
         tuple(Parameter(name, "1", 0.0, -3.0, 3.0, 0.1) for name in names),
         apply,

@@ -234,7 +234,7 @@ def search_twice(
     seen = {q: estimate_errors_in_order(grown.problem, one, q)[1] for q, one in fits.items()}
     noisy = problem.share_errors(build_wandering(problem, base, seen), base)
     again = _search(noisy, candidates, rules, deployed)
-    return replace(_add_runs(again, problem, wanders, candidates), hints=hints)
+    return replace(_take_out_changes_along_run(again, problem, wanders, candidates), hints=hints)
 
 
 def _find_wanderings(grown: _Grown) -> tuple[tuple[Hint, ...], set[str], set[str]]:
@@ -248,7 +248,7 @@ def _find_wanderings(grown: _Grown) -> tuple[tuple[Hint, ...], set[str], set[str
     return hints, mistaken, beside | mistaken
 
 
-def _add_runs(
+def _take_out_changes_along_run(
     grown: _Grown, problem: Problem, slots: set[str], candidates: Sequence[Law]
 ) -> _Grown:
     # What goes with the hour is taken out along the run although no law is claimed of it

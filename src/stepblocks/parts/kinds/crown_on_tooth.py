@@ -118,7 +118,7 @@ class CrownOnTooth(CrownMargin, Turned):
     )
 
     @property
-    def floor(self) -> tuple[float, float]:
+    def floor_depth_and_slope(self) -> tuple[float, float]:
         return self.finish_line.width.nominal, math.tan(self.taper.nominal)
 
     @property
@@ -364,7 +364,7 @@ class CrownOnTooth(CrownMargin, Turned):
             )
         return make_characteristic(key, "note", v, method=_SEATED)
 
-    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         radii, heights = mesh.radii, mesh.vertices[:, 2]
         if body == 0:
             yield Finding(
@@ -393,7 +393,7 @@ class CrownOnTooth(CrownMargin, Turned):
             2.0 * NANOMETRE,
         )
 
-    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         wide = 6.0 * max(self.marginal_gap.nominal, abs(self.horizontal_discrepancy.nominal))
         return 1.0, wide, (self.margin_radius.nominal, wide, 0.0)
 

@@ -84,12 +84,14 @@ class CrownMargin(Part):
 
     @property
     @abstractmethod
-    def floor(self) -> tuple[float, float]:
+    def floor_depth_and_slope(self) -> tuple[float, float]:
         """Depth of the gap [m] where it begins, and how steeply its floor falls from there [1]."""
 
     def make_counterface(self, **sizes: float) -> Margin:
         gap = sizes["gap"]
-        return Margin(max(gap, 0.0), sizes.get("opening", gap), sizes["rise"], *self.floor)
+        return Margin(
+            max(gap, 0.0), sizes.get("opening", gap), sizes["rise"], *self.floor_depth_and_slope
+        )
 
     @property
     def opening(self) -> Dimension:
@@ -133,7 +135,7 @@ class CrownMargin(Part):
         gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
         return Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
 
-    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
         wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
         return (choose_exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
@@ -188,7 +190,7 @@ class MarginBlock(CrownMargin, Block):
     working_faces: WorkingFaces | None = None
 
     @property
-    def floor(self) -> tuple[float, float]:
+    def floor_depth_and_slope(self) -> tuple[float, float]:
         return self.gap_depth.nominal, 0.0
 
     def top(self, x: float) -> float:
@@ -244,7 +246,7 @@ class MarginBlock(CrownMargin, Block):
         floor, _ = split_solid(under, "z", -self.gap_depth.nominal)
         half, c = 0.5 * body.width.nominal, body.edge_break.nominal
 
-        def prism(section: list[tuple[float, float]]) -> Manifold:
+        def make_prism(section: list[tuple[float, float]]) -> Manifold:
             return make_hull(
                 (x, y * (half - max(0.0, z - rise + c)), z) for x, z in section for y in (-1, 1)
             )
@@ -260,9 +262,12 @@ class MarginBlock(CrownMargin, Block):
                 for z in (gap, rise)
                 for y in (-1, 1)
             ]
-            pieces += [make_hull(lip), prism([(x, z) for x in (0.0, gap) for z in (gap, rise)])]
+            pieces += [
+                make_hull(lip),
+                make_prism([(x, z) for x in (0.0, gap) for z in (gap, rise)]),
+            ]
         elif opening < gap:
-            pieces.append(prism([(gap, rise - (gap - opening)), (opening, rise), (gap, rise)]))
+            pieces.append(make_prism([(gap, rise - (gap - opening)), (opening, rise), (gap, rise)]))
         return pieces
 
     def characteristics(self) -> Iterator[Characteristic]:
@@ -319,7 +324,7 @@ class MarginBlock(CrownMargin, Block):
         elif self.vertical_discrepancy is not None:
             yield make_characteristic(key, "note", v, method=ACROSS)
 
-    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         yield self.measure_gap(mesh, self.body.length)
         crown = mesh.level_beside(self.opening.nominal, +1)
         tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)

@@ -168,7 +168,7 @@ class ScannedMargin(CrownMargin):
         return Mesh(self.id.rpartition("-")[0], found["vertices"] * scale, found["triangles"])
 
     @property
-    def floor(self) -> tuple[float, float]:
+    def floor_depth_and_slope(self) -> tuple[float, float]:
         return self.gap_depth.nominal, 0.0
 
     def make_counterface(self, **sizes: float) -> ProfiledMargin:
@@ -228,7 +228,7 @@ class ScannedMargin(CrownMargin):
                 name, "distance", one, describe_plane(axis, -half), describe_plane(axis, half)
             )
 
-    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         yield self.measure_gap(mesh, self.length)
         corner = abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
         top = float(mesh.vertices[corner, 2].max())
@@ -248,7 +248,7 @@ class ScannedMargin(CrownMargin):
         g, v, depth, thickness = (
             self.marginal_gap.nominal,
             self.opening.nominal,
-            self.floor[0],
+            self.floor_depth_and_slope[0],
             self.thickness.nominal,
         )
         lowest = max(depth, *(-z for _, z in self._section()))

@@ -161,7 +161,7 @@ class Sheath(Turned, HeldPart):
             method="caliper, assembled",
         )
 
-    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         heights, radii = mesh.vertices[:, 2], mesh.radii
         yield Finding(
             "length", self.length.nominal, float(heights.max() - heights.min()), _FLOAT32_LIMIT
@@ -184,7 +184,7 @@ class Sheath(Turned, HeldPart):
             relative=True,
         )
 
-    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         outer = self.outer_diameter.nominal
         return 1.0, min(0.6 * outer, 4.9e-3), (0.0, 0.0, 0.4 * outer)
 

@@ -262,12 +262,12 @@ class StepBlock(Block):
                 method="profilometer",
             )
 
-    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         low, high = mesh.level_beside(0.0, -1), mesh.level_beside(self.edge_radius.nominal, +1)
         yield Finding("step height", self.height.nominal, high - low, NANOMETRE)
         yield Finding("lower working face at z = 0", 0.0, low, NANOMETRE)
 
-    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         height = self.height.nominal
         return choose_exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0)
 

@@ -114,14 +114,14 @@ class Tip(Turned, HeldPart):
             "cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope"
         ).doubled
 
-    def measured(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
         R = self.ball_radius.nominal
         radius, form, sag = mesh.sphere(R, self.cone_start[1])
         yield Finding("radius of the contact sphere", R, radius, SPHERE_LIMIT)
         yield Finding("form of the contact sphere", 0.0, form, SPHERE_LIMIT)
         yield Finding("chordal error on the contact sphere", 0.0, sag, SPHERE_LIMIT)
 
-    def close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         radius = self.ball_radius.nominal
         return 1.0, 2.0 * radius, (0.0, 0.0, 1.5 * radius)
 

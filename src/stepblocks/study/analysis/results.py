@@ -262,14 +262,16 @@ def _make_row(analysis: str, quantity: str, unit: str = "1", **figures: float) -
     return {"measure": "", "analysis": analysis, "quantity": quantity, "unit": unit, **figures}
 
 
-def _make_span(analysis: str, quantity: str, ends: Ends, unit: str = "1", **more: float) -> Row:
+def _make_interval_row(
+    analysis: str, quantity: str, ends: Ends, unit: str = "1", **more: float
+) -> Row:
     # Lay out an estimate with its interval; what is in metres is shown in micrometres
     middle, low, high = (value * 1e6 for value in ends) if unit == "um" else ends
     return _make_row(analysis, quantity, unit, estimate=middle, low_95=low, high_95=high, **more)
 
 
 def _format_term(analysis: str, term: Term) -> Row:
-    return _make_span(
+    return _make_interval_row(
         analysis,
         f"{term.name}, partial eta squared",
         (term.eta_squared, term.eta_low, term.eta_high),
@@ -293,7 +295,7 @@ def _format_interval(
     if logarithmic:
         ends, unit = tuple(map(math.exp, ends)), "1"
     pair = f"{one.first} {'over' if logarithmic else 'minus'} {one.second}"
-    return _make_span(analysis, names[0] + pair + names[1], ends, unit, p=one.p, **more)
+    return _make_interval_row(analysis, names[0] + pair + names[1], ends, unit, p=one.p, **more)
 
 
 def _list_intervals(
@@ -328,7 +330,9 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
     for name, mean, error in mixed.means:
         ends = (mean, mean - Z975 * error, mean + Z975 * error)
         label = f"mean {'error' if measure.name == 'bias' else measure.name} with {name}"
-        yield _make_span("mixed model", label, tuple(map(math.exp, ends)) if log else ends, "um")
+        yield _make_interval_row(
+            "mixed model", label, tuple(map(math.exp, ends)) if log else ends, "um"
+        )
     unit, factor = ("1", 1.0) if log else ("um", 1e6)
     for name, spread in (
         ("participants", mixed.sd_participant),
@@ -367,7 +371,7 @@ def _list_ratings(result: StudyResult) -> Iterator[Row]:
         return
     yield {**_make_row(analysis, "all predictors, F over participants"), **fit.participants}
     for effect in fit.effects:
-        yield _make_span(
+        yield _make_interval_row(
             analysis,
             f"odds of a higher rating, {effect.first} over {effect.second}",
             (effect.ratio, effect.low, effect.high),
@@ -385,10 +389,10 @@ def _list_comparisons(result: StudyResult) -> Iterator[Row]:
             )
             fractions = tuple(compute_weber(v) for v in (wide.value, wide.low, wide.high))
             name = f"{where}population"
-            yield _make_span(
+            yield _make_interval_row(
                 _CURVE, f"{name}, point of subjective equality", heights, "um", p=equal.p
             )
-            yield _make_span(_CURVE, f"{name}, Weber fraction of the height", fractions)
+            yield _make_interval_row(_CURVE, f"{name}, Weber fraction of the height", fractions)
             for name, one in (("points of subjective equality", equal), ("spreads", wide)):
                 yield _make_row(
                     _CURVE,
@@ -415,8 +419,8 @@ def _list_curve(curve: Curve, name: str) -> Iterator[Row]:
         return
     equal = (fit.threshold, fit.threshold_low, fit.threshold_high)
     weber = (fit.weber, fit.weber_low, fit.weber_high)
-    yield _make_span(_CURVE, f"{name}, point of subjective equality", equal, "um")
-    yield _make_span(_CURVE, f"{name}, Weber fraction of the height", weber)
+    yield _make_interval_row(_CURVE, f"{name}, point of subjective equality", equal, "um")
+    yield _make_interval_row(_CURVE, f"{name}, Weber fraction of the height", weber)
     yield _make_row(_CURVE, f"{name}, lapse rate", estimate=fit.lapse)
     yield _make_row(_CURVE, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
     yield _make_row(
@@ -427,7 +431,7 @@ def _list_curve(curve: Curve, name: str) -> Iterator[Row]:
 def _list_magnitudes(result: StudyResult) -> Iterator[Row]:
     for law in result.power_laws:
         where = f"{law.condition}: " if len(result.power_laws) > 1 else ""
-        yield _make_span(
+        yield _make_interval_row(
             "power law",
             f"{where}exponent of the height, mean of participants",
             (law.exponent, law.low, law.high),
