@@ -309,11 +309,7 @@ def test_anybodys_file_is_told_as_a_table_with_what_is_wrong(tmp_path):
     assert table.splitlines()[0] == "any.step: CONFIG_CONTROL_DESIGN"
     assert "linear distance" in table
     assert (
-        "WRONG #300 linear distance (step): says 0.011 mm, but its faces #100, "
-        "#200 "
-        "have "
-        "0.01 "
-        "mm "
+        "WRONG #300 linear distance (step): says 0.011 mm, but its faces #100, #200 have 0.01 mm "
         "(-1000.000 nm)" in table
     )
     assert (

@@ -160,11 +160,7 @@ def test_points_that_are_only_numbered_stand_apart_by_the_step_that_the_head_sta
         (
             TENCOR,
             None,
-            "channel must be a part of the name of one column, that of the "
-            "heights, "
-            "got "
-            "none "
-            "for "
+            "channel must be a part of the name of one column, that of the heights, got none for "
             "x, Raw, RawLevel, Wavi",
         ),
         (TENCOR, "Ra", "got Ra for x, Raw"),

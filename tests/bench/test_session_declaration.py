@@ -77,9 +77,7 @@ def test_a_folder_may_be_given_as_text_and_a_session_travels_to_another_process(
 
 def test_the_scale_of_a_channel_is_unit_times_factor(tmp_path):
     parts = declared(tmp_path).acquisition.channels.pair_with_dimensions()
-    scales = {
-        part: channel.compute_scale(dimension, part) for part, (channel, dimension) in parts.items()
-    }
+    scales = {part: channel.scale(dimension, part) for part, (channel, dimension) in parts.items()}
     assert scales == pytest.approx({"tangential": -2e-3, "normal": 1.0, "time": 1e-3})
 
 
@@ -104,9 +102,7 @@ def test_the_end_of_a_name_says_its_unit(name, dimension, unit):
 
 def test_a_gram_force_is_its_weight():
     # origin: standard gravity, 9.80665 m/s^2
-    assert Channel(column="weight_gf").compute_scale("force", "x") == pytest.approx(
-        9.80665e-3, rel=1e-9
-    )
+    assert Channel(column="weight_gf").scale("force", "x") == pytest.approx(9.80665e-3, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", FORMATS)

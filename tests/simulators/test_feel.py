@@ -229,11 +229,10 @@ def test_blind_trials_tell_nothing_but_the_feel_and_keep_the_score(whole):
     for side in ("block", "other"):
         told.append(
             whole.execute_script(
-                f"choose('{side}'); draw(); plot();"
-                "return [answer.map(i => STIMULI[i].set), ALIKE.map(n => stimulus[n]), toHand(1),"
-                " place,"
-                " $('scene').getAttribute('aria-valuenow'), $('tip').value, $('load').value,"
-                " $('scene').toDataURL()]"
+                f"choose('{side}'); draw(); plot();return [answer.map(i => STIMULI[i].set), "
+                "ALIKE.map(n => stimulus[n]), toHand(1), place, "
+                "$('scene').getAttribute('aria-valuenow'), $('tip').value, $('load').value, "
+                "$('scene').toDataURL()]"
             )
         )
         assert not whole.find_element("id", "pictures").is_displayed()

@@ -132,7 +132,7 @@ class Channel(Strict):
             else value
         )
 
-    def compute_scale(self, dimension: str, place: str) -> float:
+    def scale(self, dimension: str, place: str) -> float:
         """Factor from the numbers in the file to SI."""
         unit = self.unit or find_unit_in_name(str(self.column), dimension)
         if isinstance(self.factor, str):
@@ -149,9 +149,7 @@ class Channel(Strict):
             )
         if unit in _VOLTS:
             raise BenchError(
-                f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a "
-                "column "
-                "in "
+                f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a column in "
                 f"{unit}"
             )
         if unit is None:
@@ -163,19 +161,14 @@ class Channel(Strict):
         except QuantityError as error:
             raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
 
-    def compute_offset(self, dimension: str, place: str) -> float:
+    def offset_in_si(self, dimension: str, place: str) -> float:
         """Return what the channel reads at none, in SI."""
         if not isinstance(self.offset, str):
-            return self.offset * self.compute_scale(dimension, place)
+            return self.offset * self.scale(dimension, place)
         volts = re.fullmatch(r"\s*([-+.\deE]+)\s*(V|mV|uV)\s*", self.offset)
         if volts and isinstance(self.factor, str):
             own = self.unit or find_unit_in_name(str(self.column), dimension) or "V"
-            return (
-                float(volts[1])
-                * _VOLTS[volts[2]]
-                / _VOLTS[own]
-                * self.compute_scale(dimension, place)
-            )
+            return float(volts[1]) * _VOLTS[volts[2]] / _VOLTS[own] * self.scale(dimension, place)
         return _parse(self.offset, dimension, f"{place}.offset")
 
     def read_tare_duration(self, place: str) -> float:
@@ -198,8 +191,8 @@ def check_channels(channels: Mapping[str, tuple[Channel, str]]) -> None:
     mistakes: list[Mistake] = []
     for place, (channel, dimension) in channels.items():
         with collect_mistakes(mistakes):
-            channel.compute_scale(dimension, place)
-            channel.compute_offset(dimension, place)
+            channel.scale(dimension, place)
+            channel.offset_in_si(dimension, place)
             if channel.read_tare_duration(place) and place.startswith("trials"):
                 raise BenchError(f"`{place}` has no time to take a tare from")
     if mistakes:

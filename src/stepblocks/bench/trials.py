@@ -106,8 +106,8 @@ class TrialTable:
         read = [
             (
                 str(one.column),
-                one.compute_scale(dimension, "trials.columns"),
-                one.compute_offset(dimension, "trials.columns"),
+                one.scale(dimension, "trials.columns"),
+                one.offset_in_si(dimension, "trials.columns"),
             )
             for one, dimension in ((columns.speed, "speed"), (columns.load, "force"))
         ]
@@ -338,8 +338,8 @@ def find_heights(
         channel = Channel(column=others[0])
     name, place = find_column(channel.column, header, "height"), "trials.columns.height"
     scale, off = (
-        1e6 * channel.compute_scale("length", place),
-        1e6 * channel.compute_offset("length", place),
+        1e6 * channel.scale("length", place),
+        1e6 * channel.offset_in_si("length", place),
     )
     texts = [row.cells.get(name, "").strip().replace(session.trials.decimal, ".") for row in rows]
     values = pd.to_numeric(pd.Series(texts), errors="coerce") * scale - off
@@ -358,8 +358,7 @@ def _read_declared_heights(session: Session) -> dict[str, float]:
         missing = f", and there is no {path}" if stimuli.set or stimuli.file else ""
         raise BenchError(
             "table of trials must have a column 'height_um' or another length that begins with "
-            "height, or "
-            f"`stimuli.file` the stimulus set{missing} [{session.table}]"
+            f"height, or `stimuli.file` the stimulus set{missing} [{session.table}]"
         )
     faces = {part.id: part.counterface() for part in load_set(path).stimuli if part.crossed}
     return {name: 1e6 * face.height for name, face in faces.items() if isinstance(face, Step)}

@@ -74,8 +74,7 @@ class BuildReport:
         page = escape(str(Path(self.output) / "index.html"))
         failed = "".join(f"<li>{escape(line)}</li>" for line in self.failures)
         return (
-            f"<p>{len(self.built)} built, {self.current} up to date, {len(self.failures)} "
-            "checks "
+            f"<p>{len(self.built)} built, {self.current} up to date, {len(self.failures)} checks "
             "failed; "
             f'see <a href="{page}">{page}</a></p>' + (f"<ul>{failed}</ul>" if failed else "")
         )

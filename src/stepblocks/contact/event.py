@@ -20,13 +20,9 @@ _EXPONENTIAL = (
     "t), t from the release"
 )
 _SIMULATED = (
-    "force on the hand along direction_xyz as in the WAV files, from the time-domain drag, "
-    "scaled "
-    "until its "
-    "energy by energy_rule is energy_j; its first sample is simulated_delay_s after the "
-    "release; "
-    "amplitude, frequency and "
-    "decay are those of the exponential of the same energy"
+    "force on the hand along direction_xyz as in the WAV files, from the time-domain drag, scaled "
+    "until its energy by energy_rule is energy_j; its first sample is simulated_delay_s after the "
+    "release; amplitude, frequency and decay are those of the exponential of the same energy"
 )
 _RULE = (
     "2/(stiffness_n_per_m decay_s) (1 + 1/(2 pi frequency_hz decay_s)^2) times the integral of "

@@ -176,10 +176,8 @@ def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
         end = sheath.start + sheath.length
         if not (sheath.length > 0.0 <= sheath.start and end <= rod.length * (1.0 + 1e-12)):
             raise ContactError(
-                "a sheath must lie on the free length of the shank, 0 to "
-                f"{rod.length * 1e3:.4g} "
-                "mm from the clamp, "
-                f"got {sheath.start * 1e3:.4g} to {end * 1e3:.4g} mm"
+                f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} "
+                f"mm from the clamp, got {sheath.start * 1e3:.4g} to {end * 1e3:.4g} mm"
             )
     parts, mass, losses, _ = _assemble_matrices(rod, sheath)
     total = np.sum(parts, axis=0)

@@ -197,9 +197,7 @@ def estimate_interval(
         wide = NormalDist().inv_cdf(_TAILS[1]) * spread
         if not wide < _KNOWN:
             raise ContactError(
-                "uncertainties must leave the energy known to a factor, got spreads as "
-                "large "
-                "as "
+                "uncertainties must leave the energy known to a factor, got spreads as large as "
                 "the values"
             )
         low, high = (

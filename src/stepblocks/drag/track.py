@@ -228,10 +228,7 @@ def build_step_track(height: float, ball_radius: float, edge_radius: float = 0.0
     require_not_negative("edge_radius", edge_radius, "m")
     if height >= radius:
         raise ContactError(
-            f"height must be less than R + r ({radius:g} m), got {height:g} m: "
-            "too-high, "
-            "the "
-            "tip "
+            f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip "
             "is held"
         )
     length = _LEVEL * ball_radius

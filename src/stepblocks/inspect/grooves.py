@@ -465,8 +465,7 @@ def _measure_masked(
     )
     convention = (
         f"masked step over {step.features} features and {step.rows} rows: each row levelled on "
-        "the reference between the "
-        f"features, {step.exclusion * 1e6:.3g} um kept from every edge"
+        f"the reference between the features, {step.exclusion * 1e6:.3g} um kept from every edge"
     )
     note = (
         f"the features differ by {step.differ * 1e9:.3g} nm, so may another (standard deviation, "

@@ -181,9 +181,7 @@ def _make_validator(quantity: str, rule: str = "", *, above: bool = False) -> Be
         if quantity == "length" and least == 0.0 < value < -dimension.lower:
             below = format_quantity(-dimension.lower, "length")
             raise ValueError(
-                "tolerance must not exceed the nominal "
-                f"{format_quantity(value, 'length')}, "
-                "got "
+                f"tolerance must not exceed the nominal {format_quantity(value, 'length')}, got "
                 f"-{below}"
             )
         return dimension

@@ -180,11 +180,8 @@ class Judgements:
             shown = ", ".join(f"{participant}/{trial}" for participant, trial in self.missing[:20])
             more = " and more" if len(self.missing) > 20 else ""
             lines.append(
-                f"{len(self.missing)} missing judgements (participant/trial "
-                f"{shown}{more}); "
-                "the "
-                "models are fitted to the others, "
-                "which is right if they are missing at random."
+                f"{len(self.missing)} missing judgements (participant/trial {shown}{more}); the "
+                "models are fitted to the others, which is right if they are missing at random."
             )
         conditions = self.frame["condition"].unique()
         for name, own in self.frame.groupby("participant", sort=False):
@@ -390,9 +387,7 @@ def read_rows(path: Path, columns: Sequence[str], empty: bool = False) -> list[d
     try:
         require(
             path.stat().st_size <= _MAX_BYTES,
-            f"a table must be below {_MAX_BYTES // 1_000_000} MB, got "
-            f"{path.stat().st_size} "
-            "bytes "
+            f"a table must be below {_MAX_BYTES // 1_000_000} MB, got {path.stat().st_size} bytes "
             f"[{path}]",
         )
         with path.open(encoding="utf-8-sig", newline="") as stream:

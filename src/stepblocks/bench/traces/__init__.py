@@ -227,8 +227,8 @@ class Traces(ExitStack):
     def _in_si(self, raw: Mapping[str, Array]) -> dict[str, Array]:
         found, rate = {}, self.session.acquisition.sample_rate
         for number, (part, (channel, dimension)) in enumerate(self._channels.items()):
-            values = raw[str(number)] * channel.compute_scale(dimension, part)
-            values = values - off if (off := channel.compute_offset(dimension, part)) else values
+            values = raw[str(number)] * channel.scale(dimension, part)
+            values = values - off if (off := channel.offset_in_si(dimension, part)) else values
             still = round(channel.read_tare_duration(part) * rate)
             if still >= max(values.size, 1):
                 raise TraceError(

@@ -296,9 +296,7 @@ _CONVERSION = (
     # goes on; or, by energies alone, C_v less the work of lifting and rubbing
     _conversion(
         "real_release",
-        "C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan "
-        "mu), to "
-        "the "
+        "C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), to the "
         "power w",
         (Parameter("weight", "1", 0.0, 0.0, 1.5, 0.05),),
         _apply_motion,
@@ -367,8 +365,7 @@ def _apply_softening(state: DragState, celsius: Floats, values: Mapping[str, flo
 _TOOL = (
     _stiffness(
         "hardening_spring",  # after Duffing
-        "F = u + g u^3, u = k x: energy (u^2/2 + g u^4/4) / k, ramp k (1 + 3 g u^2), pitch "
-        "with "
+        "F = u + g u^3, u = k x: energy (u^2/2 + g u^4/4) / k, ramp k (1 + 3 g u^2), pitch with "
         "3/4 g A^2 at amplitude A",
         (
             Parameter("cubic_per_n2", "1/N^2", 0.0, 0.0, 5.0, 0.02),

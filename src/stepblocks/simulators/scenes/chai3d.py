@@ -46,26 +46,19 @@ CHAI3D = SceneFormat(
     write_set=_write_set,
     run=(
         "Build `blocks.cpp` against your CHAI3D (its second line says how); `echo 1 | "
-        "build/blocks --blocks .` lets a virtual hand "
-        "drag the proxy over the edge and prints the peak beside the formula, `--device 0` "
-        "takes "
-        "a device. In a program of your own "
+        "build/blocks --blocks .` lets a virtual hand drag the proxy over the edge and prints the "
+        "peak beside the formula, `--device 0` takes a device. In a program of your own "
         'load `block.obj` into a `cMultiMesh`, `#include "StepBlock.h"` and call '
-        "`stepblock::prepare(object, tool)` once: it sets the "
-        "contact and attaches the ring. `-blocks` beside the blocks of a set is the same "
-        "program: "
-        "keys switch the blocks."
+        "`stepblock::prepare(object, tool)` once: it sets the contact and attaches the ring. "
+        "`-blocks` beside the blocks of a set is the same program: keys switch the blocks."
     ),
     settings=(
-        "millimetres, and a proxy epsilon of 1e-6: in metres with its default the proxy is "
-        "wrong "
+        "millimetres, and a proxy epsilon of 1e-6: in metres with its default the proxy is wrong "
         "by up to 75 %",
         "one workspace unit must be one millimetre: set the tool's workspace scale factor "
         "accordingly",
         "every face is wound outwards and every index positive: other faces load and give no force",
-        "its own vibration effect is a steady sine; `ReleaseRing.h` is a decaying one, "
-        "fired "
-        "when "
+        "its own vibration effect is a steady sine; `ReleaseRing.h` is a decaying one, fired when "
         "the proxy leaves the notch",
     ),
     verified=(

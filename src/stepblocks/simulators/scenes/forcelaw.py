@@ -69,25 +69,16 @@ FORCELAW = SceneFormat(
         "`ForceLaw().tick(position, time_step)`."
     ),
     settings=(
-        "`force_law.py` needs Python's standard library alone; "
-        "`force_law.h` "
-        "is "
-        "the "
-        "same "
-        "in "
-        "C99 "
-        "with `math.h` alone and no allocation: "
-        "for OpenHaptics' servo callback or Haply's loop",
+        "`force_law.py` needs Python's standard library alone; `force_law.h` is the same in C99 "
+        "with `math.h` alone and no allocation: for OpenHaptics' servo callback or Haply's loop",
         "`cc -O2 force_law_demo.c -lm -o force_law_demo && ./force_law_demo` is the same "
         "demonstration in C",
         "`path.csv` is the path of the ball's centre: the only geometry that the force depends on",
         "`force-up.csv` and `force-down.csv`: pulling force over the hand's position along the "
-        "drag (descending x for the "
-        "second) at the stated load, without the ring",
+        "drag (descending x for the second) at the stated load, without the ring",
     ),
     verified=(
         "run by the test suite in an isolated interpreter and compiled by a C compiler without "
-        "warnings, both peaks beside "
-        "the formula."
+        "warnings, both peaks beside the formula."
     ),
 )

@@ -94,16 +94,13 @@ MUJOCO = SceneFormat(
     ),
     settings=(
         "convex pieces: one concave mesh would become its convex hull and the step a ramp",
-        "elliptic cone, Newton solver, impratio 1000, solimp with a width of 1 um times S, "
-        "solref "
-        "of two time steps: "
-        "with the defaults the tip falls through",
+        "elliptic cone, Newton solver, impratio 1000, solimp with a width of 1 um times S, solref "
+        "of two time steps: with the defaults the tip falls through",
         "ccd_tolerance 1 nm times S: its default of 1 um is a tenth of a step",
         "the tip's mass and inertia are explicit; mass and spring ring at the event's frequency",
         "the joint's damping gives the tip the decay of `event.json`; friction ends its ring "
-        "sooner while it slides. It swings with the energy that the slip leaves it, not with "
-        "E_v: to feel "
-        "the ring of the formula play the `ring-up` WAV at the release",
+        "sooner while it slides. It swings with the energy that the slip leaves it, not with E_v: "
+        "to feel the ring of the formula play the `ring-up` WAV at the release",
         "sensors: `pull` and `press` are the forces of spring and load, `tip_x`, `tip_z` and "
         "`tip_velocity` the ball, `ring` its acceleration",
     ),

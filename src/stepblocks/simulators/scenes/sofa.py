@@ -33,8 +33,7 @@ SOFA = SceneFormat(
         "centimetres, as SOFA's Geomagic driver reports",
         "alarm distance a tenth of the step, contact distance a hundredth: the usual 0.15 and "
         "0.05 are larger than the step",
-        "forces come out in kg cm/s^2: divide by 100 for newton; a stiffness in N/m is the "
-        "same "
+        "forces come out in kg cm/s^2: divide by 100 for newton; a stiffness in N/m is the same "
         "number in kg/s^2",
         "one collision model per convex piece; friction through FrictionContactConstraint",
         "the scene's probe is a ball on a particle; the hand starts F/k below it, so that the "

@@ -42,18 +42,14 @@ USD = SceneFormat(
     settings=(
         "metersPerUnit 1, kilogramsPerUnit 1, upAxis Z",
         "convex pieces with approximation convexHull, which is exact for them",
-        "contact offset 1 um times S, rest offset 0, in PhysX's and in Newton's names: "
-        "Newton's "
+        "contact offset 1 um times S, rest offset 0, in PhysX's and in Newton's names: Newton's "
         "default gap is 0.1 m",
-        "solvers in metres may merge what is closer than their tolerance; magnify with "
-        "`--scale` "
+        "solvers in metres may merge what is closer than their tolerance; magnify with `--scale` "
         "if they do",
         "the drive of the joint is the spring of the tool along x; along z it presses with the "
         "load, its far end F/k below the tip",
         "the vibration events are JSON in the customData of /World",
     ),
     verified="passes all validators of usd-core, UsdPhysics' among them; units, hulls and "
-    "offsets are "
-    "read back in the test suite; not run "
-    "here in a physics engine.",
+    "offsets are read back in the test suite; not run here in a physics engine.",
 )
