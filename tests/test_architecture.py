@@ -61,6 +61,29 @@ def test_no_two_modules_import_each_other_in_a_circle():
     assert [ring for ring in networkx.strongly_connected_components(graph) if len(ring) > 1] == []
 
 
+def test_rooms_import_each_other_along_the_arrows_that_the_page_draws_and_along_no_other():
+    page = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
+    chart = re.search(r"flowchart TD\n(.*?)```", page, re.DOTALL)[1]
+    drawn = {
+        (one, other)
+        for line in re.sub(r'\[".*?"\]', "", chart).splitlines()
+        for left, right in itertools.pairwise(line.split("-->"))
+        for one in left.split("&")
+        for other in right.split("&")
+    }
+    drawn = {(one.strip(), other.strip()) for one, other in drawn}
+    rooms = {room for _, room in drawn if (HOUSE / room).is_dir()} | {"study"}
+    rooms -= {"artefacts", "parts", "cad", "contact"}  # nouns, which all rooms may import
+    walked = {
+        (module.split(".")[1], name.split(".")[1])
+        for module, path in MODULES.items()
+        for name in ours(path)
+        if module.count(".") and name.count(".")
+    }
+    among = {(one, other) for one, other in walked if {one, other} <= rooms and one != other}
+    assert among == {(one, other) for one, other in drawn if {one, other} <= rooms}
+
+
 def test_only_the_kernel_imports_the_cad_library():
     users = {
         path.relative_to(HOUSE).parts[0]
