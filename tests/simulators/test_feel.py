@@ -142,6 +142,57 @@ def test_each_stimulus_of_all_sets_slips_at_the_force_of_its_own_file(whole):
                 assert found["status"] == event.status.value.split("-hand")[0]
 
 
+@pytest.mark.parametrize(
+    ("load", "friction", "tip"), [(0.12, 0.155, 62.5), (0.013, 0.72, 17.2634), (2.6, 0.0, 125.0)]
+)
+@pytest.mark.browser
+def test_conditions_between_and_beyond_the_marks_of_the_sliders_act_as_declared(
+    browser, page, tmp_path, load, friction, tip
+):
+    """Equations (1) and (2) with 0.12 N and not 0.1 N, whatever a slider can stand at."""
+    text = (ROOT / "stimuli" / "paper-ten.toml").read_text()
+    for old, new in (
+        ('set = "paper-ten"', 'set = "own"'),
+        (r'tip_radii = \["125 um"\]', f'tip_radii = ["{tip} um"]'),
+        (r"normal_loads = \[[^]]*\]", f'normal_loads = ["{load} N"]'),
+        (r"frictions = \[[^]]*\]", f"frictions = [{friction}]"),
+        ('from = "10 um", to = "100 um", step = "10 um"', 'values = ["1 um", "2 um"]'),
+    ):
+        text, count = re.subn(old, new, text)
+        assert count == 1
+    (tmp_path / "own.toml").write_text(text)
+    write_feel_page(tmp_path / "own.toml", tmp_path / "own.html")
+    browser.get((tmp_path / "own.html").as_uri())
+    try:
+        expected = load * math.tan(math.acos(1 - 2 / tip) + math.atan(friction))
+        found = browser.execute_script(
+            DRAG + "\n$('block').value = 1; choose('block'); retune();"
+            "return [dragAcross(1, {...tool, radius: radius()}),"
+            " tool.load, tool.friction, radius(), $('load-text').textContent]"
+        )
+        assert found[1:4] == pytest.approx([load, friction, tip * 1e-6], rel=1e-6)
+        assert float(found[4].split()[0]) == pytest.approx(load)
+        assert found[0]["formula"] == pytest.approx(expected, rel=1e-6)
+        assert found[0]["peak"] == pytest.approx(expected, rel=5e-3)
+        # a slider that a hand then moves stands at thousandths
+        assert browser.execute_script(
+            "$('load').value = 0.73449; $('load').dispatchEvent(new Event('input'));"
+            "return [tool.load, $('load-text').textContent]"
+        ) == [0.734, "0.734 N"]
+        from selenium.webdriver.common.keys import Keys
+
+        slider = browser.find_element("id", "friction")
+        seen = [browser.execute_script("return tool.friction")]
+        for key in [Keys.ARROW_RIGHT] * 4 + [Keys.ARROW_LEFT] * 4:
+            slider.send_keys(key)
+            seen.append(browser.execute_script("return tool.friction"))
+        ways = np.sign(np.diff(seen))
+        if friction < 0.5:  # else it stands at its end
+            assert list(ways) == [1] * 4 + [-1] * 4
+    finally:
+        browser.get(page.as_uri())
+
+
 @pytest.mark.browser
 def test_beyond_the_hand_the_tip_does_not_slip_and_the_page_says_so(browser):
     """Step of 100 um at 1 N and mu 0.15: 19 N, a hand pulls 9.87 N at most."""

@@ -9,7 +9,8 @@ const history = new Float64Array(RATE / 2);
 let probe, stimulus, tool, path, hand, wanted, place = -0.5, side = "block", grabbed = false, last = null, audio = null, heard = 0;
 let since = -1, kept = null, answer = null, right = 0, asked = 0, record = null, recorded = null, paths = new Map();
 
-const micro = metres => +(metres * 1e6).toPrecision(4);
+const micro = metres => +(metres * 1e6).toPrecision(7);
+const short = value => +value.toPrecision(4);
 
 // The path of a stimulus under a ball, built once.
 function pathOf(one, variant, radius) {
@@ -54,7 +55,9 @@ function setDeclared() {
   $("variant").replaceChildren(...variants);
   $("variant-label").hidden = variants.length < 2;
   $("tip").value = micro(stimulus.radius);
+  $("load").min = Math.min(0.05, stimulus.load);
   $("load").max = Math.max(2, stimulus.load);
+  $("friction").max = Math.max(0.5, stimulus.friction);
   $("load").value = stimulus.load;
   $("friction").value = stimulus.friction;
   $("declared").textContent = `${stimulus.set}: tip ${micro(stimulus.radius)} µm, ${stimulus.load} N, friction ${stimulus.friction}, ring ${+stimulus.frequency.toFixed(1)} Hz`;
@@ -70,8 +73,8 @@ function restart() {
 }
 function retune() {
   tool = probe.tool = readTool();
-  $("load-text").textContent = `${tool.load.toFixed(2)} N`;
-  $("friction-text").textContent = tool.friction.toFixed(2);
+  $("load-text").textContent = `${short(tool.load)} N`;
+  $("friction-text").textContent = short(tool.friction);
 }
 
 // Two stimuli of one set that differ in nothing but themselves: same tip, load, friction, tool.
@@ -177,7 +180,7 @@ function draw() {
   pen.fill();
   drawHand(pen, hx, pz);
   pen.fillStyle = r > 40 ? "#fff" : ink();
-  pen.fillText(`R ${micro(radius())} µm`, px - 28, r > 40 ? pz + 4 : pz - r - 8);
+  pen.fillText(`R ${short(radius() * 1e6)} µm`, px - 28, r > 40 ? pz + 4 : pz - r - 8);
 }
 // A curve with ticks and units on both axes.
 function curve(id, values, from, to, unit) {
@@ -307,6 +310,8 @@ $("blind").addEventListener("change", blind);
 $("say-a").addEventListener("click", () => say(0));
 $("say-b").addEventListener("click", () => say(1));
 $("record").addEventListener("click", () => record ? stopRecord() : startRecord());
-for (const id of ["load", "friction", "ring"]) $(id).addEventListener("input", retune);
+// what a file declares acts as it stands; a slider that is moved stops at thousandths
+for (const id of ["load", "friction"]) $(id).addEventListener("input", () => { $(id).value = Math.round(1000 * $(id).value) / 1000; retune(); });
+$("ring").addEventListener("input", retune);
 choose("block");
 requestAnimationFrame(animate);
