@@ -71,7 +71,7 @@ def force_law_in_c(folder, scene, place):
         "    force_law_reset(&law, FORCE_LAW_RING);\n"
         '    while (scanf("%lf %lf", &x, &z) == 2) {\n'
         "        force_law_tick(&law, x, z, 1e-4, force);\n"
-        '        printf("%.9g %.9g %d\\n", force[0], force[1], law.events);\n'
+        '        printf("%.9g %.9g %d %d\\n", force[0], force[1], law.events, law.faults);\n'
         "    }\n    return 0;\n}\n"
     )
     program = compile_program(
@@ -85,7 +85,9 @@ def force_law_in_python(folder, scene, place):
 
     def drive(tour):
         one = law["ForceLaw"]()
-        return np.array([[*one.tick(tuple(hand), 1e-4), one.state.events] for hand in tour])
+        return np.array(
+            [[*one.tick(tuple(hand), 1e-4), one.state.events, one.faults] for hand in tour]
+        )
 
     return drive
 
@@ -107,7 +109,7 @@ def native(folder, scene, place):
             told = []
             for x, z in tour:
                 out = world.tick((x, 0.0, z), dt=1e-4)
-                told.append([out.force[0], out.force[2], out.events])
+                told.append([out.force[0], out.force[2], out.events, out.faults])
         return np.array(told)
 
     return drive
@@ -130,6 +132,24 @@ def test_a_tip_that_was_lifted_over_the_edge_fires_nothing(delivered, tmp_path, 
     assert in_air.sum() > 400
     assert np.abs(told[in_air, :2]).max() == 0.0
     assert drive(pulled)[-1, 2] == 1  # in contact the same edge releases
+
+
+@pytest.mark.parametrize("law", [force_law_in_c, force_law_in_python])
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_position_that_is_no_number_fades_the_last_good_force_and_is_counted(
+    delivered, tmp_path, law, bad
+):
+    """Over 10 ms, a hundred ticks of 0.1 ms, and back as slowly: pressed by 0.5 N, pulled by 0."""
+    folder, scene = delivered
+    event, depth = scene.events[0], POINT.normal_load / scene.stiffness
+    hand = (event.trigger_position - 2e-5, event.trigger_height - depth)
+    wrong = [(bad, hand[1]), (hand[0], bad), (bad, bad)] * 50
+    told = law(folder, scene, tmp_path)(np.array([hand] * 3 + wrong + [hand] * 150))
+    good = [0.0, POINT.normal_load]
+    share = np.concatenate([np.ones(4), np.arange(0.99, -1e-9, -0.01), np.zeros(49)])
+    assert told[:153, :2] == pytest.approx(np.outer(share, good)[:153], abs=1e-6)
+    assert told[153:, 1] == pytest.approx(np.minimum(np.arange(150) * 0.01, 1.0) * 0.5, abs=1e-6)
+    assert list(told[[2, 152, -1], 3]) == [0, 150, 150]
 
 
 RING = r"""
@@ -203,3 +223,39 @@ def test_the_ring_of_chai3d_never_fires_in_the_air(delivered, ring):
     told = ring(states(delivered[1], 0.5, lifted=True))
     assert told[-1, 1] == 0
     assert np.abs(told[:, 0]).max() == 0.0
+
+
+GUARD = r"""
+#include "StepBlock.h"
+#include <cstdio>
+int main()
+{
+    stepblock::cForceGuard guard(2.0);
+    double x, z;
+    while (std::scanf("%lf %lf", &x, &z) == 2)
+    {
+        const chai3d::cVector3d force = guard(chai3d::cVector3d(x, 0.0, z));
+        std::printf("%.9g %.9g %d %d\n", force.x(), force.z(), guard.limited(), guard.faults());
+    }
+    return 0;
+}
+"""
+
+
+def test_the_guard_of_chai3d_limits_a_force_and_fades_what_is_no_number(delivered, tmp_path):
+    """3 and 4 N are 5 N: at a limit of 2 N they become 1.2 and 1.6 N. Ten ticks down and up."""
+    (tmp_path / "guard.cpp").write_text(GUARD)
+    include = [f"-I{STUBS / 'chai3d'}", f"-I{delivered[0] / 'chai3d'}"]
+    program = compile_program(
+        ("c++", "g++"), tmp_path / "guard.cpp", tmp_path / "guard", "-std=c++11", *include
+    )
+    forces = [(0.5, 1.0), (3.0, 4.0), *[(math.nan, 0.0)] * 12, *[(0.5, 1.0)] * 12]
+    told = answers(program, forces)
+    assert told[0, :2] == pytest.approx([0.5, 1.0])
+    assert told[1, :2] == pytest.approx([1.2, 1.6])
+    down = np.maximum(1.0 - 0.1 * np.arange(12), 0.0)
+    assert told[2:14, :2] == pytest.approx(np.outer(down, [1.2, 1.6]), abs=1e-9)
+    assert told[14:, :2] == pytest.approx(
+        np.outer(np.minimum(0.1 * np.arange(12), 1.0), [0.5, 1.0]), abs=1e-9
+    )
+    assert list(told[-1, 2:]) == [1, 12]

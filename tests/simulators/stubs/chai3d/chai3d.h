@@ -19,6 +19,8 @@ public:
     void set(double x, double y, double z) { m_x = x; m_y = y; m_z = z; }
     cVector3d operator-(const cVector3d& o) const { return cVector3d(m_x - o.m_x, m_y - o.m_y, m_z - o.m_z); }
 
+    friend cVector3d operator*(double s, const cVector3d& v) { return cVector3d(s * v.m_x, s * v.m_y, s * v.m_z); }
+
 private:
     double m_x, m_y, m_z;
 };
