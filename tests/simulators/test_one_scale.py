@@ -80,6 +80,16 @@ def test_what_a_device_does_not_render_is_refused_at_every_scale_and_named(tmp_p
     assert not (tmp_path / "out").exists()
 
 
+def test_what_a_device_does_not_render_of_several_sets_stands_in_one_message(tmp_path):
+    margins = str(Path(SET).with_name("crown-margins.toml"))
+    with pytest.raises(HapticsError) as caught:
+        export_scenes([SET, margins], "forcelaw", tmp_path / "out", device="touch")
+    for name in ("step-100", "gap-050-over-050"):
+        assert f"{name}: the release force of" in str(caught.value)
+    assert "step-080" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_a_device_loses_at_the_scale_of_the_set_stands_in_the_plan(tmp_path):
     device = tmp_path / "devices.toml"
     figure = '{{ value = "{}", source = "this test", confidence = "assumed" }}'

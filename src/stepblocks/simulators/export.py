@@ -132,16 +132,27 @@ def export_scenes(
     contacts = [_resolve_set(one, learned, step_height, ring, overrides) for one, _ in sets]
     form = SCENE_FORMATS[simulator]
     name = simulator if chosen is None else f"{simulator}-{chosen.id}"
+    meant = [
+        {
+            part.id: contact
+            for part, contact in zip(stimuli.stimuli, each, strict=True)
+            if only is None or matches_pattern(only, stimuli.name, part.id)
+        }
+        for (stimuli, _), each in zip(sets, contacts, strict=True)
+    ]
+    scales = [_choose_scale(each, chosen, scale) for each in contacts]
+    if chosen is not None:
+        require_renderable(
+            plan_rendering(chosen, one.events[0], one.point, size)
+            for some, size in zip(meant, scales, strict=True)
+            for one in some.values()
+        )
     done: list[Exported] = []
     with make_draft_folder(Path(output)) as draft:
-        for (stimuli, source), each in zip(sets, contacts, strict=True):
-            meant = {
-                part.id: number
-                for number, part in enumerate(stimuli.stimuli)
-                if only is None or matches_pattern(only, stimuli.name, part.id)
-            }
-            scenes = _build_scenes(each, list(meant.values()), chosen, scale)
-            for identity, scene in zip(meant, scenes, strict=True):
+        for (stimuli, source), each, some, size in zip(sets, contacts, meant, scales, strict=True):
+            loudest = max((find_full_scale_force(one.events) for one in each), default=0.0)
+            scenes = [build_scene(one, chosen, size, full_scale=loudest) for one in some.values()]
+            for identity, scene in zip(some, scenes, strict=True):
                 folder = Path(stimuli.name) / identity / name
                 (draft / folder).mkdir(parents=True)
                 write_scene(draft / folder, scene, form)
@@ -190,17 +201,13 @@ def _resolve_set(
     ]
 
 
-def _build_scenes(
-    contacts: list[Contact], meant: list[int], device: Device | None, scale: float | None
-) -> list[Scene]:
-    # Build the scenes that are meant, at the scale and full scale of the whole set
-    if device is not None:
-        if scale is None:
-            scale = choose_common_scale(device, [(one.events[0], one.point) for one in contacts])
-        each = [contacts[number] for number in meant]
-        require_renderable(plan_rendering(device, one.events[0], one.point, scale) for one in each)
-    loudest = max((find_full_scale_force(one.events) for one in contacts), default=0.0)
-    return [build_scene(contacts[number], device, scale, full_scale=loudest) for number in meant]
+def _choose_scale(
+    contacts: list[Contact], device: Device | None, scale: float | None
+) -> float | None:
+    # Choose the scale of a whole set, whatever is written of it
+    if device is None or scale is not None:
+        return scale
+    return choose_common_scale(device, [(one.events[0], one.point) for one in contacts])
 
 
 def _move_into_place(draft: Path, output: Path) -> None:
