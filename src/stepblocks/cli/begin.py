@@ -165,18 +165,20 @@ def print_help(
 @command(
     app,
     "completion",
-    "completion bash > ~/.local/share/bash-completion/completions/stepblocks",
+    "completion bash >> ~/.bashrc",
     "completion zsh > ~/.zfunc/_stepblocks",
     "completion fish > ~/.config/fish/completions/stepblocks.fish",
     panel=_PANEL,
 )
 def print_completion(
     *,
-    shell: Annotated[Literal["bash", "zsh", "fish"], typer.Argument(help="which shell")],
+    shell: Annotated[
+        Literal["bash", "zsh", "fish"], typer.Argument(metavar="SHELL", help="your shell")
+    ],
 ) -> Outcome:
     """Print a script that completes commands and options in a shell.
 
-    Put it where the shell reads it at its start.
+    Save it where the shell reads it when it starts, as the examples do.
     """
     from typer.completion import get_completion_script
 

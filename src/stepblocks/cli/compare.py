@@ -35,16 +35,16 @@ def compare(
     load: Load = None,
     friction: Friction = None,
     backward: Annotated[
-        bool, typer.Option("--backward", help="the record is of the drag towards -x")
+        bool, typer.Option("--backward", help="the record is of a drag towards -x")
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="CSV", help="write the parts as a table"),
+        typer.Option("--output", "-o", metavar="CSV", help="write the differences as a table"),
     ] = None,
 ) -> Outcome:
     """Compare a recorded force or acceleration with its stimulus.
 
-    Prints the differences in just noticeable differences.
+    Prints each difference as a multiple of the just noticeable one.
     """
     from stepblocks.simulators.compare import compare_record
 

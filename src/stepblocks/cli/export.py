@@ -37,7 +37,11 @@ def export(
     files: Files = None,
     simulator: Annotated[
         Literal["mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "forcelaw", "native"] | None,
-        typer.Option("--for", help="simulator"),
+        typer.Option(
+            "--for",
+            metavar="SIMULATOR",
+            help="mujoco, chai3d, sofa, usd, gltf, x3d, forcelaw or native",
+        ),
     ] = None,
     list_devices: Annotated[
         bool, typer.Option("--list-devices", help="print the device profiles and stop")
@@ -50,7 +54,7 @@ def export(
         typer.Option(
             "--device",
             metavar="NAME",
-            help="force-feedback device; its plans for the set decide its one scale",
+            help="force-feedback device; the scale is then one that it renders for the whole set",
         ),
     ] = None,
     devices: Annotated[
@@ -71,7 +75,7 @@ def export(
         Literal["exponential", "drag"] | None,
         typer.Option(
             "--ring",
-            help="of the WAV files: a decaying sine, or the ring of the drag in time with the "
+            help="ring in the WAV files: a decaying sine, or the ring of the drag in time with the "
             "same energy",
             show_default="exponential",
         ),

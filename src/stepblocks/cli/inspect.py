@@ -28,7 +28,7 @@ _EVALUATION, _INSTRUMENT = "Evaluation of the scan", "Instrument"
 @command(
     app,
     "inspect",
-    "inspect scan.x3p --stimulus step-050 --calibration '0.1 %' -o out/inspect",
+    "inspect scan.x3p --stimulus step-050 --calibration '0.1 %' -o out",
     "inspect scan.csv --stimulus step-050 --stimuli mine.toml --units um",
     "inspect standard.nid --standard '500 nm' --tolerance '10 nm'",
     "inspect profile.csv --units x=mm,z=um",
@@ -54,7 +54,7 @@ def inspect(
         quantity_option(
             "length",
             "--standard",
-            help="a depth standard or grating of this certified depth, such as '500 nm'",
+            help="the scan is of a standard or grating of this certified depth, such as '500 nm'",
         ),
     ] = None,
     stimuli: Stimuli = None,
@@ -64,7 +64,7 @@ def inspect(
             "--output",
             "-o",
             metavar="DIR",
-            help="write page, plot, JSON and as-built record here",
+            help="folder for page, plot, JSON and as-built record",
         ),
     ] = None,
     characteristics: Annotated[
@@ -107,7 +107,7 @@ def inspect(
             "--unit",
             "--units",
             metavar="UNIT",
-            help="unit of what does not say its own, such as um, or by axis x=mm,z=um",
+            help="unit of numbers that state none, such as um, or by axis x=mm,z=um",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,
@@ -133,7 +133,7 @@ def inspect(
         typer.Option(
             "--level",
             help="how profiles are levelled",
-            show_default="what the data carry",
+            show_default="chosen by the data",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,
@@ -171,7 +171,7 @@ def inspect(
             "length",
             "--exclusion",
             help="width that is left out at every edge, such as '50 um'",
-            show_default="where its flank is",
+            show_default="half as much again as the flank",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,
@@ -198,7 +198,7 @@ def inspect(
         quantity_option(
             "length",
             "--stylus-radius",
-            help="radius of the stylus, 0 um of an optical instrument",
+            help="radius of the stylus, 0 um for an optical instrument",
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
@@ -207,7 +207,7 @@ def inspect(
         quantity_option(
             "angle",
             "--stylus-cone",
-            help="full angle of the stylus, 0 deg of an optical instrument",
+            help="full angle of the stylus, 0 deg for an optical instrument",
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
@@ -241,8 +241,8 @@ def inspect(
 ) -> Outcome:
     """Evaluate a scan of a machined stimulus and judge it.
 
-    Evaluates a profile or height map and judges it by ISO 14253-1. Exit code 0 conforms, 1 does not
-    conform, 3 not proven or not all measured, 2 the scan cannot be read or evaluated.
+    Evaluates a profile or height map and judges it by ISO 14253-1. Exit codes: 0 conforms, 1 does
+    not conform, 2 cannot be read or evaluated, 3 not proven or not all measured.
     """
     from stepblocks.artefacts.laboratory import read_laboratory
     from stepblocks.inspect.budget import Instrument

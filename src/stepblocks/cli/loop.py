@@ -27,8 +27,8 @@ def loop(
         list[Path],
         typer.Argument(
             metavar="SESSION",
-            help="folder with session.toml, trials.csv and traces; several are fitted in one "
-            "hierarchy",
+            help="folder with session.toml, trials.csv and traces; several are fitted together, "
+            "by one hierarchical model",
         ),
     ],
     output: Annotated[

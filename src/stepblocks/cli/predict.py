@@ -52,7 +52,7 @@ def predict(
         typer.Option(
             "--plots",
             metavar="DIR",
-            help="draw energy against height, and maps of margins, there",
+            help="folder for plots of energy against height and maps of margins",
         ),
     ] = None,
     conversion: Annotated[

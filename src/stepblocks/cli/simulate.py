@@ -67,7 +67,7 @@ Noisier = Annotated[
         "--noisier",
         metavar="A=X,B=Y",
         parser=_read_shares,
-        help="how many times the response noise each condition has, such as soft=3",
+        help="factor on the response noise of each condition, such as soft=3",
         rich_help_panel=_OBSERVER,
     ),
 ]
@@ -210,7 +210,12 @@ def power(
     heights: HeightsOption = None,
     experiment: Annotated[
         Literal["estimates", "virtual", "constant", "2afc"] | None,
-        typer.Option("--experiment", help="kind of judgement", show_default="estimates"),
+        typer.Option(
+            "--experiment",
+            metavar="KIND",
+            help="estimates, virtual, constant or 2afc",
+            show_default="estimates",
+        ),
     ] = None,
     standard: StandardOption = None,
     probes: Annotated[
@@ -225,7 +230,12 @@ def power(
     ] = None,
     measure: Annotated[
         Literal["absolute error", "bias", "spread", "realism"] | None,
-        typer.Option("--measure", help="what is tested", show_default="absolute error"),
+        typer.Option(
+            "--measure",
+            metavar="OUTCOME",
+            help="what is tested: absolute error, bias, spread or realism",
+            show_default="absolute error",
+        ),
     ] = None,
     participants: Annotated[
         Numbers | None,

@@ -127,7 +127,9 @@ def design(
         _EXPERIMENTS | None,
         typer.Option(
             "--experiment",
-            help="estimates is experiment 1 of the paper, virtual is experiment 2",
+            metavar="KIND",
+            help="estimates (experiment 1 of the paper), virtual (experiment 2), constant, "
+            "magnitude, 2afc or adaptive",
             show_default="estimates",
         ),
     ] = None,
@@ -150,7 +152,7 @@ def design(
             "--trials",
             metavar="N",
             parser=make_whole_number_reader(2, 9_999),
-            help="most of each participant in each setting (adaptive)",
+            help="largest number for each participant in each setting (adaptive)",
             show_default="60",
         ),
     ] = None,
@@ -160,9 +162,9 @@ def design(
             "--prior",
             metavar="NAME=X,...",
             parser=_read_named,
-            help="what is known beforehand (adaptive): medians equal and weber, equal_factor and "
-            "weber_factor of one standard deviation, and the precision that ends a run",
-            show_default="weber=0.2,weber_factor=2,equal=1,equal_factor=1.25",
+            help="what is known beforehand (adaptive): equal and weber are medians, equal_factor "
+            "and weber_factor one standard deviation as a factor; precision ends a run",
+            show_default="weber=0.2, weber_factor=2, equal=1, equal_factor=1.25",
         ),
     ] = None,
     factor: Annotated[
@@ -243,13 +245,13 @@ def run(
         Literal["mouse", "openhaptics", "dhd"] | None,
         typer.Option(
             "--device",
-            help="what moves the probe over virtual blocks; mouse comes with the loudspeaker",
+            help="what moves the probe over virtual blocks; with a mouse the ring is heard",
             show_default="mouse",
         ),
     ] = None,
     library: Annotated[
         str | None,
-        typer.Option("--library", metavar="PATH", help="file of the library of the device"),
+        typer.Option("--library", metavar="PATH", help="shared library of the device"),
     ] = None,
     scale: Annotated[
         float | None,
@@ -345,13 +347,17 @@ def analyse(
             "--columns",
             metavar="OURS=YOURS,...",
             parser=_read_named,
-            help="your names of columns, such as participant=subject,estimate_um=answer",
+            help="your names of columns, such as trial=n,rating=score",
         ),
     ] = None,
     experiment: Annotated[
         _EXPERIMENTS | None,
         typer.Option(
-            "--experiment", help="kind of the judgements of --data", show_default="estimates"
+            "--experiment",
+            metavar="KIND",
+            help="kind of the judgements of --data: estimates, virtual, constant, magnitude, 2afc "
+            "or adaptive",
+            show_default="estimates",
         ),
     ] = None,
     equivalent: Annotated[
@@ -436,7 +442,7 @@ def share(
         typer.Option("--licence", metavar="NAME", help="licence that the dataset names"),
     ] = None,
 ) -> Outcome:
-    """Write the study as BIDS."""
+    """Write the study as a BIDS dataset, to share it."""
     files = stepblocks.share_study(
         folder, answers or [], output, **given(form=form, authors=authors, licence=licence)
     )

@@ -35,7 +35,7 @@ def sweep(
 ) -> Outcome:
     """Predict a grid or random design of steps, tips and settings into partitioned Parquet.
 
-    Computes the design into a folder, one Parquet file per partition; finished ones are kept.
+    Computes the design into a folder, one Parquet file per partition; finished partitions are kept.
     """
     from stepblocks.predict.sweep.plan import load_sweep
     from stepblocks.predict.sweep.run import PLAN_FILE, run_sweep

@@ -31,7 +31,7 @@ def workshop(
         quantity_option(
             "length",
             "--capability",
-            help="deviation of a height that the workshop can hold in one piece; ask there",
+            help="deviation of a height that your workshop holds in one piece; ask it",
             show_default="2 um, ground",
         ),
     ] = None,
