@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from stepblocks.errors import StepblocksError, StudyError
+from stepblocks.study.analysis.people import find_swapped_conditions
 from stepblocks.study.conduct import open_run
 from stepblocks.study.page import render_study
 from stepblocks.study.run import analyse_study, design_study, simulate_study
@@ -161,6 +162,30 @@ def test_swapped_answers_are_flagged(tmp_path):
             row["estimate_um"] = 100 - row["estimate_um"]
     notes = analysed(tmp_path, rows).notes
     assert any("Participant p1 gave lower answers to higher blocks" in note for note in notes)
+
+
+def test_swapped_conditions_are_flagged_and_none_are_where_nobody_swapped_them():
+    random = np.random.default_rng(1)
+    table = pd.DataFrame({"bare": random.normal(3.0, 1.0, 10)})
+    table["soft"] = table["bare"] + random.normal(5.0, 1.0, 10)
+    assert [*find_swapped_conditions(table, "bias")] == []
+    table.loc[3] = table.loc[3].to_numpy()[::-1]
+    (said,) = find_swapped_conditions(table, "bias")
+    assert said.startswith("Participant 3's bias differs between bare and soft")
+    # without an effect there is nothing that can be told to be turned round
+    nulls = [pd.DataFrame(random.standard_normal((10, 2)), columns=["a", "b"]) for _ in range(200)]
+    assert sum(bool([*find_swapped_conditions(one, "bias")]) for one in nulls) <= 4
+
+
+def test_a_participant_whose_conditions_were_swapped_is_named_in_the_report(tmp_path):
+    other = {"bare": "soft", "soft": "bare"}
+    rows = [
+        row | ({"condition": other[row["condition"]]} if row["participant"] == "p1" else {})
+        for row in estimates(people=8)
+    ]
+    result = analysed(tmp_path, rows)
+    assert any("p1's absolute error differs" in remark for remark in result.remarks)
+    assert "are the conditions swapped?" in render_study(result)
 
 
 def test_a_run_that_a_spreadsheet_saved_goes_on(tmp_path):

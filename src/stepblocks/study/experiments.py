@@ -16,6 +16,7 @@ from stepblocks.study import Table, require
 from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure
 from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
+from stepblocks.study.analysis.people import find_swapped_conditions
 from stepblocks.study.analysis.population import (
     Estimate,
     Grid,
@@ -24,7 +25,7 @@ from stepblocks.study.analysis.population import (
     compare_within,
 )
 from stepblocks.study.analysis.psychometric import compute_weber, fit_psychometric
-from stepblocks.study.analysis.repeated import compare_participants
+from stepblocks.study.analysis.repeated import average_participants, compare_participants
 from stepblocks.study.analysis.results import Comparisons, Curve, PowerLaw
 from stepblocks.study.design import FACTOR, ORDERS
 from stepblocks.study.simulate import (
@@ -159,6 +160,7 @@ def _analyse_estimates(frame: Table, margin: float) -> Fields:
         try:
             one = analyse_measure(frame, name, margin)
             found.append(one)
+            lacking += find_swapped_conditions(average_participants(one.frame), name)
             if one.left:
                 lacking.append(
                     f"Without {name}, for answers that never vary: {', '.join(one.left)}."
@@ -333,7 +335,11 @@ def _analyse_magnitudes(frame: Table, margin: float) -> Fields:
     table = pd.DataFrame(
         {law.condition: {who: e for who, e, _ in law.by_participant} for law in laws}
     )
-    return {"power_laws": tuple(laws), "exponents": compare_participants(table)}
+    return {
+        "power_laws": tuple(laws),
+        "exponents": compare_participants(table),
+        "remarks": tuple(find_swapped_conditions(table, "exponent")),
+    }
 
 
 ALIASES = {"2afc": "constant"}

@@ -1,5 +1,8 @@
 """Participants who answer unlike the others: constant, the wrong way round, in haste, alone."""
 
+import itertools
+from collections.abc import Iterator
+
 import numpy as np
 
 from stepblocks.study import Table
@@ -45,3 +48,17 @@ def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
                 "from the median of all."
             )
     return found
+
+
+def find_swapped_conditions(table: Table, outcome: str) -> Iterator[str]:
+    """Say who differs between two conditions (columns) as all others do the other way round."""
+    for first, second in itertools.combinations(table.columns, 2):
+        apart = (table[first] - table[second]).dropna()
+        middle = apart.median()
+        wide = 1.4826 * (apart - middle).abs().median()
+        turned = (apart - middle).abs() > 5.0 * wide
+        for who in apart.index[turned & ((apart + middle).abs() < 2.0 * wide)]:
+            yield (
+                f"Participant {who}'s {outcome} differs between {first} and {second} as that of "
+                "the others, the other way round: are the conditions swapped?"
+            )
