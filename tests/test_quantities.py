@@ -60,6 +60,8 @@ def test_what_is_no_length_is_refused_with_an_example(text):
     ["1 m^9^9^9", "1 m/0", "1 m**99", "1 m*1e300", "1 (m)", "9" * 60 + " m^4 m^4", "1e999 m"],
 )
 def test_a_unit_is_read_and_never_evaluated(text):
+    with pytest.raises(QuantityError, match="must be an angle such as '6 deg', got '5 um'"):
+        parse_quantity("5 um", "angle")
     with pytest.raises(QuantityError, match="must be a length such as '25 um'"):
         parse_quantity(text, "length")
 

@@ -93,7 +93,8 @@ def parse_quantity(text: object, dimension: str) -> float:
     stepblocks.errors.QuantityError: must be a length such as '25 um', got '25 N'
     """
     unit, example = _KNOWN[dimension]
-    wanted = f"must be a {dimension} such as {example!r}"
+    article = "an" if dimension[0] in "ae" else "a"
+    wanted = f"must be {article} {dimension} such as {example!r}"
     if dimension == "ratio" and isinstance(text, int | float) and not isinstance(text, bool):
         value = float(text)
     elif not isinstance(text, str):

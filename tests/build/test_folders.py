@@ -299,8 +299,15 @@ def test_check_output_measures_every_file_again_and_says_which_is_off(copy):
     ]
     with pytest.raises(PipelineError, match="--only must match"):
         list(check_output(SHEATHS, copy, only="nothing"))
-    with pytest.raises(PipelineError, match="must exist"):
-        list(check_output(SHEATHS, copy / "nowhere"))
+
+
+@pytest.mark.parametrize("made", [True, False])
+def test_a_set_that_was_never_built_is_not_called_out_of_tolerance(tmp_path, made):
+    folder = tmp_path / "out"
+    if made:
+        folder.mkdir()
+    with pytest.raises(PipelineError, match="not built: sheaths; run stepblocks build first"):
+        check_output(SHEATHS, folder)
 
 
 def test_a_notebook_sees_what_a_build_did_with_nothing_left_unescaped():

@@ -118,12 +118,15 @@ def test_an_option_may_stand_without_its_value_where_the_help_says_so():
         (["build", "--jobs", "0"], "(see stepblocks build --help)"),
         (["build", "-o", "--json"], "needs a value (see stepblocks build --help)"),
         (["export", "--for", "nonsense"], "'nonsense' is not one of 'mujoco'"),
-        (["export"], "one of --for or --list-devices must be given, got none"),
+        (
+            ["export"],
+            "one of --for or --list-devices must be given, got none; begin with: stepblocks export",
+        ),
         (["export", "--for", "usd", "--list-devices"], "must be given, got 2"),
         (["export", "--for", "usd", "--scale", "x"], "must be a ratio such as '0.15', got 'x'"),
         (["drag", "25 um", "--speed", "1 mm/s", "--pull", "1 N"], "exclude each other"),
         (["inspect", "s", "--stimulus", "a", "--standard", "1 um"], "exclude each other"),
-        (["new"], "one of KIND or --shipped must be given"),
+        (["new"], "one of KIND or --shipped must be given, got none; begin with: stepblocks new"),
         (["study"], "Missing command (see stepblocks study --help)"),
     ],
 )
@@ -221,6 +224,18 @@ def test_colour_is_for_terminals_and_never_where_it_is_not_wanted():
     }
     assert "\x1b[" not in shown["plain"] + shown["not"]
     assert "\x1b[" in shown["forced"]
+
+
+def test_a_table_without_a_suffix_is_written_and_written_again(tmp_path, capsys):
+    table = tmp_path / "rows.csv"
+    table.write_text("height_um,normal_load_n,friction\n25,0.5,0.15\n")
+    for _ in range(2):
+        assert main(["predict", str(table), "-o", str(tmp_path / "out" / "felt")]) == 0
+        assert "felt: 1 predictions" in capsys.readouterr().out
+    assert "vibration_energy_j" in (tmp_path / "out" / "felt").read_text()
+    (tmp_path / "out" / "felt").write_text("filled in by hand\n")
+    assert main(["predict", str(table), "-o", str(tmp_path / "out" / "felt")]) == 2
+    assert (tmp_path / "out" / "felt").read_text() == "filled in by hand\n"
 
 
 def test_check_names_the_artefact_that_is_wrong_and_exits_with_one(

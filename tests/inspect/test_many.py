@@ -68,6 +68,11 @@ def test_a_batch_gets_its_days_and_repeats_into_the_budget_and_a_page(batch, tmp
     # half of it stays in the mean over two days
     assert blocks.loc["B1", "u_um"] > 0.042 / np.sqrt(2.0) * 0.7
     assert result.verdict is Outcome.DOES_NOT_CONFORM  # rounded by 4 um
+    # a stylus that nobody stated leaves a bound of the radius, and the tables say so
+    unstated = inspect_many([batch / "B1-mon-0.csv"], "step-050", stimuli="stimuli").tables
+    for table in (unstated["blocks"], unstated["scans"]):
+        bounds = table.set_index("characteristic")["bound"]
+        assert (bounds["edge_radius"], bounds["step_height"]) == ("at most", "")
     table, page, *each = write_many(result, tmp_path / "out")
     assert len(pd.read_csv(table)) == 3 * 12
     assert "variation" in page.read_text()

@@ -277,6 +277,19 @@ def test_a_stylus_that_nobody_stated_rejects_no_good_block():
     assert value.expanded() > 1.0 * UM  # the tip of 5 um is known to a quarter
 
 
+def test_no_radius_is_below_zero_and_a_stylus_blunter_than_the_scan_is_called_wrong():
+    blunt = EvaluationOptions(stylus_radius=5 * UM, stylus_cone=math.radians(60.0))
+    sharp = inspected(profile_of(block), blunt).evaluation
+    radius = sharp.values["edge_radius"]
+    assert radius.bound == "at most"
+    assert 0.0 <= radius.value < 1.0 * UM
+    assert any("sharper than such a stylus can; check what is stated" in n for n in sharp.notes)
+    barely = EvaluationOptions(stylus_radius=radius.value + 0.3 * radius.std, stylus_cone=0.0)
+    within = inspected(profile_of(block), barely).evaluation
+    assert within.values["edge_radius"].value == 0.0
+    assert any("is taken off the edge radius" in note for note in within.notes)
+
+
 # 8. Uncertainty
 
 

@@ -293,7 +293,7 @@ def check_output(
     Raises
     ------
     StepblocksError
-        If a stimulus file is malformed, the folder is missing, or nothing matches.
+        If a stimulus file is malformed, a set is not built, or nothing matches.
     """
     from stepblocks.artefacts.check import check_artefact
     from stepblocks.build.make import list_checkable_files
@@ -301,9 +301,12 @@ def check_output(
 
     folder = Path(output)
     sets = [load_set(path) for path in find_stimulus_files(files)]
-    if not folder.is_dir():
-        raise PipelineError(f"the output folder must exist; run stepblocks build first [{folder}]")
     selected = select_stimuli(sets, only)
+    names = dict.fromkeys(stimuli.name for stimuli, _ in selected)
+    if missing := [name for name in names if not (folder / name).is_dir()]:
+        raise PipelineError(
+            f"not built: {', '.join(missing)}; run stepblocks build first [{folder}]"
+        )
 
     def check() -> "Iterator[tuple[str, list[Verdict]]]":
         for stimuli, stimulus in selected:

@@ -57,7 +57,7 @@ def new(
 
     The file is valid as it stands and says what can be changed; a session is a folder.
     """
-    require_one(KIND=kind, shipped=shipped)
+    require_one("begin with: stepblocks new block mine.toml", KIND=kind, shipped=shipped)
     if kind is None:
         return _copy_shipped(shipped or Path("stimuli"), force=force)
     file = file or Path(f"my-{kind}" if kind == "session" else f"my-{kind}.toml")

@@ -100,11 +100,10 @@ def export(
     Writes one self-contained folder per block, crown or tip: scene, event, rings, and a README on
     how to run it.
     """
+    asked = {"for": simulator, "list_devices": list_devices or None}
+    require_one("begin with: stepblocks export --for mujoco", **asked)
     if list_devices:
-        if simulator is not None:
-            require_one(**{"for": simulator, "list_devices": list_devices})
         return _list_devices(devices)
-    require_one(**{"for": simulator, "list_devices": None})
     from stepblocks.simulators.export import export_scenes
 
     options = given(

@@ -77,11 +77,11 @@ def given(**options: object) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def require_one(**options: object) -> None:
+def require_one(next_step: str, **options: object) -> None:
     """Refuse options that exclude each other, and the lack of all of them."""
     names = " or ".join(map(_name_option, options))
     if (count := len(given(**options))) != 1:
-        raise PipelineError(f"one of {names} must be given, got {count or 'none'}")
+        raise PipelineError(f"one of {names} must be given, got {count or 'none'}; {next_step}")
 
 
 def refuse_both(**options: object) -> None:

@@ -226,7 +226,7 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
     if not isinstance(place, Path):
         yield written
         return
-    folder = place.parent if place.suffix and not place.is_dir() else place
+    folder = _find_folder(place)
     before = {path: _read_stamp(path) for path in _list_files(place)}
     built = _read_hashes(folder / "manifest.json", "outputs")
     known = _read_hashes(folder / _MEMORY, "written")
@@ -245,7 +245,12 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
         written[:] = sorted(
             path for path in _list_files(place) if before.get(path) != _read_stamp(path)
         )
-        _record_hashes(folder, known, [*written, *kept])
+        _record_hashes(_find_folder(place), [*written, *kept])
+
+
+def _find_folder(place: Path) -> Path:
+    # Return the folder that a place names or, of a file, written or to be written, lies in
+    return place.parent if place.is_file() or (place.suffix and not place.is_dir()) else place
 
 
 def _list_files(place: Path) -> list[Path]:
@@ -266,9 +271,10 @@ def _read_hashes(file: Path, key: str) -> dict[str, str]:
         return {}
 
 
-def _record_hashes(folder: Path, known: Mapping[str, str], written: Sequence[Path]) -> None:
+def _record_hashes(folder: Path, written: Sequence[Path]) -> None:
     # Keep the hashes of what was written, but for the files that a build's manifest names
     built = _read_hashes(folder / "manifest.json", "outputs") | {"manifest.json": ""}
+    known = _read_hashes(folder / _MEMORY, "written")
     fresh = {path.relative_to(folder).as_posix(): hash_file(path) for path in written}
     every = {**known, **fresh}.items()
     total = {name: one for name, one in every if name not in built and (folder / name).is_file()}

@@ -395,7 +395,8 @@ def analyse(
 
     if bool(data) == bool(answers) or (data and folder):
         raise PipelineError(
-            "a folder of a study with its answers must be given, or --data with a table of your own"
+            "a study's folder and its answers must be given, such as: stepblocks study analyse "
+            "my-study answers.csv; or --data with a table of your own"
         )
     place = output or (folder or Path("out/study")) / "report"
     result = stepblocks.analyse_study(

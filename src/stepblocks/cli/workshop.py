@@ -55,7 +55,7 @@ def workshop(
     )
     count = sum(len(order.files) for order in orders)
     return Outcome(
-        f"{count} files of {len(orders)} parts in {output}",
+        f"{count} files of {len(orders)} part{'s' * (len(orders) > 1)} in {output}",
         notes=[f"{order.name}: {order.note}" for order in orders if order.note],
         tables={"Routes": tabulate_routes(orders)},
         record={order.name: [str(path) for path in order.files] for order in orders},

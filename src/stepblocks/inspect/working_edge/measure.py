@@ -102,13 +102,8 @@ def _measure_along_rows(
     flanks = flanks if 2 * len(flanks) > len(edges) else []
     values = {"step_height": height}
     values["edge_radius"] = _average_radius(
-        edges, rows[0].spacing, isinstance(scan, HeightMap), instrument, options
+        edges, rows[0].spacing, isinstance(scan, HeightMap), instrument, options, notes
     )
-    if options.stylus_radius:
-        notes.append(
-            f"the stylus radius of {options.stylus_radius * 1e6:.3g} um is taken off the edge "
-            "radius"
-        )
     missing = dict.fromkeys(
         ("riser_angle", "riser_straightness"),
         f"the riser is upright as far as it is seen from above; {_SECTION}",
@@ -211,6 +206,7 @@ def _average_radius(
     is_map: bool,
     instrument: Instrument,
     options: EvaluationOptions,
+    notes: list[str],
 ) -> Measured:
     # Average the edge radius over profiles, with what sampling, pixels and stylus leave open of it.
     sloped = 2 * sum(one.flank is not None for one in edges) > len(edges)
@@ -237,7 +233,19 @@ def _average_radius(
         worn = _WORN * tip / math.sqrt(3.0)
         others.append(Component("stylus radius", worn, how="a quarter of it, rectangular"))
     found = average_profiles("edge radius", corners, instrument, others, axes=(1.0, 1.0))
-    return replace(found, bound="at most" if options.stylus_radius is None else "")
+    stylus = f"the stylus radius of {tip * 1e6:.3g} um is"
+    if found.value + found.expanded() < 0.0:
+        seen = replace(found, value=found.value + tip, bound="at most")
+        sharper = f"the edge shows {seen.value * 1e6:.2g} um, sharper than such a stylus can"
+        notes.append(f"{stylus} not taken off the edge radius: {sharper}; check what is stated")
+        return seen
+    if tip > 0.0:
+        notes.append(f"{stylus} taken off the edge radius")
+    return replace(
+        found,
+        value=max(found.value, 0.0),
+        bound="at most" if options.stylus_radius is None else "",
+    )
 
 
 def _is_flank_of_surface(angle: float, off: float, cone: float | None) -> bool:
