@@ -274,8 +274,11 @@ def test_x3d_holds_the_closed_block_in_metres(folders, scenes):
 
 
 @pytest.mark.browser
-def test_x3d_is_drawn_by_x_ite_without_a_complaint(folders, tmp_path):
-    """X_ITE of npm in Chromium: the picture has colours, its console no complaint."""
+def test_x3d_is_drawn_by_x_ite_without_a_complaint(folders, scenes, tmp_path):
+    """X_ITE of npm in Chromium: the picture has colours, its console no complaint.
+
+    What it holds is the block: 20 x 24 mm, faces at 0 and 50 um, and the volume of the mesh.
+    """
     library = os.environ.get("X_ITE", "/nowhere")
     if not Path(library).is_file():
         pytest.skip("X_ITE names no x_ite.min.js")
@@ -287,6 +290,12 @@ def test_x3d_is_drawn_by_x_ite_without_a_complaint(folders, tmp_path):
     with browser_without_network("allow-file-access-from-files", "use-angle=swiftshader") as one:
         one.get(page.as_uri())
         time.sleep(4.0)
+        names, points, index = one.execute_script(
+            "const scene = document.querySelector('x3d-canvas').browser.currentScene;"
+            "const set = scene.getNamedNode('block').geometry;"
+            "return [[...scene.rootNodes].map(node => node.getNodeTypeName()),"
+            " [...set.coord.point].map(p => [p.x, p.y, p.z]), [...set.index]]"
+        )
         one.find_element("css selector", "x3d-canvas").screenshot(str(tmp_path / "a.png"))
         said = [entry["message"] for entry in one.get_log("browser")]
     from PIL import Image
@@ -294,6 +303,37 @@ def test_x3d_is_drawn_by_x_ite_without_a_complaint(folders, tmp_path):
     colours = Image.open(tmp_path / "a.png").convert("RGB").getcolors(1_000_000)
     assert len(colours) > 20
     assert not [line for line in said if "nknown" in line]
+    assert names == ["NavigationInfo", "Viewpoint", "Shape"]
+    corners = np.array(points)
+    assert np.ptp(corners, axis=0)[:2] == pytest.approx([20e-3, 24e-3], rel=1e-6)
+    heights = {round(float(z) * 1e9) for z in corners[:, 2]}
+    assert 0 in heights
+    assert max(heights) == 50_000
+    a, b, c = corners[np.array(index).astype(int).reshape(-1, 3)].swapaxes(0, 1)
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0
+    mesh = scenes["step-050"].whole
+    own = mesh.vertices[mesh.triangles].swapaxes(0, 1)
+    held = np.einsum("ij,ij->i", own[0], np.cross(own[1], own[2])).sum() / 6.0
+    assert volume == pytest.approx(held, rel=1e-6)
+    assert volume > 0.9 * 20e-3 * 24e-3 * 8e-3 * 0.9
+
+
+def test_khronos_validator_finds_no_fault_in_any_file(folders):
+    """gltf-validator of npm: neither an error nor a warning."""
+    library, node = os.environ.get("GLTF_VALIDATOR", "/nowhere"), shutil.which("node")
+    if not (node and Path(library).is_dir()):
+        pytest.skip("GLTF_VALIDATOR names no folder of gltf-validator, or there is no node")
+    code = (
+        "const [library, ...files] = process.argv.slice(1), fs = require('fs');"
+        "const one = file => require(library).validateBytes(new Uint8Array(fs.readFileSync(file)));"
+        "Promise.all(files.map(one)).then(all => console.log(JSON.stringify(all)));"
+    )
+    files = sorted(folders["gltf"].rglob("*.glb"))
+    command = [node, "-e", code, library, *map(str, files)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    found = [report["issues"] for report in json.loads(done.stdout)]
+    assert len(found) == len(files) > 1
+    assert [(one["numErrors"], one["numWarnings"]) for one in found] == [(0, 0)] * len(files)
 
 
 def test_sofa_works_in_centimetres_with_distances_below_the_step(folders):

@@ -89,5 +89,6 @@ GLTF = SceneFormat(
         "engine physics runs at 50 to 1000 Hz with gaps of millimetres: drive the haptics from "
         "`forcelaw`, the engine for the picture",
     ),
-    verified="read by pygltflib and trimesh in the test suite; not run here in Unity or Unreal.",
+    verified="read by pygltflib, trimesh and Khronos' validator in the test suite; not run here in "
+    "Unity or Unreal.",
 )

@@ -44,7 +44,7 @@ NATIVE = SceneFormat(
     ),
     verified=(
         "built without a warning and held to the Python renderer to 1e-9 by the test suite; the "
-        "component for Unity is compiled against a stub, that for Unreal too; neither was run in "
-        "its engine."
+        "component for Unity is run by mono beside a stub of the engine, with the forces of that "
+        "renderer, and that for Unreal is compiled against one; neither was run in its engine."
     ),
 )

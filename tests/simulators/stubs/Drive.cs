@@ -1,0 +1,64 @@
+// A program that drives the delivered StepBlocks.cs as an engine does: the library tick by tick, and the component with its servo.
+using System;
+using System.Globalization;
+using System.Reflection;
+using System.Threading;
+using StepBlocks;
+
+static class Drive
+{
+    static readonly CultureInfo Plain = CultureInfo.InvariantCulture;
+
+    static int Main(string[] words)
+    {
+        return words[0] == "ticks" ? Ticks(words[1], words[2]) : Component(words[1], words[2]);
+    }
+
+    // One line of x, y, z on the standard input for each tick of a millisecond; one line of the output back.
+    static int Ticks(string file, string block)
+    {
+        IntPtr world = Native.sb_create();
+        if (Native.sb_abi_version() != Native.AbiVersion || Native.sb_load(world, Native.Text(file)) < 1) return 1;
+        Native.sb_choose(world, Native.sb_find(world, Native.Text(block)));
+        double[] still = new double[3];
+        for (string line = Console.ReadLine(); line != null; line = Console.ReadLine())
+        {
+            string[] parts = line.Split(' ');
+            double[] hand = new double[3];
+            for (int i = 0; i < 3; ++i) hand[i] = double.Parse(parts[i], Plain);
+            Output o;
+            Native.sb_tick(world, hand, still, 1e-3, out o);
+            double[] told = { o.forceX, o.forceY, o.forceZ, o.ring, o.pull, o.tipX, o.tipZ, o.releaseForce, o.releaseEnergy };
+            Console.WriteLine(string.Join(" ", Array.ConvertAll(told, value => value.ToString("R", Plain)))
+                              + " " + o.events + " " + o.faults + " " + o.touching + " " + o.block);
+        }
+        Native.sb_destroy(world);
+        return 0;
+    }
+
+    // A hand that keeps its load is pulled over the edge while the servo of the component runs.
+    static int Component(string folder, string block)
+    {
+        UnityEngine.Application.streamingAssetsPath = folder;
+        var one = new StepBlocks.StepBlocks { block = block, forceLimit = 5.0, rise = 0.01 };
+        double x = -2e-4, z = 3e-4, given = -1.0;
+        one.ReadHand = (hand, velocity) => { hand[0] = x; hand[1] = 0.0; hand[2] = z; };
+        one.WriteForce = (fx, fy, fz) => {
+            z += Math.Max(Math.Min((fz - 0.3) / 9.81e3, 1e-4), -1e-5);
+            if (z < 1e-4 && x < 1e-4) x += 2e-7;
+            given = Math.Sqrt(fx * fx + fy * fy + fz * fz);
+        };
+        Call(one, "Start");
+        DateTime end = DateTime.UtcNow.AddSeconds(60.0);
+        while (one.Releases == 0 && DateTime.UtcNow < end) Thread.Sleep(20);
+        Console.WriteLine(one.Releases + " " + one.ReleaseForce.ToString("R", Plain) + " " + one.Tip.x.ToString("R", Plain));
+        Call(one, "OnDestroy");
+        Console.WriteLine(given.ToString("R", Plain));
+        return 0;
+    }
+
+    static void Call(object one, string name)
+    {
+        one.GetType().GetMethod(name, BindingFlags.Instance | BindingFlags.NonPublic).Invoke(one, null);
+    }
+}
