@@ -10,10 +10,11 @@ import pytest
 from matplotlib.figure import Figure
 
 from oracles.designs import compared, crossed
-from stepblocks.study.analysis.figures import _draw_participants
+from stepblocks.study.analysis.figures import _draw_participants, draw_study_figures
 from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item
 from stepblocks.study.page import render_study
+from stepblocks.study.run import analyse_study, design_study, simulate_study
 from stepblocks.study.sheet import join_answers, simulate_answers
 from stepblocks.study.simulate import Observer
 
@@ -162,3 +163,37 @@ def test_every_participant_lies_within_the_axes(estimates, virtual):
             x = np.concatenate([line.get_xdata() for line in axes.lines])
             assert axes.get_xlim()[0] < x.min() < x.max() < axes.get_xlim()[1]
             assert np.ptp(axes.get_xlim()) > 1.0
+
+
+@pytest.mark.parametrize(
+    ("experiment", "options"),
+    [
+        ("estimates", {"probes": ("a", "b", "c")}),
+        ("virtual", {}),
+        ("magnitude", {"probes": ("a", "b")}),
+        ("constant", {"probes": ("a", "b"), "standard": "step-050"}),
+    ],
+)
+def test_conditions_of_a_figure_differ_without_colours(tmp_path, experiment, options):
+    heights = tuple(h * 1e-6 for h in (30, 40, 45, 50, 55, 62, 75))
+    design_study(
+        heights, tmp_path, seed=1, experiment=experiment, participants=4, repetitions=2, **options
+    )
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2)
+    result = analyse_study(tmp_path, [tmp_path / "answers.csv"])
+    conditions = len(options.get("probes", "ab"))
+    for name, _, figure, _ in draw_study_figures(result):
+        axes = figure.axes[0]
+        if name == "ratings":
+            looks = {bars.patches[0].get_hatch() for bars in axes.containers}
+        elif name == "participants":
+            continue  # conditions have places of their own there
+        else:
+            handles, labels = axes.get_legend_handles_labels()
+            lines = [
+                getattr(handle, "lines", [handle])[0]
+                for handle, label in zip(handles, labels, strict=True)
+                if label != "true height"
+            ]
+            looks = {(line.get_marker(), line.get_linestyle()) for line in lines}
+        assert len(looks) == conditions

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 Result: TypeAlias = Any  # a `StudyResult`, whose own method draws its first figure by this file
 
 _COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
+# beside the colours, so that nobody needs them: marker and dash of lines, hatch of bars
+_STYLES = ("o-", "s--", "^-.", "D:", "v-", "P--")
+_HATCHES = ("", "////", "....", "xxxx", "----", "ooo")
 _INK, _LINE = "#1d2a36", "#999999"
 _SIZE = (7.0, 3.0)  # of a figure across both columns of a journal [inch]
 
@@ -58,7 +61,14 @@ def _draw_estimates(figure: "Figure | SimpleNamespace", result: Result) -> Table
         beside = (index - 0.5 * (len(groups) - 1)) * 0.006 * top
         x, label = cells.index * 1e6 + beside, str(name)
         axes.errorbar(
-            x, cells["mean"], cells["std"], fmt="o-", ms=4, lw=1.2, capsize=3, label=label
+            x,
+            cells["mean"],
+            cells["std"],
+            fmt=_STYLES[index % len(_STYLES)],
+            ms=4,
+            lw=1.2,
+            capsize=3,
+            label=label,
         )
     axes.set(xlabel=format_column_label("height_um"), ylabel=format_column_label("estimate_um"))
     axes.legend(frameon=False)
@@ -83,7 +93,8 @@ def _draw_participants(figure: "Figure | SimpleNamespace", result: Result) -> Ta
         for who, row in table.iterrows():
             place = names.index(keys["group"][who]) if names else 0
             colour = _COLOURS[place % len(_COLOURS)]
-            axes.plot(x, row, "o-", color=colour, ms=3, lw=0.8, alpha=0.7)
+            style = _STYLES[place % len(_STYLES)]
+            axes.plot(x, row, style, color=colour, ms=3, lw=0.8, alpha=0.7)
             axes.text(x[-1] + 0.06, row.iloc[-1], str(who), fontsize=6, color=colour, va="center")
         axes.plot(x, table.mean(), "s-", color=_INK, ms=5, lw=2)
         axes.set_xticks(x, table.columns, rotation=20 if len(x) > 3 else 0)
@@ -98,7 +109,8 @@ def _draw_ratings(figure: "Figure | SimpleNamespace", result: Result) -> Table:
     width = 0.8 / shares.shape[1]
     for index, name in enumerate(shares):
         x = shares.index + (index - 0.5 * (shares.shape[1] - 1)) * width
-        axes.bar(x, shares[name], width, label=str(name))
+        hatch = _HATCHES[index % len(_HATCHES)]
+        axes.bar(x, shares[name], width, label=str(name), hatch=hatch, edgecolor="white")
     axes.set_xticks(shares.index)
     axes.set(xlabel="rating of realism", ylabel="share of the ratings")
     axes.legend(frameon=False)
@@ -110,12 +122,12 @@ def _draw_curves(figure: "Figure | SimpleNamespace", result: Result) -> Table:
 
     axes, rows = figure.subplots(), []
     for index, found in enumerate(result.comparisons):
-        colour = _COLOURS[index % len(_COLOURS)]
+        colour, style = (kinds[index % len(kinds)] for kinds in (_COLOURS, _STYLES))
         levels = np.array(sorted({level for one in found.curves for level in one.levels}))
         x = np.geomspace(0.8 * levels.min(), 1.2 * levels.max(), 200)
         for curve in found.curves:
             share = np.array(curve.hits) / np.array(curve.totals)
-            axes.plot(np.array(curve.levels) * 1e6, share, "o", ms=3, alpha=0.5, color=colour)
+            axes.plot(np.array(curve.levels) * 1e6, share, style[0], ms=3, alpha=0.5, color=colour)
             for level, hits, total in zip(curve.levels, curve.hits, curve.totals, strict=True):
                 rows.append((found.setting, curve.who, level * 1e6, hits, total))
             if fit := curve.fit:
@@ -128,6 +140,7 @@ def _draw_curves(figure: "Figure | SimpleNamespace", result: Result) -> Table:
             axes.plot(
                 x * 1e6,
                 ndtr(away),
+                style[1:],
                 color=colour,
                 lw=2.4,
                 label=found.setting or "mean participant",
@@ -144,9 +157,14 @@ def _draw_magnitudes(figure: "Figure | SimpleNamespace", result: Result) -> Tabl
     means = np.exp(logs).reset_index()
     conditions = list(means["condition"].unique())
     for (condition, _), own in means.groupby(["condition", "participant"]):
-        colour = _COLOURS[conditions.index(condition) % len(_COLOURS)]
-        axes.loglog(own["height"] * 1e6, own["magnitude"], "o-", ms=3, lw=1, color=colour)
+        place = conditions.index(condition) % len(_COLOURS)
+        x, look = own["height"] * 1e6, {"color": _COLOURS[place], "ms": 3, "lw": 1}
+        known = axes.get_legend_handles_labels()[1]
+        label = f"_{condition}" if condition in known else condition
+        axes.loglog(x, own["magnitude"], _STYLES[place], label=label, **look)
     axes.set(xlabel=format_column_label("height_um"), ylabel="geometric mean of magnitudes")
+    if len(conditions) > 1:
+        axes.legend(frameon=False)
     return _convert_to_um(means, ["height"]).rename(columns={"height": "height_um"})
 
 
