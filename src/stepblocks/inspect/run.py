@@ -17,6 +17,7 @@ from stepblocks.artefacts.qif_read import QifResult, match_results, read_qif_res
 from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, Profile, crop_map
 from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
+from stepblocks.contact import counterface
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import (
     UNSTATED,
@@ -51,7 +52,7 @@ from stepblocks.select import find_stimulus_files
 from stepblocks.text_file import format_file_name
 
 # what an inspection takes: a file, a scan in memory, or positions and heights [m]
-Scan = str | Path | Profile | HeightMap | tuple[ArrayLike, ArrayLike]
+Scan = str | Path | Profile | HeightMap | counterface.Profile | tuple[ArrayLike, ArrayLike]
 Evaluator = Callable[
     [Profile | HeightMap, Instrument, Characteristic, EvaluationOptions], Evaluation
 ]
@@ -201,7 +202,8 @@ def load_scan(
         return scan
     if isinstance(scan, str | Path):
         return read_scan(scan, unit, channel)
-    position, height = (np.asarray(one, dtype=np.float64) for one in scan)
+    arrays = (scan.x, scan.z) if isinstance(scan, counterface.Profile) else scan
+    position, height = (np.asarray(one, dtype=np.float64) for one in arrays)
     return Profile(position, height, "arrays")
 
 

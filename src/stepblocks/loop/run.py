@@ -55,6 +55,7 @@ def loop_session(
     jobs: int | None = None,
     forces_only: bool = False,
     as_built: Sequence[str | Path] = (),
+    features: pd.DataFrame | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> LoopResult:
     """Measure a session and find what the model of equations (1) and (2) lacks.
@@ -73,6 +74,9 @@ def loop_session(
     as_built : sequence of str or Path
         As-built records of inspected blocks, or folders of them; they count instead of the
         session's own scans.
+    features : pandas.DataFrame, optional
+        What `measure_session` returned for this session, every row of it, perhaps with another
+        ``status``; the traces are not measured again, and features.csv is not written.
     progress : callable, optional
         Told how many of how many trials are measured.
 
@@ -105,13 +109,14 @@ def loop_session(
         )
     cores = jobs or len(os.sched_getaffinity(0))
     with nullcontext() if output is None else lock_folder(Path(output)):
-        measured = measure_session(
-            session,
-            None if output is None else Path(output) / "features.csv",
-            jobs=cores,
-            progress=progress,
-        )
-        features = insert_conditions(measured, conditions)
+        if features is None:
+            features = measure_session(
+                session,
+                None if output is None else Path(output) / "features.csv",
+                jobs=cores,
+                progress=progress,
+            )
+        features = insert_conditions(features, conditions)
         blocks = [] if forces_only else sorted(set(features["block"].dropna()))
         # what was inspected needs no scan
         unknown = [block for block in blocks if block not in inspected]
