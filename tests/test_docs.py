@@ -252,6 +252,21 @@ def test_the_python_of_every_page_fits_the_types_of_the_library(tmp_path):
     assert re.fullmatch(rf'{wrong}:6: error: .* has no attribute "missing".*\n', said), said
 
 
+def test_one_number_gives_a_number_and_an_array_gives_an_array_to_a_type_checker(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "```python\nfrom typing import assert_type\n\nimport numpy as np\n"
+        "import stepblocks as sb\nfrom numpy.typing import NDArray\n\n"
+        "many: NDArray[np.float64] = np.array([10e-6, 20e-6])\n"
+        "assert_type(sb.find_step_angle(25e-6, 125e-6), float)\n"
+        "assert_type(sb.find_step_angle(many, 125e-6), NDArray[np.float64])\n"
+        "assert_type(sb.find_margin_angles(50e-6, 0.0, 125e-6), tuple[float, float])\n"
+        "assert_type(sb.find_release(0.5, 1.0, 0.15).pull_force, float)\n"
+        "assert_type(sb.find_release(many, 1.0, 0.15).pull_force, NDArray[np.float64])\n```\n"
+    )
+    assert page_types.check_pages([page]) == ""
+
+
 def test_messages_are_listed_from_the_source():
     text = GENERATED["messages_table"]()
     assert text.count("\n- `") > 300

@@ -193,3 +193,23 @@ def test_an_edge_is_refused_for_no_feature_that_is_far_from_it_or_far_less_high(
     z = edge_gauge(X, 20 * UM, 0.0) + height * UM * inside + noise(3, rough=0.0)
     found = measure_edge(Profile(X, z), KNOWN).values["step_height"]
     assert found.value == pytest.approx(20 * UM, abs=0.02 * UM)
+
+
+def test_a_profile_of_the_library_is_inspected_like_its_points_and_draws_into_the_axes_given():
+    from matplotlib.figure import Figure
+
+    from stepblocks import Profile as Contour, drag_over
+
+    z = block()
+    block_as_declared = StimulusSet.declare(
+        "own", step_block=[{"id": "a", "height": "50 um"}]
+    ).stimuli[0]
+    contour = inspect_scan(Contour(X, z), block_as_declared, instrument=KNOWN)
+    points = inspect_scan((X, z), block_as_declared, instrument=KNOWN)
+    assert contour.as_record() == points.as_record()
+    axes = Figure().subplots()
+    assert contour.plot(axes) is axes
+    assert axes.get_ylabel() == "height / um"
+    # and a scan is dragged over like the profile that it is
+    scanned, made = (drag_over(one).summary for one in (Profile(X, z), Contour(X, z)))
+    assert scanned["vibration_energy_j"] == made["vibration_energy_j"]

@@ -14,6 +14,7 @@ import pytest
 from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
 from oracles.virtual_session import Plan, write_session
+from stepblocks.bench.measure import measure_session
 from stepblocks.errors import PipelineError
 from stepblocks.loop import run
 from stepblocks.loop.run import analyse_features, loop_session
@@ -97,6 +98,33 @@ def test_a_session_without_the_radius_of_its_tip_is_refused(tmp_path):
     (tmp_path / "session.toml").write_text("schema = 1\n")
     with pytest.raises(Exception, match="probe"):
         loop_session(tmp_path)
+
+
+def test_a_result_draws_energies_before_and_after_into_the_axes_given(quiet):
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    assert quiet[1].plot(axes) is axes
+    nominal, extended, _ = (line.get_xydata() for line in axes.lines)
+    trials, found = quiet[1].table.trials, quiet[1].found
+    for drawn, fitted in ((nominal, found.nominal), (extended, found.extended)):
+        assert drawn[:, 0] == pytest.approx(1e6 * np.exp(fitted.predicted[:, 0]))
+        assert drawn[:, 1] == pytest.approx(1e6 * np.exp(trials.values[:, 0]), nan_ok=True)
+    assert axes.get_ylabel() == "measured vibration energy, µJ"
+
+
+def test_features_that_are_measured_already_are_explained_as_they_are(tmp_path, monkeypatch, worn):
+    write_session(tmp_path / "session", Plan(trials=6), 1)
+    features = measure_session(tmp_path / "session", jobs=1)
+    features.loc[2, ["status", "reason"]] = ["excluded", "the bench was knocked"]
+    taken = []
+    monkeypatch.setattr("stepblocks.bench.measure.measure_session", None)
+    monkeypatch.setattr(
+        run, "analyse_features", lambda table, *_, **__: taken.append(table) or worn[2]
+    )
+    loop_session(tmp_path / "session", features=features, forces_only=True)
+    assert taken[0]["trial"].tolist() == features["trial"].tolist()
+    assert taken[0].loc[2, "reason"] == "the bench was knocked"
 
 
 def test_records_that_do_not_exist_are_told_before_anything_is_measured(tmp_path):

@@ -131,6 +131,15 @@ def test_the_page_escapes_names_and_loads_nothing(estimates):
     assert "nan" not in page.split("<h2>")[-1]
 
 
+def test_a_result_draws_its_main_figure_into_the_axes_given(estimates):
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    assert estimates.plot(axes) is axes
+    assert axes.lines
+    assert axes.get_ylabel()
+
+
 def test_a_notebook_shows_notes_and_figures(estimates):
     shown = estimates._repr_html_()
     assert "<p>48 judgements of 4 participants.</p>" in shown

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from stepblocks.artefacts.model_file import WIDE
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD
 from stepblocks.figure_file import make_figure
 from stepblocks.law import Law
+from stepblocks.loop.figures import AFTER, BEFORE, CHANNELS, plot_agreement
 from stepblocks.loop.finding import CHANNELS_IN_WORDS, describe_covariate, format_value
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.search.explain import Explanation
@@ -25,7 +25,6 @@ from stepblocks.loop.search.forward_model import Floats
 from stepblocks.page_file import render_page
 from stepblocks.quantities import format_column_label
 
-_BEFORE, _AFTER = "#b0506a", "#2f6f9f"
 _UNASKED = {
     "separates": [],
     "calibration": [],
@@ -78,32 +77,9 @@ def _encode(png: bytes) -> str:
 
 
 def _draw_agreement(found: Explanation) -> str:
-    # Draw measured against predicted energy and peak force, for the nominal model and for the
-    # extended one.
     figure, axes = make_figure(1, 2, width=10.0, height=4.4)
-    named = (("ln_energy", 1e6, "vibration energy, µJ"), ("ln_peak_force", 1.0, "peak force, N"))
-    for axis, (channel, scale, title) in zip(axes, named, strict=True):
-        j = found.problem.trials.channels.index(channel)
-        measured = scale * np.exp(found.problem.trials.values[:, j])
-        for fitted, colour, label in (
-            (found.nominal, _BEFORE, "nominal"),
-            (found.extended, _AFTER, "extended"),
-        ):
-            axis.loglog(
-                scale * np.exp(fitted.predicted[:, j]),
-                measured,
-                ".",
-                ms=4,
-                color=colour,
-                alpha=0.6,
-                label=label,
-            )
-        if np.any(np.isfinite(measured)):
-            ends = [np.nanmin(measured), np.nanmax(measured)]
-            axis.plot(ends, ends, color="0.4", lw=0.8)
-        axis.xaxis.set_minor_formatter(NullFormatter())
-        axis.set(xlabel=f"predicted {title}", ylabel=f"measured {title}")
-        axis.legend(fontsize=8)
+    for axis, channel in zip(axes, CHANNELS, strict=True):
+        plot_agreement(found, axis, channel)
     return _encode_png(figure)
 
 
@@ -126,8 +102,8 @@ def _draw_residuals(found: Explanation, channel: str) -> dict[str, str]:
     for axis, (name, column) in zip(axes, columns.items(), strict=False):
         x, ticks = _find_plot_positions(np.asarray(column))
         axis.axhline(0.0, color="0.6", lw=0.8)
-        axis.plot(x, before, ".", ms=3, color=_BEFORE, alpha=0.55, label="nominal")
-        axis.plot(x, after, ".", ms=3, color=_AFTER, alpha=0.75, label="extended")
+        axis.plot(x, before, ".", ms=3, color=BEFORE, alpha=0.55, label="nominal")
+        axis.plot(x, after, ".", ms=3, color=AFTER, alpha=0.75, label="extended")
         axis.set_xlabel(format_column_label(name))
         axis.sharey(axes[0])
         if ticks:
@@ -157,8 +133,8 @@ def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, 
     unit = CHANNELS_IN_WORDS[result.found.problem.trials.channels[j]]
     low, middle, high = (100.0 * np.expm1(curve + side * band) for side in (-WIDE, 0.0, WIDE))
     figure, axis = make_figure(width=6.0, height=3.4)
-    axis.fill_between(x, low, high, color=_AFTER, alpha=0.25, lw=0)
-    axis.plot(x, middle, color=_AFTER)
+    axis.fill_between(x, low, high, color=AFTER, alpha=0.25, lw=0)
+    axis.plot(x, middle, color=AFTER)
     axis.axhline(0.0, color="0.6", lw=0.8)
     axis.set(xlabel=format_column_label(name), ylabel=f"change of {unit}, %")
     return {

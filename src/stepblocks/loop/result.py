@@ -6,6 +6,7 @@ The verdict, what it rests on, and what to measure next.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.law import Law
 from stepblocks.loop.apart import describe_trial
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
+from stepblocks.loop.figures import plot_agreement
 from stepblocks.loop.finding import write_sentence
 from stepblocks.loop.search.adequacy import (
     compare_directions,
@@ -30,6 +32,9 @@ from stepblocks.loop.search.noise import compute_flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 from stepblocks.loop.settings import MOST_SETTINGS, SHOWN, build_grid
 from stepblocks.text_file import Document
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
 # constants that people know by another name and unit
@@ -85,13 +90,15 @@ class LoopResult:
         """How it ended."""
         return self.found.verdict
 
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw energies as measured against both models, into `ax` or new axes; return these."""
+        return plot_agreement(self.found, ax)
+
     def _repr_html_(self) -> str:
         errors = {part: self.document[part]["error"] for part in ("nominal", "extended")}
         rows = pd.DataFrame(errors).drop(index="noise_floor").rename_axis("held-out error")
-        summary = (
-            f"<p>{escape(self.title)}: <b>{self.verdict}</b>. "
-            f"{escape(self.document['finding'])}.</p>"
-        )
+        finding = escape(self.document["finding"])
+        summary = f"<p>{escape(self.title)}: <b>{self.verdict}</b>. {finding}.</p>"
         return summary + str(rows.to_html(float_format="{:.3g}".format))
 
 

@@ -1,0 +1,40 @@
+"""Measured against predicted figures of a session, before and after its effects are added."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stepblocks.figure_file import take_axes
+from stepblocks.loop.search.explain import Explanation
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BEFORE, AFTER = "#b0506a", "#2f6f9f"
+CHANNELS = {  # what is drawn, with its scale and its title
+    "ln_energy": (1e6, "vibration energy, µJ"),
+    "ln_peak_force": (1.0, "peak force, N"),
+}
+
+
+def plot_agreement(found: Explanation, ax: "Axes | None", channel: str = "ln_energy") -> "Axes":
+    """Plot one channel as measured against the nominal and the extended model."""
+    from matplotlib.ticker import NullFormatter
+
+    axis = take_axes(ax)
+    scale, title = CHANNELS[channel]
+    j = found.problem.trials.channels.index(channel)
+    measured = scale * np.exp(found.problem.trials.values[:, j])
+    for fitted, colour, label in (
+        (found.nominal, BEFORE, "nominal"),
+        (found.extended, AFTER, "extended"),
+    ):
+        predicted = scale * np.exp(fitted.predicted[:, j])
+        axis.loglog(predicted, measured, ".", ms=4, color=colour, alpha=0.6, label=label)
+    if np.any(np.isfinite(measured)):
+        ends = [np.nanmin(measured), np.nanmax(measured)]
+        axis.plot(ends, ends, color="0.4", lw=0.8)
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.set(xlabel=f"predicted {title}", ylabel=f"measured {title}")
+    axis.legend(fontsize=8)
+    return axis
