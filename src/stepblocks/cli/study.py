@@ -114,10 +114,6 @@ def _read_factor(text: str) -> tuple[str, tuple[str, ...]]:
     return name.strip(), found
 
 
-def _read_named(text: str) -> dict[str, str]:
-    return read_pairs(text, "name=value")
-
-
 @command(study, "design", "study design mine.toml --seed 7 -o study")
 def design(
     *,
@@ -161,7 +157,7 @@ def design(
         typer.Option(
             "--prior",
             metavar="NAME=X,...",
-            parser=_read_named,
+            parser=read_pairs,
             help="what is known beforehand (adaptive): equal and weber are medians, equal_factor "
             "and weber_factor one standard deviation as a factor; precision ends a run",
             show_default="weber=0.2, weber_factor=2, equal=1, equal_factor=1.25",
@@ -346,7 +342,7 @@ def analyse(
         typer.Option(
             "--columns",
             metavar="OURS=YOURS,...",
-            parser=_read_named,
+            parser=read_pairs,
             help="your names of columns, such as trial=n,rating=score",
         ),
     ] = None,

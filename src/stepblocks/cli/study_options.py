@@ -34,7 +34,7 @@ def read_names(text: str) -> Names:
     return found
 
 
-def read_pairs(text: str, what: str) -> dict[str, str]:
+def read_pairs(text: str, what: str = "name=value") -> dict[str, str]:
     """Read name=value, separated by commas."""
     parts = [part.strip().partition("=") for part in text.split(",")]
     if not all(name and equals and value for name, equals, value in parts):

@@ -1,7 +1,6 @@
 """Pictures of a drag: both forces against time, with a mark at every event, and their spectra."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from stepblocks.contact.energy import Status
 from stepblocks.drag.ring import (
@@ -11,10 +10,7 @@ from stepblocks.drag.ring import (
     compute_phase_spectrum,
 )
 from stepblocks.drag.simulate import DragTrace
-from stepblocks.figure_file import make_figure, save_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from stepblocks.figure_file import Axes, make_figure, save_figure
 
 _BLUE, _RED, _GREY = "#1f4e79", "#b03030", "#808080"
 

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import pandas as pd
 
@@ -27,12 +27,9 @@ from stepblocks.drag.ring import Ring, measure_ring
 from stepblocks.drag.simulate import DragEvent, DragTrace
 from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.figure_file import take_axes
+from stepblocks.figure_file import Axes, take_axes
 from stepblocks.tables import write_table
 from stepblocks.text_file import Document
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 # What of the probe and of the settings may be given beside the subject, and each dimension
 _OF_PROBE = ("damping_ratio", "hardening")

@@ -8,7 +8,6 @@ import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import replace_text
 from stepblocks.errors import MetrologyError
-from stepblocks.figure_file import make_figure, save_figure, take_axes
+from stepblocks.figure_file import Axes, make_figure, save_figure, take_axes
 from stepblocks.inspect.budget import Decision, Measured, Outcome
 from stepblocks.inspect.measure import Evaluation, Shown
 from stepblocks.page_file import render_page
@@ -29,9 +28,6 @@ from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import format_column_label
 from stepblocks.tables import write_table
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _COLOUR: dict[Outcome | None, str] = {
     Outcome.CONFORMS: "#2e7d4f",

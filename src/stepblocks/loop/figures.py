@@ -1,14 +1,9 @@
 """Measured against predicted figures of a session, before and after its effects are added."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from stepblocks.figure_file import take_axes
+from stepblocks.figure_file import Axes, take_axes
 from stepblocks.loop.search.explain import Explanation
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 BEFORE, AFTER = "#b0506a", "#2f6f9f"
 CHANNELS = {  # what is drawn, with its scale and its title

@@ -6,13 +6,13 @@ The verdict, what it rests on, and what to measure next.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
 from stepblocks.contact.effects.smooth import CovariateRange
+from stepblocks.figure_file import Axes
 from stepblocks.law import Law
 from stepblocks.loop.apart import describe_trial
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
@@ -32,9 +32,6 @@ from stepblocks.loop.search.noise import compute_flexible_residual
 from stepblocks.loop.session_table import Scans, SessionTable
 from stepblocks.loop.settings import MOST_SETTINGS, SHOWN, build_grid
 from stepblocks.text_file import Document
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
 # constants that people know by another name and unit

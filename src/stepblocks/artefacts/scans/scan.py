@@ -2,16 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.figure_file import take_axes
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from stepblocks.figure_file import Axes, take_axes
 
 Array = NDArray[np.float64]
 

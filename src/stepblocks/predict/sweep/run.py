@@ -9,12 +9,12 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from stepblocks.atomic import lock_folder, replace_bytes, replace_text
 from stepblocks.errors import PipelineError
+from stepblocks.figure_file import Axes
 from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
 
 try:
@@ -24,9 +24,6 @@ except ImportError as error:
     raise PipelineError(
         "a sweep needs pyarrow: install the extra with pip install 'stepblocks[sweep]'"
     ) from error
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 PLAN_FILE = "_sweep.json"  # readers of Parquet pass over a name that begins so
 

@@ -4,10 +4,10 @@ import html
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from stepblocks.figure_file import Axes
 from stepblocks.study import Table
 from stepblocks.study.analysis.accuracy import ANSWER, Measure
 from stepblocks.study.analysis.anova import Interval, Term
@@ -20,9 +20,6 @@ from stepblocks.study.analysis.repeated import (
     compute_bayes_factor,
 )
 from stepblocks.tables import format_csv
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 # Columns of results.csv; the unit of estimate, low and high stands in each row
 _CURVE = "psychometric function"
