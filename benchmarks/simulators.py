@@ -133,7 +133,7 @@ def in_chai3d(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Resu
         ]
     )
     words = output([str(place / "blocks")], "1\nq\n").split()
-    return float(words[words.index("peak") + 1]), words[-1] == "crossed"
+    return float(words[words.index("peak") + 1]), "crossed" in words
 
 
 def in_newton(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Result:
