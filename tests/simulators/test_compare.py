@@ -175,6 +175,7 @@ def test_a_record_of_the_renderer_is_close_to_the_ideal_at_any_place_of_the_rele
     ("change", "message"),
     [
         ("noise", r"must hold a ring near 300 Hz after the release, got none: .* explains \d+ %"),
+        ("constant", r"got none: a decaying sine explains 0 % of what follows"),
         ("milliseconds", r"steps of 100 ms; a column in milliseconds is called time_ms"),
         ("short", r"must go on for 71.\d ms after the release, got 14.\d ms"),
         ("nan", "force_n must be a finite number, got nan"),
@@ -185,6 +186,8 @@ def test_a_record_that_cannot_be_compared_is_refused_with_the_reason(tmp_path, c
     frame = pd.read_csv(path)
     if change == "noise":
         frame["force_n"] = np.random.default_rng(3).standard_normal(len(frame))
+    elif change == "constant":
+        frame["force_n"] = 0.3
     elif change == "milliseconds":
         frame["time_s"] *= 1e3
     elif change == "short":

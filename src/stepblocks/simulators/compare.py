@@ -245,7 +245,7 @@ def _measure_ring(
     turn, decay = math.tau * best.x[0], float(np.exp(best.x[1]))
     start = -math.remainder(math.atan2(cosine, sine), math.pi) / turn
     carried = math.exp(2.0 * (time[0] - start) / decay)
-    explained = 1.0 - 2.0 * best.cost / max(float(np.sum(ring**2)), 1e-300)
+    explained = max(1.0 - 2.0 * best.cost / max(float(np.sum(ring**2)), 1e-300), 0.0)
     power = np.abs(np.fft.rfft(ring, 2 ** math.ceil(math.log2(len(ring)) + 2))) ** 2
     band = np.fft.rfftfreq(2 * (len(power) - 1), 1.0 / rate)
     # the paper's 250 to 350 Hz
