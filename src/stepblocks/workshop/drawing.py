@@ -8,6 +8,8 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+
 from stepblocks.artefacts.on_paper import describe_default_demands, format_limits
 from stepblocks.atomic import write_atomically
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
@@ -185,7 +187,6 @@ def _pin_ezdxf() -> Iterator[None]:
 
 @cache
 def _load_fonts() -> tuple[object, dict[str, object]]:
-    import matplotlib as mpl
     from ezdxf.fonts.font_manager import FontManager
 
     manager = FontManager()
@@ -195,7 +196,6 @@ def _load_fonts() -> tuple[object, dict[str, object]]:
 
 def _render(sheet: Sheet, path: Path) -> None:
     # Draw what the DXF holds; its letters stay letters, which can be searched
-    import matplotlib as mpl
     from ezdxf.addons.drawing import Frontend, RenderContext
     from ezdxf.addons.drawing.config import (
         BackgroundPolicy,
