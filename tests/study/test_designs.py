@@ -4,6 +4,7 @@ from collections import Counter
 from itertools import groupby
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from oracles.designs import compared, crossed
@@ -14,9 +15,11 @@ from stepblocks.study.design import (
     Item,
     allocate_orders,
     assign_codes,
+    design_trials,
     make_williams_square,
     measure_balance,
 )
+from stepblocks.study.run import analyse_study, design_study, simulate_study, write_sheets
 
 FOUR = [Item(f"apparatus-{h:03}", f"APPARATUS-{h:03}", h * 1e-6) for h in (25, 50, 75, 100)]
 TEN = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(10, 101, 10)]
@@ -148,3 +151,38 @@ def test_codes_say_nothing_about_the_height():
 def test_impossible_designs_are_refused_by_name_rule_and_value(make, message):
     with pytest.raises(StudyError, match=message):
         make()
+
+
+@pytest.mark.parametrize("standard", ["", "s4"])
+def test_interleaved_conditions_change_within_each_repetition_and_stay_balanced(standard):
+    blocks = [Item(f"s{n}", f"S{n}", n * 1e-5) for n in (2, 4, 6, 8, 10)]
+    factors = {"probe": ("bare", "hard", "soft")}
+    kind = "constant" if standard else "estimates"
+    design = design_trials(
+        kind, 4, blocks, 3, 1, factors=factors, standard=standard, interleaved=True
+    )
+    assert str(design.balance) == "conditions interleaved, all of them in each repetition"
+    rows = pd.DataFrame(design.trials)
+    cell = ["participant", "repetition", "factor_probe", "stimulus", "condition"]
+    assert (rows.groupby(cell).size() == 1).all()
+    for _, own in rows.groupby("participant"):
+        probe, block = own["factor_probe"].to_numpy(), own["stimulus"].to_numpy()
+        # of three probes in random order two of three neighbours differ; in blocks of one probe
+        # there would be two changes in all
+        assert (probe[1:] != probe[:-1]).mean() > 0.5
+        assert (block[1:] != block[:-1]).all()
+        assert own["repetition"].is_monotonic_increasing
+
+
+def test_an_interleaved_study_is_designed_run_and_analysed_as_any_other(tmp_path):
+    heights = tuple(h * 1e-6 for h in (25, 50, 75))
+    options = {"seed": 1, "participants": 6, "interleaved": True}
+    design_study(heights, tmp_path, **options)
+    assert "Conditions interleaved" in (tmp_path / "preregistration.md").read_text()
+    write_sheets(tmp_path)
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2, noise={"soft": 3.0})
+    result = analyse_study(tmp_path, [tmp_path / "answers.csv"])
+    assert result.measure().corrected.p < 0.05
+    said = "interleaved is an option of estimates, virtual, constant, magnitude, not of adaptive"
+    with pytest.raises(StudyError, match=said):
+        design_study(heights, tmp_path / "two", experiment="adaptive", standard="a", **options)

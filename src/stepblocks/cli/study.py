@@ -182,6 +182,10 @@ def design(
             help="factors of which each participant meets one level",
         ),
     ] = None,
+    interleaved: Annotated[
+        bool,
+        typer.Option("--interleaved", help="change the condition from trial to trial"),
+    ] = False,
     primary: Primary = None,
     reference: Reference = None,
     only: Only = None,
@@ -205,6 +209,7 @@ def design(
             prior=prior,
             factors=dict(factor) if factor else None,
             between=between,
+            interleaved=interleaved,
             primary=primary,
             reference=reference,
             only=only,

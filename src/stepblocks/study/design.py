@@ -52,7 +52,7 @@ VIRTUAL_FACTORS = {
     "load": "force",
 }
 REAL, VIRTUAL = "real", "simulated"  # levels of the factor "block"
-_SHUFFLES = 500
+_SHUFFLES = 5000
 
 _NAMED = (("stimulus", "height_um"), ("standard", "standard_height_um"))  # columns of a design
 
@@ -90,6 +90,7 @@ class Balance:
     conditions: int
     position_spread: int  # largest minus smallest count of a condition in a position
     follower_spread: int  # the same of an ordered pair of different neighbours
+    interleaved: bool = False  # whether conditions change from trial to trial
 
     @property
     def exact(self) -> bool:
@@ -97,6 +98,8 @@ class Balance:
         return self.position_spread == 0 and self.follower_spread == 0
 
     def __str__(self) -> str:
+        if self.interleaved:
+            return "conditions interleaved, all of them in each repetition"
         if self.exact:
             return "order of conditions balanced exactly, for position and for carry-over"
         return (
@@ -221,12 +224,13 @@ def design_trials(
     factors: Factors,
     between: Sequence[str] = (),
     standard: str = "",
+    interleaved: bool = False,
 ) -> Design:
     """Cross declared factors with the blocks; with a standard, compare each block with it.
 
     Every participant meets all levels of a factor but of those that are named as `between`, of
-    which each meets one. Settings follow each other in balanced orders; within a setting, each
-    repetition is a set of its own order, in which no block comes twice in a row.
+    which each meets one. Settings follow each other in balanced orders, or are `interleaved`. Each
+    repetition, of a setting or of all, is a set of its own order in which no block follows itself.
     """
     settings, groups, generator = _check_size(
         (participants, repetitions, seed), items, factors, between, standard
@@ -243,13 +247,18 @@ def design_trials(
         codes = assign_codes([*others, *base * len(others)], generator)
         own, aliases = list(codes)[: len(others)], list(codes)[len(others) :]
         blocks[str(person + 1)], last, number = codes, "", itertools.count(1)
-        for index, time in itertools.product(orders[person], range(repetitions)):
-            levels = dict(zip(inner, settings[index], strict=True))
-            levels |= dict(zip(between, groups[group[person]], strict=True))
-            name = "/".join(settings[index])
-            cells = list(itertools.product(own, ORDERS if base else [name]))
+        turns = [[*orders[person]]] if interleaved else [[index] for index in orders[person]]
+        for some, time in itertools.product(turns, range(repetitions)):
+            cells = [
+                (code, condition, index)
+                for index in some
+                for code in own
+                for condition in (ORDERS if base else ["/".join(settings[index])])
+            ]
             facing = {order: generator.permutation(aliases) for order in ORDERS if base}
-            for code, condition in _shuffle(cells, last, generator):
+            for code, condition, index in _shuffle(cells, last, generator):
+                levels = dict(zip(inner, settings[index], strict=True))
+                levels |= dict(zip(between, groups[group[person]], strict=True))
                 when = (person + 1, next(number), condition, time + 1)
                 alias = str(facing[condition][own.index(code)]) if base else ""
                 row = make_trial_row(experiment, when, codes, code, alias)
@@ -257,16 +266,17 @@ def design_trials(
                     row | {f"{FACTOR}{factor}": level for factor, level in levels.items()}
                 )
                 last = code
-    return Design(experiment, trials, blocks, measure_balance(orders))
+    balance = replace(measure_balance(orders), interleaved=interleaved)
+    return Design(experiment, trials, blocks, balance)
 
 
 def _shuffle(
-    cells: Sequence[tuple[str, str]], last: str, generator: np.random.Generator
-) -> list[tuple[str, str]]:
+    cells: Sequence[tuple[str, str, int]], last: str, generator: np.random.Generator
+) -> list[tuple[str, str, int]]:
     # Order a set so that no block follows itself, where that can be
-    for _ in range(_SHUFFLES):
+    for _ in range(_SHUFFLES if len({cell[0] for cell in cells}) > 1 else 1):
         found = [cells[index] for index in generator.permutation(len(cells))]
-        if all(one != two for one, two in itertools.pairwise([last, *(code for code, _ in found)])):
+        if all(one != two for one, two in itertools.pairwise([last, *(cell[0] for cell in found)])):
             break
     return found
 

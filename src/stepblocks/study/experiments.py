@@ -353,7 +353,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         read=_read_estimate,
         simulate=_simulate_estimates,
         analyse=_analyse_estimates,
-        takes=("probes", "factors", "equivalent", "noise"),
+        takes=("probes", "factors", "interleaved", "equivalent", "noise"),
     ),
     "virtual": Experiment(
         title="Virtual blocks: errors and realism",
@@ -364,7 +364,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         read=_read_virtual,
         simulate=_simulate_virtual,
         analyse=_analyse_virtual,
-        takes=("factors", "equivalent", "ratings", "noise"),
+        takes=("factors", "interleaved", "equivalent", "ratings", "noise"),
     ),
     "constant": Experiment(
         title="Comparison with a standard",
@@ -375,7 +375,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         read=_read_comparison,
         simulate=_simulate_comparisons,
         analyse=_analyse_comparisons,
-        takes=("probes", "factors", "standard"),
+        takes=("probes", "factors", "interleaved", "standard"),
         paired=True,
     ),
     "magnitude": Experiment(
@@ -387,7 +387,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         read=_read_magnitude,
         simulate=_simulate_magnitudes,
         analyse=_analyse_magnitudes,
-        takes=("probes", "factors"),
+        takes=("probes", "factors", "interleaved"),
     ),
 }
 EXPERIMENTS["adaptive"] = replace(

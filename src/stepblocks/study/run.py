@@ -58,6 +58,7 @@ def design_study(
     probes: Sequence[str] = (),
     factors: Mapping[str, Sequence[str]] = MappingProxyType({}),
     between: Sequence[str] = (),
+    interleaved: bool = False,
     standard: str = "",
     trials: int = 0,
     prior: Mapping[str, float] = MappingProxyType({}),
@@ -87,6 +88,8 @@ def design_study(
         units, and block (real, simulated).
     between : sequence of str
         Factors of which each participant meets one level.
+    interleaved : bool
+        Whether conditions change from trial to trial, instead of following each other.
     seed : int
         Of all random choices; the same seed gives the same design.
     standard : str
@@ -125,6 +128,7 @@ def design_study(
     given: dict[str, object] = {
         "probes": probes,
         "factors": factors,
+        "interleaved": interleaved,
         "standard": standard,
         "trials": trials,
         "prior": prior,
@@ -149,6 +153,7 @@ def design_study(
         factors=declared,
         between=between,
         standard=standard,
+        interleaved=interleaved,
     )
     conditions = sorted({row["condition"] for row in design.trials})
     require(
