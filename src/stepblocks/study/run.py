@@ -89,7 +89,7 @@ def design_study(
     between : sequence of str
         Factors of which each participant meets one level.
     interleaved : bool
-        Whether conditions change from trial to trial, instead of following each other.
+        Whether conditions change from trial to trial.
     seed : int
         Of all random choices; the same seed gives the same design.
     standard : str
@@ -116,8 +116,7 @@ def design_study(
     Raises
     ------
     StepblocksError
-        If the set has no step blocks, the design is impossible, an option is not one of the
-        experiment, or another design stands there already.
+        If the set has no step blocks, the design is impossible, or another stands there already.
     """
     experiment = ALIASES.get(experiment, experiment)
     if experiment not in EXPERIMENTS:
