@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.errors import PipelineError
-from stepblocks.text_file import is_file
+from stepblocks.text_file import is_file, suggest_file
 
 if TYPE_CHECKING:
     from stepblocks.parts.kind import Part
@@ -18,38 +18,22 @@ def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) 
     files: list[Path] = []
     several = [meant] if isinstance(meant, str | Path) else meant
     for argument in map(Path, several or ("stimuli",)):
-        what, found = "a stimulus file or a folder of them", [argument]
+        what, found, begun = "a stimulus file or a folder of them", [argument], argument
         if argument.is_dir():
-            what = "a folder with stimulus files (*.toml)"
+            what, begun = "a folder with stimulus files (*.toml)", argument / "mine.toml"
             found = sorted(argument.glob("*.toml"))
         if not found or not is_file(found[0]):
             other = (
-                "there is none here, name one as FILE"
-                if not several
-                else _describe_nearby(argument)
+                suggest_file(argument) or f"; 'stepblocks new block {begun}' writes one"
+                if several
+                else "; there is none here, name one as FILE"
             )
-            raise PipelineError(f"expected {what}; {other} [{argument}]")
+            raise PipelineError(f"expected {what}{other} [{argument}]")
         files += found
     stems = [path.stem for path in files]
     if len(set(stems)) < len(stems):
         raise PipelineError(f"sets must have different names, got {', '.join(sorted(stems))}")
     return files
-
-
-def _describe_nearby(path: Path) -> str:
-    # Say what there is in place of a file that is not, and how one begins
-    from difflib import get_close_matches
-
-    there = (
-        {one.stem: path.parent / one.name for one in path.parent.glob("*.toml") if one.is_file()}
-        if path.parent.is_dir()
-        else {}
-    )
-    near = get_close_matches(path.stem, there, 1, 0.6)
-    begun = path / "mine.toml" if path.is_dir() else path
-    return (
-        f"did you mean {there[near[0]]}?" if near else f"'stepblocks new block {begun}' writes one"
-    )
 
 
 def matches_pattern(only: str, set_name: str, identity: str) -> bool:

@@ -43,7 +43,9 @@ def read_table(path: Path) -> "pd.DataFrame":
     except OSError as error:
         raise PipelineError(f"table cannot be read: {error.strerror} [{path}]") from error
     except (ValueError, UnicodeDecodeError) as error:  # pandas' parser errors are ValueErrors
-        raise PipelineError(f"table is not a CSV: {str(error).splitlines()[0]} [{path}]") from error
+        raise PipelineError(
+            f"table must be a CSV: {str(error).splitlines()[0]} [{path}]"
+        ) from error
     if len(set(names)) != len(names):
         raise PipelineError(f"table must not name a column twice [{path}]")
     if frame.empty:

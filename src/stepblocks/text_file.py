@@ -1,5 +1,6 @@
 """Read a small text file of a user: a plain file of bounded size, UTF-8, TOML or JSON."""
 
+import difflib
 import errno
 import json
 import os
@@ -23,9 +24,24 @@ def format_file_name(name: str) -> str:
     return name.encode(errors="backslashreplace").decode()
 
 
+def suggest_file(path: Path) -> str:
+    """Return what to add to a message about a file that is not there: one like it beside it."""
+    if not path.parent.is_dir():
+        return suggest_file(path.parent)
+    near = difflib.get_close_matches(
+        path.name, [one.name for one in path.parent.iterdir() if one != path], 1
+    )
+    return f"; did you mean {path.with_name(near[0])}?" if near else ""
+
+
 def measure_file_size(path: Path) -> int:
     """Return the size of a plain file [bytes]; a pipe, a device or a folder is an OSError."""
-    found = path.stat()
+    try:
+        found = path.stat()
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            error.errno, f"{error.strerror}{suggest_file(path)}", str(path)
+        ) from error
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(found.st_mode):

@@ -58,9 +58,11 @@ def parse(command, words):
 
 @pytest.mark.parametrize("command", EVERY)
 def test_every_command_has_help_with_examples_that_parse_and_takes_what_all_take(
-    command, capsys, monkeypatch
+    command, capsys, monkeypatch, tmp_path
 ):
     monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.chdir(tmp_path)
+    Path("mine.toml").touch()  # what the examples read, where an option says that it must be there
     name = command.removeprefix("stepblocks ")
     assert main([*name.split(), "--help"]) == 0
     help_text = capsys.readouterr().out
@@ -116,6 +118,7 @@ def test_an_option_may_stand_without_its_value_where_the_help_says_so():
         (["study", "desing"], "Did you mean 'design'?"),
         (["export", "--for", "x3d", "--tip-radios", "1 um"], "(Possible options: --tip-radius)"),
         (["build", "--jobs", "0"], "(see stepblocks build --help)"),
+        (["build", "-o"], "-o needs a value (see stepblocks build --help)"),
         (["build", "-o", "--json"], "needs a value (see stepblocks build --help)"),
         (["export", "--for", "nonsense"], "'nonsense' is not one of 'mujoco'"),
         (
@@ -285,10 +288,14 @@ def test_predict_prints_a_table_and_writes_the_same_as_csv(tmp_path, capsys, mon
         (["build", "missing.toml"], "expected a stimulus file"),
         (["check", str(ROOT / "stimuli"), "-o", "no-such-folder"], "run stepblocks build first"),
         (["predict", "missing.toml"], "expected a stimulus file"),
+        (["sweep", "swep.toml"], "did you mean sweep.toml? [swep.toml]"),
+        (["sweep", "goon/s.toml"], "did you mean gone? [goon/s.toml]"),
     ],
 )
 def test_what_is_not_there_is_said_in_one_line(arguments, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    Path("sweep.toml").touch()
+    Path("gone").mkdir()
     assert main(arguments) == 2
     error = capsys.readouterr().err
     assert message in error

@@ -251,7 +251,7 @@ def test_help_of_the_study_imports_nothing_heavy():
             ["power", "f", "--seed", "1", "--noise", "5"],
             "must be a length such as '25 um', got '5'",
         ),
-        (["simulate", "d", "f"], "Missing option '--seed'"),
+        (["simulate", "d"], "Missing option '--seed'"),
     ],
 )
 def test_an_option_that_cannot_be_read_is_named(arguments, message, capsys):

@@ -191,7 +191,7 @@ def test_points_at_any_distance_are_the_same_profile(tmp_path):
             ["step-050", "--stimuli", str(STIMULI), "--step-height", "1 um"],
             "--step-height is for a declared tip",
         ),
-        (["step-050", "--stimuli", "nowhere"], "a stimulus file or a folder of them"),
+        (["step-050", "--stimuli", "nowhere"], "--stimuli: path 'nowhere' does not exist"),
         (["25 um", "--friction", "-0.1"], "friction must be finite and not negative"),
         (["25 um", "--tip-radius", "0 um"], "radius must be positive"),
         (["25 um", "--speed", "1e-9 m/s"], "drag faster"),

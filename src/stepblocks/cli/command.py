@@ -60,7 +60,7 @@ class Command(TyperCommand):
                 yield f"{word}={option.show_default}"
                 continue
             is_value = not option.is_flag
-            if is_value and after in options and not ctx.resilient_parsing:
+            if is_value and (is_last or after in options) and not ctx.resilient_parsing:
                 raise PipelineError(f"{word} needs a value (see {ctx.command_path} --help)")
             yield word
 

@@ -13,14 +13,12 @@ from stepblocks.text_file import Document
 
 app = typer.Typer()
 
-_read_length = quantity("length")
-
 
 def _read_range(text: str) -> tuple[float, float]:
     # Read two lengths with two dots between them
     try:
-        first, last = text.split("..")
-        return _read_length(first), _read_length(last)
+        first, last = map(quantity("length"), text.split(".."))
+        return first, last
     except ValueError as error:
         raise PipelineError(
             f"--x-range: must be two lengths such as -50um..50um, got {text!r}"
@@ -203,7 +201,6 @@ def drag(
     from stepblocks.drag.run import drag_over
 
     refuse_both(speed=speed, pull=pull)
-    within = None if x_range is None else _read_range(x_range)
     options = given(
         static_friction=static_friction,
         handle_mass=handle_mass,
@@ -221,7 +218,12 @@ def drag(
         pull=pull,
     )
     done = drag_over(
-        stimulus, backward=backward, stimuli=stimuli, setting=setting, x_range=within, **options
+        stimulus,
+        backward=backward,
+        stimuli=stimuli,
+        setting=setting,
+        x_range=None if x_range is None else _read_range(x_range),
+        **options,
     )
     done.write(output)
     return Outcome(

@@ -303,8 +303,11 @@ def _list_channels(scan: Path) -> Outcome:
     from stepblocks.artefacts.scans.read import list_channels
 
     names = list_channels(scan)
-    lines = names or ["one layer of heights, without channels"]
-    return Outcome("", notes=lines, record={"channels": names})
+    return Outcome(
+        "",
+        notes=names or ["one layer of heights, without channels"],
+        record={"channels": names},
+    )
 
 
 def _summarise_many(together: "ManyScans", written: list[Path]) -> Outcome:

@@ -62,12 +62,12 @@ def loop(
     for scan in result.document["scans"]["left_out"]:
         reason = f"scan of {scan['block']} left out: {scan['reason']}"
         print(format_units(reason), file=sys.stderr)
-    notes = []
-    if excluded := len(result.document["excluded"]):
-        notes = [f"values or trials excluded, each with its reason in the report: {excluded}"]
+    excluded = len(result.document["excluded"])
     return Outcome(
         f"{result.document['finding']} ({result.verdict})",
-        notes=notes,
+        notes=[f"values or trials excluded, each with its reason in the report: {excluded}"]
+        if excluded
+        else [],
         page=output / "report.html",
         record=result.document,
     )

@@ -128,7 +128,7 @@ Blocks = Annotated[
 ]
 Faces = Annotated[
     Path | None,
-    typer.Argument(metavar="FILE", help="stimulus file, for the predicted energies"),
+    typer.Argument(metavar="FILE", exists=True, help="stimulus file, for the predicted energies"),
 ]
 Stimuli = Annotated[
     Path | None,
@@ -136,6 +136,7 @@ Stimuli = Annotated[
         "--stimuli",
         "--set",
         metavar="FILE",
+        exists=True,
         help="stimulus file or folder where it is declared",
         show_default="stimuli",
     ),

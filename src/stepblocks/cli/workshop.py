@@ -53,9 +53,9 @@ def workshop(
         capability=capability,
         announce=lambda one: progress(name=f"{one.name}: {len(one.files)} files"),
     )
-    count = sum(len(order.files) for order in orders)
     return Outcome(
-        f"{count} files of {len(orders)} part{'s' * (len(orders) > 1)} in {output}",
+        f"{sum(len(order.files) for order in orders)} files of {len(orders)} "
+        f"part{'s' * (len(orders) > 1)} in {output}",
         notes=[f"{order.name}: {order.note}" for order in orders if order.note],
         tables={"Routes": tabulate_routes(orders)},
         record={order.name: [str(path) for path in order.files] for order in orders},

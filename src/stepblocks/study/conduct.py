@@ -430,6 +430,10 @@ def open_run(
     )
     if device not in ("mouse", *HANDS):
         raise PipelineError(f"device must be one of mouse, {', '.join(HANDS)}, got {device!r}")
+    require(
+        not library or device in HANDS,
+        f"library is an option of {', '.join(HANDS)}, not of {device}",
+    )
     design = read_design(Path(folder) / "design.csv")
     blocks = (
         find_designed_blocks(design, source, felt) if design[0]["experiment"] == "virtual" else None

@@ -17,7 +17,7 @@ from stepblocks.page_file import render_page
 from stepblocks.quantities import parse_quantity
 from stepblocks.study import RATINGS, require, sheet
 from stepblocks.study.adaptive import complete_prior
-from stepblocks.study.analysis.accuracy import ANSWER
+from stepblocks.study.analysis.accuracy import ANSWER, MEASURES
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import (
     REAL,
@@ -30,11 +30,7 @@ from stepblocks.study.design import (
     name_setting,
 )
 from stepblocks.study.exchange import read_foreign_judgements
-from stepblocks.study.experiments import (
-    ALIASES,
-    EXPERIMENTS,
-    refuse_unused_options,
-)
+from stepblocks.study.experiments import ALIASES, EXPERIMENTS, refuse_unused_options
 from stepblocks.study.page import render_run_sheets, render_study, write_figures
 from stepblocks.study.simulate import (
     REALISM,
@@ -159,6 +155,8 @@ def design_study(
         not reference or reference in conditions,
         f"reference must be one of {', '.join(conditions)}, got {reference!r}",
     )
+    names = {"estimates": MEASURES, "virtual": (*MEASURES, REALISM)}.get(experiment, (primary,))
+    require(not primary or primary in names, f"primary must be one of {names}, got {primary!r}")
     plan: dict[str, object] = {
         "schema": 1,
         "primary": primary,

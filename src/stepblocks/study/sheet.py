@@ -24,6 +24,7 @@ from stepblocks.study.design import DESIGN_COLUMNS, FACTOR, WHEN, Item, name_set
 from stepblocks.study.experiments import EXPERIMENTS, Row, read_number
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import format_csv
+from stepblocks.text_file import measure_file_size
 
 _MISSING = ("NA", "N/A", "n/a", "#N/A", "<NA>")  # as R, BIDS, spreadsheets and pandas write it
 TIMES = ("reaction_s",)  # columns beside the answers that `study run` writes, numbers
@@ -386,9 +387,8 @@ def read_rows(path: Path, columns: Sequence[str], empty: bool = False) -> list[d
     # a general reader of tables would not know the lines
     try:
         require(
-            path.stat().st_size <= _MAX_BYTES,
-            f"a table must be below {_MAX_BYTES // 1_000_000} MB, got {path.stat().st_size} bytes "
-            f"[{path}]",
+            (size := measure_file_size(path)) <= _MAX_BYTES,
+            f"a table must be below {_MAX_BYTES // 1_000_000} MB, got {size} bytes [{path}]",
         )
         with path.open(encoding="utf-8-sig", newline="") as stream:
             head = stream.readline()

@@ -6,6 +6,7 @@
 # Littell (2002), Applied Statistics in Agriculture, doi:10.4148/2475-7772.1198).
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -103,12 +104,13 @@ class _Likelihood:
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # beyond the bounds
     def fit(self, repeated: bool) -> tuple[Array, Array]:
         # Return the optimum and the covariance of its parameters
-        found = optimize.minimize(
-            lambda at: float(self.loss(at)),
-            [1.0, 0.3, -0.5] if repeated else [1.0, -0.5],
-            jac=lambda at: approx_fprime_cs(at, self.loss).ravel(),
-            method="BFGS",
-        )
+        with warnings.catch_warnings(action="ignore", category=linalg.LinAlgWarning):
+            found = optimize.minimize(
+                lambda at: float(self.loss(at)),
+                [1.0, 0.3, -0.5] if repeated else [1.0, -0.5],
+                jac=lambda at: approx_fprime_cs(at, self.loss).ravel(),
+                method="BFGS",
+            )
         point = found.x
         for _ in range(3):  # Newton's steps: a line search ends at half the digits
             slope = approx_fprime_cs(point, self.loss).ravel()
