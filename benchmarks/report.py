@@ -209,6 +209,15 @@ PARTS = [
         40,
     ),
     Part(
+        "mistyped",
+        "python benchmarks/mistyped_commands.py",
+        {
+            "mistyped-lines": (r"\| all \| (\d+) \|", "{}"),
+            "mistyped-faults": (r"\| all (?:\| \d+ ){3}\| (\d+) \|", "{}"),
+        },
+        5,
+    ),
+    Part(
         "soak",
         "python benchmarks/soak.py --minutes 60",
         {
