@@ -24,18 +24,12 @@ from stepblocks import __version__
 from stepblocks.cli import (
     begin,
     build,
-    check,
-    compare,
     drag,
     export,
-    feel,
     inspect,
-    loop,
     predict,
     session,
     study,
-    sweep,
-    workshop,
 )
 from stepblocks.cli.command import Group, describe_mistake
 from stepblocks.errors import StepblocksError
@@ -46,13 +40,12 @@ __all__ = ["main"]
 
 _GRACE = 5.0  # for what is open to be closed, when asked to end [s]
 _COMPLETE = "_STEPBLOCKS_COMPLETE"  # set by the shell when it asks for completions
-# One file per command or group, in the order of the help
+# One file per command or group of commands, in the order of the help
 _MODULES = (
-    *(begin, build, check, workshop, inspect),
-    *(predict, drag, sweep),
-    *(export, feel, compare),
-    *(session, loop),
-    study,
+    *(begin, build, inspect),
+    *(predict, drag),
+    export,
+    *(session, study),
 )
 
 

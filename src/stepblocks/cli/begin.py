@@ -1,15 +1,15 @@
 """``stepblocks new``, ``help`` and ``completion``: how one begins."""
 
 import sysconfig
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Force, require_one
-from stepblocks.cli.outcome import Outcome
+from stepblocks.cli.options import Force, Quiet, make_whole_number_reader, require_one
+from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ _Kind = Literal["block", "crown", "tip", "study", "session", "sweep"]
     "new block mine.toml",
     "new crown",
     "new session bench-1",
+    "new session bench-1 --plan plan.toml --rehearsals 100",
     "new --shipped",
     panel=_PANEL,
 )
@@ -51,6 +52,25 @@ def new(
             show_default="stimuli",
         ),
     ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            "--plan",
+            metavar="SPEC.toml",
+            help="of a session: design, model and scatter, as simulate-session takes them; lists "
+            "the trials in random order and rehearses them without an effect",
+        ),
+    ] = None,
+    rehearsals: Annotated[
+        int,
+        typer.Option(
+            "--rehearsals",
+            metavar="N",
+            parser=make_whole_number_reader(1, 10_000),
+            help="with --plan: how many sessions to rehearse, each about 10 s",
+        ),
+    ] = 10,
+    quiet: Quiet = False,
     force: Force = False,
 ) -> Outcome:
     """Write a commented file to begin with.
@@ -58,6 +78,8 @@ def new(
     The file is valid as it stands and says what can be changed; a session is a folder.
     """
     require_one("begin with: stepblocks new block mine.toml", KIND=kind, shipped=shipped)
+    if plan is not None and kind != "session":
+        raise PipelineError(f"--plan goes with: stepblocks new session, got {kind or 'no kind'}")
     if kind is None:
         return _copy_shipped(shipped or Path("stimuli"), force=force)
     file = file or Path(f"my-{kind}" if kind == "session" else f"my-{kind}.toml")
@@ -65,6 +87,8 @@ def new(
         folder = file.parent if file.name == "session.toml" else file
         place = folder / "session.toml"
         text, then = write_beginning(kind, folder)
+        if plan is not None:
+            return _plan_session(folder, plan, rehearsals, then, quiet=quiet, force=force)
         texts = {place: text, folder / "trials.csv": _TRIALS}
     else:
         place = file.with_suffix(".toml") if file.name else file
@@ -76,18 +100,53 @@ def new(
     )
 
 
+def _plan_session(
+    folder: Path, plan: Path, rehearsals: int, then: str, *, quiet: bool, force: bool
+) -> Outcome:
+    # Write the declaration and the trials of a planned session, once it is rehearsed
+    from stepblocks.bench.rehearse.plan import read_plan
+    from stepblocks.bench.rehearse.run import format_session
+    from stepblocks.loop.rehearsal import rehearse_session
+    from stepblocks.tables import format_csv
+
+    planned = read_plan(plan)
+    # what a bench shows and nobody sets is no part of a plan
+    rows = [row | {"temperature_c": "", "humidity_pct": ""} for row in planned.rows()]
+    texts = {
+        folder / "session.toml": format_session(planned),
+        folder / "trials.csv": format_csv(rows),
+    }
+    _refuse_present(texts, force=force)
+    progress = make_progress("rehearsed", quiet=quiet, lines=10)
+    found = rehearse_session(planned, rehearsals, progress)
+    _write_new(texts, force=force)
+    return Outcome(
+        f"{folder}: {len(rows)} trials on {len(planned.blocks())} blocks; measure them, then "
+        f"run: {then}",
+        {"nine sessions in ten would show": found["could_show"]},
+        notes=[
+            f"{found['verdicts'].count('none')} of {rehearsals} rehearsals without an effect end "
+            f"in none; {found['locked']} of {len(rows)} trials lock and give no trace"
+        ],
+        record={"written": list(map(str, texts)), "then": then, **found},
+    )
+
+
+def _refuse_present(places: Iterable[Path], *, force: bool) -> None:
+    if there := [str(place) for place in places if place.exists() and not force]:
+        raise PipelineError(f"there is one already; --force replaces it [{', '.join(there)}]")
+
+
 def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
     from stepblocks.atomic import replace_text
 
-    if there := [str(place) for place in texts if place.exists() and not force]:
-        raise PipelineError(f"there is one already; --force replaces it [{', '.join(there)}]")
+    _refuse_present(texts, force=force)
     for place, text in texts.items():
         replace_text(place, text)
 
 
 def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
     # Copy the shipped stimuli from where a wheel puts them, or from the checkout
-
     installed = Path(sysconfig.get_path("data")) / "share" / "stepblocks" / "stimuli"
     source = installed if installed.is_dir() else Path(__file__).parents[3] / "stimuli"
     texts = {

@@ -1,4 +1,4 @@
-"""``stepblocks build``: make what the stimulus files ask for."""
+"""``stepblocks build``, ``check`` and ``workshop``: make stimuli, measure them, have them made."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Files, Jobs, Only, Quiet
+from stepblocks.cli.options import Files, Jobs, Only, Quiet, quantity_option
 from stepblocks.cli.outcome import Outcome, make_progress
 
 app = typer.Typer()
@@ -65,4 +65,119 @@ def build(
         record=vars(report),
         code=1 if report.failures else 0,
         failures=report.failures,
+    )
+
+
+@command(app, "check", "check", "check part.step", panel="Stimuli")
+def check(
+    *,
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="FILE",
+            help="stimulus files or folders, or STEP files",
+            show_default="stimuli",
+        ),
+    ] = None,
+    built: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="folder of the build")
+    ] = Path("out"),
+    only: Only = None,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="print every measurement, not only the verdicts")
+    ] = False,
+) -> Outcome:
+    """Read every artefact back from disk and measure it, or check any STEP file.
+
+    Prints a verdict per artefact; for STEP files named on the command line, dimensions and
+    tolerances against their geometry, read as text. Exit code 1 if one is out of tolerance.
+    """
+    files = files or []
+    if files and all(path.suffix.lower() in (".step", ".stp", ".p21") for path in files):
+        return _check_step_files(files)
+    from stepblocks.build.run import check_output
+
+    failed, records, rows = [], [], []
+    for name, verdicts in check_output(files, built, only=only):
+        bad = [verdict for verdict in verdicts if not verdict.passed]
+        if bad:
+            failed.append(name)
+        records += [verdict.as_record() | {"path": name} for verdict in verdicts]
+        rows.append(
+            f"{'FAIL' if bad else 'ok  '} {name}: {len(verdicts) - len(bad)} of "
+            f"{len(verdicts)} measurements within tolerance"
+        )
+        rows += [f"       {verdict}" for verdict in (verdicts if verbose else bad)]
+    count = sum(not row.startswith(" ") for row in rows)
+    summary = f"{count} artefacts, all within tolerance"
+    if failed:
+        summary = f"{len(failed)} of {count} artefacts out of tolerance: {', '.join(failed)}"
+    return Outcome(
+        summary,
+        notes=rows,
+        record={"artefacts": count, "failed": failed, "measurements": records},
+        code=1 if failed else 0,
+    )
+
+
+def _check_step_files(paths: list[Path]) -> Outcome:
+    from stepblocks.artefacts.step.check_step import check_step, format_step_table
+
+    reports = [check_step(path) for path in paths]
+    passed = [report.passes for report in reports]
+    return Outcome(
+        f"{sum(passed)} of {len(paths)} STEP files hold what they say",
+        notes=["\n\n".join(format_step_table(report) for report in reports)],
+        record={"files": {str(path): good for path, good in zip(paths, passed, strict=True)}},
+        code=0 if all(passed) else 1,
+    )
+
+
+@command(
+    app,
+    "workshop",
+    "workshop mine.toml",
+    "workshop --only 'paper-ten/*' --capability '1 um'",
+    panel="Stimuli",
+)
+def workshop(
+    *,
+    files: Files = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="folder to write to")
+    ] = Path("out"),
+    only: Only = None,
+    capability: Annotated[
+        float | None,
+        quantity_option(
+            "length",
+            "--capability",
+            help="deviation of a height that your workshop holds in one piece; ask it",
+            show_default="2 um, ground",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> Outcome:
+    """Write drawings, inspection sheets and gauge-block variants; compare the routes of making.
+
+    Drawings (DXF, SVG, PDF) and inspection sheets (CSV, PDF) of every part, the two-piece variant
+    of step blocks, setup sheets with the stock, and a table of the ways to make them with what each
+    lets a user feel.
+    """
+    from stepblocks.workshop.run import order_parts, tabulate_routes
+
+    progress = make_progress("drawn", quiet=quiet, lines=1000)
+    orders = order_parts(
+        files or [],
+        output,
+        only=only,
+        capability=capability,
+        announce=lambda one: progress(name=f"{one.name}: {len(one.files)} files"),
+    )
+    return Outcome(
+        f"{sum(len(order.files) for order in orders)} files of {len(orders)} "
+        f"part{'s' * (len(orders) > 1)} in {output}",
+        notes=[f"{order.name}: {order.note}" for order in orders if order.note],
+        tables={"Routes": tabulate_routes(orders)},
+        record={order.name: [str(path) for path in order.files] for order in orders},
     )

@@ -1,4 +1,4 @@
-"""``stepblocks export``: folders that a simulator loads."""
+"""``stepblocks export``, ``feel`` and ``compare``: what simulators load, show and give back."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,6 +10,7 @@ from stepblocks.cli.options import (
     Files,
     Friction,
     Load,
+    NoOpen,
     Only,
     Quiet,
     Speed,
@@ -152,4 +153,79 @@ def _list_devices(own: Path | None) -> Outcome:
     ]
     return Outcome(
         f"{len(rows)} devices; sources stand in simulators/devices.toml", {"devices": rows}
+    )
+
+
+@command(app, "feel", "feel", "feel mine.toml --no-open", panel="Simulators")
+def feel(
+    *,
+    files: Files = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="HTML", help="page to write")
+    ] = Path("out/feel.html"),
+    no_open: NoOpen = False,
+) -> Outcome:
+    """Write a page on which the mouse drags the probe over a block.
+
+    Writes one page that needs no network, and opens it: force, spectrum, locking, and the ring as
+    sound.
+    """
+    from stepblocks.simulators.feel import write_feel_page
+
+    page = output.with_suffix(output.suffix or ".html") if output.name else output
+    count = write_feel_page(files or [], page)
+    if not no_open:
+        import webbrowser
+
+        webbrowser.open(page.resolve().as_uri())
+    return Outcome(f"{page}: {count} block{'s' if count != 1 else ''}", page=page)
+
+
+@command(
+    app,
+    "compare",
+    "compare record.csv --to stimuli/paper-ten.toml/step-050",
+    panel="Simulators",
+)
+def compare(
+    *,
+    record: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORD",
+            help="CSV (time_s; force_n or acceleration_m_s2), or HDF5 of a trial of study run",
+        ),
+    ],
+    to: Annotated[
+        Path,
+        typer.Option("--to", metavar="FILE/ID", help="stimulus file and identity"),
+    ],
+    tip_radius: TipRadius = None,
+    load: Load = None,
+    friction: Friction = None,
+    backward: Annotated[
+        bool, typer.Option("--backward", help="the record is of a drag towards -x")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="CSV", help="write the differences as a table"),
+    ] = None,
+) -> Outcome:
+    """Compare a recorded force or acceleration with its stimulus.
+
+    Prints each difference as a multiple of the just noticeable one.
+    """
+    from stepblocks.simulators.compare import compare_record
+
+    found = compare_record(
+        record,
+        to,
+        output,
+        backward=backward,
+        **given(ball_radius=tip_radius, normal_load=load, friction=friction),
+    )
+    return Outcome(
+        f"{found['difference_jnd'].iloc[-1]:.3g} just noticeable differences from {to.name}, all "
+        "parts together",
+        {"realism": found.iloc[:-1].to_dict("records")},
     )

@@ -1,4 +1,4 @@
-"""``stepblocks predict``: critical angle, forces and vibration energy."""
+"""``stepblocks predict`` and ``sweep``: critical angle, forces and vibration energy."""
 
 import sys
 from pathlib import Path
@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import AsBuilt, Speed, Table, Wide, given
-from stepblocks.cli.outcome import Outcome
+from stepblocks.cli.options import (
+    AsBuilt,
+    Quiet,
+    Speed,
+    Table,
+    Wide,
+    given,
+    make_whole_number_reader,
+)
+from stepblocks.cli.outcome import Outcome, make_progress
 
 if TYPE_CHECKING:
     from stepblocks.parts.set import StimulusSet
@@ -159,4 +167,47 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
     return Outcome(
         f"{output}: {len(status)} trials predicted, {int((status != 'ok').sum())} of them not ok, "
         "see the column status"
+    )
+
+
+@command(
+    app,
+    "sweep",
+    "sweep sweep.toml",
+    "sweep sweep.toml -o out/sweep --jobs 4",
+    panel="What is felt",
+)
+def sweep(
+    *,
+    design: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="the design")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="folder to write to")
+    ] = Path("out/sweep"),
+    jobs: Annotated[
+        int,
+        typer.Option(
+            "--jobs", "-j", metavar="N", parser=make_whole_number_reader(1, 1024), help="processes"
+        ),
+    ] = 1,
+    quiet: Quiet = False,
+) -> Outcome:
+    """Predict a grid or random design of steps, tips and settings into partitioned Parquet.
+
+    Computes the design into a folder, one Parquet file per partition; finished partitions are kept.
+    """
+    from stepblocks.predict.sweep.plan import load_sweep
+    from stepblocks.predict.sweep.run import PLAN_FILE, run_sweep
+
+    plan = load_sweep(design)
+    progress = make_progress("partitions", quiet=quiet)
+    done = run_sweep(
+        plan, output, jobs=jobs, on_partition=lambda _: progress(total=plan.partitions)
+    )
+    return Outcome(
+        (
+            f"{plan.rows} rows in {plan.partitions} partitions: {done.computed} computed, "
+            f"{done.found} found [{output}]"
+        ),
+        record={"rows": plan.rows, "computed": done.computed, "found": done.found},
+        kept=[output / PLAN_FILE, *output.glob("part-*.parquet")],
     )

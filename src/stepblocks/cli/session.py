@@ -1,13 +1,15 @@
-"""``stepblocks simulate-session`` and ``measure``: a bench session, simulated or recorded."""
+"""``stepblocks simulate-session``, ``measure`` and ``loop``: a bench session, and what it shows."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Jobs, Quiet
+from stepblocks.cli.options import AsBuilt, Jobs, Quiet, given
 from stepblocks.cli.outcome import Outcome, make_progress
+from stepblocks.text_file import Document
 
 app = typer.Typer()
 
@@ -92,3 +94,81 @@ def measure(
         notes=[*notes, *(f"note: {note}" for note in summary.notes)],
         record={"trials": summary.total, "excluded": reasons, "notes": list(summary.notes)},
     )
+
+
+@command(
+    app,
+    "loop",
+    "loop session",
+    "loop session -o out/loop --as-built out/inspect",
+    panel="Bench",
+)
+def loop(
+    *,
+    session: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="SESSION",
+            help="folder with session.toml, trials.csv and traces; several are fitted together, "
+            "by one hierarchical model",
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="folder to write to")
+    ] = Path("out/loop"),
+    jobs: Jobs = None,
+    forces_only: Annotated[
+        bool, typer.Option("--forces-only", help="leave the scans of the blocks out")
+    ] = False,
+    as_built: AsBuilt = None,
+    quiet: Quiet = False,
+) -> Outcome:
+    """Find what the model lacks for a measured session.
+
+    Measures a session, traces the residual to an effect, adds it, and reports the error before and
+    after: features.csv, result.json, model.json and report.html in the output folder.
+    """
+    from stepblocks.loop.run import loop_session
+    from stepblocks.loop.several import loop_sessions
+    from stepblocks.quantities import format_units
+
+    options = given(
+        jobs=jobs,
+        forces_only=forces_only,
+        as_built=as_built or [],
+        progress=make_progress("measured trials", quiet=quiet),
+    )
+    if len(session) > 1:
+        return _summarise_hierarchy(loop_sessions(session, output, **options))
+    result = loop_session(session[0], output, **options)
+    for scan in result.document["scans"]["left_out"]:
+        reason = f"scan of {scan['block']} left out: {scan['reason']}"
+        print(format_units(reason), file=sys.stderr)
+    excluded = len(result.document["excluded"])
+    return Outcome(
+        f"{result.document['finding']} ({result.verdict})",
+        notes=[f"values or trials excluded, each with its reason in the report: {excluded}"]
+        if excluded
+        else [],
+        page=output / "report.html",
+        record=result.document,
+    )
+
+
+def _summarise_hierarchy(document: Document) -> Outcome:
+    # Tabulate the parameters that several sessions share, and say each one's verdict
+    rows = [
+        {
+            "parameter": name,
+            "unit": one["unit"],
+            "mean": one["mean"],
+            "among sessions": one["among_sessions_std"],
+        }
+        | one["next"]
+        for name, one in document["parameters"].items()
+        if len(one["sessions"]) > 1 and not name.startswith("height_error")
+    ]
+    verdicts = "; ".join(
+        f"{name}: {found['verdict']}" for name, found in document["sessions"].items()
+    )
+    return Outcome(verdicts, {"in the next session, 95 %": rows}, record=document)

@@ -31,7 +31,7 @@ NUMBERS = (
     "humidity_pct",
     "peak_force_n",
 )
-_LABELS = ("block", "operator", "tip")
+_LABELS = ("block", "operator", "tip", "day")
 
 _Length = Annotated[float, BeforeValidator(make_quantity_parser("length")), Field(ge=0.0, le=1.0)]
 _Force = Annotated[float, BeforeValidator(make_quantity_parser("force")), Field(ge=0.0, le=1e3)]
@@ -58,7 +58,7 @@ class Model(Strict):
 class Design(Strict):
     """Conditions: the full factorial of heights, loads and speeds, `repeats` times.
 
-    Of these, `trials` are drawn.
+    Of these, `trials` are drawn; they are spread evenly over `days`.
     """
 
     heights: list[_Length] = Field(min_length=1)
@@ -67,6 +67,7 @@ class Design(Strict):
     repeats: int = Field(default=1, ge=1, le=_MOST_TRIALS)
     trials: int | None = Field(default=None, ge=1, le=_MOST_TRIALS)
     operators: tuple[str, ...] = ("A", "B")
+    days: int = Field(default=1, ge=1, le=1000)
 
 
 class Scatter(Strict):
@@ -269,6 +270,7 @@ class SessionPlan(Strict):
                 "humidity_pct": f"{humidity:.1f}",
                 "operator": design.operators[int(random.integers(len(design.operators)))],
             }
+            | ({"day": str(1 + (number - 1) * design.days // count)} if design.days > 1 else {})
             for number, ((height, load, speed), temperature, humidity) in enumerate(conditions, 1)
         ]
 

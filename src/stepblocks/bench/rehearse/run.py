@@ -95,13 +95,14 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
     with make_draft_folder(output) as draft:
-        summary = _write_session(declared, draft)
+        summary = write_session(declared, draft)
         sync_folder(draft)
         draft.rename(output)  # an empty folder gives way
     return summary
 
 
-def _write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
+def write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
+    """Write a simulated session into an empty folder."""
     random = np.random.default_rng([plan.seed, 2])
     heights = {
         h: max(h + plan.scatter.height * random.standard_normal(), 1e-7)
@@ -123,7 +124,7 @@ def _write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
             np.random.default_rng([plan.seed, 3, number]),
         )
         _write_scan(folder / "scans" / f"{name_block(nominal)}.csv", step, chance)
-    (folder / "session.toml").write_text(_format_session(plan), encoding="utf-8")
+    (folder / "session.toml").write_text(format_session(plan), encoding="utf-8")
     rows, locked = plan.rows(), 0
     with (
         open_writer(folder, plan.format) as write,
@@ -192,7 +193,8 @@ def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
     )
 
 
-def _format_session(plan: SessionPlan) -> str:
+def format_session(plan: SessionPlan) -> str:
+    """Return the declaration of a planned session, as session.toml holds it."""
     title = plan.title.replace("\\", "\\\\").replace('"', '\\"')
     return f"""schema = 1
 title = "{title}"

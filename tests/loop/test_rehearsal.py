@@ -1,0 +1,114 @@
+"""A session is planned: trials in random order, and what noise alone and the design could show."""
+
+import csv
+import json
+
+import pytest
+
+from stepblocks.bench.rehearse.plan import read_plan
+from stepblocks.bench.rehearse.run import simulate_session
+from stepblocks.cli import main
+from stepblocks.loop import rehearsal
+from stepblocks.loop.run import loop_session
+
+PLAN = """schema = 1
+seed = 3
+title = "Week of the new explorer"
+format = "csv"
+[design]
+heights = ["20 um", "35 um", "50 um", "70 um"]
+loads = ["0.4 N", "0.8 N"]
+speeds = ["3 mm/s", "8 mm/s"]
+repeats = 3
+days = 3
+[[effects]]
+slot = "friction"
+change = "multiply"
+form = "levels"
+covariate = "day"
+levels = { 2 = 0.4, 3 = 0.8 }
+"""
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "plan.toml"
+    path.write_text(PLAN)
+    return path
+
+
+@pytest.fixture(scope="module")
+def planned(plan):
+    folder = plan.parent / "bench-1"
+    arguments = ["new", "session", str(folder), "--plan", str(plan), "--rehearsals", "2"]
+    assert main([*arguments, "--json"]) == 0
+    return folder
+
+
+def test_a_plan_becomes_a_session_with_every_combination_once_a_day_or_nearly(planned):
+    rows = list(csv.DictReader((planned / "trials.csv").read_text().splitlines()))
+    assert len(rows) == 4 * 2 * 2 * 3
+    assert [row["day"] for row in rows] == ["1"] * 16 + ["2"] * 16 + ["3"] * 16
+    settings = [(row["block"], row["load_n"], row["speed_mm_s"]) for row in rows]
+    assert {settings.count(one) for one in settings} == {3}
+    assert settings != sorted(settings)
+    # what a bench shows stands there to be filled in, and no simulated weather
+    assert {row["temperature_c"] for row in rows} == {""}
+    assert 'title = "Week of the new explorer"' in (planned / "session.toml").read_text()
+
+
+def test_the_planned_session_with_its_traces_is_explained(planned, plan, tmp_path):
+    # the traces of another program's bench lie where the declaration looks for them
+    whole = tmp_path / "whole"
+    simulate_session(plan, whole)
+    for name in ("session.toml", "trials.csv"):
+        (whole / name).write_bytes((planned / name).read_bytes())
+    found = loop_session(whole, jobs=1).document
+    assert found["trials_analysed"] > 40
+    # friction of 0.15, 0.21, 0.27 on three days was planted
+    assert found["verdict"] != "none"
+
+
+def test_rehearsals_plant_nothing_and_say_what_would_show(planned, plan, capsys, monkeypatch):
+    seeds = []
+    simulated = rehearsal.write_session
+
+    def watch(one, folder):
+        seeds.append((one.seed, one.effects))
+        return simulated(one, folder)
+
+    monkeypatch.setattr(rehearsal, "write_session", watch)
+    found = rehearsal.rehearse_session(read_plan(plan), 2, lambda done, total: None)
+    assert seeds == [(3, ()), (4, ())]
+    assert found["verdicts"] == ["none", "none"]
+    assert found["locked"] == 0
+    sizes = {row["effect"]: row["size"] for row in found["could_show"]}
+    # the noise of the plan: 5 % of E_v over 48 trials shows an edge radius of micrometres
+    assert sizes["edge rounding"].endswith("µm")
+    assert 0.5 < float(sizes["edge rounding"].split()[0]) < 10.0
+
+
+def test_a_plan_overwrites_nothing_and_belongs_to_a_session(planned, plan, capsys):
+    before = (planned / "trials.csv").read_bytes()
+    assert main(["new", "session", str(planned), "--plan", str(plan)]) == 2
+    assert "there is one already; --force replaces it" in capsys.readouterr().err
+    assert (planned / "trials.csv").read_bytes() == before
+    assert main(["new", "block", "--plan", str(plan)]) == 2
+    assert "--plan goes with: stepblocks new session, got block" in capsys.readouterr().err
+    locked = plan.parent / "locked.toml"
+    locked.write_text(
+        PLAN.replace('slot = "friction"', 'slot = "drag"') + "[model]\nfriction = 9\n"
+    )
+    place = plan.parent / "never"
+    assert main(["new", "session", str(place), "--plan", str(locked), "--rehearsals", "1"]) == 2
+    assert "every trial of the plan locks" in capsys.readouterr().err
+    assert not place.exists()
+
+
+def test_json_of_a_plan_holds_each_verdict(plan, capsys):
+    place = plan.parent / "bench-2"
+    arguments = ["new", "session", str(place), "--plan", str(plan), "--rehearsals", "1", "--json"]
+    assert main(arguments) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["verdicts"] == ["none"]
+    assert told["could_show"][0].keys() == {"effect", "follows", "size"}
