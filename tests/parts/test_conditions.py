@@ -157,3 +157,18 @@ def test_only_parts_that_bring_their_ball_need_no_tips(tmp_path):
     tips = load_set(STIMULI / "probe-tips.toml")
     assert tips.prediction.tip_radii == ()
     assert all(part.ball is part.ball_radius for part in tips.stimuli)
+
+
+def test_the_first_point_of_a_grid_is_under_its_declared_laws_and_a_coefficient_replaces_one():
+    laws = {
+        "friction": {"law": "stribeck", "sliding": 0.1, "static": 0.3, "speed": "2 mm/s"},
+        "contact": {"law": "linear", "stiffness": "4e6 N/m"},
+    }
+    grid = PredictionGrid.model_validate({"normal_loads": ["0.5 N"], "laws": laws})
+    point = grid.first_point()
+    # Stribeck at rest is the static coefficient
+    assert point.friction == pytest.approx(0.3, rel=1e-12)
+    assert point.friction_law is not None
+    assert point.contact is not None
+    told = grid.first_point(friction=0.2)
+    assert (told.friction, told.friction_law) == (0.2, None)

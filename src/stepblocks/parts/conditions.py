@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -130,9 +129,14 @@ class PredictionGrid(Table):
     def first_point(self, **other: Any) -> OperatingPoint:
         """Return the first of the conditions; keywords replace fields of it."""
         ball = next(iter(self.tip_radii), PAPER.ball_radius)
-        return replace(
-            OperatingPoint(ball, self.normal_loads[0], self.frictions[0], self.as_tool()), **other
-        )
+        point = {
+            "ball_radius": ball,
+            "normal_load": self.normal_loads[0],
+            "friction": self.coefficients[0],
+            "tool": self.as_tool(),
+            "contact": self.built_laws.get("contact"),
+        }
+        return OperatingPoint(**{**point, **other})
 
 
 class Gum(Table):
