@@ -299,6 +299,9 @@ def test_figures_show_any_trial_even_an_excluded_one(make_session, tmp_path, cap
     assert main([*arguments, "--trials", "1", "--quiet"]) == 0
     assert (tmp_path / "p" / "trial-1.png").read_bytes() == first
     assert main([*arguments, "--trials", "99"]) == 2
+    capsys.readouterr()
+    assert main([*arguments[:-2], "--trials", "1"]) == 2
+    assert "--trials says which trials --plots draws: give --plots" in capsys.readouterr().err
 
 
 # Origin: the shared sessions as their README declares them: k = 9810 N/m, normal load set by

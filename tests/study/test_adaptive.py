@@ -146,6 +146,8 @@ def answered(run, count, larger=50.0):
 
 def test_a_run_goes_on_where_it_was_left_and_an_answer_taken_back_is_asked_again(tmp_path):
     design(tmp_path)
+    with pytest.raises(StudyError, match=r"library is an option of .*, not of mouse"):
+        open_run(tmp_path, "2", library="libdhd.so")
     run = open_run(tmp_path, "2", practice=2)
     assert {"first_code", "second_code"} <= set(run.state())
     assert run.state()["of"] == 20

@@ -124,6 +124,14 @@ def test_a_result_is_printed_with_its_first_finding(result):
     assert repr(result).endswith(f" judgements, {first.name}: p = {first.p:.3g}>")
 
 
+def test_a_primary_outcome_that_the_experiment_has_not_is_preregistered_nowhere(tmp_path):
+    with pytest.raises(
+        StudyError, match="primary must be one of bias; absolute error; spread, got 'biaas'"
+    ):
+        design_study(HEIGHTS, tmp_path / "s", seed=1, participants=6, primary="biaas")
+    assert not (tmp_path / "s").exists()
+
+
 def test_only_the_primary_outcome_opens_the_headline(tmp_path):
     # noise scatters the estimates: the spread and the absolute error find it, the bias does not
     design_study(HEIGHTS, tmp_path, seed=1, participants=6, probes=("a", "b"), primary="bias")

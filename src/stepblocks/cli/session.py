@@ -9,6 +9,7 @@ import typer
 from stepblocks.cli.command import command
 from stepblocks.cli.options import AsBuilt, Jobs, Quiet, given
 from stepblocks.cli.outcome import Outcome, make_progress
+from stepblocks.errors import PipelineError
 from stepblocks.text_file import Document
 
 app = typer.Typer()
@@ -80,6 +81,8 @@ def measure(
     """
     from stepblocks.bench.measure import write_features
 
+    if trials is not None and plots is None:
+        raise PipelineError("--trials says which trials --plots draws: give --plots, too")
     progress = make_progress("measured trials", quiet=quiet, lines=10)
     summary = write_features(session, output, progress=progress, jobs=jobs)
     if plots is not None:

@@ -47,9 +47,8 @@ def choose_operating_point(
 ) -> OperatingPoint:
     """Choose the first condition of a part's set, changed by the part itself and by `overrides`."""
     grid, worn = stimuli.grid_of(part), stimuli.ring_of(part)
-    tool = grid.as_tool()
-    if worn is not None:  # how the probe rings with this part on its shank
-        tool = replace(tool, frequency=worn.frequency, decay_time=worn.decay_time)
+    # how the probe rings with this part on its shank
+    tool = grid.as_tool() if worn is None else worn.as_tool(grid.as_tool())
     given = {
         "normal_load": grid.normal_loads[0],
         "friction": grid.coefficients[0],

@@ -156,7 +156,8 @@ def design_study(
         f"reference must be one of {', '.join(conditions)}, got {reference!r}",
     )
     names = {"estimates": MEASURES, "virtual": (*MEASURES, REALISM)}.get(experiment, (primary,))
-    require(not primary or primary in names, f"primary must be one of {names}, got {primary!r}")
+    rule = f"primary must be one of {'; '.join(names)}"
+    require(not primary or primary in names, f"{rule}, got {primary!r}")
     plan: dict[str, object] = {
         "schema": 1,
         "primary": primary,
