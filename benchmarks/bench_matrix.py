@@ -40,9 +40,8 @@ from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
 from stepblocks.loop.session_table import build_session_table, scan_blocks
 
 _FREE = Bench(conversion=0.2)
-Truth = tuple[
-    set[tuple[str, str]], dict[str, float]
-]  # places that count as right, and parameters with their values
+# places that count as right, and parameters with their values
+Truth = tuple[set[tuple[str, str]], dict[str, float]]
 Family = Callable[[np.random.Generator, Plan], tuple[Plan, Truth]]
 
 

@@ -75,9 +75,8 @@ def mujoco_drag(
     data.act[0] = mu * load / k
     data.ctrl[0] = data.qvel[0] = speed
     data.qfrc_applied[1] = -load
-    data.qfrc_applied[0] = (
-        damping * speed
-    )  # the damper goes to the handle, which moves, not to the ground
+    # the damper goes to the handle, which moves, not to the ground
+    data.qfrc_applied[0] = damping * speed
     peak, released = 0.0, np.inf
     chunk = 5
     begin = time.process_time()

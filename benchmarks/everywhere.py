@@ -31,6 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "out" / "everywhere"
 RECORD = KEPT / "record.json"
 BYTES = "bytes"  # the cell that builds every shipped stimulus and compares the files
+# folders of tests that compute
 NUMERIC = (
     "contact",
     "drag",
@@ -39,7 +40,7 @@ NUMERIC = (
     "bench",
     "loop",
     "study",
-)  # folders of tests that compute
+)
 TOP = "top"  # the tests that lie in no folder
 OTHERS = ("artefacts", "build", "cad", "cli", "literature", "parts", "simulators", "workshop", TOP)
 # what names platform, Python or library versions, and a page that shows them

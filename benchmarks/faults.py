@@ -25,13 +25,14 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
+# faults of the first call, the second and so on
 COUNTED = (
     "sync",
     "rename",
     "memory",
     "kill",
     "kill-rename",
-)  # faults of the first call, the second and so on
+)
 FAULTS = ("size", *COUNTED)
 POINTS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89)
 # what the commands load: once, and every run is a fork of it
@@ -222,9 +223,8 @@ def main(argv: list[str] | None = None) -> int:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        os.environ["MPLCONFIGDIR"] = str(
-            work / "fonts"
-        )  # a list of fonts that a fault cut short would stay
+        # a list of fonts that a fault cut short would stay
+        os.environ["MPLCONFIGDIR"] = str(work / "fonts")
         for name in LOADED:
             with suppress(ImportError):
                 import_module(name)

@@ -237,9 +237,8 @@ def commands(work: Path) -> Kind:
 
 def _named(path: Path, words: list[str], before: Mapping[str, str]) -> bool:
     """Whether the words name a path or its folder: what is read must not be written."""
-    path = (
-        path.parent if path.name == ".stepblocks.json" else path
-    )  # the note of who wrote what lies beside a file
+    # the note of who wrote what lies beside a file
+    path = path.parent if path.name == ".stepblocks.json" else path
     asked = [
         word.partition("=")[2] if word.startswith("--") else word.removeprefix("-o")
         for word in words

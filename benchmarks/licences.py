@@ -32,9 +32,8 @@ def licence(one: Distribution) -> str:
         for name in data.get_all("Classifier", [])
         if name.startswith(_TROVE)
     ]
-    listed = [
-        name for name in trove if name != "OSI Approved"
-    ]  # which says nothing, and stands before what does
+    # which says nothing, and stands before what does
+    listed = [name for name in trove if name != "OSI Approved"]
     stated = (data.get("License-Expression") or "").strip()
     free = (data.get("License") or "").strip().splitlines()
     said = stated or ", ".join(listed) or (free[0][:60] if free else "not stated")

@@ -33,9 +33,8 @@ class Known:
     """What is known of a scan: its feature, and the source of its value."""
 
     feature: str  # groove, edge, ball; none; reader
-    low: float = (
-        np.nan
-    )  # spread of the independent estimates [m]; of a reader peak to valley or width
+    # spread of the independent estimates [m]; of a reader peak to valley or width
+    low: float = np.nan
     high: float = np.nan  # likewise [m]
     source: str = ""
     unit: str | None = None

@@ -27,9 +27,8 @@ from stepblocks.simulators.scenes import SCENE_FORMATS
 
 ROOT = Path(__file__).resolve().parents[1]
 RADIUS = 125e-6
-Result = (
-    tuple[float, bool] | None
-)  # peak force [N] and whether the ball crossed; None: not run here
+# peak force [N] and whether the ball crossed; None: not run here
+Result = tuple[float, bool] | None
 
 
 def main() -> None:

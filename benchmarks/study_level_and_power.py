@@ -12,10 +12,11 @@ from oracles.noncentral_f import closed_form_power
 from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power
 
 NOISE = 6e-6
+# energy in proportion to height: a share of 0.9 lowers estimates by a tenth
 HEIGHTS, ENERGIES = (
     (70e-6, 90e-6),
     (0.7e-5, 0.9e-5),
-)  # energy in proportion to height: a share of 0.9 lowers estimates by a tenth
+)
 
 
 def main() -> None:

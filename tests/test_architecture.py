@@ -237,9 +237,8 @@ def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
             ):
                 waiting.add(node.name)
         for node in ast.walk(tree):
-            if (
-                isinstance(node, ast.ClassDef) and node.name in public
-            ):  # what a public class shows, its users name
+            # what a public class shows, its users name
+            if isinstance(node, ast.ClassDef) and node.name in public:
                 waiting |= {
                     member.name for member in node.body if isinstance(member, ast.FunctionDef)
                 }

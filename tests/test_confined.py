@@ -79,9 +79,8 @@ def test_arrays_and_values_come_back_as_they_were(file):
     found = call(file, "good", 0.1)
     np.testing.assert_array_equal(found["x"], np.arange(6.0).reshape(2, 3) * 0.1)
     assert (found["flag"].dtype, found["none"].shape, found["name"]) == (np.bool_, (0, 3), "x.bin")
-    assert (
-        call(file, "number") == call(file, "number") != {"pid": os.getpid()}
-    )  # one other process for all calls
+    # one other process for all calls
+    assert call(file, "number") == call(file, "number") != {"pid": os.getpid()}
 
 
 @pytest.mark.parametrize(

@@ -27,12 +27,13 @@ SUFFIXES = "json|cpp|py|toml|csv|html"  # drag.json is a file, no name of the li
 NAMES = re.compile(
     rf"(?<![\w./-])(?:stepblocks|{'|'.join(ROOMS)})(?:\.(?!(?:{SUFFIXES})\b)\w+)+(?!\w*\.?[/\w])"
 )
+# files of the reader's own, in examples
 THEIRS = {
     "stimuli/mine.toml",
     "stimuli/x.toml",
     "tests/ROOM",
     "loop/model.json",
-}  # files of the reader's own, in examples
+}
 SHELLS = ("", "bash", "sh", "console", "text")
 
 

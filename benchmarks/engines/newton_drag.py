@@ -19,9 +19,8 @@ def main() -> None:
     scene = json.loads((folder / "event.json").read_text(encoding="utf-8"))
     warp.config.quiet = True
     builder = newton.ModelBuilder()
-    newton.solvers.SolverMuJoCo.register_custom_attributes(
-        builder
-    )  # reads mjc:solref and mjc:solimp of the colliders
+    # reads mjc:solref and mjc:solimp of the colliders
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     builder.add_usd(str(folder / "scene.usda"), load_visual_shapes=False)
     # the damper that MuJoCo's scene has on the tip; USD's drive carries the spring alone
     builder.joint_target_kd[0] = 0.5 / scene["scale"]

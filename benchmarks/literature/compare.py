@@ -117,9 +117,8 @@ class Evidence:
     """What others published, beside what the model says."""
 
     rows: tuple[Row, ...]
-    explanations: tuple[
-        Explanation, ...
-    ]  # of the paper's contradiction: equation (1) as it stands, then its rivals
+    # of the paper's contradiction: equation (1) as it stands, then its rivals
+    explanations: tuple[Explanation, ...]
 
     @property
     def table(self) -> pd.DataFrame:

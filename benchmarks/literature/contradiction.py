@@ -33,9 +33,8 @@ class Explanation:
     numbers: int  # how many of its own were fitted
     setting: str  # the fitted numbers in words
     energies: tuple[float, ...]  # E_v of the four blocks [J]; infinite where the tip is held
-    points: tuple[
-        tuple[Step, OperatingPoint, float], ...
-    ]  # what the drag in time is asked: edge, condition, pull [N]
+    # what the drag in time is asked: edge, condition, pull [N]
+    points: tuple[tuple[Step, OperatingPoint, float], ...]
 
     @property
     def missed(self) -> float:

@@ -151,9 +151,8 @@ def _remove_stale_drafts(folder: Path) -> None:
                 os.close(number)
 
 
-_remove_stale_drafts_once = lru_cache(
-    _remove_stale_drafts
-)  # a process looks through a folder when it first writes there, not at every file
+# a process looks through a folder when it first writes there, not at every file
+_remove_stale_drafts_once = lru_cache(_remove_stale_drafts)
 
 
 def _sync_file(path: Path) -> None:
@@ -172,9 +171,8 @@ def sync_folder(folder: Path) -> None:
 
 def replace_text(path: Path, text: str) -> None:
     """Write a text beside its place and rename it there."""
-    replace_bytes(
-        path, text.encode(errors="backslashreplace")
-    )  # a file's name in it need be no text
+    # a file's name in it need be no text
+    replace_bytes(path, text.encode(errors="backslashreplace"))
 
 
 def replace_bytes(path: Path, content: bytes) -> None:

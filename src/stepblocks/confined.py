@@ -24,13 +24,11 @@ import numpy as np
 
 from stepblocks.text_file import Document, measure_file_size
 
-Answer = tuple[
-    Document, str, bool
-]  # what was found; else what is wrong, and whether our own code says so
+# what was found; else what is wrong, and whether our own code says so
+Answer = tuple[Document, str, bool]
 
-MEMORY = (
-    2 * 2**30
-)  # that a reader may fill [bytes]; what its libraries map but do not fill comes on top
+# that a reader may fill [bytes]; what its libraries map but do not fill comes on top
+MEMORY = 2 * 2**30
 _MAPPED = 4 * 2**30
 _SECONDS, _PER_BYTE = 15.0, 1e-6  # of the processor, and more of it for a large file [s], [s/byte]
 _WAITING = (

@@ -112,9 +112,8 @@ def test_outlines_of_letters_are_closed():
     lines = _draw_callout("8", 0, FACES, FACES[0])[:-1]
     ends = [point for line in lines for point in line]
     assert all(ends.count(point) % 2 == 0 for point in ends)
-    assert (
-        sum(a[1] != b[0] for a, b in itertools.pairwise(lines)) == 2
-    )  # from the outline to either hole
+    # from the outline to either hole
+    assert sum(a[1] != b[0] for a, b in itertools.pairwise(lines)) == 2
 
 
 @pytest.mark.parametrize(

@@ -101,9 +101,8 @@ def test_a_gap_across_two_cones_is_square_to_them(way, tmp_path):
     half = math.radians(6.0)
     inner = cone(100, (0.0, 0.0, 0.0), Z, 3.0, half)
     wider = 3.0 + 2.0 * math.tan(half) + 0.06 / math.cos(half)
-    outer = cone(
-        200, (0.0, 0.0, 2.0), (0.0, 0.0, way), wider, way * half
-    )  # an axis may point either way
+    # an axis may point either way
+    outer = cone(200, (0.0, 0.0, 2.0), (0.0, 0.0, way), wider, way * half)
     assert measure_distance(*surfaces(tmp_path, inner, outer)) == pytest.approx(60e-6, abs=1e-15)
 
 

@@ -41,9 +41,8 @@ SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".
 def test_every_format_gives_back_the_heights_and_steps_that_were_written(name, tmp_path):
     path = tmp_path / name
     WRITERS[name](path)
-    content = read_scan_confined(
-        path
-    )  # the confined process itself is exercised below; here only what it runs
+    # the confined process itself is exercised below; here only what it runs
+    content = read_scan_confined(path)
     height = np.asarray(content["height"])
     assert height.dtype == np.float64
     np.testing.assert_allclose(np.abs(np.diff(height, axis=1)), 7 * COUNT, rtol=2e-6)
@@ -307,9 +306,8 @@ def real(name):
 def test_the_dektak_file_reads_with_its_own_unit_and_equal_steps():
     scan = read_scan(real("surfacetopography/dektak-1.csv"))
     assert scan.height.shape == (9600,)
-    assert scan.spacing == pytest.approx(
-        0.156e-6, rel=0.01
-    )  # "Resolution,0.156 um/sample" of the file
+    # "Resolution,0.156 um/sample" of the file
+    assert scan.spacing == pytest.approx(0.156e-6, rel=0.01)
     assert np.ptp(np.diff(scan.position)) < 1e-15
 
 

@@ -47,9 +47,8 @@ def test_energy_is_what_a_damped_oscillator_spends():
 
     event = RINGING[4]
     omega = math.tau * event.tool.frequency
-    stiffness = event.tool.effective_mass * (
-        omega**2 + 1.0 / event.tool.decay_time**2
-    )  # so that the damped frequency is the event's
+    # so that the damped frequency is the event's
+    stiffness = event.tool.effective_mass * (omega**2 + 1.0 / event.tool.decay_time**2)
     damping = 2.0 * event.tool.effective_mass / event.tool.decay_time
     start = math.sqrt(2.0 * event.energy / event.tool.effective_mass)
     times = np.arange(0.0, 7 * event.tool.decay_time, 1e-5)

@@ -173,9 +173,8 @@ def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
     (bevel,) = [one for one in report.dimensions if one.angular]
     assert math.degrees(bevel.geometry) == pytest.approx(45.0, abs=1e-9)
     (opening,) = [one for one in report.dimensions if one.name == "vertical discrepancy"]
-    assert opening.geometry == pytest.approx(
-        80e-6, abs=1e-12
-    )  # from a wall to the edge of the bevel
+    # from a wall to the edge of the bevel
+    assert opening.geometry == pytest.approx(80e-6, abs=1e-12)
 
 
 def test_only_what_no_face_carries_is_a_requirement_without_one():

@@ -81,9 +81,8 @@ def test_a_tip_that_comes_down_slowly_counts_by_its_first_dip_wherever_noise_let
 def test_a_dip_that_just_touches_the_level_of_sliding_leaves_open_which_swing_was_the_first(touch):
     random, period, noise, pulls = np.random.default_rng(3), 1.0 / 300.0, 4e-3, []
     time = np.arange(0.0, 14e-3, 1e-4)
-    spread = (
-        0.646 * noise
-    )  # origin: the middle of a quartic through nine samples, sqrt(0.417) of one
+    # origin: the middle of a quartic through nine samples, sqrt(0.417) of one
+    spread = 0.646 * noise
     dips = 3.0 * period + np.array([0.0, period])
     deep = 3.85 * spread
     for _ in range(600):

@@ -64,9 +64,8 @@ def test_plain_names_are_ours_and_links_on_the_way_are_not(tmp_path):
     (folder / "set" / "file").symlink_to(folder / "set")
     assert resolve_inside(folder, "link/a.stl") is None
     assert resolve_inside(folder, "set/file") is None
-    (tmp_path / "here").symlink_to(
-        folder
-    )  # the folder itself may be one: that is the user's own choice
+    # the folder itself may be one: that is the user's own choice
+    (tmp_path / "here").symlink_to(folder)
     assert resolve_inside(tmp_path / "here", "set/a.stl") == tmp_path / "here" / "set" / "a.stl"
 
 
@@ -125,9 +124,8 @@ def test_a_record_that_names_a_file_outside_does_not_delete_it(place, copy, tmp_
     content["outputs"][str(victim) if place == "absolute" else "../../mine.txt"] = hash_file(victim)
     write_sealed(path, content)
     report = build_sets(SHEATHS, copy, jobs=1)
-    assert report.built == [
-        "sheaths/sheath-soft"
-    ]  # its record is not believed, so it is made again
+    # its record is not believed, so it is made again
+    assert report.built == ["sheaths/sheath-soft"]
     assert victim.read_text() == "mine"
 
 
@@ -213,9 +211,8 @@ def test_a_record_that_has_lost_a_part_counts_as_not_built(lost, copy):
     del content[lost]
     path.write_text(json.dumps(content))
     assert load_record(path.parent) == {}
-    assert (
-        build_sets(SHEATHS, copy, only="sheath-hard", jobs=1).built == []
-    )  # the other is left out of the page
+    # the other is left out of the page
+    assert build_sets(SHEATHS, copy, only="sheath-hard", jobs=1).built == []
     assert "sheath-soft.step" not in (copy / "index.html").read_text()
     assert build_sets(SHEATHS, copy, jobs=1).built == ["sheaths/sheath-soft"]
 

@@ -85,9 +85,8 @@ def test_the_page_opens_with_the_ten_steps_and_an_overview_of_all(page, shipped_
     lines = page.find_elements("css selector", "#overview [data-row]")
     assert len(lines) == len(list(shipped_output.glob("*/*/record.json")))
     ten = next(line.text for line in lines if line.text.startswith("step-100"))
-    assert (
-        "4 of 12" in ten
-    )  # mu 0.30 locks below 100 um, at each of four loads: R (1 - sin(atan 0.3)) = 89 um
+    # mu 0.30 locks below 100 um, at each of four loads: R (1 - sin(atan 0.3)) = 89 um
+    assert "4 of 12" in ten
 
 
 def test_the_search_and_the_filter_find(page):

@@ -277,9 +277,8 @@ def test_predict_prints_a_table_and_writes_the_same_as_csv(tmp_path, capsys, mon
     table = list(csv.DictReader((tmp_path / "table.csv").read_text().splitlines()))
     shown = [line.split() for line in lines if line.startswith("apparatus")]
     assert [line[0] for line in shown] == [row["stimulus"] for row in table]
-    assert (
-        f"{float(table[0]['pull_force_n']):.3g}" in shown[0]
-    )  # three digits, wherever the column stands
+    # three digits, wherever the column stands
+    assert f"{float(table[0]['pull_force_n']):.3g}" in shown[0]
 
 
 @pytest.mark.parametrize(

@@ -78,9 +78,8 @@ def test_from_the_block_set_to_the_report(folder, capsys):
     assert float(found["mixed model", "condition, partial eta squared"]["p"]) < 1e-3
     page = (folder / "report" / "report.html").read_text()
     assert page.count("<svg") == 2
-    assert not re.findall(
-        r'(?:src|href)="(?!#)', page
-    )  # nothing is loaded, from the network or elsewhere
+    # nothing is loaded, from the network or elsewhere
+    assert not re.findall(r'(?:src|href)="(?!#)', page)
     first = {path.name: path.read_bytes() for path in (folder / "report").glob("*.*")}
     assert run(capsys, "analyse", folder, answers, "-o", folder / "again")[0] == 0
     assert {path.name: path.read_bytes() for path in (folder / "again").glob("*.*")} == first

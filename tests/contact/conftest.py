@@ -4,9 +4,8 @@ would be met by anything.
 
 import pytest
 
-APPROX = type(
-    pytest.approx(1.0)
-)  # the scalar comparison, to which those of arrays and lists come down
+# the scalar comparison, to which those of arrays and lists come down
+APPROX = type(pytest.approx(1.0))
 
 
 @pytest.fixture(autouse=True)

@@ -52,9 +52,8 @@ def test_the_tangent_of_a_step_is_that_of_a_ball_drawn_on_face_and_edge(height, 
     assert kernels.compute_height_at_angle(angle, ball + edge) == pytest.approx(height, rel=1e-12)
     slopes = Step(height, edge).angle_slopes(ball)
     by_height, by_radius = slopes["height"], slopes["ball_radius"]
-    assert by_height == pytest.approx(
-        1.0 / across, rel=1e-12
-    )  # dH = (R + r) sin a da, and across = (R + r) sin a
+    # dH = (R + r) sin a da, and across = (R + r) sin a
+    assert by_height == pytest.approx(1.0 / across, rel=1e-12)
     assert by_radius == pytest.approx(-height / (ball + edge) / across, rel=1e-12)
 
 

@@ -84,9 +84,8 @@ def test_heights_and_section_are_one_profile(face):
     assert (np.diff(x) >= 0.0).all()
     inner = 0.5 * (x[1:] + x[:-1])[np.diff(x) > 1e-9]
     middle = 0.5 * (z[1:] + z[:-1])[np.diff(x) > 1e-9]
-    assert face.heights(inner) == pytest.approx(
-        middle, abs=2e-9
-    )  # a chord lies up to 0.06 nm inside the arc, lower by more where that is steep
+    # a chord lies up to 0.06 nm inside the arc, lower by more where that is steep
+    assert face.heights(inner) == pytest.approx(middle, abs=2e-9)
     assert list(face.breakpoints) == sorted(face.breakpoints)
 
 
@@ -212,9 +211,8 @@ def test_draws_over_a_margin_whose_sides_bend_lie_close_to_the_dilation_of_each(
     drawn = bent.angles(R, gap=gaps, opening=gaps)
     each = [replace(bent, gap=gap, opening=gap).angles(R) for gap in gaps.tolist()]
     assert np.transpose(drawn) == pytest.approx(np.array(each), abs=2e-3)
-    assert (
-        np.abs(np.array(each)[0] - bent.angles(R)).max() > 0.05
-    )  # so much do they differ from the nominal
+    # so much do they differ from the nominal
+    assert np.abs(np.array(each)[0] - bent.angles(R)).max() > 0.05
 
 
 @pytest.mark.parametrize(

@@ -66,9 +66,8 @@ def test_a_groove_between_equal_shoulders_rings_alike_in_both_directions():
     assert up.critical_angle == pytest.approx(math.asin(60e-6 / (2 * R)), rel=1e-6)
     assert down.energy == pytest.approx(up.energy, rel=1e-9)
     assert (up.direction, down.direction) == (1, -1)
-    assert up.trigger_position + down.trigger_position == pytest.approx(
-        60e-6, rel=1e-6
-    )  # both: the ball hangs in the middle
+    # both: the ball hangs in the middle
+    assert up.trigger_position + down.trigger_position == pytest.approx(60e-6, rel=1e-6)
 
 
 def test_a_mirrored_profile_swaps_the_drags():

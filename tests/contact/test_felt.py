@@ -53,9 +53,8 @@ def test_a_gap_changes_alike_in_both_directions_and_a_ledge_does_not():
 
 def test_without_two_releases_there_is_no_change_to_tell():
     assert math.isnan(find_energy_change(Step(40e-6), Step(120e-6), POINT))  # locks
-    assert math.isnan(
-        find_energy_change(Step(40e-6), Step(41e-6), POINT, backward=True)
-    )  # nothing catches
+    # nothing catches
+    assert math.isnan(find_energy_change(Step(40e-6), Step(41e-6), POINT, backward=True))
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -76,9 +75,8 @@ def test_a_scan_that_shows_no_edge_has_no_angle():
     x = np.linspace(-1e-3, 1e-3, 2001)
     assert find_scanned_angle(x, np.zeros(2001), 125e-6) is None
     upright = np.array([-1e-3, *np.linspace(-1e-3, 0.0, 20)[1:], *np.linspace(0.0, 1e-3, 20)])
-    assert (
-        find_scanned_angle(upright, np.repeat([0.0, 200e-6], 20), 125e-6) is None
-    )  # as high as the ball
+    # as high as the ball
+    assert find_scanned_angle(upright, np.repeat([0.0, 200e-6], 20), 125e-6) is None
     assert find_scanned_angle(x, np.full(2001, np.nan), 125e-6) is None
     assert find_scanned_angle(x[:5], np.zeros(5), 125e-6) is None
 

@@ -154,9 +154,8 @@ def test_scatter_shows_in_the_channels_as_the_equations_say(design):
     state = build_nominal_state(design, _VALUES)
     found = compute_responses(state)
     total = compute_angle_on_step(design.height, design.tip_radius) + math.atan(0.17)
-    by_friction = (
-        0.17 / (np.sin(total) * np.cos(total)) / (1.0 + 0.17**2)
-    )  # d ln tan(a + atan mu) / d ln mu
+    # d ln tan(a + atan mu) / d ln mu
+    by_friction = 0.17 / (np.sin(total) * np.cos(total)) / (1.0 + 0.17**2)
     assert found[:, _FORCE, 0] == pytest.approx(by_friction, rel=1e-3)
     assert found[:, _ENERGY, 0] == pytest.approx(2.0 * by_friction, rel=1e-3)
     assert found[:, _FRICTION, 0] == pytest.approx(np.full(4, 0.17), rel=1e-6)

@@ -50,9 +50,8 @@ def test_an_oscillator_of_that_mass_and_damping_rings_and_decays_as_the_tool_say
 
 def test_a_stiffer_tool_of_the_same_frequency_is_heavier_in_proportion():
     assert Tool(2 * 9.81e3).effective_mass == pytest.approx(2 * Tool().effective_mass)
-    assert Tool().effective_mass == pytest.approx(
-        2.76e-3, rel=2e-3
-    )  # Origin: docs/explanation/drag.md, 2.76 g
+    # Origin: docs/explanation/drag.md, 2.76 g
+    assert Tool().effective_mass == pytest.approx(2.76e-3, rel=2e-3)
 
 
 @pytest.mark.parametrize(

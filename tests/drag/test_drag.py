@@ -395,9 +395,8 @@ def test_a_probe_is_as_heavy_as_damped_and_as_hard_as_its_tool_and_ball_say():
     assert probe.contact_loss == 2.0
 
 
-HARD = (
-    9810.0 * 1.5e7
-)  # cubic stiffness of a spring that is a fifth stiffer at a stretch of 0.1 mm [N/m^3]
+# cubic stiffness of a spring that is a fifth stiffer at a stretch of 0.1 mm [N/m^3]
+HARD = 9810.0 * 1.5e7
 
 
 def test_a_hard_spring_stretches_by_the_real_root_of_its_cubic():
@@ -419,9 +418,8 @@ def test_a_hard_spring_leaves_the_peak_where_it_is_stores_less_and_keeps_the_led
         for probe in (PAPER_DRAG, replace(PAPER_DRAG, hardening=HARD))
     )
     # the force that lifts the tip over the edge knows nothing of the spring
-    assert hard.peak_force == pytest.approx(
-        soft.peak_force, rel=0.02
-    )  # but for what a tip with mass lags
+    # but for what a tip with mass lags
+    assert hard.peak_force == pytest.approx(soft.peak_force, rel=0.02)
     assert hard.stored_energy < 0.9 * soft.stored_energy
     assert hard.ledger_error < 1e-3
     # origin: the ramp is F(v t), not k v t; a tip in the corner gives way as much with either

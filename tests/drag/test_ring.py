@@ -52,9 +52,8 @@ def trace_of(frequency=300.0, decay=12e-3, amplitude=0.4, length=60e-3, status=S
 )
 def test_a_decaying_sine_is_found_again(frequency, decay, amplitude):
     ring = measure_ring(trace_of(frequency, decay, amplitude))
-    first = amplitude * math.exp(
-        -0.25 / frequency / decay
-    )  # the swing's lowest point, a quarter period on
+    # the swing's lowest point, a quarter period on
+    first = amplitude * math.exp(-0.25 / frequency / decay)
     assert ring.amplitude == pytest.approx(first, rel=0.02)
     assert ring.energy == pytest.approx(0.5 * ring.amplitude**2 / PAPER_DRAG.stiffness)
     assert ring.share == pytest.approx((ring.amplitude / PEAK) ** 2)

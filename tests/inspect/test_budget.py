@@ -44,9 +44,8 @@ def test_a_calibration_counts_with_the_power_in_which_the_value_goes_with_its_ax
     budget = parts(
         add_instrument_components("x", -50e-6, [], Instrument(1e-3, 2e-9, 2e-3), axes=axes)
     )
-    assert budget.pop("resolution") == pytest.approx(
-        2e-9 / math.sqrt(12.0)
-    )  # a rectangle one count wide
+    # a rectangle one count wide
+    assert budget.pop("resolution") == pytest.approx(2e-9 / math.sqrt(12.0))
     assert budget == pytest.approx(named)
 
 
@@ -92,12 +91,10 @@ def test_of_a_bound_only_its_own_side_is_proven_and_of_no_stated_uncertainty_not
 
 
 def test_the_interval_is_normal_where_nothing_was_estimated_from_few_values():
-    assert Measured("x", 0.0, (Component("a", 1.0),)).expanded() == pytest.approx(
-        1.959964
-    )  # tables of the normal law
-    assert Measured("x", 0.0, (Component("a", 1.0, 4.0),)).expanded() == pytest.approx(
-        2.776445
-    )  # Student, 4 degrees
+    # tables of the normal law
+    assert Measured("x", 0.0, (Component("a", 1.0),)).expanded() == pytest.approx(1.959964)
+    # Student, 4 degrees
+    assert Measured("x", 0.0, (Component("a", 1.0, 4.0),)).expanded() == pytest.approx(2.776445)
 
 
 def test_profiles_that_differ_by_no_more_than_their_noise_show_no_repeatability():

@@ -85,7 +85,6 @@ def test_few_degrees_of_freedom_widen_the_guard_band_so_that_the_risk_stays_5_pe
         for m, s in zip(means, stds, strict=True)
     ]
     assert np.mean(accepted) == pytest.approx(0.05, abs=0.0104)  # 1.65 alone would accept 9.9 %
-    assert decide(10e-6, U, LOWER, UPPER, dof=3).guard == pytest.approx(
-        2.353 * U, rel=1e-3
-    )  # Student's table
+    # Student's table
+    assert decide(10e-6, U, LOWER, UPPER, dof=3).guard == pytest.approx(2.353 * U, rel=1e-3)
     assert decide(10e-6, U, LOWER, UPPER, dof=1e9).guard == pytest.approx(G)

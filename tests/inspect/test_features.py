@@ -67,9 +67,8 @@ def test_a_film_on_a_bowed_wafer_is_levelled_by_the_bow_and_its_height_is_held()
     # the bow made edges at the ends of the profile before it was told from them, and one of twelve
     # was 22 nm off
     assert sum(abs(got.value - 56 * NM) < got.expanded() for got in found) >= 11
-    assert (
-        np.median([got.expanded() for got in found]) < 10 * NM
-    )  # 48 nm before the bow was levelled
+    # 48 nm before the bow was levelled
+    assert np.median([got.expanded() for got in found]) < 10 * NM
 
 
 def test_a_domed_ridge_is_type_a2_to_its_apex():

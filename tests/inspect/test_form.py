@@ -178,9 +178,8 @@ def test_flatness_of_the_form_does_not_grow_with_noise_where_the_zone_of_all_poi
     )
     whole = np.ones(bow.shape, dtype=bool)
     exact = estimate_zone(compute_flatness, fit_face(x, y, bow, whole))
-    assert exact.value == pytest.approx(
-        200e-9, rel=1e-5
-    )  # a parabola over the whole face: its sagitta
+    # a parabola over the whole face: its sagitta
+    assert exact.value == pytest.approx(200e-9, rel=1e-5)
     zones = []
     for seed in range(40):
         noise = correlated_map(bow.shape, 10e-6, 10e-9, 30e-9, 20e-6, np.random.default_rng(seed))
@@ -191,9 +190,8 @@ def test_flatness_of_the_form_does_not_grow_with_noise_where_the_zone_of_all_poi
     )
     assert abs(errors.mean()) < 0.5 * stds.mean()
     halves = stds * stats.t.ppf(0.975, [one.dof for one in zones])
-    assert (
-        np.mean(np.abs(errors) < halves) >= 0.85
-    )  # three standard deviations of a binomial of 40 below 95 %
+    # three standard deviations of a binomial of 40 below 95 %
+    assert np.mean(np.abs(errors) < halves) >= 0.85
     assert compute_flatness(fit_face(x, y, bow + noise, whole).points) > 260e-9
 
 

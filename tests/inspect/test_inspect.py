@@ -165,9 +165,8 @@ def test_a_margin_and_a_tip_are_measured(tmp_path, capsys):
         comments="",
         fmt="%.4f",
     )
-    assert (
-        inspect(str(path), "--stimulus", "gap-050-over-020") == 1
-    )  # the crown is not overextended by 20 um
+    # the crown is not overextended by 20 um
+    assert inspect(str(path), "--stimulus", "gap-050-over-020") == 1
     assert "horizontal discrepancy" in capsys.readouterr().out
     grid = np.arange(-50, 51) * 2e-6
     gx, gy = np.meshgrid(grid, grid)

@@ -74,9 +74,8 @@ def test_the_robust_scale_of_a_normal_law_is_its_standard_deviation_and_spikes_d
     sample[:1000] = 1.0
     assert estimate_robust_scale(sample) == pytest.approx(30e-9, rel=0.02)
     assert find_outliers(sample, np.isfinite(sample))[:1000].all()
-    assert (
-        find_outliers(sample, np.isfinite(sample))[1000:].mean() < 1e-5
-    )  # beyond five standard deviations: 6e-7
+    # beyond five standard deviations: 6e-7
+    assert find_outliers(sample, np.isfinite(sample))[1000:].mean() < 1e-5
 
 
 def test_the_rounding_of_a_processor_is_no_scatter_and_holds_no_spikes():
@@ -97,9 +96,8 @@ def test_the_autocovariance_of_roughness_is_the_one_that_was_put_in():
     for lag in (2, 5):
         assert gamma[lag] == pytest.approx(40e-9**2 * math.exp(-((lag / 5.0) ** 2)), rel=0.15)
     spectrum = np.fft.rfft(np.concatenate([gamma, np.zeros(4 * len(gamma)), gamma[:0:-1]])).real
-    assert (
-        spectrum.min() > -1e-3 * spectrum.max()
-    )  # a covariance: no negative power beyond rounding of the window
+    # a covariance: no negative power beyond rounding of the window
+    assert spectrum.min() > -1e-3 * spectrum.max()
 
 
 def test_estimates_from_white_noise_have_the_covariance_of_the_weights():

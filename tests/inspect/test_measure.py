@@ -129,9 +129,8 @@ def test_the_arc_is_a_circle_tangent_to_the_upper_face():
     assert (z[X < 3e-6] == 0.0).all()
     assert (z[X > 15e-6] == 30e-6).all()
     on = (X > 3e-6) & (X < 15e-6)
-    np.testing.assert_allclose(
-        np.hypot(X[on] - 15e-6, z[on] - 18e-6), 12e-6
-    )  # its centre lies r inside both faces
+    # its centre lies r inside both faces
+    np.testing.assert_allclose(np.hypot(X[on] - 15e-6, z[on] - 18e-6), 12e-6)
 
 
 @pytest.mark.parametrize("radius", [4e-6, 14e-6])
@@ -180,9 +179,8 @@ def test_many_features_in_a_row_are_a_masked_step_and_one_is_type_a1():
         for random in map(np.random.default_rng, range(3))
     ]
     one = measure_groove(HeightMap(np.stack(rows), 1e-6, 50e-6), EXACT, key="ridge_height")
-    assert one.values["ridge_height"].value == pytest.approx(
-        10e-6, abs=10e-9
-    )  # a height has no sign
+    # a height has no sign
+    assert one.values["ridge_height"].value == pytest.approx(10e-6, abs=10e-9)
     assert one.values["ridge_height"].name == "ridge height"
     assert [name for *_, name in one.shown.windows] == ["A", "C", "B"]
 

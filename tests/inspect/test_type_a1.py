@@ -145,9 +145,8 @@ def test_a_long_flank_is_one_edge_and_not_two_steps(flank):
     z = groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=flank)
     z += correlated_noise(len(X), 1e-6, 10e-9, 0.0, 1e-6, np.random.default_rng(1))
     found = measure_groove(Profile(X, z), Instrument()).values
-    assert found["groove_depth"].value == pytest.approx(
-        37.4e-6, abs=10e-9
-    )  # two steps of half of it otherwise
+    # two steps of half of it otherwise
+    assert found["groove_depth"].value == pytest.approx(37.4e-6, abs=10e-9)
     assert found["feature_width"].value == pytest.approx(300e-6, rel=0.01)
 
 
@@ -177,9 +176,8 @@ def test_a_map_of_holes_gives_their_depth_and_levelling_does_not_see_them():
     y, x = np.mgrid[:160, :160]
     holes = ((x - 6) % 40 < 18) & ((y + 3) % 40 < 18)
     z = np.where(holes, -500e-9, 0.0) + 1e-2 * x * 0.2e-6 - 5e-3 * y * 0.2e-6
-    z += random.normal(0.0, 2e-9, z.shape) + random.normal(
-        0.0, 5e-9, (160, 1)
-    )  # noise, and jumps between the lines
+    # noise, and jumps between the lines
+    z += random.normal(0.0, 2e-9, z.shape) + random.normal(0.0, 5e-9, (160, 1))
     result = measure_masked_step(HeightMap(z, 0.2e-6, 0.2e-6))
     assert result.depth.value == pytest.approx(500e-9, abs=4.0 * result.depth.std)
     assert result.depth.value == pytest.approx(500e-9, abs=0.5e-9)
@@ -222,9 +220,8 @@ def test_a_budget_adds_in_squares_and_counts_degrees_of_freedom_by_welch_and_sat
     budget = Measured("x", 100.0, (Component("a", 3.0, 4), Component("b", 4.0)))
     assert budget.std == pytest.approx(5.0)
     assert budget.dof == pytest.approx(625.0 / (81.0 / 4.0))
-    assert budget.expanded() == pytest.approx(
-        5.0 * 2.0399, rel=1e-3
-    )  # Student's t at 30.9 degrees, tables
+    # Student's t at 30.9 degrees, tables
+    assert budget.expanded() == pytest.approx(5.0 * 2.0399, rel=1e-3)
 
 
 def test_what_is_not_stated_is_named_and_not_silently_zero():

@@ -36,10 +36,11 @@ def test_every_publication_says_who_and_what():
 
 
 def test_the_paper_s_power_is_its_energy_over_its_duration(found):
+    # the paper: 10-20 uJ over 16 ms = 625-1250 uW
     for energy, power in (
         (10, 625e-6),
         (20, 1250e-6),
-    ):  # the paper: 10-20 uJ over 16 ms = 625-1250 uW
+    ):
         one = row(found, "Power", f"power of {energy} uJ")
         assert one.answers.formula == pytest.approx(power, rel=1e-12)
         assert one.verdict is Verdict.AGREES
@@ -93,9 +94,8 @@ def test_what_misses_a_band_is_a_factor():
 
 def test_the_contradiction_is_told_before_and_after():
     before, *rivals = fit_explanations()
-    assert before.spread == pytest.approx(
-        353.0, rel=0.01
-    )  # equation (1) at one load, mu 0.15: 10.5 to 3696 uJ
+    # equation (1) at one load, mu 0.15: 10.5 to 3696 uJ
+    assert before.spread == pytest.approx(353.0, rel=0.01)
     by_name = {one.name: one for one in rivals}
     assert by_name["the same without friction"].spread == pytest.approx(43.0, rel=0.01)
     loads = by_name["a load of its own for each block"]

@@ -40,9 +40,8 @@ def test_the_page_holds_every_claim_and_its_grounds(result):
     assert not {"ln_decay_time", "edge_radius_m", "running_in", "height_um"} & set(
         re.findall(r"\w+", page.split("<nav", 1)[1])
     )
-    assert (
-        page.count("data:image/png;base64,") == 1 + 3 + 1
-    )  # measured against predicted, residuals of three channels, one curve
+    # measured against predicted, residuals of three channels, one curve
+    assert page.count("data:image/png;base64,") == 1 + 3 + 1
 
 
 def test_a_title_from_a_session_cannot_break_the_page(result):

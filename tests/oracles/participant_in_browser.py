@@ -39,9 +39,8 @@ def wait_for(window, script, seconds=30.0):
 
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        with suppress(
-            JavascriptException
-        ):  # on a busy machine the page is there before its own script
+        # on a busy machine the page is there before its own script
+        with suppress(JavascriptException):
             if found := window.execute_script(f"return {script}"):
                 return found
         time.sleep(0.02)

@@ -8,15 +8,15 @@ import numpy as np
 import trimesh
 
 RADIUS = 4e-3  # at the margin, z = 0 [m]
+# curvature of the tooth, slope and curvature of the crown [1/m], [rad]
 HOLLOW, FLARE, BULGE = (
     -60.0,
     np.radians(10.0),
     -150.0,
-)  # curvature of the tooth, slope and curvature of the crown [1/m], [rad]
+)
 NOISE = 20e-6  # standard deviation of a point along its normal [m]
-MARGIN = [
-    [4.0 * np.cos(a), 4.0 * np.sin(a), 0.0] for a in np.arange(8) * np.pi / 4.0
-]  # picked points [mm]
+# picked points [mm]
+MARGIN = [[4.0 * np.cos(a), 4.0 * np.sin(a), 0.0] for a in np.arange(8) * np.pi / 4.0]
 
 SET = """
 title = "A scan"

@@ -20,9 +20,8 @@ def edge_gauge(
     """Step up at `riser` whose edge is a quarter of a circle, tangent to the upper face; without
     noise.
     """
-    back = np.clip(
-        radius - (position - riser), 0.0, radius
-    )  # from the arc's centre back towards the riser
+    # from the arc's centre back towards the riser
+    back = np.clip(radius - (position - riser), 0.0, radius)
     arc = height - radius + np.sqrt(radius * radius - back * back)
     return np.where(position < riser, 0.0, np.maximum(arc, 0.0)) + tilt * position
 
@@ -166,9 +165,8 @@ def correlated_map(
 def _kernel(spacing: float, length: float) -> Array:
     reach = int(np.ceil(3.0 * length / spacing))
     lag = np.arange(-reach, reach + 1) * spacing
-    kernel = np.exp(
-        -2.0 * (lag / length) ** 2
-    )  # convolved with itself it gives exp(-(lag / length)^2)
+    # convolved with itself it gives exp(-(lag / length)^2)
+    kernel = np.exp(-2.0 * (lag / length) ** 2)
     return kernel / np.sqrt(np.sum(kernel**2))
 
 

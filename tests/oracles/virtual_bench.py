@@ -36,11 +36,12 @@ _COUNTS = (
     "fastest_m_s",
     "fall_s",
 )
+# when the tip leaves the corner, and the force of the spring then
 _COUNTS = (
     *_COUNTS,
     "left_s",
     "left_n",
-)  # when the tip leaves the corner, and the force of the spring then
+)
 
 
 @dataclass(frozen=True)
@@ -331,9 +332,8 @@ def _ring_freely(
     at = round(truth["release_s"] / dt) + 1
     energy, about = bench.conversion * truth["stored_j"], _stretch(bench, level)
     swing = math.sqrt(2.0 * energy / bench.stiffness)
-    for _ in range(
-        40 if bench.hardening else 0
-    ):  # energy of the free swing about the level it rings about
+    # energy of the free swing about the level it rings about
+    for _ in range(40 if bench.hardening else 0):
         has = _stored(bench, about + swing) - _stored(bench, about) - level * swing
         swing -= (has - energy) / (bench.stiffness * swing)
     ring = _free_ring(tool, about, swing, dt, fx.size - at)

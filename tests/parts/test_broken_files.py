@@ -176,9 +176,8 @@ def test_a_broken_file_is_one_line_and_nothing_is_written(case, tmp_path, capsys
 
     assert main(["build", str(path), "-o", str(output)]) == 2
 
-    error = capsys.readouterr().err.replace(
-        "µm", "um"
-    )  # a terminal that can write a micro gets one
+    # a terminal that can write a micro gets one
+    error = capsys.readouterr().err.replace("µm", "um")
     assert error.count("\n") == 1 or " mistakes [" in error
     assert message in error
     assert "broken.toml" in error

@@ -88,9 +88,8 @@ def test_the_critical_angle_at_its_nominal_lies_between_those_at_the_corners_of_
 @pytest.mark.parametrize("part", [one for one in PARTS if not one.values[0].crossed])
 def test_what_is_held_or_worn_is_felt_at_the_step_under_it(part):
     (face,) = part.corners(37e-6)
-    assert face.angles(125e-6)[0] == pytest.approx(
-        math.acos((125.0 - 37.0) / 125.0), rel=1e-12
-    )  # equation (2)
+    # equation (2)
+    assert face.angles(125e-6)[0] == pytest.approx(math.acos((125.0 - 37.0) / 125.0), rel=1e-12)
     with pytest.raises(
         ContactError, match=f"height of the step under the probe must be given, got none .{part.id}"
     ):

@@ -62,9 +62,8 @@ def test_the_gap_in_the_prediction_is_the_one_injected_however_bad_the_scan(tmp_
     more = 'vertical_discrepancy = "110 um"\nhorizontal_discrepancy = "30 um"'
     for part in load_set(scanned_set(tmp_path / "bad", more=more)).scanned_margin:
         assert part.counterface().breakpoints == (0.0, GAP, 110e-6)
-        section = dict(
-            zip(*part.counterface().section(0.0), strict=True)
-        )  # the last of the heights at one place
+        # the last of the heights at one place
+        section = dict(zip(*part.counterface().section(0.0), strict=True))
         assert section[110e-6] == pytest.approx(30e-6, abs=1e-15)
         assert part.counterface().ways == Margin.ways
 
@@ -82,9 +81,8 @@ def test_a_scanned_crown_without_a_tooth_goes_on_straight_and_our_own_crowns_are
     for part in load_set(
         scanned_set(tmp_path / "own", mesh, picked, more='shows = "crown"')
     ).scanned_margin:
-        assert part.station.crown_curvature_per_m == pytest.approx(
-            0.0, abs=1.0
-        )  # its outside is a cylinder
+        # its outside is a cylinder
+        assert part.station.crown_curvature_per_m == pytest.approx(0.0, abs=1.0)
         assert part.station.tooth_curvature_per_m == part.station.crown_slope_rad == 0.0
 
 

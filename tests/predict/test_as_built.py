@@ -90,9 +90,8 @@ def test_a_scanned_surface_is_predicted_by_the_path_of_the_tip_over_it(stimuli):
         release = surfaces(prediction)
         if prediction.stimulus != "step-050":
             assert release is None
-        elif (
-            prediction.point.ball_radius == 125e-6
-        ):  # the ball on the lower face touches the chamfer first
+        elif prediction.point.ball_radius == 125e-6:
+            # the ball on the lower face touches the chamfer first
             assert math.degrees(release.angle) == pytest.approx(45.0, abs=1e-6)
             pull = prediction.point.normal_load * math.tan(
                 math.pi / 4 + math.atan(prediction.point.friction)

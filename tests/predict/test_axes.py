@@ -48,9 +48,8 @@ def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_force
     grid, plan = load_set(STIMULI / "paper-ten.toml").prediction, load_sweep(path)
     assert plan.values["normal_load"] == list(grid.normal_loads)
     assert set(plan.spreads) == {"tip_radius", "friction", "frequency"}
-    assert plan.spreads["frequency"] == pytest.approx(
-        50.0 / math.sqrt(3)
-    )  # the paper's band of 250 to 350 Hz
+    # the paper's band of 250 to 350 Hz
+    assert plan.spreads["frequency"] == pytest.approx(50.0 / math.sqrt(3))
     assert plan.shares["normal_load"] == pytest.approx(grid.tolerances.normal_load / math.sqrt(3))
 
 

@@ -279,10 +279,11 @@ def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
     run_sweep(plan_of(tmp_path, MARGINS.format(mode="static")), tmp_path / "out")
     frame = table(tmp_path / "out")
     assert len(frame) == 12
+    # its discrepancy: tooth over crown
     axes = (
         np.array([30e-6, 70e-6]),
         np.array([15e-6, 0.0, -15e-6]),
-    )  # its discrepancy: tooth over crown
+    )
     to_tooth, to_crown = compute_margin_map(*axes, OperatingPoint(90e-6, 0.7, 0.12))
     for _, row in frame.iterrows():
         forces = to_tooth if row.direction == "crown-to-tooth" else to_crown

@@ -34,9 +34,8 @@ def _table(**columns):
 def test_without_effects_a_trial_is_equations_one_and_two():
     table = _table(load_n=[0.3, 0.8, 1.1], tip=["tip-110", "tip-125", "blue"])
     found = predict_trials(table, taught_model())
-    for row, radius in zip(
-        range(3), (110e-6, 125e-6, 120e-6), strict=True
-    ):  # a name without a number has the probe's
+    # a name without a number has the probe's
+    for row, radius in zip(range(3), (110e-6, 125e-6, 120e-6), strict=True):
         one = find_release(
             find_step_angle(50e-6, radius), float(table["load_n"][row]), CONSTANTS["friction"]
         )
@@ -65,9 +64,8 @@ def test_scatter_of_single_trials_alone_is_a_factor_either_way():
 def test_doubt_about_a_constant_widens_by_its_derivative():
     found = predict_trials(_table(), taught_model(std=1e-4)).iloc[0]
     angle = find_step_angle(50e-6, 110e-6) + math.atan(0.17)
-    slope = (
-        1.0 / (math.sin(angle) * math.cos(angle)) / (1.0 + 0.17**2)
-    )  # d ln tan(a + atan mu) / d mu
+    # d ln tan(a + atan mu) / d mu
+    slope = 1.0 / (math.sin(angle) * math.cos(angle)) / (1.0 + 0.17**2)
     width = math.log(found["peak_force_high_n"] / found["peak_force_n"]) / 1.959964
     assert width == pytest.approx(slope * 1e-4, rel=1e-2)
 

@@ -130,9 +130,8 @@ def test_a_new_format_is_one_object_and_gets_all_that_every_folder_has(plain, tm
     full = f"full-scale-{find_full_scale_force(plain.events):.4g}n"
     waves = [f"-{rate}khz-{full}{kind}.wav" for rate in (10, 48) for kind in ("", "-int16")]
     rings = {f"ring-up{end}" for end in (*waves, ".json")}
-    assert (
-        names == {"mine.json", "event.json", "README.md"} | rings
-    )  # nothing rings on the way down
+    # nothing rings on the way down
+    assert names == {"mine.json", "event.json", "README.md"} | rings
     readme = (tmp_path / "README.md").read_text()
     assert all(
         word in readme

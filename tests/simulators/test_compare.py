@@ -34,9 +34,8 @@ def recorded(path, energy=1.0, frequency=1.0, decay=1.0, force=1.0, noise=0.0):
     time = np.arange(-0.2, 0.12, 1.0 / RATE)
     after = time >= 0.0
     tau, own = tool.decay_time * decay, tool.frequency * frequency
-    amplitude = event.amplitude * math.sqrt(
-        energy / decay
-    )  # the energy of a ring goes with the square times its decay
+    # the energy of a ring goes with the square times its decay
+    amplitude = event.amplitude * math.sqrt(energy / decay)
     ring = amplitude * np.exp(-time / tau) * np.sin(math.tau * own * time)
     pull = np.where(after, ring, event.critical_force * force * (1.0 + time / 0.2))
     pull += noise * np.random.default_rng(1).standard_normal(len(time))

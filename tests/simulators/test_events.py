@@ -96,9 +96,8 @@ def test_the_simulated_ring_begins_at_the_level_of_sliding_and_rings_at_the_tool
     event, simulated = rung(BLOCKS["step-030"])
     force, rate = simulated.waveform.force, simulated.waveform.rate
     assert abs(force[0]) < 0.05 * np.abs(force).max()
-    crossings = np.flatnonzero(np.diff(np.sign(force)))[
-        2:8
-    ]  # the first swing still has the edge under it
+    # the first swing still has the edge under it
+    crossings = np.flatnonzero(np.diff(np.sign(force)))[2:8]
     assert rate / (2.0 * np.diff(crossings).mean()) == pytest.approx(event.tool.frequency, rel=0.01)
 
 

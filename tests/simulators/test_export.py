@@ -226,9 +226,8 @@ def test_the_simulated_ring_stands_in_the_files_with_the_energy_of_the_formula(t
         # friction ends it: a straight envelope, gone where the exponential still has a fifth of its
         # amplitude
         assert np.abs(force[round(0.025 * rate) :]).max() < 0.02 * np.abs(force).max()
-    assert (
-        event["simulated_energy_j"] > 2.0 * energy
-    )  # the drag's own share is higher than the paper's 20 %
+    # the drag's own share is higher than the paper's 20 %
+    assert event["simulated_energy_j"] > 2.0 * energy
 
 
 @pytest.mark.parametrize(
@@ -275,9 +274,8 @@ def test_an_export_uses_what_a_session_taught(taught, tmp_path):
     scene = json.loads((folder / "event.json").read_text())
     event, (force, energy) = scene["events"][0], learnt()
     assert scene["friction"] == pytest.approx(0.2)
-    assert event["critical_force_n"] == pytest.approx(
-        force, rel=1e-6
-    )  # the edge of 14 um is in the geometry
+    # the edge of 14 um is in the geometry
+    assert event["critical_force_n"] == pytest.approx(force, rel=1e-6)
     assert event["energy_j"] == pytest.approx(energy, rel=1e-6)
     assert (event["frequency_hz"], event["decay_s"]) == pytest.approx((280.4, 0.02))
     learned = event["learned"]

@@ -128,9 +128,8 @@ def test_the_scale_is_the_smallest_round_one_that_keeps_force_and_spring(name, i
 def test_the_error_of_a_rounded_position_is_half_a_step_of_the_spring():
     found = plan("omega-3", TEN[4], scale=10.0)
     assert found.force_step == pytest.approx(9810 / 10 * 10e-6)
-    assert found.force_error == pytest.approx(
-        0.5 * found.force_step / 1.0
-    )  # the load is the smaller force
+    # the load is the smaller force
+    assert found.force_error == pytest.approx(0.5 * found.force_step / 1.0)
     assert found.hand_travel == pytest.approx(10 * 1.854 / 9810, rel=1e-3)
 
 

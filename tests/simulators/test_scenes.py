@@ -238,9 +238,8 @@ def test_glb_and_its_axes(folders, scenes):
     for name, sign, up in (("gltf", 1.0, 1), ("unity", -1.0, 1), ("unreal", -1.0, 2)):
         engine = content["engines"][name]
         matrix = np.array(engine["from_part_rows"])
-        assert np.linalg.det(matrix) == pytest.approx(
-            sign * engine["units_per_metre"] ** 3
-        )  # handedness
+        # handedness
+        assert np.linalg.det(matrix) == pytest.approx(sign * engine["units_per_metre"] ** 3)
         assert (matrix @ [0, 0, 1.0])[up] == pytest.approx(engine["units_per_metre"])
         position = engine["triggers"][0]["position"]
         assert position == pytest.approx(

@@ -21,9 +21,8 @@ from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.simulate import Observer, SimulatedStudy, compute_p_value, estimate_power
 
 DATA = Path(__file__).parent / "data"
-R = json.loads(
-    (DATA / "accuracy.json").read_text()
-)  # by accuracy.R beside it; "origin" says with which versions
+# by accuracy.R beside it; "origin" says with which versions
+R = json.loads((DATA / "accuracy.json").read_text())
 
 
 @pytest.fixture(scope="module")
@@ -64,9 +63,8 @@ def test_the_paper_s_analysis_is_that_of_r(found, name):
             [-difference * 1e-6, -high * 1e-6, -low * 1e-6], rel=1e-5
         )
         assert one.p == pytest.approx(p, abs=1e-6)
-    term = (
-        measure.mixed.condition
-    )  # also where lme4 calls the fit singular, and its F would count every judgement
+    # also where lme4 calls the fit singular, and its F would count every judgement
+    term = measure.mixed.condition
     assert [term.f, term.p, term.df, term.df_error] == pytest.approx(
         R[f"{name} repeated measures F"], rel=1e-5
     )
@@ -100,17 +98,15 @@ def test_groups_of_unequal_size_are_compared_as_afex_does(found):
             R[f"groups {name}"], rel=1e-7
         )
     (interval,) = found["absolute error"].group_intervals
-    assert interval.p == pytest.approx(
-        R["groups group"][1], rel=1e-7
-    )  # of two groups, F is the square of t
+    # of two groups, F is the square of t
+    assert interval.p == pytest.approx(R["groups group"][1], rel=1e-7)
 
 
 def test_two_conditions_are_equivalent_within_the_farther_end_of_the_90_percent_interval():
     one = Interval("a", "b", -1.0, -3.0, 1.0, 0.4, -0.2, 0.5, 18.0)
     bound = assess_equivalence(one, 18.0).bound
-    assert bound == pytest.approx(
-        1.0 + 1.734064 * 0.5, rel=1e-6
-    )  # Student's t(18) at 0.95, any table
+    # Student's t(18) at 0.95, any table
+    assert bound == pytest.approx(1.0 + 1.734064 * 0.5, rel=1e-6)
     assert assess_equivalence(one, 18.0, bound).p == pytest.approx(0.05, rel=1e-9)
     with pytest.raises(StudyError, match="margin of equivalence must be positive, got 0"):
         assess_equivalence(one, 18.0, 0.0)

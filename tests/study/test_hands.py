@@ -149,9 +149,8 @@ def test_a_device_in_doubt_pushes_again_when_its_switch_was_let_go_and_taken(stu
         until(lambda: servo.ticks > 50)
         assert not any(force_of(hand))  # held since before the trial began
         for _ in range(2):
-            while not any(
-                force_of(hand)
-            ):  # a busy machine may be late, and be let go by the watchdog, on the way
+            # a busy machine may be late, and be let go by the watchdog, on the way
+            while not any(force_of(hand)):
                 lib.stub_press(0)
                 until(lambda: servo.trusted)
                 lib.stub_press(1)
@@ -179,9 +178,8 @@ def test_openhaptics_calls_back_and_every_frame_is_begun_and_ended(stubs):
         while time.monotonic() < end and (force_of(hand) != [1.0, 3.0, -2.0] or not hand.read()[2]):
             time.sleep(0.005)
         position, velocity, held = hand.read()
-        assert position == pytest.approx(
-            [-4e-3, -3e-3, 11e-3]
-        )  # millimetres, y up, z to the operator
+        # millimetres, y up, z to the operator
+        assert position == pytest.approx([-4e-3, -3e-3, 11e-3])
         assert velocity == pytest.approx([20e-3, -2e-3, 1e-3])
         assert held
         assert force_of(hand) == [1.0, 3.0, -2.0]

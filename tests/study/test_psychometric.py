@@ -44,9 +44,8 @@ def test_answers_mirrored_about_the_threshold_mirror_the_fit():
     hits = exact_hits(36e-6)
     one = fit_psychometric(LEVELS, hits, TOTALS)
     other = fit_psychometric((40e-6**2 / LEVELS)[::-1], (EACH - hits)[::-1], TOTALS)
-    assert other.threshold * one.threshold == pytest.approx(
-        40e-6**2, rel=1e-6
-    )  # as far as the optimiser goes
+    # as far as the optimiser goes
+    assert other.threshold * one.threshold == pytest.approx(40e-6**2, rel=1e-6)
     assert other.spread == pytest.approx(one.spread, rel=1e-5)
 
 

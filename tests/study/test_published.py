@@ -79,9 +79,8 @@ def test_tukey_s_intervals_are_scipy_s_where_there_is_one_factor():
         [28.4, 34.2, 29.5, 32.2, 30.1],
         [26.1, 28.3, 24.3, 26.2, 27.8, 25.0],
     ]
-    other = tukey_hsd(
-        *groups
-    )  # the example of its documentation and one value more, so that numbers differ
+    # the example of its documentation and one value more, so that numbers differ
+    other = tukey_hsd(*groups)
     limits = other.confidence_interval(0.95)
     frame = pd.DataFrame(
         [(str(i), v) for i, group in enumerate(groups) for v in group], columns=["group", "y"]

@@ -127,9 +127,8 @@ def test_a_study_is_decided_by_its_own_seed():
 def test_a_difference_that_nobody_can_miss_is_always_found():
     estimate = estimate_power(plan(observer=Observer(response_noise=1e-6)), "f-test", runs=10)
     assert (estimate["power_ratio"], estimate["high_95_ratio"]) == (1.0, 1.0)
-    assert estimate["low_95_ratio"] == pytest.approx(
-        10.0 / (10.0 + 1.959964**2), rel=1e-6
-    )  # Wilson's interval of n of n: n / (n + z^2)
+    # Wilson's interval of n of n: n / (n + z^2)
+    assert estimate["low_95_ratio"] == pytest.approx(10.0 / (10.0 + 1.959964**2), rel=1e-6)
 
 
 @pytest.mark.parametrize(

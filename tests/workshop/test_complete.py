@@ -163,6 +163,5 @@ def test_letters_stay_letters_in_svg_and_pdf(tmp_path):
     text = svg.read_text(encoding="utf-8")
     for said in ("STEP-010", "working edge, detail A", "0.010", "first angle (ISO 5456-2), A3"):
         assert f">{said}</text>" in text, said
-    assert (
-        b"/Type0" in pdf.read_bytes()
-    )  # an embedded typeface with a map to characters, not outlines
+    # an embedded typeface with a map to characters, not outlines
+    assert b"/Type0" in pdf.read_bytes()

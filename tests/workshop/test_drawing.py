@@ -40,9 +40,8 @@ def test_every_dimension_of_the_dxf_measures_and_prints_what_was_asked_for(drawi
         one.key: (number, one) for number, one in enumerate(stimulus.characteristics(), start=1)
     }
     found = drawn_dimensions(path)
-    assert found or stimulus.id.startswith(
-        "hook"
-    )  # a bent wire has no straight pair of lines to measure
+    # a bent wire has no straight pair of lines to measure
+    assert found or stimulus.id.startswith("hook")
     for one in found:
         number, wanted = listed[one.key]
         assert one.number == number

@@ -66,9 +66,8 @@ def test_the_assembly_file_conforms_and_its_step_is_the_height(tmp_path):
     assert [one.value for one in report.dimensions] == pytest.approx(
         [pair.lower, pair.upper, BLOCK.height.nominal], abs=1e-12
     )
-    assert all(
-        abs(one.deviation) < 1e-9 for one in report.dimensions
-    )  # the step between faces of two bodies too
+    # the step between faces of two bodies too
+    assert all(abs(one.deviation) < 1e-9 for one in report.dimensions)
     assert path.read_text().count("NEXT_ASSEMBLY_USAGE_OCCURRENCE") == 3
     tops = [
         max(face.high[2] for face in kernel.describe_faces(body)) for body in kernel.read_step(path)

@@ -118,6 +118,5 @@ def test_the_command_prints_what_is_felt_and_leaves_a_table_with_the_sources(tmp
     rows = (tmp_path / "paper-ten" / "step-050" / "step-050.routes.csv").read_text().splitlines()
     assert len(rows) == 1 + len(ROUTES)
     assert "conforming_share" in rows[0]
-    assert sum("assumed" in row for row in rows[1:]) == len(
-        ROUTES
-    )  # none has all its figures from a publication
+    # none has all its figures from a publication
+    assert sum("assumed" in row for row in rows[1:]) == len(ROUTES)

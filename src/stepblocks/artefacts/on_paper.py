@@ -17,9 +17,8 @@ COLUMNS = (
     *("measured_mm_or_deg", "std_mm_or_deg", "verdict"),
     *("instrument", "serial_number", "inspector", "date"),  # filled in by hand
 )
-Values = Mapping[
-    str, tuple[float, float, str]
-]  # measured [m], its standard uncertainty [m] and verdict, by key
+# measured [m], its standard uncertainty [m] and verdict, by key
+Values = Mapping[str, tuple[float, float, str]]
 
 
 def choose_decimals(*lengths: float) -> int:

@@ -20,9 +20,8 @@ from stepblocks.parts.characteristics import FORM, Characteristic, FaceRule
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 
-_SPACE = uuid.UUID(
-    "6ba7b811-9dad-11d1-80b4-00c04fd430c8"
-)  # RFC 4122, appendix C: names that are addresses
+# RFC 4122, appendix C: names that are addresses
+_SPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")
 _PINNED = "2000-01-01"  # where the order has no date: equal orders give equal bytes
 # what a kind of ours is in QIF, and the enumerations of CharacteristicStatusEnumType
 _KINDS = {

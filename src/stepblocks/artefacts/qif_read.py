@@ -35,9 +35,8 @@ class QifResult:
     std: float  # combined standard uncertainty [m or rad]; nan where the file states none
     status: str  # ``PASS``, ``FAIL``, ``UNDEFINED``, ...
     nominal: float  # m or rad; nan where the file states none
-    limits: tuple[
-        float, float
-    ]  # signed deviations, or 0 and the zone [m or rad]; nan where the file states none
+    # signed deviations, or 0 and the zone [m or rad]; nan where the file states none
+    limits: tuple[float, float]
     serial: str = ""  # number of the part, where a sheet states it
 
 

@@ -41,6 +41,7 @@ _SHOWN = (
     *("vibration_energy_low_uj", "vibration_energy_high_uj", "mean_power_uw", "threshold_ratio"),
     *("frequency_hz", "drag_vibration_energy_uj", "felt_by"),
 )
+# files that the page links
 _LINKED = {
     ".step",
     ".stl",
@@ -51,7 +52,7 @@ _LINKED = {
     ".tiff",
     ".npz",
     ".json",
-}  # files that the page links
+}
 _WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH: "no catch"} | {
     status: f"beyond the {status.removeprefix('beyond-')}, no energy,"
     for status in Status

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Point = Sequence[float]
-Outline = Sequence[
-    Any
-]  # points, and pairs (middle point, end point) where an arc leads on; it closes by itself
+# points, and pairs (middle point, end point) where an arc leads on; it closes by itself
+Outline = Sequence[Any]
 Body: TypeAlias = Any  # a solid as the kernel holds it [mm]; opaque to every other module
 
 

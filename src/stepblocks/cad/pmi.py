@@ -61,9 +61,8 @@ class Callout:
     """Lines that a viewer shows for a dimension or tolerance."""
 
     text: str
-    lines: Sequence[
-        tuple[Sequence[float], Sequence[float]]
-    ]  # in one plane square to y [m], the last one a leader
+    # in one plane square to y [m], the last one a leader
+    lines: Sequence[tuple[Sequence[float], Sequence[float]]]
 
 
 @dataclass(frozen=True)

@@ -163,9 +163,8 @@ class Step(Counterface):
         return {"height": by_height, "edge_radius": by_radius, "ball_radius": by_radius}
 
     def heights(self, x: Array) -> Array:
-        across = np.clip(
-            self.edge_radius - x, 0.0, self.edge_radius
-        )  # from the arc's centre back towards the riser
+        # from the arc's centre back towards the riser
+        across = np.clip(self.edge_radius - x, 0.0, self.edge_radius)
         rounded = (
             self.height
             - self.edge_radius

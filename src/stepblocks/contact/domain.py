@@ -60,9 +60,8 @@ def read_number(name: str, value: object, dimension: str) -> float:
 
 def require_positive(name: str, value: Real, unit: str = "") -> None:
     """Refuse a value that is not above 0, or not finite."""
-    if not (
-        isinstance(value, float) and 0.0 < value < math.inf
-    ):  # mostly a single float, which needs no array
+    # mostly a single float, which needs no array
+    if not (isinstance(value, float) and 0.0 < value < math.inf):
         _require(name, value, unit, np.isfinite(value) & (value > 0.0), "positive and finite")
 
 

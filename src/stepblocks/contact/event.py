@@ -55,9 +55,8 @@ class LearnedPrediction:
     """What a model that a measured session has taught says of one drag."""
 
     status: str  # "ok", or why the prediction must not be trusted
-    peak_force: tuple[
-        float, float, float
-    ]  # at the release [N], with the bounds of 95 % of single trials
+    # at the release [N], with the bounds of 95 % of single trials
+    peak_force: tuple[float, float, float]
     energy: tuple[float, float, float]  # of the vibration [J], likewise
 
 

@@ -79,9 +79,8 @@ def compute_bevelled_margin_angles(
     d = rise - opening + 2.0 * diagonal
     x = 0.5 * (np.sqrt(np.maximum(2.0 * ball_radius * ball_radius - d * d, 0.0)) - d)
     leaning = x + d <= 0.0  # its centre lies below the near corner: it leans on the wall
-    x = select_where(
-        leaning, ball_radius, select_where(x < 0.0, ball_radius - d, x)
-    )  # or rides on the near shoulder
+    # or rides on the near shoulder
+    x = select_where(leaning, ball_radius, select_where(x < 0.0, ball_radius - d, x))
     back = select_where(leaning, 0.5 * np.pi, np.arcsin(np.clip(x / ball_radius, 0.0, 1.0)))
     outer = compute_margin_angles(opening, rise, ball_radius)
     inner = compute_margin_angles(gap, rise - (opening - gap), ball_radius)

@@ -18,10 +18,11 @@ from stepblocks.errors import ContactError
 # Euler-Bernoulli beam in units of the rod: lengths in its free length, stiffness and mass in its
 # own; the loss is taken from the undamped shape, each part's loss factor weighted by its share of
 # the strain energy
+# cubic elements of the free length, and of a bedding: frequency to 1e-7 of the closed form
 _PER_LENGTH, _HELD = (
     32,
     48,
-)  # cubic elements of the free length, and of a bedding: frequency to 1e-7 of the closed form
+)
 _BENDING = np.array(
     [
         [12.0, 6.0, -12.0, 6.0],

@@ -25,9 +25,8 @@ CHANNELS: tuple[str, ...] = (
     "normal_load_ratio",
 )
 
-_STEEPEST = np.deg2rad(
-    89.0
-)  # beyond it the tip locks; a fit needs a finite slope back into the domain
+# beyond it the tip locks; a fit needs a finite slope back into the domain
+_STEEPEST = np.deg2rad(89.0)
 _LEAST_LOAD, _LEAST_FORCE = 1e-3, 1e-4  # N, where a fit strays
 _LEAST_ENERGY = 1e-30  # of what is left of a ring, below which a fit may stray but no logarithm [J]
 _LINE_SHARE = 0.9  # of the rise, to which the evaluation of a trace fits the line of a bent ramp
@@ -121,9 +120,8 @@ def compute_channels(state: DragState) -> Floats:
     force, sliding = state.peak_force(), state.sliding_force()
     spring = _compute_spring(state, force, sliding)
     energy = state.conversion * spring.stored
-    if np.any(
-        state.lost_energy
-    ):  # what is left never turns negative: below a tenth it fades out smoothly
+    # what is left never turns negative: below a tenth it fades out smoothly
+    if np.any(state.lost_energy):
         left, floor = energy - state.lost_energy, 0.1 * energy
         energy = np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))
     # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with: a

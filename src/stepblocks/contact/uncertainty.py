@@ -101,9 +101,8 @@ def compute_sensitivities(
     release = face.release(point, backward)
     if release.status is not Status.RELEASES:
         raise ContactError(f"an edge that is {release.status} has no sensitivity")
-    by_angle = 2.0 / math.sin(
-        2.0 * (release.angle + math.atan(point.friction))
-    )  # of ln F, F = N tan(a + atan mu)
+    # of ln F, F = N tan(a + atan mu)
+    by_angle = 2.0 / math.sin(2.0 * (release.angle + math.atan(point.friction)))
     slopes = {
         "friction": 2.0 * (by_angle / (1.0 + point.friction**2)),
         "normal_load": 2.0 / point.normal_load,
@@ -112,9 +111,8 @@ def compute_sensitivities(
     }
     closed = {} if backward else face.angle_slopes(point.ball_radius)
     slopes |= {name: 2.0 * by_angle * slope for name, slope in closed.items()}
-    for name in (
-        uncertainty.keys() - slopes.keys()
-    ):  # by differences; NaN where one end does not release
+    # by differences; NaN where one end does not release
+    for name in uncertainty.keys() - slopes.keys():
         slopes[name], step = 0.0, 1e-3 * uncertainty[name]
         if step > 0.0:
             deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {

@@ -19,9 +19,8 @@ from stepblocks.contact.path.profile import TipPath, build_profile_path
 from stepblocks.drag.catches import CatchPlaces, find_catch_places
 from stepblocks.errors import ContactError
 
-_KINK = math.radians(
-    2.0
-)  # a turn at which two contacts share the load, on a surface that may be rough
+# a turn at which two contacts share the load, on a surface that may be rough
+_KINK = math.radians(2.0)
 NEAR = 0.3  # radii from a kink beyond which the other side is no longer touched
 PATCHES = 5.0  # the same in radii of the patch of contact
 # where both branches at a kink are held to part: the left one ahead of it, the right one behind it

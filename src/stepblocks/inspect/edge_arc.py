@@ -55,9 +55,8 @@ class Arc:
     # circle
     excess: float
     misfit: float  # half sum of the robust squares of all whitened residuals [1]
-    suspects: tuple[
-        int, ...
-    ]  # points with the largest residuals, and the first on the arc: a spike is among them
+    # points with the largest residuals, and the first on the arc: a spike is among them
+    suspects: tuple[int, ...]
 
 
 def compute_edge_profile(position: Array, riser: float, height: float, radius: float) -> Array:
@@ -117,9 +116,8 @@ class Window:
         """
         radius = radii[:, np.newaxis]
         from_riser = self.x - risers[:, np.newaxis]
-        short = (
-            np.minimum(np.maximum(radius - from_riser, 0.0), radius) ** 2
-        )  # of the end of the arc, squared
+        # of the end of the arc, squared
+        short = np.minimum(np.maximum(radius - from_riser, 0.0), radius) ** 2
         root, above = np.sqrt(radius * radius - short), self.z - self.height + radius
         vertical = np.where(from_riser < 0.0, self.z, np.minimum(above - root, self.z))
         # on the arc the distance is radial, which stays finite where the slope does not

@@ -93,9 +93,8 @@ class Fit:
 def fit_without_spikes(design: Array, z: Array, used: Mask) -> Fit:
     """Fit the rows of `design` to the heights [m] of those points that are no spikes."""
     whole, root = int(used.sum()), np.ones(len(z))
-    for _ in range(
-        _STARTS
-    ):  # first by distances instead of squares, so that neither spikes nor stray points pull
+    # first by distances instead of squares, so that neither spikes nor stray points pull
+    for _ in range(_STARTS):
         residuals = z - solve_least_squares(design * root, z * root, used)[1] @ design
         root = (
             np.maximum(
@@ -199,17 +198,15 @@ def find_edges(x: Array, z: Array) -> list[FoundEdge]:
     if (at := best[1]) < 0:
         raise MetrologyError(nothing)
     reach, gap = reaches[at], gaps[at]
-    for other in gaps[
-        :at
-    ]:  # what is too narrow for the best windows, or too near to where nothing was measured
+    # what is too narrow for the best windows, or too near to where nothing was measured
+    for other in gaps[:at]:
         gap = np.where(np.abs(other) > np.nan_to_num(np.abs(gap)), other, gap)
     for other in gaps[at + 1 :]:  # what missing points hide from them
         gap = np.where(np.isfinite(gap), gap, other)
     seen, places = np.nan_to_num(gap), set[int]()
     around = maximum_filter1d(np.abs(seen), 2 * reach + 1)
-    least = np.maximum(
-        _ALIKE * around.max(), _PLATEAU * around
-    )  # so that the other edge of a groove is no lesser one
+    # so that the other edge of a groove is no lesser one
+    least = np.maximum(_ALIKE * around.max(), _PLATEAU * around)
     for size in (np.maximum(seen, 0.0), np.maximum(-seen, 0.0)):
         peaks = np.flatnonzero((size >= least) & (size == maximum_filter1d(size, 2 * reach + 1)))
         places |= {
@@ -345,9 +342,8 @@ def _fit_face_line(
 ) -> tuple[np.polynomial.Polynomial, float] | None:
     # Line through a face without its ends at edges, and its scatter; None where nothing of it was
     # measured.
-    measured = max(begin, 0) + np.flatnonzero(
-        known[max(begin, 0) : end]
-    )  # a face ends where it is seen no more
+    # a face ends where it is seen no more
+    measured = max(begin, 0) + np.flatnonzero(known[max(begin, 0) : end])
     cut = max(len(measured) // 5, 1)
     inner = measured[cut:-cut]
     if len(inner) < 4:

@@ -273,10 +273,11 @@ def measure_tip(
     if isinstance(scan, Profile):
         (scan,), notes = sample_profiles(scan, options)
     cap = fit_cap(scan, nominal)
+    # of what the points cover, as a part of the radius
     radius, reach = (
         cap.radius,
         float(np.sin(cap.cap_angle)),
-    )  # of what the points cover, as a part of the radius
+    )
     narrower = evaluate_each(lambda part: fit_cap(scan, nominal, part), [_NARROWER * reach])[0]
     change = max((abs(one.radius.value - radius.value) for _, one in narrower), default=0.0)
     # a cap of 0.7 of the angle knows its radius by a quarter as well

@@ -48,9 +48,8 @@ class Estimate:
 
     value: float
     std: float  # standard uncertainty, in the unit of the value
-    dof: float = (
-        math.inf
-    )  # its effective degrees of freedom; infinite where the residuals are zero up to rounding
+    # its effective degrees of freedom; infinite where the residuals are zero up to rounding
+    dof: float = math.inf
 
 
 def estimate_robust_scale(residuals: Array) -> float:

@@ -36,12 +36,13 @@ _COLOUR: dict[Outcome | None, str] = {
 }
 _FAULTS = {Outcome.DOES_NOT_CONFORM: "not conforming", Outcome.NOT_PROVEN: "not proven"}
 _MOST_DRAWN = 4000
+# limits drawn beside the scan
 _HEIGHTS = (
     "step_height",
     "ridge_height",
     "horizontal_discrepancy",
     "groove_depth",
-)  # limits drawn beside the scan
+)
 
 
 @dataclass(frozen=True, repr=False)

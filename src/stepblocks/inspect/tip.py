@@ -31,9 +31,8 @@ class Cap:
     cap_angle: float  # half angle of the cap [rad]
     rejected: int  # points left out as spikes
     points: int  # of the cap, with these
-    drawn: tuple[
-        Array, Array, Array
-    ]  # position, height and fit along the row with most of the cap [m]
+    # position, height and fit along the row with most of the cap [m]
+    drawn: tuple[Array, Array, Array]
 
 
 def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> Cap:
@@ -57,9 +56,8 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
     asked = f"a cap of a ball of about {nominal * 1e6:.4g} um"
     top = z > np.nanmax(z) - 0.02 * nominal
     place = float(np.median(x[top])), float(np.median(y[top]))
-    for _ in range(
-        _CENTRINGS
-    ):  # the apex by the fit, since the highest points lie on a slope of noise
+    # the apex by the fit, since the highest points lie on a slope of noise
+    for _ in range(_CENTRINGS):
         face = (np.hypot(x - place[0], y - place[1]) < reach * nominal) & np.isfinite(z)
         if face.sum() < 10:
             raise MetrologyError(
@@ -91,9 +89,8 @@ def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> C
         residuals -= np.tensordot(solution, design, 1)
         step = np.array([solution[0], 0.0 if flat else solution[3], solution[1], solution[2]])
         state += step
-        spikes = find_outliers(
-            residuals, used
-        )  # after the fit, since the start knows no form, and form is no spike
+        # after the fit, since the start knows no form, and form is no spike
+        spikes = find_outliers(residuals, used)
         if not left or (np.abs(step).max() < 1e-9 * state[3] and not spikes.any()):
             break
         used &= ~spikes

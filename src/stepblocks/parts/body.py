@@ -60,9 +60,8 @@ class Mounting(Table):
     kind: Literal["tapped", "clearance"] = "tapped"
     thread: Literal["M2", "M2.5", "M3", "M4"] = "M3"  # metric coarse
     spacing: PositiveLength = declare_default("12 mm")  # of the holes along x [m]
-    depth: PositiveLength = declare_default(
-        "5 mm"
-    )  # of the full core hole from the base, or of the counterbore [m]
+    # of the full core hole from the base, or of the counterbore [m]
+    depth: PositiveLength = declare_default("5 mm")
 
     @property
     def hole_diameter(self) -> float:
@@ -95,12 +94,10 @@ class Body(Table):
     # the usual one fits a 24 mm vice
     length: PositiveLength = declare_default("20 mm")  # along x, across the working edge [m]
     width: PositiveLength = declare_default("24 mm")  # along y [m]
-    thickness: PositiveLength = declare_default(
-        "8 mm"
-    )  # from the base to the lower working face [m]
-    edge_break: Length = declare_default(
-        "0.3 mm", otherwise="0.1 mm"
-    )  # leg of the chamfer on all edges but the working ones [m]
+    # from the base to the lower working face [m]
+    thickness: PositiveLength = declare_default("8 mm")
+    # leg of the chamfer on all edges but the working ones [m]
+    edge_break: Length = declare_default("0.3 mm", otherwise="0.1 mm")
     mounting: Annotated[Mounting | None, BeforeValidator(read_none)] = declare_default({})
     engraving: Annotated[Engraving | None, BeforeValidator(read_none)] = declare_default({})
 
@@ -454,7 +451,6 @@ def compute_strip_volume(body: Body, top: float, polygon: list[Point]) -> float:
                 (width - 2.0 * max(z - knee, 0.0)) * x
                 for x, z in ((xa, za), (0.5 * (xa + xb), mid), (xb, zb))
             ]
-            total += (
-                (zb - za) * (values[0] + 4.0 * values[1] + values[2]) / 6.0
-            )  # Simpson, exact for a quadratic
+            # Simpson, exact for a quadratic
+            total += (zb - za) * (values[0] + 4.0 * values[1] + values[2]) / 6.0
     return abs(total)

@@ -31,28 +31,23 @@ Said = Annotated[str, Field(max_length=60)]
 _Newtons = Annotated[float, read_positive("force")]
 _SOME = Field(min_length=1, max_length=100)
 _Share = Annotated[Ratio, Field(lt=1.0)]  # a tolerance of all that there is leaves nothing
-Lengths = Annotated[
-    tuple[Annotated[float, read_positive("length")], ...], Field(max_length=100)
-]  # m
+# m
+Lengths = Annotated[tuple[Annotated[float, read_positive("length")], ...], Field(max_length=100)]
 
 
 class ToolSpec(Table):
     """The explorer as a spring that rings; what is left out is the paper's."""
 
-    stiffness: Annotated[float, read_positive("stiffness")] = (
-        PAPER.tool.stiffness
-    )  # tangential, k [N/m]
+    # tangential, k [N/m]
+    stiffness: Annotated[float, read_positive("stiffness")] = PAPER.tool.stiffness
     conversion: Annotated[float, read_positive("ratio")] = PAPER.tool.conversion  # C_v [1]
     ring_duration: Annotated[float, read_positive("time")] = PAPER.tool.ring_duration  # s
-    detection_threshold: Annotated[float, read_positive("power")] = (
-        PAPER.tool.detection_threshold
-    )  # W
-    frequency: Annotated[float, read_positive("frequency")] = (
-        PAPER.tool.frequency
-    )  # of the ring [Hz]
-    decay_time: Annotated[float, read_positive("time")] = (
-        PAPER.tool.decay_time
-    )  # of its amplitude [s]
+    # W
+    detection_threshold: Annotated[float, read_positive("power")] = PAPER.tool.detection_threshold
+    # of the ring [Hz]
+    frequency: Annotated[float, read_positive("frequency")] = PAPER.tool.frequency
+    # of its amplitude [s]
+    decay_time: Annotated[float, read_positive("time")] = PAPER.tool.decay_time
 
 
 _USUAL = {name: Sourced(value, "force", said) for name, (value, said) in LIMIT_SOURCES.items()}
@@ -194,9 +189,8 @@ class ProbeSpec(Table):
 
     stiffness: Annotated[Sourced, make_sourced_validator("stiffness")]  # of the tip along the drag
     frequency: Annotated[Sourced, make_sourced_validator("frequency")]  # at which it rings
-    decay_time: Annotated[
-        Sourced, make_sourced_validator("time")
-    ]  # in which its amplitude falls to 1/e
+    # in which its amplitude falls to 1/e
+    decay_time: Annotated[Sourced, make_sourced_validator("time")]
     shank_diameter: Annotated[Sourced, make_sourced_validator("length")]
     modulus: Annotated[Sourced, make_sourced_validator("pressure")]  # Young's modulus of the rod
     density: Annotated[Sourced, make_sourced_validator("density")]  # of the rod
@@ -214,9 +208,8 @@ class DampingRig(Table):
     """The rig that moves a tip by a fixed distance and lets it go."""
 
     displacement: Annotated[Sourced, make_sourced_validator("length")]  # that distance
-    noise: Annotated[
-        Sourced, make_sourced_validator("length")
-    ]  # standard deviation of one sample of the displacement
+    # standard deviation of one sample of the displacement
+    noise: Annotated[Sourced, make_sourced_validator("length")]
     sample_rate: Annotated[Sourced, make_sourced_validator("frequency")]
     # relative standard uncertainty wanted of the logarithmic decrement
     uncertainty: Annotated[Sourced, make_sourced_validator("ratio")]

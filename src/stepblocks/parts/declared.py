@@ -265,9 +265,8 @@ def _read_zone(raw: object) -> Dimension:
     return Dimension(0.0, width, 0.0)
 
 
-Zone = Annotated[
-    Dimension, BeforeValidator(_read_zone)
-]  # width of a tolerance zone, or largest roughness [m]
+# width of a tolerance zone, or largest roughness [m]
+Zone = Annotated[Dimension, BeforeValidator(_read_zone)]
 
 
 class WorkingFaces(Table):
@@ -283,9 +282,8 @@ class WorkingFaces(Table):
     burr: Zone | None = None  # over the upper face near the edge; default the upper deviation
 
 
-FaceDemands: TypeAlias = dict[
-    str, Dimension
-]  # flatness, parallelism and roughness of the working faces in force
+# flatness, parallelism and roughness of the working faces in force
+FaceDemands: TypeAlias = dict[str, Dimension]
 
 
 def complete_face_demands(stated: WorkingFaces | None, governing: Dimension) -> FaceDemands:

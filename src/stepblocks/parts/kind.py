@@ -43,9 +43,8 @@ MeasuredMesh: TypeAlias = (
 class Part(Table, ABC):
     """A declared part, across which a tip is dragged."""
 
-    stanza: ClassVar[
-        str
-    ]  # name of its tables in a stimulus file, and its key wherever kinds are told apart
+    # name of its tables in a stimulus file, and its key wherever kinds are told apart
+    stanza: ClassVar[str]
     kind_name: ClassVar[str]  # what people call it
     drawing_title: ClassVar[str]  # what its drawing is called
     felt_by: ClassVar[

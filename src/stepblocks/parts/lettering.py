@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-Letter = tuple[
-    NDArray[np.float64], ...
-]  # outer outline, then holes, each an open polygon of points (u, v) [m]
+# outer outline, then holes, each an open polygon of points (u, v) [m]
+Letter = tuple[NDArray[np.float64], ...]
 
 _FLATNESS = 0.01  # of the letter height: curves become chords no further from them than this
 

@@ -14,9 +14,8 @@ from stepblocks.parts.shapes import make_hull
 
 Point = tuple[float, float]
 Point3 = tuple[float, float, float]
-Outline = list[
-    Point | tuple[Point, Point]
-]  # (radius, height) [m], for an arc (middle point, end point); closes itself
+# (radius, height) [m], for an arc (middle point, end point); closes itself
+Outline = list[Point | tuple[Point, Point]]
 
 SECTORS = 96  # of a shell of revolution; the chords of a 4 mm crown sag 2 um
 

@@ -56,12 +56,10 @@ class Prediction:
     point: OperatingPoint  # under what
     backward: bool
     release: Release  # at the nominal dimensions
-    limits: tuple[
-        Release, Release
-    ]  # at the least and the greatest angle within the tolerances of the stimulus
-    interval: (
-        Interval | None
-    )  # of 95 %, from all tolerances of stimulus and setting; None where there are none
+    # at the least and the greatest angle within the tolerances of the stimulus
+    limits: tuple[Release, Release]
+    # of 95 %, from all tolerances of stimulus and setting; None where there are none
+    interval: Interval | None
     in_time: InTime | None = None  # None where it was not dragged
 
     @property

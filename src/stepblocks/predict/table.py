@@ -45,10 +45,11 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
 _HOURS = 40  # of a run, over which it is asked how much it changed
 _DRAWS = 4000  # of each interval
 _POSITIVE = ("height_um", "load_n", "speed_mm_s")
+# columns of the result, and their channels
 _FIGURES = {
     "peak_force{}_n": 1,
     "vibration_energy{}_j": 0,
-}  # columns of the result, and their channels
+}
 
 
 def predict_table(

@@ -171,9 +171,8 @@ def _move(state: Records, landed: bool, hand: Hand, setting: Records, path: Reco
         and ((at_start and caught[piece]) or (at_end and caught[piece + 1]))
     ):
         state.ring_time = 0.0
-        state.ring_force = (
-            setting.ring * state.pull
-        )  # the pull of the last tick: what the notch held
+        # the pull of the last tick: what the notch held
+        state.ring_force = setting.ring * state.pull
         state.release = state.pull
         state.events += 1
 

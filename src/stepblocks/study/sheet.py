@@ -30,9 +30,8 @@ _MISSING = ("NA", "N/A", "n/a", "#N/A", "<NA>")  # as R, BIDS, spreadsheets and 
 TIMES = ("reaction_s",)  # columns beside the answers that `study run` writes, numbers
 _MAX_BYTES = 100_000_000
 _UNNAMED = {"primary": "", "reference": ""}
-_COMMA = re.compile(
-    r"^(-?\d+),(\d+)$"
-)  # a decimal comma, as spreadsheets of half of Europe write it
+# a decimal comma, as spreadsheets of half of Europe write it
+_COMMA = re.compile(r"^(-?\d+),(\d+)$")
 
 Key = tuple[str, str]  # participant and trial
 

@@ -180,9 +180,8 @@ class SimulatedStudy:
     repetitions: int  # how often each participant judges each block in each condition
     heights: tuple[float, ...]  # of the blocks [m]
     energies: tuple[float, ...]  # of each block, undamped [J]
-    factors: tuple[
-        tuple[str, float], ...
-    ]  # condition, and the share of the energy that it lets through [1]
+    # condition, and the share of the energy that it lets through [1]
+    factors: tuple[tuple[str, float], ...]
     observer: Observer
     noise: tuple[
         float, ...

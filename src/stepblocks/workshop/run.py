@@ -136,9 +136,8 @@ def _order_part(part: Part, output: Path, capability: float, declared: StimulusS
         routes = find_routes(part, capability, declared.prediction.first_point())
         written.append(folder / f"{part.id}.routes.csv")
         write_table(pd.DataFrame([make_route_row(name, route) for route in routes]), written[-1])
-        if any(
-            route.process.name == "gauge blocks" for route in routes
-        ):  # two blocks of the set differ by this height
+        # two blocks of the set differ by this height
+        if any(route.process.name == "gauge blocks" for route in routes):
             pair = choose_pair(part.height.nominal)
             written.append(folder / f"{part.id}.gauge.step")
             write_gauge_assembly(written[-1], part, pair)

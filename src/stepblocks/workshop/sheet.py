@@ -177,9 +177,8 @@ class Sheet:
             override=override,
             dxfattribs={"layer": "DIMENSION"},
         )
-        small = (
-            1.0 if abs(one.upper + one.lower) < 1e-12 else 0.7
-        )  # height of two unlike deviations
+        # height of two unlike deviations
+        small = 1.0 if abs(one.upper + one.lower) < 1e-12 else 0.7
         if key not in self.letters:
             dimension.set_tolerance(
                 one.upper * 1e3,
@@ -280,11 +279,12 @@ class Sheet:
         high, cell = 6.0, 7.0
         value = format_zone(one.upper)
         wide = 4.0 + compute_text_width(value, _TEXT)
+        # of the cells
         ends = [
             x + cell,
             x + cell + wide,
             *([x + cell + wide + cell] if datum else []),
-        ]  # of the cells
+        ]
         self.rectangle(at, (ends[-1], y + high), "FRAME")
         for end in ends[:-1]:
             self.line((end, y), (end, y + high), "FRAME")

@@ -47,10 +47,11 @@ def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
         tip.bend_angle.nominal,
     )
     run, bent = tip.straight_length.nominal, []
+    # outer and inner line of the bent wire with the straight shank, then its end
     for offset in (
         -r,
         r,
-    ):  # outer and inner line of the bent wire with the straight shank, then its end
+    ):
         turns = [total * index / 60.0 for index in range(61)]
         arc = [(top + (R + offset) * math.sin(t), R - (R + offset) * math.cos(t)) for t in turns]
         arc.append((arc[-1][0] + run * math.cos(total), arc[-1][1] + run * math.sin(total)))

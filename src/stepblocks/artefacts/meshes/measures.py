@@ -118,9 +118,8 @@ def fit_sphere_radius(vertices: Floats) -> tuple[float, float]:
     """Least-squares sphere through the vertices of a tip's ball."""
     if len(vertices) < 5:
         return math.nan, math.nan
-    scale = float(
-        np.ptp(vertices, axis=0).max()
-    )  # solve in units of the ball, where the squares are of order one
+    # solve in units of the ball, where the squares are of order one
+    scale = float(np.ptp(vertices, axis=0).max())
     p = vertices / scale
     system = np.column_stack([2.0 * p, np.ones(len(p))])
     solution, *_ = np.linalg.lstsq(system, (p * p).sum(axis=1), rcond=None)

@@ -36,9 +36,8 @@ def _read_with_vtk(path: Path) -> Arrays:
             raise ValueError("not one mesh")
         found = found[0]
     points = np.asarray(found.points, dtype=np.float64)
-    upright = np.column_stack(
-        [points[:, 0], -points[:, 2], points[:, 1]]
-    )  # glTF is in metres, y up
+    # glTF is in metres, y up
+    upright = np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])
     return upright, np.asarray(found.regular_faces, dtype=np.int64)
 
 
@@ -118,10 +117,11 @@ def read_pieces(path: Path) -> list[Arrays]:
 def read_pieces_confined(path: Path) -> dict[str, object]:
     """Read the objects of an OBJ."""
     found: dict[str, object] = {}
+    # after the head of the file
     first, objects = (
         1,
         path.read_text(encoding="ascii").split("\no ")[1:],
-    )  # after the head of the file
+    )
     for number, lines in enumerate(objects):
         vertices, triangles = _read_as_text(lines.splitlines()[1:], first)
         first += len(vertices)

@@ -185,9 +185,8 @@ def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:
     lowest, highest = -np.inf, np.inf
     link = index.find("Record3/DataLink/PointDataLink")
     grid = index.find("Record3/MatrixDimension")
-    if (
-        link is not None and link.text and grid is not None
-    ):  # else the points stand in the index as text
+    # else the points stand in the index as text
+    if link is not None and link.text and grid is not None:
         lowest, highest = sorted(
             increment * end for end in _read_range(archive, link.text.strip(), kind)
         )
@@ -215,9 +214,8 @@ def _read_index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
     if archive.getinfo(name).file_size > _MOST_INDEX:
         raise ValueError(f"{name} of more than {_MOST_INDEX >> 20} MiB")
     text = archive.read(name)
-    if b"<!" in text.replace(b"<!--", b"").replace(
-        b"<![CDATA[", b""
-    ):  # entities may grow without bound
+    # entities may grow without bound
+    if b"<!" in text.replace(b"<!--", b"").replace(b"<![CDATA[", b""):
         raise ValueError(f"a document type in {name}")
     return ElementTree.fromstring(text)
 

@@ -139,9 +139,8 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
 def _read_json_image(path: Path, per: Array) -> HeightMap:
     # Height image of a line camera: size of a pixel, and big- or little-endian counts in base64, of
     # which 0 is missing.
-    stored = np.ravel(
-        np.array(json.loads(path.read_text(encoding="utf-8")), dtype=object)
-    )  # one, or lists of them
+    # one, or lists of them
+    stored = np.ravel(np.array(json.loads(path.read_text(encoding="utf-8")), dtype=object))
     found = [one["data"] for one in stored if one.get("class") == "Image"]
     image = next(one for one in found if one["Data"]["ImageType"] in ("uint16", "float32"))
     data, size, origin = image["Data"], image["PixelSize"], image["Origin"]

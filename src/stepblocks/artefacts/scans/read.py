@@ -32,12 +32,13 @@ if TYPE_CHECKING:
     from SurfaceTopography.IO.Reader import ChannelInfo
 
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".xyz", ".asc", ".dat")
+# numbers without a unit, which must be given
 POINT_ENDINGS = (
     ".ply",
     ".stl",
     ".obj",
     ".json",
-)  # numbers without a unit, which must be given
+)
 _NAMED = (
     "x3p sdf sur plux gwy opdx nid opd datx al3d plu zon vk4 ezd ibw mi mnt tmd stp top frt spm di"
 )

@@ -39,6 +39,7 @@ LENGTH_UNITS = {
 _MOST_BYTES = 256 * 2**20
 _MOST_HEADER_LINES = 400
 _MOST_COLUMNS = 64
+# how instruments write a point that was not measured
 _MISSING = {
     "",
     "nan",
@@ -46,7 +47,7 @@ _MISSING = {
     "-",
     "***",
     "---",
-}  # how instruments write a point that was not measured
+}
 _UNIT = "(" + "|".join(sorted(LENGTH_UNITS, key=len, reverse=True)) + ")"
 _UNIT_IN_NAME = re.compile(rf"(?:^|[\s_\[\(/,]){_UNIT}[\]\)]?$")
 _GIVEN = re.compile(rf"(?:([xyz])\s*=)?\s*(\d+\.?\d*|\.\d+)?\s*{_UNIT}")
@@ -306,9 +307,8 @@ def _choose_columns(
     if len(left) == 2:
         return {"x": left[0], "z": left[1]}
     if len(left) == 3:
-        extent = np.fmax.reduce(values[:, left]) - np.fmin.reduce(
-            values[:, left]
-        )  # not a number where all is missing
+        # not a number where all is missing
+        extent = np.fmax.reduce(values[:, left]) - np.fmin.reduce(values[:, left])
         flat = extent < _CONSTANT * np.sort(extent)[1]
         single = [len(np.unique(values[:, one])) > 0.5 * len(values) for one in left[:2]]
         if (flat[2] and all(single)) or (flat[1] and single[0]) or (flat[0] and single[1]):

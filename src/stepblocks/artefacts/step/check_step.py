@@ -94,9 +94,8 @@ class StepReport:
     tolerances: tuple[Characteristic, ...]
     materials: tuple[str, ...]  # names
     densities: tuple[float, ...]  # kg/m^3
-    textures: tuple[
-        tuple[str, float], ...
-    ]  # face and largest Ra of every stated surface texture [m]
+    # face and largest Ra of every stated surface texture [m]
+    textures: tuple[tuple[str, float], ...]
     findings: tuple[str, ...]  # one line for everything wrong; none means that the file passes
 
     @property
@@ -235,9 +234,8 @@ def _read_limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float
             if (measure := read_measure(file, item)) is not None:
                 label = str((file.parameters(item, "REPRESENTATION_ITEM") or ("",))[0]).lower()
                 side = next((side for side in ("upper", "lower") if side in label), "")
-                found[side] = (
-                    measure if side else found.get(side, measure)
-                )  # the first value is the nominal
+                # the first value is the nominal
+                found[side] = measure if side else found.get(side, measure)
     if (nominal := found.pop("", None)) is None:
         return None, math.nan, math.nan, "no value"
     lower, upper, problem = math.nan, math.nan, ""

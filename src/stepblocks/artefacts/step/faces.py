@@ -76,10 +76,11 @@ def _read_surface(file: Exchange, item: str, representation: str) -> Surface:
         ),
         item,
     )
+    # a curve that is given with its traces on the two faces
     for name in (
         "SURFACE_CURVE",
         "SEAM_CURVE",
-    ):  # a curve that is given with its traces on the two faces
+    ):
         carrier = (*file.parameters(carrier, name)[1:2], carrier)[0]
     kind, parameters = next(iter(file.parts(carrier).items()), ("", ()))
     if len(parameters) < 2 or not is_reference(parameters[1]):
@@ -222,9 +223,8 @@ def _measure_distance(a: Surface, b: Surface) -> float | None:
     ):
         return None
     if a.kind == b.kind and apart <= _ONE_AXIS and a.representation != b.representation:
-        return abs(
-            a.sizes[0] - b.sizes[0]
-        )  # one body in the bore of another: the gap, their axes being one
+        # one body in the bore of another: the gap, their axes being one
+        return abs(a.sizes[0] - b.sizes[0])
     return apart
 
 

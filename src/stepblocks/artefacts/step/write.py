@@ -245,9 +245,8 @@ def make_conforming(
         _add_property(data, ("requirement", name, name), described, products, rule)
     if texture is not None:
         rule = f"surface texture must have faces with a flatness tolerance, got none [{identity}]"
-        flats = _find_instances_holding(data, "FLATNESS_TOLERANCE(")[
-            :2
-        ]  # of the working faces, not the base
+        # of the working faces, not the base
+        flats = _find_instances_holding(data, "FLATNESS_TOLERANCE(")[:2]
         flat = [_REFERENCE.findall(data[ref])[-1] for ref in flats]
         millimetre = next(iter(_find_instances_holding(data, "SI_UNIT(.MILLI.,.METRE.)")), "")
         roughness = np.format_float_positional(texture * 1e3, 12, fractional=False, trim=".")
@@ -271,9 +270,8 @@ def _find_instances_holding(data: dict[str, str], text: str) -> list[str]:
 
 
 def _correct_instance(body: str, pending_labels: dict[str, list[str]], angular: set[str]) -> str:
-    if (
-        "DRAUGHTING_PRE_DEFINED_COLOUR" in body
-    ):  # callouts in the kernel's white cannot be seen on paper
+    # callouts in the kernel's white cannot be seen on paper
+    if "DRAUGHTING_PRE_DEFINED_COLOUR" in body:
         return body.replace("('white')", "('black')")
     if not any(word in body for word in ("MEASURE_WITH_UNIT", "AL_LOCATION(", "ANGULAR_")):
         return body  # thousands are shape, which nothing here touches

@@ -18,10 +18,11 @@ from stepblocks.errors import PipelineError
 
 _LEAST_SLIDE, _MOST_SLIDE = 50e-3, 80e-3  # [s] before the edge
 _NAMES = ("time_s", "fx_n", "fy_n")
+# where the traces of a session lie, by format
 TRACE_FILES = {
     "csv": "traces/{trial:04d}.csv",
     "hdf5": "traces.h5",
-}  # where the traces of a session lie, by format
+}
 _OVERSAMPLING = 16  # a sensor is filtered on a finer clock than the converter's
 
 Write = Callable[[int, Trace], None]  # appends the trace of a trial

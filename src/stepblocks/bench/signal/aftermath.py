@@ -147,9 +147,8 @@ def fit_aftermath(
     """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs."""
     marks = replace(marks, noise=estimate_whole_noise(time, approach, marks))
     top = float(time[marks.peak])
-    if (
-        saw is not None
-    ):  # it is no bell, and what the tip draws when the ring has died is no part of that
+    # it is no bell, and what the tip draws when the ring has died is no part of that
+    if saw is not None:
         end = int(np.searchsorted(time, top + _FIRST_SWINGS))
         time, force = time[:end], force[:end]
     bell = fit_bell(time, force, top, approach.mains, marks.noise)

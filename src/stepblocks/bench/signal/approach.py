@@ -183,15 +183,15 @@ class Approach:
     def __post_init__(self) -> None:
         fit, first = self.fit, self.fit.shape.size
         self.onset = float(fit.shape[0])  # begin of loading [s]
+        # tangential force while sliding [N]
         self.level, self.level_std = (
             float(fit.weights[0]),
             fit.std(first),
-        )  # tangential force while sliding [N]
+        )
         self.slope = float(fit.weights[2])  # of the ramp where it begins [N/s]
         self.mains, self.center = self.clock.mains, self.clock.center
-        self.hardening = (
-            0.0 if self.clock.bend is None else float(fit.weights[5])
-        )  # g of ``F = u + g u^3`` [1/N^2]
+        # g of ``F = u + g u^3`` [1/N^2]
+        self.hardening = 0.0 if self.clock.bend is None else float(fit.weights[5])
 
     def mean_slope(self, rise: float) -> Estimate:
         """Slope of the straight line through the ramp up to a share of its rise.

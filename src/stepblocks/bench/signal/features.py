@@ -42,10 +42,11 @@ from stepblocks.bench.signal.separable import fit_with_covariance, propagate_std
 
 Features = dict[str, Any]  # one value for each of `FEATURE_COLUMNS`, a number or a word
 LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
+# in which the paper finds about 86 % of the energy of the vibration [Hz]
 VIBRATION_BAND = (
     250.0,
     350.0,
-)  # in which the paper finds about 86 % of the energy of the vibration [Hz]
+)
 
 _FEWEST_CLEAR = 3
 _RING_TIMES = 5.0  # decay times after which the ring counts as over
@@ -293,9 +294,8 @@ class Measurement(Loading):
         return energy, energy * relative, relative
 
 
-_Figures = dict[
-    tuple[str, ...], Callable[[Any], tuple[object, ...]]
-]  # columns, and what stands in them
+# columns, and what stands in them
+_Figures = dict[tuple[str, ...], Callable[[Any], tuple[object, ...]]]
 
 
 def _compute_features(functions: _Figures, loading: Loading) -> Features:

@@ -17,10 +17,11 @@ from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Landmarks, estimate_white_noise
 from stepblocks.bench.signal.separable import fit_linear, propagate_std
 
+# where nothing is known of the ring yet: frequency [Hz] and decay time [s]
 USUAL_TOOL = (
     300.0,
     21e-3,
-)  # where nothing is known of the ring yet: frequency [Hz] and decay time [s]
+)
 
 _TEETH = 2  # a saw has at least so many
 _TOOTH_NOISE = 9.0  # a tooth stands out by this many standard deviations of the noise

@@ -53,10 +53,11 @@ _BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
 _RELEASE_DECAY = (0.05e-3, 0.4e-3, 1.5e-3)  # [s] least, first guess, most
 _LITTLE = 0.02  # g A^2 with which a tool that hardens is tried
+# misfit, and share of the misfit of a cosine, up to which it is taken for one
 _HARD, _CLOSER = (
     7.0,
     0.05,
-)  # misfit, and share of the misfit of a cosine, up to which it is taken for one
+)
 _FINE_STEP = 1e-5  # [s] of the motion of a tool that hardens
 _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 

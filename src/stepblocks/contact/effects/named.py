@@ -246,9 +246,10 @@ def _apply_motion(state: DragState, _: object, values: Mapping[str, float]) -> D
     weight = values["weight"]
     if weight == 0.0:
         return state
+    # compiled kernels, loaded where they are used
     from stepblocks.contact.effects.release_motion import (
         compute_release,
-    )  # compiled kernels, loaded where they are used
+    )
 
     load = np.maximum(state.load, 1e-3)
     # k m = (k / omega)^2: the ring itself tells the mass that moves

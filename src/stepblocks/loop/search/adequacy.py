@@ -30,9 +30,8 @@ def _smooth_columns(trials: Trials, name: str) -> Floats | None:
     if numbers is None:
         dummies = trials.dummies(name, most=8)
         return np.stack(dummies, axis=1) if dummies else None
-    powers = min(
-        4, len(np.unique(numbers)) - 1
-    )  # twenty times 0.4 scatter by 5e-17, and are one number
+    # twenty times 0.4 scatter by 5e-17, and are one number
+    powers = min(4, len(np.unique(numbers)) - 1)
     if powers == 0 or not float(np.std(numbers)) < np.inf:
         return None
     x = (stats.rankdata(numbers) / len(numbers) - 0.5) * 2.0

@@ -38,9 +38,8 @@ _WORTH = 4.0  # of the criterion, below which an exchange is not made
 LEFT = "something is left in the residual that noise would not do"  # why a whole is not claimed
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
-Rival = tuple[
-    Law, Fit, float
-]  # an effect that may stand for another, its fit, and how far its criterion is behind
+# an effect that may stand for another, its fit, and how far its criterion is behind
+Rival = tuple[Law, Fit, float]
 
 
 class Verdict(StrEnum):

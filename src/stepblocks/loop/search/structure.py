@@ -29,9 +29,8 @@ _DRIFTS = (
 )
 _OVER_WALK = 8.0  # of the criterion, by which a law along the hour must beat a walk
 _DIRECTIONS = 24  # slow waves that make up a wandering quantity in the noise
-_RATIOS = np.concatenate(
-    [[0.0], np.geomspace(1e-5, 30.0, 40)]
-)  # of a walk's step to the scatter, squared
+# of a walk's step to the scatter, squared
+_RATIOS = np.concatenate([[0.0], np.geomspace(1e-5, 30.0, 40)])
 
 
 @dataclass(frozen=True)

@@ -51,9 +51,8 @@ class FinishLine(Table):
 
     # a square ledge, a quarter round, or no ledge
     kind: Literal["shoulder", "chamfer", "feather-edge"] = "shoulder"
-    width: Length = declare_default(
-        "1 mm", "0.05 mm"
-    )  # of the ledge, or radius of the quarter round [m]; 0 for the feather edge
+    # of the ledge, or radius of the quarter round [m]; 0 for the feather edge
+    width: Length = declare_default("1 mm", "0.05 mm")
 
     @make_rules_validator
     def _has_the_width_of_its_kind(self) -> Iterator[str]:
@@ -349,9 +348,8 @@ class CrownOnTooth(CrownMargin, Turned):
             ).unsigned
         if v.nominal == g or finish == "feather-edge":
             return make_characteristic(key, "distance", v, cavosurface, end, method=_SEATED)
-        if (
-            finish == "shoulder" and v.nominal > g
-        ):  # the margin is where the bevel meets the outside
+        # the margin is where the bevel meets the outside
+        if finish == "shoulder" and v.nominal > g:
             outside = FaceRule("CYLINDER", radius=self.outer_radius, body=1)
             bevel = FaceRule("CONE", holds={2: 0.5 * (g + v.nominal)}, body=1)
             return make_characteristic(

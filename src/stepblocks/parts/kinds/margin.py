@@ -70,12 +70,10 @@ class CrownMargin(Part):
     }
 
     marginal_gap: PositiveLength = declare_default(otherwise="10 um")  # g
-    horizontal_discrepancy: SignedLength = declare_default(
-        "0 um", otherwise="10 um"
-    )  # h; positive: overextended
-    vertical_discrepancy: SignedLength | None = declare_default(
-        None, otherwise="10 um"
-    )  # v; left out, it is g
+    # h; positive: overextended
+    horizontal_discrepancy: SignedLength = declare_default("0 um", otherwise="10 um")
+    # v; left out, it is g
+    vertical_discrepancy: SignedLength | None = declare_default(None, otherwise="10 um")
     gum: Gum | None = None  # beside the margin; none where the file does not say
     material: MaterialField = declare_default("zirconia")
 

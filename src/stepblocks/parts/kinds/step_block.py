@@ -62,9 +62,8 @@ class MetrologyFeature(Table):
     # W between its edges along x [m]; a plane face of at least W lies on either side
     width: PositiveLength = declare_default("0.6 mm", "0.05 mm")
     lane: PositiveLength = declare_default("6 mm")  # along y, from the back side of the block [m]
-    distance: PositiveLength = declare_default(
-        "2 mm", "0.1 mm"
-    )  # from the working edge to its nearer edge [m]
+    # from the working edge to its nearer edge [m]
+    distance: PositiveLength = declare_default("2 mm", "0.1 mm")
 
 
 class StepBlock(Block):
@@ -134,9 +133,8 @@ class StepBlock(Block):
         back = 0.5 * self.body.width.nominal
         near, y0 = feature.distance.nominal, back - feature.lane.nominal
         x0, depth, top = near, feature.lane.nominal + OVER, self.height.nominal + OVER
-        if (
-            feature.kind == "ridge"
-        ):  # it ends where the edge break of its side begins, level with the upper face
+        # it ends where the edge break of its side begins, level with the upper face
+        if feature.kind == "ridge":
             x0, depth, top = (
                 -near - feature.width.nominal,
                 feature.lane.nominal,

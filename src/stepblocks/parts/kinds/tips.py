@@ -54,9 +54,8 @@ class Tip(Turned, HeldPart):
     governing_field: ClassVar[str] = "ball_radius"
 
     ball_radius: PositiveLength = declare_default(otherwise="2 um")  # R of the contact sphere [m]
-    cone_angle: Angle = declare_default(
-        "8 deg", "0.5 deg"
-    )  # half angle of the cone, tangent to the ball [rad]
+    # half angle of the cone, tangent to the ball [rad]
+    cone_angle: Angle = declare_default("8 deg", "0.5 deg")
     shank_radius: PositiveLength  # at the end of the cone [m]
     material: MaterialField = declare_default("1.4301")
     # of the vibration energy on the steps of the set, where the ball's tolerance shall follow from
@@ -77,9 +76,8 @@ class Tip(Turned, HeldPart):
     def outline(self) -> Outline:
         """Half section of ball and cone up to the axis; the contact point is the origin."""
         R, half = self.ball_radius.nominal, self.cone_angle.nominal
-        middle = 0.5 * (
-            0.5 * math.pi - half
-        )  # polar angle from the contact point to halfway up the ball
+        # polar angle from the contact point to halfway up the ball
+        middle = 0.5 * (0.5 * math.pi - half)
         bow = R * math.sin(middle), R * (1.0 - math.cos(middle))
         return [
             (0.0, 0.0),

@@ -33,10 +33,11 @@ _GIVEN_OTHERWISE = {
     "tip": "tips as tip_radius",
     "sheath": "what a sheath makes of the probe as stiffness",
 }
+# ways of a drag over a margin; a plan holds their places
 DIRECTIONS = (
     "tooth-to-crown",
     "crown-to-tooth",
-)  # ways of a drag over a margin; a plan holds their places
+)
 _SQUARE = math.inf  # stands for "as the gap": the end of the crown is square
 
 # each parameter's dimension, and its value where a sweep does not name it (None: it must)
@@ -85,9 +86,8 @@ class SweepPlan:
     ranges: dict[str, list[float]]  # by name: low and high of a random design [SI]
     spreads: dict[str, float]  # by name: standard uncertainty of a draw [SI]
     shares: dict[str, float]  # by name: standard uncertainty of a draw as a share of the value [1]
-    stimuli: list[
-        Document
-    ]  # of a set that the sweep goes over, see `axes.stimuli_of`; empty without a set
+    # of a set that the sweep goes over, see `axes.stimuli_of`; empty without a set
+    stimuli: list[Document]
     limits: dict[str, float]  # tangential forces beyond which a tip does not slip, by name [N]
     laws: dict[str, Document]  # as declared, by kind
 
@@ -110,11 +110,12 @@ class SweepPlan:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
+# defaults first
 _CHOICES = {
     "kind": ("grid", "random"),
     "mode": ("static", "drag"),
     "surface": ("step", "margin"),
-}  # defaults first
+}
 _HEAD = (*_CHOICES, "set", "rows", "seed", "rows_per_partition")
 
 

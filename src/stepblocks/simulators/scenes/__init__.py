@@ -11,6 +11,5 @@ from stepblocks.simulators.scenes.usd import USD
 from stepblocks.simulators.scenes.x3d import X3D
 
 _ALL = (MUJOCO, CHAI3D, SOFA, USD, GLTF, X3D, FORCELAW, NATIVE)
-SCENE_FORMATS: dict[str, SceneFormat] = {
-    form.name: form for form in _ALL
-}  # by name, in the order of the help text
+# by name, in the order of the help text
+SCENE_FORMATS: dict[str, SceneFormat] = {form.name: form for form in _ALL}

@@ -16,9 +16,8 @@ def _write(folder: Path, scene: Scene) -> None:
         mesh = Mesh(piece.name, piece.vertices * (_CM / _OBJ_UNITS), piece.triangles)
         write_obj(folder / f"{piece.name}.obj", mesh)
     z = scene.path.z / scene.scale
-    smallest = (
-        abs(float(z[-1] - z[0])) or abs(float(z.min() - z[0])) or scene.point.ball_radius
-    )  # to be felt [m]
+    # to be felt [m]
+    smallest = abs(float(z[-1] - z[0])) or abs(float(z.min() - z[0])) or scene.point.ball_radius
     write_from_template(folder / "scene.scn", scene=scene, alarm=0.1 * scene.scale * _CM * smallest)
 
 

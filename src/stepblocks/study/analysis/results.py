@@ -25,12 +25,13 @@ from stepblocks.tables import format_csv
 _CURVE = "psychometric function"
 FIGURES = ("estimate", "low_95", "high_95", "statistic", "df", "df_error", "p")
 COLUMNS = ("measure", "analysis", "quantity", "unit", *FIGURES)
+# columns of the judgements that are lengths [m]
 _IN_UM = (
     "height",
     "estimate",
     "error",
     "standard",
-)  # columns of the judgements that are lengths [m]
+)
 
 Row = Mapping[str, str | float]
 Ends = tuple[float, ...]  # estimate, low, high
