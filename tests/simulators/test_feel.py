@@ -6,6 +6,7 @@ import html
 import json
 import math
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -327,6 +328,68 @@ def test_what_the_user_did_is_saved_as_compare_reads_it(browser, tmp_path):
         tmp_path / "record.csv", ROOT / "stimuli" / "paper-ten.toml" / "step-050"
     )
     assert found.set_index("part")["difference_jnd"]["score"] < 1.0
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(
+    "change",
+    [
+        "$('block').value = 7; choose('block')",
+        "$('load').value = 0.9; $('load').dispatchEvent(new Event('input'))",
+        "$('tip').value = 60; $('tip').dispatchEvent(new Event('change'))",
+        "$('ring').click()",
+        "Math.random = () => 0; $('blind').click()",  # the pair is step-010 and step-020
+    ],
+)
+def test_a_record_is_of_one_stimulus_under_one_condition(browser, page, change):
+    """Whatever else is changed ends the record, which keeps the name and condition it began with.
+
+    Blind mode drew its pair first, so that the saved file bore the name of the block A.
+    """
+    browser.execute_script("$('block').value = 4; choose('block'); startRecord();")
+    browser.execute_script("record.push([0, 0, 0, 0, 0])")
+    saved, going, command = browser.execute_script(
+        "let saved; const click = HTMLAnchorElement.prototype.click;"
+        "HTMLAnchorElement.prototype.click = function () { saved = this.download; };"
+        f"{change}; HTMLAnchorElement.prototype.click = click;"
+        "return [saved, record, $('compare').textContent]"
+    )
+    browser.get(page.as_uri())
+    assert (saved, going) == ("feel-step-050.csv", None)
+    assert shlex.split(command)[3:] == [
+        *("--to", f"{ROOT / 'stimuli' / 'paper-ten.toml'}/step-050"),
+        *("--load", "0.3 N", "--friction", "0.15", "--tip-radius", "125 um"),
+    ]
+
+
+PAD = """
+window.pulses = [];
+const playEffect = async (kind, how) => pulses.push([kind, how.duration, how.weakMagnitude]);
+const pad = { axes: [1, 0], buttons: [{ pressed: false }], vibrationActuator: { playEffect } };
+navigator.getGamepads = () => [null, pad];
+$('block').value = 4; choose('block');
+"""
+
+
+@pytest.mark.browser
+def test_the_stick_of_a_gamepad_drags_and_the_release_shakes_it(browser, page):
+    """A stub of the Gamepad API, for Chromium without hardware has none."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    browser.execute_script(PAD)
+    WebDriverWait(browser, 30).until(lambda window: window.execute_script("return pulses.length"))
+    seen = browser.execute_script(
+        "return [pulses, probe.events, place, tool.decay, probe.released]"
+    )
+    pulses, events, place, decay, released = seen
+    browser.get(page.as_uri())
+    assert (len(pulses), events) == (1, 1)
+    assert place > 0.0
+    # three decay times, 5 N for the whole strength
+    assert pulses[0] == ["dual-rumble", math.ceil(3e3 * decay), pytest.approx(released / 5.0)]
+    assert released == pytest.approx(
+        0.3 * math.tan(math.acos(1 - 50 / 125) + math.atan(0.15)), rel=5e-3
+    )
 
 
 @pytest.mark.parametrize("width", [390, 1400])

@@ -7,7 +7,7 @@ const $ = id => document.getElementById(id);
 const history = new Float64Array(RATE / 2);
 
 let probe, stimulus, tool, path, hand, wanted, place = -0.5, side = "block", grabbed = false, last = null, audio = null, heard = 0;
-let since = -1, kept = null, answer = null, right = 0, asked = 0, record = null, recorded = null, paths = new Map();
+let since = -1, kept = null, answer = null, right = 0, asked = 0, record = null, recorded = null, named = null, paths = new Map();
 
 const micro = metres => +(metres * 1e6).toPrecision(7);
 const short = value => +value.toPrecision(4);
@@ -72,6 +72,7 @@ function restart() {
   retune();
 }
 function retune() {
+  if (record) stopRecord(); // one record, one stimulus under one condition
   tool = probe.tool = readTool();
   $("load-text").textContent = `${short(tool.load)} N`;
   $("friction-text").textContent = short(tool.friction);
@@ -93,7 +94,6 @@ function blind() {
     answer = pair;
     $("blind").checked = Boolean(pair);
   }
-  if (record) stopRecord();
   for (const id of ["block", "other", "variant", "tip", "load", "friction", "record", "ring"]) $(id).disabled = Boolean(answer);
   $("ask").hidden = !answer;
   $("pictures").hidden = Boolean(answer);
@@ -243,7 +243,13 @@ function plot() {
 function energy(force) { const E = releaseEnergy(force, tool); return E < 1e-3 ? `${(E * 1e6).toPrecision(3)} µJ` : `${(E * 1e3).toPrecision(3)} mJ`; }
 
 // What the user does, tick by tick, as CSV that `stepblocks compare` reads.
-function startRecord() { record = []; recorded = null; $("record").textContent = "stop and save"; }
+function startRecord() {
+  const file = `feel-${stimulus.name}.csv`, at = `--load "${tool.load} N" --friction ${tool.friction} --tip-radius "${micro(radius())} um"`;
+  named = { file, command: `stepblocks compare ${file} --to "${stimulus.file}/${stimulus.name}" ${at}` };
+  record = [];
+  recorded = null;
+  $("record").textContent = "stop and save";
+}
 function stopRecord() {
   recorded = record;
   record = null;
@@ -252,11 +258,10 @@ function stopRecord() {
   const rows = recorded.map((row, i) => [(i / RATE).toFixed(4), ...row.map(value => +value.toPrecision(9))].join(","));
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob(["time_s,hand_m,tip_m,force_n,ring_n,releases\n" + rows.join("\n") + "\n"], { type: "text/csv" }));
-  link.download = `feel-${stimulus.name}.csv`;
+  link.download = named.file;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-  const at = `--load "${tool.load} N" --friction ${tool.friction} --tip-radius "${micro(radius())} um"`;
-  $("compare").textContent = `stepblocks compare ${link.download} --to ${stimulus.file}/${stimulus.name} ${at}`;
+  $("compare").textContent = named.command;
 }
 
 const WHY = { locked: "self-locked here: no pull lifts the probe over this edge", "too-high": "the ball meets the wall: no pull lifts it", "no-catch": "nothing catches in this direction" };
