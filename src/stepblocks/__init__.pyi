@@ -5,7 +5,6 @@ from .artefacts.laboratory import read_laboratory as read_laboratory
 from .artefacts.model_file import read_model as read_model
 from .artefacts.scans.read import list_channels as list_channels, read_scan as read_scan
 from .artefacts.step.check_step import check_step as check_step
-from .artefacts.verdict import Verdict as Verdict
 from .bench.measure import measure_session as measure_session
 from .bench.rehearse.run import simulate_session as simulate_session
 from .build.run import (
@@ -62,6 +61,7 @@ from .parts.shapes import (
     mesh_solid as mesh_solid,
 )
 from .parts.tolerance import Dimension as Dimension
+from .parts.verdict import Verdict as Verdict
 from .predict.dataset import (
     plot_predictions as plot_predictions,
     to_dataset as to_dataset,

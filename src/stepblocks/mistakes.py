@@ -1,4 +1,4 @@
-"""Everything that is wrong with a file that people write, told at once."""
+"""Everything that is wrong with a file that people write, listed at once."""
 
 import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -83,34 +83,20 @@ def list_mistakes(
 
     What depends on an unknown name is checked as if the name were right.
     """
-    found: dict[Location, ErrorDetails] = {}
-    for again in (True, False):
-        new = {
-            (*one["loc"], one["type"], one["msg"]): one for one in error.errors(include_url=False)
-        }
-        found = {
-            key: one for key, one in found.items() if one["type"] == "extra_forbidden" or key in new
-        }
-        found.update(new)
-        unknown = [one for one in new.values() if one["type"] == "extra_forbidden"]
-        if not (again and unknown):
-            break
-        data = _correct_names(data, model, unknown)
+    found = error.errors(include_url=False)
+    unknown = [one for one in found if one["type"] == "extra_forbidden"]
+    if unknown:
         try:
-            (validate or model.model_validate)(data)
-            found = {key: one for key, one in found.items() if one["type"] == "extra_forbidden"}
-            break
+            (validate or model.model_validate)(_correct_names(data, model, unknown))
+            found = unknown
         except ValidationError as other:
-            error = other
-    # that too few are left is no mistake of its own where those that fell out are told
-    deeper = {one["loc"][:end] for one in found.values() for end in range(len(one["loc"]))}
-    found = {
-        key: one
-        for key, one in found.items()
-        if one["type"] != "too_short" or one["loc"] not in deeper
-    }
+            found = unknown + [one for one in other.errors(include_url=False) if one not in unknown]
+    # that too few are left is no mistake of its own where those that fell out are listed
+    deeper = {one["loc"][:end] for one in found for end in range(len(one["loc"]))}
     mistakes = []
-    for one in sorted(found.values(), key=lambda one: one["type"] != "extra_forbidden"):
+    for one in sorted(found, key=lambda one: one["type"] != "extra_forbidden"):
+        if one["type"] == "too_short" and one["loc"] in deeper:
+            continue
         place, rest = locate(one["loc"])
         hint = ""
         if one["type"] == "extra_forbidden":

@@ -1,12 +1,42 @@
-"""End every process with the one that started it, also when that is killed."""
+"""Work in several processes; each ends with the one that started it, also when that is killed."""
 
 import os
 import signal
 import threading
+from collections.abc import Callable, Generator, Iterable
 from contextlib import suppress
-from pathlib import Path
+from typing import Any, TypeVar
+
+from stepblocks.errors import PipelineError
+
+R = TypeVar("R")
 
 _PARENT_DIED = 1  # PR_SET_PDEATHSIG of prctl(2)
+
+
+def run_in_processes(
+    function: Callable[..., R],
+    calls: Iterable[tuple[Any, ...]],
+    jobs: int,
+    *,
+    in_order: bool = True,
+) -> Generator[R]:
+    """Call a function with each tuple of arguments in so many processes; yield the results.
+
+    The workers load no main module: a script or a notebook needs no guard.
+    """
+    from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    order = "generator" if in_order else "generator_unordered"
+    parallel = Parallel(n_jobs=jobs, return_as=order, initializer=die_with_parent)
+    try:
+        yield from parallel(delayed(function)(*call) for call in calls)
+    except TerminatedWorkerError as error:
+        raise PipelineError(
+            "a worker process died: it was ended from outside, ran out of memory, or found no "
+            "OpenGL (libGL, libEGL); run it again, and it goes on"
+        ) from error
 
 
 def die_with_parent() -> None:
@@ -34,15 +64,9 @@ def _end_with_parent(sentinel: int) -> None:
 
 def kill_workers() -> None:
     """Kill every process below this one; trackers of shared memory end by themselves."""
-    for number in _list_children(os.getpid()):
-        with suppress(OSError):
-            if b"resource_tracker" not in Path(f"/proc/{number}/cmdline").read_bytes():
-                os.kill(number, signal.SIGKILL)
+    import psutil
 
-
-def _list_children(process: int) -> list[int]:
-    found: list[int] = []
-    for tasks in Path(f"/proc/{process}/task").glob("*/children"):
-        with suppress(OSError):
-            found += map(int, tasks.read_text().split())
-    return [deeper for child in found for deeper in (*_list_children(child), child)]
+    for child in psutil.Process().children(recursive=True):
+        with suppress(psutil.Error):  # it has ended meanwhile
+            if "resource_tracker" not in " ".join(child.cmdline()):
+                child.kill()

@@ -20,11 +20,11 @@ from stepblocks.artefacts.heightfield import (
 from stepblocks.artefacts.meshes.measures import MeshMeasures, fit_sphere_radius
 from stepblocks.artefacts.meshes.read import read_mesh, read_pieces
 from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
-from stepblocks.artefacts.verdict import Verdict
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError, MetrologyError
 from stepblocks.parts.shapes import Mesh, compute_enclosed_volume, require_manifold
 from stepblocks.parts.tolerance import Dimension
+from stepblocks.parts.verdict import Verdict
 
 ROOT = Path(__file__).resolve().parents[2]
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
@@ -257,27 +257,27 @@ def test_a_small_mesh_file_that_unpacks_without_end_is_one_line_and_no_memory(
     ("verdict", "passed", "text"),
     [
         (
-            Verdict("a.stl", "step height", 10e-6, 10.0005e-6, 1e-9),
+            Verdict("step height", 10e-6, 10.0005e-6, 1e-9, artefact="a.stl"),
             True,
             "ok   a.stl: step height +0.500 nm off 10 um (limit 1 nm)",
         ),
         (
-            Verdict("a.stl", "step height", 10e-6, 9.998e-6, 1e-9),
+            Verdict("step height", 10e-6, 9.998e-6, 1e-9, artefact="a.stl"),
             False,
             "FAIL a.stl: step height -2.000 nm off 10 um (limit 1 nm)",
         ),
         (
-            Verdict("a.stl", "volume", 2e-9, 2e-9 * (1.0 + 5e-7), 1e-6, "volume", relative=True),
+            Verdict("volume", 2e-9, 2e-9 * (1.0 + 5e-7), 1e-6, "volume", True, "a.stl"),
             True,
             "ok   a.stl: volume +5.0e-07 relative (limit 1e-06)",
         ),
         (
-            Verdict("a.stl", "open edges", 0.0, 3.0, 0.0, "count"),
+            Verdict("open edges", 0.0, 3.0, 0.0, "count", artefact="a.stl"),
             False,
             "FAIL a.stl: open edges 3, 0 expected",
         ),
         (
-            Verdict("a.stl", "cannot be read", 1.0, 0.0, 0.0, "file"),
+            Verdict("cannot be read", 1.0, 0.0, 0.0, "file", artefact="a.stl"),
             False,
             "FAIL a.stl: cannot be read",
         ),
@@ -289,10 +289,10 @@ def test_a_verdict_reads_as_one_line(verdict, passed, text):
 
 
 def test_what_could_not_be_measured_has_failed_and_stays_valid_json():
-    lost = Verdict("a.stl", "step height", 10e-6, math.nan, 1e-9)
+    lost = Verdict("step height", 10e-6, math.nan, 1e-9, artefact="a.stl")
     assert not lost.passed
     assert json.loads(json.dumps(lost.as_record(), allow_nan=False))["measured_m"] is None
-    assert Verdict("a", "mass", 1.0, 1.0, 0.1, "mass", relative=True).as_record().keys() >= {
+    assert Verdict("mass", 1.0, 1.0, 0.1, "mass", relative=True).as_record().keys() >= {
         "nominal_kg",
         "limit_relative",
     }
@@ -351,4 +351,4 @@ def test_no_shift_helps_where_corners_lie_closer_than_the_samples():
 
 
 def test_a_dimension_is_not_needed_to_state_a_verdict():
-    assert Verdict("x", "length", Dimension(1e-3, 0.0, 0.0).nominal, 1e-3, 0.0).passed
+    assert Verdict("length", Dimension(1e-3, 0.0, 0.0).nominal, 1e-3, 0.0).passed

@@ -144,8 +144,8 @@ def test_tolerances_stand_in_the_file_with_both_signs(tmp_path):
     dimension = PmiDimension(
         "distance", (PmiItem(0, low), PmiItem(0, high)), 1e-3, -3e-6, 7e-6, seen
     )
-    flat = PmiTolerance("flatness", 0, high, 0.4e-6)
-    parallel = PmiTolerance("parallelism", 0, high, 0.9e-6, ("A", low))
+    flat = PmiTolerance("flatness", PmiItem(0, high), 0.4e-6)
+    parallel = PmiTolerance("parallelism", PmiItem(0, high), 0.9e-6, ("A", PmiItem(0, low)))
     write_step_with_tolerances(
         path, [("box", body)], [dimension], [flat, parallel], ("brass", 8470.0)
     )

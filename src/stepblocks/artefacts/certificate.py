@@ -72,7 +72,7 @@ def _collect_content(
     date = order.date or _PINNED
     return {
         "identity": part.id.upper(),
-        "title": part.drawing_title,
+        "title": part.kind_name.capitalize(),
         "material": part.material.designation,
         "rule": RULE,
         "verdict": record["verdict"],

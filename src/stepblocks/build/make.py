@@ -4,7 +4,6 @@ import json
 import os
 import time
 from collections.abc import Generator, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -18,10 +17,9 @@ from stepblocks.build.manifest import (
     load_json,
     write_sealed,
 )
-from stepblocks.errors import PipelineError
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
-from stepblocks.workers import die_with_parent
+from stepblocks.workers import run_in_processes
 
 # set, stimulus, hash of its inputs, and the order that its STEP file states
 Wanted: TypeAlias = tuple[str, Part, str, OrderSpec]
@@ -36,28 +34,10 @@ class Made:
 
 
 def make_all(wanted: Sequence[Wanted], output: Path, jobs: int | None) -> Generator[Made]:
-    """Make stimuli in as many processes as there are cores; yield each when it is ready."""
-    workers = min(jobs or os.cpu_count() or 1, len(wanted))
-    if workers <= 1:
-        for one in wanted:
-            yield make_stimulus(output, *one)
-        return
-    # these workers load no main module, which then needs no guard, and are replaced where the
-    # kernel's memory creeps
-    from joblib.externals.loky import ProcessPoolExecutor, as_completed
-
-    with ProcessPoolExecutor(workers, initializer=die_with_parent) as pool:
-        try:
-            tasks = [pool.submit(make_stimulus, output, *one) for one in wanted]
-            yield from (future.result() for future in as_completed(tasks))
-        except BrokenProcessPool as error:
-            raise PipelineError(
-                "a worker process died: it ran out of memory, or the renderer found no OpenGL "
-                "(libGL, libEGL)"
-            ) from error
-        except BaseException:
-            pool.shutdown(wait=True, kill_workers=True)  # they hold drafts as long as they live
-            raise
+    """Make stimuli in as many processes as there are cores; give each when it is ready."""
+    workers = min(jobs or os.cpu_count() or 1, max(len(wanted), 1))
+    calls = ((output, *one) for one in wanted)
+    return run_in_processes(make_stimulus, calls, workers, in_order=False)
 
 
 def list_checkable_files(stimulus: Part, folder: Path) -> list[Path]:

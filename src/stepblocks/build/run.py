@@ -38,10 +38,10 @@ from stepblocks.text_file import is_file
 
 if TYPE_CHECKING:
     from stepblocks.artefacts.model_file import LearnedModel
-    from stepblocks.artefacts.verdict import Verdict
     from stepblocks.build.make import Made, Wanted
     from stepblocks.parts.kind import Part
     from stepblocks.parts.set import StimulusSet
+    from stepblocks.parts.verdict import Verdict
 
     Source: TypeAlias = str | Path | StimulusSet
 
@@ -323,7 +323,7 @@ def _check_table(stimuli: "StimulusSet", folder: Path, name: str) -> "Verdict":
     # Compare the table of predictions line by line with a new prediction. Figures may differ by one
     # in their last digit, which a last bit can turn on another processor. With a learned model
     # the table must have the hash of the manifest.
-    from stepblocks.artefacts.verdict import Verdict
+    from stepblocks.parts.verdict import Verdict
     from stepblocks.predict.predictions import (
         agree_to_last_digit,
         format_predictions_csv,
@@ -333,11 +333,13 @@ def _check_table(stimuli: "StimulusSet", folder: Path, name: str) -> "Verdict":
     manifest, path = load_json(folder / MANIFEST), folder / name
     if "--model" in manifest.get("inputs", {}):
         wrong = int(hash_file(path) != list_outputs(manifest).get(name))
-        return Verdict(path.name, "bytes as the manifest says", 0.0, wrong, 0.0, "count")
+        quantity = "bytes as the manifest says"
+        return Verdict(quantity, 0.0, wrong, 0.0, "count", artefact=path.name)
     found = path.read_text(encoding="utf-8", errors="replace") if is_file(path) else ""
     wanted = format_predictions_csv(predict_all(stimuli))
     lines = zip_longest(*(csv.reader(text.splitlines()) for text in (wanted, found)), fillvalue=())
     wrong = sum(
         not all(starmap(agree_to_last_digit, zip_longest(*pair, fillvalue=""))) for pair in lines
     )
-    return Verdict(path.name, "lines that differ from the prediction", 0.0, wrong, 0.0, "count")
+    quantity = "lines that differ from the prediction"
+    return Verdict(quantity, 0.0, wrong, 0.0, "count", artefact=path.name)

@@ -93,10 +93,9 @@ class PmiTolerance:
     """A geometric tolerance."""
 
     kind: Literal["flatness", "parallelism"]
-    body: int  # index of the solid
-    face: int  # index of the toleranced face
-    zone: float  # width of the zone [m]
-    datum: tuple[str, int] | None = None  # letter and face of the datum
+    face: PmiItem
+    zone: float  # its width [m]
+    datum: tuple[str, PmiItem] | None = None  # letter and face of the datum
     callout: Callout | None = None
 
 
@@ -205,9 +204,7 @@ class _Document:
         content.SetValue(tolerance.zone * _MM)
         _set_presentation(content, tolerance.callout)
         _find_attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
-        self._tolerances.SetGeomTolerance(
-            self._item(PmiItem(tolerance.body, tolerance.face)), label
-        )
+        self._tolerances.SetGeomTolerance(self._item(tolerance.face), label)
         if tolerance.datum is None:
             return
         letter, face = tolerance.datum
@@ -217,7 +214,7 @@ class _Document:
         named.SetPosition(1)
         _find_attribute(datum, XCAFDoc_Datum).SetObject(named)
         faces = TDF_LabelSequence()
-        faces.Append(self._item(PmiItem(tolerance.body, face)))
+        faces.Append(self._item(face))
         self._tolerances.SetDatum(faces, datum)
         self._tolerances.SetDatumToGeomTol(datum, label)
 

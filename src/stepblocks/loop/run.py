@@ -42,6 +42,7 @@ from stepblocks.loop.session_table import (
     find_regime_hints,
     scan_blocks,
 )
+from stepblocks.workers import run_in_processes
 
 _WITHIN, _BETWEEN = 3, 4  # folds
 _FEWEST = 12  # trials that a fold must leave
@@ -172,10 +173,6 @@ def _explain_and_hold_out(
 ) -> tuple[Explanation, tuple[Holdout, Holdout]]:
     # Explain all trials, and hold out trials within blocks and whole blocks. Every fold chooses its
     # own effects.
-    from joblib import Parallel, delayed
-
-    from stepblocks.workers import die_with_parent
-
     model, trials = table.model, table.trials
     inside = split_within_blocks(trials, _WITHIN, rules.seed)
     outside = split_by_block(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else []
@@ -187,9 +184,7 @@ def _explain_and_hold_out(
     one_fold = partial(
         select_without, model, found.problem.trials, candidates=model.candidates, rules=rules
     )
-    # its workers load no main module: a script or a notebook needs no guard
-    parallel = Parallel(n_jobs=jobs, initializer=die_with_parent)
-    selected = list(parallel(delayed(one_fold)(rows) for rows in (*inside, *outside)))
+    selected = list(run_in_processes(one_fold, ((rows,) for rows in (*inside, *outside)), jobs))
     found = check_claims(found, selected, model.cells(trials))
     found, (within, between) = deliver(add_heights(found, table), (inside, outside))
     holdouts = (

@@ -199,22 +199,22 @@ class Material(Table):
 
 # Materials that stimulus files may name, with their densities [kg/m^3]
 MATERIALS = {
-    name: Material(name=name, designation=said, density=Sourced(density, "density", source))
-    for name, said, density, source in (
-        ("steel", "X90CrMoV18 (1.4112), hardened", 7700.0, "EN 10088-1:2014, table E.2"),
-        ("aluminium", "EN AW-6082 T6", 2700.0, "EN 573-3 data sheet, nominal"),
-        ("brass", "CuZn39Pb3 (CW614N)", 8470.0, "DIN EN 12164 data sheet, nominal"),
-        ("pmma", "PMMA, cast", 1190.0, "ISO 7823-1 data sheets, nominal"),
-        ("zirconia", "3Y-TZP zirconia", 6050.0, "ISO 13356, minimum 6.00 g/cm3, nominal"),
+    key: Material(name=name, designation=text, density=Sourced(density, "density", source))
+    for key, name, text, density, source in (
+        ("steel", "steel", "X90CrMoV18 (1.4112), hardened", 7700.0, "EN 10088-1:2014, table E.2"),
+        ("aluminium", "aluminium", "EN AW-6082 T6", 2700.0, "EN 573-3 data sheet, nominal"),
+        ("brass", "brass", "CuZn39Pb3 (CW614N)", 8470.0, "DIN EN 12164 data sheet, nominal"),
+        ("pmma", "pmma", "PMMA, cast", 1190.0, "ISO 7823-1 data sheets, nominal"),
+        (
+            "zirconia",
+            "zirconia",
+            "3Y-TZP zirconia",
+            6050.0,
+            "ISO 13356, minimum 6.00 g/cm3, nominal",
+        ),
+        ("1.4301", "stainless", "X5CrNi18-10 (1.4301)", 7900.0, "EN 10088-1:2014, table E.3"),
     )
 }
-
-
-MATERIALS["1.4301"] = Material(
-    name="stainless",
-    designation="X5CrNi18-10 (1.4301)",
-    density=Sourced(7900.0, "density", "EN 10088-1:2014, table E.3"),
-)
 # grades whose density is known where free text names them, with its source [kg/m^3]
 _GRADES = (
     (r"440[ABC]\b|1\.4112|1\.4125|1\.4034|X46Cr13|X90CrMoV18|X105CrMo17", 7700.0, "E.2"),

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from html import escape
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from stepblocks import cad
 from stepblocks.contact.counterface import Counterface, Step
@@ -16,22 +16,12 @@ from stepblocks.errors import ContactError
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, complete_face_demands
 from stepblocks.parts.tolerance import Dimension
+from stepblocks.parts.verdict import Verdict as Verdict
 
 CONTACT_DEFLECTION = 0.1e-6  # chordal error of a mesh where the probe touches [m]
 FITTING_DEFLECTION = 3e-6  # where parts fit one another
 COARSE_DEFLECTION = 10e-6  # elsewhere
 NANOMETRE = 1e-9  # limit of what is felt: step height, gap, discrepancies [m]
-
-
-class Finding(NamedTuple):
-    """What was measured on a mesh."""
-
-    quantity: str
-    nominal: float  # in SI
-    measured: float
-    limit: float  # largest permitted difference; relative to the nominal where `relative`
-    dimension: str = "length"
-    relative: bool = False
 
 
 Manifold: TypeAlias = Any  # a solid of manifold3d [mm]
@@ -46,8 +36,7 @@ class Part(Table, ABC):
     # name of its tables in a stimulus file, and its key wherever kinds are told apart
     stanza: ClassVar[str]
     kind_name: ClassVar[str]  # what people call it
-    drawing_title: ClassVar[str]  # what its drawing is called
-    felt_by: ClassVar[
+    counterface_fields: ClassVar[
         dict[str, str]
     ] = {}  # fields on which the counterface depends, by its names for them
     governing_field: ClassVar[str]  # field whose tolerance band sets the usual demands on its faces
@@ -77,7 +66,7 @@ class Part(Table, ABC):
     @property
     def sizes(self) -> dict[str, Dimension]:
         """Dimensions on which the counterface depends; those that are left out are missing."""
-        named = {name: getattr(self, field) for name, field in self.felt_by.items()}
+        named = {name: getattr(self, field) for name, field in self.counterface_fields.items()}
         return {name: one for name, one in named.items() if one is not None}
 
     @abstractmethod
@@ -154,7 +143,7 @@ class Part(Table, ABC):
         """List what a workshop must hold, in the order of the inspection sheet."""
 
     @abstractmethod
-    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         """Measure a mesh of one of its solids against what was declared."""
 
     @property

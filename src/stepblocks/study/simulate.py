@@ -14,6 +14,7 @@ from stepblocks.study.analysis.anova import run_f_test
 from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.psychometric import Z75
+from stepblocks.workers import run_in_processes
 
 
 @dataclass(frozen=True)
@@ -261,10 +262,6 @@ def estimate_power(
 
     `analysis` is one of `ANALYSES`.
     """
-    from joblib import Parallel, delayed
-
-    from stepblocks.workers import die_with_parent
-
     require(
         analysis in ANALYSES, f"analysis must be one of {', '.join(ANALYSES)}, got {analysis!r}"
     )
@@ -277,7 +274,5 @@ def estimate_power(
         int(child.generate_state(1, np.uint64)[0])
         for child in np.random.SeedSequence(seed).spawn(runs)
     ]
-    found = Parallel(n_jobs=jobs, initializer=die_with_parent)(
-        delayed(compute_p_value)(plan, analysis, one) for one in seeds
-    )
+    found = run_in_processes(compute_p_value, ((plan, analysis, one) for one in seeds), jobs)
     return _estimate_power(sum(p < 0.05 for p in found), runs)

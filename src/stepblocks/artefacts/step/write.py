@@ -76,10 +76,8 @@ def write_step_ap242(
         seen = Callout(text.replace("±", "+-"), lines)  # Part 21 holds ASCII
         if one.kind in ("flatness", "parallelism"):
             letter = "A" if one.key == "parallelism" else "B"
-            datum = (letter, items[1].face) if one.kind == "parallelism" else None
-            tolerances.append(
-                PmiTolerance(one.kind, one.body, items[0].face, one.upper, datum, seen)
-            )
+            datum = (letter, items[1]) if one.kind == "parallelism" else None
+            tolerances.append(PmiTolerance(one.kind, items[0], one.upper, datum, seen))
         else:
             dimension = PmiDimension(
                 _choose_pmi_kind(one), items, one.nominal, one.lower, one.upper, seen

@@ -26,9 +26,9 @@ from stepblocks.parts.kind import (
     CONTACT_DEFLECTION,
     FITTING_DEFLECTION,
     NANOMETRE,
-    Finding,
     Manifold,
     MeasuredMesh,
+    Verdict,
 )
 from stepblocks.parts.kinds.margin import CrownMargin
 from stepblocks.parts.revolution import (
@@ -108,7 +108,6 @@ class CrownOnTooth(CrownMargin, Turned):
 
     stanza: ClassVar[str] = "crown_on_tooth"
     kind_name: ClassVar[str] = "crown on tooth"
-    drawing_title: ClassVar[str] = "Crown on tooth"
     governing_field: ClassVar[str] = "marginal_gap"
     axes: ClassVar[str] = (
         "the crown lies on its side: x along the path of draw from tooth to crown, y around, z "
@@ -362,16 +361,16 @@ class CrownOnTooth(CrownMargin, Turned):
             )
         return make_characteristic(key, "note", v, method=_SEATED)
 
-    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         radii, heights = mesh.radii, mesh.vertices[:, 2]
         if body == 0:
-            yield Finding(
+            yield Verdict(
                 "radius at the finish line",
                 self.margin_radius.nominal,
                 float(radii[abs(heights) < 1e-9].max()),
                 2.0 * NANOMETRE,
             )
-            yield Finding(
+            yield Verdict(
                 "preparation height",
                 self.preparation_height.nominal,
                 float(heights.max()),
@@ -381,10 +380,10 @@ class CrownOnTooth(CrownMargin, Turned):
         # the margin is the foot of the outer surface; a bevel goes on below it, inwards
         outside = radii > radii.max() - 10.0 * NANOMETRE
         foot = heights[outside].min()
-        yield Finding(
+        yield Verdict(
             "vertical discrepancy of the margin", self.opening.nominal, float(foot), NANOMETRE
         )
-        yield Finding(
+        yield Verdict(
             "outer radius of the crown's margin",
             self.outer_radius,
             float(radii[outside & (heights < foot + 1e-9)].max()),

@@ -41,10 +41,10 @@ from stepblocks.parts.declared import (
 )
 from stepblocks.parts.kind import (
     NANOMETRE,
-    Finding,
     Manifold,
     MeasuredMesh,
     Part,
+    Verdict,
     choose_exaggeration,
 )
 from stepblocks.parts.shapes import make_hull, split_solid
@@ -63,7 +63,7 @@ class CrownMargin(Part):
     The cavosurface angle of the tooth is the origin.
     """
 
-    felt_by: ClassVar = {
+    counterface_fields: ClassVar = {
         "gap": "marginal_gap",
         "rise": "horizontal_discrepancy",
         "opening": "vertical_discrepancy",
@@ -127,11 +127,11 @@ class CrownMargin(Part):
                 f"vertical_discrepancy is negative, got {got}"
             )
 
-    def measure_gap(self, mesh: MeasuredMesh, length: Dimension) -> Finding:
+    def measure_gap(self, mesh: MeasuredMesh, length: Dimension) -> Verdict:
         """Measure the marginal gap on the mesh of a body of this length."""
         reach = 0.25 * length.nominal
         gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
-        return Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+        return Verdict("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
 
     def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
@@ -175,7 +175,6 @@ class MarginBlock(CrownMargin, Block):
 
     stanza: ClassVar[str] = "margin_block"
     kind_name: ClassVar[str] = "margin block"
-    drawing_title: ClassVar[str] = "Margin block"
     governing_field: ClassVar[str] = "horizontal_discrepancy"
 
     marginal_gap: PositiveLength = declare_default(otherwise="2 um")
@@ -322,12 +321,12 @@ class MarginBlock(CrownMargin, Block):
         elif self.vertical_discrepancy is not None:
             yield make_characteristic(key, "note", v, method=ACROSS)
 
-    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         yield self.measure_gap(mesh, self.body.length)
         crown = mesh.level_beside(self.opening.nominal, +1)
         tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)
-        yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
-        yield Finding(
+        yield Verdict("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
+        yield Verdict(
             "vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE
         )
 

@@ -24,7 +24,7 @@ from stepblocks.parts.declared import (
     declare_default,
     make_rules_validator,
 )
-from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh
+from stepblocks.parts.kind import NANOMETRE, Manifold, MeasuredMesh, Verdict
 from stepblocks.parts.kinds.margin import ACROSS, CrownMargin
 from stepblocks.parts.shapes import Mesh, make_hull
 from stepblocks.parts.tolerance import PositiveLength
@@ -108,7 +108,6 @@ class ScannedMargin(CrownMargin):
 
     stanza: ClassVar[str] = "scanned_margin"
     kind_name: ClassVar[str] = "scanned margin"
-    drawing_title: ClassVar[str] = "Margin of a scan"
     governing_field: ClassVar[str] = "horizontal_discrepancy"
 
     mesh: str
@@ -228,11 +227,11 @@ class ScannedMargin(CrownMargin):
                 name, "distance", one, describe_plane(axis, -half), describe_plane(axis, half)
             )
 
-    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         yield self.measure_gap(mesh, self.length)
         corner = abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
         top = float(mesh.vertices[corner, 2].max())
-        yield Finding("margin of the crown", self.horizontal_discrepancy.nominal, top, NANOMETRE)
+        yield Verdict("margin of the crown", self.horizontal_discrepancy.nominal, top, NANOMETRE)
 
     def derived(self) -> list[list[str]]:
         scan = self.station

@@ -23,7 +23,7 @@ from stepblocks.parts.declared import (
     make_rules_validator,
     make_sourced_validator,
 )
-from stepblocks.parts.kind import FITTING_DEFLECTION, Finding, HeldPart, Manifold, MeasuredMesh
+from stepblocks.parts.kind import FITTING_DEFLECTION, HeldPart, Manifold, MeasuredMesh, Verdict
 from stepblocks.parts.revolution import Outline, Point, Turned, make_sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
 from stepblocks.quantities import format_quantity
@@ -72,7 +72,6 @@ class Sheath(Turned, HeldPart):
 
     stanza: ClassVar[str] = "sheath"
     kind_name: ClassVar[str] = "sheath of the probe"
-    drawing_title: ClassVar[str] = "Sheath"
     governing_field: ClassVar[str] = "bore"
 
     bore: PositiveLength
@@ -161,21 +160,21 @@ class Sheath(Turned, HeldPart):
             method="caliper, assembled",
         )
 
-    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         heights, radii = mesh.vertices[:, 2], mesh.radii
-        yield Finding(
+        yield Verdict(
             "length", self.length.nominal, float(heights.max() - heights.min()), _FLOAT32_LIMIT
         )
-        yield Finding(
+        yield Verdict(
             "radius of the bore", 0.5 * self.bore.nominal, float(radii.min()), FITTING_DEFLECTION
         )
-        yield Finding(
+        yield Verdict(
             "outer radius",
             0.5 * self.outer_diameter.nominal,
             float(radii.max()),
             FITTING_DEFLECTION,
         )
-        yield Finding(
+        yield Verdict(
             "mass",
             self.mass,
             self.material.density.value * mesh.volume,

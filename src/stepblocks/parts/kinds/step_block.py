@@ -44,9 +44,9 @@ from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
     NANOMETRE,
-    Finding,
     Manifold,
     MeasuredMesh,
+    Verdict,
     choose_exaggeration,
 )
 from stepblocks.parts.shapes import make_hull, split_solid
@@ -91,8 +91,10 @@ class StepBlock(Block):
 
     stanza: ClassVar[str] = "step_block"
     kind_name: ClassVar[str] = "step block"
-    drawing_title: ClassVar[str] = "Step block"
-    felt_by: ClassVar[dict[str, str]] = {"height": "height", "edge_radius": "edge_radius"}
+    counterface_fields: ClassVar[dict[str, str]] = {
+        "height": "height",
+        "edge_radius": "edge_radius",
+    }
     governing_field: ClassVar[str] = "height"
 
     height: PositiveLength = declare_default(otherwise="1 um")
@@ -260,10 +262,10 @@ class StepBlock(Block):
                 method="profilometer",
             )
 
-    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         low, high = mesh.level_beside(0.0, -1), mesh.level_beside(self.edge_radius.nominal, +1)
-        yield Finding("step height", self.height.nominal, high - low, NANOMETRE)
-        yield Finding("lower working face at z = 0", 0.0, low, NANOMETRE)
+        yield Verdict("step height", self.height.nominal, high - low, NANOMETRE)
+        yield Verdict("lower working face at z = 0", 0.0, low, NANOMETRE)
 
     def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         height = self.height.nominal

@@ -26,10 +26,10 @@ from stepblocks.parts.declared import (
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
-    Finding,
     HeldPart,
     Manifold,
     MeasuredMesh,
+    Verdict,
 )
 from stepblocks.parts.revolution import (
     Outline,
@@ -50,7 +50,6 @@ _BEND_PIECES = 24
 class Tip(Turned, HeldPart):
     """What both forms share: the ball touches the origin from above, the cone widens upwards."""
 
-    drawing_title: ClassVar[str] = "Probe tip"
     governing_field: ClassVar[str] = "ball_radius"
 
     ball_radius: PositiveLength = declare_default(otherwise="2 um")  # R of the contact sphere [m]
@@ -112,12 +111,12 @@ class Tip(Turned, HeldPart):
             "cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope"
         ).doubled
 
-    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Finding]:
+    def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         R = self.ball_radius.nominal
         radius, form, sag = mesh.sphere(R, self.cone_start[1])
-        yield Finding("radius of the contact sphere", R, radius, SPHERE_LIMIT)
-        yield Finding("form of the contact sphere", 0.0, form, SPHERE_LIMIT)
-        yield Finding("chordal error on the contact sphere", 0.0, sag, SPHERE_LIMIT)
+        yield Verdict("radius of the contact sphere", R, radius, SPHERE_LIMIT)
+        yield Verdict("form of the contact sphere", 0.0, form, SPHERE_LIMIT)
+        yield Verdict("chordal error on the contact sphere", 0.0, sag, SPHERE_LIMIT)
 
     def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         radius = self.ball_radius.nominal

@@ -16,6 +16,7 @@ from stepblocks.atomic import lock_folder, replace_bytes, replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.figure_file import Axes
 from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
+from stepblocks.workers import run_in_processes
 
 try:
     import pyarrow as pa
@@ -142,32 +143,10 @@ def run_sweep(
         missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
         for k in missing:  # a damaged file is ours, whatever it holds: the plan beside it says so
             _find_path(folder, k).unlink(missing_ok=True)
-        if jobs == 1 or len(missing) < 2:
-            for k in missing:
-                report(write_partition(plan, k, folder))
-        else:
-            _compute_in_processes(plan, missing, folder, jobs, report)
-    return SweepResult(folder, plan, len(missing), plan.partitions - len(missing))
-
-
-def _compute_in_processes(
-    plan: SweepPlan, missing: list[int], folder: Path, jobs: int, report: Callable[[int], None]
-) -> None:
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    from stepblocks.workers import die_with_parent
-
-    calls = (delayed(write_partition)(plan, k, folder.absolute()) for k in missing)
-    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", initializer=die_with_parent)
-    try:
-        for number in parallel(calls):
+        calls = ((plan, k, folder.absolute()) for k in missing)
+        for number in run_in_processes(write_partition, calls, jobs, in_order=False):
             report(number)
-    except TerminatedWorkerError as error:
-        raise PipelineError(
-            "a process of the sweep was ended from outside; run it again, and it goes on "
-            f"[{folder}]"
-        ) from error
+    return SweepResult(folder, plan, len(missing), plan.partitions - len(missing))
 
 
 def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:

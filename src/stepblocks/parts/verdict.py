@@ -1,4 +1,4 @@
-"""One measured quantity of one artefact against its nominal and limit."""
+"""One measured quantity against its nominal and limit."""
 
 import math
 from dataclasses import dataclass
@@ -12,8 +12,6 @@ class Verdict:
 
     Attributes
     ----------
-    artefact : str
-        Name of the file.
     quantity : str
         What was measured.
     nominal, measured : float
@@ -26,15 +24,17 @@ class Verdict:
         read.
     relative : bool
         Whether `limit` is relative.
+    artefact : str
+        Name of the file that was measured.
     """
 
-    artefact: str
     quantity: str
     nominal: float
     measured: float
     limit: float
     dimension: str = "length"
     relative: bool = False
+    artefact: str = ""
 
     @property
     def deviation(self) -> float:
