@@ -29,7 +29,7 @@ from oracles.softgauge import (
     stylus_trace,
     with_faults,
 )
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured
 from stepblocks.inspect.edge import fit_edge
@@ -100,7 +100,7 @@ def margin(about: float, rise: float, missing: bool = False) -> Draw:
         z = z + correlated_noise(len(x), 0.5 * UM, 10 * NM, 40 * NM, 2 * UM, random)
         if missing:
             z[(x > left + 0.1 * opening) & (x < left + 0.9 * opening)] = np.nan
-        got = measure_margin(Profile(x, z), EXACT).values
+        got = measure_margin(ScannedProfile(x, z), EXACT).values
         yield "gap", opening, got["vertical_discrepancy"]
         yield "rise of the crown", rise, got["horizontal_discrepancy"]
         yield "absolute discrepancy", math.hypot(opening, rise), got["absolute_discrepancy"]
@@ -201,7 +201,7 @@ def stylus(angle: float, radius: float) -> Draw:
             + random.uniform(-1e-3, 1e-3) * x
         )
         z = z + correlated_noise(len(x), 0.5 * UM, 10 * NM, 30 * NM, 2 * UM, random)
-        got = measure_edge(Profile(x, z), EXACT, how).values
+        got = measure_edge(ScannedProfile(x, z), EXACT, how).values
         yield "height, two planes", 20 * UM, got["step_height"]
         yield "corner radius", radius, got["edge_radius"]
         flank = fit_edge(x, z).flank
@@ -225,13 +225,13 @@ def bowed(height: float, bow: float) -> Draw:
         yield (
             "height, masked polynomial",
             height,
-            measure_groove(Profile(x, z), EXACT).values["groove_depth"],
+            measure_groove(ScannedProfile(x, z), EXACT).values["groove_depth"],
         )
         if height > bow:  # lower than the bow, two planes see no step: refused
             yield (
                 "two planes on a bow",
                 height,
-                measure_edge(Profile(x, z), EXACT).values["step_height"],
+                measure_edge(ScannedProfile(x, z), EXACT).values["step_height"],
             )
 
     return draw
@@ -247,7 +247,11 @@ def dome(height: float) -> Draw:
             + random.uniform(-1e-3, 1e-3) * x
         )
         z = z + correlated_noise(len(x), UM, 10 * NM, 30 * NM, 3 * UM, random)
-        yield "height, type A2", height, measure_groove(Profile(x, z), EXACT).values["groove_depth"]
+        yield (
+            "height, type A2",
+            height,
+            measure_groove(ScannedProfile(x, z), EXACT).values["groove_depth"],
+        )
 
     return draw
 
@@ -287,7 +291,11 @@ def gaps(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
     )
     z[(np.abs(x - 300 * UM) < 15 * UM) | (np.abs(x - 605 * UM) < 12 * UM)] = np.nan
     z[random.integers(0, 1001, 30)] = np.nan
-    yield "depth of a groove", 10 * UM, measure_groove(Profile(x, z), EXACT).values["groove_depth"]
+    yield (
+        "depth of a groove",
+        10 * UM,
+        measure_groove(ScannedProfile(x, z), EXACT).values["groove_depth"],
+    )
 
 
 CASES: list[tuple[str, Draw, float]] = [

@@ -31,7 +31,7 @@ from oracles.softgauge import (
     groove_gauge,
     stylus_trace,
 )
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import StepblocksError
 from stepblocks.inspect.budget import Instrument, Outcome
 from stepblocks.inspect.measure import EvaluationOptions
@@ -124,7 +124,7 @@ def draw(number):
         z = shape(x) if tip == 0.0 else np.interp(x, finer, seen)
         z = z + correlated_noise(len(x), step, 5e-9, rough, length, random)
         z = scale * z + random.uniform(-1e-3, 1e-3) * x
-        scan = Profile(lateral * x, z, kind)
+        scan = ScannedProfile(lateral * x, z, kind)
     how = EvaluationOptions(stylus_radius=tip, stylus_cone=cone)
     asked = {"options": how, "instrument": Instrument(relative, 0.0, relative)}
     return (

@@ -15,10 +15,9 @@ Everything that a command does is also a function. The public names, in the orde
   `to_dataset`, `plot_predictions`, `run_sweep`, `SweepResult`, `drag_over`,
   `list_vibration_events`;
 - render: `export_scenes`, `write_feel_page`, `compare_record`, `Renderer`;
-- measure: `read_scan`, `list_channels`, `inspect_scan`, `inspect_standard`, `inspect_many`,
-  `EvaluationOptions`, `Instrument`, `read_laboratory`, `write_inspection`, `write_many`,
-  `read_as_built`, `measure_session`,
-  `simulate_session`;
+- measure: `read_scan`, `ScannedProfile`, `HeightMap`, `list_channels`, `inspect_scan`,
+  `inspect_standard`, `inspect_many`, `EvaluationOptions`, `Instrument`, `read_laboratory`,
+  `write_inspection`, `write_many`, `read_as_built`, `measure_session`, `simulate_session`;
 - explain: `loop_session`, `loop_sessions`, `read_model`; a model of your own: `explain` with its
   `Trials` and each `Law` with its `Parameter`;
 - experiments: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`,

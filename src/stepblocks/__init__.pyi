@@ -4,6 +4,7 @@ from .artefacts.heightfield import sample_height_field as sample_height_field
 from .artefacts.laboratory import read_laboratory as read_laboratory
 from .artefacts.model_file import read_model as read_model
 from .artefacts.scans.read import list_channels as list_channels, read_scan as read_scan
+from .artefacts.scans.scan import HeightMap as HeightMap, ScannedProfile as ScannedProfile
 from .artefacts.step.check_step import check_step as check_step
 from .bench.measure import measure_session as measure_session
 from .bench.rehearse.run import simulate_session as simulate_session

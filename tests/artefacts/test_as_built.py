@@ -12,7 +12,7 @@ from stepblocks.artefacts.as_built import (
     read_records,
     write_as_built,
 )
-from stepblocks.artefacts.scans.scan import Profile
+from stepblocks.artefacts.scans.scan import ScannedProfile
 from stepblocks.errors import MetrologyError, PipelineError
 
 HEIGHT = AsBuiltValue(50.2e-6, 20e-9, "conforms")
@@ -30,7 +30,7 @@ def test_a_record_reads_back_as_it_was_written_with_its_surface_to_a_picometre(t
     x = np.arange(-50, 50) * 1e-6
     z = np.where(x < 0.0, 0.0, 50.2e-6) + np.random.default_rng(1).normal(0.0, 20e-9, 100)
     z[7] = np.nan
-    written = record(step_height=HEIGHT, edge_radius=RADIUS, surface=Profile(x, z))
+    written = record(step_height=HEIGHT, edge_radius=RADIUS, surface=ScannedProfile(x, z))
     paths = write_as_built(tmp_path / "step-050.as-built.toml", written)
     assert [path.name for path in paths] == [
         "step-050.as-built.toml",

@@ -81,6 +81,18 @@ def test_a_height_error_of_a_block_is_found_again(tmp_path, document):
     assert law.covariate == "block"
 
 
+def test_a_model_of_the_format_before_is_read_with_the_meaning_that_it_had(tmp_path, document):
+    # it gave the scatter of friction itself; d ln mu = d mu / mu
+    new = read_model(_written(tmp_path, document))
+    friction = new.extended.values["friction"]
+    document["format"] = "stepblocks-model-1"
+    document["scatter"]["quantities"][0] = "friction"
+    document["scatter"]["quantity_std"][0] *= friction
+    old = read_model(_written(tmp_path, document))
+    np.testing.assert_allclose(old.quantity_std, new.quantity_std, rtol=1e-15)
+    assert (old.extended.values, old.blocks) == (new.extended.values, new.blocks)
+
+
 def _set(*keys, value):
     def damage(document):
         place = document
@@ -94,7 +106,10 @@ def _set(*keys, value):
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (_set("format", value="stepblocks-model-1"), "must have the format stepblocks-model-2"),
+        (
+            _set("format", value="stepblocks-model-9"),
+            "must have the format stepblocks-model-2 or stepblocks-model-1",
+        ),
         (_set("extended", "effects", value=[{"id": "no_such_law"}]), "damaged: 'no_such_law'"),
         (_set("extended", "covariance", value=[[1.0]]), "covariance of extended must be 10 by 10"),
         (_set("nominal", "values", 0, value=float("nan")), "values of nominal must be"),

@@ -30,7 +30,7 @@ from oracles.scan_files import (
 )
 from stepblocks.artefacts.scans.height_scale import check_height_scale, read_height_scale
 from stepblocks.artefacts.scans.read import FORMATS, read_scan, read_scan_confined
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
@@ -67,7 +67,7 @@ def test_an_opdx_profile_reads_with_the_scale_that_its_own_header_states(tmp_pat
     path = tmp_path / "dektak.opdx"
     write_opdx(path)
     scan = read_scan(path)
-    assert isinstance(scan, Profile)
+    assert isinstance(scan, ScannedProfile)
     np.testing.assert_allclose(scan.height, COUNTS.ravel() * COUNT, rtol=1e-12)
     assert scan.spacing == pytest.approx(1e-6, rel=1e-9)
     assert "DataScale of the channel: 2e-10 m, checked" in scan.scale

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from stepblocks.artefacts.scans.read import read_scan
-from stepblocks.artefacts.scans.scan import Profile, list_profiles
+from stepblocks.artefacts.scans.scan import ScannedProfile, list_profiles
 from stepblocks.errors import MetrologyError
 
 
@@ -50,7 +50,7 @@ def test_units_may_differ_by_column_and_separators_by_laboratory(tmp_path):
     }.items():
         (tmp_path / name).write_bytes(text.encode("latin-1"))
         scan = read_scan(tmp_path / name, "um" if name == "c.xyz" else None)
-        assert isinstance(scan, Profile)
+        assert isinstance(scan, ScannedProfile)
         assert scan.position == pytest.approx([0.0, 1e-6, 2e-6])
         assert scan.height == pytest.approx([1e-6, 2e-6, 3e-6])
 
@@ -145,7 +145,7 @@ def test_points_that_are_only_numbered_stand_apart_by_the_step_that_the_head_sta
     path = tmp_path / "film.txt"
     path.write_text(TENCOR)
     scan = read_scan(path, "x=um,z=Å", "Raw")
-    assert isinstance(scan, Profile)
+    assert isinstance(scan, ScannedProfile)
     assert scan.position == pytest.approx([0.5e-6, 1.0e-6, 1.5e-6, 2.0e-6])
     assert scan.height == pytest.approx([1e-9, 2e-9, 3e-9, 4e-9])
     levelled = read_scan(path, "x=um,z=Å", "rawlevel")

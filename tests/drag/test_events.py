@@ -316,7 +316,7 @@ def test_a_scanned_profile_is_dragged_over_as_it_was_read():
     )
     with pytest.raises(ContactError, match="at least half of the points"):
         drag_over(SimpleNamespace(position=WAVY.x, height=np.where(X > -0.7e-3, np.nan, 0.0)))
-    with pytest.raises(PipelineError, match="scanned profile, got dict"):
+    with pytest.raises(ContactError, match="scanned profile, got dict"):
         drag_over({"x": 1})
 
 

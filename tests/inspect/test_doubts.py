@@ -8,7 +8,7 @@ from softgauge_verdicts import draw as draw_gauge
 
 from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, groove_gauge
 from stepblocks.artefacts.on_paper import make_sheet_table
-from stepblocks.artefacts.scans.scan import Profile
+from stepblocks.artefacts.scans.scan import ScannedProfile
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
@@ -115,7 +115,7 @@ def test_domes_too_near_for_windows_of_their_own_are_measured_to_their_apex(dept
         np.maximum(1.0 - ((x - c * UM) / (150 * UM)) ** 2, 0.0) for c in range(330, 1400, 330)
     )
     z = 3e-4 * x - depth * shape + noise(1, 2000, 2e-9, rough)
-    found = measure_groove(Profile(x, z), Instrument(0.0, 0.0, 0.0))
+    found = measure_groove(ScannedProfile(x, z), Instrument(0.0, 0.0, 0.0))
     value = found.values["groove_depth"]
     assert "A2" in found.convention
     assert abs(value.value - abs(depth)) < max(value.expanded(), 0.002 * abs(depth))
@@ -133,7 +133,7 @@ def test_domes_apart_are_one_feature_each(depth, gap, rough):
     foot = np.sqrt(edge**2 - 1.0)
     arcs = np.maximum(np.sqrt(np.maximum(edge**2 - t**2, 0.0)) - foot, 0.0) / (edge - foot)
     z = 3e-4 * x + depth * arcs.sum(axis=0) + noise(1, len(x), 2e-9, rough)
-    values = measure_groove(Profile(x, z), Instrument(0.0, 0.0, 0.0)).values
+    values = measure_groove(ScannedProfile(x, z), Instrument(0.0, 0.0, 0.0)).values
     assert [key for key in values if key.startswith("groove_depth_")] == [
         f"groove_depth_{number}" for number in (1, 2, 3)
     ]
@@ -191,14 +191,14 @@ def test_an_edge_is_refused_for_no_feature_that_is_far_from_it_or_far_less_high(
     # ridge in the place of a face
     inside = (begin * UM < X) & (end * UM > X)
     z = edge_gauge(X, 20 * UM, 0.0) + height * UM * inside + noise(3, rough=0.0)
-    found = measure_edge(Profile(X, z), KNOWN).values["step_height"]
+    found = measure_edge(ScannedProfile(X, z), KNOWN).values["step_height"]
     assert found.value == pytest.approx(20 * UM, abs=0.02 * UM)
 
 
 def test_a_profile_of_the_library_is_inspected_like_its_points_and_draws_into_the_axes_given():
     from matplotlib.figure import Figure
 
-    from stepblocks import Profile as Contour, drag_over
+    from stepblocks import ScannedProfile as Contour, drag_over
 
     z = block()
     block_as_declared = StimulusSet.declare(
@@ -211,5 +211,5 @@ def test_a_profile_of_the_library_is_inspected_like_its_points_and_draws_into_th
     assert contour.plot(axes) is axes
     assert axes.get_ylabel() == "height / um"
     # and a scan is dragged over like the profile that it is
-    scanned, made = (drag_over(one).summary for one in (Profile(X, z), Contour(X, z)))
+    scanned, made = (drag_over(one).summary for one in (ScannedProfile(X, z), Contour(X, z)))
     assert scanned["vibration_energy_j"] == made["vibration_energy_j"]

@@ -11,7 +11,7 @@ import pytest
 
 from oracles.softgauge import correlated_map, correlated_noise, groove_gauge, sheets_gauge
 from stepblocks.artefacts.scans.read import list_channels, read_scan
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
@@ -36,7 +36,7 @@ def test_rough_bowed_and_wandering_surfaces_show_no_step(seed):
     wander = np.cumsum(np.random.default_rng(seed).normal(size=1500)) * NM
     for z in (noise(x, seed), noise(x, seed, 50 * NM, 20 * UM) + 3 * UM * (x / x[-1]) ** 2, wander):
         with pytest.raises(MetrologyError, match="must"):
-            measure_groove(Profile(x, z), EXACT)
+            measure_groove(ScannedProfile(x, z), EXACT)
 
 
 def test_four_ridges_have_four_heights_a_mean_and_a_pitch():
@@ -45,11 +45,11 @@ def test_four_ridges_have_four_heights_a_mean_and_a_pitch():
         groove_gauge(x, -37.4 * UM, a * UM, (a + 300) * UM, 52 * UM)
         for a in (500, 1500, 2500, 3500)
     )
-    found = measure_groove(Profile(x, z + noise(x, 1, 100 * NM)), EXACT).values
+    found = measure_groove(ScannedProfile(x, z + noise(x, 1, 100 * NM)), EXACT).values
     for key in ("groove_depth", *(f"groove_depth_{index}" for index in (1, 2, 3, 4))):
         assert abs(found[key].value - 37.4 * UM) < found[key].expanded(0.99)
     chosen = measure_groove(
-        Profile(x, z + noise(x, 1, 100 * NM)), EXACT, EvaluationOptions(edges=(2,))
+        ScannedProfile(x, z + noise(x, 1, 100 * NM)), EXACT, EvaluationOptions(edges=(2,))
     ).values
     assert "groove_depth_1" not in chosen
 
@@ -63,7 +63,9 @@ def test_a_film_on_a_bowed_wafer_is_levelled_by_the_bow_and_its_height_is_held()
             + 3 * UM * (x / 5e-3 - 0.4) ** 2
             + noise(x, seed, 3 * NM, 10 * UM)
         )
-        found.append(measure_groove(Profile(x, z), EXACT).values["groove_depth"])  # none is refused
+        found.append(
+            measure_groove(ScannedProfile(x, z), EXACT).values["groove_depth"]
+        )  # none is refused
     # the bow made edges at the ends of the profile before it was told from them, and one of twelve
     # was 22 nm off
     assert sum(abs(got.value - 56 * NM) < got.expanded() for got in found) >= 11
@@ -74,7 +76,7 @@ def test_a_film_on_a_bowed_wafer_is_levelled_by_the_bow_and_its_height_is_held()
 def test_a_domed_ridge_is_type_a2_to_its_apex():
     x = np.arange(2000) * UM
     z = np.maximum(10.6 * UM * (1.0 - ((x - 1e-3) / 250e-6) ** 2), 0.0) + noise(x, 3, 10 * NM)
-    found = measure_groove(Profile(x, z), EXACT)
+    found = measure_groove(ScannedProfile(x, z), EXACT)
     assert "A2" in found.convention
     assert found.values["groove_depth"].value == pytest.approx(10.6 * UM, abs=0.03 * UM)
 
@@ -104,7 +106,7 @@ def test_a_map_of_few_points_repeats_nothing(side):
         with pytest.raises(MetrologyError, match="must"):
             measure_groove(HeightMap(z, UM, UM), EXACT)
     with pytest.raises(MetrologyError, match="must"):
-        measure_groove(Profile(np.arange(8) * UM, np.full(8, -1.427 * UM)), EXACT)
+        measure_groove(ScannedProfile(np.arange(8) * UM, np.full(8, -1.427 * UM)), EXACT)
 
 
 def test_sheets_under_debris_are_as_high_as_they_are_and_grains_are_no_reference():

@@ -12,7 +12,7 @@ from oracles.softgauge import (
     groove_gauge,
     margin_gauge,
 )
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.form import compute_flatness, compute_parallelism, estimate_zone, fit_face
@@ -138,7 +138,9 @@ def test_a_gap_and_its_discrepancies_are_unbiased_and_covered_at_their_rate():
             x, opening, 20e-6, 60e-6, random.uniform(-1e-6, 1e-6), random.uniform(-1e-3, 1e-3)
         )
         z += correlated_noise(len(x), 0.5e-6, 10e-9, 40e-9, 2e-6, random)
-        for key, got in measure_margin(Profile(x, z), Instrument(0.0, 0.0, 0.0)).values.items():
+        for key, got in measure_margin(
+            ScannedProfile(x, z), Instrument(0.0, 0.0, 0.0)
+        ).values.items():
             found[key].append((got.value - truths[key], got.std, got.expanded()))
     for key, rows in found.items():
         errors, stds, halves = np.array(rows).T
@@ -220,7 +222,7 @@ def test_the_radius_of_a_circle_is_found_on_a_profile_of_it():
     x = np.linspace(-60e-6, 60e-6, 1201)
     z = np.sqrt((125e-6) ** 2 - (x - 3e-6) ** 2) - 125e-6
     noise = np.random.default_rng(7).normal(0.0, 2e-9, x.size)
-    cap = fit_cap(Profile(x, z + noise), 120e-6)
+    cap = fit_cap(ScannedProfile(x, z + noise), 120e-6)
     assert cap.radius.value == pytest.approx(125e-6, abs=5.0 * cap.radius.std)
     assert cap.radius.std < 0.1e-6
     assert cap.points > 300

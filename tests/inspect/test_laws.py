@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from oracles.softgauge import edge_gauge, groove_gauge
 from stepblocks.artefacts.scans.read import read_scan
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, decide, judge
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.measure import EvaluationOptions
@@ -29,7 +29,7 @@ sizes = st.floats(8.0, 90.0)
 
 
 def values(position, height):
-    found = measure_edge(Profile(position, height), EXACT, OPTICAL).values
+    found = measure_edge(ScannedProfile(position, height), EXACT, OPTICAL).values
     return np.array([found[key].value for key in ("step_height", "edge_radius", "burr")])
 
 
@@ -64,7 +64,7 @@ def test_all_lengths_scale_together(height, factor):
     # not the burr: it is what stands within 0.2 mm of the edge, a length that scales with nothing,
     # so a smaller copy is too short for it, and of a larger one fewer points lie in the zone
     found, scaled = (
-        measure_edge(Profile(size * X, size * edge(height)), EXACT, OPTICAL).values
+        measure_edge(ScannedProfile(size * X, size * edge(height)), EXACT, OPTICAL).values
         for size in (1.0, factor)
     )
     for key in ("step_height", "edge_radius"):
@@ -117,7 +117,7 @@ def test_a_groove_turned_upside_down_is_a_ridge_of_the_same_height(depth):
     x = np.arange(-500, 500) * UM
     noise = np.random.default_rng(1).normal(0.0, 5e-9, len(x))
     z = groove_gauge(x, depth * UM, -150 * UM, 150 * UM, 4 * UM) + noise
-    down, up = (measure_groove(Profile(x, s * z), EXACT).values for s in (1.0, -1.0))
+    down, up = (measure_groove(ScannedProfile(x, s * z), EXACT).values for s in (1.0, -1.0))
     assert down["groove_depth"].value == pytest.approx(up["groove_depth"].value, abs=2e-9)
     assert down["feature_width"].value == pytest.approx(up["feature_width"].value, abs=0.1 * UM)
 
@@ -141,7 +141,7 @@ def test_a_burr_is_as_high_as_it_stands_wherever_it_stands(tall, place):
 def test_ra_is_proportional_to_the_heights(factor):
     x = np.arange(4000) * 0.5 * UM
     z = 0.05 * UM * np.sin(2.0 * math.pi * x / (20 * UM))
-    one, other = (measure_ra(Profile(x, s * z), 0.1 * UM).value for s in (1.0, factor))
+    one, other = (measure_ra(ScannedProfile(x, s * z), 0.1 * UM).value for s in (1.0, factor))
     assert other == pytest.approx(factor * one, rel=1e-9)
 
 

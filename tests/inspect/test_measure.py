@@ -14,7 +14,7 @@ from oracles.softgauge import (
     groove_gauge,
     margin_gauge,
 )
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge_arc import (
@@ -47,7 +47,7 @@ def names(measured):
 
 
 def test_an_edge_gives_height_and_radius_and_a_map_of_it_its_faces_too():
-    profile = measure_edge(Profile(X, edge_rows(1)[0]), EXACT)
+    profile = measure_edge(ScannedProfile(X, edge_rows(1)[0]), EXACT)
     assert set(profile.values) == {"step_height", "edge_radius", "burr"}
     assert names(profile.values["step_height"]) >= {"noise", "form", "repeatability", "calibration"}
     assert names(profile.values["edge_radius"]) >= {"calibration", "lateral calibration"}
@@ -91,7 +91,7 @@ def test_profiles_that_cannot_be_evaluated_are_counted_with_the_reason_and_none_
         in partly.notes[0]
     )
     with pytest.raises(MetrologyError, match=r"^profile must show a step"):
-        measure_edge(Profile(X, rows[2]), EXACT)
+        measure_edge(ScannedProfile(X, rows[2]), EXACT)
 
 
 @pytest.mark.parametrize(("stepped", "share"), [(range(0, 20, 3), 7), (range(9), 9)])
@@ -117,7 +117,8 @@ def test_an_edge_may_slant_over_a_map_but_not_change_its_height_from_row_to_row(
 
 def test_a_sharp_edge_is_said_to_be_sharper_than_the_sampling_and_a_round_one_is_not():
     sharp, blunt = (
-        measure_edge(Profile(X, edge_rows(1, radius=radius)[0]), EXACT) for radius in (0.0, 14e-6)
+        measure_edge(ScannedProfile(X, edge_rows(1, radius=radius)[0]), EXACT)
+        for radius in (0.0, 14e-6)
     )
     assert any("sharper than the sampling resolves" in note for note in sharp.notes)
     assert not any("sharper" in note for note in blunt.notes)
@@ -163,7 +164,7 @@ def grating(missing=False):
 def test_a_few_points_and_what_repeats_at_every_second_point_are_no_grating(heights):
     # a mean in each phase of a period follows any twelve points; and what lies between two points
     # nobody saw
-    profile = Profile(1e-6 * np.arange(len(heights)), 1e-6 * np.array(heights))
+    profile = ScannedProfile(1e-6 * np.arange(len(heights)), 1e-6 * np.array(heights))
     with pytest.raises(MetrologyError, match="must"):
         measure_groove(profile, EXACT)
 
@@ -211,7 +212,7 @@ def test_a_masked_step_takes_missing_points_anywhere_and_needs_room_beside_the_e
 
 
 def test_the_absolute_discrepancy_answers_to_each_axis_by_its_share():
-    scan = Profile(X, margin_gauge(X, 60.25e-6, 45e-6, 90e-6, -30e-6))
+    scan = ScannedProfile(X, margin_gauge(X, 60.25e-6, 45e-6, 90e-6, -30e-6))
     values = measure_margin(scan, Instrument(1e-3, 0.0, 2e-3)).values
     budget = {part.name: part.std for part in values["absolute_discrepancy"].components}
     gap, rise = values["vertical_discrepancy"].value, values["horizontal_discrepancy"].value
@@ -257,7 +258,7 @@ def test_a_round_nose_of_a_profile_has_an_interval_from_its_form():
         z = np.sqrt((200e-6) ** 2 - x**2) + correlated_noise(
             len(x), 0.5e-6, 20e-9, 0.2e-6, 40e-6, np.random.default_rng(seed)
         )
-        found.append(measure_tip(Profile(x, z), EXACT, nominal=190e-6).values["ball_radius"])
+        found.append(measure_tip(ScannedProfile(x, z), EXACT, nominal=190e-6).values["ball_radius"])
     assert sum(abs(one.value - 200e-6) < one.expanded() for one in found) >= 11
     assert np.median([one.expanded() for one in found]) < 10e-6
 
@@ -328,7 +329,7 @@ def test_a_flank_is_hidden_by_the_stylus_only_about_the_steepest_that_styli_show
 def test_a_tip_says_whether_a_circle_or_a_sphere_was_fitted(kind):
     x = np.linspace(-60e-6, 60e-6, 121)
     if kind == "circle":
-        scan = Profile(x, np.sqrt((125e-6) ** 2 - x**2))
+        scan = ScannedProfile(x, np.sqrt((125e-6) ** 2 - x**2))
     else:
         scan = HeightMap(np.sqrt((125e-6) ** 2 - x**2 - x[:, None] ** 2), 1e-6, 1e-6)
     assert kind in measure_tip(scan, EXACT, nominal=125e-6).convention

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_map, correlated_noise, edge_gauge
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.grooves import _check_level, measure_groove
@@ -28,7 +28,7 @@ def test_no_depth_exceeds_the_range_of_the_data(seed):
     z = z + 300 * NM * random.uniform(-1.0, 1.0) * (x / x[-1]) ** 2
     z = z + random.normal(0.0, 10 * NM, len(x))
     with pytest.raises(MetrologyError, match="must not exceed the range of the profile"):
-        measure_groove(Profile(x, z), EXACT)
+        measure_groove(ScannedProfile(x, z), EXACT)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -60,7 +60,7 @@ def test_a_v_notch_has_no_edge(depth, half):
     random = np.random.default_rng(0)
     z = notch + correlated_map((12, 400), UM, NM, 2 * NM, 5 * UM, random)
     line = notch + correlated_noise(400, UM, 2 * NM, 5 * NM, 3 * UM, random) + 1e-4 * x
-    for scan in (HeightMap(z, UM, UM), Profile(x, line)):
+    for scan in (HeightMap(z, UM, UM), ScannedProfile(x, line)):
         with pytest.raises(MetrologyError, match="must"):
             measure_edge(scan, EXACT)
 
@@ -72,7 +72,7 @@ def test_a_profile_of_which_half_would_be_spikes_is_refused():
     shape = np.interp(phase, [0.0, 0.09, 0.21, 0.39, 0.91, 1.0], [0.5, 1.0, 1.0, 0.0, 0.0, 0.5])
     z = -540 * NM * shape + random.normal(0.0, 3 * NM, len(x))
     try:
-        found = measure_groove(Profile(x, z), EXACT).values["groove_depth"]
+        found = measure_groove(ScannedProfile(x, z), EXACT).values["groove_depth"]
     except MetrologyError:
         return
     assert abs(found.value - 540 * NM) < found.expanded()
@@ -80,10 +80,10 @@ def test_a_profile_of_which_half_would_be_spikes_is_refused():
 
 def test_a_refusal_names_the_feature_that_would_answer():
     random, x = np.random.default_rng(0), np.arange(600) * UM
-    teeth = Profile(x, random.normal(0.0, 5 * NM, 600) - UM * (np.arange(600) % 60 < 30))
+    teeth = ScannedProfile(x, random.normal(0.0, 5 * NM, 600) - UM * (np.arange(600) % 60 < 30))
     with pytest.raises(MetrologyError, match=r"keep 20 points.*--feature groove measures it$"):
         inspect_standard(teeth, feature="edge", instrument=EXACT)
-    edge = Profile(x, edge_gauge(x, UM, riser=300 * UM) + random.normal(0.0, 5 * NM, 600))
+    edge = ScannedProfile(x, edge_gauge(x, UM, riser=300 * UM) + random.normal(0.0, 5 * NM, 600))
     asked = Characteristic("depth", "depth", "distance", UM, 0.0, 0.0)
     said = _suggest_next(EVALUATIONS["groove_depth"], edge, EXACT, asked, AS_FOUND)
     assert said == "; --feature edge measures it"

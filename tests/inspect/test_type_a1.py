@@ -10,7 +10,7 @@ from scipy import stats
 
 from oracles.softgauge import correlated_noise, groove_gauge, with_faults
 from stepblocks.artefacts.scans.read import read_scan
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, average_profiles
 from stepblocks.inspect.grooves import _evaluate_by_windows, measure_groove
@@ -144,7 +144,7 @@ def test_flanks_that_reach_into_the_windows_are_refused_by_name():
 def test_a_long_flank_is_one_edge_and_not_two_steps(flank):
     z = groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=flank)
     z += correlated_noise(len(X), 1e-6, 10e-9, 0.0, 1e-6, np.random.default_rng(1))
-    found = measure_groove(Profile(X, z), Instrument()).values
+    found = measure_groove(ScannedProfile(X, z), Instrument()).values
     # two steps of half of it otherwise
     assert found["groove_depth"].value == pytest.approx(37.4e-6, abs=10e-9)
     assert found["feature_width"].value == pytest.approx(300e-6, rel=0.01)

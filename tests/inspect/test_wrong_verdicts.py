@@ -17,7 +17,7 @@ from oracles.softgauge import (
     groove_gauge,
     stylus_trace,
 )
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError, StepblocksError
 from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome
 from stepblocks.inspect.many import inspect_many
@@ -35,10 +35,10 @@ UM = 1e-6
 
 
 def profile_of(shape, half=600 * UM, step=1.0 * UM, seed=0, rough=30e-9):
-    """Profile of a shape over `half` on either side of an edge, with the noise of an instrument."""
+    """Return a shape over `half` on either side of an edge, with the noise of an instrument."""
     x = np.arange(-round(half / step), round(half / step)) * step
     noise = correlated_noise(len(x), step, 5e-9, rough, 3 * UM, np.random.default_rng(seed))
-    return Profile(x, shape(x) + noise + 2e-4 * x, "soft gauge")
+    return ScannedProfile(x, shape(x) + noise + 2e-4 * x, "soft gauge")
 
 
 def map_of(shape, degrees=0.0, size=(400, 120), step=1.0 * UM, seed=0, rough=20e-9, finer=4):

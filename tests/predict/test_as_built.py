@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue
-from stepblocks.artefacts.scans.scan import Profile
+from stepblocks.artefacts.scans.scan import ScannedProfile
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_set
 from stepblocks.predict.as_built import (
@@ -39,7 +39,7 @@ def record(height=50e-6, radius=None, surface=None):
 
 def chamfered():
     # a riser of 30 um below a chamfer of 45 degrees up to 50 um
-    return Profile(X, np.where(X < 0.0, 0.0, np.minimum(30e-6 + X, 50e-6)))
+    return ScannedProfile(X, np.where(X < 0.0, 0.0, np.minimum(30e-6 + X, 50e-6)))
 
 
 def test_only_the_block_with_a_record_changes_and_says_where_its_size_is_from(stimuli):

@@ -14,7 +14,7 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, BeforeValidator, Field
 
-from stepblocks.artefacts.scans.scan import Profile
+from stepblocks.artefacts.scans.scan import ScannedProfile
 from stepblocks.artefacts.scans.text import read_text_scan
 from stepblocks.atomic import replace_text
 from stepblocks.errors import MetrologyError, PipelineError
@@ -46,7 +46,7 @@ class AsBuilt:
     convention: str  # how the values are defined
     values: dict[str, AsBuiltValue]  # by key of the characteristic, such as ``step_height``
     # levelled profile across the edge, for what the values do not say of its form
-    surface: Profile | None = field(default=None, compare=False)
+    surface: ScannedProfile | None = field(default=None, compare=False)
     arc: bool = (
         True  # whether the edge is an arc; where not, its surface says what its radius cannot
     )
@@ -165,7 +165,7 @@ def list_measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, floa
     return edges
 
 
-def _read_surface(record: Path, name: str | None, digest: str) -> Profile | None:
+def _read_surface(record: Path, name: str | None, digest: str) -> ScannedProfile | None:
     if name is None:
         return None
     if not digest or Path(name).name != name:
@@ -177,7 +177,9 @@ def _read_surface(record: Path, name: str | None, digest: str) -> Profile | None
     if not is_file(path):
         raise MetrologyError(f"profile must lie beside the record, missing {name!r} [{record}]")
     surface = read_text_scan(path)
-    if hashlib.sha256(path.read_bytes()).hexdigest() != digest or not isinstance(surface, Profile):
+    if hashlib.sha256(path.read_bytes()).hexdigest() != digest or not isinstance(
+        surface, ScannedProfile
+    ):
         raise MetrologyError(
             f"profile must be the one that was inspected, got another under the name {name!r} "
             f"[{record}]"

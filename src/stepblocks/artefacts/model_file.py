@@ -23,6 +23,7 @@ from stepblocks.text_file import Document, read_document
 
 WIDE = 1.959964  # standard deviations either side of a 95 % interval
 _FORMAT = "stepblocks-model-2"
+_FORMAT_BEFORE = "stepblocks-model-1"  # gave the scatter of friction, not of its logarithm
 _LARGEST = 20_000_000  # bytes
 
 
@@ -55,7 +56,7 @@ class LearnedFit:
 
 @dataclass(frozen=True)
 class LearnedModel:
-    """What a session taught.
+    """What was learned from a session.
 
     Attributes
     ----------
@@ -141,7 +142,7 @@ def _build_fit_document(fitted: LearnedFit) -> dict[str, object]:
 
 
 def read_model(path: str | Path) -> LearnedModel:
-    """Read what a session taught.
+    """Read what was learned from a session.
 
     Parameters
     ----------
@@ -160,8 +161,9 @@ def read_model(path: str | Path) -> LearnedModel:
     """
     path = Path(path)
     document = read_document(path, "model", PipelineError, _LARGEST, "JSON")
-    if not isinstance(document, dict) or document.get("format") != _FORMAT:
-        raise PipelineError(f"model must have the format {_FORMAT} [{path}]")
+    known = (_FORMAT, _FORMAT_BEFORE)
+    if not isinstance(document, dict) or document.get("format") not in known:
+        raise PipelineError(f"model must have the format {' or '.join(known)} [{path}]")
     try:
         return _parse_model(document)
     except (KeyError, TypeError, ValueError, AttributeError, ContactError) as error:
@@ -174,6 +176,10 @@ def _parse_model(document: Document) -> LearnedModel:
     ranges = TypeAdapter(tuple[CovariateRange, ...]).validate_python(document["covariates"])
     blocks = tuple(str(block) for block in document["blocks"])
     laws = {law.id: law for law in (*list_named_laws(blocks), *list_smooth_laws(ranges))}
+    extended = _parse_fit("extended", document["extended"], laws)
+    quantity_std = _parse_numbers("quantity_std", scatter["quantity_std"], (3,))
+    if document["format"] == _FORMAT_BEFORE:
+        quantity_std[0] /= extended.values["friction"]
     return LearnedModel(
         verdict=str(document.get("verdict", "")),
         tool=Tool(
@@ -188,10 +194,10 @@ def _parse_model(document: Document) -> LearnedModel:
         ),
         blocks=blocks,
         ranges=ranges,
-        quantity_std=_parse_numbers("quantity_std", scatter["quantity_std"], (3,)),
+        quantity_std=quantity_std,
         channel_std=_parse_numbers("channel_std", scatter["channel_std"], (len(CHANNELS),)),
         nominal=_parse_fit("nominal", document["nominal"], laws),
-        extended=_parse_fit("extended", document["extended"], laws),
+        extended=extended,
         friction=dict(probe.get("friction", {})),
     )
 

@@ -348,7 +348,7 @@ class Profile(Counterface):
 
     @classmethod
     def from_scan(cls, scan: Scanned, feature: tuple[float, float] | None = None) -> "Profile":
-        """Take over a scanned profile; points that were not measured are bridged by straight lines.
+        """Take over a scanned profile; straight lines bridge points that were not measured.
 
         Parameters
         ----------
@@ -494,3 +494,15 @@ def _find_steepest_angles(
         find_steepest_catch(path, feature).angle,
         find_steepest_catch(path.mirrored(), feature and (-feature[1], -feature[0])).angle,
     )
+
+
+def take_counterface(given: Counterface | Scanned) -> Counterface:
+    """Take a counterface as it is, and a scanned profile over as one."""
+    if isinstance(given, Counterface):
+        return given
+    if not (hasattr(given, "position") and hasattr(given, "height")):
+        raise ContactError(
+            "must be a counterface such as Step(25e-6), or a scanned profile, got "
+            f"{type(given).__name__}"
+        )
+    return Profile.from_scan(given)

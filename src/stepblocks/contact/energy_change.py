@@ -2,14 +2,15 @@
 
 import math
 
-from stepblocks.contact.counterface import Counterface
+from stepblocks.contact.counterface import Counterface, take_counterface
+from stepblocks.contact.domain import Scanned
 from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.operating_point import OperatingPoint
 
 
 def find_energy_change(
-    before: Counterface | Release,
-    after: Counterface | Release,
+    before: Counterface | Scanned | Release,
+    after: Counterface | Scanned | Release,
     point: OperatingPoint,
     backward: bool = False,
 ) -> float:
@@ -17,8 +18,9 @@ def find_energy_change(
 
     Parameters
     ----------
-    before, after : Counterface or Release
-        Two counterfaces, dragged over under `point`, backward or not; or what was found over one.
+    before, after : Counterface, ScannedProfile or Release
+        Two counterfaces or scanned profiles, dragged over under `point`, backward or not; or what
+        was found over one.
 
     Returns
     -------
@@ -33,7 +35,7 @@ def find_energy_change(
     '+5.4%'
     """
     first, second = (
-        one.release(point, backward) if isinstance(one, Counterface) else one
+        one if isinstance(one, Release) else take_counterface(one).release(point, backward)
         for one in (before, after)
     )
     if first.status is not Status.RELEASES or second.status is not Status.RELEASES:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stepblocks.contact import Array
-from stepblocks.contact.counterface import Counterface
+from stepblocks.contact.counterface import Counterface, take_counterface
+from stepblocks.contact.domain import Scanned
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 
@@ -97,12 +98,14 @@ class VibrationEvent:
 Events = tuple[VibrationEvent, VibrationEvent]  # of the drags towards +x and -x
 
 
-def list_vibration_events(face: Counterface, point: OperatingPoint, stimulus: str = "") -> Events:
+def list_vibration_events(
+    face: Counterface | Scanned, point: OperatingPoint, stimulus: str = ""
+) -> Events:
     """Predict the rings of both drags over a counterface, by equations (1) and (2).
 
     Parameters
     ----------
-    face : Counterface
+    face : Counterface or ScannedProfile
         What is dragged over under `point`; every part answers `counterface()`.
     stimulus : str
         What the events shall be called.
@@ -117,7 +120,7 @@ def list_vibration_events(face: Counterface, point: OperatingPoint, stimulus: st
     ContactError
         If the ball is too large for the profile, or the profile has too many corners.
     """
-    path = face.centre_path(point.ball_radius)
+    path = take_counterface(face).centre_path(point.ball_radius)
 
     def predict_event(direction: int) -> VibrationEvent:
         notch = path.find_notch(direction)

@@ -12,8 +12,8 @@ from statistics import NormalDist
 import numpy as np
 
 from stepblocks.contact import Array, kernels
-from stepblocks.contact.counterface import Counterface
-from stepblocks.contact.domain import Real, require_not_negative
+from stepblocks.contact.counterface import Counterface, take_counterface
+from stepblocks.contact.domain import Real, Scanned, require_not_negative
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import ContactError
@@ -125,7 +125,7 @@ def compute_sensitivities(
 
 
 def estimate_interval(
-    face: Counterface,
+    face: Counterface | Scanned,
     point: OperatingPoint,
     uncertainty: Mapping[str, float],
     *,
@@ -137,7 +137,7 @@ def estimate_interval(
 
     Parameters
     ----------
-    face, point : Counterface, OperatingPoint
+    face, point : Counterface or ScannedProfile, OperatingPoint
         What is dragged over at its nominal dimensions, and under what.
     uncertainty : mapping of str to float
         Standard uncertainties [SI] by name: of the counterface's dimensions (`height`,
@@ -172,6 +172,7 @@ def estimate_interval(
     >>> interval.energy_low < interval.energy < interval.energy_high
     True
     """
+    face = take_counterface(face)
     names = list(list_inputs(face, point))
     for name, value in uncertainty.items():
         if name not in names:

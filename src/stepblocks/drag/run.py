@@ -242,7 +242,7 @@ def drag_over(
 
     Parameters
     ----------
-    subject : str, Path, Counterface or scanned profile
+    subject : str, Path, Counterface or ScannedProfile
         A step height such as ``"25 um"``; a CSV with the columns x and z, the unit in their names;
         a declared stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``; a counterface, such as a
         part's; or a profile that `read_scan` returned.

@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
 
-from stepblocks.contact.counterface import Counterface, Profile, Step
+from stepblocks.contact.counterface import Counterface, Profile, Step, take_counterface
 from stepblocks.contact.domain import Scanned
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
@@ -41,7 +40,7 @@ def resolve_subject(
 ) -> Subject:
     """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
     if not isinstance(given, (str, Path)):
-        face = given if isinstance(given, Counterface) else _read_profile(given)
+        face = take_counterface(given)
         for name in ("edge_radius", "step_height"):
             if name in values:
                 raise PipelineError(f"{name} is for a plain step; {face!r} has its own shape")
@@ -70,16 +69,6 @@ def resolve_subject(
     return Subject(
         f"a step of {format_quantity(height, 'length')}", face, change_point(PAPER, values)
     )
-
-
-def _read_profile(given: object) -> Profile:
-    # Take over a scanned profile, or refuse what is none
-    if not (hasattr(given, "position") and hasattr(given, "height")):
-        raise PipelineError(
-            f"{_WANTED}, a counterface such as Step(25e-6), or a scanned profile, got "
-            f"{type(given).__name__}"
-        )
-    return Profile.from_scan(cast(Scanned, given))
 
 
 def _resolve_declared_part(

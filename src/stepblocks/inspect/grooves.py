@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import (
     Component,
@@ -54,7 +54,7 @@ _DEGREE_NAMES = {1: "line", 2: "parabola", 3: "cubic"}
 
 
 def measure_groove(
-    scan: Profile | HeightMap,
+    scan: ScannedProfile | HeightMap,
     instrument: Instrument,
     options: EvaluationOptions = AS_FOUND,
     key: str = "groove_depth",
@@ -80,7 +80,7 @@ def measure_groove(
     refused = []
     # a part, a level or an edge is followed profile by profile alone
     if any(one is not None for one in (options.begin, options.end, options.degree, options.edges)):
-        ways = ways[: 1 if isinstance(scan, Profile) or options.along else 2]
+        ways = ways[: 1 if isinstance(scan, ScannedProfile) or options.along else 2]
     for way in ways:
         try:
             return way()
@@ -123,7 +123,7 @@ class _Row:
         return [(one.feature.begin, one.feature.end) for one in self.seen]
 
 
-def _evaluate_row(row: Profile, edges: list[FoundEdge], options: EvaluationOptions) -> _Row:
+def _evaluate_row(row: ScannedProfile, edges: list[FoundEdge], options: EvaluationOptions) -> _Row:
     # Evaluate all features of a profile, each by what its windows allow; and again with other
     # windows, for the form.
     x, z = row.position, row.height
@@ -284,7 +284,7 @@ def _evaluate_otherwise(
 
 
 def _measure_by_rows(
-    scan: Profile | HeightMap,
+    scan: ScannedProfile | HeightMap,
     instrument: Instrument,
     options: EvaluationOptions,
     key: str,

@@ -9,7 +9,7 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import HeightMap, Profile, list_profiles
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile, list_profiles
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import (
     Component,
@@ -116,9 +116,9 @@ class Evaluation:
         Why a characteristic was not measured, by its key.
     covered : dict of tuple of float
         How far a face was scanned across and along the edge [m], by key of the form characteristic.
-    surface : Profile or None
+    surface : ScannedProfile or None
         The edge between level faces, where it is no arc and was seen.
-    faces : tuple of Profile
+    faces : tuple of ScannedProfile
         Profiles of the faces, levelled, for their roughness.
     """
 
@@ -129,13 +129,13 @@ class Evaluation:
     arc: bool = True
     missing: Mapping[str, str] = field(default_factory=dict)
     covered: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    surface: Profile | None = None
-    faces: tuple[Profile, ...] = ()
+    surface: ScannedProfile | None = None
+    faces: tuple[ScannedProfile, ...] = ()
 
 
 def sample_profiles(
-    scan: Profile | HeightMap, options: EvaluationOptions = AS_FOUND
-) -> tuple[list[Profile], list[str]]:
+    scan: ScannedProfile | HeightMap, options: EvaluationOptions = AS_FOUND
+) -> tuple[list[ScannedProfile], list[str]]:
     """Return the profiles of a scan that are evaluated, cropped and in equal steps.
 
     Notes say what was left out or resampled.
@@ -174,12 +174,12 @@ def sample_profiles(
 
 
 def keep_agreeing(
-    found: list[tuple[Profile, T]],
+    found: list[tuple[ScannedProfile, T]],
     crossed: Array,
-    rows: list[Profile],
+    rows: list[ScannedProfile],
     refused: list[str],
     notes: list[str],
-) -> list[tuple[Profile, T]]:
+) -> list[tuple[ScannedProfile, T]]:
     """Return the profiles that agree on what they cross.
 
     Refused, with the share, where they are less than half of those asked.
@@ -231,7 +231,7 @@ def evaluate_each(
 
 
 def measure_margin(
-    scan: Profile | HeightMap, instrument: Instrument, options: EvaluationOptions = AS_FOUND
+    scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions = AS_FOUND
 ) -> Evaluation:
     """Measure opening and rise of a margin, and the absolute discrepancy."""
     rows, notes = sample_profiles(scan, options)
@@ -260,7 +260,7 @@ def measure_margin(
 
 
 def measure_tip(
-    scan: Profile | HeightMap,
+    scan: ScannedProfile | HeightMap,
     instrument: Instrument,
     options: EvaluationOptions = AS_FOUND,
     nominal: float = 0.0,
@@ -270,7 +270,7 @@ def measure_tip(
     The scan is a height map that looks along the axis of the tip, or a profile over it.
     """
     notes: list[str] = []
-    if isinstance(scan, Profile):
+    if isinstance(scan, ScannedProfile):
         (scan,), notes = sample_profiles(scan, options)
     cap = fit_cap(scan, nominal)
     # of what the points cover, as a part of the radius
@@ -298,7 +298,7 @@ def measure_tip(
         notes.append(f"{cap.rejected} of {cap.points} points left out as spikes")
     through = (
         "circle through the cap of the profile"
-        if isinstance(scan, Profile)
+        if isinstance(scan, ScannedProfile)
         else "sphere through the cap"
     )
     x, z, fitted = cap.drawn

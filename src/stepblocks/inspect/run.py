@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from stepblocks.artefacts.qif_read import QifResult, match_results, read_qif_results
 from stepblocks.artefacts.scans.read import read_scan
-from stepblocks.artefacts.scans.scan import HeightMap, Profile, crop_map
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile, crop_map
 from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
 from stepblocks.contact import counterface
 from stepblocks.errors import MetrologyError, PipelineError
@@ -52,9 +52,9 @@ from stepblocks.select import find_stimulus_files
 from stepblocks.text_file import format_file_name
 
 # what an inspection takes: a file, a scan in memory, or positions and heights [m]
-Scan = str | Path | Profile | HeightMap | counterface.Profile | tuple[ArrayLike, ArrayLike]
+Scan = str | Path | ScannedProfile | HeightMap | counterface.Profile | tuple[ArrayLike, ArrayLike]
 Evaluator = Callable[
-    [Profile | HeightMap, Instrument, Characteristic, EvaluationOptions], Evaluation
+    [ScannedProfile | HeightMap, Instrument, Characteristic, EvaluationOptions], Evaluation
 ]
 
 # What is scanned of a part, by the characteristic that it shows: a part that has one can be
@@ -111,10 +111,10 @@ def inspect_scan(
 
     Parameters
     ----------
-    scan : str, Path, Profile, HeightMap or pair of arrays
-        Profile or height map: a file of any format that `read_scan` reads, an object in memory, or
-        positions and heights [m], each of shape (n,). Or results of others: ``*.qif``, or a filled
-        inspection sheet, ``*.csv`` or ``*.xlsx``.
+    scan : str, Path, ScannedProfile, HeightMap or pair of arrays
+        A profile or a height map: a file of any format that `read_scan` reads, an object in memory,
+        or positions and heights [m], each of shape (n,). Or results of others: ``*.qif``, or an
+        inspection sheet that is filled in, ``*.csv`` or ``*.xlsx``.
     stimulus : str or part
         Identity of the part, such as ``"step-050"``, or the part itself.
     stimuli : str or Path
@@ -196,15 +196,15 @@ def inspect_scan(
 
 def load_scan(
     scan: Scan, unit: str | None = None, channel: str | None = None
-) -> Profile | HeightMap:
+) -> ScannedProfile | HeightMap:
     """Return a scan as an object: read from its file, taken as it is, or made of two arrays [m]."""
-    if isinstance(scan, Profile | HeightMap):
+    if isinstance(scan, ScannedProfile | HeightMap):
         return scan
     if isinstance(scan, str | Path):
         return read_scan(scan, unit, channel)
     arrays = (scan.x, scan.z) if isinstance(scan, counterface.Profile) else scan
     position, height = (np.asarray(one, dtype=np.float64) for one in arrays)
-    return Profile(position, height, "arrays")
+    return ScannedProfile(position, height, "arrays")
 
 
 def describe_source(scan: Scan) -> tuple[Path, str]:
@@ -386,7 +386,7 @@ def _refuse_unused_options(key: str, options: EvaluationOptions) -> None:
 
 def _evaluate(
     evaluate: Evaluator,
-    scan: Profile | HeightMap,
+    scan: ScannedProfile | HeightMap,
     instrument: Instrument,
     asked: Characteristic,
     options: EvaluationOptions,
@@ -408,7 +408,7 @@ def _evaluate(
 
 def _suggest_next(
     evaluate: Evaluator,
-    scan: Profile | HeightMap,
+    scan: ScannedProfile | HeightMap,
     instrument: Instrument,
     asked: Characteristic,
     options: EvaluationOptions,

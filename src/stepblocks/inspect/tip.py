@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import Array, Estimate, estimate_linear, find_outliers
 
@@ -35,12 +35,12 @@ class Cap:
     drawn: tuple[Array, Array, Array]
 
 
-def fit_cap(scan: Profile | HeightMap, nominal: float, reach: float = _CAP) -> Cap:
+def fit_cap(scan: ScannedProfile | HeightMap, nominal: float, reach: float = _CAP) -> Cap:
     """Fit a sphere, or a circle, to the heights around the apex.
 
     `reach` is a share of the nominal radius [1].
     """
-    if isinstance(scan, Profile):
+    if isinstance(scan, ScannedProfile):
         x, y, z = (
             scan.position[np.newaxis, :],
             np.zeros((1, len(scan.position))),

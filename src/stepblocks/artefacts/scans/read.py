@@ -17,7 +17,7 @@ import numpy as np
 
 from stepblocks.artefacts.scans.height_scale import check_height_scale, read_height_scale
 from stepblocks.artefacts.scans.points import grid_points, read_points
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.artefacts.scans.text import (
     LENGTH_UNITS,
     holds_matrix,
@@ -69,7 +69,7 @@ _MOST_UNPACKED = 2**30
 
 def read_scan(
     path: str | Path, unit: str | None = None, channel: str | None = None
-) -> Profile | HeightMap:
+) -> ScannedProfile | HeightMap:
     """Read what an instrument measured.
 
     Parameters
@@ -88,7 +88,7 @@ def read_scan(
 
     Returns
     -------
-    Profile or HeightMap
+    ScannedProfile or HeightMap
         Heights in metres, nan where nothing was measured; the height scale of a file of an
         instrument has been checked against its own header.
 
@@ -110,7 +110,7 @@ def read_scan(
         f"{__name__}:read_scan_confined", path, unit or "", channel or "", raises=MetrologyError
     )
     stated = read_height_scale(path, form, found.pop("channel", ""))
-    scan = Profile(**found) if "position" in found else HeightMap(**found)
+    scan = ScannedProfile(**found) if "position" in found else HeightMap(**found)
     if stated is None:
         note = (
             ""
@@ -244,7 +244,7 @@ def _pad_tmd(path: Path) -> io.BytesIO:
     return io.BytesIO(raw[:32] + comment[:23].ljust(24, b"\0") + rest)
 
 
-def _read_sdf(path: Path) -> Profile | HeightMap:
+def _read_sdf(path: Path) -> ScannedProfile | HeightMap:
     import sdfio
 
     stated = read_height_scale(path, "sdf", "")
@@ -254,11 +254,11 @@ def _read_sdf(path: Path) -> Profile | HeightMap:
     height, count = np.atleast_2d(read.data), abs(header.z_scale) if stated else 1.0
     if len(height) == 1:
         position = np.arange(height.size, dtype=np.float64) * header.x_scale
-        return Profile(position, height[0], path.name, scale, count)
+        return ScannedProfile(position, height[0], path.name, scale, count)
     return HeightMap(height, header.x_scale, header.y_scale, path.name, scale, count)
 
 
-def _read_x3p(path: Path) -> Profile | HeightMap:
+def _read_x3p(path: Path) -> ScannedProfile | HeightMap:
     import x3pio
 
     _check_size(x3pio.info(str(path)).shape, path.name)
@@ -271,7 +271,7 @@ def _read_x3p(path: Path) -> Profile | HeightMap:
     if layer.z.ndim == 1 and isinstance(layer, x3pio.ProfileLayer):
         even = np.arange(len(layer.z), dtype=np.float64)
         position = even * header.x.increment if layer.x is None else layer.x
-        return Profile(position, layer.z, path.name, scale, count)
+        return ScannedProfile(position, layer.z, path.name, scale, count)
     steps = header.x.increment, header.y.increment
     if layer.x is not None or None in steps:  # a point cloud, or absolute axes
         x, y, z = (

@@ -22,7 +22,7 @@ def _require_reach(name: str, values: Array, place: str) -> None:
 
 
 @dataclass(frozen=True, repr=False)
-class Profile:
+class ScannedProfile:
     """Heights along one line.
 
     Parameters
@@ -68,7 +68,7 @@ class Profile:
 
     def __repr__(self) -> str:
         length = float(np.ptp(self.position)) * 1e3
-        return f"Profile({len(self.position)} points over {length:.4g} mm{_describe(self)})"
+        return f"ScannedProfile({len(self.position)} points over {length:.4g} mm{_describe(self)})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights over positions in micrometres, into `ax` or new axes, and return these."""
@@ -150,33 +150,35 @@ class HeightMap:
         return np.arange(self.height.shape[0], dtype=np.float64) * self.dy
 
 
-def _describe(scan: Profile | HeightMap) -> str:
+def _describe(scan: ScannedProfile | HeightMap) -> str:
     # Return range of heights and source, for a representation.
     low, high = float(np.nanmin(scan.height)) * 1e6, float(np.nanmax(scan.height)) * 1e6
     return f", {low:.4g} to {high:.4g} um" + (f", {scan.source!r}" if scan.source else "")
 
 
-def crop_map(scan: Profile | HeightMap, area: Sequence[float]) -> HeightMap:
+def crop_map(scan: ScannedProfile | HeightMap, area: Sequence[float]) -> HeightMap:
     """Return a rectangle of a map: from and to along x, from and to along y [m]."""
-    if isinstance(scan, Profile) or len(area) != 4:
+    if isinstance(scan, ScannedProfile) or len(area) != 4:
         raise MetrologyError(
             "area must be four lengths on a map, from and to along x, from and to along y, got "
-            f"{len(area)} on a {'profile' if isinstance(scan, Profile) else 'map'}"
+            f"{len(area)} on a {'profile' if isinstance(scan, ScannedProfile) else 'map'}"
         )
     columns = (scan.x >= area[0]) & (scan.x <= area[1])
     rows = (scan.y >= area[2]) & (scan.y <= area[3])
     return replace(scan, height=scan.height[np.ix_(rows, columns)])
 
 
-def list_profiles(scan: Profile | HeightMap) -> list[Profile]:
+def list_profiles(scan: ScannedProfile | HeightMap) -> list[ScannedProfile]:
     """Return the profiles of a scan along x: one of a profile, one per row of a map.
 
     Rows without a point are left out.
     """
-    if isinstance(scan, Profile):
+    if isinstance(scan, ScannedProfile):
         return [scan]
     return [
-        Profile(scan.x, row, f"{scan.source} row {index}", scan.scale, offset=index * scan.dy)
+        ScannedProfile(
+            scan.x, row, f"{scan.source} row {index}", scan.scale, offset=index * scan.dy
+        )
         for index, row in enumerate(scan.height)
         if np.isfinite(row).any()
     ]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.artefacts.scans.points import grid_points
-from stepblocks.artefacts.scans.scan import Array, HeightMap, Profile
+from stepblocks.artefacts.scans.scan import Array, HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 
 # units per metre
@@ -95,7 +95,7 @@ def holds_matrix(path: Path) -> bool:
 
 def read_text_scan(
     path: Path, unit: str | None = None, channel: str | None = None
-) -> Profile | HeightMap:
+) -> ScannedProfile | HeightMap:
     """Read a profile or a map of heights from text.
 
     A profile has two columns, a grid of points three or columns by their names; a matrix holds
@@ -130,7 +130,7 @@ def read_text_scan(
         x, _find_last_digit(values[:, columns["x"]], factors["x"], least=1)
     )
     notes += ["positions set to equal steps within their last digit"] if snapped else []
-    return Profile(
+    return ScannedProfile(
         x,
         z,
         source=path.name,

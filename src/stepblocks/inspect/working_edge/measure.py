@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import HeightMap, Profile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import (
     UNSTATED,
@@ -61,13 +61,13 @@ _SECTION = "a section or replica across the edge would show it"
 
 
 def measure_edge(
-    scan: Profile | HeightMap, instrument: Instrument, options: EvaluationOptions = AS_FOUND
+    scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions = AS_FOUND
 ) -> Evaluation:
     """Measure a step across its edge.
 
     Along the rows of a map, or its columns where these show it.
     """
-    if isinstance(scan, Profile):
+    if isinstance(scan, ScannedProfile):
         return _measure_along_rows(scan, instrument, options)
     columns = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)
     ways = {"x": [scan], "y": [columns], None: [scan, columns]}[options.along]
@@ -78,7 +78,7 @@ def measure_edge(
 
 
 def _measure_along_rows(
-    scan: Profile | HeightMap, instrument: Instrument, options: EvaluationOptions
+    scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions
 ) -> Evaluation:
     rows, notes = sample_profiles(scan, options)
     slant = _find_slant(rows)
@@ -170,7 +170,7 @@ def _measure_along_rows(
     )
 
 
-def _find_others(row: Profile, edge: Edge) -> list[Feature]:
+def _find_others(row: ScannedProfile, edge: Edge) -> list[Feature]:
     # Find the steps, ridges and grooves that a profile shows beside the edge that is evaluated.
     u, level = edge.measure_across(row.position, row.height)
     rest = np.where(np.abs(u) > edge.exclusion, level - edge.height.value * (u > 0.0), np.nan)
@@ -187,7 +187,7 @@ def _find_others(row: Profile, edge: Edge) -> list[Feature]:
     ]
 
 
-def _find_slant(rows: list[Profile]) -> float:
+def _find_slant(rows: list[ScannedProfile]) -> float:
     # Return how far the edge of a map moves along x per distance along y [1]; 0 where it does not.
     some = rows[:: max(len(rows) // _MOST_SLANT_ROWS, 1)]
     found = evaluate_each(lambda row: find_position(row.position, row.height), some)[0]
@@ -257,7 +257,7 @@ def _is_flank_of_surface(angle: float, off: float, cone: float | None) -> bool:
 
 
 def _measure_riser(
-    results: list[tuple[Profile, Edge]],
+    results: list[tuple[ScannedProfile, Edge]],
     flanks: list[Flank],
     instrument: Instrument,
     options: EvaluationOptions,
@@ -300,7 +300,7 @@ def _measure_riser(
     return values, ""
 
 
-def _fit_riser_line(row: Profile, edge: Edge, angle: float) -> float:
+def _fit_riser_line(row: ScannedProfile, edge: Edge, angle: float) -> float:
     # Return the width of the zone that holds a flank between a quarter and three quarters of it
     # [m].
     u, level = edge.measure_across(row.position, row.height)
@@ -310,7 +310,7 @@ def _fit_riser_line(row: Profile, edge: Edge, angle: float) -> float:
     return float(np.ptp(rest)) * math.cos(angle)
 
 
-def _extend_by_level_faces(row: Profile, edge: Edge) -> Profile:
+def _extend_by_level_faces(row: ScannedProfile, edge: Edge) -> ScannedProfile:
     # Return the edge as it was scanned between level faces, so that the length of a scan says
     # nothing.
     u, level = edge.measure_across(row.position, row.height)
@@ -321,15 +321,15 @@ def _extend_by_level_faces(row: Profile, edge: Edge) -> Profile:
     heights = np.concatenate([[0.0], level[used][order], [top]])
     count = round(_LEVEL / row.spacing)
     position = np.arange(-count, count, dtype=np.float64) * row.spacing
-    return Profile(position, np.interp(position, known, heights), row.source)
+    return ScannedProfile(position, np.interp(position, known, heights), row.source)
 
 
 def _measure_across(
-    scan: Profile | HeightMap, results: list[tuple[Profile, Edge]], turn: float
+    scan: ScannedProfile | HeightMap, results: list[tuple[ScannedProfile, Edge]], turn: float
 ) -> tuple[Array, Array]:
     # Return distances from the edge and heights over the lower face [m], shape (ny, nx), of the
     # whole scan.
-    if isinstance(scan, Profile):
+    if isinstance(scan, ScannedProfile):
         row, edge = results[0]
         u, level = edge.measure_across(row.position, row.height)
         return u[np.newaxis], level[np.newaxis]
@@ -350,7 +350,7 @@ def _measure_across(
 def _measure_burr(
     across: Array,
     level: Array,
-    results: list[tuple[Profile, Edge]],
+    results: list[tuple[ScannedProfile, Edge]],
     instrument: Instrument,
     notes: list[str],
     missing: dict[str, str],
@@ -376,7 +376,7 @@ def _measure_burr(
     return {"burr": add_instrument_components("burr", found.height.value, own, instrument)}
 
 
-def _extract_faces(results: list[tuple[Profile, Edge]]) -> tuple[Profile, ...]:
+def _extract_faces(results: list[tuple[ScannedProfile, Edge]]) -> tuple[ScannedProfile, ...]:
     # Return the two faces of some profiles, levelled, those of the lower face first.
     some = results[:: max(len(results) // _MOST_FACES, 1)]
     faces = []
@@ -384,11 +384,11 @@ def _extract_faces(results: list[tuple[Profile, Edge]]) -> tuple[Profile, ...]:
         for row, edge in some:
             u, level = edge.measure_across(row.position, row.height)
             inside = side * u > edge.exclusion
-            faces.append(Profile(row.position[inside], level[inside], row.source))
+            faces.append(ScannedProfile(row.position[inside], level[inside], row.source))
     return tuple(faces)
 
 
-def _build_shown(first: Profile, edge: Edge, sloped: bool) -> Shown:
+def _build_shown(first: ScannedProfile, edge: Edge, sloped: bool) -> Shown:
     x, before = first.position, edge.middle - edge.exclusion
     behind = edge.middle + edge.exclusion
     windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
@@ -399,7 +399,7 @@ def _build_shown(first: Profile, edge: Edge, sloped: bool) -> Shown:
     return Shown(x, level - np.nanmedian(level[lower]), windows, fitted, edge.dropped)
 
 
-def _estimate_form(results: list[tuple[Profile, Edge]]) -> float:
+def _estimate_form(results: list[tuple[ScannedProfile, Edge]]) -> float:
     # Return the change of the mean height when twice as much is excluded, beyond what noise alone
     # changes, as a rectangle [m].
     some = results[:: max(len(results) // 10, 1)]

@@ -5,7 +5,7 @@ ISO 21920-3 takes the settings from its limit.
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import Profile
+from stepblocks.artefacts.scans.scan import ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import Array, Estimate, find_outliers
 
@@ -24,7 +24,7 @@ _SECTIONS = 5
 _ALPHA = 0.4697186393498257
 
 
-def measure_ra(face: Profile, limit: float) -> Estimate:
+def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
     """Return Ra of one levelled profile of a face [m] by the settings for its limit.
 
     The scatter over five sections stands beside it.
