@@ -1,11 +1,16 @@
-"""Read a TOML file into a validated stimulus set, or say what is wrong and where."""
+"""Read TOML files into validated stimulus sets, or say what is wrong and where."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeAlias
 
-from stepblocks.errors import StimulusError
+from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.mistakes import Mistake, shorten_value
 from stepblocks.parts.set import StimulusSet, make_set
+from stepblocks.select import find_stimulus_files
 from stepblocks.text_file import read_document
+
+Sets: TypeAlias = str | Path | StimulusSet | Sequence[str | Path | StimulusSet]
 
 SCHEMA = 1  # version of the stimulus file format
 MAX_FILE_BYTES = 1_000_000  # largest stimulus file that is read [bytes]
@@ -45,3 +50,17 @@ def load_set(path: str | Path) -> StimulusSet:
             )
         )
     return make_set(path.stem, raw, path.parent, path, mistakes)
+
+
+def load_sets(given: Sets | None = None) -> list[tuple[StimulusSet, str]]:
+    """Load sets from files, folders or as they are, each with where it comes from.
+
+    Without any they are those of the folder ``stimuli``.
+    """
+    several = [given] if isinstance(given, str | Path | StimulusSet) else list(given or ())
+    if not all(isinstance(one, str | Path | StimulusSet) for one in several):
+        raise PipelineError(f"a set must be a path or a StimulusSet, got {shorten_value(several)}")
+    declared = [(one, one.name) for one in several if isinstance(one, StimulusSet)]
+    paths = [one for one in several if not isinstance(one, StimulusSet)]
+    files = find_stimulus_files(paths) if paths or not declared else []
+    return [*declared, *((load_set(path), str(path)) for path in files)]

@@ -183,6 +183,18 @@ def test_readers_of_tables_take_the_folder_as_it_is(tmp_path):
         done.read(["height"])
 
 
+@pytest.mark.parametrize("library", ["polars", "dask.dataframe"])
+def test_polars_and_dask_read_the_folder_of_a_sweep_as_pandas_does(library, tmp_path):
+    reader = pytest.importorskip(library)
+    run_sweep(plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static")), tmp_path / "out")
+    expected = pd.read_parquet(tmp_path / "out")
+    found = reader.read_parquet(tmp_path / "out")
+    found = found.to_pandas() if library == "polars" else found.compute()
+    pd.testing.assert_frame_equal(
+        found.reset_index(drop=True), expected, check_dtype=False, check_categorical=False
+    )
+
+
 def test_a_result_draws_its_table_and_says_what_it_is(tmp_path):
     done = run_sweep(
         plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static")), tmp_path / "out"

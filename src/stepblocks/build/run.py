@@ -122,8 +122,10 @@ def build_sets(
     sources, folder = _list_sources(files), Path(output)
     # a set declared in Python is hashed as its file
     inputs = {
-        one.name: hash_file(one) if isinstance(one, Path) else hash_bytes(one.to_toml().encode())
-        for one in sources
+        f"{name}.toml": hash_file(one)
+        if isinstance(one, Path)
+        else hash_bytes(one.to_toml().encode())
+        for name, one in sources.items()
     }
     if model:
         inputs["--model"] = hash_file(Path(model))
@@ -139,7 +141,7 @@ def build_sets(
     from stepblocks.build.make import make_all
     from stepblocks.declare import load_set
 
-    sets = [load_set(one) if isinstance(one, Path) else one for one in sources]
+    sets = [load_set(one) if isinstance(one, Path) else one for one in sources.values()]
     learned = read_model(Path(model)) if model else None
     alike = [f"{one.name}: {text}" for one in sets for text in one.describe_alike().values()]
     report = BuildReport(str(folder), notes=alike)
@@ -173,17 +175,17 @@ def build_sets(
     return report
 
 
-def _list_sources(files: "Source | Sequence[Source] | None") -> "list[Path | StimulusSet]":
-    # List stimulus files and declared sets, each name once
+def _list_sources(files: "Source | Sequence[Source] | None") -> "dict[str, Path | StimulusSet]":
+    # Find stimulus files and declared sets by the names of their sets
     several = files if isinstance(files, list | tuple) else () if files is None else (files,)
     paths = [one for one in several if isinstance(one, str | Path)]
     found: list[Path | StimulusSet] = [one for one in several if not isinstance(one, str | Path)]
     if paths or not found:
         found += find_stimulus_files(paths)
-    names = [one.stem if isinstance(one, Path) else one.name for one in found]
-    if len(set(names)) < len(names):
-        raise PipelineError(f"sets must have different names, got {', '.join(sorted(names))}")
-    return found
+    by_name = {one.stem if isinstance(one, Path) else one.name: one for one in found}
+    if len(by_name) < len(found):
+        raise PipelineError(f"sets must have different names, got {', '.join(sorted(by_name))}")
+    return by_name
 
 
 def _require_safe_output(output: Path, sets: "Sequence[StimulusSet]") -> None:
@@ -268,7 +270,7 @@ def _remove_stale(output: Path, before: Mapping[str, str], now: Mapping[str, str
 
 
 def check_output(
-    files: str | Path | Sequence[str | Path] | None = None,
+    files: "Source | Sequence[Source] | None" = None,
     output: str | Path = "out",
     *,
     only: str | None = None,
@@ -277,8 +279,8 @@ def check_output(
 
     Parameters
     ----------
-    files : str, Path or sequence of them, optional
-        Stimulus files, or folders of them, which say what the artefacts must be; the folder
+    files : str, Path, StimulusSet or sequence of them, optional
+        Stimulus files, folders of them, or sets, which say what the artefacts must be; the folder
         ``stimuli`` where omitted.
     output : str or Path, optional
         The output folder.
@@ -297,10 +299,10 @@ def check_output(
     """
     from stepblocks.artefacts.check import check_artefact
     from stepblocks.build.make import list_checkable_files
-    from stepblocks.declare import load_set
+    from stepblocks.declare import load_sets
 
     folder = Path(output)
-    sets = [load_set(path) for path in find_stimulus_files(files)]
+    sets = [declared for declared, _ in load_sets(files)]
     selected = select_stimuli(sets, only)
     names = dict.fromkeys(stimuli.name for stimuli, _ in selected)
     if missing := [name for name in names if not (folder / name).is_dir()]:

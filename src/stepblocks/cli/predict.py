@@ -83,7 +83,7 @@ def predict(
     if model or any(path.suffix.lower() == ".csv" for path in files):
         return _predict_table(files, output, model)
     from stepblocks.atomic import replace_text
-    from stepblocks.declare import load_set
+    from stepblocks.declare import load_sets
     from stepblocks.predict.predictions import (
         choose_terminal_columns,
         describe_left_out,
@@ -91,10 +91,9 @@ def predict(
         predict_all,
     )
     from stepblocks.predict.sheaths import tabulate_rings
-    from stepblocks.select import find_stimulus_files
     from stepblocks.tables import format_csv
 
-    sets = [load_set(path) for path in find_stimulus_files(files)]
+    sets = [declared for declared, _ in load_sets(files)]
     in_time = None if conversion is None else conversion == "simulated"
     if as_built:
         sets, by_name, rows = _predict_as_built(sets, as_built, in_time, speed)

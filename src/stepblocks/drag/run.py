@@ -19,6 +19,7 @@ from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.kernels import compute_height_at_angle
 from stepblocks.contact.laws import ContactLaw, FrictionLaw
 from stepblocks.contact.operating_point import PAPER, Tool
+from stepblocks.declare import Sets
 from stepblocks.drag.events import drag_face, list_events
 from stepblocks.drag.figures import draw_force, draw_spectra, plot_force
 from stepblocks.drag.kernels import COLUMNS
@@ -231,7 +232,7 @@ def drag_over(
     subject: str | Path | Counterface | Scanned,
     *,
     backward: bool = False,
-    stimuli: Path | None = None,
+    stimuli: Sets | None = None,
     setting: str | None = None,
     x_range: tuple[float, float] | None = None,
     contact: ContactLaw | None = None,
@@ -248,7 +249,7 @@ def drag_over(
         part's; or a profile that `read_scan` returned.
     backward : bool
         Towards falling x: from the crown to the tooth, or down a step.
-    stimuli : Path, optional
+    stimuli : str, Path, StimulusSet or sequence of them, optional
         Where identities are looked up; by default the folder ``stimuli``.
     setting : str, optional
         ``"figures-3-to-5"``: the load carried as those of the paper need it, and its load, friction

@@ -7,12 +7,12 @@ from pathlib import Path
 from stepblocks.contact.counterface import Counterface, Profile, Step, take_counterface
 from stepblocks.contact.domain import Scanned
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declare import load_set
+from stepblocks.declare import Sets, load_sets
 from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import format_quantity, parse_quantity
-from stepblocks.select import find_stimulus_files, matches_pattern
+from stepblocks.select import matches_pattern
 from stepblocks.tables import read_si_columns, read_table
 from stepblocks.text_file import format_file_name
 
@@ -36,7 +36,7 @@ def resolve_subject(
     given: str | Path | Counterface | Scanned,
     values: Mapping[str, float],
     backward: bool = False,
-    stimuli: Path | None = None,
+    stimuli: Sets | None = None,
 ) -> Subject:
     """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
     if not isinstance(given, (str, Path)):
@@ -122,19 +122,20 @@ def change_point(point: OperatingPoint, values: Mapping[str, float]) -> Operatin
     return replace(point, tool=replace(point.tool, **of_tool), **changes)  # type: ignore[arg-type]
 
 
-def _find_declared_part(text: str, stimuli: Path | None) -> tuple[StimulusSet, Part]:
+def _find_declared_part(text: str, stimuli: Sets | None) -> tuple[StimulusSet, Part]:
     # Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``
+    meant: Sets | None
     head, _, identity = text.rpartition("/")
     if head.endswith(".toml"):
-        files, wanted = [Path(head)], identity
+        meant, wanted = Path(head), identity
     elif stimuli is None and not Path("stimuli").is_dir():
         raise PipelineError(f"{_WANTED}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     else:
-        files, wanted = find_stimulus_files(stimuli), text
-    sets = [load_set(file) for file in files]
+        meant, wanted = stimuli, text
+    sets = load_sets(meant)
     found = [
         (one, part)
-        for one in sets
+        for one, _ in sets
         for part in one.stimuli
         if matches_pattern(wanted, one.name, part.id)
     ]
@@ -142,6 +143,6 @@ def _find_declared_part(text: str, stimuli: Path | None) -> tuple[StimulusSet, P
         names = ", ".join(f"{one.name}/{part.id}" for one, part in found)
         raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
     if not found:
-        places = ", ".join(map(str, files))
+        places = ", ".join(place for _, place in sets)
         raise PipelineError(f"{_WANTED}, or declared in {places}, got {text!r}")
     return found[0]

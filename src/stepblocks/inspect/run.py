@@ -18,6 +18,7 @@ from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile, crop_map
 from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
 from stepblocks.contact import counterface
+from stepblocks.declare import Sets, load_sets
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import (
     UNSTATED,
@@ -48,7 +49,6 @@ from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
-from stepblocks.select import find_stimulus_files
 from stepblocks.text_file import format_file_name
 
 # what an inspection takes: a file, a scan in memory, or positions and heights [m]
@@ -99,7 +99,7 @@ def inspect_scan(
     scan: Scan,
     stimulus: str | Part,
     *,
-    stimuli: str | Path = "stimuli",
+    stimuli: Sets = "stimuli",
     instrument: Instrument = _NOTHING_KNOWN,
     feature: str = "edge",
     options: EvaluationOptions = AS_FOUND,
@@ -117,8 +117,8 @@ def inspect_scan(
         inspection sheet that is filled in, ``*.csv`` or ``*.xlsx``.
     stimulus : str or part
         Identity of the part, such as ``"step-050"``, or the part itself.
-    stimuli : str or Path
-        Stimulus file, or a folder of them, that declares it.
+    stimuli : str, Path, StimulusSet or sequence of them
+        Stimulus file, folder of them, or set, that declares it.
     instrument : Instrument
         Calibration and resolution; for a scale that is not stated a default of 2 % counts.
     feature : {"edge", "groove"}
@@ -149,7 +149,7 @@ def inspect_scan(
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
     others: tuple[Part, ...] = ()
     if isinstance(stimulus, str):
-        part, declared = find_declared(stimulus, Path(stimuli))
+        part, declared = find_declared(stimulus, stimuli)
         order, prediction = declared.order, declared.prediction
         others = tuple(one for one in declared.stimuli if one is not part)
     else:
@@ -321,13 +321,10 @@ def inspect_standard(
     return replace(result, judged=((asked, decision),), verdict=decision.verdict)
 
 
-def find_declared(identity: str, where: Path) -> tuple[Part, StimulusSet]:
+def find_declared(identity: str, where: Sets) -> tuple[Part, StimulusSet]:
     """Find a stimulus by its identity, also as engraved, and the set that declares it."""
-    from stepblocks.declare import load_set
-
     known = []
-    for path in find_stimulus_files(where):
-        declared = load_set(path)
+    for declared, _ in load_sets(where):
         for stimulus in declared.stimuli:
             if stimulus.id.lower() == identity.strip().lower():
                 return stimulus, declared

@@ -1,32 +1,15 @@
 """Which stimuli of which sets, and under what each of them is dragged."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import TypeAlias
 
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
-from stepblocks.mistakes import shorten_value
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
-from stepblocks.select import find_stimulus_files
 
-Sets: TypeAlias = str | Path | StimulusSet | Sequence[str | Path | StimulusSet]
 OVERRIDES = ("normal_load", "friction", "ball_radius", "speed")
-
-
-def load_sets(given: Sets) -> list[tuple[StimulusSet, str]]:
-    """Load sets from files, folders or as they are, each with where it comes from."""
-    several = [given] if isinstance(given, str | Path | StimulusSet) else list(given)
-    if not all(isinstance(one, str | Path | StimulusSet) for one in several):
-        raise PipelineError(f"a set must be a path or a StimulusSet, got {shorten_value(several)}")
-    declared = [(one, one.name) for one in several if isinstance(one, StimulusSet)]
-    paths = [one for one in several if not isinstance(one, StimulusSet)]
-    files = find_stimulus_files(paths) if paths or not declared else []
-    return [*declared, *((load_set(path), str(path)) for path in files)]
 
 
 def check_overrides(overrides: Mapping[str, object]) -> None:

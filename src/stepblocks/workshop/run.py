@@ -1,6 +1,6 @@
 """Everything a workshop gets besides the STEP file: drawings, sheets, routes."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import pandas as pd
 from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.atomic import lock_folder, replace_text, resolve_inside
-from stepblocks.declare import load_set
+from stepblocks.declare import Sets, load_sets
 from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
 from stepblocks.parts.body import Block
@@ -18,7 +18,7 @@ from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.set import StimulusSet
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
-from stepblocks.select import find_stimulus_files, select_stimuli
+from stepblocks.select import select_stimuli
 from stepblocks.tables import write_table
 from stepblocks.workshop.drawing import write_drawing, write_series_drawing
 from stepblocks.workshop.gauge_route import choose_pair, write_gauge_assembly
@@ -52,7 +52,7 @@ class PartOrder:
 
 
 def order_parts(
-    files: str | Path | Sequence[str | Path] | None = None,
+    files: Sets | None = None,
     output: str | Path = "out",
     *,
     only: str | None = None,
@@ -63,8 +63,8 @@ def order_parts(
 
     Parameters
     ----------
-    files : str, Path or sequence of them, optional
-        Stimulus files, or folders of them; the folder ``stimuli`` where omitted.
+    files : str, Path, StimulusSet or sequence of them, optional
+        Stimulus files, folders of them, or sets; the folder ``stimuli`` where omitted.
     output : str or Path, optional
         Output folder; the files go to ``output/set/id``, where `build` puts the STEP files.
     only : str, optional
@@ -89,7 +89,7 @@ def order_parts(
     held = parse_quantity(held, "length") if isinstance(held, str) else held
     orders: list[PartOrder] = []
     with lock_folder(Path(output)):
-        sets = [load_set(path) for path in find_stimulus_files(files)]
+        sets = [declared for declared, _ in load_sets(files)]
         selected = select_stimuli(sets, only)
         for declared, one in selected:
             orders.append(_order_part(one, Path(output), held, declared))

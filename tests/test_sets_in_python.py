@@ -1,0 +1,90 @@
+"""Promise: a set declared in Python goes wherever the file of the same set goes."""
+
+import numpy as np
+import pytest
+
+import stepblocks
+from stepblocks import StimulusSet
+
+
+@pytest.fixture(scope="module")
+def declared():
+    return StimulusSet.declare("mine", step_block=[{"id": "low", "height": "25 um"}])
+
+
+@pytest.fixture(scope="module")
+def built(declared, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("python")
+    declared.to_toml(folder / "mine.toml")
+    reports = {
+        "set": stepblocks.build_sets(declared, folder / "set", jobs=1),
+        "file": stepblocks.build_sets(folder / "mine.toml", folder / "file", jobs=1),
+    }
+    return folder, reports
+
+
+def test_a_set_is_built_to_the_bytes_of_its_file(built):
+    folder, reports = built
+    assert all(one.built == ["mine/low"] and not one.failures for one in reports.values())
+    trees = [
+        {
+            path.relative_to(folder / name): path.read_bytes()
+            for path in (folder / name).rglob("*")
+            if path.is_file()
+        }
+        for name in reports
+    ]
+    assert trees[0] == trees[1]
+
+
+def test_a_set_is_up_to_date_as_its_file_is(declared, built):
+    again = stepblocks.build_sets(declared, built[0] / "set")
+    assert (again.built, again.current) == ([], 1)
+
+
+def test_a_set_is_checked_as_its_file_is(declared, built):
+    folder, _ = built
+    by_set = list(stepblocks.check_output(declared, folder / "set"))
+    assert by_set == list(stepblocks.check_output(folder / "mine.toml", folder / "set"))
+    assert all(verdict.passed for _, verdicts in by_set for verdict in verdicts)
+    thicker = StimulusSet.declare("mine", step_block=[{"id": "low", "height": "26 um"}])
+    found = stepblocks.check_output(thicker, folder / "set")
+    assert any(not verdict.passed for _, verdicts in found for verdict in verdicts)
+
+
+def test_a_scan_is_judged_against_a_part_of_a_set(declared):
+    x = np.linspace(-2e-3, 2e-3, 4001)
+    scan = x, np.where(x < 0.0, 0.0, 25.2e-6)
+    results = [
+        stepblocks.inspect_scan(scan, one, stimuli=declared)
+        for one in ("low", declared.step_block[0])
+    ]
+    for result in results:
+        assert result.evaluation.values["step_height"].value == pytest.approx(25.2e-6, abs=20e-9)
+
+
+def test_a_part_of_a_set_is_dragged_over_by_its_name(declared):
+    by_name = stepblocks.drag_over("low", stimuli=declared)
+    face = declared.step_block[0].counterface()
+    assert by_name.trace.peak_force == stepblocks.drag_over(face).trace.peak_force
+    with pytest.raises(stepblocks.StepblocksError, match="or declared in mine, got 'high'"):
+        stepblocks.drag_over("high", stimuli=declared)
+
+
+def test_a_set_is_drawn_and_exported_as_its_file_is(declared, built, tmp_path):
+    source = built[0] / "mine.toml"
+    for name, given in (("set", declared), ("file", source)):
+        orders = stepblocks.order_parts(given, tmp_path / name)
+        assert [one.name for one in orders] == ["mine/low"]
+        stepblocks.export_scenes(given, "mujoco", tmp_path / name / "scene")
+    names = [
+        sorted(path.relative_to(tmp_path / one) for path in (tmp_path / one).rglob("*"))
+        for one in ("set", "file")
+    ]
+    assert names[0] == names[1]
+
+
+@pytest.mark.parametrize("function", [stepblocks.check_output, stepblocks.order_parts])
+def test_what_is_no_set_is_refused_in_one_line(function, tmp_path):
+    with pytest.raises(stepblocks.StepblocksError, match="a set must be a path or a StimulusSet"):
+        function([3.0], tmp_path)
