@@ -26,7 +26,7 @@ except ImportError as error:
         "a sweep needs pyarrow: install the extra with pip install 'stepblocks[sweep]'"
     ) from error
 
-PLAN_FILE = "_sweep.json"  # readers of Parquet pass over a name that begins so
+PLAN_FILE = "_sweep.json"  # pandas and Dask pass over a name that begins so
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class SweepResult:
     Attributes
     ----------
     folder : Path
-        Holds the partitions, ``part-00000000.parquet`` and on. pandas, polars, Dask and DuckDB
-        read the folder, or ``part-*.parquet`` in it, as it is.
+        Holds the partitions, ``part-00000000.parquet`` and on. pandas and Dask read the folder
+        as it is, polars and DuckDB ``*.parquet`` in it.
     plan : SweepPlan
         What was computed.
     computed, found : int
