@@ -114,7 +114,7 @@ def kinds(work: Path, wanted: list[str]) -> Iterator[Kind]:
 def _texts(work: Path) -> Iterator[Kind]:
     import json
 
-    from oracles.taught import taught_model
+    from oracles.learned import make_learned_model
     from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
     from stepblocks.artefacts.model_file import build_model_document, read_model
     from stepblocks.artefacts.qif import write_qif
@@ -161,7 +161,7 @@ def _texts(work: Path) -> Iterator[Kind]:
             read_plan,
         ),
     )
-    model = json.dumps(build_model_document(taught_model(std=0.1))).encode()
+    model = json.dumps(build_model_document(make_learned_model(std=0.1))).encode()
     yield "models", ([("model.json", model)], read_model)
     value = AsBuiltValue(50e-6, 1e-7, "conforms")
     write_as_built(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import stepblocks as sb
-from oracles.taught import taught_model
+from oracles.learned import make_learned_model
 from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.predict.predictions import predict_by_formula
 
@@ -31,6 +31,8 @@ EXAMPLES = {
     "Margin": sb.Margin(50e-6, 40e-6, 10e-6),
     "Groove": sb.Groove(100e-6, 0.5),
     "Profile": sb.Profile(X, np.where(X > 0.0, 25e-6, 0.0)),
+    "ScannedProfile": sb.ScannedProfile(X, np.where(X > 0.0, 25e-6, np.nan), "a.csv"),
+    "HeightMap": sb.HeightMap(np.zeros((3, 4)), 1e-6, 2e-6),
     "OperatingPoint": sb.PAPER,
     "Tool": sb.PAPER.tool,
     "Release": sb.find_release(0.5, 1.0, 0.15),
@@ -39,8 +41,8 @@ EXAMPLES = {
     "Hertz": sb.Hertz(),
     "LinearContact": sb.LinearContact(1e6),
     "EvaluationOptions": sb.EvaluationOptions(),
-    "LearnedModel": taught_model(),
-    "LearnedModel with a law": taught_model({"edge_rounding": {"edge_radius_m": 13.8e-6}}),
+    "LearnedModel": make_learned_model(),
+    "LearnedModel with a law": make_learned_model({"edge_rounding": {"edge_radius_m": 13.8e-6}}),
     "Parameter": sb.Parameter("gravity", "m/s^2", 9.8, 8.0, 11.0, 0.05),
     "Prediction": next(iter(predict_by_formula(SETS["paper-ten"]))),
 }

@@ -257,27 +257,27 @@ def test_a_small_mesh_file_that_unpacks_without_end_is_one_line_and_no_memory(
     ("verdict", "passed", "text"),
     [
         (
-            Verdict("step height", 10e-6, 10.0005e-6, 1e-9, artefact="a.stl"),
+            Verdict("a.stl", "step height", 10e-6, 10.0005e-6, 1e-9),
             True,
             "ok   a.stl: step height +0.500 nm off 10 um (limit 1 nm)",
         ),
         (
-            Verdict("step height", 10e-6, 9.998e-6, 1e-9, artefact="a.stl"),
+            Verdict("a.stl", "step height", 10e-6, 9.998e-6, 1e-9),
             False,
             "FAIL a.stl: step height -2.000 nm off 10 um (limit 1 nm)",
         ),
         (
-            Verdict("volume", 2e-9, 2e-9 * (1.0 + 5e-7), 1e-6, "volume", True, "a.stl"),
+            Verdict("a.stl", "volume", 2e-9, 2e-9 * (1.0 + 5e-7), 1e-6, "volume", relative=True),
             True,
             "ok   a.stl: volume +5.0e-07 relative (limit 1e-06)",
         ),
         (
-            Verdict("open edges", 0.0, 3.0, 0.0, "count", artefact="a.stl"),
+            Verdict("a.stl", "open edges", 0.0, 3.0, 0.0, "count"),
             False,
             "FAIL a.stl: open edges 3, 0 expected",
         ),
         (
-            Verdict("cannot be read", 1.0, 0.0, 0.0, "file", artefact="a.stl"),
+            Verdict("a.stl", "cannot be read", 1.0, 0.0, 0.0, "file"),
             False,
             "FAIL a.stl: cannot be read",
         ),
@@ -289,10 +289,10 @@ def test_a_verdict_reads_as_one_line(verdict, passed, text):
 
 
 def test_what_could_not_be_measured_has_failed_and_stays_valid_json():
-    lost = Verdict("step height", 10e-6, math.nan, 1e-9, artefact="a.stl")
+    lost = Verdict("a.stl", "step height", 10e-6, math.nan, 1e-9)
     assert not lost.passed
     assert json.loads(json.dumps(lost.as_record(), allow_nan=False))["measured_m"] is None
-    assert Verdict("mass", 1.0, 1.0, 0.1, "mass", relative=True).as_record().keys() >= {
+    assert Verdict("a", "mass", 1.0, 1.0, 0.1, "mass", relative=True).as_record().keys() >= {
         "nominal_kg",
         "limit_relative",
     }
@@ -351,4 +351,4 @@ def test_no_shift_helps_where_corners_lie_closer_than_the_samples():
 
 
 def test_a_dimension_is_not_needed_to_state_a_verdict():
-    assert Verdict("length", Dimension(1e-3, 0.0, 0.0).nominal, 1e-3, 0.0).passed
+    assert Verdict("x", "length", Dimension(1e-3, 0.0, 0.0).nominal, 1e-3, 0.0).passed

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from oracles.taught import taught_model
+from oracles.learned import make_learned_model
 from stepblocks.artefacts.model_file import build_model_document, read_model
 from stepblocks.errors import PipelineError
 
@@ -18,7 +18,7 @@ _EFFECTS = {
 @pytest.fixture
 def document():
     return json.loads(
-        json.dumps(build_model_document(taught_model(_EFFECTS, std=0.01, scatter=0.05)))
+        json.dumps(build_model_document(make_learned_model(_EFFECTS, std=0.01, scatter=0.05)))
     )
 
 
@@ -35,7 +35,7 @@ def test_what_is_written_is_read_and_written_again_the_same(tmp_path, document):
 
 def test_a_read_model_has_laws_that_act(tmp_path, document):
     asked, back = (
-        taught_model(_EFFECTS, std=0.01, scatter=0.05),
+        make_learned_model(_EFFECTS, std=0.01, scatter=0.05),
         read_model(str(_written(tmp_path, document))),
     )
     assert [law.id for law in back.extended.laws] == ["edge_rounding", "running_in"]
@@ -46,7 +46,7 @@ def test_a_read_model_has_laws_that_act(tmp_path, document):
 
 
 def test_other_values_can_be_put_into_the_same_effects():
-    fitted = taught_model(_EFFECTS).extended
+    fitted = make_learned_model(_EFFECTS).extended
     moved = {**fitted.values, "edge_rounding.edge_radius_m": 20e-6}
     assert dict(fitted.active(moved)[0][1]) == {"edge_radius_m": 20e-6}
 

@@ -314,7 +314,7 @@ def test_a_scanned_profile_is_dragged_over_as_it_was_read():
     assert drag_over(scan).trace.peak_force == pytest.approx(
         drag_over(WAVY).trace.peak_force, rel=1e-3
     )
-    with pytest.raises(ContactError, match="at least half of the points"):
+    with pytest.raises(ContactError, match="at least half of a scan"):
         drag_over(SimpleNamespace(position=WAVY.x, height=np.where(X > -0.7e-3, np.nan, 0.0)))
     with pytest.raises(ContactError, match="scanned profile, got dict"):
         drag_over({"x": 1})

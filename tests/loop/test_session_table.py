@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from oracles.taught import taught_model
+from oracles.learned import make_learned_model
 from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.cli import main
 from stepblocks.contact.operating_point import PAPER
@@ -294,7 +294,7 @@ def test_the_log_of_a_session_is_a_table_that_its_model_predicts_from(log):
 
 
 def test_a_prediction_from_the_folder_is_that_of_its_trials_in_si_units(log):
-    found = predict_trials(read_trial_table(log), taught_model())
+    found = predict_trials(read_trial_table(log), make_learned_model())
     plain = pd.DataFrame(
         {
             "trial": ["1", "2", "3"],
@@ -304,17 +304,17 @@ def test_a_prediction_from_the_folder_is_that_of_its_trials_in_si_units(log):
             "speed_mm_s": [2.0, 5.0, 2.0],
         }
     )
-    wanted = predict_trials(plain, taught_model())
+    wanted = predict_trials(plain, make_learned_model())
     pd.testing.assert_frame_equal(found[wanted.columns], wanted)
 
 
 def test_the_command_predicts_the_trials_of_a_folder_from_its_own_log(log, tmp_path, capsys):
     model, output = tmp_path / "model.json", tmp_path / "out.csv"
-    model.write_text(json.dumps(build_model_document(taught_model())))
+    model.write_text(json.dumps(build_model_document(make_learned_model())))
     assert main(["predict", str(log), "--model", str(model), "-o", str(output)]) == 0
     assert "3 trials predicted, 0 of them not ok" in capsys.readouterr().out
     found = pd.read_csv(output, dtype={"trial": str})
-    wanted = predict_trials(read_trial_table(log), taught_model())
+    wanted = predict_trials(read_trial_table(log), make_learned_model())
     assert found["trial"].tolist() == ["1", "2", "3"]
     for name in ("peak_force_n", "vibration_energy_j"):
         assert found[name].to_numpy() == pytest.approx(wanted[name].to_numpy(), rel=1e-6)

@@ -18,7 +18,7 @@ from stepblocks.declare import load_set
 from stepblocks.errors import StimulusError
 from stepblocks.parts.characteristics import FaceRule, describe_plane, make_characteristic
 from stepblocks.parts.declared import MaterialField
-from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, Verdict
+from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, Finding
 from stepblocks.parts.revolution import Turned, make_frusta
 from stepblocks.parts.set import list_kinds, register_kind
 from stepblocks.parts.tolerance import PositiveLength
@@ -82,7 +82,7 @@ class CollaredPin(Turned):
         yield make_characteristic("collar_diameter", "diameter", size, crest).doubled
 
     def measure_mesh(self, body, mesh):
-        yield Verdict(
+        yield Finding(
             "collar", self.collar_height.nominal, float(mesh.radii.max() - self.turn_radius), 2e-9
         )
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from oracles.taught import taught_model
+from oracles.learned import make_learned_model
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.predict.predictions import predict_by_formula
@@ -23,7 +23,7 @@ _ROUNDED = {"edge_rounding": {"edge_radius_m": 14e-6}}
 
 
 def test_a_step_is_asked_about_like_a_trial_of_it():
-    learned = taught_model(_ROUNDED, std=0.002, scatter=0.03)
+    learned = make_learned_model(_ROUNDED, std=0.002, scatter=0.03)
     found = make_learned_drag(learned, "step-050", 50e-6, _CONDITION)
     row = {
         "trial": "1",
@@ -44,7 +44,7 @@ def test_a_step_is_asked_about_like_a_trial_of_it():
 
 
 def test_friction_and_tool_are_those_that_were_learnt_not_those_that_were_assumed():
-    found = make_learned_drag(taught_model(_ROUNDED), "step-050", 50e-6, _CONDITION)
+    found = make_learned_drag(make_learned_model(_ROUNDED), "step-050", 50e-6, _CONDITION)
     assert found.friction == pytest.approx(0.17)
     learnt = (
         found.tool.stiffness,
@@ -58,7 +58,7 @@ def test_friction_and_tool_are_those_that_were_learnt_not_those_that_were_assume
 
 
 def test_what_an_effect_follows_is_taken_in_the_middle_of_the_data():
-    learned = taught_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}})
+    learned = make_learned_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}})
     found = make_learned_drag(learned, "step-050", 50e-6, _CONDITION)
     assert found.friction == pytest.approx(0.17 * (1.0 + 0.5 * math.exp(-60.5 / 30.0)))
     assert found.edge_radius == 0.0
@@ -66,13 +66,13 @@ def test_what_an_effect_follows_is_taken_in_the_middle_of_the_data():
 
 def test_a_step_beyond_the_data_is_flagged():
     assert (
-        make_learned_drag(taught_model(), "step-090", 90e-6, _CONDITION).status
+        make_learned_drag(make_learned_model(), "step-090", 90e-6, _CONDITION).status
         == "outside-range(height_um)"
     )
 
 
 def test_a_set_is_predicted_with_the_constants_of_the_session():
-    taught = apply_model(load_set(_STIMULI / "paper-four.toml"), taught_model())
+    taught = apply_model(load_set(_STIMULI / "paper-four.toml"), make_learned_model())
     assert taught.prediction.frictions == (0.17,)
     assert taught.prediction.tool.stiffness == pytest.approx(1.05 * 9500.0)
     assert taught.prediction.tool.conversion == pytest.approx(0.23)
@@ -80,7 +80,7 @@ def test_a_set_is_predicted_with_the_constants_of_the_session():
 
 @pytest.mark.parametrize("name", ["paper-four", "crown-margins"])
 def test_columns_say_the_same_as_a_plain_step_of_the_same_critical_angle(name):
-    learned = taught_model()
+    learned = make_learned_model()
     seen = set()
     for prediction in predict_by_formula(apply_model(load_set(_STIMULI / f"{name}.toml"), learned)):
         columns = format_learned_columns(prediction, learned)
@@ -104,7 +104,7 @@ def test_columns_say_the_same_as_a_plain_step_of_the_same_critical_angle(name):
 def test_a_model_that_follows_the_speed_is_asked_about_the_speed_of_the_condition():
     # C_v (v / 6 mm/s)^q: at 8 mm/s the energy is (8 / 6)^q times that of the same model at q = 0
     def energy(exponent):
-        learned = taught_model({"speed_dependent_conversion": {"exponent": exponent}})
+        learned = make_learned_model({"speed_dependent_conversion": {"exponent": exponent}})
         return make_learned_drag(learned, "step-050", 50e-6, _CONDITION).energy[0]
 
     assert energy(0.7) / energy(0.0) == pytest.approx((8.0 / 6.0) ** 0.7, rel=1e-9)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from oracles.taught import CONSTANTS, taught_model
+from oracles.learned import CONSTANTS, make_learned_model
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.effects.smooth import list_smooth_laws
 from stepblocks.contact.energy import find_release
@@ -33,7 +33,7 @@ def _table(**columns):
 
 def test_without_effects_a_trial_is_equations_one_and_two():
     table = _table(load_n=[0.3, 0.8, 1.1], tip=["tip-110", "tip-125", "blue"])
-    found = predict_trials(table, taught_model())
+    found = predict_trials(table, make_learned_model())
     # a name without a number has the probe's
     for row, radius in zip(range(3), (110e-6, 125e-6, 120e-6), strict=True):
         one = find_release(
@@ -46,12 +46,12 @@ def test_without_effects_a_trial_is_equations_one_and_two():
 
 
 def test_certain_constants_and_trials_without_scatter_leave_no_interval():
-    found = predict_trials(_table(), taught_model()).iloc[0]
+    found = predict_trials(_table(), make_learned_model()).iloc[0]
     assert found["peak_force_low_n"] == found["peak_force_n"] == found["peak_force_high_n"]
 
 
 def test_scatter_of_single_trials_alone_is_a_factor_either_way():
-    found = predict_trials(_table(), taught_model(scatter=0.05)).iloc[0]
+    found = predict_trials(_table(), make_learned_model(scatter=0.05)).iloc[0]
     # origin: 1.96 standard deviations of 5 % on a logarithm
     assert found["vibration_energy_high_j"] / found["vibration_energy_j"] == pytest.approx(
         math.exp(0.098), rel=1e-4
@@ -62,7 +62,7 @@ def test_scatter_of_single_trials_alone_is_a_factor_either_way():
 
 
 def test_doubt_about_a_constant_widens_by_its_derivative():
-    found = predict_trials(_table(), taught_model(std=1e-4)).iloc[0]
+    found = predict_trials(_table(), make_learned_model(std=1e-4)).iloc[0]
     angle = find_step_angle(50e-6, 110e-6) + math.atan(0.17)
     # d ln tan(a + atan mu) / d mu
     slope = 1.0 / (math.sin(angle) * math.cos(angle)) / (1.0 + 0.17**2)
@@ -72,7 +72,7 @@ def test_doubt_about_a_constant_widens_by_its_derivative():
 
 def test_a_block_that_nobody_measured_is_as_uncertain_as_its_height():
     table = _table(block=["step-050", "step-new"])
-    found = predict_trials(table, taught_model())
+    found = predict_trials(table, make_learned_model())
     angle = find_step_angle(50e-6, 110e-6)
     slope = 1.0 / (110e-6 * math.sin(angle))  # da/dH
     total = angle + math.atan(0.17)
@@ -83,7 +83,7 @@ def test_a_block_that_nobody_measured_is_as_uncertain_as_its_height():
 
 
 def test_effects_act_in_the_extended_model_alone():
-    learned = taught_model({"edge_rounding": {"edge_radius_m": 14e-6}})
+    learned = make_learned_model({"edge_rounding": {"edge_radius_m": 14e-6}})
     found = predict_trials(_table(), learned).iloc[0]
     rounded = find_release(find_step_angle(50e-6, 110e-6, 14e-6), 0.8, 0.17)
     sharp = find_release(find_step_angle(50e-6, 110e-6), 0.8, 0.17)
@@ -94,7 +94,7 @@ def test_effects_act_in_the_extended_model_alone():
 def test_a_table_and_its_file_are_predicted_alike_and_the_file_is_what_is_returned(tmp_path):
     table = _table(load_n=[0.3, 0.8], run_order=[1, 2], operator=["A", "B"])
     table.to_csv(tmp_path / "trials.csv", index=False)
-    learned = taught_model(
+    learned = make_learned_model(
         {"running_in": {"excess": 0.5, "settling_trials": 30.0}}, std=0.01, scatter=0.02
     )
     from_file = predict_trials(
@@ -106,7 +106,7 @@ def test_a_table_and_its_file_are_predicted_alike_and_the_file_is_what_is_return
 
 
 def test_every_reason_is_named_and_the_gravest_is_shown():
-    learned = taught_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}})
+    learned = make_learned_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}})
     table = _table(
         height_um=[50.0, 50.0, 115.0, 50.0, -1.0, 50.0],
         load_n=[0.8, 3.0, 0.8, "heavy", float("inf"), 0.8],
@@ -128,13 +128,13 @@ def test_every_reason_is_named_and_the_gravest_is_shown():
 
 
 def test_the_columns_that_a_model_needs_are_asked_for_by_name():
-    learned = taught_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}})
+    learned = make_learned_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}})
     with pytest.raises(PipelineError, match="columns load_n, run_order, which the model needs"):
         predict_trials(_table().drop(columns="load_n"), learned)
 
 
 def test_a_model_that_follows_its_own_quantities_needs_no_column_for_them():
-    learned = taught_model({"hardening_spring": {"cubic_per_n2": 0.2, "pitch_share": 0.1}})
+    learned = make_learned_model({"hardening_spring": {"cubic_per_n2": 0.2, "pitch_share": 0.1}})
     found = predict_trials(_table(), learned).iloc[0]
     assert found["status"] == "ok"
     # a hardening spring stores less for the same force, and shows a swing of more force for what it
@@ -145,20 +145,20 @@ def test_a_model_that_follows_its_own_quantities_needs_no_column_for_them():
 
 def test_files_that_cannot_be_read_or_written_are_named(tmp_path):
     with pytest.raises(PipelineError, match="readable CSV"):
-        predict_trials(tmp_path / "none.csv", taught_model())
+        predict_trials(tmp_path / "none.csv", make_learned_model())
     (tmp_path / "blocked").write_text("a file where a folder should be")
     with pytest.raises(PipelineError, match="cannot be written"):
-        predict_trials(_table(), taught_model(), tmp_path / "blocked" / "p.csv")
+        predict_trials(_table(), make_learned_model(), tmp_path / "blocked" / "p.csv")
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_model_whose_figures_are_out_of_all_measure_is_refused_and_never_ok_without_an_energy():
     with pytest.raises(PipelineError, match="is not finite: its conditions or the model"):
-        predict_trials(_table(), replace(taught_model(), channel_std=np.full(7, 1e300)))
+        predict_trials(_table(), replace(make_learned_model(), channel_std=np.full(7, 1e300)))
 
 
 def test_trials_without_a_tip_are_those_of_the_tip_that_the_model_was_measured_with():
-    learned = taught_model()
+    learned = make_learned_model()
     own = f"tip-{learned.tip_radius_um:g}"
     named = predict_trials(_table(load_n=[0.3, 0.8], tip=own), learned)
     plain = predict_trials(_table(load_n=[0.3, 0.8]).drop(columns="tip"), learned)
@@ -167,7 +167,7 @@ def test_trials_without_a_tip_are_those_of_the_tip_that_the_model_was_measured_w
 
 @pytest.mark.parametrize("name", ["height_um", "load_n", "speed_mm_s"])
 def test_a_trial_without_height_load_or_speed_is_invalid_and_has_no_figures(name):
-    found = predict_trials(_table(**{name: [0.0, 1.0]}), taught_model())
+    found = predict_trials(_table(**{name: [0.0, 1.0]}), make_learned_model())
     assert found["status"][0] == f"invalid({name})"
     assert found.loc[0, _NUMBERS].isna().all()
     assert not found["status"][1].startswith("invalid")
@@ -189,7 +189,7 @@ def _with_law(model, name, **values):
 
 
 def test_a_label_that_the_session_had_not_is_as_uncertain_as_those_it_had_differ():
-    model = _with_law(taught_model(), "smooth_conversion_operator", **{"g[B]": 0.2})
+    model = _with_law(make_learned_model(), "smooth_conversion_operator", **{"g[B]": 0.2})
     found = predict_trials(_table(operator=["A", "B", "C"]), model)
     assert list(found["status"]) == ["ok", "ok", "outside-range(operator)"]
     a, b, c = np.log(found["vibration_energy_j"])
@@ -201,7 +201,7 @@ def test_a_label_that_the_session_had_not_is_as_uncertain_as_those_it_had_differ
 
 def test_an_hour_after_the_run_is_as_uncertain_as_the_run_changed():
     values = {"step": 0.2, "at_trial": 60.5}
-    model = _with_law(taught_model(), "step_conversion_run_order", **values)
+    model = _with_law(make_learned_model(), "step_conversion_run_order", **values)
     found = predict_trials(_table(run_order=[30.0, 90.0, 200.0]), model)
     before, after, later = np.log(found["vibration_energy_j"])
     assert (after - before, later - before) == pytest.approx((0.2, 0.2))

@@ -27,7 +27,7 @@ from stepblocks.errors import MetrologyError
 from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import FORM, Characteristic as Wanted
 from stepblocks.parts.kind import NANOMETRE, Part
-from stepblocks.parts.verdict import Verdict
+from stepblocks.parts.verdict import Finding, Verdict
 from stepblocks.text_file import Document, read_document
 
 VOLUME_LIMIT = 1e-6  # volume against its closed form, relative
@@ -63,13 +63,13 @@ def check_artefact(part: Part, path: str | Path) -> list[Verdict]:
     try:
         found = list(checker(part, path))
     except MetrologyError as error:
-        found = [Verdict(str(error), 1.0, 0.0, 0.0, "file")]
+        found = [Finding(str(error), 1.0, 0.0, 0.0, "file")]
     return [replace(one, artefact=path.name) for one in found]
 
 
 def _check_step(stimulus: Part, path: Path) -> Iterator[Verdict]:
     report, findings = check_part_step(path, stimulus)
-    yield Verdict(
+    yield Finding(
         "schema AP242",
         1.0,
         float(any("AP242" in schema for schema in report.schema)),
@@ -80,20 +80,20 @@ def _check_step(stimulus: Part, path: Path) -> Iterator[Verdict]:
         "volumes"
     ]
     volumes = stimulus.volumes()
-    yield Verdict("solids", len(volumes), len(found_volumes), 0.0, "count")
+    yield Finding("solids", len(volumes), len(found_volumes), 0.0, "count")
     for index, (volume, found_volume) in enumerate(
         zip(volumes, found_volumes, strict=False), start=1
     ):
-        yield Verdict(
+        yield Finding(
             f"volume of solid {index}", volume, found_volume, 1e-6, "volume", relative=True
         )
     for one, found in match_characteristics(report, stimulus):
         if one.kind not in FORM:
             measured = math.nan if found is None or found.geometry is None else found.geometry
             quantity, angular = f"{one.label}, of its faces", one.quantity == "angle"
-            yield Verdict(quantity, one.nominal, measured, ALLOWED, one.quantity, relative=angular)
+            yield Finding(quantity, one.nominal, measured, ALLOWED, one.quantity, relative=angular)
     first = f" ({findings[0]})" if findings else ""
-    yield Verdict(
+    yield Finding(
         f"tolerances, material and types as asked for{first}",
         0.0,
         len(findings),
@@ -198,24 +198,24 @@ def _is_same_value(item: Characteristic, kind: str, wanted: tuple[float, ...]) -
 def _check_mesh(part: Part, path: Path) -> Iterator[Verdict]:
     mesh = MeshMeasures(*read_mesh(path))
     body = part.bodies.index(path.stem) if path.stem in part.bodies else 0
-    yield Verdict("edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count")
+    yield Finding("edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count")
     wanted, found = part.volumes()[body], mesh.volume
-    yield Verdict("volume", wanted, found, VOLUME_LIMIT, "volume", relative=True)
+    yield Finding("volume", wanted, found, VOLUME_LIMIT, "volume", relative=True)
     yield from part.measure_mesh(body, mesh)
 
 
 def _check_pieces(part: Part, path: Path) -> Iterator[Verdict]:
     pieces = [MeshMeasures(*arrays) for arrays in read_pieces(path)]
     open_edges = sum(piece.bad_edges() for piece in pieces)
-    yield Verdict("edges without exactly one neighbour", 0.0, open_edges, 0.0, "count")
+    yield Finding("edges without exactly one neighbour", 0.0, open_edges, 0.0, "count")
     worst = max(piece.concavity() for piece in pieces)
-    yield Verdict("concavity of the pieces", 0.0, worst, NANOMETRE)
+    yield Finding("concavity of the pieces", 0.0, worst, NANOMETRE)
     whole, total = (
         math.fsum(part.volumes()) + part.filled,
         math.fsum(piece.volume for piece in pieces),
     )
     limit = _PIECES_LIMIT if part.is_turned else VOLUME_LIMIT
-    yield Verdict("volume of the pieces", whole, total, limit, "volume", relative=True)
+    yield Finding("volume of the pieces", whole, total, limit, "volume", relative=True)
 
 
 def read_image(path: Path, mode: str = "") -> dict[str, object]:
@@ -237,7 +237,7 @@ def read_arrays(path: Path) -> dict[str, object]:
 def _check_tiff(part: Part, path: Path) -> Iterator[Verdict]:
     heights = read_confined(f"{__name__}:read_image", path, raises=MetrologyError)["pixels"]
     bits = 8.0 * heights.dtype.itemsize * (heights.dtype.kind == "f")
-    yield Verdict("bits per height, floating point", 32.0, bits, 0.0, "count")
+    yield Finding("bits per height, floating point", 32.0, bits, 0.0, "count")
     yield from _check_field(part, path, heights.astype(np.float64) * 1e-6, _read_sidecar(path))
 
 
@@ -251,7 +251,7 @@ def _check_npz(part: Part, path: Path) -> Iterator[Verdict]:
     for name, found in (("x", columns), ("y", rows)):
         expected = side[f"origin_{name}_m"] + side[f"spacing_{name}_m"] * np.arange(found.size)
         worst = np.abs(found - expected).max() if found.ndim == 1 and found.size else math.inf
-        yield Verdict(f"positions along {name}", 0.0, float(worst), NANOMETRE)
+        yield Finding(f"positions along {name}", 0.0, float(worst), NANOMETRE)
 
 
 def _read_sidecar(path: Path) -> Document:
@@ -280,20 +280,20 @@ def _check_field(
         )
     x = side["origin_x_m"] + side["spacing_x_m"] * np.arange(heights.shape[1])
     worst = np.abs(heights - [part.top(position) for position in x.tolist()]).max()
-    yield Verdict("largest error of a height", 0.0, float(worst), NANOMETRE)
+    yield Finding("largest error of a height", 0.0, float(worst), NANOMETRE)
     third = heights.shape[1] // 3
     step = (
         math.fsum(heights[:, -third:].mean(axis=0)) / third
         - math.fsum(heights[:, :third].mean(axis=0)) / third
     )
-    yield Verdict("step between the outer thirds", part.rise, step, NANOMETRE)
+    yield Finding("step between the outer thirds", part.rise, step, NANOMETRE)
 
 
 def _check_picture(part: Part, path: Path) -> Iterator[Verdict]:
     found = read_confined(f"{__name__}:read_image", path, "L", raises=MetrologyError)
     pixels = found["pixels"].astype(np.float64)
     drawn = float(np.mean(np.abs(pixels - np.median(pixels)) > 8.0) > 0.02)
-    yield Verdict("something is drawn", 1.0, drawn, 0.0, "count")
+    yield Finding("something is drawn", 1.0, drawn, 0.0, "count")
 
 
 def _check_specification(part: Part, path: Path) -> Iterator[Verdict]:
@@ -304,7 +304,7 @@ def _check_specification(part: Part, path: Path) -> Iterator[Verdict]:
         if isinstance(found, dict)
         else len(wanted)
     )
-    yield Verdict("entries that differ from what was asked for", 0.0, wrong, 0.0, "count")
+    yield Finding("entries that differ from what was asked for", 0.0, wrong, 0.0, "count")
 
 
 _CHECKERS: dict[str, Callable[[Part, Path], Iterator[Verdict]]] = {

@@ -336,7 +336,7 @@ def _check_table(stimuli: "StimulusSet", folder: Path, name: str) -> "Verdict":
     if "--model" in manifest.get("inputs", {}):
         wrong = int(hash_file(path) != list_outputs(manifest).get(name))
         quantity = "bytes as the manifest says"
-        return Verdict(quantity, 0.0, wrong, 0.0, "count", artefact=path.name)
+        return Verdict(path.name, quantity, 0.0, wrong, 0.0, "count")
     found = path.read_text(encoding="utf-8", errors="replace") if is_file(path) else ""
     wanted = format_predictions_csv(predict_all(stimuli))
     lines = zip_longest(*(csv.reader(text.splitlines()) for text in (wanted, found)), fillvalue=())
@@ -344,4 +344,4 @@ def _check_table(stimuli: "StimulusSet", folder: Path, name: str) -> "Verdict":
         not all(starmap(agree_to_last_digit, zip_longest(*pair, fillvalue=""))) for pair in lines
     )
     quantity = "lines that differ from the prediction"
-    return Verdict(quantity, 0.0, wrong, 0.0, "count", artefact=path.name)
+    return Verdict(path.name, quantity, 0.0, wrong, 0.0, "count")

@@ -43,9 +43,7 @@ REACH = 5e-3  # half length of a centre path on either side of the edge [m]
 
 
 class Counterface(ABC):
-    """A surface across the drag.
-
-    x along the drag, z up, the working edge at x = 0, the near side at z = 0.
+    """A surface across the drag: x along it, z up, working edge at x = 0, near side at z = 0.
 
     Attributes
     ----------
@@ -53,13 +51,9 @@ class Counterface(ABC):
         Names of the directions that are felt, forward first.
     """
 
-    ways: ClassVar[tuple[str, ...]] = (
-        "forward",
-        "backward",
-    )
-    _dimensions: ClassVar[
-        tuple[str, ...]
-    ] = ()  # fields on which the angles depend, where they have a closed form
+    ways: ClassVar[tuple[str, ...]] = ("forward", "backward")
+    # fields on which the angles depend, where they have a closed form
+    _dimensions: ClassVar[tuple[str, ...]] = ()
 
     @property
     def far_side(self) -> float:
@@ -352,9 +346,8 @@ class Profile(Counterface):
 
         Parameters
         ----------
-        scan : object with `position` and `height`
-            Such as what `read_scan` returns: arrays of shape (n,) [m], NaN where nothing was
-            measured.
+        scan : ScannedProfile
+            As `read_scan` returns it.
         feature : tuple of float, optional
             Where the edge lies [m].
 
@@ -365,10 +358,8 @@ class Profile(Counterface):
         """
         known = np.isfinite(scan.height)
         if 2 * int(known.sum()) < known.size:
-            raise ContactError(
-                f"at least half of the points of a scan must be measured, got {int(known.sum())} "
-                f"of {known.size}"
-            )
+            shown = f"{int(known.sum())} of {known.size}"
+            raise ContactError(f"at least half of a scan must be measured, got {shown} points")
         return cls(scan.position[known], scan.height[known], feature)
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:

@@ -16,7 +16,7 @@ from stepblocks.errors import ContactError
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, complete_face_demands
 from stepblocks.parts.tolerance import Dimension
-from stepblocks.parts.verdict import Verdict as Verdict
+from stepblocks.parts.verdict import Finding as Finding, Verdict as Verdict
 
 CONTACT_DEFLECTION = 0.1e-6  # chordal error of a mesh where the probe touches [m]
 FITTING_DEFLECTION = 3e-6  # where parts fit one another

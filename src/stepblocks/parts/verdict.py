@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 from stepblocks.quantities import format_quantity
 
@@ -12,6 +13,8 @@ class Verdict:
 
     Attributes
     ----------
+    artefact : str
+        Name of the file that was measured.
     quantity : str
         What was measured.
     nominal, measured : float
@@ -24,17 +27,15 @@ class Verdict:
         read.
     relative : bool
         Whether `limit` is relative.
-    artefact : str
-        Name of the file that was measured.
     """
 
+    artefact: str
     quantity: str
     nominal: float
     measured: float
     limit: float
     dimension: str = "length"
     relative: bool = False
-    artefact: str = ""
 
     @property
     def deviation(self) -> float:
@@ -78,3 +79,6 @@ class Verdict:
             "limit_relative" if self.relative else f"limit{suffix}": self.limit,
             "passed": self.passed,
         }
+
+
+Finding = partial(Verdict, "")  # of a file that is named later

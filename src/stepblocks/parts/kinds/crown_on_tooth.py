@@ -26,6 +26,7 @@ from stepblocks.parts.kind import (
     CONTACT_DEFLECTION,
     FITTING_DEFLECTION,
     NANOMETRE,
+    Finding,
     Manifold,
     MeasuredMesh,
     Verdict,
@@ -364,13 +365,13 @@ class CrownOnTooth(CrownMargin, Turned):
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         radii, heights = mesh.radii, mesh.vertices[:, 2]
         if body == 0:
-            yield Verdict(
+            yield Finding(
                 "radius at the finish line",
                 self.margin_radius.nominal,
                 float(radii[abs(heights) < 1e-9].max()),
                 2.0 * NANOMETRE,
             )
-            yield Verdict(
+            yield Finding(
                 "preparation height",
                 self.preparation_height.nominal,
                 float(heights.max()),
@@ -380,10 +381,10 @@ class CrownOnTooth(CrownMargin, Turned):
         # the margin is the foot of the outer surface; a bevel goes on below it, inwards
         outside = radii > radii.max() - 10.0 * NANOMETRE
         foot = heights[outside].min()
-        yield Verdict(
+        yield Finding(
             "vertical discrepancy of the margin", self.opening.nominal, float(foot), NANOMETRE
         )
-        yield Verdict(
+        yield Finding(
             "outer radius of the crown's margin",
             self.outer_radius,
             float(radii[outside & (heights < foot + 1e-9)].max()),

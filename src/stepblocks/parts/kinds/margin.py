@@ -41,6 +41,7 @@ from stepblocks.parts.declared import (
 )
 from stepblocks.parts.kind import (
     NANOMETRE,
+    Finding,
     Manifold,
     MeasuredMesh,
     Part,
@@ -131,7 +132,7 @@ class CrownMargin(Part):
         """Measure the marginal gap on the mesh of a body of this length."""
         reach = 0.25 * length.nominal
         gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
-        return Verdict("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+        return Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
 
     def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
@@ -325,8 +326,8 @@ class MarginBlock(CrownMargin, Block):
         yield self.measure_gap(mesh, self.body.length)
         crown = mesh.level_beside(self.opening.nominal, +1)
         tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)
-        yield Verdict("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
-        yield Verdict(
+        yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
+        yield Finding(
             "vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE
         )
 

@@ -24,7 +24,7 @@ from stepblocks.parts.declared import (
     declare_default,
     make_rules_validator,
 )
-from stepblocks.parts.kind import NANOMETRE, Manifold, MeasuredMesh, Verdict
+from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh, Verdict
 from stepblocks.parts.kinds.margin import ACROSS, CrownMargin
 from stepblocks.parts.shapes import Mesh, make_hull
 from stepblocks.parts.tolerance import PositiveLength
@@ -231,7 +231,7 @@ class ScannedMargin(CrownMargin):
         yield self.measure_gap(mesh, self.length)
         corner = abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
         top = float(mesh.vertices[corner, 2].max())
-        yield Verdict("margin of the crown", self.horizontal_discrepancy.nominal, top, NANOMETRE)
+        yield Finding("margin of the crown", self.horizontal_discrepancy.nominal, top, NANOMETRE)
 
     def derived(self) -> list[list[str]]:
         scan = self.station

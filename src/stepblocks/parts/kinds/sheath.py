@@ -23,7 +23,14 @@ from stepblocks.parts.declared import (
     make_rules_validator,
     make_sourced_validator,
 )
-from stepblocks.parts.kind import FITTING_DEFLECTION, HeldPart, Manifold, MeasuredMesh, Verdict
+from stepblocks.parts.kind import (
+    FITTING_DEFLECTION,
+    Finding,
+    HeldPart,
+    Manifold,
+    MeasuredMesh,
+    Verdict,
+)
 from stepblocks.parts.revolution import Outline, Point, Turned, make_sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
 from stepblocks.quantities import format_quantity
@@ -162,19 +169,19 @@ class Sheath(Turned, HeldPart):
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         heights, radii = mesh.vertices[:, 2], mesh.radii
-        yield Verdict(
+        yield Finding(
             "length", self.length.nominal, float(heights.max() - heights.min()), _FLOAT32_LIMIT
         )
-        yield Verdict(
+        yield Finding(
             "radius of the bore", 0.5 * self.bore.nominal, float(radii.min()), FITTING_DEFLECTION
         )
-        yield Verdict(
+        yield Finding(
             "outer radius",
             0.5 * self.outer_diameter.nominal,
             float(radii.max()),
             FITTING_DEFLECTION,
         )
-        yield Verdict(
+        yield Finding(
             "mass",
             self.mass,
             self.material.density.value * mesh.volume,

@@ -44,6 +44,7 @@ from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
     NANOMETRE,
+    Finding,
     Manifold,
     MeasuredMesh,
     Verdict,
@@ -264,8 +265,8 @@ class StepBlock(Block):
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         low, high = mesh.level_beside(0.0, -1), mesh.level_beside(self.edge_radius.nominal, +1)
-        yield Verdict("step height", self.height.nominal, high - low, NANOMETRE)
-        yield Verdict("lower working face at z = 0", 0.0, low, NANOMETRE)
+        yield Finding("step height", self.height.nominal, high - low, NANOMETRE)
+        yield Finding("lower working face at z = 0", 0.0, low, NANOMETRE)
 
     def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         height = self.height.nominal

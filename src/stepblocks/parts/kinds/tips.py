@@ -26,6 +26,7 @@ from stepblocks.parts.declared import (
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
+    Finding,
     HeldPart,
     Manifold,
     MeasuredMesh,
@@ -114,9 +115,9 @@ class Tip(Turned, HeldPart):
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         R = self.ball_radius.nominal
         radius, form, sag = mesh.sphere(R, self.cone_start[1])
-        yield Verdict("radius of the contact sphere", R, radius, SPHERE_LIMIT)
-        yield Verdict("form of the contact sphere", 0.0, form, SPHERE_LIMIT)
-        yield Verdict("chordal error on the contact sphere", 0.0, sag, SPHERE_LIMIT)
+        yield Finding("radius of the contact sphere", R, radius, SPHERE_LIMIT)
+        yield Finding("form of the contact sphere", 0.0, form, SPHERE_LIMIT)
+        yield Finding("chordal error on the contact sphere", 0.0, sag, SPHERE_LIMIT)
 
     def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         radius = self.ball_radius.nominal

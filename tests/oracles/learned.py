@@ -11,7 +11,7 @@ from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.contact.operating_point import Tool
 
-__all__ = ["CONSTANTS", "taught_model"]
+__all__ = ["CONSTANTS", "make_learned_model"]
 
 CONSTANTS = {
     "friction": 0.17,
@@ -29,7 +29,7 @@ _RANGES = (
 )
 
 
-def taught_model(
+def make_learned_model(
     effects=None, std=0.0, scatter=0.0, blocks=("step-020", "step-050")
 ) -> LearnedModel:
     """Constants as above, blocks of their nominal height; `effects` maps a law's name to values of
