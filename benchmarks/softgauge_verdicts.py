@@ -3,9 +3,11 @@
 Burr, ramp, rotation, cone, form, groove, a second step, a dome and unlike grooves; every 25th is a
 patch, a map of 0.45 mm of faces of 5 mm that bow, which must not judge their form.
 
-Every gauge draws its truth, its instrument (stylus or optical, calibration off by what is stated)
-and its noise from its own number. Each characteristic that was judged is compared with the truth: a
-false "conforms", a false "does not conform", and whether the interval of the value holds the truth.
+Every gauge draws its truth, its instrument (optical, or a stylus whose radius is a quarter off at
+most; calibration off by what is stated; where the samples lie) and its noise from its own number.
+A groove under a stylus has walls between upright and as steep as its cone. Each characteristic that
+was judged is compared with the truth: a false "conforms", a false "does not conform", and whether
+the interval of the value holds the truth.
 A run that is broken off goes on where it was, as long as the code is the same: one line of JSON for
 each gauge.
 
@@ -102,12 +104,12 @@ def draw(number):
     if kind == "groove":
         width = 600 * UM + random.uniform(-180.0, 180.0) * UM
         truth = {"groove_depth": height, "groove_width": width}
-        shape = lambda x: groove_gauge(x, height, -width / 2, width / 2, UM)  # noqa: E731
-        step, reach = UM, 1400 * UM
+        step, reach, wall = UM, 1400 * UM, random.uniform(0.0, 2.0) * UM
     if kind in ("map", "turned", "patch"):
         turn = math.radians(random.uniform(-25.0, 25.0)) if kind == "turned" else 0.0
         size, fine, step = (300, 60), 3, 1.5 * UM
         x, y = ((np.arange(n * fine) + 0.5 - 0.5 * n * fine) * step / fine for n in size)
+        x = x + random.uniform(-0.5, 0.5) * step
         across = x[np.newaxis, :] * math.cos(turn) + y[:, np.newaxis] * math.sin(turn)
         if kind == "patch":  # a parabola over a face lies within a quarter of its rise from a plane
             bow = random.uniform(4.0, 40.0) * UM * (500 * UM / 5e-3) ** 2
@@ -116,10 +118,16 @@ def draw(number):
         z = z + correlated_map(z.shape, step, 5e-9, rough, length, random)
         scan = HeightMap(scale * z, lateral * step, lateral * step, kind)
     else:
-        if kind in ("cone", "plain") and random.uniform() < 0.6:
+        has_stylus = kind in ("cone", "plain", "groove") and random.uniform() < 0.6
+        if has_stylus:
             tip, cone = random.choice([2.0, 5.0]) * UM, math.radians(random.choice([60.0, 90.0]))
+        if kind == "groove":
+            wall = random.uniform(0.0, height * math.tan(0.5 * cone)) if has_stylus else wall
+            shape = lambda x: groove_gauge(x, height, -width / 2, width / 2, wall)  # noqa: E731
+        if has_stylus:
             finer = np.arange(-reach - 50 * UM, reach + 50 * UM, 0.1 * UM)
-            seen = stylus_trace(finer, shape(finer), tip, cone)
+            worn = tip * random.uniform(0.75, 1.25)
+            seen = stylus_trace(finer, shape(finer), worn, cone)
         x = np.arange(-reach, reach, step) + random.uniform(-0.5, 0.5) * step
         z = shape(x) if tip == 0.0 else np.interp(x, finer, seen)
         z = z + correlated_noise(len(x), step, 5e-9, rough, length, random)

@@ -97,6 +97,18 @@ def test_the_interval_is_normal_where_nothing_was_estimated_from_few_values():
     assert Measured("x", 0.0, (Component("a", 1.0, 4.0),)).expanded() == pytest.approx(2.776445)
 
 
+def test_a_rectangle_alone_ends_and_beside_a_normal_law_their_sum_is_that_of_draws():
+    half = math.sqrt(3.0)  # of a rectangle with a standard deviation of 1
+    alone = Measured("x", 0.0, (Component("a", 1.0, bounded=True),))
+    assert alone.expanded() == pytest.approx(0.95 * half, rel=1e-3)  # EA-4/02, S9.14: 1.65
+    assert alone.guard == pytest.approx(1.65)  # the guard band of ISO 14253-1 stays
+    random = np.random.default_rng(1)
+    for normal in (0.3, 1.0, 3.0):
+        both = Measured("x", 0.0, (Component("a", 1.0, bounded=True), Component("b", normal)))
+        draws = random.uniform(-half, half, 400_000) + random.normal(0.0, normal, 400_000)
+        assert both.expanded() == pytest.approx(np.quantile(np.abs(draws), 0.95), rel=5e-3)
+
+
 def test_profiles_that_differ_by_no_more_than_their_noise_show_no_repeatability():
     random = np.random.default_rng(1)
     measured = average_profiles("x", quiet(random.normal(1e-5, 10e-9, 12), 1e-6), Instrument(0.0))

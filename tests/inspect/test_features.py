@@ -9,7 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oracles.softgauge import correlated_map, correlated_noise, groove_gauge, sheets_gauge
+from oracles.softgauge import (
+    correlated_map,
+    correlated_noise,
+    groove_gauge,
+    sheets_gauge,
+    stylus_trace,
+)
 from stepblocks.artefacts.scans.read import list_channels, read_scan
 from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
@@ -229,3 +235,20 @@ def test_the_shadow_of_a_wall_hides_no_edge_of_a_groove_and_is_in_its_width(begi
     width = found.values["feature_width"]  # its edge may lie anywhere in 1.2 mm of shadow
     assert abs(width.value - 7e-3) < width.expanded(0.99) < 1.0e-3
     assert not [note for note in found.notes if "refused" in note or "beyond" in note]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("wall", [5 * UM, 15 * UM, 25 * UM, 80 * UM])
+def test_the_walls_of_a_feature_stand_within_the_flanks_that_a_cone_shows(sign, wall):
+    # a cone of 60 degrees shows a wall of 50 um as 29 um wide; a gentler one is that of the surface
+    fine = np.arange(-9000, 9000) * 0.1 * UM
+    part = groove_gauge(fine, sign * 50 * UM, -300 * UM, 300 * UM, wall)
+    trace = stylus_trace(fine, part, 2 * UM, np.radians(60.0))
+    x = np.arange(-850, 850) * UM
+    scan = ScannedProfile(x, np.interp(x, fine, trace) + noise(x, 5))
+    stylus = EvaluationOptions(stylus_radius=2 * UM, stylus_cone=np.radians(60.0))
+    width = measure_groove(scan, EXACT, stylus).values["feature_width"]
+    assert abs(width.value - 600 * UM) < width.expanded()
+    assert width.expanded() < (20 * UM if wall < 29 * UM else 3 * UM)
+    unstated = measure_groove(scan, EXACT).values["feature_width"]
+    assert unstated.expanded() > 1.5 * width.expanded()

@@ -265,6 +265,28 @@ def test_the_edge_radius_of_a_map_bears_what_its_pixels_average(degrees, radius)
     assert found.expanded() > 0.5 * UM  # a pixel is 1 um
 
 
+@pytest.mark.parametrize("place", [-0.4, -0.2, 0.2, 0.4])
+@pytest.mark.parametrize("radius", [0.0, 1.4 * UM])
+def test_the_edge_radius_of_a_map_bears_where_its_pixels_lie_which_is_alike_in_all_rows(
+    place, radius
+):
+    shifted = map_of(lambda x: block(x + place * UM, radius), size=(300, 8))
+    found = measure_edge(shifted, KNOWN, OPTICAL).values["edge_radius"]
+    assert abs(found.value - radius) < found.expanded()
+
+
+def test_a_bowed_face_leaves_the_edge_radius_as_well_known_as_a_level_one():
+    level, bowed = (
+        measure_edge(profile_of(shape, step=0.5 * UM), KNOWN, OPTICAL).values["edge_radius"]
+        for shape in (
+            lambda x: block(x, 3 * UM),
+            lambda x: block(x, 3 * UM) + 0.2 * UM * (x / (500 * UM)) ** 2,
+        )
+    )
+    assert abs(bowed.value - 3 * UM) < bowed.expanded(0.99)
+    assert bowed.expanded() < 3.0 * level.expanded()
+
+
 def test_a_stylus_that_nobody_stated_rejects_no_good_block():
     fine = np.arange(-6000, 6000) * 0.1 * UM
     trace = stylus_trace(fine, block(fine, 0.5 * UM), 5 * UM, math.radians(60.0))
@@ -275,6 +297,7 @@ def test_a_stylus_that_nobody_stated_rejects_no_good_block():
     value = inspected(scan, stated).evaluation.values["edge_radius"]
     assert abs(value.value - 0.5 * UM) < value.expanded()
     assert value.expanded() > 1.0 * UM  # the tip of 5 um is known to a quarter
+    assert value.expanded() < 1.1 * 1.25 * UM  # a rectangle ends there
 
 
 def test_no_radius_is_below_zero_and_a_stylus_blunter_than_the_scan_is_called_wrong():

@@ -102,8 +102,10 @@ def _find_obstacle(entry: Document) -> str:
     if entry["bound"]:
         return f"known as a bound only: {entry['bound']} the measured value"
     if entry["coverage_factor"] > _LARGEST_FACTOR:
-        factor = entry["coverage_factor"]
-        return f"too few profiles or scans: coverage factor {factor:.2f}, at most {_LARGEST_FACTOR}"
+        return (
+            f"too few profiles or scans: coverage factor {entry['coverage_factor']:.2f}, "
+            f"at most {_LARGEST_FACTOR}"
+        )
     return ""
 
 
@@ -192,10 +194,9 @@ def _format_row(entry: Document) -> list[str]:
     ends = {side: f"{float(size) * factor:.7g}" for side, size in entry["limits"]}
     limits = f"{ends.get('lower', '')} to {ends.get('upper', '')}".strip()
     value, half = (f"{float(entry[name]) * factor:.4f}" for name in ("value", "expanded"))
-    label = str(entry["label"])[:48]
     return [
         str(entry["number"]),
-        label,
+        str(entry["label"])[:48],
         value,
         half,
         entry["factor"],

@@ -15,6 +15,7 @@ from enum import StrEnum
 from typing import Literal
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import stdtr, stdtrit
 
 from stepblocks.errors import MetrologyError
@@ -32,6 +33,8 @@ _LEAST_COSINES = 4
 UNSTATED_SCALE = 0.02
 UNSTATED = "not stated"
 _NORMAL_95 = 1.959963984540054
+_NODES = 200  # of a rectangle over which a mean is taken
+_LEAST_REST = 1e-4  # of the variance of a rectangle, that all else has at least [1]
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,9 @@ class Component:
         How it was evaluated; begins with "not stated" where a default stands for it.
     decisive : bool
         Whether nothing can be proven while it is unknown.
+    bounded : bool
+        Whether it ends at root three of `std`, a rectangle: where it outweighs the others, their
+        sum does nearly so.
     """
 
     name: str
@@ -57,6 +63,7 @@ class Component:
     dof: float = math.inf
     how: str = ""
     decisive: bool = False
+    bounded: bool = False
 
     @property
     def is_type_a(self) -> bool:
@@ -164,7 +171,21 @@ class Measured:
         own = [one for one in self.components if math.isfinite(one.std) and one.is_type_a]
         few = math.sqrt(sum(part.std**2 for part in own))
         single = compute_student_quantile(share, _find_effective_dof(own, few)) * few
-        return max(single, compute_student_quantile(share, self.dof) * self.std)
+        whole = compute_student_quantile(share, self.dof) * self.std
+        return max(single, min(whole, self._expand_rectangle(share)))
+
+    def _expand_rectangle(self, share: float) -> float:
+        # quantile of the sum of the largest rectangle and Student's law of all else (JCGM 101,
+        # 7.6; EA-4/02, S9.14, of a rectangle alone), by the mean over the rectangle
+        widest = max((part.std for part in self.components if part.bounded), default=0.0)
+        if widest == 0.0:
+            return math.inf
+        rest = math.sqrt(max((self.std / widest) ** 2 - 1.0, _LEAST_REST))
+        inside = math.sqrt(3.0) * np.linspace(-1.0, 1.0, 2 * _NODES + 1)[1::2]
+        most = 2.0 * (math.sqrt(3.0) + compute_student_quantile(share, self.dof) * rest)
+        return widest * float(
+            brentq(lambda at: stdtr(self.dof, (at - inside) / rest).mean() - share, 0.0, most)
+        )
 
 
 def _find_effective_dof(components: Iterable[Component], std: float) -> float:
@@ -206,7 +227,10 @@ def add_instrument_components(
                 )
             parts.append(Component(label, relative * abs(value), how=origin))
     resolution = Component(
-        "resolution", instrument.resolution / math.sqrt(12.0), how="one count, rectangular"
+        "resolution",
+        instrument.resolution / math.sqrt(12.0),
+        how="one count, rectangular",
+        bounded=True,
     )
     return Measured(name, value, (*parts, *others, resolution))
 

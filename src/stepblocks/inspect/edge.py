@@ -150,9 +150,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         corner, limit = (flank.radius, flank.radius_std), flank.radius + 1.645 * flank.radius_std
     return Edge(
         height=step,
-        radius=Estimate(
-            *corner, step.dof
-        ),  # the noise that it is whitened with is as well known as that of the height
+        radius=Estimate(*corner),  # a bow leaves few degrees of freedom, yet many of the noise
         radius_limit=limit,
         position=sign * arc.riser,
         middle=sign * middle,

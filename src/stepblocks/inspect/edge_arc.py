@@ -47,8 +47,7 @@ class Arc:
     """Radius of an edge."""
 
     radius: float  # mean of the posterior [m]
-    # its standard deviation [m], of an unresolved one together with a rectangle of one interval
-    radius_std: float
+    radius_std: float  # its standard deviation [m]
     radius_limit: float  # upper limit at 95 % [m]
     riser: float  # position of the riser at the most probable radius [m]
     # mean square of the whitened residuals on the arc [1]; about one or less where the edge is a
@@ -171,9 +170,9 @@ def fit_arc(window: Window) -> Arc:
     mean, std = _compute_moments(radii, weight)
     limit = float(np.interp(0.95, np.cumsum(weight) - 0.5 * weight, radii))
     if mean < _UNRESOLVED * window.spacing:
-        # between two samples nothing is known: a rectangle of one interval, as on any length along
-        # x
-        std = float(np.hypot(std, window.spacing / np.sqrt(12.0)))
+        # what lies between two samples is in the posterior; between two radii of its grid nothing
+        # is known
+        std = float(np.hypot(std, (radii[1] - radii[0]) / np.sqrt(3.0)))
         limit = max(limit, mean + _NORMAL_95 * std)
     first = int(np.searchsorted(window.x, riser))
     # a spike low on the arc draws the circle to itself and leaves its residual to others
@@ -351,10 +350,10 @@ def fit_flank(
         else 1.0
     )
     stds = np.sqrt(excess * np.diag(compute_estimator_covariance(gain, gamma)).clip(min=0.0))
-    # nothing is known of a corner between two samples; what the upper half alone says beyond noise
-    # is the form of a corner that is no arc, a rectangle
+    # what the upper half alone says beyond noise is the form of a corner that is no arc, a
+    # rectangle
     form = max((found.x[2] - upper.x[2]) ** 2 - 4.0 * float(stds[2]) ** 2, 0.0) / 3.0
-    radius_std = float(np.sqrt(stds[2] ** 2 + form + 1.0 / 12.0)) * spacing
+    radius_std = float(np.sqrt(stds[2] ** 2 + form)) * spacing
     misfit = float(np.sqrt(np.mean((shape(found.x) - levelled[used]) ** 2)))
     return Flank(
         float(found.x[1]), float(stds[1]), float(found.x[2]) * spacing, radius_std, misfit, used

@@ -163,9 +163,14 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     ]
     inside = face[at[1], at[0]]
     gx, gy, grid = gx[inside], gy[inside], grid[inside]
-    degree = max(i + j for i, j in powers)
     return FaceForm(
-        points, grid, _evaluate_terms(gx, gy, powers), fit.solution, root, mean.dof, degree
+        points,
+        grid,
+        _evaluate_terms(gx, gy, powers),
+        fit.solution,
+        root,
+        mean.dof,
+        degree=max(i + j for i, j in powers),
     )
 
 

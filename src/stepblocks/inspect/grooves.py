@@ -49,6 +49,8 @@ _LEVEL = 0.1  # of a step that its faces may be off, and of a face over which th
 _TAKEN_BACK = 0.5
 _MOST_DROPPED = 0.2  # part of the points of a profile that may be spikes [1]
 _UNLIKE = 1.25  # ratio of the largest to the smallest feature from which no mean is taken [1]
+# of the radius of a stylus, by which a wall stands farther out at most [1]: 1/cos - tan of 30 deg
+_CONTACT = 0.58
 _MOST_HIDDEN = 3  # times that features are sought beside those that were found
 _DEGREE_NAMES = {1: "line", 2: "parabola", 3: "cubic"}
 
@@ -362,7 +364,10 @@ def _measure_by_rows(
         hidden = float(np.mean([each.feature.unseen for one in found for each in one.seen]))
         flanks = float(np.mean([each.feature.flanks for one in found for each in one.seen]))
         name = f"{key.split('_')[0]}_width" if sign else "feature_width"
-        values[name] = _measure_width(label, spans, first.spacing, instrument, hidden, flanks)
+        width = _measure_width(label, spans, first.spacing, instrument, hidden)
+        inwards, wall = _place_walls(flanks, each[0].value, options)
+        width = replace(width, components=(*width.components, wall))
+        values[name] = replace(width, value=width.value - float(np.median(signs)) * inwards)
     if outliers := sum(one.rejected for one in found):
         notes.append(f"{outliers} of {sum(one.points for one in found)} points left out as spikes")
     convention = f"ISO 5436-1 {kind[1]}, profile by profile, unfiltered"
@@ -413,18 +418,13 @@ def _average_features(label: str, each: list[Measured], instrument: Instrument) 
 
 
 def _measure_width(
-    label: str, spans: Array, spacing: float, instrument: Instrument, hidden: float, flanks: float
+    label: str, spans: Array, spacing: float, instrument: Instrument, hidden: float
 ) -> Measured:
-    # Average the width of one feature over the profiles; `flanks` is half of both flanks' widths
-    # [m].
+    # Average the width of one feature over the profiles.
     widths = (spans[..., 1] - spans[..., 0]).ravel()
     scatter = float(widths.std(ddof=1) / np.sqrt(len(widths))) if len(widths) > 1 else 0.0
     std = float(np.hypot(spacing / np.sqrt(6.0), scatter))
-    parts = [
-        Component("sampling", std, how="one interval at either edge, rectangular"),
-        # a stylus shows an upright wall as wide as its cone: the wall stands somewhere within
-        Component("flanks", flanks / np.sqrt(3.0), how="half of their width, rectangular"),
-    ]
+    parts = [Component("sampling", std, how="one interval at either edge, rectangular")]
     if hidden > 0.0:
         parts.append(
             Component(
@@ -435,6 +435,21 @@ def _measure_width(
         )
     name = f"width W of the {label.split()[0]}, at half its height"
     return add_instrument_components(name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0))
+
+
+def _place_walls(
+    flanks: float, depth: float, options: EvaluationOptions
+) -> tuple[float, Component]:
+    # Return by how much less wide a stylus shows a groove, and what that leaves open [m]: it shows
+    # an upright wall as a flank as wide as its cone. `flanks` is half of both flanks' widths [m].
+    cone, tip = options.stylus_cone, options.stylus_radius or 0.0
+    if cone is None:  # an optical instrument shows the wall at half its height
+        return 0.0, Component("flanks", flanks / np.sqrt(3.0), how="half of their width")
+    # a flank wider than the cone shows it is that of the surface
+    shown = flanks if flanks < depth * np.tan(0.5 * cone) + 2.0 * tip else 0.0
+    half = 0.5 * shown + _CONTACT * tip
+    origin = "W with the walls in the middle of what the stylus shows of them, rectangular"
+    return half, Component("flanks", half / np.sqrt(3.0), how=origin, bounded=True)
 
 
 def _measure_masked(

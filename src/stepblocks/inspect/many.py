@@ -85,12 +85,11 @@ class ManyScans:
             name: json.loads(one.to_json(orient="records", double_precision=15))
             for name, one in self.tables.items()
         }
-        reports = {serial: one.as_record() for serial, one in self.reports.items()}
         return {
             "verdict": self.verdict.value,
             "left_out": list(self.left_out),
             **tables,
-            "reports": reports,
+            "reports": {serial: one.as_record() for serial, one in self.reports.items()},
         }
 
 
@@ -159,17 +158,18 @@ def inspect_many(
         limits = {one.key: decision for one, decision in result.judged}
         for key, measured in result.evaluation.values.items():
             if key in limits:
-                row = {
-                    "scan": name,
-                    "characteristic": key,
-                    "measured": measured,
-                    "at": len(results) - 1,
-                    "bound": measured.bound,
-                    "value": measured.value,
-                    "u": measured.std,
-                    "verdict": limits[key].verdict.value,
-                }
-                rows.append(own | row)
+                rows.append(
+                    {
+                        **own,
+                        "scan": name,
+                        "characteristic": key,
+                        "measured": measured,
+                        "bound": measured.bound,
+                        "value": measured.value,
+                        "u": measured.std,
+                        "verdict": limits[key].verdict.value,
+                    }
+                )
     if not rows:
         raise MetrologyError(f"no scan can be evaluated: {left_out[0]}")
     table = pd.DataFrame(rows)
@@ -219,7 +219,7 @@ def inspect_many(
     tables = {
         "blocks": _convert_to_um(pd.DataFrame(blocks)),
         "variation": _convert_to_um(pd.DataFrame(variation)),
-        "scans": _convert_to_um(table).drop(columns=["measured", "at"]),
+        "scans": _convert_to_um(table).drop(columns="measured"),
     }
     whole = combine_verdicts(one.verdict for one in reports.values())
     if standard is not None:
@@ -388,7 +388,6 @@ def write_many(
         lab = None if laboratory is None else laboratory.model_copy(update={"serial": serial})
         paths += write_inspection(report, own, lab)
     links = [path.relative_to(base).as_posix() for path in paths if path.suffix == ".html"]
-    findings = [f"{serial}: {one.conclusion}" for serial, one in result.reports.items()]
     replace_text(
         page,
         render_page(
@@ -400,7 +399,10 @@ def write_many(
             tables=result.shown,
             picture="",
             alt="",
-            notes=[*findings, *(f"left out: {one}" for one in result.left_out)],
+            notes=[
+                *(f"{serial}: {one.conclusion}" for serial, one in result.reports.items()),
+                *(f"left out: {one}" for one in result.left_out),
+            ],
             links=links[1:],
         ),
     )

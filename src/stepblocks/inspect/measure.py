@@ -255,8 +255,12 @@ def measure_margin(
         values[key] = average_profiles(key.replace("_", " "), each, instrument, others, axes)
     first = results[0][0]
     left = np.nanmedian(first.height[: len(first.height) // 4])
-    convention = "shoulders by two planes with a common slope; edges at half the depth of the gap"
-    return Evaluation(values, convention, tuple(notes), Shown(first.position, first.height - left))
+    return Evaluation(
+        values,
+        "shoulders by two planes with a common slope; edges at half the depth of the gap",
+        tuple(notes),
+        Shown(first.position, first.height - left),
+    )
 
 
 def measure_tip(

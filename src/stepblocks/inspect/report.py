@@ -161,12 +161,13 @@ class InspectionResult:
                 {**row, "verdict": "no limits" if decision is None else decision.verdict.value}
             )
             for part in measured.components:
-                std = "not stated" if math.isnan(part.std) else f"{part.std * factor:.3g}"
                 budget.append(
                     {
                         "characteristic": label,
                         "component": part.name,
-                        "standard_uncertainty": std,
+                        "standard_uncertainty": "not stated"
+                        if math.isnan(part.std)
+                        else f"{part.std * factor:.3g}",
                         "unit": unit,
                         "how": part.how,
                     }
@@ -338,8 +339,11 @@ def write_inspection(
     def named(ending: str) -> Path:
         return base.with_name(f"{base.name}.{ending}")
 
-    lengths = {one.key: d for one, d in result.judged if one.quantity == "length"}
-    values = {key: AsBuiltValue(d.value, d.std, d.verdict.value) for key, d in lengths.items()}
+    values = {
+        one.key: AsBuiltValue(d.value, d.std, d.verdict.value)
+        for one, d in result.judged
+        if one.quantity == "length"
+    }
     evaluation, record, data = result.evaluation, result.as_record(), named("inspection.json")
     built = AsBuilt(
         result.identity,
@@ -356,12 +360,14 @@ def write_inspection(
     _draw(plot, result)
     paths += [plot, page]
     if result.stimulus is not None:
-        # the two formats know no degrees of freedom: the standard uncertainty is that whose
-        # 1.96-fold
-        # is the expanded one, so that it reads back as it was
-        measured = evaluation.values
+        # the two formats know no degrees of freedom: the standard uncertainty is at least that
+        # whose 1.96-fold is the expanded one, so that it reads back as it was
         filled = {
-            one.key: (d.value, measured[one.key].expanded() / 1.96, d.verdict.value)
+            one.key: (
+                d.value,
+                max(evaluation.values[one.key].expanded() / 1.96, d.std),
+                d.verdict.value,
+            )
             for one, d in result.judged
         }
         sheet, qif = named("inspection-sheet.csv"), named("qif")
@@ -398,8 +404,12 @@ def _draw(path: Path, result: InspectionResult) -> None:
     axis, shown = figure.axes[0], result.evaluation.shown
     if shown is not None:
         _draw_scan(axis, result, shown)
-    colour = _COLOUR.get(result.verdict, "#1d2a36")
-    axis.set_title(f"{result.identity}: {result.conclusion}", color=colour, loc="left", fontsize=9)
+    axis.set_title(
+        f"{result.identity}: {result.conclusion}",
+        color=_COLOUR.get(result.verdict, "#1d2a36"),
+        loc="left",
+        fontsize=9,
+    )
     save_figure(figure, path)
 
 

@@ -253,15 +253,15 @@ class Block(Part):
         )
         if engraving is not None:
             floor = describe_plane(1, -side), describe_plane(1, -side + engraving.depth.nominal)
-            method, label = (
-                "microscope, focus",
-                "height of the engraved letters, middle of the front",
+            yield make_characteristic(
+                "engraving_depth", "distance", engraving.depth, *floor, method="microscope, focus"
             )
             yield make_characteristic(
-                "engraving_depth", "distance", engraving.depth, *floor, method=method
-            )
-            yield make_characteristic(
-                "engraving_height", "note", engraving.height, label=label, method=MICROSCOPE
+                "engraving_height",
+                "note",
+                engraving.height,
+                label="height of the engraved letters, middle of the front",
+                method=MICROSCOPE,
             )
         if mounting is not None:
             yield from self._hole_characteristics(mounting, holes[0], lower)
@@ -294,12 +294,21 @@ class Block(Part):
                 describe_plane(2, base),
                 EdgeRule(hole, FaceRule("CONE", holds={0: at, 2: base + deep + 0.2 * radius})),
             )
-        label = "depth of the core holes" if tapped else "depth of the counterbores"
         yield make_characteristic(
-            "hole_depth", "distance", mounting.depth, *ends, label=label, method=DEPTH_GAUGE
+            "hole_depth",
+            "distance",
+            mounting.depth,
+            *ends,
+            label="depth of the core holes" if tapped else "depth of the counterbores",
+            method=DEPTH_GAUGE,
         )
-        label, left = "left hole from the left side", describe_plane(0, -half)
-        yield make_location("hole_position", label, half + at, left, hole)
+        yield make_location(
+            "hole_position",
+            "left hole from the left side",
+            half + at,
+            describe_plane(0, -half),
+            hole,
+        )
         yield make_location(
             "hole_row", "holes from the front", side, describe_plane(1, -side), hole
         )

@@ -93,10 +93,9 @@ class Characteristic:
 
         The limits of a negative length change places.
         """
-        negative = self.nominal < 0.0
         return (
             replace(self, nominal=-self.nominal, lower=-self.upper, upper=-self.lower)
-            if negative
+            if self.nominal < 0.0
             else self
         )
 
@@ -197,14 +196,29 @@ def make_surface_characteristics(
     demands: FaceDemands, lower: FaceRule, upper: FaceRule, base: FaceRule
 ) -> Iterator[Characteristic]:
     """State the roughness of the working faces, and the form of the base under the lower one."""
-    method = "profilometer or interferometer, ISO 21920-2"
-    flat, level = "optical flat or electronic comparator", "comparator on a surface plate"
-    label = "parallelism, lower face to B, the base"
     yield from _make_forms(
         demands,
-        ("roughness", "roughness Ra, working faces", "roughness", (lower, upper), method),
-        ("flatness_base", "flatness, base", "flatness", (base,), flat),
-        ("parallelism_base", label, "parallelism", (lower, base), level),
+        (
+            "roughness",
+            "roughness Ra, working faces",
+            "roughness",
+            (lower, upper),
+            "profilometer or interferometer, ISO 21920-2",
+        ),
+        (
+            "flatness_base",
+            "flatness, base",
+            "flatness",
+            (base,),
+            "optical flat or electronic comparator",
+        ),
+        (
+            "parallelism_base",
+            "parallelism, lower face to B, the base",
+            "parallelism",
+            (lower, base),
+            "comparator on a surface plate",
+        ),
     )
 
 
@@ -213,9 +227,16 @@ def _make_forms(
 ) -> Iterator[Characteristic]:
     for key, label, kind, faces, method in rows:
         zone = demands[f"base_{kind}" if key.endswith("_base") else kind]
-        states = () if zone.usual else (zone,)
         yield Characteristic(
-            key, label, kind, 0.0, 0.0, zone.upper, 0, faces, method, states=states
+            key,
+            label,
+            kind,
+            0.0,
+            0.0,
+            zone.upper,
+            faces=faces,
+            method=method,
+            states=() if zone.usual else (zone,),
         )
 
 
@@ -229,22 +250,34 @@ def make_edge_characteristics(
     burr: Dimension, wall: FaceRule | None, lower: FaceRule
 ) -> Iterator[Characteristic]:
     """State the burr at the working edge (ISO 13715), and angle and straightness of its wall."""
-    label = f"burr over the upper face within {BURR_ZONE * 1e3:g} mm of the edge"
-    method, states = "profilometer or interferometer, ISO 13715", () if burr.usual else (burr,)
-    yield Characteristic("burr", label, "note", 0.0, 0.0, burr.upper, method=method, states=states)
+    yield Characteristic(
+        "burr",
+        f"burr over the upper face within {BURR_ZONE * 1e3:g} mm of the edge",
+        "note",
+        0.0,
+        0.0,
+        burr.upper,
+        method="profilometer or interferometer, ISO 13715",
+        states=() if burr.usual else (burr,),
+    )
     if wall is None:  # of a rounding as high as the step nothing is upright
         return
-    label, method = "angle of the riser to the faces", "section or replica across the edge"
+    method = "section or replica across the edge"
     yield make_characteristic(
         "riser_angle",
         "angle",
         Dimension(0.5 * math.pi, ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle"),
         wall,
         lower,
-        label=label,
+        label="angle of the riser to the faces",
         method=method,
     )
-    label = "straightness of the riser across the edge"
     yield Characteristic(
-        "riser_straightness", label, "note", 0.0, 0.0, RISER_STRAIGHTNESS, method=method
+        "riser_straightness",
+        "straightness of the riser across the edge",
+        "note",
+        0.0,
+        0.0,
+        RISER_STRAIGHTNESS,
+        method=method,
     )

@@ -146,15 +146,17 @@ def _order_part(part: Part, output: Path, capability: float, declared: StimulusS
     sheets = [folder / f"{part.id}.inspection-sheet.{form}" for form in ("csv", "html")]
     table = make_sheet_table(part)
     write_table(table, sheets[0])
-    text = render_page(
-        "stepblocks.workshop",
-        "sheet.html",
-        part=part,
-        order=order,
-        rows=table.to_dict("records"),
-        guard=GUARD_FACTOR,
+    replace_text(
+        sheets[1],
+        render_page(
+            "stepblocks.workshop",
+            "sheet.html",
+            part=part,
+            order=order,
+            rows=table.to_dict("records"),
+            guard=GUARD_FACTOR,
+        ),
     )
-    replace_text(sheets[1], text)
     note = declared.describe_alike().get(part.id, "")
     return PartOrder(name, (*written, *sheets), tuple(routes), note)
 

@@ -43,32 +43,34 @@ def write_setup(
     low, high = compute_stock(block)
     sizes = [b - a for a, b in zip(low, high, strict=True)]
     thick = block.body.thickness
-    text = render_page(
-        "stepblocks.workshop",
-        "setup.html",
-        block=block,
-        stock=" x ".join(format_millimetres(size, 1) for size in sizes),
-        reached=", ".join(dict.fromkeys(route.name for route in routes if route.reaches)),
-        tight=[
-            axis
-            for axis, size, side in zip("xyz", sizes, block.sides, strict=True)
-            if size - side < 2.0 * GRINDING
-        ],
-        finished=format_limits(thick.nominal, thick.lower, thick.upper),
-        rise=abs(block.rise) * 1e6,
-        probed=list(_list_probed(block)),
-        burr=f"{block.face_demands['burr'].upper * 1e6:.3g} um",
-        left=f"{GRINDING * 1e3:g} mm left",
-        probe=f"{PROBE * 1e6:g} um",
-        guard=GUARD_FACTOR,
-        has_gap=isinstance(block, MarginBlock),
-        pair=pair,
-        base=choose_base(block, pair) if pair and isinstance(block, StepBlock) else None,
-        grade=GRADES[pair.grade] if pair else None,
-        section=SECTION,
-        wringing=WRINGING,
+    replace_text(
+        page,
+        render_page(
+            "stepblocks.workshop",
+            "setup.html",
+            block=block,
+            stock=" x ".join(format_millimetres(size, 1) for size in sizes),
+            reached=", ".join(dict.fromkeys(route.name for route in routes if route.reaches)),
+            tight=[
+                axis
+                for axis, size, side in zip("xyz", sizes, block.sides, strict=True)
+                if size - side < 2.0 * GRINDING
+            ],
+            finished=format_limits(thick.nominal, thick.lower, thick.upper),
+            rise=abs(block.rise) * 1e6,
+            probed=list(_list_probed(block)),
+            burr=f"{block.face_demands['burr'].upper * 1e6:.3g} um",
+            left=f"{GRINDING * 1e3:g} mm left",
+            probe=f"{PROBE * 1e6:g} um",
+            guard=GUARD_FACTOR,
+            has_gap=isinstance(block, MarginBlock),
+            pair=pair,
+            base=choose_base(block, pair) if pair and isinstance(block, StepBlock) else None,
+            grade=GRADES[pair.grade] if pair else None,
+            section=SECTION,
+            wringing=WRINGING,
+        ),
     )
-    replace_text(page, text)
     name = f"{block.id}-stock"
     write_conforming(stock, name, [(name, cad.kernel.make_box(low, high))], block.material, [])
     return [page, stock]

@@ -211,27 +211,21 @@ def _average_radius(
     # Average the edge radius over profiles, with what sampling, pixels and stylus leave open of it.
     sloped = 2 * sum(one.flank is not None for one in edges) > len(edges)
     corners = [one.radius for one in edges if (one.flank is not None) == sloped]
-    # what lies between two samples of a sharp edge, and what a pixel averages, is the same in every
-    # profile, and does not average
-    interval = spacing / math.sqrt(12.0)
-    sharp = bool(np.mean([one.value for one in corners]) < _RESOLVED * spacing)
-    own = interval if sharp else 0.0
-    tip = options.stylus_radius or 0.0
-    corners = [
-        Estimate(one.value - tip, math.sqrt(max(one.std**2 - own**2, 0.0)), one.dof)
-        for one in corners
-    ]
-    others = []
-    if sharp or is_map:
-        origin = "one interval, rectangular" + (": what a pixel averages" if is_map else "")
-        others.append(Component("sampling", interval, how=origin))
+    tip, others = options.stylus_radius or 0.0, []
+    if is_map:
+        # its rows may lie alike between the samples: what that leaves open is the same in all
+        single = float(np.mean([one.std for one in corners]))
+        between = math.hypot(single, spacing / math.sqrt(12.0))
+        origin = "noise of one row, and one interval, which a pixel averages"
+        others.append(Component("sampling", between, how=origin))
+    corners = [Estimate(one.value - tip, 0.0 if is_map else one.std, one.dof) for one in corners]
     if options.stylus_radius is None:
         others.append(
             Component("stylus radius", math.nan, how=f"{UNSTATED}: the radius is at most this")
         )
     elif tip > 0.0:
-        worn = _WORN * tip / math.sqrt(3.0)
-        others.append(Component("stylus radius", worn, how="a quarter of it, rectangular"))
+        worn, origin = _WORN * tip / math.sqrt(3.0), "a quarter of it, rectangular"
+        others.append(Component("stylus radius", worn, how=origin, bounded=True))
     found = average_profiles("edge radius", corners, instrument, others, axes=(1.0, 1.0))
     stylus = f"the stylus radius of {tip * 1e6:.3g} um is"
     if found.value + found.expanded() < 0.0:
