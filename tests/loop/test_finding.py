@@ -20,10 +20,11 @@ def test_figures_are_read_in_the_units_of_the_bench():
         format_value(13.8e-6, "m"),
         format_value(-0.018, "N"),
         format_value(0.0042, "s"),
+        format_value(456.0, "s"),
         format_value(0.8, "1"),
         format_value(0.2, "1/N^2"),
     ]
-    assert shown == ["13.8 µm", "-18 mN", "4.2 ms", "0.8", "0.2 1/N^2"]
+    assert shown == ["13.8 µm", "-18 mN", "4.2 ms", "456 s", "0.8", "0.2 1/N^2"]
 
 
 def test_an_effect_is_said_with_its_figures_and_the_error_before_and_after(worn):

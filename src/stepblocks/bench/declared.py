@@ -52,8 +52,9 @@ def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str
         return
     for slip, correct in _SLIPS.items():
         again = _measure_corrected(traces, pilots, correct)
-        most = len(again) * 2 > min(len(pilots), _TRIED)
-        if most and _is_plausible(*_compare_with_declared(session, again)):
+        if len(again) * 2 > min(len(pilots), _TRIED) and _is_plausible(
+            *_compare_with_declared(session, again)
+        ):
             raise BenchError(f"{slip}: with it corrected the traces agree [{session.folder}]")
     if not enough:
         return

@@ -296,8 +296,9 @@ class Acquisition(Strict):
     @property
     def kind(self) -> TraceFormat | None:
         """Format of the traces."""
-        suffix = Path(self.traces).suffix.lower()
-        return self.format or next((name for name, one in FORMATS.items() if suffix in one), None)
+        return self.format or next(
+            (name for name, ends in FORMATS.items() if self.traces.lower().endswith(ends)), None
+        )
 
     @property
     def per_trial(self) -> bool:

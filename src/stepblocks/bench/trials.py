@@ -239,9 +239,9 @@ def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
     if isinstance(column, int) and 0 <= column < len(header):
         return header[column]
     if column not in header:
-        known = ", ".join(header[:12])
         raise BenchError(
-            f"table of trials must have a column {column!r} for the {part}, it has {known}"
+            f"table of trials must have a column {column!r} for the {part}, it has "
+            + ", ".join(header[:12])
         )
     return str(column)
 

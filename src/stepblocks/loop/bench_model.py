@@ -252,8 +252,9 @@ def list_candidates(
     names = {place.name for place in ranges} | {"none", "block"}
     sharp = scanned_radius is not None and scanned_radius < _SHARP
     ruled_out = _SAME_BY_DEFINITION | {"edge_rounding" if sharp else "tip_radius_error"}
-    blocks = [str(block) for block in np.unique(trials.block)]
-    laws = [law for law in list_named_laws(blocks) if law.covariate in names]
+    laws = [
+        law for law in list_named_laws(np.unique(trials.block).tolist()) if law.covariate in names
+    ]
     return (
         *(law for law in laws if with_imitated or law.id not in ruled_out),
         *list_smooth_laws(ranges),

@@ -2,18 +2,32 @@
 
 import math
 
+import numpy as np
+
+from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
 from stepblocks.text_file import Document
 
-# a factor and a unit that people read, by the unit that a parameter has; beyond the limit the plain
+# a factor and a unit that people read, by the unit that a parameter has; from `_MANY` on the plain
 # one
+_MANY = 1e3
 _READ = {
     "m": (1e6, "µm"),
     "N": (1e3, "mN"),
     "s": (1e3, "ms"),
     "m/s": (1e3, "mm/s"),
     "rad": (1e3, "mrad"),
+}
+# units of covariates by the ends of their names, the longest first
+_UNITS = {
+    "_mm_s": "(mm/s)",
+    "run_order": "trial",
+    "_pct": "%",
+    "_um": "um",
+    "_c": "K",
+    "_n": "N",
+    "_s": "s",
 }
 # what an effect follows, in words
 _COVARIATES = {
@@ -52,7 +66,24 @@ def describe_covariate(name: str) -> str:
 def format_value(value: float, unit: str) -> str:
     """Write a figure of a parameter with three digits in the unit that people read."""
     factor, shown = _READ.get(unit, (1.0, "" if unit == "1" else unit))
+    if unit in _READ and abs(value * factor) >= _MANY:
+        factor, shown = 1.0, unit
     return f"{value * factor:.3g} {shown}".rstrip()
+
+
+def find_unit(covariate: str) -> str:
+    """Return the unit of differences along a covariate; its name where none is known."""
+    return next((unit for end, unit in _UNITS.items() if covariate.endswith(end)), covariate)
+
+
+def find_slope_unit(where: CovariateRange) -> tuple[float, str]:
+    """Return what a slope per half range is per unit of the covariate, and its unit."""
+    if where.pair:
+        (one, unit), (other, second) = map(find_slope_unit, where.pair)
+        return one * other, f"{unit} {second}"
+    if where.log:
+        return 2.0 / float(np.log(where.high / where.low)), f"1/ln {where.name}"
+    return 2.0 / (where.high - where.low), f"1/{find_unit(where.name)}"
 
 
 def write_sentence(found: Explanation, document: Document) -> str:
@@ -73,7 +104,10 @@ def write_sentence(found: Explanation, document: Document) -> str:
         _describe_finding(f, entry)
         for f, entry in zip(found.findings, document["effects"], strict=True)
     ]
-    if found.verdict is Verdict.UNEXPLAINED and found.reason:
+    if found.verdict is Verdict.UNEXPLAINED and found.reason not in (
+        "",
+        *(f.reason for f in found.findings),
+    ):
         parts.append(f"unexplained as a whole, as {found.reason}")
     if any(hint.kind != "stick-slip" for hint in found.hints):
         parts.append("write down what differs between these trials")

@@ -35,9 +35,11 @@ def add_heights(found: Explanation, table: SessionTable) -> Explanation:
     ]
     if not laws:
         return found
-    nominal = table.trials.covariates["height_um"]
     # the heights of these blocks belong to the laws now
-    owned = {one: (1e-6 * float(nominal[table.trials.block == one][0]), 0.0) for one in off}
+    owned = {
+        one: (1e-6 * float(table.trials.covariates["height_um"][table.trials.block == one][0]), 0.0)
+        for one in off
+    }
     informed: SessionModel = replace(model, scanned=heights | owned)
     problem = replace(found.problem, model=informed)
     start = fitted.values | {

@@ -40,12 +40,11 @@ _FINE = 12  # settings that are averaged one by one, not in groups
 
 def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
     """Render the page; `traces` are figures of the trials held apart."""
-    asked = result.document["next_experiment"]
     return render_page(
         "stepblocks.loop",
         "loop.html.j2",
         title=result.title,
-        asked=_UNASKED | (asked or {}),
+        asked=_UNASKED | (result.document["next_experiment"] or {}),
         words=CHANNELS_IN_WORDS,
         say=describe_covariate,
         value=format_value,
@@ -156,13 +155,14 @@ def _compute_change(found: Explanation, effect: Law) -> tuple[int, Floats, Float
     base = change(fitted.values)
     j = int(np.argmax(np.nanmean(np.abs(base[:, :2]), axis=0)))
     index = [i for i, p in enumerate(fitted.parameters) if p.name.startswith(f"{effect.id}.")]
-    slopes = np.zeros((len(trials), len(index)))
-    for k, name in enumerate(fitted.parameters[i].name for i in index):
-        step = 0.05 * fitted.std[name] or 1e-12
-        slopes[:, k] = (
-            change(fitted.values | {name: fitted.values[name] + step})[:, j] - base[:, j]
-        ) / step
-    variance = np.einsum("ni,ij,nj->n", slopes, fitted.covariance[np.ix_(index, index)], slopes)
+    steps = {
+        p.name: 0.05 * fitted.std[p.name] or 1e-12 for p in (fitted.parameters[i] for i in index)
+    }
+    slopes = [
+        (change(fitted.values | {name: fitted.values[name] + step}) - base)[:, j] / step
+        for name, step in steps.items()
+    ]
+    variance = np.einsum("in,ij,jn->n", slopes, fitted.covariance[np.ix_(index, index)], slopes)
     return j, base[:, j], np.sqrt(np.maximum(variance, 0.0))
 
 

@@ -17,18 +17,18 @@ from stepblocks.law import Law
 from stepblocks.loop.apart import describe_trial
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
 from stepblocks.loop.figures import plot_agreement
-from stepblocks.loop.finding import write_sentence
+from stepblocks.loop.finding import find_slope_unit, find_unit, write_sentence
 from stepblocks.loop.search.adequacy import (
     compare_directions,
     compare_with_replicates,
     rank_settings,
 )
 from stepblocks.loop.search.explain import Explanation, Finding, Rules, Verdict
-from stepblocks.loop.search.fit import Fit, fit_without
-from stepblocks.loop.search.forward_model import Trials
+from stepblocks.loop.search.fit import Fit, Problem, fit_without
 from stepblocks.loop.search.gate import compute_detectable
 from stepblocks.loop.search.holdout import Holdout
 from stepblocks.loop.search.noise import compute_flexible_residual
+from stepblocks.loop.search.structure import bound_place
 from stepblocks.loop.session_table import Scans, SessionTable
 from stepblocks.loop.settings import MOST_SETTINGS, SHOWN, build_grid
 from stepblocks.text_file import Document
@@ -40,16 +40,6 @@ _READ = {
     "stiffness_ratio": ("spring_constant", "N/m"),
     "ln_ring_frequency": ("ring_frequency", "Hz"),
     "ln_decay_time": ("decay_time", "s"),
-}
-# units of covariates by the ends of their names, the longest first
-_UNITS = {
-    "_mm_s": "(mm/s)",
-    "run_order": "trial",
-    "_pct": "%",
-    "_um": "um",
-    "_c": "K",
-    "_n": "N",
-    "_s": "s",
 }
 
 
@@ -94,9 +84,10 @@ class LoopResult:
     def _repr_html_(self) -> str:
         errors = {part: self.document[part]["error"] for part in ("nominal", "extended")}
         rows = pd.DataFrame(errors).drop(index="noise_floor").rename_axis("held-out error")
-        finding = escape(self.document["finding"])
-        summary = f"<p>{escape(self.title)}: <b>{self.verdict}</b>. {finding}.</p>"
-        return summary + str(rows.to_html(float_format="{:.3g}".format))
+        finding = f"<b>{self.verdict}</b>. {escape(self.document['finding'])}."
+        return f"<p>{escape(self.title)}: {finding}</p>" + str(
+            rows.to_html(float_format="{:.3g}".format)
+        )
 
 
 def build_learned_model(
@@ -154,7 +145,7 @@ def build_document(
                 e,
                 fitted,
                 {"criterion_behind": behind, "instead_of": f.effect.id.split("~")[0]},
-                table.trials,
+                found.problem,
             )
             for f in found.findings
             for e, fitted, behind in f.rivals
@@ -266,37 +257,33 @@ def _list_apart(table: SessionTable, found: Explanation) -> list[dict[str, objec
 
 
 def _describe_effect(
-    effect: Law, fitted: Fit, evidence: Mapping[str, object], trials: Trials
+    effect: Law, fitted: Fit, evidence: Mapping[str, object], problem: Problem
 ) -> dict[str, object]:
+    trials = problem.trials
     own, std = effect.pick_own_values(fitted.values), effect.pick_own_values(fitted.std)
     scale, unit = 1.0, ""
     if effect.id.startswith("trend_"):
         # the law has its slope per half range
         ranges = {where.name: where for where in list_covariate_ranges(trials)}
-        scale, unit = _find_slope_unit(ranges[effect.covariate])
+        scale, unit = find_slope_unit(ranges[effect.covariate])
+    parameters = {
+        p.name: _describe_value(scale * own[p.name], unit or p.unit, scale * std[p.name])
+        for p in effect.parameters
+    }
+    for name in effect.steps:
+        low, high = bound_place(problem, fitted, effect, name)
+        # a place on a scale of degrees is no difference
+        unit = find_unit(effect.covariate).strip("()").replace("K", "°C")
+        parameters[name] |= {"low": low, "high": high, "unit": unit}
     return {
         "id": effect.id.split("~")[0],
         "variant": effect.id,
         "slot": effect.slot,
         "covariate": effect.covariate,
         "form": effect.form,
-        "parameters": {
-            p.name: _describe_value(scale * own[p.name], unit or p.unit, scale * std[p.name])
-            for p in effect.parameters
-        },
+        "parameters": parameters,
         "evidence": evidence,
     }
-
-
-def _find_slope_unit(where: CovariateRange) -> tuple[float, str]:
-    # Return what a slope per half range is per unit of the covariate, and its unit
-    if where.pair:
-        (one, unit), (other, second) = map(_find_slope_unit, where.pair)
-        return one * other, f"{unit} {second}"
-    if where.log:
-        return 2.0 / float(np.log(where.high / where.low)), f"1/ln {where.name}"
-    units = [unit for ending, unit in _UNITS.items() if where.name.endswith(ending)]
-    return 2.0 / (where.high - where.low), f"1/{units[0] if units else where.name}"
 
 
 def _describe_finding(
@@ -312,7 +299,7 @@ def _describe_finding(
         "leading_trial": {"trial": str(table.names[row]), "share_of_gain": share},
         "leading_channel": {"channel": table.trials.channels[channel], "share_of_gain": part},
     }
-    entry = _describe_effect(effect, found.extended, evidence, table.trials)
+    entry = _describe_effect(effect, found.extended, evidence, found.problem)
     if effect.named and unexplained:
         # it improves the fit, not the explanation: the curve stays, the name goes
         entry["id"] = f"unexplained_{effect.slot}_{effect.covariate}"
@@ -353,14 +340,14 @@ def _describe_adequacy(table: SessionTable, found: Explanation, rules: Rules) ->
         channel: compare_with_replicates(residual[:, j], cells, len(found.extended.parameters))
         for j, channel in enumerate(("ln_energy", "ln_peak_force"))
     }
-    worst = sorted(found.checks, key=lambda c: c[2])[:8]
     return {
         "adequate": found.adequate and found.last_gate_p > rules.alpha,
         "last_gate_p_value": found.last_gate_p,
         "gate_level": rules.alpha,
         "pure_error": tests,
         "residual_against_covariates": [
-            {"channel": c, "covariate": v, "holm_p_value": p} for c, v, p in worst
+            {"channel": c, "covariate": v, "holm_p_value": p}
+            for c, v, p in sorted(found.checks, key=lambda check: check[2])[:8]
         ],
     }
 
@@ -392,8 +379,9 @@ def _describe_scans(scans: Scans) -> dict[str, object]:
     )
     radius, std = edges[np.isfinite(edges).all(axis=1)].to_numpy().T
     if radius.size:
-        weights = 1.0 / np.maximum(std, 1e-7) ** 2
-        document["mean_edge_radius_m"] = float(np.average(radius, weights=weights))
+        document["mean_edge_radius_m"] = float(
+            np.average(radius, weights=np.maximum(std, 1e-7) ** -2.0)
+        )
     return document
 
 

@@ -186,7 +186,9 @@ def _explain_and_hold_out(
     )
     selected = list(run_in_processes(one_fold, ((rows,) for rows in (*inside, *outside)), jobs))
     found = check_claims(found, selected, model.cells(trials))
-    found, (within, between) = deliver(add_heights(found, table), (inside, outside))
+    found, (within, between) = deliver(
+        add_heights(found, table), (inside, outside), model.candidates
+    )
     holdouts = (
         Holdout(*within, tuple(selected[: len(inside)])),
         Holdout(*between, tuple(selected[len(inside) :])),

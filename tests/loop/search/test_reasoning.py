@@ -153,13 +153,31 @@ def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     selected = [
         select_without(Toy(), trials, rows, lambda _: toy_effects(), _RULES) for rows in folds
     ]
-    _, ((nominal, extended),) = deliver(found, (folds,))
+    _, ((nominal, extended),) = deliver(found, (folds,), lambda _: toy_effects())
     outcome = Holdout(nominal, extended, tuple(selected))
     before, after = outcome.rms(0)
     assert np.isfinite(outcome.nominal).all()
     assert set(outcome.selected) == {("square_of_z",)}
     assert after == pytest.approx(np.hypot(0.1, 0.05), rel=0.15)
     assert before > 1.8 * after
+
+
+@pytest.mark.parametrize("rise", [0.0, 0.2])
+def test_what_raises_a_held_out_error_beyond_chance_is_not_delivered(rise: float) -> None:
+    # the square is true of the trials that were fitted; of those that are held out it is not
+    trials = toy_trials(160, 7, square=0.3)
+    found = explain(Toy(), trials, toy_effects(), _RULES)
+    assert [f.effect.id for f in found.findings] == ["square_of_z"]
+    rows = np.arange(0, 160, 2)
+    turned = np.zeros((160, 2))
+    turned[rows] = -rise * np.stack([trials.covariates["z"] ** 2] * 2, axis=1)[rows] * [1.0, 2.0]
+    changed = replace(trials, values=trials.values + turned)
+    problem = replace(found.problem, trials=changed)
+    delivered, ((nominal, extended),) = deliver(
+        replace(found, problem=problem), ([rows],), lambda _: toy_effects()
+    )
+    assert np.mean(extended[rows] ** 2) <= np.mean(nominal[rows] ** 2)
+    assert [f.effect.id for f in delivered.findings] == ["square_of_z"] * (rise == 0.0)
 
 
 def test_folds_cover_every_trial_once_and_every_block_in_each() -> None:

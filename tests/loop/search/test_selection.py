@@ -148,8 +148,8 @@ def test_what_can_be_detected_opens_the_gate_nine_times_in_ten(monkeypatch):
     # a normal deviate about the root of the gain exceeds the root of what is needed at 90 %
     effect = toy_effects()[0]
     direction = SimpleNamespace(effect=effect, root=np.array([[3.0]]))
-    monkeypatch.setattr("stepblocks.loop.search.gate._compute_directions", lambda *_: [direction])
-    monkeypatch.setattr("stepblocks.loop.search.gate._build_tangent_basis", lambda _: None)
+    monkeypatch.setattr("stepblocks.loop.search.gate.compute_directions", lambda *_: [direction])
+    monkeypatch.setattr("stepblocks.loop.search.gate.build_tangent_basis", lambda _: None)
     (size,) = compute_detectable(None, None, [effect], needed=4.0).values()
     (scale,) = (one.scale for one in effect.parameters)
     assert size == pytest.approx((2.0 + stats.norm.isf(0.1)) * 3.0 * scale, rel=1e-4)

@@ -175,8 +175,13 @@ def _record_row(
         load, sliding = truth.load, truth.sliding_force
     if done is None:
         return None
-    energy = done.amplitude**2 / (2.0 * plan.model.spring_constant)
-    return done.trace, (sliding / load, load, done.peak_force, energy, done.release)
+    return done.trace, (
+        sliding / load,
+        load,
+        done.peak_force,
+        done.amplitude**2 / (2.0 * plan.model.spring_constant),
+        done.release,
+    )
 
 
 def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:

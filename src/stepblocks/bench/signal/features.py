@@ -464,8 +464,7 @@ def compute_band_share(values: Array, rate: float, band: tuple[float, float]) ->
     frequency, density = periodogram(
         values, fs=rate, window="boxcar", detrend=False, nfft=size, scaling="density"
     )
-    inside = (frequency >= band[0]) & (frequency < band[1])
-    return float(density[inside].sum() / density.sum())
+    return float(density[(frequency >= band[0]) & (frequency < band[1])].sum() / density.sum())
 
 
 def average_tool(features: Iterable[dict[str, float]]) -> Tool | None:

@@ -144,15 +144,13 @@ def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None =
     """
     # Rows of `known`, in the unit of the data per parameter, count as further exact measurements.
     count, parameters = jacobian.shape
-    freedom = max(count - parameters, 1)
-    noise = float(np.sqrt(residuals @ residuals / freedom))
+    noise = float(np.sqrt(residuals @ residuals / max(count - parameters, 1)))
     if known is not None:
         jacobian = np.vstack([jacobian, known])
     size = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
     size[size == 0.0] = 1.0
-    scaled = jacobian / size
     # from the rows, not from their squares: those lose half the digits, and with them the rank
-    root = np.linalg.pinv(scaled, rcond=_UNSEEN)
+    root = np.linalg.pinv(jacobian / size, rcond=_UNSEEN)
     inverse = root @ root.T
     return np.asarray(
         inverse / np.outer(size, size) * noise**2 * compute_correlation_inflation(residuals),

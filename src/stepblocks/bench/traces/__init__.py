@@ -55,8 +55,10 @@ def _open_text(path: Path, layout: Layout) -> nullcontext[Any]:
 
 def _read_text_column(table: Any, name: str | int) -> Any:
     if name not in table.columns:
-        known = join_first(map(str, table.columns))
-        raise TraceError(f"unknown channel: {table.attrs['file']} has no {name!r}, it has {known}")
+        raise TraceError(
+            f"unknown channel: {table.attrs['file']} has no {name!r}, it has "
+            + join_first(map(str, table.columns))
+        )
     return table[name].to_numpy()
 
 

@@ -36,9 +36,9 @@ def read_tdms_column(group: "TdmsGroup", name: str | int) -> Array:
     try:
         channel = group.channels()[name] if isinstance(name, int) else group[name]
     except (KeyError, IndexError):
-        have = join_first(channel.name for channel in group.channels())
         raise TraceError(
-            f"unknown channel: no {name!r} in group {group.name!r}, it has {have}"
+            f"unknown channel: no {name!r} in group {group.name!r}, it has "
+            + join_first(channel.name for channel in group.channels())
         ) from None
     check_size(len(channel), name)
     try:

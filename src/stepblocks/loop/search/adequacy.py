@@ -4,6 +4,7 @@ It also ranks the trials that would tell it apart.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -17,12 +18,11 @@ from statsmodels.stats.multitest import multipletests
 from stepblocks.law import Law
 from stepblocks.loop.search.fit import Fit, Problem
 from stepblocks.loop.search.forward_model import Floats, Trials
-from stepblocks.loop.search.gate import compute_tangent
+from stepblocks.loop.search.gate import build_tangent_basis, compute_directions, compute_tangent
 
 _LEVEL = 0.005  # of the tests of residuals, after Holm
 _SAME = 0.995  # cosine beyond which two effects imitate one another
 _TIE = 1e-4  # of gains; a fit knows them no better: its own tolerance is 1e-6 of the cost
-_ABSORBED = 2e-3  # share of a direction below which constants imitate it
 
 
 def _smooth_columns(trials: Trials, name: str) -> Floats | None:
@@ -104,29 +104,26 @@ def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> d
 
     Where they agree, the design cannot tell them apart.
     """
-    rows = base.residual.size
     scaled = base.jacobian / np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
-    known, _ = np.linalg.qr(scaled)
-    directions: dict[str, Floats] = {}
+    asked = [
+        replace(e, shapes=(e.shapes[len(e.shapes) // 2],))
+        for e in effects
+        if len(e.amplitudes) == 1
+    ]
+    directions = {
+        d.effect.id: d.basis[:, 0]
+        for d in compute_directions(problem, base, asked, build_tangent_basis(base))
+    }
     absorbed: dict[str, tuple[str, ...]] = {}
-    for effect in effects:
-        if len(effect.amplitudes) != 1:
+    for effect in (e for e in asked if e.id not in directions):
+        raw = compute_tangent(problem, base, effect, effect.shapes[0])[:, 0]
+        if not np.any(raw):
             continue
-        raw = compute_tangent(problem, base, effect, effect.shapes[len(effect.shapes) // 2])[:, 0]
-        full = np.concatenate([raw, np.zeros(len(scaled) - rows)])
-        size = float(np.linalg.norm(full))
-        if size < 1e-9:
-            continue
-        full /= size
-        rest = full - known @ (known.T @ full)
-        left = float(np.linalg.norm(rest))
-        if left < _ABSORBED:
-            # the constants that a least-squares imitation moves most
-            weights = np.abs(np.linalg.lstsq(scaled, full, rcond=None)[0])
-            most = [i for i in np.argsort(-weights) if weights[i] > 0.2 * weights.max()]
-            absorbed[effect.id] = tuple(base.parameters[i].name for i in most)
-        else:
-            directions[effect.id] = rest / left
+        # the constants that a least-squares imitation moves most
+        full = np.concatenate([raw, np.zeros(len(scaled) - len(raw))])
+        weights = np.abs(np.linalg.lstsq(scaled, full, rcond=None)[0])
+        most = [i for i in np.argsort(-weights) if weights[i] > 0.2 * weights.max()]
+        absorbed[effect.id] = tuple(base.parameters[i].name for i in most)
     alike = nx.Graph(
         (one, other)
         for one, other in combinations(directions, 2)

@@ -193,9 +193,12 @@ def explain(
     for _ in range(_ROUNDS):
         chance, _ = find_bad_trials(grown.problem, grown.extended)
         bad = np.flatnonzero(chance > _BAD)
-        too_many = len(apart) + bad.size > _MOST_APART * len(trials)
         # what goes wrong under some settings alone is what the model lacks
-        if not bad.size or too_many or depends_on_settings(chance, trials):
+        if (
+            not bad.size
+            or len(apart) + bad.size > _MOST_APART * len(trials)
+            or depends_on_settings(chance, trials)
+        ):
             break
         apart |= dict(zip(bad.tolist(), chance[bad].tolist(), strict=True))
         trials = trials.without(list(apart))
@@ -255,12 +258,16 @@ def _take_out_changes_along_run(
         current = fit(problem, grown.extended.effects, grown.extended.values)
         own = [e for e in candidates if e.slot == slot and is_along_the_run(problem, e)]
         laws = [e for e in own if e.steps or not e.named]
-        opened = score_candidates(problem, current, laws, draws=0)
-        choice = choose_candidate(problem, current, opened, most=6)
+        choice = choose_candidate(
+            problem, current, score_candidates(problem, current, laws, draws=0), most=6
+        )
         if choice and not {e.id for e in own} & {e.id for e in current.effects}:
             law, values = choice[0].effects[-1], choice[0].values
-            taken_out = fit(grown.problem, (*current.effects, law), values)
-            grown = replace(grown, extended=taken_out, walks=grown.walks | {law.id})
+            grown = replace(
+                grown,
+                extended=fit(grown.problem, (*current.effects, law), values),
+                walks=grown.walks | {law.id},
+            )
     return grown
 
 
@@ -404,8 +411,13 @@ def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explana
 def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: Rules) -> Finding:
     problem, current = grown.problem, grown.extended
     base = fit_without(problem, current, effect)
-    opened = score_candidates(problem, base, _list_untried(candidates, base), draws=0)
-    choice = choose_candidate(problem, base, opened, min(rules.fits, 8), keep=(effect.id,))
+    choice = choose_candidate(
+        problem,
+        base,
+        score_candidates(problem, base, _list_untried(candidates, base), draws=0),
+        min(rules.fits, 8),
+        keep=(effect.id,),
+    )
     rivals: list[Rival] = []
     seen = {_name_family(effect)}
     for trial in choice[1] if choice and effect.id not in grown.walks else ():

@@ -164,7 +164,6 @@ class _Objective:
         )
         self.groups: list[list[int]] = [[i] for i in np.flatnonzero(blocks == "").tolist()]
         self.groups += [[i for i in layer if i is not None] for layer in layers]
-        self.last: tuple[Floats, Floats] | None = None
         # a censored value exceeds its floor: minus twice the logarithm of the chance of that adds
         # to the cost (Tobin 1958, doi:10.2307/1907382); it scatters as its channel and the
         # quantities behind it do
@@ -180,18 +179,12 @@ class _Objective:
             variance = measured + scatter.channels + responses**2 @ scatter.quantities
             self.spread = np.sqrt(variance[self.censored])
 
-    def predicted(self, x: Floats) -> Floats:
-        # a Jacobian is asked for where the residual was asked for last
-        if self.last is None or not np.array_equal(self.last[0], x):
-            self.last = x.copy(), self._predict(x)
-        return self.last[1]
-
-    def _predict(self, x: Floats) -> Floats:
+    def predict(self, x: Floats) -> Floats:
         values = {p.name: float(v) for p, v in zip(self.parameters, x * self.scale, strict=True)}
         return self.problem.predict(self.effects, values)
 
     def residual(self, x: Floats) -> Floats:
-        predicted = self.predicted(x)
+        predicted = self.predict(x)
         white = self.problem.noise.whiten(self.problem.trials.values - predicted)
         above = (predicted[self.censored] - self.floor) / self.spread
         return np.concatenate(
@@ -199,14 +192,14 @@ class _Objective:
         )
 
     def jacobian(self, x: Floats) -> Floats:
-        base = self.predicted(x)
+        base = self.predict(x)
         n, c = base.shape
         stack = np.zeros((n, c, len(x)))
         for group in self.groups:
             step = np.where(x[group] + _STEP > self.bounds[1][group], -_STEP, _STEP)
             shifted = x.copy()
             shifted[group] += step
-            change = self._predict(shifted) - base
+            change = self.predict(shifted) - base
             for i, h in zip(group, step, strict=True):
                 rows = self.rows[self.parameters[i].block]
                 stack[rows, :, i] = change[rows] / h
@@ -261,7 +254,7 @@ def fit(
         residual=residual[:count],
         departure=residual[count:],
         jacobian=jacobian,
-        predicted=objective.predicted(x),
+        predicted=objective.predict(x),
         covariance=covariance,
     )
 

@@ -61,11 +61,25 @@ class Gate:
 
 
 @dataclass(frozen=True)
-class _Direction:
+class Direction:
+    """How an effect shows in a design.
+
+    Attributes
+    ----------
+    effect : Law
+    shape : Mapping[str, float]
+    basis : Floats
+        Shape (n c + q, k), of what the design can see of it beside the nominal model.
+    root : Floats
+        From that basis to the amplitudes.
+    one_sided : bool
+        Its amplitude has one sign alone.
+    """
+
     effect: Law
     shape: Mapping[str, float]
-    basis: Floats  # of what the design can see of it beside the nominal model
-    root: Floats  # from that basis to the amplitudes
+    basis: Floats
+    root: Floats
     one_sided: bool
 
 
@@ -95,9 +109,13 @@ def _compute_changes(
     return columns
 
 
-def _compute_directions(
+def compute_directions(
     problem: Problem, base: Fit, effects: Sequence[Law], known: Floats
-) -> list[_Direction]:
+) -> list[Direction]:
+    """Find what the design sees of every effect and shape beside `known`, that of the constants.
+
+    An effect that the constants imitate has none.
+    """
     asked = [(effect, shape) for effect in effects for shape in effect.shapes]
     changes = [_compute_changes(problem, base, effect, shape) for effect, shape in asked]
     if not any(changes):
@@ -126,13 +144,12 @@ def _compute_directions(
         bounded = len(effect.amplitudes) == 1 and any(
             p.name in effect.amplitudes and p.low >= p.start for p in effect.parameters
         )
-        directions.append(
-            _Direction(effect, shape, own @ part, part / size[columns, None], bounded)
-        )
+        directions.append(Direction(effect, shape, own @ part, part / size[columns, None], bounded))
     return directions
 
 
-def _build_tangent_basis(base: Fit) -> Floats:
+def build_tangent_basis(base: Fit) -> Floats:
+    """Build a basis of the directions in which the constants move the prediction."""
     length = np.linalg.norm(base.jacobian, axis=0)
     left, singular, _ = np.linalg.svd(
         base.jacobian / np.maximum(length, 1e-300), full_matrices=False
@@ -140,9 +157,7 @@ def _build_tangent_basis(base: Fit) -> Floats:
     return np.asarray(left[:, singular > 1e-8 * singular[0]])
 
 
-def _compute_gains(
-    directions: Sequence[_Direction], vectors: Floats
-) -> tuple[Floats, list[Floats]]:
+def _compute_gains(directions: Sequence[Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
     # Gains of all directions on all vectors, shape (d, m), and the projections on each direction.
     stacked = np.concatenate([d.basis for d in directions], axis=1)
     last = np.cumsum([d.basis.shape[1] for d in directions])
@@ -171,8 +186,8 @@ def score_candidates(
     alpha: float = 0.01,
 ) -> Gate:
     """Score every candidate and judge the best against what noise would do."""
-    known = _build_tangent_basis(base)
-    directions = _compute_directions(problem, base, effects, known)
+    known = build_tangent_basis(base)
+    directions = compute_directions(problem, base, effects, known)
     if not directions:
         return Gate(1.0, ())
     observed = np.concatenate([base.residual, base.departure])
@@ -213,7 +228,7 @@ def compute_detectable(
     # deviations
     asked = [e for e in effects if len(e.amplitudes) == 1]
     found: dict[str, float] = {}
-    for direction in _compute_directions(problem, base, asked, _build_tangent_basis(base)):
+    for direction in compute_directions(problem, base, asked, build_tangent_basis(base)):
         scale = next(
             p.scale for p in direction.effect.parameters if p.name == direction.effect.amplitudes[0]
         )

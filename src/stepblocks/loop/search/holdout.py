@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from stepblocks.law import Law
 from stepblocks.loop.search.adequacy import compare_with_replicates
@@ -13,7 +14,9 @@ from stepblocks.loop.search.fit import Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
 from stepblocks.loop.search.structure import Hint
 
-_WORSE = 1.03  # ratio of errors from which an extended model is worse than the nominal one
+# ratio of errors from which the first line may show a rise: a half of its last digit, 1 %
+_WORSE = 1.005
+_CHANCE = 0.05  # that errors rise as much beside a model that is no worse
 _LACKING = 0.005  # level of the lack of fit against replicates
 
 Rows = NDArray[np.intp]
@@ -139,8 +142,23 @@ def select_without(
     return tuple(effect.id for effect in grown.extended.effects)
 
 
+def _is_worse(nominal: Floats, extended: Floats) -> bool:
+    # Whether an error rises so that the first line may show it, or less, and not by chance: a
+    # one-sided test of paired squared errors (Diebold and Mariano 1995, doi:10.2307/1392185)
+    rise = (extended**2 - nominal**2)[np.isfinite(nominal)]
+    if not rise.size or np.mean(rise) <= 0.0:
+        return False
+    return bool(
+        np.mean(rise) > (_WORSE**2 - 1.0) * np.nanmean(nominal**2)
+        or stats.ttest_1samp(rise, 0.0, alternative="greater").pvalue < _CHANCE
+    )
+
+
 def deliver(
-    found: Explanation, folds: Sequence[Sequence[Rows]], channels: Sequence[int] = (0, 1)
+    found: Explanation,
+    folds: Sequence[Sequence[Rows]],
+    candidates: Asked,
+    channels: Sequence[int] = (0, 1),
 ) -> tuple[Explanation, list[tuple[Floats, Floats]]]:
     """Predict held-out trials with the model that is delivered, and deliver nothing that is worse.
 
@@ -150,6 +168,8 @@ def deliver(
         What all trials say.
     folds : sequence of sequences of rows
         For each way of holding out, the rows of each fold.
+    candidates : callable
+        Effects that may be asked of a table: one of a specimen that a fold never saw is not.
     channels : sequence of int
         Those in which the extended model may not be worse than the nominal one.
 
@@ -174,12 +194,18 @@ def deliver(
         for one in parts:
             error = np.full(trials.values.shape, np.nan)
             for rows, problem in one:
+                # what differs by specimen is known of those that took part alone
+                asked = {law.id: law for law in candidates(problem.trials)}
+                known = [
+                    asked.get(e.id, e) for e in effects if e.covariate != "block" or e.id in asked
+                ]
                 test = trials.take(rows)
-                fitted = fit(problem, effects, start)
+                fitted = fit(problem, known, start)
                 # a block that was never seen keeps its prior height
                 starts = {p.name: p.start for p in model.parameters(test)}
-                ahead = Problem(model, test, problem.noise)
-                error[rows] = test.values - ahead.predict(effects, starts | fitted.values)
+                error[rows] = test.values - Problem(model, test, problem.noise).predict(
+                    known, starts | fitted.values
+                )
             errors.append(error)
         own = fit(found.problem, effects, start).predicted if effects else found.nominal.predicted
         return [*errors, trials.values - own]
@@ -189,13 +215,11 @@ def deliver(
     while findings:
         effects = [f.effect for f in findings]
         errors = predict(effects, extended.values)
-        ratios = [
-            np.sqrt(np.nanmean(new[:, j] ** 2) / np.nanmean(old[:, j] ** 2))
+        if not any(
+            _is_worse(old[:, j], new[:, j])
             for old, new in zip(nominal, errors, strict=True)
             for j in channels
-            if np.isfinite(old[:, j]).any()
-        ]
-        if not np.any(np.array(ratios) > _WORSE):
+        ):
             break
         # what was taken out along the run without a claim goes first
         weakest = min(findings, key=lambda f: (f.effect.id not in found.walks, f.gain))

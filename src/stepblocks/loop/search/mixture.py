@@ -35,8 +35,7 @@ def find_bad_trials(problem: Problem, fitted: Fit) -> tuple[Floats, float]:
     freedom = trials.seen.sum(axis=1)
     known = freedom > 0
     # bad trials have widened the scatter that the noise was built from
-    usual = stats.chi2.median(np.maximum(freedom, 1))
-    square = square / max(1.0, float(np.median((square / usual)[known])))
+    square = square / max(1.0, float(np.median(square[known] / stats.chi2.median(freedom[known]))))
     share = 0.05
     for _ in range(_ROUNDS):
         odds = np.log(share / (1.0 - share)) - freedom * np.log(_WIDTH)

@@ -29,6 +29,9 @@ _DRIFTS = (
 )
 _OVER_WALK = 8.0  # of the criterion, by which a law along the hour must beat a walk
 _DIRECTIONS = 24  # slow waves that make up a wandering quantity in the noise
+# by which twice the log likelihood may fall within the 95 % interval of a place of a sudden change
+# (Hansen 2000, doi:10.1111/1468-0262.00124)
+_PLACE = 7.35
 # of a walk's step to the scatter, squared
 _RATIOS = np.concatenate([[0.0], np.geomspace(1e-5, 30.0, 40)])
 
@@ -102,8 +105,11 @@ def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
         tests.append(_test_neighbours(name, values))
     if tests:
         corrected = multipletests([t.p_value for t in tests], method="holm")[1]
-        pairs = zip(tests, corrected.tolist(), strict=True)
-        found += [replace(test, p_value=p) for test, p in pairs if p < LEVEL]
+        found += [
+            replace(test, p_value=p)
+            for test, p in zip(tests, corrected.tolist(), strict=True)
+            if p < LEVEL
+        ]
     return _select_plainest(found)
 
 
@@ -204,8 +210,13 @@ def build_wandering(
         k, step = list(problem.model.quantities).index(name), fit_walk(values)[1]
         for wave in range(1, min(_DIRECTIONS, n // 3)):
             column = np.sqrt(2.0 / n) * np.cos(np.pi * wave * (place + 0.5) / n)
-            std = step / (2.0 * np.sin(0.5 * np.pi * wave / n))
-            found.append(Systematic("", responses[:, :, k] * column[:, None], std))
+            found.append(
+                Systematic(
+                    "",
+                    responses[:, :, k] * column[:, None],
+                    step / (2.0 * np.sin(0.5 * np.pi * wave / n)),
+                )
+            )
     return found
 
 
@@ -225,6 +236,25 @@ def place_levels(
         else e
         for e in candidates
     ]
+
+
+def bound_place(problem: Problem, fitted: Fit, effect: Law, name: str) -> tuple[float, float]:
+    """Find the 95 % interval of a place at which an effect changes at once.
+
+    The likelihood is the same wherever between two values of the covariate the place lies. The
+    other parameters follow to first order.
+    """
+    trials, own = problem.trials, f"{effect.id}.{name}"
+    seen = np.unique(np.asarray(trials.covariates[effect.covariate], dtype=np.float64))
+    moving = [i for i, p in enumerate(fitted.parameters) if p.name != own]
+    basis, _ = np.linalg.qr(fitted.jacobian[:, moving])
+    costs = np.empty(len(seen) - 1)
+    for i, place in enumerate(0.5 * (seen[1:] + seen[:-1])):
+        predicted = problem.predict(fitted.effects, fitted.values | {own: float(place)})
+        left = np.append(problem.noise.whiten(trials.values - predicted), fitted.departure)
+        costs[i] = left @ left - np.sum((basis.T @ left) ** 2)
+    kept = np.flatnonzero(costs <= costs.min() + _PLACE)
+    return float(seen[kept[0]]), float(seen[kept[-1] + 1])
 
 
 def is_along_the_run(problem: Problem, effect: Law) -> bool:
