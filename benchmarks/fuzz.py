@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))  # for what a session might have taught
+sys.path.insert(0, str(ROOT / "tests"))  # for a model that might be learned
 
 from stepblocks.bench.signal import TraceError  # noqa: E402
 from stepblocks.confined import MEMORY  # noqa: E402

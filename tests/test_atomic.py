@@ -118,7 +118,7 @@ channels = { tangential = "x", normal = "y" }
 
 
 @pytest.mark.parametrize("command", ["build", "sweep", "loop", "several", "workshop"])
-def test_one_run_holds_an_output_folder_and_a_second_is_told_so(command, tmp_path, capsys):
+def test_one_run_holds_an_output_folder_and_a_second_is_refused(command, tmp_path, capsys):
     stimuli = str(Path(__file__).parents[1] / "stimuli" / "sheaths.toml")
     (tmp_path / "s.toml").write_text(SWEEP)
     for session in ("a", "b"):

@@ -109,7 +109,7 @@ def test_a_class_takes_a_strange_value_or_refuses_it_in_one_line(name, strange):
                 assert "\n" not in str(error)  # noqa: PT017  a value may also be taken
 
 
-def test_all_mistakes_of_a_stimulus_are_told_in_the_words_of_its_file():
+def test_all_mistakes_of_a_stimulus_are_reported_in_the_words_of_its_file():
     with pytest.raises(sb.StepblocksError) as caught:
         sb.StepBlock(id="A b", heigth="25 um")
     said = str(caught.value)

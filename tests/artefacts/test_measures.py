@@ -85,7 +85,7 @@ def test_a_hole_a_flip_and_a_double_are_counted_by_their_edges():
     assert MeshMeasures(vertices, np.concatenate([faces, faces[:1]])).bad_edges() == 3
 
 
-def test_levels_beside_an_edge_are_told_apart_by_their_side():
+def test_levels_beside_an_edge_are_distinguished_by_their_side():
     mesh = MeshMeasures(*stairs())
     assert mesh.level_beside(0.0, -1) == pytest.approx(0.0, abs=1e-15)
     assert mesh.level_beside(0.0, +1) == pytest.approx(43e-6, abs=1e-15)

@@ -24,7 +24,7 @@ from stepblocks.artefacts.step.units import (
 from stepblocks.errors import MetrologyError
 
 
-def test_strings_comments_and_types_are_told_apart(tmp_path):
+def test_strings_comments_and_types_are_distinguished(tmp_path):
     file = exchange_of(
         "#10=PRODUCT('it''s; (#11) /', /* not #12 = X( */ "
         "'b',LENGTH_MEASURE(1.5E-1),.T.,$,(1,#10));",
@@ -76,7 +76,7 @@ def test_a_data_section_that_is_not_whole_is_refused_with_its_place(data, rule, 
         exchange_of(data, tmp_path)
 
 
-def test_a_lost_quote_in_a_long_file_is_told_at_once(tmp_path):
+def test_a_lost_quote_in_a_long_file_is_reported_at_once(tmp_path):
     whole = "".join(
         f"#{number}=POINT('it''s no {number}',(0.,1.,2.));\n" for number in range(1, 20_000)
     )
@@ -298,7 +298,7 @@ def test_a_flatness_without_a_width_and_a_parallelism_with_its_datum(tmp_path):
     assert flat.faces == parallel.faces == ("#100",)
 
 
-def test_anybodys_file_is_told_as_a_table_with_what_is_wrong(tmp_path):
+def test_anybodys_file_is_reported_as_a_table_with_what_is_wrong(tmp_path):
     path = tmp_path / "any.step"
     path.write_text(
         text_of(dimensioned(("#301", "")).replace("(0.01)", "(0.011)"), "CONFIG_CONTROL_DESIGN")

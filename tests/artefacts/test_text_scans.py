@@ -125,7 +125,7 @@ def test_a_unit_that_is_none_is_one_line(unit, tmp_path):
         read_scan(tmp_path / "a.csv", unit)
 
 
-def test_a_wrong_unit_that_makes_a_block_of_a_street_is_told(tmp_path):
+def test_a_wrong_unit_that_makes_a_block_of_a_street_is_reported(tmp_path):
     (tmp_path / "a.csv").write_text("x_m,z_m\n0,0\n100,0\n200,50\n")
     with pytest.raises(
         MetrologyError, match=r"positions must lie within 10 m, got 200 m \[a.csv\]"

@@ -41,14 +41,14 @@ def rubbed(time):
     return force
 
 
-def settled(time, force, tool=None):
+def measure(time, force, tool=None):
     marks = find_landmarks(time, force)
     approach = fit_approach(time, force, marks, tool)
     return fit_aftermath(time, force, marks, approach, tool), marks, approach
 
 
 def test_a_bell_is_taken_for_a_bell_with_its_figures():
-    after, _, _ = settled(TIME, COURSE.force(TIME) + noise(TIME.size))
+    after, _, _ = measure(TIME, COURSE.force(TIME) + noise(TIME.size))
     assert after.damped
     for (value, std), truth in (
         (after.frequency, 287.0),
@@ -60,7 +60,7 @@ def test_a_bell_is_taken_for_a_bell_with_its_figures():
 
 def test_counted_from_the_release_the_amplitude_is_that_of_the_release():
     force = COURSE.force(TIME) + noise(TIME.size)
-    _, marks, approach = settled(TIME, force)
+    _, marks, approach = measure(TIME, force)
     again = fit_bell(TIME, force, COURSE.release, approach.mains, marks.noise)
     amplitude, std = again.amplitude
     assert again.start == COURSE.release
@@ -75,7 +75,7 @@ def test_counted_from_the_release_the_amplitude_is_that_of_the_release():
 @pytest.mark.parametrize("tool", [None, (270.0, 28e-3)])
 def test_a_tip_that_rubs_is_taken_for_one_and_tells_its_friction(tool):
     time = RUBBING.clock(tail=0.14)
-    after, _, _ = settled(time, rubbed(time) + noise(time.size), tool)
+    after, _, _ = measure(time, rubbed(time) + noise(time.size), tool)
     assert not after.damped
     assert isinstance(after.ring, RubbingRing)
     assert after.frequency[0] == pytest.approx(270.0, abs=1.0)
@@ -97,7 +97,7 @@ def test_last_bits_of_a_record_move_no_figure_of_a_rubbing_ring_by_a_hundredth_o
     time = RUBBING.clock(tail=0.14)
     force = rubbed(time) + noise(time.size)
     bits = 1e-13 * np.random.default_rng(1).choice([-1.0, 1.0], time.size)
-    one, other = (settled(time, values)[0] for values in (force, force * (1.0 + bits)))
+    one, other = (measure(time, values)[0] for values in (force, force * (1.0 + bits)))
     for name in ("frequency", "decay_time", "friction_decay", "amplitude", "level"):
         (value, std), (moved, its) = getattr(one, name), getattr(other, name)
         assert moved == pytest.approx(value, abs=0.01 * std)
@@ -115,7 +115,7 @@ def test_a_swing_is_carried_back_by_the_decay_of_the_tool():
 
 def test_the_load_is_the_normal_force_while_sliding_whatever_hums_or_drifts():
     humming = hum(TIME, 8e-3)
-    _, _, approach = settled(TIME, COURSE.force(TIME) + humming)
+    _, _, approach = measure(TIME, COURSE.force(TIME) + humming)
     drift = 0.1 * (TIME - 0.5 * COURSE.onset)
     normal = COURSE.load + humming + drift + noise(TIME.size)
     normal[COURSE.onset < TIME] += 5.0  # the climb is no sliding
@@ -128,7 +128,7 @@ def test_the_load_is_the_normal_force_while_sliding_whatever_hums_or_drifts():
 @pytest.mark.parametrize("phase", [0.0, 1.2, -2.5])
 def test_the_sympathetic_ring_is_found_at_any_phase(phase):
     force = COURSE.force(TIME) + noise(TIME.size)
-    after, _, approach = settled(TIME, force)
+    after, _, approach = measure(TIME, force)
     turned = Course(amplitude=0.13, phase=phase)
     normal = COURSE.load + turned.ring(TIME) + noise(TIME.size, seed=1)
     size, std = measure_sympathetic_force(TIME, normal, approach, after.carry_to(COURSE.release))
@@ -138,7 +138,7 @@ def test_the_sympathetic_ring_is_found_at_any_phase(phase):
 
 def test_a_normal_force_at_rest_has_no_sympathetic_ring():
     force = COURSE.force(TIME) + noise(TIME.size)
-    after, _, approach = settled(TIME, force)
+    after, _, approach = measure(TIME, force)
     size, std = measure_sympathetic_force(
         TIME, COURSE.load + noise(TIME.size, seed=1), approach, after
     )
@@ -171,7 +171,7 @@ def test_the_corner_before_a_tip_that_rubs_lies_between_two_samples(shift):
 
 def test_a_normal_channel_that_reads_nothing_has_no_ring_and_no_missing_number():
     force = COURSE.force(TIME) + noise(TIME.size)
-    after, _, approach = settled(TIME, force)
+    after, _, approach = measure(TIME, force)
     # origin: the least squares of nothing are nothing
     assert measure_sympathetic_force(TIME, np.zeros(TIME.size), approach, after) == (0.0, 0.0)
 
@@ -183,7 +183,7 @@ def test_of_two_fits_that_miss_the_noise_the_one_that_leaves_less_is_taken_at_an
     since = np.clip(time - RUBBING.release, 0.0, None)
     tone = 50e-3 * np.exp(-since / 40e-3) * np.sin(2.0 * np.pi * 900.0 * since)
     force = scale * (rubbed(time) + tone + noise(time.size))
-    after, _, _ = settled(time, force, (270.0, 28e-3))
+    after, _, _ = measure(time, force, (270.0, 28e-3))
     assert after.ring.misfit > 5.0
     assert not after.damped
     assert after.frequency[0] == pytest.approx(270.0, abs=1.0)
@@ -211,7 +211,7 @@ def test_a_corner_that_a_parabola_leaves_is_as_uncertain_as_its_extrapolation():
 
 def test_how_early_a_release_may_lie_within_a_sample_is_part_of_the_sympathetic_ring():
     force = COURSE.force(TIME) + noise(TIME.size)
-    after, _, approach = settled(TIME, force)
+    after, _, approach = measure(TIME, force)
     normal = COURSE.load + Course(amplitude=0.13).ring(TIME) + noise(TIME.size, seed=1)
     (size, known), (_, late) = (
         measure_sympathetic_force(TIME, normal, approach, replace(after, sample=sample))

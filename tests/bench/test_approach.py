@@ -86,7 +86,7 @@ def test_without_noise_the_corner_and_the_slope_come_back():
 
 
 @pytest.mark.parametrize("mains", [50.0, 60.0])
-def test_the_mains_is_told_from_the_record_and_its_hum_taken_apart(mains):
+def test_the_mains_is_found_from_the_record_and_its_hum_taken_apart(mains):
     disturbance = hum(TIME, 20e-3, mains)
     force = COURSE.force(TIME) + disturbance + noise(1e-3)
     assert find_mains(TIME[:600], force[:600]) == mains

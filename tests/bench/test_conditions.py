@@ -137,7 +137,7 @@ def test_a_tare_is_the_mean_of_the_first_part(session):
         ),
     ],
 )
-def test_a_gauge_that_is_told_wrongly_is_refused_in_one_line(channel, said, session):
+def test_a_gauge_that_is_declared_wrongly_is_refused_in_one_line(channel, said, session):
     channels(session, f'tangential = {channel}\nnormal = "fy_n"')
     with pytest.raises(BenchError) as error:
         open_session(session)

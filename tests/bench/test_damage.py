@@ -238,7 +238,7 @@ TRIAL_DAMAGE = {
 
 
 @pytest.mark.parametrize("name", TRIAL_DAMAGE)
-def test_a_damaged_trial_is_told_with_its_reason_and_the_rest_goes_on(name, session, tmp_path):
+def test_a_damaged_trial_is_reported_with_its_reason_and_the_rest_goes_on(name, session, tmp_path):
     damage, reason = TRIAL_DAMAGE[name]
     damage(session)
     summary, rows = run(session, tmp_path)

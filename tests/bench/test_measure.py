@@ -104,7 +104,7 @@ def test_a_block_column_that_a_spreadsheet_would_run_is_still_the_block(session)
     assert "'=block" not in table
 
 
-def test_progress_is_told_trial_by_trial(session, tmp_path):
+def test_progress_is_reported_trial_by_trial(session, tmp_path):
     told = []
     write_features(
         session, tmp_path / "f.csv", jobs=1, progress=lambda done, total: told.append((done, total))

@@ -187,7 +187,7 @@ def test_a_field_that_is_not_known_is_refused_with_those_that_are(tmp_path, old,
     assert str(caught.value).startswith(message)
 
 
-def test_all_mistakes_of_a_file_are_told_at_once_those_of_its_calibration_too(tmp_path):
+def test_all_mistakes_of_a_file_are_reported_at_once_those_of_its_calibration_too(tmp_path):
     text = '[calibration]\ntangential_zero = ["3 mm", "1 mN"]\nwarmth = 3\n[stimuli]'
     with pytest.raises(BenchError) as caught:
         declared(tmp_path, ("9.81 N/mm", "-1 N/mm"), ("10 kHz", "10 km"), ("[stimuli]", text))

@@ -197,7 +197,7 @@ def test_a_planted_edge_radius_stands_in_the_forces_and_in_the_scans(tmp_path):
     assert float(np.interp(depth, scan.x_um, scan.z_um)) == pytest.approx(top - depth, abs=0.4)
 
 
-def test_locked_trials_are_left_out_and_told(tmp_path):
+def test_locked_trials_are_left_out_and_reported(tmp_path):
     folder = simulate(tmp_path, extra="[model]\nfriction = 0.9\n")
     told = pd.read_csv(folder / "truth.csv")
     assert (told.status == "locked").any()
@@ -231,7 +231,7 @@ def test_a_law_of_the_catalogue_can_be_planted_by_its_name(tmp_path):
     )
 
 
-def test_operators_can_be_told_apart(tmp_path):
+def test_operators_can_be_distinguished(tmp_path):
     levels = (
         '[scatter]\nenergy = 0\nfriction = 0\nload = 0\nheight = "0 um"\n[[effects]]\nslot = '
         '"conversion"\n'

@@ -58,7 +58,7 @@ def test_a_clock_that_stands_still_for_a_sample_is_named_with_its_instant():
     )
 
 
-def test_lost_samples_are_a_gap_and_their_duration_is_told():
+def test_lost_samples_are_a_gap_and_their_duration_is_reported():
     trace = whole()
     keep = np.ones(trace.time.size, dtype=bool)
     keep[500:529] = False

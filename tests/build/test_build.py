@@ -158,12 +158,12 @@ import signal, sys
 from contextlib import closing
 from stepblocks.build import make
 from stepblocks.cli import main
-make_all = make.make_all
+build_stimuli = make.build_stimuli
 def held(*arguments):
-    with closing(make_all(*arguments)) as results:
+    with closing(build_stimuli(*arguments)) as results:
         yield next(results)
         signal.pause()
-make.make_all = held
+make.build_stimuli = held
 # under nohup the process that runs the tests ignores them
 for number in (signal.SIGTERM, signal.SIGHUP):
     signal.signal(number, signal.SIG_DFL)
@@ -291,14 +291,14 @@ CHOSEN = """
 import sys
 from pathlib import Path
 from stepblocks import build_sets
-from stepblocks.build.make import make_all
+from stepblocks.build.make import build_stimuli
 from stepblocks.declare import load_set
 
 output, *files = map(Path, sys.argv[1:])
 chosen = {"hook-125", "tip-125", "crown-shoulder", "gap-020-lip"}
 every = [(one.name, part, "", one.order) for one in map(load_set, files) for part in one.stimuli]
 parts = [one for one in every if one[1].id in chosen]
-assert len(list(make_all(parts, output, 1))) == len(chosen)
+assert len(list(build_stimuli(parts, output, 1))) == len(chosen)
 build_sets(files, output, only="step-010", jobs=1)  # with tables and page of all of them
 """
 

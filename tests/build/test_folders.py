@@ -148,7 +148,7 @@ def test_the_manifest_says_with_what_it_was_made(copy):
     assert made["libraries"]["numpy"] == np.__version__
 
 
-def test_a_second_run_into_the_same_folder_is_told_so_and_writes_nothing(tmp_path, capsys):
+def test_a_second_run_into_the_same_folder_is_refused_and_writes_nothing(tmp_path, capsys):
     output = tmp_path / "out"
     output.mkdir()
     with lock_folder(output):

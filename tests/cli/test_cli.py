@@ -381,7 +381,7 @@ def test_the_shipped_stimuli_are_copied_whole_and_nobodys_are_replaced(
 @pytest.mark.parametrize(
     "words", ["new block .", "new block /", "feel paper-four.toml --no-open -o ."]
 )
-def test_a_folder_where_a_file_is_to_be_written_is_told_in_one_line(
+def test_a_folder_where_a_file_is_to_be_written_is_reported_in_one_line(
     words, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)

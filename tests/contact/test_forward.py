@@ -169,7 +169,7 @@ def test_scatter_shows_in_the_channels_as_the_equations_say(design):
     assert np.abs(found[:, others, 2]).max() < 1e-9
 
 
-def test_a_locked_tip_is_told_and_still_has_finite_channels(design):
+def test_a_locked_tip_is_reported_and_still_has_finite_channels(design):
     state = build_nominal_state(design, _VALUES | {"friction": 0.6})
     # origin: a + atan mu >= 90 deg at H = 70 um, R = 120 um, mu = 0.6 (65.4 + 31.0 deg) and at no
     # lower step

@@ -254,7 +254,7 @@ def test_a_stimulus_keeps_its_own_dimensions_and_is_named_with_its_direction():
     assert tip.name == "tip-125 over a step of 40 um"
 
 
-def test_an_identity_in_two_sets_must_be_told_apart(tmp_path):
+def test_an_identity_in_two_sets_must_be_distinguished(tmp_path):
     text = (STIMULI / "paper-ten.toml").read_text()
     for name in ("one", "two"):
         (tmp_path / f"{name}.toml").write_text(text.replace('set = "paper-ten"', f'set = "{name}"'))

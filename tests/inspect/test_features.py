@@ -173,7 +173,7 @@ def test_what_a_user_crops_or_levels_is_never_evaluated_whole_instead():
             assert "profile by profile" in measure_groove(scan, EXACT, asked).convention
 
 
-def test_a_depth_is_not_told_from_a_corner_of_the_features_nor_from_edges_that_nobody_saw():
+def test_no_depth_is_given_from_a_corner_of_the_features_or_from_edges_that_were_not_seen():
     y, x = np.mgrid[:240, :240] * UM
     # a dome of which nothing but the very top is level, beside a plane
     dome = (

@@ -177,7 +177,7 @@ def test_a_mirrored_tolerance_gives_the_mirrored_verdict(value, std):
 
 
 @pytest.mark.parametrize(("reach", "known"), [(200, True), (170, True), (150, False)])
-def test_a_burr_is_told_where_four_fifths_of_its_zone_were_scanned(reach, known):
+def test_a_burr_is_reported_where_four_fifths_of_its_zone_were_scanned(reach, known):
     # the zone is 0.2 mm wide; what lies beyond it is not asked for
     across = (np.arange(-200, reach) + 0.5)[np.newaxis] * UM
     z = np.where(across > 0.0, 50 * UM, 0.0)

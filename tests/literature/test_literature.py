@@ -92,7 +92,7 @@ def test_what_misses_a_band_is_a_factor():
     assert compute_misfit([0.0, high]) == math.inf
 
 
-def test_the_contradiction_is_told_before_and_after():
+def test_the_contradiction_is_reported_before_and_after():
     before, *rivals = fit_explanations()
     # equation (1) at one load, mu 0.15: 10.5 to 3696 uJ
     assert before.spread == pytest.approx(353.0, rel=0.01)

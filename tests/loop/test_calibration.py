@@ -76,7 +76,7 @@ def test_a_certificate_of_the_spring_holds_its_ratio_and_says_what_a_gain_of_the
     assert (held.start, held.prior_std) == pytest.approx((1.0, 20.0 / 9810.0))
 
 
-def test_every_mistake_of_a_certificate_is_told_in_a_line_of_its_own(tmp_path):
+def test_every_mistake_of_a_certificate_is_reported_in_a_line_of_its_own(tmp_path):
     text = (
         '[calibration]\ntangential_zero = ["3 mm", "1 mN"]\nnormal_zero = ["1 mN", "-1 '
         'mN"]\nwarmth = 3\n'

@@ -259,7 +259,7 @@ def test_the_name_of_a_tip_gives_its_radius() -> None:
         ("unexplained-a", "effect", "running_in"),
     ],
 )
-def test_the_shared_sessions_end_as_told(
+def test_the_shared_sessions_end_as_stated(
     session: str, verdict: str, effect: str | None, tmp_path: Path
 ) -> None:
     pytest.importorskip("stepblocks.bench.measure")

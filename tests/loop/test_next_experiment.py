@@ -51,7 +51,7 @@ def test_rivals_are_asked_apart_from_each_other(found):
     assert {"height_um", "load_n", "speed_mm_s", "run_order"} < set(asked["trials"][0])
 
 
-def test_a_model_cannot_be_told_from_itself(found):
+def test_a_model_cannot_be_distinguished_from_itself(found):
     (finding,) = found.findings
     same = Finding(
         finding.effect,

@@ -127,7 +127,7 @@ def test_features_that_are_measured_already_are_explained_as_they_are(tmp_path, 
     assert taken[0].loc[2, "reason"] == "the bench was knocked"
 
 
-def test_records_that_do_not_exist_are_told_before_anything_is_measured(tmp_path):
+def test_records_that_do_not_exist_are_reported_before_anything_is_measured(tmp_path):
     with pytest.raises(PipelineError, match="at least one record"):
         loop_session(tmp_path, as_built=[tmp_path])
 

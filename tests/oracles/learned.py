@@ -1,5 +1,5 @@
-"""What a session might have taught, put together by hand: constants, effects, and as much doubt as
-a test wants.
+"""A model as learned from a session, put together by hand: constants, effects, and as much doubt
+as a test wants.
 """
 
 import math

@@ -158,7 +158,7 @@ def test_what_cannot_be_a_margin_is_one_line_and_exit_two(tmp_path, capsys, chan
     )
 
 
-def test_a_hole_at_the_margin_is_told_by_its_station(tmp_path, capsys):
+def test_a_hole_at_the_margin_is_reported_by_its_station(tmp_path, capsys):
     mesh = scan(noise=0.0)
     mesh.update_faces(np.linalg.norm(mesh.triangles_center - [4.0, 0.0, 0.8], axis=1) > 1.2)
     assert main(["predict", str(scanned_set(tmp_path, mesh))]) == 2

@@ -72,10 +72,10 @@ def test_a_step_beyond_the_data_is_flagged():
 
 
 def test_a_set_is_predicted_with_the_constants_of_the_session():
-    taught = apply_model(load_set(_STIMULI / "paper-four.toml"), make_learned_model())
-    assert taught.prediction.frictions == (0.17,)
-    assert taught.prediction.tool.stiffness == pytest.approx(1.05 * 9500.0)
-    assert taught.prediction.tool.conversion == pytest.approx(0.23)
+    stimuli = apply_model(load_set(_STIMULI / "paper-four.toml"), make_learned_model())
+    assert stimuli.prediction.frictions == (0.17,)
+    assert stimuli.prediction.tool.stiffness == pytest.approx(1.05 * 9500.0)
+    assert stimuli.prediction.tool.conversion == pytest.approx(0.23)
 
 
 @pytest.mark.parametrize("name", ["paper-four", "crown-margins"])

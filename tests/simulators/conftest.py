@@ -1,4 +1,4 @@
-"""What several tests of the simulators share: a model that a session taught."""
+"""What several tests of the simulators share: a model that was learned from a session."""
 
 import json
 import math
@@ -10,7 +10,7 @@ from stepblocks.contact.state import CHANNELS
 
 
 @pytest.fixture(scope="session")
-def taught(tmp_path_factory):
+def learned_model(tmp_path_factory):
     """A model of the loop: mu 0.2, edge 14 um, spring +2 %, C_v 0.25, 280.4 Hz, 20 ms."""
 
     def part(names, values, effects):

@@ -1,4 +1,4 @@
-"""Events as a session has taught them, and with the ring of the drag in time."""
+"""Events as learned from a session, and with the ring of the drag in time."""
 
 import math
 from dataclasses import replace
@@ -21,8 +21,8 @@ MARGINS = {s.id: s for s in load_set(ROOT / "stimuli" / "crown-margins.toml").st
 
 
 @pytest.fixture(scope="module")
-def learned(taught):
-    return read_model(taught)
+def learned(learned_model):
+    return read_model(learned_model)
 
 
 def test_what_a_session_taught_stands_for_friction_spring_and_ring(learned):

@@ -256,7 +256,7 @@ def learnt(height=50e-6, load=1.0):
     return force, 0.25 * 0.5 * force**2 / (1.02 * 9.81e3)
 
 
-def test_an_export_uses_what_a_session_taught(taught, tmp_path):
+def test_an_export_uses_a_learned_model(learned_model, tmp_path):
     arguments = [
         "export",
         SET,
@@ -269,7 +269,7 @@ def test_an_export_uses_what_a_session_taught(taught, tmp_path):
         "--load",
         "1 N",
     ]
-    assert main([*arguments, "--model", str(taught)]) == 0
+    assert main([*arguments, "--model", str(learned_model)]) == 0
     folder = tmp_path / "paper-ten" / "step-050" / "forcelaw"
     scene = json.loads((folder / "event.json").read_text())
     event, (force, energy) = scene["events"][0], learnt()
@@ -290,10 +290,10 @@ def test_an_export_uses_what_a_session_taught(taught, tmp_path):
     assert float(words.stdout.split()[1]) == pytest.approx(force, rel=5e-3)
 
 
-def test_a_build_predicts_with_what_a_session_taught(taught, tmp_path):
+def test_a_build_predicts_with_a_learned_model(learned_model, tmp_path):
     tips = str(ROOT / "stimuli" / "probe-tips.toml")
     arguments = ["build", tips, "-o", str(tmp_path), "--only", "tip-125", "--quiet", "--jobs", "1"]
-    assert main([*arguments, "--model", str(taught)]) == 0
+    assert main([*arguments, "--model", str(learned_model)]) == 0
     with (tmp_path / "probe-tips" / "predictions.csv").open() as stream:
         rows = [
             row

@@ -483,10 +483,14 @@ def test_the_example_runs_clean_under_the_sanitizers(folder, tmp_path):
         assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_learned_ring_stands_in_the_file(tmp_path, taught):
+def test_a_learned_ring_stands_in_the_file(tmp_path, learned_model):
     """C_v 0.25 of the model in conftest.py."""
     (done,) = export_scenes(
-        ROOT / "stimuli" / "paper-ten.toml", "native", tmp_path, only="step-050", model=taught
+        ROOT / "stimuli" / "paper-ten.toml",
+        "native",
+        tmp_path,
+        only="step-050",
+        model=learned_model,
     )
     text = (done.folder / "blocks.txt").read_text()
     assert float(text.split("conversion ")[1].split()[0]) == pytest.approx(0.25, rel=1e-6)

@@ -147,7 +147,7 @@ def test_a_load_beyond_the_motors_is_refused():
     assert "the load of 4 N exceeds its peak force of 3.3 N" in heavy.reasons
 
 
-def test_a_scale_that_leaves_the_workspace_is_told():
+def test_a_scale_that_leaves_the_workspace_is_reported():
     # at S 200 the hand pulls 1.854 N / (9810 N/m / 200) = 37.8 mm of 70 mm; at 1000 it is 189 mm
     assert (
         "the hand must travel 189 mm, more than its 70 mm"
@@ -155,7 +155,7 @@ def test_a_scale_that_leaves_the_workspace_is_told():
     )
 
 
-def test_what_nobody_stated_is_told_and_not_guessed():
+def test_what_nobody_stated_is_reported_and_not_guessed():
     assert "its stiffness limit is unknown" in plan("inverse3", TEN[4]).reasons
 
 

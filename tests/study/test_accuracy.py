@@ -150,7 +150,7 @@ def plan(share=1.0, noise=1.0, measure="bias"):
 @pytest.mark.parametrize(
     ("change", "seen"), [({"noise": 2.5}, (0, 1, 1)), ({"share": 0.8}, (1, 1, 0)), ({}, (0, 0, 0))]
 )
-def test_noise_bias_and_neither_are_told_apart(change, seen):
+def test_noise_bias_and_neither_are_distinguished(change, seen):
     """Power 95 % where there is an effect, 5 % where there is none; benchmarks/study_accuracy.py
     has 2,000 of each.
     """

@@ -206,7 +206,7 @@ def test_every_figure_of_the_results_has_a_unit(study):
     )
 
 
-def test_all_that_is_wrong_with_a_table_of_answers_is_told_at_once_by_its_lines(study):
+def test_all_that_is_wrong_with_a_table_of_answers_is_reported_at_once_by_its_lines(study):
     design, answers = study
     answers[0]["condition"] = "hard"
     answers[7]["estimate_um"] = answers[9]["estimate_um"] = "fifty"

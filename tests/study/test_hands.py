@@ -188,7 +188,7 @@ def test_openhaptics_calls_back_and_every_frame_is_begun_and_ended(stubs):
     assert hand._lib.stub_misused() == 0
 
 
-def test_what_the_maker_s_library_says_is_told(stubs):
+def test_what_the_maker_s_library_says_is_reported(stubs):
     import ctypes
 
     dhd, hd = (ctypes.CDLL(str(stubs / f"lib{name}.so")) for name in ("dhd", "HD"))

@@ -41,13 +41,13 @@ def test_who_has_no_noise_reads_the_true_height_and_a_share_of_it_through_a_damp
 
 
 @pytest.mark.parametrize("weber", [0.1, 0.5])
-def test_a_difference_of_one_weber_fraction_is_told_right_three_times_in_four(weber):
+def test_a_difference_of_one_weber_fraction_is_judged_right_three_times_in_four(weber):
     generator, observer, runs = np.random.default_rng(3), Observer(weber=weber), 8000
     right = sum(simulate_comparison(1.0 + weber, 1.0, observer, generator) for _ in range(runs))
     assert right / runs == pytest.approx(0.75, abs=4.0 * math.sqrt(0.75 * 0.25 / runs))
 
 
-def test_equal_blocks_are_told_apart_by_chance_and_lapses_are_a_coin():
+def test_equal_blocks_are_distinguished_by_chance_and_lapses_are_a_coin():
     generator, runs = np.random.default_rng(4), 4000
     assert sum(
         simulate_comparison(1.0, 1.0, Observer(), generator) for _ in range(runs)

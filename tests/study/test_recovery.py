@@ -68,7 +68,7 @@ def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
     assert math.exp(found.equal.value) == pytest.approx(1.0, rel=0.04)
 
 
-def test_a_lapse_rate_is_told_from_a_shallow_slope():
+def test_a_lapse_rate_is_distinguished_from_a_shallow_slope():
     from scipy.special import ndtr
 
     levels, total = np.geomspace(10e-6, 200e-6, 15), 4000

@@ -69,7 +69,7 @@ def close(server, *lines):
         ("Host: evil.example:{port}",),
     ],
 )
-def test_who_names_another_host_is_told_nothing_not_even_the_state(server, named):
+def test_who_names_another_host_learns_nothing_not_even_the_state(server, named):
     # a name that a foreign page lets point at this machine must not open it (DNS rebinding)
     lines = [one.format(port=server.port) for one in named]
     for path in ("/", "/state", "/nowhere"):

@@ -83,7 +83,7 @@ def test_a_capability_has_a_unit_of_length(tmp_path):
         order_parts(STIMULI / "paper-ten.toml", tmp_path, capability="2 N")
 
 
-def test_an_order_is_told_when_it_is_written_and_none_is_an_error(tmp_path):
+def test_an_order_is_announced_when_it_is_written_and_none_is_an_error(tmp_path):
     told = []
     order_parts(
         STIMULI / "sheaths.toml", tmp_path, only="sheaths/sheath-hard", announce=told.append

@@ -175,8 +175,12 @@ def match_characteristics(
     return pairs
 
 
-def _list_values(one: Wanted) -> tuple[float, ...]:
-    return (one.upper,) if one.kind in FORM else (one.nominal, one.lower, one.upper)
+def _list_values(characteristic: Wanted) -> tuple[float, ...]:
+    return (
+        (characteristic.upper,)
+        if characteristic.kind in FORM
+        else (characteristic.nominal, characteristic.lower, characteristic.upper)
+    )
 
 
 # What a kind of ours is called in the file, after the surface that carries it

@@ -22,22 +22,24 @@ from stepblocks.parts.kind import Part
 from stepblocks.workers import run_in_processes
 
 # set, stimulus, hash of its inputs, and the order that its STEP file states
-Wanted: TypeAlias = tuple[str, Part, str, OrderSpec]
+OutdatedStimulus: TypeAlias = tuple[str, Part, str, OrderSpec]
 
 
 @dataclass(frozen=True)
-class Made:
+class BuiltStimulus:
     """What became of one stimulus."""
 
     name: str  # ``"set/id"``
     seconds: float  # time it took [s]
 
 
-def make_all(wanted: Sequence[Wanted], output: Path, jobs: int | None) -> Generator[Made]:
+def build_stimuli(
+    wanted: Sequence[OutdatedStimulus], output: Path, jobs: int | None
+) -> Generator[BuiltStimulus]:
     """Make stimuli in as many processes as there are cores; give each when it is ready."""
     workers = min(jobs or os.cpu_count() or 1, max(len(wanted), 1))
     calls = ((output, *one) for one in wanted)
-    return run_in_processes(make_stimulus, calls, workers, in_order=False)
+    return run_in_processes(build_stimulus, calls, workers, in_order=False)
 
 
 def list_checkable_files(stimulus: Part, folder: Path) -> list[Path]:
@@ -54,7 +56,9 @@ def list_checkable_files(stimulus: Part, folder: Path) -> list[Path]:
     return [folder / name for name in names]
 
 
-def make_stimulus(output: Path, set_name: str, stimulus: Part, key: str, order: OrderSpec) -> Made:
+def build_stimulus(
+    output: Path, set_name: str, stimulus: Part, key: str, order: OrderSpec
+) -> BuiltStimulus:
     """Build, write, read back and measure one stimulus."""
     from stepblocks.artefacts.check import check_artefact
 
@@ -79,7 +83,7 @@ def make_stimulus(output: Path, set_name: str, stimulus: Part, key: str, order: 
         }
         sync_folder(workshop)
         _replace_files(workshop, output / set_name / stimulus.id, record)
-    return Made(f"{set_name}/{stimulus.id}", time.perf_counter() - started)
+    return BuiltStimulus(f"{set_name}/{stimulus.id}", time.perf_counter() - started)
 
 
 def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:

@@ -38,7 +38,7 @@ from stepblocks.text_file import is_file
 
 if TYPE_CHECKING:
     from stepblocks.artefacts.model_file import LearnedModel
-    from stepblocks.build.make import Made, Wanted
+    from stepblocks.build.make import BuiltStimulus, OutdatedStimulus
     from stepblocks.parts.kind import Part
     from stepblocks.parts.set import StimulusSet
     from stepblocks.parts.verdict import Verdict
@@ -86,7 +86,7 @@ def build_sets(
     *,
     only: str | None = None,
     jobs: int | None = None,
-    announce: "Callable[[Made, int, int], None] | None" = None,
+    announce: "Callable[[BuiltStimulus, int, int], None] | None" = None,
     model: str | Path | None = None,
 ) -> BuildReport:
     """Build every stimulus that is not up to date, then the tables and the page.
@@ -106,7 +106,7 @@ def build_sets(
     announce : callable, optional
         Called with each stimulus made, its number and how many there are.
     model : str or Path, optional
-        model.json of a measured session; the predictions are then made with what it taught.
+        model.json of a measured session; predictions then have its constants and effects.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def build_sets(
         return BuildReport(str(folder), [], manifest["stimuli"], list(manifest["failures"]))
 
     from stepblocks.artefacts.model_file import read_model
-    from stepblocks.build.make import make_all
+    from stepblocks.build.make import build_stimuli
     from stepblocks.declare import load_set
 
     sets = [load_set(one) if isinstance(one, Path) else one for one in sources.values()]
@@ -151,7 +151,7 @@ def build_sets(
         wanted = _find_outdated(selected, folder, code)
         report.current = len(selected) - len(wanted)
         with closing(
-            make_all(wanted, folder, jobs)
+            build_stimuli(wanted, folder, jobs)
         ) as results:  # its workers have ended before drafts are swept
             for number, built in enumerate(results, start=1):
                 report.built.append(built.name)
@@ -204,9 +204,9 @@ def _require_safe_output(output: Path, sets: "Sequence[StimulusSet]") -> None:
 
 def _find_outdated(
     selected: "Sequence[tuple[StimulusSet, Part]]", output: Path, code: str
-) -> "list[Wanted]":
+) -> "list[OutdatedStimulus]":
     # List the stimuli to build, each with its set and the hash of its inputs
-    wanted: list[Wanted] = []
+    wanted: list[OutdatedStimulus] = []
     for stimuli, stimulus in selected:
         folder = output / stimuli.name / stimulus.id
         described = json.dumps(stimulus.record(), sort_keys=True)

@@ -125,10 +125,10 @@ def make_prism(outline: Outline, width: float) -> Body:
     return extrude(_lift_outline(outline, lambda x, z: (x, -0.5 * width, z)), (0.0, width, 0.0))
 
 
-def _require_single(shape: Body, what: str) -> Body:
+def _require_single(shape: Body, operation: str) -> Body:
     solids = shape.Solids()
     if len(solids) != 1 or not solids[0].isValid():
-        raise SolidError(f"{what} must give one valid solid, got {len(solids)}")
+        raise SolidError(f"{operation} must give one valid solid, got {len(solids)}")
     return solids[0]
 
 

@@ -49,8 +49,8 @@ _MODULES = (
 )
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         print(f"stepblocks {__version__}")
         raise typer.Exit
 

@@ -53,7 +53,7 @@ class Waveform:
 
 @dataclass(frozen=True)
 class LearnedPrediction:
-    """What a model that a measured session has taught says of one drag."""
+    """What a model that was learned from a session says of one drag."""
 
     status: str  # "ok", or why the prediction must not be trusted
     # at the release [N], with the bounds of 95 % of single trials

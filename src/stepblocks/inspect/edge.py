@@ -41,7 +41,8 @@ _SUSPECT = 4.0
 # factor by which that falls when the spike is left out [1]; form of the edge is in all points and
 # falls by less
 _BY_FAR = 2.5
-_NO_RISER = 0.7  # of the height, from which an arc leaves no riser that it could be told from [1]
+# of the height, from which an arc leaves no riser to distinguish it from [1]
+_NO_RISER = 0.7
 _BETTER = 1.5  # of the residuals of the arc over those of the flank, from which it is a flank [1]
 _LEAST_EXCLUSION = 16.0  # sampling intervals kept out of the faces where the edge is sharp [1]
 _MOST_DROPPED = 0.2  # part of the points of a face, or at an edge, that may be spikes [1]

@@ -20,7 +20,7 @@ from stepblocks.inspect.noise import Array, Estimate, Mask, estimate_linear
 _MOST_DEGREE = 3
 _DRAWS = 40
 _SCALES = (1.0, np.sqrt(3.0))
-# ratio of the two growths from which it is told from the root of two [1]; forty draws scatter it by
+# ratio of the two growths from which it differs from the root of two [1]; forty draws scatter it by
 # a third
 _SEVERAL = 2.0
 _GRID = 9  # points along either side at which the form is judged

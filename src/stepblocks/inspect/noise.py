@@ -35,7 +35,7 @@ _MOST_RESTORED = (
     4.0  # by which a variance is raised for what the fit swallowed; beyond it, nothing is known
 )
 # least part of the low frequencies that a fit may leave [1]; with less, the correlation cannot be
-# told from the form
+# distinguished from the form
 _LEAST_LEFT = 0.25
 # smallest variance as a part of that of white noise of the same scatter: a truncated sum over lags
 # may fall below zero

@@ -321,47 +321,47 @@ def inspect_standard(
     return replace(result, judged=((asked, decision),), verdict=decision.verdict)
 
 
-def find_declared(identity: str, where: Sets) -> tuple[Part, StimulusSet]:
+def find_declared(identity: str, stimuli: Sets) -> tuple[Part, StimulusSet]:
     """Find a stimulus by its identity, also as engraved, and the set that declares it."""
     known = []
-    for declared, _ in load_sets(where):
+    for declared, _ in load_sets(stimuli):
         for stimulus in declared.stimuli:
             if stimulus.id.lower() == identity.strip().lower():
                 return stimulus, declared
             known.append(stimulus.id)
     raise PipelineError(
-        f"stimulus must be declared in {where}, got {identity!r}; declared are "
+        f"stimulus must be declared in {stimuli}, got {identity!r}; declared are "
         f"{', '.join(known):.400}"
     )
 
 
 def _describe_size_doubts(
-    asked: Characteristic, evaluation: Evaluation, scale: str, others: Iterable[Part]
+    size: Characteristic, evaluation: Evaluation, scale: str, others: Iterable[Part]
 ) -> list[str]:
     # Say that a size is off by a factor of 1000, and which unit would explain it; or that another
     # part of the set is of this size, so that the scan does not say which of the two it shows.
-    value = evaluation.values[asked.key].value
-    ratio = value / asked.nominal if asked.nominal else 1.0
+    value = evaluation.values[size.key].value
+    ratio = value / size.nominal if size.nominal else 1.0
     power = round(math.log10(ratio) / 3.0) if ratio > 0.0 else 0
     if power and abs(math.log10(ratio) - 3.0 * power) < _NEAR_POWER:
         read = _UNIT_READ.findall(scale.split(";")[0].replace("µ", "u"))
         found = _UNITS.index(read[-1]) - power if read else -1
         likely = f"{_UNITS[found]}, not {read[-1]}" if 0 <= found < len(_UNITS) else "another one"
         return [
-            f"{asked.label} of {value * 1e6:.4g} um is about {1000.0**power:g} times the declared "
-            f"{asked.nominal * 1e6:.4g} um: the unit of the heights is likely {likely}"
+            f"{size.label} of {value * 1e6:.4g} um is about {1000.0**power:g} times the declared "
+            f"{size.nominal * 1e6:.4g} um: the unit of the heights is likely {likely}"
         ]
     like = [
         part.id
         for part in others
         for one in part.characteristics()
-        if one.key == asked.key and one.nominal + one.lower <= value <= one.nominal + one.upper
+        if one.key == size.key and one.nominal + one.lower <= value <= one.nominal + one.upper
     ]
     if like:
         return [
-            f"{asked.label} of {value * 1e6:.4g} um is that of {', '.join(like)}, declared in the "
+            f"{size.label} of {value * 1e6:.4g} um is that of {', '.join(like)}, declared in the "
             "same set"
-            f"{'' if asked.lower <= value - asked.nominal <= asked.upper else ', not its own'}: "
+            f"{'' if size.lower <= value - size.nominal <= size.upper else ', not its own'}: "
             "make sure which part was scanned"
         ]
     return []
@@ -385,7 +385,7 @@ def _evaluate(
     evaluate: Evaluator,
     scan: ScannedProfile | HeightMap,
     instrument: Instrument,
-    asked: Characteristic,
+    characteristic: Characteristic,
     options: EvaluationOptions,
 ) -> Evaluation:
     # Evaluate a scan by an instrument that resolves no less than one count of it.
@@ -394,12 +394,12 @@ def _evaluate(
     place = f" [{scan.source}]" if scan.source else ""
     try:
         resolution = max(instrument.resolution, scan.count or 0.0)
-        return evaluate(scan, replace(instrument, resolution=resolution), asked, options)
+        return evaluate(scan, replace(instrument, resolution=resolution), characteristic, options)
     except UnlikeError as error:
         raise UnlikeError(f"{error}{place}") from error
     except MetrologyError as error:
         message = str(error).removesuffix(place)
-        message += _suggest_next(evaluate, scan, instrument, asked, options)
+        message += _suggest_next(evaluate, scan, instrument, characteristic, options)
         raise MetrologyError(f"{message}{place}") from error
 
 
@@ -407,7 +407,7 @@ def _suggest_next(
     evaluate: Evaluator,
     scan: ScannedProfile | HeightMap,
     instrument: Instrument,
-    asked: Characteristic,
+    characteristic: Characteristic,
     options: EvaluationOptions,
 ) -> str:
     # Say what may be tried with a scan of an edge or groove that was refused.
@@ -415,7 +415,7 @@ def _suggest_next(
     if features.pop(evaluate, None) is None:
         return ""
     ((other, name),) = features.items()
-    if evaluate_each(lambda one: other(one, instrument, asked, options), [scan])[0]:
+    if evaluate_each(lambda one: other(one, instrument, characteristic, options), [scan])[0]:
         return f"; --feature {name} measures it"
     part = "; a part that shows one kind of feature may do: --from, --to, --along"
     if isinstance(scan, HeightMap) and is_periodic(scan.height):

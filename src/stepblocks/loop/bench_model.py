@@ -84,7 +84,7 @@ class SessionModel:
     )
 
     def order(self, trials: Trials) -> Floats:
-        """Order in time: the run order where it is told, else that of the table."""
+        """Order in time: the run order where it is given, else that of the table."""
         run_order = trials.numeric("run_order") if "run_order" in trials.covariates else None
         return np.arange(float(len(trials))) if run_order is None else run_order
 

@@ -152,7 +152,7 @@ def build_document(
         ],
         "unwritten": [
             {"kind": h.kind, "quantity": h.quantity, "p_value": h.p_value, "said": h.sentence}
-            | {"heaps": [[str(table.names[row]) for row in heap] for heap in h.clusters]}
+            | {"heaps": [[str(table.names[row]) for row in group] for group in h.clusters]}
             for h in found.hints
         ],
         "known_of_the_gauges": {
@@ -470,7 +470,7 @@ def write_block_stimulus(experiment: Document | None) -> str | None:
 
 
 def _choose_pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
-    # Names of two models that are to be told apart, and the models
+    # Names of two models that are to be distinguished, and the models
     if not found.findings:
         return None
     for finding in (finding for finding in found.findings if finding.rivals):

@@ -33,7 +33,7 @@ MeasuredMesh: TypeAlias = (
 class Part(Table, ABC):
     """A declared part, across which a tip is dragged."""
 
-    # name of its tables in a stimulus file, and its key wherever kinds are told apart
+    # name of its tables in a stimulus file, and its key wherever kinds are distinguished
     stanza: ClassVar[str]
     kind_name: ClassVar[str]  # what people call it
     counterface_fields: ClassVar[

@@ -70,12 +70,14 @@ def _write_value(value: object, quantity: str, is_zone: bool) -> object:
     raise StimulusError(f"a set must hold values that a file can state, got {value!r:.60}")
 
 
-def _write_dimension(one: Dimension) -> object:
+def _write_dimension(dimension: Dimension) -> object:
     # Write a dimension; what the standard or a default states is left to it
-    nominal = format_exactly(one.nominal, one.quantity)
-    source = {"source": one.source} if one.source else {}
-    if one.general or one.usual:
+    nominal = format_exactly(dimension.nominal, dimension.quantity)
+    source = {"source": dimension.source} if dimension.source else {}
+    if dimension.general or dimension.usual:
         return {"nominal": nominal, **source} if source else nominal
-    upper, lower = (format_exactly(end, one.quantity) for end in (one.upper, one.lower))
-    tolerance = upper if one.upper == -one.lower else f"{upper} / {lower}"
+    upper, lower = (
+        format_exactly(end, dimension.quantity) for end in (dimension.upper, dimension.lower)
+    )
+    tolerance = upper if dimension.upper == -dimension.lower else f"{upper} / {lower}"
     return {"nominal": nominal, "tolerance": tolerance, **source}

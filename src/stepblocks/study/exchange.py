@@ -50,7 +50,7 @@ def read_foreign_judgements(
     `columns` gives the name of each of their columns for one of ours.
     """
     # The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What
-    # is not there is numbered (trial, repetition) or told from the height (stimulus).
+    # is not there is numbered (trial, repetition) or found by the height (stimulus).
     experiment = ALIASES.get(experiment, experiment)
     require(
         experiment in EXPERIMENTS,

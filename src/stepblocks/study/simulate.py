@@ -153,7 +153,7 @@ def _estimate_power(hits: int, runs: int) -> dict[str, float]:
 def estimate_detection_power(
     participants: int, trials: int, ratio: float, observer: Observer, runs: int, seed: int
 ) -> dict[str, float]:
-    """Estimate how often a pair of blocks, whose energies have a ratio, is told apart.
+    """Estimate how often a pair of blocks, whose energies have a ratio, is distinguished.
 
     The shares of right answers of participants are tested against one half.
     """

@@ -125,7 +125,7 @@ def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     view = View((110.0, 150.0), s)
     (cx, cy), at = view.origin, view.at
     tooth, crown = (list_outline_points(outline, _CHORD) for outline in margin.outlines())
-    for outline, angle in ((tooth, 0.0), (crown, 90.0)):  # parts that touch are told apart
+    for outline, angle in ((tooth, 0.0), (crown, 90.0)):  # parts that touch are distinguished
         for side in (1.0, -1.0):
             points = [at(side * r, z) for r, z in outline]
             sheet.polyline(points)

@@ -114,7 +114,7 @@ def test_a_law_that_gains_less_but_may_surprise_is_fitted_in_full(squared):
     assert near <= {trial.effects[-1].id for trial in choice[1]}
 
 
-def test_trials_that_went_wrong_are_told_from_those_that_scatter():
+def test_trials_that_went_wrong_are_distinguished_from_those_that_scatter():
     # whitened residuals: 200 normal ones, four of which are twelve deviations off
     random = np.random.default_rng(5)
     values = random.normal(size=(200, 1))

@@ -8,7 +8,13 @@ from scipy.stats import chi2, multivariate_normal
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.law import Law, Parameter
-from stepblocks.loop.search.explain import Rules, Verdict, _find_wanderings, _search, explain
+from stepblocks.loop.search.explain import (
+    Rules,
+    Verdict,
+    _find_residual_structure,
+    _search,
+    explain,
+)
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.structure import (
     _follows_time,
@@ -35,11 +41,11 @@ def _hints(trials):
     return find_hints(problem, fit(problem))
 
 
-def test_chance_alone_is_told_as_nothing():
+def test_chance_alone_is_reported_as_nothing():
     assert [_hints(toy_trials(90, seed)) for seed in range(12)] == [()] * 12
 
 
-def test_two_heaps_are_told_with_the_trials_of_each():
+def test_two_groups_are_reported_with_the_trials_of_each():
     second = np.random.default_rng(5).integers(0, 2, 90).astype(bool)
     (hint,) = _hints(_shifted(90, 5, 0.7 * second))
     assert (hint.kind, hint.quantity) == ("heaps", "level")
@@ -49,7 +55,7 @@ def test_two_heaps_are_told_with_the_trials_of_each():
     assert np.mean(second[list(low)]) < 0.03
 
 
-def test_neighbours_that_err_together_are_told_and_no_law_is_read_off_them():
+def test_neighbours_that_err_together_are_reported_and_no_law_is_read_off_them():
     random = np.random.default_rng(8)
     trials = _shifted(160, 8, 0.12 * np.cumsum(random.standard_normal(160)))
     found = explain(_MODEL, trials, toy_effects(), Rules(draws=150))
@@ -179,6 +185,6 @@ def test_a_quantity_wanders_where_neighbours_err_together_and_not_where_trials_f
     heaps = 0.7 * random.integers(0, 2, 160)
     for shift, kind, wanders in ((walk, "neighbours", {"level"}), (heaps, "heaps", set())):
         grown = _search(build_problem(_MODEL, _shifted(160, 8, shift)), [], Rules(draws=20))
-        hints, _, found = _find_wanderings(grown)
+        hints, _, found = _find_residual_structure(grown)
         assert [hint.kind for hint in hints] == [kind]
         assert found == wanders

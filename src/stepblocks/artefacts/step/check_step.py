@@ -309,21 +309,22 @@ def choose_display_unit(angular: bool) -> tuple[float, str]:
     return (180.0 / math.pi, "deg") if angular else (1e3, "mm")
 
 
-def _check_dimension(one: Characteristic) -> Iterator[str]:
-    if one.problem == "no value":
+def _check_dimension(dimension: Characteristic) -> Iterator[str]:
+    if dimension.problem == "no value":
         return  # a dimension for reference only carries no value; it is listed, not judged
-    label = f"{one.ref} {one.kind}{f' ({one.name})' if one.name else ''}"
-    if one.problem:
-        yield f"{label}: {one.problem}"
-    if one.deviation is not None and abs(one.deviation) > ALLOWED:
-        scale, unit = choose_display_unit(one.angular)
+    label = f"{dimension.ref} {dimension.kind}{f' ({dimension.name})' if dimension.name else ''}"
+    if dimension.problem:
+        yield f"{label}: {dimension.problem}"
+    if dimension.deviation is not None and abs(dimension.deviation) > ALLOWED:
+        scale, unit = choose_display_unit(dimension.angular)
         stated, measured = (
-            f"{value * scale:.9g} {unit}" for value in (one.value, one.value + one.deviation)
+            f"{value * scale:.9g} {unit}"
+            for value in (dimension.value, dimension.value + dimension.deviation)
         )
         faces, off = (
             ("", "")
-            if one.angular
-            else (f" {', '.join(one.faces)}", f" ({one.deviation * 1e9:+.3f} nm)")
+            if dimension.angular
+            else (f" {', '.join(dimension.faces)}", f" ({dimension.deviation * 1e9:+.3f} nm)")
         )
         yield f"{label}: says {stated}, but its faces{faces} have {measured}{off}"
 

@@ -130,18 +130,18 @@ def write_conforming(
         draft.write_text(text, encoding="utf-8")
 
 
-def _choose_pmi_kind(one: Characteristic) -> PmiKind:
+def _choose_pmi_kind(characteristic: Characteristic) -> PmiKind:
     # Choose the kind that the standard names after the surface. A ball, a ring, and a distance to
     # the far side of a ball have their own.
-    surfaces = {rule.kind for rule in one.faces if isinstance(rule, FaceRule)}
+    surfaces = {rule.kind for rule in characteristic.faces if isinstance(rule, FaceRule)}
     ball, ring = "SPHERE" in surfaces, "TORUS" in surfaces
     kinds: dict[str, PmiKind] = {
-        "angle": "cone" if len(one.faces) == 1 else "angle",
+        "angle": "cone" if len(characteristic.faces) == 1 else "angle",
         "distance": "to_outer" if ball else "distance",
         "radius": "spherical_radius" if ball else "toroidal_radius" if ring else "radius",
         "diameter": "diameter",
     }
-    return kinds[one.kind]
+    return kinds[characteristic.kind]
 
 
 def _find_item(
@@ -152,12 +152,14 @@ def _find_item(
     return PmiItem(owner, *(find_face(described[owner], side, place) for side in sides))
 
 
-def _format_callout(one: Characteristic, number: int) -> str:
-    if one.kind in ("flatness", "parallelism"):
-        return f"{number}  {one.label} {format_zone(one.upper)}"
-    sign = {"diameter": "dia. ", "radius": "R "}.get(one.kind, "")
-    limits = format_limits(one.nominal, one.lower, one.upper, one.quantity).replace("°", " deg")
-    return f"{number}  {one.label} {sign}{limits}"
+def _format_callout(characteristic: Characteristic, number: int) -> str:
+    if characteristic.kind in ("flatness", "parallelism"):
+        return f"{number}  {characteristic.label} {format_zone(characteristic.upper)}"
+    sign = {"diameter": "dia. ", "radius": "R "}.get(characteristic.kind, "")
+    limits = format_limits(
+        characteristic.nominal, characteristic.lower, characteristic.upper, characteristic.quantity
+    ).replace("°", " deg")
+    return f"{number}  {characteristic.label} {sign}{limits}"
 
 
 def _draw_callout(
@@ -285,7 +287,7 @@ def _correct_instance(body: str, pending_labels: dict[str, list[str]], angular: 
 
 
 def _add_property(
-    data: dict[str, str], names: tuple[str, str, str], of: str, owners: Sequence[str], rule: str
+    data: dict[str, str], names: tuple[str, str, str], value: str, owners: Sequence[str], rule: str
 ) -> None:
     # Write a property of a product or of the faces that have a tolerance
     kind, name, shown_as = names
@@ -293,7 +295,7 @@ def _add_property(
     if not owners or not context:
         raise MachiningError(rule)
     shown = _add_instance(
-        data, f"REPRESENTATION('{shown_as}',({_add_instance(data, of)}),{context[0]})"
+        data, f"REPRESENTATION('{shown_as}',({_add_instance(data, value)}),{context[0]})"
     )
     for owner in owners:
         defined = _add_instance(data, f"PROPERTY_DEFINITION('{kind}','{name}',{owner})")

@@ -145,7 +145,7 @@ def fit_aftermath(
     saw: Sawtooth | None = None,
 ) -> Aftermath:
     """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs."""
-    marks = replace(marks, noise=estimate_whole_noise(time, approach, marks))
+    marks = replace(marks, noise=estimate_sliding_noise(time, approach, marks))
     top = float(time[marks.peak])
     # it is no bell, and what the tip draws when the ring has died is no part of that
     if saw is not None:
@@ -204,7 +204,7 @@ def fit_bell(time: Array, force: Array, release: float, mains: float, noise: flo
     )
 
 
-def estimate_whole_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
+def estimate_sliding_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
     """Noise while sliding, be it white or coloured [N]."""
     before = approach.fit.residuals[: int(np.searchsorted(time, approach.onset))]
     return min(max(float(np.std(before)), marks.noise), _MOST_COLOUR * marks.noise)

@@ -15,7 +15,7 @@ from scipy.ndimage import label
 from stepblocks.bench.signal import Array, Estimate, Tool, Trace, find_set_down
 from stepblocks.bench.signal.aftermath import (
     Aftermath,
-    estimate_whole_noise,
+    estimate_sliding_noise,
     fit_aftermath,
     fit_bell,
     measure_normal_level,
@@ -373,7 +373,7 @@ def measure_trace(
         peak = Peak(instant, top, std, corner=False)
     if peak.corner and after.damped:  # which sample is the highest is a matter of noise
         after = fit_bell(
-            time, force, peak.time, approach.mains, estimate_whole_noise(time, approach, marks)
+            time, force, peak.time, approach.mains, estimate_sliding_noise(time, approach, marks)
         )
         peak = find_peak(time, force, marks, approach, after)
     if peak.corner:

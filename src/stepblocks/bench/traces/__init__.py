@@ -159,13 +159,13 @@ class Traces(ExitStack):
 
     def read(self, trial: str) -> Trace:
         """Read one trace in SI; `TraceError` where the trial has none that can be used."""
-        trace = self._cut(trial) if self.session.acquisition.split else self._read(trial)
+        trace = self._cut_trial(trial) if self.session.acquisition.split else self._read(trial)
         if (trim := self.session.acquisition.trim) is None or not trace.time.size:
             return trace
         used = slice(*np.searchsorted(trace.time - trace.time[0], trim))
         return Trace(trace.time[used], trace.tangential[used], trace.normal[used])
 
-    def _cut(self, trial: str) -> Trace:
+    def _cut_trial(self, trial: str) -> Trace:
         whole, cuts = self.drags
         if trial not in cuts:
             raise TraceError(f"missing: trial {trial!r} is not in the table of trials")

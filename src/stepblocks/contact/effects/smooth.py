@@ -190,43 +190,45 @@ def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
     return tuple(laws)
 
 
-def _make_added_load_law(where: CovariateRange) -> Law:
+def _make_added_load_law(covariate: CovariateRange) -> Law:
     # Each label presses by its own force more than the weights
-    names = tuple(f"added_n[{label}]" for label in where.labels)
+    names = tuple(f"added_n[{label}]" for label in covariate.labels)
 
     def apply(
         state: DragState, column: NDArray[np.generic], values: Mapping[str, float]
     ) -> DragState:
         added = np.select(
-            [np.asarray(column) == label for label in where.labels], [values[n] for n in names], 0.0
+            [np.asarray(column) == label for label in covariate.labels],
+            [values[n] for n in names],
+            0.0,
         )
         return state.changed(load=state.load + added, sensed_offset=state.sensed_offset + added)
 
     return Law(
-        f"added_load_{where.name}",
-        f"F_py + b, by {where.name}",
+        f"added_load_{covariate.name}",
+        f"F_py + b, by {covariate.name}",
         tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names),
         apply,
         "normal_load",
-        where.name,
-        description=f"the load differs from the weights by {where.name}:",
+        covariate.name,
+        description=f"the load differs from the weights by {covariate.name}:",
     )
 
 
-def _make_step_law(name: str, where: CovariateRange, levels: int = 2) -> Law:
+def _make_step_law(name: str, covariate: CovariateRange, levels: int = 2) -> Law:
     # Change a slot where a covariate passes a value: of the radius along the run a chipped tip. Of
     # more than two levels each counts from the first.
-    run = where.name == "run_order"
+    run = covariate.name == "run_order"
     move, chip, several = SLOT_MOVES[name], name == "radius", levels > 2
-    reach = where.high - where.low
+    reach = covariate.high - covariate.low
     width = 2e-3 * reach  # a hundredth of the spacing would leave a fit no way to move
     marks = [f"[{one}]" for one in _LEVELS[: levels - 1]] if several else [""]
     at = Parameter(
         "at_trial" if run else "at",
         "1",
-        where.low + 0.5 * reach,
-        where.low,
-        where.high,
+        covariate.low + 0.5 * reach,
+        covariate.low,
+        covariate.high,
         0.02 * reach,
     )
     size = (
@@ -250,20 +252,23 @@ def _make_step_law(name: str, where: CovariateRange, levels: int = 2) -> Law:
         if several
         else np.arange(0.5, _STEP_SHAPES)[:, None] / _STEP_SHAPES
     )
-    description = f"{name} changes at once, by ln and from {'trial' if run else where.name} on"
+    description = f"{name} changes at once, by ln and from {'trial' if run else covariate.name} on"
     if several:
         description = (
             f"{name} goes from level to level along the run, by ln above the first and from:"
         )
     return Law(
-        "tip_chip" if chip else f"step_{name}_{where.name}{f'~{levels}' if several else ''}",
-        f"{'R + w' if chip else f'{move.form}, g'} from one value of {where.name} on",
+        "tip_chip" if chip else f"step_{name}_{covariate.name}{f'~{levels}' if several else ''}",
+        f"{'R + w' if chip else f'{move.form}, g'} from one value of {covariate.name} on",
         tuple(one for pair in zip(sizes, places, strict=True) for one in pair),
         apply,
         move.slot,
-        where.name,
+        covariate.name,
         tuple(
-            {p.name: where.low + reach * float(share) for p, share in zip(places, row, strict=True)}
+            {
+                p.name: covariate.low + reach * float(share)
+                for p, share in zip(places, row, strict=True)
+            }
             for row in shares
         ),
         named=chip or name in _JUMPING,
@@ -273,9 +278,9 @@ def _make_step_law(name: str, where: CovariateRange, levels: int = 2) -> Law:
     )
 
 
-def _make_periodic_law(name: str, where: CovariateRange) -> Law:
+def _make_periodic_law(name: str, covariate: CovariateRange) -> Law:
     # Let a slot swing along the run, with any period from a few trials to the whole of it
-    move, reach = SLOT_MOVES[name], where.high - where.low
+    move, reach = SLOT_MOVES[name], covariate.high - covariate.low
     parts = tuple(Parameter(part, "1", 0.0, -2.0, 2.0, 0.05) for part in ("cosine", "sine"))
     period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 1.2 * reach, 0.5)
 
@@ -288,29 +293,31 @@ def _make_periodic_law(name: str, where: CovariateRange) -> Law:
     # half a turn over the whole run apart, so that a fit begins within its own valley
     turns = np.arange(2, int(2.0 * reach / _SHORTEST_PERIOD) + 1)
     return Law(
-        f"periodic_{name}_{where.name}",
+        f"periodic_{name}_{covariate.name}",
         f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",
         (*parts, period),
         apply,
         move.slot,
-        where.name,
+        covariate.name,
         tuple({"period_trials": float(2.0 * reach / turn)} for turn in turns),
         rank=12,
         description=f"{name} swings along the run: cosine, sine and period in trials",
     )
 
 
-def _make_covariate_law(kind: str, slot: str, where: CovariateRange) -> Law:
+def _make_covariate_law(kind: str, slot: str, covariate: CovariateRange) -> Law:
     move, trend = SLOT_MOVES[slot], kind == "trend"
-    labels = where.labels if slot in _JUMPING and where.name != "block" else ()
-    names = ("slope",) if trend else tuple(f"g{i + 1}" for i in range(where.freedom))
+    labels = covariate.labels if slot in _JUMPING and covariate.name != "block" else ()
+    names = ("slope",) if trend else tuple(f"g{i + 1}" for i in range(covariate.freedom))
     names = tuple(f"g[{label}]" for label in labels[1:]) or names
     description = ""
     if labels:
-        description = f"{slot} has a level for each {where.name}, by ln above that of {labels[0]}:"
-    elif trend and where.name == "run_order" and slot in _JUMPING:
+        description = (
+            f"{slot} has a level for each {covariate.name}, by ln above that of {labels[0]}:"
+        )
+    elif trend and covariate.name == "run_order" and slot in _JUMPING:
         description = f"{slot} drifts along the run, by ln"
-    basis = where.line if trend else where.basis
+    basis = covariate.line if trend else covariate.basis
     last: list[NDArray[np.generic] | None] = [None, None]
 
     def apply(
@@ -323,12 +330,12 @@ def _make_covariate_law(kind: str, slot: str, where: CovariateRange) -> Law:
         return move.change(state, last[1] @ np.array([values[name] for name in names]))
 
     return Law(
-        f"{kind}_{slot}_{where.name}",
-        f"{move.form}, g {'a straight line' if trend else 'smooth'} over {where.name}",
+        f"{kind}_{slot}_{covariate.name}",
+        f"{move.form}, g {'a straight line' if trend else 'smooth'} over {covariate.name}",
         tuple(Parameter(name, "1", 0.0, -3.0, 3.0, 0.1) for name in names),
         apply,
         move.slot,
-        where.name,
+        covariate.name,
         named=bool(description),
         rank=10 if trend else 20,
         description=description,

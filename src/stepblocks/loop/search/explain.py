@@ -15,14 +15,14 @@ from stepblocks.loop.search.gate import choose_candidate, score_candidates
 from stepblocks.loop.search.mixture import find_bad_trials
 from stepblocks.loop.search.structure import (
     Hint,
+    add_jump_places,
     build_wandering,
     describe_wandering,
-    drop_what_follows_time,
     estimate_errors_in_order,
     find_hints,
     find_walks,
+    fit_without_time_effects,
     is_along_the_run,
-    place_levels,
 )
 
 _LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in for what is left
@@ -188,7 +188,7 @@ def explain(
     """
     rules = rules or Rules()
     trials = trials if isinstance(trials, Trials) else Trials.from_table(trials)
-    grown = search_twice(model, trials, candidates, rules, deployed)
+    grown = search_effects_and_structure(model, trials, candidates, rules, deployed)
     apart: dict[int, float] = {}
     for _ in range(_ROUNDS):
         chance, _ = find_bad_trials(grown.problem, grown.extended)
@@ -202,11 +202,11 @@ def explain(
             break
         apart |= dict(zip(bad.tolist(), chance[bad].tolist(), strict=True))
         trials = trials.without(list(apart))
-        grown = search_twice(model, trials, candidates, rules, deployed)
+        grown = search_effects_and_structure(model, trials, candidates, rules, deployed)
     return replace(_conclude(grown, candidates, rules), apart=tuple(sorted(apart.items())))
 
 
-def search_twice(
+def search_effects_and_structure(
     model: ForwardModel,
     trials: Trials,
     candidates: Sequence[Law],
@@ -219,19 +219,19 @@ def search_twice(
     """
     problem = build_problem(model, trials)
     grown = _search(problem, candidates, rules, deployed)
-    hints, mistaken, wanders = _find_wanderings(grown)
+    hints, mistaken, wanders = _find_residual_structure(grown)
     jumps = {e.slot for e in grown.extended.effects if e.steps} & set(model.quantities)
     if wanders or jumps:
         # what changed at once is looked for again where the errors fall apart best
-        base = drop_what_follows_time(grown.problem, grown.extended)
-        candidates = place_levels(grown.problem, base, wanders | jumps, candidates)
+        base = fit_without_time_effects(grown.problem, grown.extended)
+        candidates = add_jump_places(grown.problem, base, wanders | jumps, candidates)
         grown = _search(problem, candidates, rules, deployed)
-        hints, mistaken, wanders = _find_wanderings(grown)
+        hints, mistaken, wanders = _find_residual_structure(grown)
     if not wanders:
         return replace(grown, hints=hints)
     # a law that a walk does as well counts as walk: its quantity is looked at without what goes
     # with the hour
-    base = drop_what_follows_time(grown.problem, grown.extended) if mistaken else grown.extended
+    base = fit_without_time_effects(grown.problem, grown.extended) if mistaken else grown.extended
     fits = {q: base if q in mistaken else grown.extended for q in model.quantities if q in wanders}
     seen = {q: estimate_errors_in_order(grown.problem, one, q)[1] for q, one in fits.items()}
     noisy = problem.share_errors(build_wandering(problem, base, seen), base)
@@ -239,7 +239,7 @@ def search_twice(
     return replace(_take_out_changes_along_run(again, problem, wanders, candidates), hints=hints)
 
 
-def _find_wanderings(grown: _Grown) -> tuple[tuple[Hint, ...], set[str], set[str]]:
+def _find_residual_structure(grown: _Grown) -> tuple[tuple[Hint, ...], set[str], set[str]]:
     # What nobody wrote down, quantities whose law a walk does as well, and all that go with the
     # hour
     problem, mistaken = grown.problem, find_walks(grown.problem, grown.extended)

@@ -1,4 +1,4 @@
-"""What the search is told: a table of trials, and a forward model of whatever field."""
+"""What the search is given: a table of trials, and a forward model of whatever field."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

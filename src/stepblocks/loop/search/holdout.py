@@ -9,7 +9,13 @@ from scipy import stats
 
 from stepblocks.law import Law
 from stepblocks.loop.search.adequacy import compare_with_replicates
-from stepblocks.loop.search.explain import Explanation, Finding, Rules, Verdict, search_twice
+from stepblocks.loop.search.explain import (
+    Explanation,
+    Finding,
+    Rules,
+    Verdict,
+    search_effects_and_structure,
+)
 from stepblocks.loop.search.fit import Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
 from stepblocks.loop.search.structure import Hint
@@ -138,7 +144,7 @@ def select_without(
 ) -> tuple[str, ...]:
     """Name the effects that a search chooses without the trials of one fold."""
     train = trials.take(np.setdiff1d(np.arange(len(trials)), rows))
-    grown = search_twice(model, train, candidates(train), rules)
+    grown = search_effects_and_structure(model, train, candidates(train), rules)
     return tuple(effect.id for effect in grown.extended.effects)
 
 

@@ -227,8 +227,8 @@ def compute_least_scatter(scatters: Sequence[Scatter], responses: Floats) -> Sca
 
     It is taken for every quantity, and for every channel in all.
     """
-    # what a channel scatters on its own and by a quantity that moves little else is hardly told
-    # apart: the least of either part would come to less than any estimate saw
+    # what a channel scatters on its own and by a quantity that moves little else is hardly
+    # separable: the least of either part would come to less than any estimate saw
     shown = np.mean(responses**2, axis=0)
     quantities = np.min([s.quantities for s in scatters], axis=0)
     whole = np.min([s.channels + shown @ s.quantities for s in scatters], axis=0)

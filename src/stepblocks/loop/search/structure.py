@@ -18,12 +18,12 @@ from stepblocks.loop.search.forward_model import Floats, Systematic
 
 LEVEL = 0.002  # of all tests of a session together, after Holm
 _FEWEST = 24  # trials
-_HEAP_BIC = 12.0  # by which two heaps must beat one: odds of 400 to 1
+_GROUP_BIC = 12.0  # by which two groups must beat one: odds of 400 to 1
 _APART = (
     2.2  # of the middles of two groups, in their pooled spread times the root of two (Ashman's D)
 )
 _MOST_LEVELS, _SHORTEST_LEVEL = 5, 6  # along a run, and trials of each
-_LEAST_HEAP = 0.1  # share of the trials
+_LEAST_GROUP = 0.1  # share of the trials
 _DRIFTS = (
     0.5  # correlation of a reading with the one before, from which it counts as going with the hour
 )
@@ -51,7 +51,7 @@ class Hint:
     sentence : str
         One sentence.
     clusters : tuple[tuple[int, ...], ...]
-        Rows of the trials of each heap, where they fall apart.
+        Rows of the trials of each group, where there are several.
     """
 
     kind: str
@@ -133,15 +133,15 @@ def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | 
     apart = abs(float(two.means_[0, 0] - two.means_[1, 0])) * np.sqrt(
         2.0 / float(np.sum(spread**2))
     )
-    if gain < _HEAP_BIC or apart < _APART or float(two.weights_.min()) < _LEAST_HEAP:
+    if gain < _GROUP_BIC or apart < _APART or float(two.weights_.min()) < _LEAST_GROUP:
         return None
     member = two.predict(scaled) == int(np.argmin(two.means_[:, 0]))
-    heaps = tuple(tuple(sorted(rows[m].tolist())) for m in (member, ~member))
+    groups = tuple(tuple(sorted(rows[m].tolist())) for m in (member, ~member))
     sentence = (
-        f"{name} falls into two groups of {len(heaps[0])} and {len(heaps[1])} trials, "
+        f"{name} falls into two groups of {len(groups[0])} and {len(groups[1])} trials, "
         f"{values[~member].mean() - values[member].mean():.3g} apart"
     )
-    return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), sentence, heaps)
+    return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), sentence, groups)
 
 
 def fit_walk(values: Floats) -> tuple[float, float, float]:
@@ -220,7 +220,7 @@ def build_wandering(
     return found
 
 
-def place_levels(
+def add_jump_places(
     problem: Problem, base: Fit, quantities: Iterable[str], candidates: Sequence[Law]
 ) -> list[Law]:
     """Let a search look for sudden changes of quantities where their errors fall apart best."""
@@ -263,7 +263,7 @@ def is_along_the_run(problem: Problem, effect: Law) -> bool:
     return column is not None and np.array_equal(column, problem.model.order(problem.trials))
 
 
-def drop_what_follows_time(problem: Problem, current: Fit) -> Fit:
+def fit_without_time_effects(problem: Problem, current: Fit) -> Fit:
     """Fit again without what goes with the hour."""
     return fit(
         problem,

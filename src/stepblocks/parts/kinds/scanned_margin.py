@@ -134,7 +134,7 @@ class ScannedMargin(CrownMargin):
             raise ValueError("station is worked out from the mesh, and not a field of a file")
         try:
             one = cls.model_validate(stanza)
-        except ValidationError:  # whose mistakes are told where all stanzas are validated
+        except ValidationError:  # whose mistakes are listed where all stanzas are validated
             yield stanza
             return
         path = resolve_inside(folder, one.mesh)
