@@ -187,30 +187,31 @@ def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
 
 
 # endings of column names, the longest first, and the unit as people write it
-_ENDINGS = (
-    {
-        "n_per_mm": "N/mm",
-        "n_per_m": "N/m",
-        "kg_m3": "kg/m³",
-        "n_mm": "N/mm",
-        "n_m": "N/m",
-        "mm_s": "mm/s",
-    }
-    | {"m_s": "m/s"}
-    | {name: name for name in ("nm", "mm", "m", "ms", "s", "kg", "g", "h", "rad")}
-    | {
-        "um": "µm",
-        "uj": "µJ",
-        "uw": "µW",
-        "us": "µs",
-        "mn": "mN",
-        "n": "N",
-        "j": "J",
-        "w": "W",
-        "hz": "Hz",
-    }
-    | {"khz": "kHz", "deg": "°", "pct": "%", "c": "°C", "pa": "Pa", "db": "dB"}
-)
+_ENDINGS = {
+    "n_per_mm": "N/mm",
+    "n_per_m": "N/m",
+    "kg_m3": "kg/m³",
+    "n_mm": "N/mm",
+    "n_m": "N/m",
+    "mm_s": "mm/s",
+    "m_s": "m/s",
+    **{name: name for name in ("nm", "mm", "m", "ms", "s", "kg", "g", "h", "rad")},
+    "um": "µm",
+    "uj": "µJ",
+    "uw": "µW",
+    "us": "µs",
+    "mn": "mN",
+    "n": "N",
+    "j": "J",
+    "w": "W",
+    "hz": "Hz",
+    "khz": "kHz",
+    "deg": "°",
+    "pct": "%",
+    "c": "°C",
+    "pa": "Pa",
+    "db": "dB",
+}
 
 
 def format_column_label(name: str) -> str:

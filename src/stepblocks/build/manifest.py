@@ -21,8 +21,18 @@ _MOST_BYTES = 500_000_000  # of a manifest
 
 # libraries whose version can change a byte that is written
 _SHAPING = (
-    *("cadquery", "cadquery-ocp", "jinja2", "manifold3d", "matplotlib", "numpy"),
-    *("plotly", "pyvista", "shapely", "tifffile", "trimesh", "vtk"),
+    "cadquery",
+    "cadquery-ocp",
+    "jinja2",
+    "manifold3d",
+    "matplotlib",
+    "numpy",
+    "plotly",
+    "pyvista",
+    "shapely",
+    "tifffile",
+    "trimesh",
+    "vtk",
 )
 
 # what other commands leave beside a build: title, and where; {} stands for set and stimulus

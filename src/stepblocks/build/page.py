@@ -23,23 +23,24 @@ from stepblocks.text_file import Document
 _MATERIALS = {"brass": "#d8b44e", "pmma": "#bfe3ee", "zirconia": "#f1ead8", "stainless": "#bcc6ce"}
 # columns of predictions.csv that the page shows
 _SHOWN = (
-    *(
-        "drag",
-        "tip_radius_um",
-        "step_height_um",
-        "normal_load_n",
-        "friction",
-        "critical_angle_deg",
-        "status",
-    ),
-    *(
-        "pull_force_n",
-        "vibration_energy_uj",
-        "vibration_energy_95_low_uj",
-        "vibration_energy_95_high_uj",
-    ),
-    *("vibration_energy_low_uj", "vibration_energy_high_uj", "mean_power_uw", "threshold_ratio"),
-    *("frequency_hz", "drag_vibration_energy_uj", "felt_by"),
+    "drag",
+    "tip_radius_um",
+    "step_height_um",
+    "normal_load_n",
+    "friction",
+    "critical_angle_deg",
+    "status",
+    "pull_force_n",
+    "vibration_energy_uj",
+    "vibration_energy_95_low_uj",
+    "vibration_energy_95_high_uj",
+    "vibration_energy_low_uj",
+    "vibration_energy_high_uj",
+    "mean_power_uw",
+    "threshold_ratio",
+    "frequency_hz",
+    "drag_vibration_energy_uj",
+    "felt_by",
 )
 # files that the page links
 _LINKED = {
@@ -137,8 +138,12 @@ def _describe_section(section: Section, links: Mapping[str, Sequence[Sequence[st
             row | {name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")}
         )
     return {
-        **{"name": stimuli.name, "title": stimuli.title, "source": stimuli.source, "rows": rows},
-        **{"figure": _compute_curves(stimuli), "files": section.files},
+        "name": stimuli.name,
+        "title": stimuli.title,
+        "source": stimuli.source,
+        "rows": rows,
+        "figure": _compute_curves(stimuli),
+        "files": section.files,
     }
 
 

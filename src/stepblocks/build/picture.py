@@ -120,12 +120,10 @@ def write_view_script(
         for wide in (2 if len(vertices) <= 1 << 16 else 4,)
     ]
     data = {
-        **{
-            "id": identity,
-            "unit": "mm",
-            "exaggeration": exaggeration,
-            "half_width": half_width * 1e3,
-        },
+        "id": identity,
+        "unit": "mm",
+        "exaggeration": exaggeration,
+        "half_width": half_width * 1e3,
         "centre": [value * 1e3 for value in centre],
         "bodies": bodies,
     }

@@ -176,9 +176,8 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     along_edges = min(map(deflection, described))
     parameters = IMeshTools_Parameters()
     parameters.Deflection = along_edges * _MM
-    parameters.Angle = parameters.AngleInterior = (
-        1.0  # rad; wide, so that the chordal error alone decides
-    )
+    # rad; wide, so that the chordal error alone decides
+    parameters.Angle = parameters.AngleInterior = 1.0
     parameters.Relative = parameters.InParallel = parameters.AllowQualityDecrease = False
     parameters.MinSize = 1e-7
     for face, description in zip(faces, described, strict=True):

@@ -41,12 +41,7 @@ __all__ = ["main"]
 _GRACE = 5.0  # for what is open to be closed, when asked to end [s]
 _COMPLETE = "_STEPBLOCKS_COMPLETE"  # set by the shell when it asks for completions
 # One file per command or group of commands, in the order of the help
-_MODULES = (
-    *(begin, build, inspect),
-    *(predict, drag),
-    export,
-    *(session, study),
-)
+_MODULES = (begin, build, inspect, predict, drag, export, session, study)
 
 
 def _print_version(requested: bool) -> None:

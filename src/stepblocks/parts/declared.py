@@ -187,13 +187,10 @@ class Material(Table):
         }
         for name, one in self:
             value, source = named.get(name, (name, f"{name}_source"))
-            fields |= (
-                {value: one.value, source: one.source}
-                if isinstance(one, Sourced)
-                else {name: one}
-                if one
-                else {}
-            )
+            if isinstance(one, Sourced):
+                fields |= {value: one.value, source: one.source}
+            elif one:
+                fields[name] = one
         return fields
 
 

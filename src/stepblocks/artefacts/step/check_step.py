@@ -149,16 +149,14 @@ def report_confined(path: Path, require_ap242: bool) -> dict[str, object]:
         if require_ap242 and not one.faces:
             findings.append(f"{one.ref} {one.kind}: names no face")
     return {
-        **{"name": file.name, "schema": file.schema, "findings": findings},
-        **{
-            "dimensions": list(map(asdict, dimensions)),
-            "tolerances": list(map(asdict, tolerances)),
-        },
-        **{
-            "materials": list(_list_material_names(file)),
-            "densities": densities,
-            "textures": list(_list_textures(file)),
-        },
+        "name": file.name,
+        "schema": file.schema,
+        "findings": findings,
+        "dimensions": list(map(asdict, dimensions)),
+        "tolerances": list(map(asdict, tolerances)),
+        "materials": list(_list_material_names(file)),
+        "densities": densities,
+        "textures": list(_list_textures(file)),
     }
 
 
@@ -270,23 +268,18 @@ def list_tolerances(file: Exchange) -> list[Characteristic]:
             reference = (
                 file.parameters(ref, "GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE") or values[4:5]
             )
+            problem = "" if value > 0.0 else "zone must be positive"
             found[ref] = Characteristic(
-                *(
-                    ref,
-                    kind.lower().replace("_", " "),
-                    _read_optional_text(common[0]),
-                    value,
-                    0.0,
-                    value,
-                    unit,
-                ),
+                ref=ref,
+                kind=kind.lower().replace("_", " "),
+                name=_read_optional_text(common[0]),
+                value=value,
+                lower=0.0,
+                upper=value,
+                unit=unit,
                 faces=tuple(one.ref for one in find_faces(file, common[3])),
                 datums=_read_datums(file, reference),
-                problem="no value"
-                if zone is None
-                else ""
-                if value > 0.0
-                else "zone must be positive",
+                problem="no value" if zone is None else problem,
             )
     return sorted(found.values(), key=lambda one: int(one.ref[1:]))
 

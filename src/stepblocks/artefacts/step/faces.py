@@ -134,6 +134,13 @@ def is_placed_where_drawn(file: Exchange) -> bool:
     return True
 
 
+def _scale_by_name(radius: float, name: str) -> float | None:
+    # Give what a dimension is named after: a diameter, a radius, or neither
+    if "diameter" in name:
+        return 2.0 * radius
+    return radius if "radius" in name else None
+
+
 def measure_size(surfaces: list[Surface], name: str) -> float | None:
     """Size of a feature from its own faces."""
     if surfaces and all(one.kind in _CURVES for one in surfaces):
@@ -142,7 +149,7 @@ def measure_size(surfaces: list[Surface], name: str) -> float | None:
         radii = {one.sizes[0] for one in surfaces}
         if max(radii) - min(radii) > 1e-12:
             return None
-        return 2.0 * max(radii) if "diameter" in name else max(radii) if "radius" in name else None
+        return _scale_by_name(max(radii), name)
     if (
         len(surfaces) == 1
         and surfaces[0].kind == "TOROIDAL_SURFACE"
@@ -160,15 +167,7 @@ def measure_size(surfaces: list[Surface], name: str) -> float | None:
         radius = next(
             (value for words, value in named.items() if f"toroidal {words}" in name), None
         )
-        return (
-            None
-            if radius is None
-            else 2.0 * radius
-            if "diameter" in name
-            else radius
-            if "radius" in name
-            else None
-        )
+        return None if radius is None else _scale_by_name(radius, name)
     if len(surfaces) == 2 and all(one.kind == "PLANE" for one in surfaces):
         return measure_distance([surfaces[0]], [surfaces[1]])
     if "angle" in name and len(surfaces) == 1 and surfaces[0].kind == "CONICAL_SURFACE":

@@ -7,18 +7,22 @@ from stepblocks.artefacts.step.exchange import Exchange, Typed, read_number
 from stepblocks.quantities import Number, multiply_by_unit
 
 _PREFIXES = {  # symbol and factor
-    **{
-        "": ("", 1.0),
-        "MEGA": ("M", 1e6),
-        "KILO": ("k", 1e3),
-        "DECI": ("d", 1e-1),
-        "CENTI": ("c", 1e-2),
-    },
-    **{"MILLI": ("m", 1e-3), "MICRO": ("u", 1e-6), "NANO": ("n", 1e-9), "PICO": ("p", 1e-12)},
+    "": ("", 1.0),
+    "MEGA": ("M", 1e6),
+    "KILO": ("k", 1e3),
+    "DECI": ("d", 1e-1),
+    "CENTI": ("c", 1e-2),
+    "MILLI": ("m", 1e-3),
+    "MICRO": ("u", 1e-6),
+    "NANO": ("n", 1e-9),
+    "PICO": ("p", 1e-12),
 }
 _BASES = {  # symbol, dimension, and SI units in one: the SI unit of mass is the kilogram
-    **{"METRE": ("m", "length", 1.0), "RADIAN": ("rad", "angle", 1.0), "GRAM": ("g", "mass", 1e-3)},
-    **{"STERADIAN": ("sr", "solid angle", 1.0), "SECOND": ("s", "time", 1.0)},
+    "METRE": ("m", "length", 1.0),
+    "RADIAN": ("rad", "angle", 1.0),
+    "GRAM": ("g", "mass", 1e-3),
+    "STERADIAN": ("sr", "solid angle", 1.0),
+    "SECOND": ("s", "time", 1.0),
 }
 # entities that hold a measure, and which of their parameters is the value; its unit follows
 _MEASURES = {
