@@ -67,7 +67,9 @@ def test_a_part_of_a_set_is_dragged_over_by_its_name(declared):
     by_name = stepblocks.drag_over("low", stimuli=declared)
     face = declared.step_block[0].counterface()
     assert by_name.trace.peak_force == stepblocks.drag_over(face).trace.peak_force
-    with pytest.raises(stepblocks.StepblocksError, match="or declared in mine, got 'high'"):
+    with pytest.raises(
+        stepblocks.StepblocksError, match="declared in mine, got 'high'; declared are low"
+    ):
         stepblocks.drag_over("high", stimuli=declared)
 
 

@@ -103,9 +103,8 @@ def lock_folder(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         number = os.open(folder, os.O_RDONLY)
     except OSError as error:
-        raise PipelineError(
-            f"the output folder cannot be made: {error.strerror} [{folder}]"
-        ) from error
+        what = "a file is there" if isinstance(error, FileExistsError) else error.strerror
+        raise PipelineError(f"the output folder cannot be made: {what} [{folder}]") from error
     try:
         with suppress(OSError):  # a file system without locks: drafts are unique all the same
             try:

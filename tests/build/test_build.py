@@ -262,7 +262,7 @@ def test_selection_and_output_are_checked_before_anything_is_built(source, tmp_p
         build_sets([source], tmp_path / "out", only="nothing-*")
     blocked = tmp_path / "a file"
     blocked.write_text("")
-    with pytest.raises(PipelineError, match="output folder cannot be made"):
+    with pytest.raises(PipelineError, match="output folder cannot be made: a file is there"):
         build_sets([source], blocked)
     with pytest.raises(PipelineError, match="expected a stimulus file"):
         building.find_stimulus_files([tmp_path / "none.toml"])

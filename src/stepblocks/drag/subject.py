@@ -144,5 +144,8 @@ def _find_declared_part(text: str, stimuli: Sets | None) -> tuple[StimulusSet, P
         raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
     if not found:
         places = ", ".join(place for _, place in sets)
-        raise PipelineError(f"{_WANTED}, or declared in {places}, got {text!r}")
+        known = ", ".join(part.id for one, _ in sets for part in one.stimuli)
+        raise PipelineError(
+            f"{_WANTED}, or declared in {places}, got {text!r}; declared are {known:.200}"
+        )
     return found[0]
