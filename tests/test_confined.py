@@ -173,3 +173,28 @@ def test_a_reader_ends_with_the_process_that_asked(file, tmp_path):
             return
         time.sleep(0.05)
     pytest.fail("the reader lives on")
+
+
+def test_a_lower_limit_of_the_users_own_stays_and_refuses_no_file(file):
+    # as a cluster sets it for every shell (ulimit -v, -d, -t): limits that nobody can raise again
+    code = """
+import resource, sys
+from pathlib import Path
+from stepblocks.confined import read_confined
+for kind, most in ((resource.RLIMIT_AS, 3 << 30), (resource.RLIMIT_DATA, 1 << 30)):
+    resource.setrlimit(kind, (most, most))
+resource.setrlimit(resource.RLIMIT_CPU, (10, 10))
+path = Path(sys.argv[1])
+print(read_confined("hostile_readers:good", path, 2.0, raises=ValueError)["x"].tolist())
+try:
+    read_confined("hostile_readers:fills", path, raises=ValueError)
+except ValueError as error:
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(file)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    assert first == "[[0.0, 2.0, 4.0], [6.0, 8.0, 10.0]]"
+    assert second.startswith("file must be a sound BIN file, got: it needs more than")

@@ -129,12 +129,10 @@ def resolve_inside(folder: Path, name: str) -> Path | None:
     parts = Path(name).parts
     if not parts or Path(name).anchor or ".." in parts or "\0" in name:
         return None
-    path = folder
-    for part in parts:
-        path /= part
-        if path.is_symlink():
-            return None
-    return path
+    steps = [folder.joinpath(*parts[:end]) for end in range(1, len(parts) + 1)]
+    if any(step.is_symlink() for step in steps):
+        return None
+    return steps[-1]
 
 
 def _remove_stale_drafts(folder: Path) -> None:

@@ -9,6 +9,7 @@ in JSON and the bytes of arrays; nothing is unpickled, nothing evaluated.
 import atexit
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -163,34 +164,42 @@ def _answer_request(request: Document) -> Answer:
     return found, "", False
 
 
+def _limit_process(seconds: float) -> None:
+    # Limit what this process may use, and its processor time from now on; a lower limit of the
+    # user's own stays
+    limits = {
+        resource.RLIMIT_AS: _MAPPED,
+        resource.RLIMIT_DATA: MEMORY,
+        resource.RLIMIT_CORE: 0,
+        resource.RLIMIT_CPU: int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]) + seconds) + 1,
+    }
+    for kind, most in limits.items():
+        hard = resource.getrlimit(kind)[1]
+        soft = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(kind, (soft, hard))
+
+
 def _serve_requests() -> None:
     # Answer calls until nobody asks any more
-    import resource
-
-    resource.setrlimit(resource.RLIMIT_AS, (_MAPPED, _MAPPED))
-    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks is interrupted, and closes the pipe
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries print
     for line in sys.stdin.buffer:
         request = json.loads(line)
-        spent = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
-        hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
-        resource.setrlimit(resource.RLIMIT_CPU, (int(spent + request["seconds"]) + 1, hard))
+        _limit_process(request["seconds"])
         found, refused, ours = _answer_request(request)
         arrays = {
             name: np.ascontiguousarray(one)
             for name, one in found.items()
             if isinstance(one, np.ndarray)
         }
-        content = {
+        answer = {
             "refused": refused,
             "ours": ours,
             "values": {name: one for name, one in found.items() if name not in arrays},
             "arrays": [[name, one.dtype.str, one.shape] for name, one in arrays.items()],
         }
-        head = json.dumps(content, default=float).encode()
+        head = json.dumps(answer, default=float).encode()
         answers.write(len(head).to_bytes(8, "little") + head)
         for one in arrays.values():
             answers.write(one.reshape(-1).view(np.uint8).data)
