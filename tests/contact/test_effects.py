@@ -349,3 +349,26 @@ def test_a_slow_gauge_loses_what_the_ramp_makes_in_its_time_constant() -> None:
     )
     # a ramp long against the time constant lags by slope times constant
     assert lost == pytest.approx(1.05 * 9500.0 * state.speed * 1e-5, rel=1e-3)
+
+
+def test_a_spring_that_hardens_rings_as_fast_as_duffings_oscillator() -> None:
+    # no friction, so that it rings about the unloaded spring
+    values = _VALUES | {"friction": 0.0}
+    nominal = build_nominal_state(_design(), values)
+    cubic = 0.05
+    state = _law("hardening_spring").apply(
+        nominal, None, {"cubic_per_n2": cubic, "pitch_share": 1.0}
+    )
+    shown = compute_channels(state)
+    # the energy is shown as the force at the amplitude
+    force = np.sqrt(2.0 * 9500.0 * np.exp(shown[:, _ENERGY]))
+    roots = [np.roots([cubic, 0.0, 1.0, -one]) for one in force]
+    amplitude = np.array([float(r[np.abs(r.imag) < 1e-9].real[0]) for r in roots])
+    # origin: the exact period of x'' + x + g x^3 = 0 by its integral over the phase
+    phase = np.linspace(0.0, 0.5 * np.pi, 20001)
+    size = 0.5 * cubic * amplitude[:, None] ** 2
+    inverse = 1.0 / np.sqrt(1.0 + size * (1.0 + np.sin(phase) ** 2))
+    period = np.trapezoid(inverse, phase, axis=1) / (0.5 * np.pi)
+    higher = shown[:, _RING] - compute_channels(nominal)[:, _RING]
+    assert cubic * amplitude.max() ** 2 > 0.02
+    assert higher == pytest.approx(-np.log(period), rel=0.01)

@@ -13,6 +13,7 @@ from stepblocks.contact.uncertainty import (
     compute_deviated_releases,
     compute_sensitivities,
     convert_half_widths,
+    draw_standard_normal,
     estimate_interval,
     list_inputs,
 )
@@ -55,6 +56,16 @@ def test_drawn_and_analytic_intervals_agree_where_all_is_small():
     assert interval.energy_low == pytest.approx(interval.analytic_energy_low, rel=5e-3)
     assert interval.energy_high == pytest.approx(interval.analytic_energy_high, rel=5e-3)
     assert interval.held_probability == 0.0
+
+
+@pytest.mark.parametrize("draws", [100, 200, 237, 400])
+def test_the_ends_of_an_interval_are_quantiles_of_the_draws(draws):
+    interval = estimate_interval(STEP, POINT, {"friction": 0.01}, draws=draws, seed=3)
+    # origin: numpy's quantiles of the forces at the same draws
+    friction = 0.17 + 0.01 * draw_standard_normal(len(list_inputs(STEP, POINT)), draws, 3)[3]
+    forces = [STEP.release(replace(POINT, friction=one)).pull_force for one in friction.tolist()]
+    ends = np.quantile(forces, [0.025, 0.975], method="inverted_cdf")
+    assert (interval.force_low, interval.force_high) == pytest.approx(tuple(ends), rel=1e-9)
 
 
 def test_a_95_percent_interval_holds_95_percent_of_the_truths():

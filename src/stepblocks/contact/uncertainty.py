@@ -18,7 +18,7 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import ContactError
 
-_TAILS = 0.5 * (1.0 - 0.95), 0.5 * (1.0 + 0.95)  # of an interval of 95 %
+_TAILS = 0.025, 0.975  # of an interval of 95 %
 _SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
 _KNOWN = 300.0  # logarithm of a factor beyond which nothing is known
 
@@ -211,7 +211,8 @@ def estimate_interval(
 
 def _find_quantiles(values: Array, draws: int) -> tuple[float, float]:
     # Find both ends by the inverse of the empirical distribution, as numpy's "inverted_cdf" has it
-    ends = [max(math.ceil(tail * draws) - 1, 0) for tail in _TAILS]
+    # a share of the draws that is a whole number but for rounding is that number
+    ends = [max(math.ceil(tail * draws - 1e-6) - 1, 0) for tail in _TAILS]
     low, high = np.partition(np.broadcast_to(values, draws), ends)[ends]
     return float(low), float(high)
 
