@@ -1,9 +1,10 @@
 """Feed strange files to every reader: each must answer or refuse in one line, soon and small.
 
-``python benchmarks/fuzz.py`` mutates 2,000 inputs of each kind; ``python benchmarks/fuzz.py step
-mesh --count 500 --seed 3`` fewer of some. What fails is kept in ``--keep``, one file each. Exit
-code 1 if one did. Inputs depend on kind, seed and number alone. Foreign formats are read as the
-commands read them, in their confined process.
+``python benchmarks/fuzz.py`` mutates 2,000 inputs of each kind, of whole commands a tenth as many;
+``python benchmarks/fuzz.py step mesh --count 500 --seed 3`` fewer of some. ``--functions 60`` also
+calls every public function so often with strange values (``fuzz_library.py``). What fails is kept
+in ``--keep``, one file each. Exit code 1 if one did. Inputs depend on kind, seed and number alone.
+Foreign formats are read as the commands read them, in their confined process.
 """
 
 from __future__ import annotations
@@ -376,8 +377,8 @@ def _late(*_: object) -> None:
 
 def fuzz(
     name: str, seeds: list[tuple[str, bytes]], read: Read, count: int, seed: int, keep: Path
-) -> tuple[str, int]:
-    """Try so many inputs of a kind; a line of the table, and how many failed."""
+) -> list[float]:
+    """Try so many inputs of a kind; the cells of its row."""
     random = np.random.default_rng([seed, *name.encode()])
     faults = accepted = 0
     slowest = 0.0
@@ -408,11 +409,25 @@ def fuzz(
         left = sorted(path.name for path in Path(folder).iterdir())
         assert set(left) <= {file for file, _ in seeds} | {"session.toml", "trials.csv"}, left
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    return (
-        f"| {name} | {count} | {accepted} | {count - accepted - faults} | {faults} | "
-        f"{slowest:.1f} | {peak:.1f} |",
-        faults,
-    )
+    return [count, accepted, count - accepted - faults, faults, slowest, peak]
+
+
+def fuzz_functions(count: int, seed: int) -> list[float]:
+    """Call every public function with strange values, in children; the cells of the row."""
+    import fuzz_library
+
+    started = time.perf_counter()
+    ends, faults, calls = fuzz_library.fuzz_functions(count, seed)
+    seconds = (time.perf_counter() - started) / max(calls, 1)
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
+    return [calls, ends["read"], ends["refused"], faults.total(), seconds, peak]
+
+
+def show(name: str, cells: list[float]) -> None:
+    """Print a row of the table."""
+    *counts, slowest, peak = cells
+    whole = " | ".join(f"{one:.0f}" for one in counts)
+    print(f"| {name} | {whole} | {slowest:.1f} | {peak:.1f} |", flush=True)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -420,6 +435,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("kind", nargs="*", help="kinds (default: all)")
     parser.add_argument("--count", type=int, default=2000, help="inputs of each kind")
+    parser.add_argument("--functions", type=int, default=0, help="calls of each public function")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
         "--keep", type=Path, default=Path("fuzz-faults"), help="folder for what failed"
@@ -427,17 +443,24 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
     signal.signal(signal.SIGALRM, _late)
-    failed = 0
+    rows: list[list[float]] = []
     print(
         "| kind | inputs | read | refused | faults | slowest s | peak GiB "
         "|\n|---|---|---|---|---|---|---|"
     )
+    if arguments.functions:  # first: what the kinds load may keep threads, which a fork lacks
+        rows.append(fuzz_functions(arguments.functions, arguments.seed))
+        show("functions (mean s)", rows[-1])
     with tempfile.TemporaryDirectory() as work:
         for name, (seeds, read) in kinds(Path(work), arguments.kind):
-            line, faults = fuzz(name, seeds, read, arguments.count, arguments.seed, arguments.keep)
-            failed += faults
-            print(line, flush=True)
-    return int(failed > 0)
+            # a whole command takes seconds
+            count = arguments.count // 10 if name == "commands" else arguments.count
+            rows.append(fuzz(name, seeds, read, count, arguments.seed, arguments.keep))
+            show(name, rows[-1])
+    counts, limits = zip(*((row[:4], row[4:]) for row in rows), strict=True)
+    total = [sum(column) for column in zip(*counts, strict=True)]
+    show("all", total + [max(column) for column in zip(*limits, strict=True)])
+    return int(total[3] > 0)
 
 
 if __name__ == "__main__":

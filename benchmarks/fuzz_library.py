@@ -1,18 +1,19 @@
 """Strange values for every public function: an answer, or an error of ours, within bounds.
 
-``python benchmarks/fuzz_library.py --count 40 --seed 3`` calls each public function and class that
-takes arguments with honest values, one or two of which are replaced by strange ones: units off by
-10^3 and 10^6, NaN, empty, huge, of another dimension or type, read-only, masked, sparse, xarray,
-pandas with odd indexes. Each call runs in a child of its own with 10 s of processor and 2 GiB.
-An enumeration is looked up by Python itself and is not called. Anything but a result, a
-`StepblocksError` or an `OSError` that names a file is a fault; exit code 1 if there is one.
-``--only NAME`` for some.
+``python benchmarks/fuzz_library.py --count 40 --seed 3`` calls each public function, class and
+method of the counterfaces with honest values, one or two of which are replaced by strange ones:
+units off by 10^3 and 10^6, NaN, empty, huge, of another dimension or type, read-only, masked,
+sparse, xarray, pandas with odd indexes and columns. Each call runs in a child of its own with 10 s
+of processor and 2 GiB; the honest call must answer. Anything but a result, a `StepblocksError` or
+an `OSError` that names a file is a fault, and for a method what Python raises over a wrong type;
+exit code 1 if there is one. ``--only NAME`` for some.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import inspect
 import io
 import json
 import os
@@ -23,7 +24,9 @@ import tempfile
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +37,63 @@ from scipy import sparse
 import stepblocks as sb
 
 SECONDS, MEMORY = 10, 2 << 30
+MISUSE = (TypeError, AttributeError, ValueError, LookupError, ArithmeticError)
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))  # for a learned model, and a model of one's own
+Words = tuple[tuple[Any, ...], Mapping[str, Any]]
 Call = tuple[Callable[..., object], tuple[Any, ...], Mapping[str, Any]]
+SWEEP = """
+[sweep]
+kind = "grid"
+[parameters]
+height = ["25 um"]
+normal_load = ["1 N"]
+friction = 0.1
+"""
+PLAN = """
+schema = 1
+seed = 5
+[design]
+heights = ["20 um"]
+loads = ["0.4 N"]
+speeds = ["5 mm/s"]
+trials = 24
+"""
+LABORATORY = """
+name = "Metrology room"
+address = "Example street 1, Town"
+country = "DE"
+signer = "A. Signer"
+temperature = "20.1 degC"
+temperature_spread = "0.3 K"
+measured_from = "2026-11-20"
+measured_to = "2026-11-21"
+certificate = "C-2026-017"
+[instrument]
+name = "Profilometer"
+serial = "P-42"
+certificate = "K-1234"
+calibrated = "2026-05-01"
+"""
+SHEATH = {
+    "id": "sheath-hard",
+    "bore": "3 mm",
+    "outer_diameter": "8 mm",
+    "length": "30 mm",
+    "edge_break": {"nominal": "0.2 mm", "tolerance": "0.1 mm"},
+    "position": "20 mm",
+    "material": {
+        "name": "pom-c",
+        "designation": "POM-C",
+        "density": {"value": "1410 kg/m^3", "source": "a table"},
+        "modulus": {"value": "2.6 GPa", "source": "a table"},
+        "poisson": {"value": 0.36, "source": "a table"},
+        "loss_factor": {"value": 0.02, "source": "assumed"},
+    },
+}
+# names that are not called: what only types a value, what the others are derived from, and
+# enumerations, which Python itself looks up
+NOT_CALLED = {"BuildReport", "ContactLaw", "Counterface", "PAPER", "Status", "StepblocksError"}
 
 
 def make_strange_values() -> list[tuple[str, object]]:
@@ -60,7 +119,7 @@ def make_strange_values() -> list[tuple[str, object]]:
         ("text with a zero", "a\0b"),
         ("bytes", b"\xff\xfe"),
         ("path that is not there", Path("/nowhere/at/all")),
-        ("folder", Path(tempfile.gettempdir())),
+        ("folder", Path()),
         ("empty list", []),
         ("nested list", [[1.0, [2.0]]]),
         ("list of text", ["a", "b"]),
@@ -83,6 +142,27 @@ def make_strange_values() -> list[tuple[str, object]]:
         ("status", sb.Status.LOCKED),
         ("step", sb.Step(25e-6)),
         ("nan in a tuple", (float("nan"), 1.0)),
+        ("decimal", Decimal("1e-5")),
+        ("fraction", Fraction(1, 3)),
+        ("generator", (number for number in range(3))),
+        ("list in itself", _make_cyclic_list()),
+        ("date", pd.Timestamp("2026-02-03")),
+        ("array of dates", np.array(["2026-02-03", "NaT"], dtype="datetime64[D]")),
+        ("array of truth", np.array([True, False])),
+        ("array of other byte order", np.linspace(0.0, 1e-3, 5).astype(">f8")),
+        ("array of halves", np.linspace(0.0, 1e-3, 5).astype(np.float16)),
+        ("array read backwards", np.linspace(0.0, 1e-3, 50)[::-2]),
+        ("array that repeats one cell", np.broadcast_to(np.float64(1e-3), (4, 3))),
+        ("array of ten million", np.zeros(10_000_000)),
+        ("matrix", np.asmatrix([[1.0, 2.0]])),
+        ("pandas NA", pd.NA),
+        ("category", pd.Series(["a", "b"], dtype="category")),
+        ("empty frame", pd.DataFrame()),
+        ("Arabic digits", "\u0662\u0665 um"),
+        ("quantity beyond float", "1e400 um"),
+        ("device of zeros", Path("/dev/zero")),
+        ("device of nothing", Path("/dev/null")),
+        ("lone surrogate", "\ud800"),
     ]
     with contextlib.suppress(ImportError):
         import xarray
@@ -91,34 +171,115 @@ def make_strange_values() -> list[tuple[str, object]]:
     return values
 
 
+def _make_cyclic_list() -> list[object]:
+    """Return a list that holds itself."""
+    cyclic: list[object] = [1.0]
+    cyclic.append(cyclic)
+    return cyclic
+
+
 def make_variants(value: object) -> list[tuple[str, object]]:
-    """Return the same value in other units: off by a thousand or a million, of the other sign."""
+    """Return values near an honest one: other units, another sign, a table of another form."""
+    if isinstance(value, pd.DataFrame):
+        return _make_tables(value) if value.size else []
     numeric = isinstance(value, np.ndarray) and value.dtype.kind in "fi"
     if isinstance(value, bool) or not (numeric or isinstance(value, float)):
         return []
     factors = (1e3, 1e6, 1e-3, 1e-6, -1.0)
-    return [(f"times {factor:g}", value * factor) for factor in factors]
+    with np.errstate(all="ignore"):
+        return [(f"times {factor:g}", value * factor) for factor in factors]
 
 
-def make_calls(work: Path) -> dict[str, Call]:
-    """Return an honest call of each public function and class that needs no session."""
-    x = np.arange(-1e-3, 1e-3, 1e-6)
-    z = np.where(x > 0.0, 25e-6, 0.0)
+def _make_tables(table: pd.DataFrame) -> list[tuple[str, object]]:
+    """Return forms of a table that a notebook may hand over by mistake."""
+    first = table.columns[0]
+    numbers = table.select_dtypes("number").columns
+    odd = pd.MultiIndex.from_arrays([[1] * len(table), ["x"] * len(table)])
+    return [
+        ("no rows", table.iloc[:0]),
+        ("a column less", table.drop(columns=first)),
+        ("a column twice", pd.concat([table, table[[first]]], axis=1)),
+        ("cells of text", table.astype(str)),
+        ("cells of objects", table.astype(object)),
+        ("a cell of nothing", table.mask(np.arange(table.size).reshape(table.shape) == 1)),
+        ("an odd index", table.set_index(odd)),
+        ("a column as its index", table.set_index(first)),
+        ("rows backwards", table.iloc[::-1]),
+        ("rows twice", pd.concat([table, table])),
+        ("columns of numbers", table.set_axis(range(table.shape[1]), axis=1)),
+        ("columns in levels", pd.concat({"a": table}, axis=1)),
+        ("turned", table.T),
+        ("infinite", table.assign(**{str(name): np.inf for name in numbers})),
+        ("times 1e6", table.assign(**{str(name): table[name] * 1e6 for name in numbers})),
+        ("of a dictionary", table.to_dict()),
+        ("of an array", table.to_numpy()),
+    ]
+
+
+def write_files(work: Path) -> None:
+    """Write one file of each kind that an honest call reads, and make folders of results."""
+    from oracles.taught import taught_model
+    from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
+    from stepblocks.artefacts.model_file import build_model_document
+
     stimuli = work / "mine.toml"
     stimuli.write_text(
         'name = "mine"\ntitle = "Mine"\n\n[[step_block]]\nid = "step-025"\nheight = "25 um"\n'
     )
-    scan = work / "scan.csv"
+    x, z = make_scan()
+    pd.DataFrame({"x_um": x * 1e6, "z_um": z * 1e6}).to_csv(work / "scan.csv", index=False)
+    time = np.arange(2000) / 1e4
+    force = np.where(time < 0.02, 0.3, 0.1 * np.exp(-50.0 * time) * np.sin(1885.0 * time))
+    record = pd.DataFrame({"time_s": time, "force_n": force})
+    record.to_csv(work / "record.csv", index=False)
+    document = build_model_document(taught_model(std=0.1))
+    (work / "model.json").write_text(json.dumps(document))
+    value = AsBuiltValue(25.1e-6, 1e-7, "conforms")
+    measured = AsBuilt("step-025", "scan.csv", "0" * 64, "c", {"step_height": value})
+    write_as_built(work / "step-025.as-built.toml", measured)
+    (work / "sweep.toml").write_text(SWEEP)
+    (work / "plan.toml").write_text(PLAN)
+    (work / "laboratory.toml").write_text(LABORATORY)
+    sb.build_sets(stimuli, work / "built", jobs=1)
+    sb.run_sweep(work / "sweep.toml", work / "swept")
+    sb.simulate_session(work / "plan.toml", work / "session")
+    heights = (20e-6, 40e-6)
+    sb.design_study(heights, work / "study", seed=1, participants=2, repetitions=2)
+    sb.simulate_study(work / "study", None, work / "answers.csv", seed=2)
+
+
+def make_scan() -> tuple[np.ndarray, np.ndarray]:
+    """Return a profile over a step of 25 um [m], with some noise."""
+    x = np.arange(-1e-3, 1e-3, 1e-6)
     noise = np.random.default_rng(1).normal(0.0, 5e-9, x.size)
-    pd.DataFrame({"x_um": x * 1e6, "z_um": (z + noise) * 1e6}).to_csv(scan, index=False)
-    table = pd.DataFrame({"height_um": [25.0, 50.0], "load_n": [1.0, 1.0], "friction": [0.1, 0.2]})
-    declared = sb.load_set(stimuli)
+    return x, np.where(x > 0.0, 25e-6, 0.0) + noise
+
+
+def make_calls(work: Path) -> dict[str, Call]:
+    """Return an honest call of each public function, class, and method of a counterface."""
+    # the CAD kernel keeps threads, which a fork lacks and would wait for: only children may use it
+    if (child := os.fork()) == 0:
+        write_files(work)
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    words = make_value_calls() | make_file_calls(work)
+    calls: dict[str, Call] = {name: (getattr(sb, name), *one) for name, one in words.items()}
+    return calls | make_method_calls(work)
+
+
+def make_value_calls() -> dict[str, Words]:
+    """Return what functions and classes are called with that take values alone."""
+    from oracles.toy_model import Toy, toy_effects, toy_trials
+
+    x, z = make_scan()
+    declared = sb.StimulusSet.declare("mine", step_block=[{"id": "step-025", "height": "25 um"}])
     block = declared.stimuli[0]
     point, step = sb.PAPER, sb.Step(25e-6)
-    grid = work / "sweep.toml"
-    grid.write_text('[grid]\nheight = ["25 um"]\nnormal_load = ["1 N"]\n')
-    find = {name: getattr(sb, name) for name in sb.__all__}
-    calls: dict[str, tuple[tuple[Any, ...], dict[str, Any]]] = {
+    table = pd.DataFrame({"height_um": [25.0, 50.0], "load_n": [1.0, 1.0], "friction": [0.1, 0.2]})
+    parameter = sb.Parameter("size", "1", 0.0, -1.0, 1.0, 0.1)
+    columns = {"length_m": np.array([1.0, 2.0])}
+    stds = np.array([[0.1], [0.1]])
+    return {
         "Step": ((25e-6,), {"edge_radius": 5e-6}),
         "Groove": ((100e-6, 0.5), {}),
         "Margin": ((50e-6, 50e-6, 20e-6), {"depth": 1e-3, "fall": 0.0}),
@@ -128,21 +289,39 @@ def make_calls(work: Path) -> dict[str, Call]:
         "Dimension": ((25e-6, 1e-6, -1e-6), {}),
         "StepBlock": ((), {"id": "step-025", "height": "25 um"}),
         "MarginBlock": ((), {"id": "gap-050", "marginal_gap": "50 um"}),
-        "StimulusSet": ((), {"name": "mine", "title": "Mine", "stimuli": (block,)}),
+        "StimulusSet": (
+            (),
+            {
+                "name": "mine",
+                "title": "Mine",
+                "prediction": declared.prediction,
+                "stimuli": (block,),
+            },
+        ),
+        "Sheath": ((), SHEATH),
         "Hertz": ((), {"modulus": 210e9, "poisson": 0.3}),
         "LinearContact": ((3e7,), {}),
         "FrictionLaw": ((lambda speed, load, place, time: 0.15,), {}),
         "Stribeck": ((0.15, 0.2), {"speed": 1e-3, "viscous": 0.0}),
         "Instrument": ((), {"calibration_std": 0.001, "resolution": 1e-9}),
-        "Release": ((sb.Status.LOCKED, 0.5), {"pull_force": 1.0}),
+        "Release": (
+            (sb.Status.LOCKED, 0.5),
+            {
+                "pull_force": 1.0,
+                "vibration_energy": 1e-5,
+                "mean_power": 1e-3,
+                "threshold_ratio": 2.0,
+            },
+        ),
         "StraightTip": ((), {"id": "tip-125", "ball_radius": "125 um"}),
         "HookTip": ((), {"id": "hook-125", "ball_radius": "125 um"}),
         "CrownOnTooth": ((), {"id": "crown-050", "marginal_gap": "50 um"}),
-        "build_sets": ((stimuli, work / "built"), {"only": "nothing"}),
-        "check_artefact": ((block, scan), {}),
-        "read_laboratory": ((scan,), {}),
-        "to_dataset": ((sb.predict_set(declared, dragged=False),), {}),
         "Verdict": (("a", "height", 25e-6, 25.1e-6, 1e-6), {}),
+        "Parameter": (("size", "1", 0.0, -1.0, 1.0, 0.1), {}),
+        "Law": (("one", "1 + a", (parameter,), lambda state, x, own: state), {"slot": "friction"}),
+        "Trials": ((columns, ("period",), np.ones((2, 1)), stds, np.array(["a", "b"])), {}),
+        "explain": ((Toy(), toy_trials(24, 1), toy_effects()), {}),
+        "to_dataset": ((sb.predict_set(declared, dragged=False),), {}),
         "find_release": ((0.6, 1.0, 0.15), {}),
         "find_step_angle": ((25e-6, 125e-6), {"edge_radius": 0.0}),
         "find_margin_angles": ((50e-6, 20e-6, 125e-6), {}),
@@ -152,43 +331,125 @@ def make_calls(work: Path) -> dict[str, Call]:
         "drag_over": ((step,), {"backward": False, "load": 0.5}),
         "parse_quantity": (("25 um", "length"), {}),
         "format_quantity": ((25e-6, "length"), {"digits": 4}),
-        "load_set": ((stimuli,), {}),
         "predict_set": ((declared,), {"dragged": False}),
         "predict_table": ((table,), {}),
+        "plot_predictions": ((sb.predict_set(declared, dragged=False),), {}),
         "sample_height_field": ((block,), {}),
+        "build_solids": ((block,), {}),
+        "build_convex_pieces": ((block,), {}),
+        "register_kind": ((sb.StepBlock,), {}),
+        "EvaluationOptions": ((), {"exclusion": 1e-5, "degree": 1, "stylus_radius": 2e-6}),
+        "study_power": (
+            ([2e-5, 4e-5],),
+            {"seed": 1, "probes": ("bare", "soft"), "participants": (3,), "runs": 10},
+        ),
+        "Renderer": ((step.centre_path(125e-6), point), {"scale": 1.0, "rate": 1e4}),
+    }
+
+
+def make_file_calls(work: Path) -> dict[str, Words]:
+    """Return what functions are called with that read or write files."""
+    from oracles.scanned_tooth import scanned_set
+
+    stimuli, scan = work / "mine.toml", work / "scan.csv"
+    session, study, answers = work / "session", work / "study", work / "answers.csv"
+    block = sb.load_set(stimuli).stimuli[0]
+    features = sb.measure_session(session)
+    seen = sb.inspect_scan(scan, "step-025", stimuli=stimuli, feature="edge")
+    many = sb.inspect_many([scan, scan], "step-025", stimuli=stimuli, feature="edge")
+    trials = pd.DataFrame({"block": ["step-020"], "height_um": [20.0], "load_n": [0.5]})
+    trials = trials.assign(trial=["1"], speed_mm_s=5.0, run_order=1.0, operator="A")
+    teeth = scanned_set(work / "teeth")
+    margin = sb.load_set(teeth).scanned_margin[0]
+    step = next((work / "built").rglob("*.step"))
+    return {
+        "build_sets": ((stimuli, "again"), {"only": "step-025", "jobs": 1}),
+        "check_artefact": ((block, step.with_suffix(".stl")), {}),
+        "check_output": ((stimuli, work / "built"), {}),
+        "check_step": ((step,), {}),
+        "read_laboratory": ((work / "laboratory.toml",), {}),
+        "load_set": ((stimuli,), {}),
         "read_scan": ((scan,), {"unit": "um"}),
         "list_channels": ((scan,), {}),
         "inspect_scan": ((scan, "step-025"), {"stimuli": stimuli, "feature": "edge"}),
         "inspect_standard": ((scan, 25e-6, 1e-6), {"feature": "edge"}),
-        "inspect_many": (([scan, scan], "step-025"), {"stimuli": stimuli}),
-        "EvaluationOptions": ((), {"exclusion": 1e-5, "degree": 1, "stylus_radius": 2e-6}),
-        "check_step": ((scan,), {}),
-        "check_output": ((stimuli, work / "out"), {}),
-        "read_as_built": ((scan,), {}),
-        "read_model": ((scan,), {}),
-        "predict_trials": ((table, scan), {}),
-        "measure_session": ((work,), {}),
-        "loop_session": ((work,), {}),
-        "loop_sessions": (([work], work / "loop"), {}),
-        "simulate_session": ((stimuli, work / "session"), {}),
-        "run_sweep": ((grid, work / "sweep"), {"jobs": 1}),
-        "export_scenes": ((stimuli, "forcelaw", work / "scenes"), {"load": 1.0}),
-        "write_feel_page": ((stimuli, work / "feel.html"), {}),
-        "compare_record": ((scan, f"{stimuli}/step-025"), {}),
-        "design_study": ((stimuli, work / "study"), {"seed": 1, "participants": 2}),
-        "analyse_study": ((None, [scan]), {"experiment": "estimates"}),
-        "share_study": ((work / "study", [scan], work / "dataset"), {}),
-        "study_power": (([2e-5, 4e-5],), {"seed": 1, "participants": (3,), "runs": 2}),
-        "open_run": ((work / "study", "1"), {"scale": 100.0}),
-        "order_parts": ((stimuli, work / "ordered"), {"only": "nothing"}),
-        "write_sheets": ((work / "study",), {}),
-        "Renderer": ((step.centre_path(125e-6), point), {"scale": 1.0, "rate": 1e4}),
+        "inspect_many": (([scan, scan], "step-025"), {"stimuli": stimuli, "feature": "edge"}),
+        "write_inspection": ((seen, "seen"), {}),
+        "write_many": ((many, "many"), {}),
+        "read_as_built": ((work / "step-025.as-built.toml",), {}),
+        "read_model": ((work / "model.json",), {}),
+        "predict_trials": ((trials, work / "model.json"), {}),
+        "measure_session": ((session,), {"jobs": 1}),
+        "loop_session": ((session,), {"features": features, "jobs": 1}),
+        "loop_sessions": (([session], "loop"), {}),
+        "simulate_session": ((work / "plan.toml", "another"), {}),
+        "run_sweep": ((work / "sweep.toml", "sweep"), {"jobs": 1}),
+        "export_scenes": ((stimuli, "forcelaw", "scenes"), {"normal_load": 1.0}),
+        "write_feel_page": ((stimuli, "feel.html"), {}),
+        "compare_record": ((work / "record.csv", f"{stimuli}/step-025"), {}),
+        "design_study": ((stimuli, "design"), {"seed": 1, "participants": 2}),
+        "simulate_study": ((study, None, "simulated.csv"), {"seed": 1}),
+        "analyse_study": ((study, [answers]), {}),
+        "share_study": ((study, [answers], "dataset"), {}),
+        "open_run": ((study, "1"), {"scale": 100.0}),
+        "order_parts": ((stimuli, "ordered"), {"only": "step-025"}),
+        "write_sheets": ((study,), {}),
+        "ScannedMargin": ((), dict(margin)),
+        "SweepResult": ((work / "sweep", None, 1, 0), {}),
     }
-    return {name: (find[name], *given) for name, given in calls.items() if name in find}
 
 
-def call_in_child(call: Call, work: Path) -> str:
-    """Call in a process of its own; empty if it answered or refused, else what went wrong."""
+def mesh_first_solid(part: Any, name: Any = "body", body: Any = None) -> object:
+    """Mesh the first solid of a part, or what is given in its place."""
+    if body is None:
+        _, body = sb.build_solids(part)[0]
+    return sb.mesh_solid(part, name, body)
+
+
+def make_method_calls(work: Path) -> dict[str, Call]:
+    """Return an honest call of each method of the public objects, which is bound to its object."""
+    from stepblocks.predict.sweep.plan import load_sweep
+
+    x = np.linspace(-1e-4, 1e-4, 50)
+    declared = sb.load_set(work / "mine.toml")
+    step = sb.Step(25e-6, edge_radius=5e-6)
+    calls: dict[str, Call] = {}
+    for counterface in (step, sb.Groove(100e-6, 0.5), sb.Margin(5e-5, 5e-5, 2e-5)):
+        kind = type(counterface).__name__
+        calls |= {
+            f"{kind}.heights": (counterface.heights, (x,), {}),
+            f"{kind}.angles": (counterface.angles, (125e-6,), {}),
+            f"{kind}.angle_slopes": (counterface.angle_slopes, (125e-6,), {}),
+            f"{kind}.centre_path": (counterface.centre_path, (125e-6,), {}),
+            f"{kind}.release": (counterface.release, (sb.PAPER,), {"backward": False}),
+            f"{kind}.section": (counterface.section, (1e-3,), {}),
+        }
+    renderer = sb.Renderer(step.centre_path(125e-6), sb.PAPER)
+    zero = np.zeros(3)
+    trials = pd.DataFrame({"length_m": [1.0, 2.0], "period": [2.0, 3.0], "period_std": [0.1, 0.1]})
+    plan = load_sweep(work / "sweep.toml")
+    sweep = sb.SweepResult(work / "swept", plan, 1, 0)
+    return calls | {
+        "mesh_solid": (mesh_first_solid, (declared.stimuli[0],), {}),
+        "Renderer.reset": (renderer.reset, (zero,), {}),
+        "Renderer.tick": (renderer.tick, (zero, zero), {}),
+        "Renderer.drag": (renderer.drag, (0.5, 1e-3), {"speed": 1e-3}),
+        "StimulusSet.declare": (
+            sb.StimulusSet.declare,
+            ("mine",),
+            {"step_block": [{"id": "step-025", "height": "25 um"}]},
+        ),
+        "StimulusSet.to_toml": (declared.to_toml, ("mine.toml",), {}),
+        "StepBlock.counterface": (declared.stimuli[0].counterface, (26e-6,), {}),
+        "Profile.from_scan": (sb.Profile.from_scan, (sb.read_scan(work / "scan.csv"),), {}),
+        "SweepResult.read": (sweep.read, (["height_m"],), {}),
+        "SweepResult.plot": (sweep.plot, ("height_m",), {"y": "vibration_energy_j"}),
+        "Trials.from_table": (sb.Trials.from_table, (trials,), {}),
+    }
+
+
+def call_in_child(call: Call, work: Path) -> tuple[str, str]:
+    """Call in a process of its own; how it ended (read, refused, fault), and what it said."""
     read, write = os.pipe()
     child = os.fork()
     if child == 0:
@@ -197,8 +458,10 @@ def call_in_child(call: Call, work: Path) -> str:
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
         signal.alarm(20 * SECONDS)
         os.chdir(tempfile.mkdtemp(dir=work))
-        said = ""
         function, arguments, keywords = call
+        # a method is no border: over a value of a wrong type or shape Python speaks for itself
+        misuse = MISUSE if inspect.ismethod(function) else ()
+        how, said = "read", ""
         try:
             with (
                 warnings.catch_warnings(),
@@ -210,23 +473,28 @@ def call_in_child(call: Call, work: Path) -> str:
                 if hasattr(found, "__next__"):
                     list(found)
         except sb.StepblocksError as error:
-            said = "" if "\n" not in str(error).strip() or "mistakes" in str(error) else "lines"
+            said = str(error)
+            lines = "\n" in said.strip() and "mistakes" not in said
+            how = "fault" if lines else "refused"
+        except misuse as error:
+            how, said = "refused", repr(error)
         except OSError as error:
-            said = "" if error.filename else repr(error)
+            how, said = "refused" if error.filename else "fault", repr(error)
         except BaseException as error:  # all else is what this program is for
             place = traceback.extract_tb(error.__traceback__)[-1]
+            how = "fault"
             said = f"{type(error).__name__}: {str(error)[:120]} [{place.filename}:{place.lineno}]"
-        os.write(write, said.encode("utf-8", "replace")[:4000])
+        os.write(write, f"{how} {said}".encode("utf-8", "replace")[:4000])
         os._exit(0)
     os.close(write)
     with os.fdopen(read, "rb") as pipe:
-        said = pipe.read().decode("utf-8", "replace")
+        how, _, said = pipe.read().decode("utf-8", "replace").partition(" ")
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
         late = number in (signal.SIGALRM, signal.SIGXCPU)
-        return f"took over {SECONDS} s" if late else f"signal {number}"
-    return said
+        return "fault", f"took over {SECONDS} s" if late else f"signal {number}"
+    return how, said
 
 
 def strange_call(call: Call, random: np.random.Generator) -> tuple[Call, str]:
@@ -247,36 +515,51 @@ def strange_call(call: Call, random: np.random.Generator) -> tuple[Call, str]:
     return (function, tuple(given), named), ", ".join(said)
 
 
+def fuzz_function(
+    name: str, call: Call, count: int, seed: int, work: Path
+) -> tuple[Counter[str], Counter[str]]:
+    """Call a function so often with strange values; how calls ended, and the faults."""
+    random = np.random.default_rng([seed, *name.encode()])
+    ends, faults = Counter[str](), Counter[str]()
+    how, said = call_in_child(call, work)
+    if how != "read":
+        print(f"{name}: an honest call is not answered: {said}", file=sys.stderr, flush=True)
+        faults[f"{name}, honest: {said}"] += 1
+    for _ in range(count):
+        strange, words = strange_call(call, random)
+        how, said = call_in_child(strange, work)
+        ends[how] += 1
+        if how == "fault":
+            if not faults[f"{name}: {said}"]:
+                print(f"{name} ({words}): {said}", file=sys.stderr, flush=True)
+            faults[f"{name}: {said}"] += 1
+    return ends, faults
+
+
+def fuzz_functions(
+    count: int, seed: int, only: Sequence[str] = ()
+) -> tuple[Counter[str], Counter[str], int]:
+    """Call every public function so often; how calls ended, the faults, and how many calls."""
+    ends, faults = Counter[str](), Counter[str]()
+    with tempfile.TemporaryDirectory(prefix="stepblocks-fuzz-") as folder:
+        work = Path(folder)
+        for name, call in make_calls(work).items():
+            if not only or name in only:
+                found = fuzz_function(name, call, count, seed, work)
+                ends += found[0]
+                faults += found[1]
+    return ends, faults, ends.total()
+
+
 def main(argv: list[str] | None = None) -> int:
     """Call every public function with strange values and list what went wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=100, help="calls of each function")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="*", help="names of functions")
-    parser.add_argument("--json", type=Path, help="where to write the figures")
+    parser.add_argument("--only", nargs="*", default=(), help="names of functions")
     asked = parser.parse_args(argv)
-    faults, counts = Counter[str](), Counter[str]()
-    with tempfile.TemporaryDirectory(prefix="stepblocks-fuzz-") as folder:
-        work = Path(folder)
-        calls = make_calls(work)
-        for name, call in calls.items():
-            if asked.only and name not in asked.only:
-                continue
-            random = np.random.default_rng([asked.seed, *name.encode()])
-            if said := call_in_child(call, work):
-                print(f"{name}: an honest call fails: {said}")
-            for _ in range(asked.count):
-                strange, how = strange_call(call, random)
-                counts[name] += 1
-                if said := call_in_child(strange, work):
-                    if not (first := faults[f"{name}: {said}"]):
-                        print(f"{name} ({how}): {said}", flush=True)
-                    faults[f"{name}: {said}"] = first + 1
-    total = sum(counts.values())
-    print(f"{total} calls of {len(counts)} functions, {sum(faults.values())} faults")
-    if asked.json:
-        record = {"calls": total, "functions": len(counts), "faults": dict(faults)}
-        asked.json.write_text(json.dumps(record, indent=1) + "\n")
+    ends, faults, calls = fuzz_functions(asked.count, asked.seed, asked.only)
+    print(f"{calls} calls: {dict(ends)}; {faults.total()} faults")
     return 1 if faults else 0
 
 

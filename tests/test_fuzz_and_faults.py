@@ -4,6 +4,7 @@ import csv
 import errno
 import hashlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import stepblocks
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
 from stepblocks.study.conduct import open_run
@@ -96,6 +98,7 @@ def test_whatever_fails_while_a_study_is_written_the_next_run_gives_the_same_byt
 def test_a_study_that_is_killed_while_it_is_written_is_written_by_the_next_run(whole, tmp_path):
     code = """
 import os, signal, sys
+import stepblocks
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
 fsync, count = os.fsync, []
@@ -183,3 +186,10 @@ def test_whatever_happens_while_a_study_is_run_every_trial_is_answered_once(
                 led(tmp_path / "disturbed")
     assert led(tmp_path / "disturbed") == whole
     assert [row["trial"] for row in whole] == [str(n) for n in range(1, 13)]
+
+
+def test_every_public_function_and_class_is_called_with_strange_values():
+    text = (ROOT / "benchmarks" / "fuzz_library.py").read_text(encoding="utf-8")
+    called = set(re.findall(r'^ +"(\w+)": \(', text, re.MULTILINE))
+    (left_out,) = re.findall(r"NOT_CALLED = \{(.*?)\}", text, re.DOTALL)
+    assert set(re.findall(r'"(\w+)"', left_out)) == set(stepblocks.__all__) - called

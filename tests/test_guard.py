@@ -153,3 +153,30 @@ def test_a_status_that_is_none_is_refused_with_those_that_there_are():
         sb.StepblocksError, match=r"status must be one of releases, locked.*'stuck'"
     ):
         sb.Status("stuck")
+
+
+def test_a_value_that_cannot_be_copied_hides_no_misspelt_name():
+    with pytest.raises(sb.StepblocksError, match="heigth is not a known field") as caught:
+        sb.StepBlock(id="step-025", heigth=(number for number in range(3)))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda strange, _: sb.Renderer(sb.Step(25e-6).centre_path(125e-6), sb.PAPER).tick(
+            strange, strange
+        ),
+        lambda strange, folder: sb.export_scenes(
+            "paper-four", "forcelaw", folder, normal_load=strange
+        ),
+        lambda strange, _: sb.study_power(
+            [2e-5, 4e-5], seed=1, probes=("a", "b"), participants=[strange[0, 0]], runs=10
+        ),
+    ],
+)
+def test_a_refusal_shows_a_value_of_several_lines_in_one(call, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    with pytest.raises(sb.StepblocksError) as caught:
+        call(xarray.DataArray(np.ones((2, 3))), tmp_path)
+    assert "\n" not in str(caught.value)

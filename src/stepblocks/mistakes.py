@@ -91,6 +91,8 @@ def list_mistakes(
             found = unknown
         except ValidationError as other:
             found = unknown + [one for one in other.errors(include_url=False) if one not in unknown]
+        except TypeError:  # a call from Python holds a value that cannot be copied
+            pass
     # that too few are left is no mistake of its own where those that fell out are listed
     deeper = {one["loc"][:end] for one in found for end in range(len(one["loc"]))}
     mistakes = []

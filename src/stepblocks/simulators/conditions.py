@@ -22,7 +22,10 @@ def check_overrides(overrides: Mapping[str, object]) -> None:
             or not isinstance(value, int | float)
             or not math.isfinite(value)
         ):
-            raise PipelineError(f"{name} must be a finite number in SI units, got {value!r:.40}")
+            raise PipelineError(
+                f"{name} must be a finite number in SI units, got "
+                f"{' '.join(repr(value).split()):.40}"
+            )
 
 
 def choose_operating_point(

@@ -133,8 +133,9 @@ class Renderer:
         """
         if getattr(position, "shape", None) != (3,) or getattr(velocity, "shape", None) != (3,):
             raise HapticsError(
-                f"position and velocity must be arrays of shape (3,), got {position!r:.60} and "
-                f"{velocity!r:.60}"
+                "position and velocity must be arrays of shape (3,), got "
+                f"{type(position).__name__} {getattr(position, 'shape', '')} and "
+                f"{type(velocity).__name__} {getattr(velocity, 'shape', '')}"
             )
         step = self.period / _FADE
         if not math.isfinite(sum(position.tolist()) + sum(velocity.tolist())):

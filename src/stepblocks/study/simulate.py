@@ -197,7 +197,7 @@ class SimulatedStudy:
         require(
             self.participants >= 2 and self.repetitions >= 1,
             "a study needs at least 2 participants and 1 repetition, got "
-            f"{self.participants} and {self.repetitions}",
+            + " ".join(f"{self.participants} and {self.repetitions}".split()),
         )
         require(
             len(self.factors) >= 2,
