@@ -173,7 +173,8 @@ def extra_costs(stimuli: Path) -> None:
             )
             arrays = [(mesh.vertices, mesh.triangles)]
             timed(
-                "picture", partial(draw_part, folder / f"{block.id}.png", arrays, *block.close_up())
+                "picture",
+                partial(draw_part, folder / f"{block.id}.png", arrays, *block.choose_close_up()),
             )
             for path in list_checkable_files(block, folder):
                 timed(f"read back {path.suffix}", partial(check_artefact, block, path))

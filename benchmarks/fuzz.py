@@ -441,7 +441,6 @@ def main(argv: list[str] | None = None) -> int:
         "--keep", type=Path, default=Path("fuzz-faults"), help="folder for what failed"
     )
     arguments = parser.parse_args(argv)
-    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
     signal.signal(signal.SIGALRM, _late)
     rows: list[list[float]] = []
     print(
@@ -451,6 +450,7 @@ def main(argv: list[str] | None = None) -> int:
     if arguments.functions:  # first: what the kinds load may keep threads, which a fork lacks
         rows.append(fuzz_functions(arguments.functions, arguments.seed))
         show("functions (mean s)", rows[-1])
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
     with tempfile.TemporaryDirectory() as work:
         for name, (seeds, read) in kinds(Path(work), arguments.kind):
             # a whole command takes seconds

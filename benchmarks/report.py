@@ -19,226 +19,17 @@ import shlex
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import records
+from report_parts import PARTS, Part
 
 ROOT = records.ROOT
 OUT = ROOT / "out" / "report"
 LIBRARIES = ("numpy", "scipy", "numba", "cadquery", "mujoco")
 SHARED = os.environ.get("STEPBLOCKS_SHARED", str(ROOT.parent / "shared"))
-
-
-@dataclass(frozen=True)
-class Part:
-    """One benchmark, and how its figures are found in what it prints.
-
-    Attributes
-    ----------
-    command
-        Command line; ``{shared}`` is the folder of scans and sessions of others.
-    figures
-        For each figure a pattern, whose groups are put into the text.
-    minutes
-        About how long it takes on two idle cores.
-    timing
-        Whether its figures are times, so that other work on the machine spoils them.
-    """
-
-    name: str
-    command: str
-    figures: dict[str, tuple[str, str]] = field(default_factory=dict)
-    minutes: float = 1.0
-    timing: bool = False
-
-
-PARTS = [
-    Part(
-        "exchange",
-        "python benchmarks/ap242.py",
-        {"ap242": (r"LARGEST (\d\.\d\de-\d\d)  none", "{:.1e} nm")},
-        0.5,
-    ),
-    Part(
-        "install",
-        "python benchmarks/install_size.py",
-        {"install-size": (r"\*\*all \d+\*\* \| \*\*(\d+)\*\*", "{:GB} GB")},
-    ),
-    Part(
-        "renderer",
-        "python benchmarks/renderer_ticks.py",
-        {
-            "tick-median": (r"ten blocks \| \d+ \| (\S+)", "{} µs"),
-            "tick-999": (r"ten blocks \| \d+ \| \S+ \| (\S+)", "{} µs"),
-            "tick-interrupted": (r"ten blocks \| \d+ \| \S+ \| \S+ \| (\S+)", "{} µs"),
-            "tick-worst": (r"ten blocks (?:\| \S+ ){5}\| (\S+)", "{} µs"),
-        },
-        timing=True,
-    ),
-    Part(
-        "inspect-seconds",
-        "python benchmarks/inspect_seconds.py",
-        {
-            "inspect-profile": (r"profile of 4,000 points +\S+ +(\S+)", "{} s"),
-            "inspect-map": (r"1,000, edge +\S+ +(\S+)", "{} s"),
-            "inspect-grating": (r"1,000, grating +\S+ +(\S+)", "{} s"),
-        },
-        timing=True,
-    ),
-    Part(
-        "scans",
-        "python benchmarks/real_scans.py {shared}/real",
-        {
-            "scans-right": (r"(\d+ of \d+) with a step answered", "{}"),
-            "scans-wrong": (r"answered wrongly: (\w+)", "{}"),
-            "scans-steps": (r"(\d+ of \d+) without a step refused", "{}"),
-            "scans-warning": (r"(\d+ of \d+) right answers with a warning", "{}"),
-        },
-        2,
-    ),
-    Part(
-        "drag-paper",
-        "python benchmarks/drag_like_the_paper.py -o out/contact",
-        {
-            "rod-energy": (r"\| rod \| 100 (?:\| \S+ ){4}\| (\S+)", "{} µJ"),
-            "rod-share": (r"\| rod \| 100 (?:\| \S+ ){5}\| (\d+)%", "{} %"),
-            "rod-decay": (r"\| rod \| 100 (?:\| \S+ ){7}\| (\d+)", "{} ms"),
-            "rod-loading": (r"\| rod \| 100 (?:\| \S+ ){8}\| (\d+)%", "{} %"),
-            "rod-ring": (r"\| rod \| 100 (?:\| \S+ ){9}\| (\d+)%", "{} %"),
-            "rod-normal": (r"\| rod \| 100 (?:\| \S+ ){10}\| (\d+)%", "{} %"),
-            "share-median": (r"median (\d+)%", "{} %"),
-            "share-range": (r"5 % to 95 %: (\d+)% to (\d+)%", "{} to {} %"),
-        },
-    ),
-    Part(
-        "drag-profiles",
-        "python benchmarks/drag_profiles.py --scans {shared}/real/surfacetopography",
-        {
-            "profiles-pull": (r"\| all \| \d+ \| \d+ \| (\d+ of \d+)", "{}"),
-            "profiles-energy": (r"\| all (?:\| [^|]+){3}\| (\d+ of \d+)", "{}"),
-        },
-        10,
-    ),
-    Part(
-        "mujoco",
-        "python benchmarks/drag_against_mujoco.py",
-        {
-            "mujoco-faster": (r"5e-06 s .*linear 3e7 (\d+), Hertz (\d+)", "{} to {}"),
-            "mujoco-rate": (r"drags per second per core.*: (\d+)", "{}"),
-        },
-        timing=True,
-    ),
-    Part(
-        "sweep",
-        "python benchmarks/sweep_rows_per_second.py",
-        {
-            "sweep-static": (r"static in this process: +(\d+)", "{}"),
-            "sweep-drag": (r"drag +in this process: +(\d+)", "{}"),
-        },
-        2,
-        timing=True,
-    ),
-    Part(
-        "regimes",
-        "python benchmarks/regimes.py 1000",
-        {
-            "regimes-right": (r"right: (\S+)% of", "{} %"),
-            "static-friction": (r"static friction named in (\d+)%", "{} %"),
-        },
-        5,
-    ),
-    Part(
-        "loop-seconds",
-        "python benchmarks/loop_seconds.py --trials 240",
-        {"loop-240": (r"of-240 +240 +(\S+)", "{} s")},
-        2,
-        timing=True,
-    ),
-    Part("coverage", "python benchmarks/softgauge_coverage.py", {}, 90),
-    Part(
-        "verdicts",
-        "python benchmarks/softgauge_verdicts.py 300",
-        {
-            "verdict-gauges": (r"(\d+) gauges", "{}"),
-            "verdict-refused": (r"gauges, (\d+) refused", "{}"),
-            "verdict-judged": (r"\| all \| (\d+) \|", "{}"),
-            "verdict-false": (r"\| all \| \d+ \| - \| (\d+) \|", "{}"),
-            "verdict-rejected": (r"\| all \| \d+ \| - \| \d+ \| (\d+) \|", "{}"),
-        },
-        10,
-    ),
-    Part(
-        "study-nulls",
-        "python benchmarks/study_nulls.py --summary",  # after hours without --summary
-        {
-            "null-error": (r"\| estimates \| absolute error \| \d+ \| (\S+)", "{}"),
-            "null-rating": (r"\| estimates \| realism \| \d+ \| (\S+)", "{}"),
-            "null-equal": (
-                r"\| comparisons \| point of subjective equality, a over b \| \d+ \| (\S+)",
-                "{}",
-            ),
-            "null-spread": (
-                r"\| comparisons \| spread of comparisons, a over b \| \d+ \| (\S+)",
-                "{}",
-            ),
-            "power-rating": (r"## Power[\s\S]*?\| estimates \| realism \| \d+ \| (\S+)", "{}"),
-            "null-exponent": (r"\| magnitudes \| exponent, a minus b \| \d+ \| (\S+)", "{}"),
-        },
-    ),
-    Part("study-beside-r", "python benchmarks/study_beside_r.py"),
-    Part("accuracy", "python benchmarks/study_accuracy.py 2000", {}, 30),
-    Part(
-        "simulators",
-        "python benchmarks/simulators.py",
-        {
-            "sim-renderer": (
-                r"LARGEST ^\| [\w-]+ \| [\d.]+ \| [\d.]+ \(([-+][\d.]+) %",
-                "{:.2f} %",
-            ),
-            "sim-mujoco": (r"LARGEST ^(?:\| [^|]+){5}\| [\d.]+ \(([-+][\d.]+) %", "{:.2f} %"),
-        },
-        5,
-    ),
-    Part(
-        "fault-injection",
-        "python benchmarks/faults.py",
-        {"faults": (r"(\d+) faults", "{}")},
-        40,
-    ),
-    Part(
-        "mistyped",
-        "python benchmarks/mistyped_commands.py",
-        {
-            "mistyped-lines": (r"\| all \| (\d+) \|", "{}"),
-            "mistyped-faults": (r"\| all (?:\| \d+ ){3}\| (\d+) \|", "{}"),
-        },
-        5,
-    ),
-    Part(
-        "soak",
-        "python benchmarks/soak.py --minutes 60",
-        {
-            "soak-minutes": (r"Soak of (\S+) minutes", "{}"),
-            "soak-rounds": (r"; (\d+) rounds", "{}"),
-            "soak-memory": (r"\| memory \| \d+ MiB \| (\d+ MiB)", "{}"),
-            "soak-files": (r"\| open files \| \d+ \| (\d+)", "{}"),
-            "soak-faults": (r"(\d+) faults", "{}"),
-        },
-        65,
-    ),
-    Part(
-        "mutations",
-        "python benchmarks/mutations.py --summary",
-        {
-            "mutants": (r"\| all \| (\d+) \|", "{}"),
-            "mutants-noticed": (r"\| all \| \d+ \| (\d+) \|", "{}"),
-            "mutants-equivalent": (r"\| all (?:\| \d+ ){2}\| (\d+) \|", "{}"),
-        },
-    ),
-]
 
 
 def machine() -> str:
@@ -306,27 +97,38 @@ def find_figure(text: str, pattern: str, form: str) -> str | None:
         return None
     if ":GB" in form:
         return form.replace("{:GB}", f"{float(found[1]) / 1000.0:.1f}")
+    if ":%" in form:
+        return form.replace("{:%}", f"{100.0 * float(found[1]):.0f} %")
     groups = (f"{int(one):,}" if one.isdigit() and len(one) > 3 else one for one in found.groups())
     return form.format(*groups)
 
 
-def measure(part: Part, before: dict[str, Any] | None) -> dict[str, Any]:
-    """Run a part and make its record; what its output does not say keeps its older text."""
-    words = shlex.split(part.command.replace("{shared}", SHARED))
-    begun = time.monotonic()
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+def run_command(line: str) -> str:
+    """Run a command line of a part with the Python of this process, and return what it prints."""
+    words = shlex.split(line.replace("{shared}", SHARED))
+    folders = [str(ROOT / name) for name in ("src", "benchmarks", "tests")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
     done = subprocess.run(
         [sys.executable, *words[1:]], cwd=ROOT, env=environment, capture_output=True, text=True
     )
     if done.returncode != 0:
         lines = (done.stdout + done.stderr).strip().splitlines()
         raise RuntimeError(f"exit code {done.returncode}: {lines[-1] if lines else 'no output'}")
+    return done.stdout
+
+
+def measure(part: Part, before: dict[str, Any] | None) -> dict[str, Any]:
+    """Run a part and make its record; what its output does not say keeps its older text."""
+    begun = time.monotonic()
+    output = "".join(run_command(line) for line in part.command.split(" && "))
     if before is None:
         raise RuntimeError("no record to begin with in docs/records")
     record = {**before, "figures": [dict(figure) for figure in before["figures"]]}
     for figure in record["figures"]:
-        if figure["id"] in part.figures:
-            text = find_figure(done.stdout, *part.figures[figure["id"]])
+        if part.held:
+            figure.pop("older", None)
+        elif figure["id"] in part.figures:
+            text = find_figure(output, *part.figures[figure["id"]])
             if text is None:
                 raise RuntimeError(f"the output does not say {figure['id']}")
             figure["text"] = text
@@ -342,7 +144,7 @@ def measure(part: Part, before: dict[str, Any] | None) -> dict[str, Any]:
         "machine": machine(),
         "versions": versions(),
         "minutes": round((time.monotonic() - begun) / 60.0, 1),
-        "tables": read_tables(done.stdout) if part.name != "exchange" else before["tables"],
+        "tables": before["tables"] if part.held else read_tables(output),
     }
 
 

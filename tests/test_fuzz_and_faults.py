@@ -57,7 +57,7 @@ def test_strange_files_are_read_or_refused_in_our_own_words(tmp_path):
         [*command, "--keep", str(tmp_path)], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert len(done.stdout.splitlines()) == 2 + 12  # head and kinds
+    assert len(done.stdout.splitlines()) == 2 + 12 + 1  # head, kinds, and all
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import hashlib
 import importlib
+import importlib.util
 import json
 import runpy
 from pathlib import Path
@@ -38,6 +39,50 @@ def test_a_figure_is_the_text_that_its_pattern_finds(report):
     assert report.find_figure("drags per second: 3729", r": (\d+)", "{}") == "3,729"
     assert report.find_figure("| **all 9** | **2018** |", r"\*\*(2\d+)\*\*", "{:GB} GB") == "2.0 GB"
     assert report.find_figure("nothing here", r"(\d+)", "{}") is None
+
+
+def test_every_record_has_a_part_that_measures_it_again(report):
+    names = [part.name for part in report.PARTS]
+    assert sorted(names) == sorted(path.stem for path in (ROOT / "docs" / "records").iterdir())
+
+
+def test_the_programs_of_every_part_are_there(report):
+    for part in report.PARTS:
+        for line in part.command.split(" && "):
+            words = line.split()
+            assert words[0] == "python"
+            if words[1] == "-m":
+                assert importlib.util.find_spec(words[2]), line
+            else:
+                assert (ROOT / words[1]).is_file(), line
+
+
+def test_a_part_of_several_programs_reads_the_output_of_all(report, tmp_path):
+    one, two = tmp_path / "one.py", tmp_path / "two.py"
+    one.write_text("print('first: 0.1766')")
+    two.write_text("print('second: 12')")
+    figures = {"a": (r"first: (\S+)", "{:%}"), "b": (r"second: (\d+)", "{} of 13")}
+    part = report.Part("none", f"python {one} && python {two}", figures)
+    before = {"code": [], "commit": "a", "date": "b", "tables": []}
+    before["figures"] = [{"id": "a", "text": "?", "older": "c"}, {"id": "b"}, {"id": "c"}]
+    assert report.measure(part, before)["figures"] == [
+        {"id": "a", "text": "18 %"},
+        {"id": "b", "text": "12 of 13"},
+        {"id": "c", "older": "a, b"},
+    ]
+
+
+def test_what_tests_hold_stands_while_they_pass(report, tmp_path):
+    test = tmp_path / "test_one.py"
+    test.write_text("def test_one():\n    assert True\n")
+    part = report.Part("none", f"python -m pytest -q {test}", held=True)
+    before = {"code": [], "commit": "a", "date": "b", "tables": [1]}
+    before["figures"] = [{"id": "a", "text": "1e-5", "older": "c"}]
+    record = report.measure(part, before)
+    assert (record["figures"], record["tables"]) == ([{"id": "a", "text": "1e-5"}], [1])
+    test.write_text("def test_one():\n    assert False\n")
+    with pytest.raises(RuntimeError, match="exit code 1"):
+        report.measure(part, before)
 
 
 def test_every_figure_of_a_part_is_one_of_its_record(report):
