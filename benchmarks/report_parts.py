@@ -287,7 +287,7 @@ PARTS = [
     ),
     Part(
         "fuzz",
-        "python benchmarks/fuzz.py --count 420 --functions 60 --seed 38",
+        "python benchmarks/fuzz.py --count 560 --functions 15 --seed 3811",
         {
             "fuzz-inputs": (r"\| all \| (\d+) \|", "{}"),
             "fuzz-faults": (r"\| all (?:\| \d+ ){3}\| (\d+) \|", "{}"),
