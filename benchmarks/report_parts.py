@@ -227,7 +227,7 @@ PARTS = [
     Part(
         "evidence",
         "python -m literature out/evidence",
-        {"evidence-spread": (r"by a factor of (\d+)", "{}")},
+        {"evidence-spread": (r"spreads them by a factor of (\d+)", "{}")},
         2,
     ),
     Part(

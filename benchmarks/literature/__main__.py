@@ -10,7 +10,12 @@ def main(folder: Path) -> None:
     """Compare, write page and tables, and print every verdict."""
     found = hold_against_evidence(folder)
     print(found.table.drop(columns=["said"]).to_string(index=False))
-    print(found.finding())
+    resolutions = found.resolutions.drop(columns=["setting", "energies"])
+    rows = [list(resolutions.columns), *resolutions.to_numpy().tolist()]
+    print("\nExplanations fitted to the band of 10 to 20 µJ\n")
+    print("\n".join(f"| {' | '.join(row)} |" for row in rows))
+    spread = found.explanations[0].spread
+    print(f"\n{found.finding()} That equation spreads them by a factor of {spread:.0f}.")
     print(f"open {folder / 'evidence.html'}")
 
 
