@@ -2,6 +2,8 @@
 absolute error, refusals in one line."""
 
 import math
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -186,3 +188,15 @@ def test_two_bodies_stay_products_of_one_assembly(tmp_path):
     assert sum(kernel.compute_volume(body) for body in kernel.read_step(path)) == pytest.approx(
         2e-9, rel=1e-12
     )
+
+
+def test_a_fork_of_a_process_that_used_the_kernel_uses_it_too():
+    # a pool forks its workers: one that waits for a thread of its parent would never end, and is
+    # killed by its own alarm here
+    whole = kernel.fuse([box(1e-2, 1e-2, 1e-2), box(5e-3, 5e-3, 2e-2)])
+    child = os.fork()
+    if child == 0:
+        signal.alarm(120)
+        again = kernel.fuse([box(1e-2, 1e-2, 1e-2), box(5e-3, 5e-3, 2e-2)])
+        os._exit(int(kernel.compute_volume(again) != kernel.compute_volume(whole)))
+    assert os.waitpid(child, 0)[1] == 0

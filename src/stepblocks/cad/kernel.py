@@ -17,6 +17,7 @@ from OCP.BRepTools import BRepTools
 from OCP.gp import gp_Ax2, gp_Circ, gp_Dir, gp_Pnt
 from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.IMeshTools import IMeshTools_Parameters
+from OCP.OSD import OSD_ThreadPool
 from OCP.STEPControl import STEPControl_Reader
 from OCP.TopAbs import TopAbs_Orientation
 from OCP.TopLoc import TopLoc_Location
@@ -25,6 +26,8 @@ from stepblocks.cad.door import Body, Face, Outline, Point, Tessellation
 from stepblocks.errors import MetrologyError, SolidError
 
 _MM = 1e3  # metres to the kernel's millimetres
+# threads of the kernel would be missing in a fork of this process, which waits for them for ever
+OSD_ThreadPool.DefaultPool_s().Init(1)
 
 
 def _make_vector(point: Point) -> cq.Vector:
