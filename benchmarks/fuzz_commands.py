@@ -188,7 +188,8 @@ def _honest(parameter: object) -> list[str]:
     if getattr(parameter, "is_flag", False):
         return named
     choices = parameter.type_descriptor.choices
-    known = HONEST.get(str(parameter.metavar)) or HONEST.get(parameter.name, "one")
+    # some must exist: this one does, in the root of the repository
+    known = HONEST.get(str(parameter.metavar)) or HONEST.get(parameter.name, "stimuli")
     value = str(choices[0]) if choices else known
     return [*named, value]
 

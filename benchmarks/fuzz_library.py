@@ -37,7 +37,7 @@ from scipy import sparse
 import stepblocks as sb
 
 SECONDS, MEMORY = 10, 2 << 30
-MISUSE = (TypeError, AttributeError, ValueError, LookupError, ArithmeticError)
+MISUSE = (TypeError, AttributeError, ValueError, LookupError, ArithmeticError, MemoryError)
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))  # for a learned model, and a model of one's own
 Words = tuple[tuple[Any, ...], Mapping[str, Any]]
@@ -218,7 +218,7 @@ def _make_tables(table: pd.DataFrame) -> list[tuple[str, object]]:
 
 def write_files(work: Path) -> None:
     """Write one file of each kind that an honest call reads, and make folders of results."""
-    from oracles.taught import taught_model
+    from oracles.learned import make_learned_model
     from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
     from stepblocks.artefacts.model_file import build_model_document
 
@@ -232,7 +232,7 @@ def write_files(work: Path) -> None:
     force = np.where(time < 0.02, 0.3, 0.1 * np.exp(-50.0 * time) * np.sin(1885.0 * time))
     record = pd.DataFrame({"time_s": time, "force_n": force})
     record.to_csv(work / "record.csv", index=False)
-    document = build_model_document(taught_model(std=0.1))
+    document = build_model_document(make_learned_model(std=0.1))
     (work / "model.json").write_text(json.dumps(document))
     value = AsBuiltValue(25.1e-6, 1e-7, "conforms")
     measured = AsBuilt("step-025", "scan.csv", "0" * 64, "c", {"step_height": value})
@@ -284,6 +284,8 @@ def make_value_calls() -> dict[str, Words]:
         "Groove": ((100e-6, 0.5), {}),
         "Margin": ((50e-6, 50e-6, 20e-6), {"depth": 1e-3, "fall": 0.0}),
         "Profile": ((x, z), {}),
+        "ScannedProfile": ((x, z), {"source": "scan.csv"}),
+        "HeightMap": ((np.stack([z, z]), 1e-6, 1e-6), {"source": "map.csv"}),
         "OperatingPoint": ((125e-6, 1.0, 0.15), {"speed": 5e-3}),
         "Tool": ((), {"stiffness": 9810.0, "conversion": 0.2, "frequency": 300.0}),
         "Dimension": ((25e-6, 1e-6, -1e-6), {}),
@@ -399,11 +401,11 @@ def make_file_calls(work: Path) -> dict[str, Words]:
     }
 
 
-def mesh_first_solid(part: Any, name: Any = "body", body: Any = None) -> object:
+def mesh_first_solid(part: Any, name: Any = "body", body: Any = None, **strange: Any) -> object:
     """Mesh the first solid of a part, or what is given in its place."""
     if body is None:
         _, body = sb.build_solids(part)[0]
-    return sb.mesh_solid(part, name, body)
+    return sb.mesh_solid(part, name, body, **strange)
 
 
 def make_method_calls(work: Path) -> dict[str, Call]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stepblocks as sb
+from oracles.learned import make_learned_model
 
 
 def test_an_unknown_keyword_is_refused_with_the_one_that_was_meant():
@@ -161,9 +162,19 @@ def test_a_value_that_cannot_be_copied_hides_no_misspelt_name():
     assert "\n" not in str(caught.value)
 
 
+def test_values_that_need_more_memory_than_there_is_are_refused():
+    # a step height for every cell of a view that takes eight bytes and stands for eight terabytes
+    with pytest.raises(
+        sb.StepblocksError, match=r"^find_step_angle cannot use these values: .*alloc"
+    ):
+        sb.find_step_angle(np.broadcast_to(1e-5, (1 << 40,)), 125e-6)
+
+
 @pytest.mark.parametrize(
     "call",
     [
+        lambda strange, _: sb.predict_trials(strange.to_numpy(), make_learned_model()),
+        lambda strange, _: sb.Trials.from_table({str(strange): 1}),
         lambda strange, _: sb.Renderer(sb.Step(25e-6).centre_path(125e-6), sb.PAPER).tick(
             strange, strange
         ),

@@ -36,7 +36,7 @@ def write_atomically(path: Path) -> Iterator[Path]:
 
     The folder of `path` is made where there is none.
     """
-    with _make_locked_folder(path) as folder:
+    with make_draft_folder(path) as folder:
         draft = folder / path.name
         yield draft
         # what a killed run wrote, and had no time to note as ours, is the same again
@@ -51,15 +51,10 @@ def write_atomically(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def make_draft_folder(path: Path) -> Iterator[Path]:
-    """Give an empty folder beside a place to prepare files in; it is removed with the block."""
-    with _make_locked_folder(path) as draft:
-        yield draft
+    """Give an empty folder beside a place to prepare files in; it is removed with the block.
 
-
-@contextmanager
-def _make_locked_folder(path: Path) -> Iterator[Path]:
-    # Give a new folder beside a place. What the system refuses, here or to the user of the folder,
-    # is an error of ours.
+    What the system refuses, here or to the user of the folder, is an error of ours.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_stale_drafts_once(path.parent)

@@ -16,7 +16,10 @@ R = TypeVar("R")
 # keywords of version 0.1, kept for one release
 _RENAMED = {"how": "options", "said": "description"}
 # what Python and its libraries raise over a value of a wrong type, shape or size
-_MISUSE = (TypeError, AttributeError, ValueError, LookupError, ArithmeticError, RecursionError)
+_MISUSE = (
+    *(TypeError, AttributeError, ValueError, LookupError, ArithmeticError),
+    *(RecursionError, MemoryError),
+)
 
 
 def guard(function: Callable[P, R], name: str) -> Callable[P, R]:

@@ -162,7 +162,8 @@ def predict_trials(
             trials = pd.read_csv(trials, dtype={"trial": str, "block": str, "tip": str})
         except (OSError, ValueError) as error:
             raise PipelineError(
-                f"trials must be a readable CSV table: {error!s:.80} [{trials}]"
+                "trials must be a readable CSV table: "
+                + " ".join(f"{error!s:.80} [{trials!s:.200}]".split())
             ) from error
     result = predict_with_model(trials, learned)[0]
     if output is not None:

@@ -169,7 +169,8 @@ class Renderer:
         record = np.zeros((3, int(np.ceil((approach + travel) / abs(step)))))
         self.reset(np.array([start, 0.0, float(self.path.z.max()) + height]))
         hand = np.array([start, 0.0, float(np.interp(start, self.path.x, self.path.z))])
-        kernel.drag(record, hand, step, load, resolution, self._states, self._settings, self.knots)
+        given = float(load), float(resolution)
+        kernel.drag(record, hand, step, *given, self._states, self._settings, self.knots)
         place, pull, force = direction * record
         return Drag(
             time=np.asarray(np.arange(record.shape[1]) * self.period, dtype=np.float64),

@@ -61,7 +61,7 @@ class Trials:
         if not names:
             raise PipelineError(
                 "table must have a column that was measured and its uncertainty, such as period "
-                f"and period_std, got {', '.join(map(str, table))}"
+                f"and period_std, got {' '.join(', '.join(map(str, table)).split()):.300}"
             )
         others = table.drop(columns=[*names, *errors, "block"], errors="ignore")
         covariates = {str(name): column.to_numpy() for name, column in others.items()}
