@@ -16,6 +16,7 @@ from stepblocks.build.manifest import (
     MANIFEST,
     RECORD,
     are_intact,
+    find_linked_files,
     find_unchanged,
     hash_bytes,
     hash_file,
@@ -320,3 +321,11 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_made(tmp_
     with pytest.raises(PipelineError, match="must be writable"):
         build_sets(SHEATHS, tmp_path / "out", jobs=1)
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_every_form_of_the_drawing_of_a_series_is_linked_from_the_page(tmp_path):
+    (tmp_path / "own").mkdir()
+    for form in ("dxf", "pdf", "svg"):
+        (tmp_path / "own" / f"own.series.{form}").write_text("a drawing")
+    linked = {name for _, name in find_linked_files(tmp_path, [])[""]}
+    assert linked == {f"own/own.series.{form}" for form in ("dxf", "pdf", "svg")}

@@ -163,8 +163,8 @@ def find_linked_files(output: Path, outputs: Iterable[str]) -> dict[str, list[li
     parts = [name.removesuffix(f"/{RECORD}") for name in outputs if name.endswith(f"/{RECORD}")]
     found = {"": [[title, name] for title, name in _BESIDE.items() if (output / name).is_file()]}
     found[""] += [
-        [f"drawing of the series {path.parent.name}", path.relative_to(output).as_posix()]
-        for path in sorted(output.glob("*/*.series*.pdf"))
+        [f"drawing of the series {path.name}", path.relative_to(output).as_posix()]
+        for path in sorted(output.glob("*/*.series*"))
     ]
     for part in sorted(parts):
         for title, pattern in _OF_A_PART.items():
