@@ -65,7 +65,8 @@ def in_c(exported, tmp_path_factory):
         "    force_law_reset(&law, FORCE_LAW_RING);\n"
         '    while (scanf("%lf %lf", &x, &z) == 2) {\n'
         "        force_law_tick(&law, x, z, 1e-4, force);\n"
-        '        printf("%.17g %.17g %d\\n", force[0], force[1], law.events);\n'
+        '        printf("%.17g %.17g %d ", law.good[0], law.good[1], law.events);\n'
+        '        printf("%.17g %.17g %d\\n", force[0], force[1], law.limited);\n'
         "    }\n    return 0;\n}\n"
     )
     program = folder / "filter"
@@ -138,10 +139,11 @@ def test_c_python_and_renderer_give_the_same_forces_on_any_tour(exported, law, i
     """Three implementations, one force; the renderer's reads the path in full digits."""
     _, scene = exported
     hands, force_law = tour(scene), law["ForceLaw"]()
-    python = np.array(
-        [[*force_law.tick(tuple(hand), 1e-4), force_law.state.events] for hand in hands]
-    )
-    c = in_c(hands)
+    rows = []
+    for hand in hands:
+        given = force_law.tick(tuple(hand), 1e-4)
+        rows.append([*force_law.good, force_law.state.events, *given, force_law.limited])
+    python, c = np.array(rows), in_c(hands)
     assert c[:, 2].max() >= 1  # it does slip over the edge
     assert c == pytest.approx(python, rel=1e-9, abs=1e-9)
     renderer = Renderer(scene.path.scaled(1.0 / SCALE), POINT, scale=SCALE)
@@ -149,6 +151,13 @@ def test_c_python_and_renderer_give_the_same_forces_on_any_tour(exported, law, i
     forces = [renderer.tick(np.array([x, 0.0, z]), np.zeros(3)).copy() for x, z in hands]
     assert np.array(forces)[:, [0, 2]] == pytest.approx(c[:, :2], abs=1e-5 * np.abs(c).max())
     assert renderer.events == c[-1, 2]
+    # a hand is given at most 3 N, its direction kept
+    meant, given = np.hypot(*c[:, :2].T), np.hypot(*c[:, 3:5].T)
+    assert given == pytest.approx(np.minimum(meant, 3.0), rel=1e-9)
+    assert c[:, 3:5] * meant[:, None] == pytest.approx(
+        c[:, :2] * given[:, None], rel=1e-9, abs=1e-12
+    )
+    assert c[-1, 5] == (meant > 3.0).sum()
 
 
 def test_the_ring_of_the_exported_law_starts_with_the_share_of_the_formula(exported, law):

@@ -37,11 +37,12 @@ def run(tmp_path_factory):
         subprocess.run(command, check=True, capture_output=True)
     where = os.environ | {"LD_LIBRARY_PATH": str(folder / "build")}
 
-    def call(mode, place, block, said=""):
+    def call(mode, place, block, said="", complaints=()):
         command = ["mono", program, mode, place, block]
         done = subprocess.run(
             command, input=said, capture_output=True, text=True, env=where, check=True
         )
+        assert done.stderr.splitlines() == list(complaints)
         return [[float(word) for word in line.split()] for line in done.stdout.splitlines()]
 
     return call, folder
@@ -93,4 +94,17 @@ def test_the_component_releases_at_equation_1_in_its_own_servo_and_ends_without_
         0.3 * math.tan(math.acos(1 - 50 / 125) + math.atan(0.15)), rel=0.02
     )
     assert tip < 1.0e-4
+    assert given == 0.0
+
+
+def test_a_device_that_fails_takes_the_force_off_the_hand(run):
+    """The ball rests 125 um above the lower face, the hand 125 um below: 1.23 N, and then none."""
+    call, folder = run
+    ((most, given),) = call(
+        "failing",
+        folder,
+        "step-050",
+        complaints=["the cable is out", "there is no block step-999 in blocks.txt"],
+    )
+    assert most == pytest.approx(125e-6 * 9.81e3)
     assert given == 0.0

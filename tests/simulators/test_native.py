@@ -64,6 +64,7 @@ def binding(folder):
 def world(binding, folder):
     with binding.World(folder / "blocks.txt") as made:
         made.load(folder / "margins.txt")
+        made.configure("force_limit_n", 0.0)  # the renderer limits no force
         yield made
 
 
@@ -276,6 +277,15 @@ def test_the_force_limit_keeps_the_direction_and_is_counted(world):
     found = world.tick(hand)
     assert list(found.force) == pytest.approx([0.5 * value for value in good])
     assert found.limited == 1
+
+
+def test_a_hand_is_given_3_n_at_most_where_nothing_is_configured(binding, folder):
+    """Pressed 1 mm into the lower face: the wall of 9.81 N/mm means 9.81 N."""
+    with binding.World(folder / "blocks.txt") as world:
+        found = world.tick((-3e-4, 0.0, world.path_height("step-010", -3e-4) - 1e-3))
+        assert list(found.force) == pytest.approx([0.0, 0.0, 3.0])
+        assert found.load == pytest.approx(9.81)
+        assert found.limited == 1
 
 
 def test_a_late_tick_switches_the_force_off_until_the_hand_has_let_go(world):

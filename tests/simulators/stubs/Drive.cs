@@ -11,7 +11,8 @@ static class Drive
 
     static int Main(string[] words)
     {
-        return words[0] == "ticks" ? Ticks(words[1], words[2]) : Component(words[1], words[2]);
+        if (words[0] == "ticks") return Ticks(words[1], words[2]);
+        return words[0] == "failing" ? Failing(words[1], words[2]) : Component(words[1], words[2]);
     }
 
     // One line of x, y, z on the standard input for each tick of a millisecond; one line of the output back.
@@ -54,6 +55,31 @@ static class Drive
         Console.WriteLine(one.Releases + " " + one.ReleaseForce.ToString("R", Plain) + " " + one.Tip.x.ToString("R", Plain));
         Call(one, "OnDestroy");
         Console.WriteLine(given.ToString("R", Plain));
+        return 0;
+    }
+
+    // A hand rests on the lower face until its device fails; then a block that is not there is asked for.
+    static int Failing(string folder, string block)
+    {
+        UnityEngine.Application.streamingAssetsPath = folder;
+        var one = new StepBlocks.StepBlocks { block = block, rise = 0.0 };
+        double most = 0.0, given = -1.0;
+        one.ReadHand = (hand, velocity) => {
+            if (most > 0.0) throw new InvalidOperationException("the cable is out");
+            hand[0] = -2e-4;
+            hand[2] = 0.0;
+        };
+        one.WriteForce = (fx, fy, fz) => {
+            given = Math.Sqrt(fx * fx + fy * fy + fz * fz);
+            most = Math.Max(most, given);
+        };
+        Call(one, "Start");
+        DateTime end = DateTime.UtcNow.AddSeconds(60.0);
+        while (given != 0.0 && DateTime.UtcNow < end) Thread.Sleep(20);
+        Console.WriteLine(most.ToString("R", Plain) + " " + given.ToString("R", Plain));
+        try { one.Choose("step-999"); }
+        catch (ArgumentException problem) { Console.Error.WriteLine(problem.Message); }
+        Call(one, "OnDestroy");
         return 0;
     }
 

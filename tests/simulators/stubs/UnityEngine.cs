@@ -5,6 +5,8 @@ namespace UnityEngine
 {
     public class MonoBehaviour { }
 
+    public static class Debug { public static void LogException(Exception problem) { Console.Error.WriteLine(problem.Message); } }
+
     public struct Vector3
     {
         public float x, y, z;

@@ -31,10 +31,10 @@ def write_stl(path: Path, mesh: Mesh) -> None:
     path.write_bytes(_build_trimesh(mesh, _MM).export(file_type="stl"))
 
 
-def write_obj(path: Path, mesh: Mesh) -> None:
+def write_obj(path: Path, mesh: Mesh, *, normals: bool = False) -> None:
     """Write OBJ in millimetres with 12 decimals, which is a femtometre."""
     text = _build_trimesh(mesh, _MM).export(
-        file_type="obj", digits=12, include_normals=False, header=f"{mesh.name}, mm"
+        file_type="obj", digits=12, include_normals=normals, header=f"{mesh.name}, mm"
     )
     path.write_text(text + "\n", encoding="ascii")
 

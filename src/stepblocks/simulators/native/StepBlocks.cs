@@ -80,7 +80,7 @@ namespace StepBlocks
         IntPtr world = IntPtr.Zero;
         Thread servo;
         volatile bool running;
-        volatile int wanted = -1;
+        int wanted = -1;
         Output shown;
 
         public Vector3 Tip { get { lock (gate) return ToUnity(shown.tipX, shown.tipY, shown.tipZ); } }
@@ -104,7 +104,7 @@ namespace StepBlocks
             Check(Native.sb_configure(world, (int)Setting.ForceLimit, forceLimit));
             Check(Native.sb_configure(world, (int)Setting.Rise, rise));
             Check(Native.sb_configure(world, (int)Setting.Vibration, vibration ? 1.0 : 0.0));
-            Check(Native.sb_choose(world, block.Length == 0 ? 0 : Check(Native.sb_find(world, Native.Text(block)))));
+            Check(Native.sb_choose(world, block.Length == 0 ? 0 : Find(block)));
             running = true;
             servo = new Thread(Loop) { IsBackground = true, Priority = System.Threading.ThreadPriority.Highest };
             servo.Start();
@@ -113,12 +113,29 @@ namespace StepBlocks
         /// <summary>Take another block from the next tick on.</summary>
         public void Choose(string name)
         {
-            wanted = Check(Native.sb_find(world, Native.Text(name)));
+            Interlocked.Exchange(ref wanted, Find(name));
         }
 
+        // Whatever ends the loop, an exception of ReadHand included, takes the force off the hand
         void Loop()
         {
-            double[] hand = new double[3], velocity = new double[3];
+            try
+            {
+                Serve();
+            }
+            catch (Exception problem)
+            {
+                UnityEngine.Debug.LogException(problem);
+            }
+            finally
+            {
+                if (WriteForce != null) WriteForce(0.0, 0.0, 0.0);
+            }
+        }
+
+        void Serve()
+        {
+            double[] hand = { 0.0, 0.0, 1.0 }, velocity = new double[3];
             Stopwatch clock = Stopwatch.StartNew();
             double before = 0.0, due = 0.0;
             Output output;
@@ -128,11 +145,8 @@ namespace StepBlocks
                 while (running && clock.Elapsed.TotalSeconds < due) Thread.SpinWait(50);
                 double now = clock.Elapsed.TotalSeconds;
                 if (now - due > 0.1) due = now;
-                if (wanted >= 0)
-                {
-                    Native.sb_choose(world, wanted);
-                    wanted = -1;
-                }
+                int next = Interlocked.Exchange(ref wanted, -1);
+                if (next >= 0) Native.sb_choose(world, next);
                 if (ReadHand != null) ReadHand(hand, velocity);
                 if (tooth) Native.sb_tick_tooth(world, hand, velocity, now - before, out output);
                 else Native.sb_tick(world, hand, velocity, now - before, out output);
@@ -140,7 +154,6 @@ namespace StepBlocks
                 if (WriteForce != null) WriteForce(output.forceX, output.forceY, output.forceZ);
                 lock (gate) shown = output;
             }
-            if (WriteForce != null) WriteForce(0.0, 0.0, 0.0);
         }
 
         void OnDestroy()
@@ -149,6 +162,13 @@ namespace StepBlocks
             if (servo != null) servo.Join();
             if (world != IntPtr.Zero) Native.sb_destroy(world);
             world = IntPtr.Zero;
+        }
+
+        int Find(string name)
+        {
+            int found = Native.sb_find(world, Native.Text(name));
+            if (found < 0) throw new ArgumentException("there is no block " + name + " in " + blocks);
+            return found;
         }
 
         int Check(int result)

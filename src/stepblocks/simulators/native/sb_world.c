@@ -43,6 +43,7 @@ sb_world *sb_create(void)
     if (!world) return NULL;
     world->ring_time = -1.0;
     world->gain = 1.0;
+    world->setting[SB_FORCE_LIMIT] = 3.0;
     world->setting[SB_RAMP] = 0.01;
     world->setting[SB_WATCHDOG] = 0.05;
     world->setting[SB_VIBRATION] = 1.0;

@@ -61,12 +61,12 @@ enum sb_parameter {
     SB_BLOCK_PARAMETERS = 11
 };
 
-/* Settings of a world: the safety of the device. Zero switches one off. */
+/* Settings of a world: the safety of hand and device. Zero switches one off. */
 enum sb_setting {
-    SB_FORCE_LIMIT = 0, /* largest force on the hand [N]; its direction is kept */
-    SB_RAMP = 1,        /* in which a force vanishes after a fault and comes back afterwards [s] */
-    SB_RISE = 2,        /* in which the force grows from zero after sb_reset or sb_choose [s] */
-    SB_WATCHDOG = 3,    /* a tick later than this switches the force off until the hand lets go [s] */
+    SB_FORCE_LIMIT = 0, /* largest force on the hand; its direction is kept [N], 3 at first */
+    SB_RAMP = 1,        /* in which a force vanishes after a fault and comes back [s], 0.01 at first */
+    SB_RISE = 2,        /* in which the force grows after sb_reset or sb_choose [s], 0 at first */
+    SB_WATCHDOG = 3,    /* a later tick switches the force off until the hand lets go [s], 0.05 */
     SB_VIBRATION = 4,   /* 1: a release rings; 0: the paper's condition without vibration */
     SB_SETTINGS = 5
 };

@@ -3,15 +3,15 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from stepblocks.artefacts.meshes.write import write_obj, write_pieces, write_stl
+from stepblocks.artefacts.meshes.write import write_obj, write_stl
 from stepblocks.contact.energy import Status
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    write_obj(folder / "block.obj", scene.whole)
+    # without normals the reader of CHAI3D 3.3 looks for "/" behind the end of what it copied
+    write_obj(folder / "block.obj", scene.whole, normals=True)
     write_stl(folder / "block.stl", scene.whole)
-    write_pieces(folder / "pieces.obj", scene.pieces)
     _write_program(folder, scene.stimulus.id, {"block.obj": scene})
 
 
@@ -58,6 +58,12 @@ CHAI3D = SceneFormat(
         "one workspace unit must be one millimetre: set the tool's workspace scale factor "
         "accordingly",
         "every face is wound outwards and every index positive: other faces load and give no force",
+        "`block.obj` has normals: an OBJ without them makes the reader of CHAI3D 3.3 crash now and "
+        "then, by what happens to lie on its stack",
+        "on a device the program limits the force on the hand to 3 N (the weakest listed device "
+        "bears 3.3 N at its peak), or less where the device bears less; a block that needs more "
+        "says so, `--limit` raises it; in a program of your own pass the force through "
+        "`cForceGuard`",
         "its own vibration effect is a steady sine; `ReleaseRing.h` is a decaying one, fired when "
         "the proxy leaves the notch",
     ),

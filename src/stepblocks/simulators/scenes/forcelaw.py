@@ -73,6 +73,9 @@ FORCELAW = SceneFormat(
         "with `math.h` alone and no allocation: for OpenHaptics' servo callback or Haply's loop",
         "`cc -O2 force_law_demo.c -lm -o force_law_demo && ./force_law_demo` is the same "
         "demonstration in C",
+        "the force on a hand is limited to 3 N (`LIMIT`, `FORCE_LAW_LIMIT`; the weakest listed "
+        "device bears 3.3 N at its peak): a release that needs more is clipped and counted in "
+        "`limited`; raise it for a device and a hand that bear more",
         "`path.csv` is the path of the ball's centre: the only geometry that the force depends on",
         "`force-up.csv` and `force-down.csv`: pulling force over the hand's position along the "
         "drag (descending x for the second) at the stated load, without the ring",

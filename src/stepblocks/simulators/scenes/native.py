@@ -31,10 +31,11 @@ NATIVE = SceneFormat(
     settings=(
         "`stepblocks.h` is the whole interface, for C99 and C++: load, friction, tip, spring and "
         "ring of each block can be changed while it runs",
-        "`sb_tick` allocates nothing; with `SB_FORCE_LIMIT`, `SB_RISE` and `SB_WATCHDOG` it limits "
-        "the force, lets it grow slowly at the start, and switches it off after a late tick until "
-        "the hand has let go; an input that is not a number gives the last good force, ramped to "
-        "zero, and is counted",
+        "`sb_tick` allocates nothing; it limits the force on a hand to 3 N (`SB_FORCE_LIMIT`; the "
+        "weakest listed device bears 3.3 N; a release that needs more is clipped), lets "
+        "it grow slowly at the start (`SB_RISE`, which the components set to 1 s), and switches it "
+        "off after a late tick until the hand has let go (`SB_WATCHDOG`, 50 ms); an input that is "
+        "not a number gives the last good force, ramped to zero, and is counted",
         "`sb_tick_loaded` is for inputs without a height: mouse, gamepad, linear stage",
         "`stepblocks_native.py` is the same from Python by ctypes, with the standard library alone",
         "`StepBlocks.cs` is a component for Unity, `StepBlocksComponent.h` and `.cpp` one for "
