@@ -4,12 +4,13 @@ Run from the root of the repository: ``python benchmarks/drag_profiles.py [--cou
 [--scans FOLDER] [-o out/report/drag_profiles.jsonl]``. Five kinds take turns: a step with waviness,
 two steps, a step with a lip, a ramp, and a step in ground texture. The texture comes from the real
 scan in FOLDER (``surfacetopography``, a ground face) where it is given, else from noise of the same
-spectrum. Each profile is dragged over with a hard contact, by `drag_over` and by
-`tests/oracles/rigid_drag.py`, which has its own path, contact, impacts and integrator; and with
-steel on steel, beside equation (1). One line of JSON per profile; a run that was broken off goes on
-where it ended. The last lines of the output are the table: for each kind the profiles, the greatest
-and the median difference of pull and ring energy at the edge that was asked about, and the events
-of the oracle above 1 % of the greatest energy that the drag does not list.
+spectrum. Each profile is dragged over with a hard contact, by `drag_over`, by
+`tests/oracles/rigid_drag.py`, which has its own path, contact, impacts and integrator, and by
+`tests/oracles/elastic_drag.py`, which has the same law of the contact but neither path nor places;
+and with steel on steel, beside equation (1). One line of JSON per profile; a run that was broken
+off goes on where it ended. The last lines of the output are the table: for each kind the profiles,
+how many pulls and ring energies at the edge that was asked about agree with either oracle, and the
+events of the rigid one above 1 % of the greatest energy that the drag does not list.
 """
 
 import argparse
@@ -23,6 +24,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
+from oracles.elastic_drag import elastic_drag, find_corners  # noqa: E402
 from oracles.rigid_drag import RigidPath, events_of, rigid_drag  # noqa: E402
 from stepblocks.contact.counterface import Profile  # noqa: E402
 from stepblocks.contact.laws import LinearContact  # noqa: E402
@@ -114,9 +116,22 @@ def compare(number, kind, rng, scan):
         start=float(done.frame.x_m.iloc[0]),
         end=float(done.frame.handle_m.iloc[-1]),
     )
+    damper = 2.0 * probe.damping_ratio * math.sqrt(probe.stiffness * probe.mass)
+    elastic = elastic_drag(
+        find_corners(x, z),
+        radius=R,
+        contact=(probe.contact_stiffness, probe.contact_power, probe.contact_loss),
+        friction=FRICTION,
+        modes=[(probe.stiffness, probe.mass, damper)],
+        load=LOAD,
+        speed=SPEED,
+        start=float(done.frame.x_m.iloc[0]),
+        end=float(done.frame.handle_m.iloc[-1]),
+    )
     level = FRICTION * LOAD
-    expected = events_of(
-        rows, path, level=level, stiffness=probe.stiffness, frequency=probe.frequency
+    expected, soft = (
+        events_of(one, path, level=level, stiffness=probe.stiffness, frequency=probe.frequency)
+        for one in (rows, elastic[:, :3])
     )
     found = done.events
     record = {
@@ -130,24 +145,28 @@ def compare(number, kind, rng, scan):
         "texture_hides_step_m": done.summary.get("texture_hides_step_m"),
         "ledger_error": float(found.ledger_error.max()) if len(found) else 0.0,
     }
-    caught = [one for one in expected if one["rise_n"] > 0.02]
+    caught, held = ([one for one in each if one["rise_n"] > 0.02] for each in (expected, soft))
     strongest = max((one["pull_n"] ** 2 for one in caught), default=0.0)
     large = [one for one in caught if one["pull_n"] ** 2 > 0.01 * strongest + level**2]
     missed = [one for one in large if not len(found) or np.abs(found.x_m - one["x_m"]).min() > NEAR]
     record["missed"] = len(missed)
     asked = found[(found.belongs_to == "feature") & (found.status == "releases")]
-    if len(asked) and caught:
-        own = asked.iloc[0]
-        other = min(caught, key=lambda one: abs(one["x_m"] - own.x_m))
-        if abs(other["x_m"] - own.x_m) < NEAR:
-            record["pull_n"], record["expected_pull_n"] = float(own.pull_n), other["pull_n"]
-            record["ring_j"] = float(own.vibration_energy_j)
-            record["expected_ring_j"] = other["ring_j"]
-            record["pull_difference"] = own.pull_n / other["pull_n"] - 1.0
-            # against what is stored, for a ring that nearly vanishes has no share of its own
-            record["energy_difference"] = (
-                own.vibration_energy_j - other["ring_j"]
-            ) / own.stored_energy_j
+    if not len(asked):
+        return record
+    own = asked.iloc[0]
+    record["pull_n"], record["ring_j"] = float(own.pull_n), float(own.vibration_energy_j)
+    for name, events in (("", caught), ("elastic_", held)):
+        other = min(events, key=lambda one: abs(one["x_m"] - own.x_m), default=None)
+        if other is None or abs(other["x_m"] - own.x_m) >= NEAR:
+            continue
+        # against what is stored, for a ring that nearly vanishes has no share of its own
+        ring = (own.vibration_energy_j - other["ring_j"]) / own.stored_energy_j
+        record |= {
+            f"{name}expected_pull_n": other["pull_n"],
+            f"{name}expected_ring_j": other["ring_j"],
+            f"{name}pull_difference": float(own.pull_n / other["pull_n"] - 1.0),
+            f"{name}energy_difference": float(ring),
+        }
     return record
 
 
@@ -158,25 +177,31 @@ def tabulate(records):
         "answered",
         "pull within 1 %",
         "energy within 3 %",
+        "pull within 1 %, elastic",
+        "energy within 3 %, elastic",
         "median pull difference",
+        "missed events",
+        "texture hides steps of, um",
     )
     print("Random surfaces, by kind")
-    print("| kind |", " | ".join((*head, "missed events", "texture hides steps of, um")), "|")
-    print("|---" * 8 + "|")
+    print("| kind |", " | ".join(head), "|")
+    print("|---" * 10 + "|")
     for kind in (*KINDS, "all"):
         given = [one for one in records if kind in ("all", one["kind"])]
         own = [one for one in given if "failed" not in one]
-        held = [one for one in own if "pull_difference" in one]
-        pull = np.abs([one["pull_difference"] for one in held])
-        energy = np.abs([one["energy_difference"] for one in held])
+        cells = [f"{len(given)} | {len(own)}"]
+        for oracle in ("", "elastic_"):
+            for name, most in (("pull", PULL), ("energy", ENERGY)):
+                key = f"{oracle}{name}_difference"
+                apart = np.abs([one[key] for one in own if key in one])
+                cells.append(f"{int((apart < most).sum())} of {len(apart)}")
+        pull = np.abs([one["pull_difference"] for one in own if "pull_difference" in one])
         floor = [one["texture_hides_step_m"] for one in own if one["texture_hides_step_m"]]
-        cells = (
-            f"{len(given)} | {len(own)} | {int((pull < PULL).sum())} of {len(held)}",
-            f"{int((energy < ENERGY).sum())} of {len(held)}",
-            f"{np.median(pull):.2%}".replace("%", " %") if held else "-",
+        cells += [
+            f"{np.median(pull):.2%}".replace("%", " %") if pull.size else "-",
             f"{sum(one['missed'] for one in own)}",
             f"{1e6 * np.median(floor):.2f}" if floor and kind in ("wavy", "ground") else "-",
-        )
+        ]
         print(f"| {kind} | {' | '.join(cells)} |")
 
 

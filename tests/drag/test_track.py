@@ -156,9 +156,12 @@ def test_over_real_ground_texture_the_ledger_closes_where_it_did_not(number, har
 
 
 def test_a_place_that_does_not_catch_the_tip_says_whether_it_flew_or_slid():
-    # 0.45 um of indentation (Hertz, 0.5 N) presses a step of 10 nm flat; 80 um throw the tip over
-    # an edge 10 um behind them, which was asked about and is no bound on the pull before it
-    slid = drag_over(Step(10e-9), load=0.5, speed=0.5e-3).trace
+    # 0.45 um of indentation (Hertz, 0.5 N) presses a step of 30 nm flat, 30 um behind one; 80 um
+    # throw the tip over an edge 10 um behind them, which was asked about and is no bound on the
+    # pull before it
+    x = np.array([-0.2e-3, -1e-9, 0.0, 30e-6, 30.001e-6, 0.2e-3])
+    z = np.array([0.0, 0.0, 30e-9, 30e-9, 62e-9, 62e-9])
+    slid = drag_over(Profile(x, z), load=0.5, speed=0.5e-3).trace
     assert slid.status == "run-over"
     assert "slides" in slid.reason
     assert slid.column("normal_n").min() > 0.0

@@ -318,15 +318,6 @@ class Profile(Counterface):
         for name in ("x", "z"):
             object.__setattr__(self, name, read_lengths(name, getattr(self, name)))
         require_points(self.x, self.z)
-        falls = np.flatnonzero(np.diff(self.x) < 0.0)
-        if falls.size:
-            n = int(falls[0]) + 1
-            raise ContactError(
-                f"profile positions must not decrease, point {n} lies at {self.x[n]:g} m "
-                f"behind {self.x[n - 1]:g} m; sort the points"
-            )
-        if self.x[-1] == self.x[0]:
-            raise ContactError("profile must extend along x, got a single position")
         if self.feature is not None:
             first, last = (read_number("feature", one, "length") for one in self.feature)
             if not self.x[0] <= first < last <= self.x[-1]:

@@ -77,13 +77,22 @@ def require_finite(name: str, value: Real, unit: str = "") -> None:
 
 
 def require_points(x: NDArray[np.float64], z: NDArray[np.float64]) -> None:
-    """Refuse a profile that is not two rows of one length."""
+    """Refuse a profile that is not two rows of one length, or whose positions do not ascend."""
     if x.ndim != 1 or x.shape != z.shape:
         raise ContactError(
             f"profile needs x and z of one equal length, got shapes {x.shape} and {z.shape}"
         )
     if x.size < 2:
         raise ContactError(f"profile needs at least 2 points, got {x.size}")
+    falls = np.flatnonzero(np.diff(x) < 0.0)
+    if falls.size:
+        n = int(falls[0]) + 1
+        raise ContactError(
+            f"profile positions must not decrease, point {n} lies at {x[n]:g} m behind "
+            f"{x[n - 1]:g} m; sort the points"
+        )
+    if x[-1] == x[0]:
+        raise ContactError("profile must extend along x, got a single position")
 
 
 def unwrap_scalar(value: Real) -> Real:

@@ -100,13 +100,13 @@ class RodRing:
     def as_tool(self, like: Tool = PAPER.tool) -> Tool:
         """Return the tool that rings so, like another in all else."""
         deviation = like.frequency_deviation * self.frequency / like.frequency  # the same share
-        rung = replace(
+        return replace(
             like,
+            stiffness=self.stiffness,
             frequency=self.frequency,
             frequency_deviation=deviation,
             decay_time=self.decay_time,
         )
-        return replace(rung, stiffness=self.stiffness)
 
     def mean_energy(self, duration: float) -> float:
         """Return the mean over a time of the ring's energy, that at the start taken as 1."""

@@ -84,16 +84,20 @@ class Track(CentrePath):
         """List the kinks at which two contacts share the load and part before the next one is near.
 
         One whose branches, continued half way to a sharper kink or to the end of a window [m], do
-        not fall below the path by `depth` [m], is texture that the contact presses flat.
+        not fall below the path by `depth` [m], is texture that the contact presses flat. One
+        without another in reach of the window and of the patch of contact is a low step.
         """
         places = self.x[self.kinks]
+        away = np.diff(places, prepend=-math.inf, append=math.inf)
+        patch = math.sqrt(self.ball_radius * depth)
+        alone = np.minimum(away[:-1], away[1:]) > 2.0 * max(window, patch)
         kept: list[int] = []
         before, behind = (np.arctan(one[self.kinks]) for one in self.slopes)
         for n in np.argsort(before - behind, kind="stable").tolist():
             steps = 0.5 * np.abs(places[kept] - places[n]).min(initial=2.0 * window) * _PARTING
             c0, s0, b0 = self.branches[n].T[:, :, None]
             apart = self.evaluate(places[n] + steps)[0] - (c0 + steps * (s0 + steps * b0))
-            if apart.min() >= -0.1 * depth and apart[:, -1].min() >= depth:
+            if apart.min() >= -0.1 * depth and (alone[n] or apart[:, -1].min() >= depth):
                 kept.append(n)
         return np.array(sorted(kept), dtype=np.int64)
 

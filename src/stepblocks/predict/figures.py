@@ -111,16 +111,15 @@ def draw_energy_of_height(
         ),
         fontsize=9,
     )
-    for height in marks:
-        axis.plot(
-            height * 1e6,
-            0.0,
-            "|",
-            ms=9,
-            color="k",
-            transform=axis.get_xaxis_transform(),
-            clip_on=False,
-        )
+    axis.plot(
+        1e6 * np.array(marks),
+        np.zeros(len(marks)),
+        "|",
+        ms=9,
+        color="k",
+        transform=axis.get_xaxis_transform(),
+        clip_on=False,
+    )
     axis.legend(fontsize=8)
     save_figure(figure, path)
 
@@ -152,8 +151,8 @@ def draw_margin_map(
         held = np.where(np.isinf(force), 1.0, np.nan)
         axis.contourf(across, along, held, levels=[0.5, 1.5], colors="none", hatches=["//"])
         axis.axhline(100.0, color=_RED, lw=0.8, ls="--")
-        for gap, discrepancy in marks:
-            axis.plot(discrepancy * 1e6, gap * 1e6, "o", ms=4, mfc="none", color="k")
+        marked_gaps, marked_discrepancies = 1e6 * np.array(marks).reshape(-1, 2).T
+        axis.plot(marked_discrepancies, marked_gaps, "o", ms=4, mfc="none", color="k")
         axis.set(xlabel="discrepancy, tooth over crown [um]", ylabel="gap [um]")
         axis.set_title(f"{name} (white: no catch, hatched: held)", fontsize=9)
     figure.colorbar(mesh, ax=list(axes), label="peak force $F_{px}$ [N]")

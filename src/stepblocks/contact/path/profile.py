@@ -100,13 +100,6 @@ def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
         raise ContactError("profile heights must be finite or NaN for missing, got an infinity")
     if np.isfinite(zs).sum() < 2:
         raise ContactError("profile needs at least 2 heights that are not NaN")
-    if (np.diff(xs) < 0.0).any():
-        raise ContactError(
-            "profile positions must not decrease, they do at point "
-            f"{int(np.argmin(np.diff(xs))) + 1}"
-        )
-    if xs[-1] == xs[0]:
-        raise ContactError("profile must extend along x, got a single position")
     return xs, zs
 
 
