@@ -191,6 +191,7 @@ def test_points_at_any_distance_are_the_same_profile(tmp_path):
             ["step-050", "--stimuli", str(STIMULI), "--step-height", "1 um"],
             "--step-height is for a declared tip",
         ),
+        (["25 um", "--step-height", "60 um"], "step_height is for a declared tip"),
         (["step-050", "--stimuli", "nowhere"], "--stimuli: path 'nowhere' does not exist"),
         (["25 um", "--friction", "-0.1"], "friction must be finite and not negative"),
         (["25 um", "--tip-radius", "0 um"], "radius must be positive"),
@@ -270,5 +271,5 @@ def test_a_profile_in_millimetres_is_the_profile_in_micrometres(tmp_path):
     assert isinstance(um, Profile)
     assert um.z == pytest.approx(mm.z)
     assert um.angles(125e-6)[0] == pytest.approx(Step(30e-6).angles(125e-6)[0], rel=1e-9)
-    with pytest.raises(PipelineError, match="a profile has its own"):
+    with pytest.raises(PipelineError, match="has its own shape"):
         resolve_subject(tmp_path / "um.csv", {"edge_radius": 1e-6})

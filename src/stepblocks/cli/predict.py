@@ -136,12 +136,10 @@ def _predict_as_built(
         one.name: tuple(as_built.predict_from_surfaces(by_name[one.name], one, records))
         for one in sets
     }
-    if all(record.surface is None for record in records.values()):
-        rows = [format_row(one) for predictions in by_name.values() for one in predictions]
-        return sets, by_name, rows
+    scanned = any(record.surface is not None for record in records.values())
     surfaces = {one.name: as_built.prepare_surface_releases(one, records) for one in nominal}
     rows = [
-        format_row(one) | as_built.format_surface_columns(surfaces[name](one))
+        format_row(one) | (as_built.format_surface_columns(surfaces[name](one)) if scanned else {})
         for name, predictions in by_name.items()
         for one in predictions
     ]

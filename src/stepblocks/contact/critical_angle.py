@@ -24,8 +24,6 @@ def find_step_angle(height: float, ball_radius: float, edge_radius: float = 0.0)
 def find_step_angle(
     height: Array | Sequence[float], ball_radius: Real, edge_radius: Real = 0.0
 ) -> Array: ...
-@overload
-def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> float | Array: ...
 def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real:
     """Critical angle where a ball on the lower face meets the edge of a step.
 
@@ -70,10 +68,6 @@ def find_margin_angles(opening: float, rise: float, ball_radius: float) -> tuple
 def find_margin_angles(
     opening: Array | Sequence[float], rise: Real, ball_radius: Real
 ) -> tuple[Array, Array]: ...
-@overload
-def find_margin_angles(
-    opening: Real, rise: Real, ball_radius: Real
-) -> tuple[float, float] | tuple[Array, Array]: ...
 def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
     """Critical angles over a margin or a groove.
 

@@ -188,8 +188,7 @@ def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
     shape = shapes[:, 0]
     energies = np.array([shape @ part @ shape for part in parts])
     shares = energies / energies.sum()
-    push = np.zeros(total.shape[0])
-    push[-2] = 1.0
+    push = np.eye(total.shape[0])[-2]
     unit = rod.bending_stiffness / rod.length**3
     frequency = math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length)) / math.tau
     stiffness = unit / float(solve(total, push, assume_a="pos")[-2])
@@ -353,10 +352,8 @@ def compute_finger_share(
     displaced = hand.handle_mass + rod.line_mass * rod.length + rod.end_mass
     mass = np.diag([*np.ones(n), displaced, hand.mass])
     mass[n, :n] = mass[:n, n] = momentum
-    grasp = np.zeros(n + 2)
-    grasp[n:] = 1.0, -1.0
-    arm = np.zeros(n + 2)
-    arm[n + 1] = 1.0
+    handle, arm = np.eye(n + 2)[n:]
+    grasp = handle - arm
     spring = np.diag([*(w**2), 0.0, 0.0]) + hand.grasp_stiffness * np.outer(grasp, grasp)
     spring += hand.arm_stiffness * np.outer(arm, arm)
     damper = np.diag([*(w * [one.loss_factor for one in modes]), 0.0, 0.0])

@@ -40,35 +40,39 @@ def resolve_subject(
 ) -> Subject:
     """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
     if not isinstance(given, (str, Path)):
-        face = take_counterface(given)
-        for name in ("edge_radius", "step_height"):
-            if name in values:
-                raise PipelineError(f"{name} is for a plain step; {face!r} has its own shape")
-        return Subject("a counterface", face, change_point(PAPER, values))
+        return _take_surface("a counterface", take_counterface(given), values)
     if (path := Path(given)).suffix.lower() == ".csv":
-        if "edge_radius" in values:
-            raise PipelineError(
-                f"--edge-radius is for a plain step; a profile has its own [{path}]"
-            )
         frame = read_table(path)
         columns = read_si_columns(
             frame, {name: ([name], "length", None) for name in ("x", "z")}, path
         )
         try:
-            shape = Profile(columns["x"], columns["z"])
-            return Subject(
-                format_file_name(path.name), shape, change_point(PAPER, values), f"[{path}]"
-            )
+            face = Profile(columns["x"], columns["z"])
         except ContactError as error:
             raise PipelineError(f"{error} [{path}]") from error
+        return _take_surface(format_file_name(path.name), face, values, f"[{path}]")
     try:
         height = parse_quantity(str(given), "length")
     except QuantityError:
         return _resolve_declared_part(*_find_declared_part(str(given), stimuli), values, backward)
+    if "step_height" in values:
+        raise PipelineError(f"step_height is for a declared tip, the step here is {given}")
     face = Step(height, values.get("edge_radius", 0.0))
     return Subject(
         f"a step of {format_quantity(height, 'length')}", face, change_point(PAPER, values)
     )
+
+
+def _take_surface(
+    name: str, face: Counterface, values: Mapping[str, float], place: str = ""
+) -> Subject:
+    # Take a surface under the paper's conditions; its shape is its own
+    for size in ("edge_radius", "step_height"):
+        if size in values:
+            raise PipelineError(
+                f"{size} is for a plain step; {face!r} has its own shape {place}".rstrip()
+            )
+    return Subject(name, face, change_point(PAPER, values), place)
 
 
 def _resolve_declared_part(

@@ -49,11 +49,9 @@ def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
     """
     frame = _require_frame(table)
     names = _find_dimensions(frame)
+    indexed = frame.set_index(names) if names else frame.rename_axis("row")
     try:
-        if names:
-            found = frame.set_index(names).to_xarray()
-        else:
-            found = frame.rename_axis("row").to_xarray()
+        found = indexed.to_xarray()
     except ImportError as error:
         raise PipelineError(
             "a Dataset needs xarray: install the extra with pip install 'stepblocks[xarray]'"

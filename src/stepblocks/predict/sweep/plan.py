@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.contact.laws import build_laws
-from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS
+from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, Tool
 from stepblocks.contact.uncertainty import convert_half_widths
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError, QuantityError, StepblocksError
@@ -359,7 +359,10 @@ def read_sweep_stimuli(
         raise PipelineError(f"a sweep goes over blocks or crowns, got a {surface} in {path}")
     return (
         surface,
-        [_read_axis_point(part, SURFACES[surface], tolerances) for part in chosen],
+        [
+            _read_axis_point(part, SURFACES[surface], tolerances, declared.prediction.as_tool())
+            for part in chosen
+        ],
         declared.prediction,
     )
 
@@ -386,7 +389,7 @@ def _find_surface(part: Part) -> str:
     )
 
 
-def _read_axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> Document:
+def _read_axis_point(part: Part, columns: dict[str, str], tolerances: bool, tool: Tool) -> Document:
     named = {columns[name]: part.sizes[name] for name in columns if name in part.sizes}
     values = {
         name: find_zone_middle(one) if tolerances else one.nominal for name, one in named.items()
@@ -396,4 +399,7 @@ def _read_axis_point(part: Part, columns: dict[str, str], tolerances: bool) -> D
         if tolerances
         else {}
     )
-    return {"id": part.id, "values": values, "spreads": spreads}
+    wall = part.tissue(tool)
+    # N/m, N s/m at 1 Hz, N: the damping falls with the frequency of the ring
+    tissue = [wall.stiffness, wall.damping * tool.frequency, wall.friction]
+    return {"id": part.id, "values": values, "spreads": spreads, "tissue": tissue}

@@ -13,7 +13,7 @@ from stepblocks.contact import Array, kernels
 from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.laws import build_laws
-from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
+from stepblocks.contact.operating_point import Limits, OperatingPoint, Tissue, Tool
 from stepblocks.errors import ContactError
 from stepblocks.predict.predictions import drag_in_time
 from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan
@@ -214,8 +214,12 @@ def _make_condition(
     limits = Limits(**plan.limits)
     tool = Tool(one["stiffness"], one["conversion"], frequency=one["frequency"], limits=limits)
     friction, contact = laws.get("friction", one["friction"]), laws.get("contact")
+    tissue = Tissue()
+    if plan.stimuli:
+        wall, damping, rubbed = plan.stimuli[int(one["stimulus"])]["tissue"]
+        tissue = Tissue(wall, damping / tool.frequency, rubbed)
     return face, OperatingPoint(
-        one["tip_radius"], one["normal_load"], friction, tool, contact=contact
+        one["tip_radius"], one["normal_load"], friction, tool, tissue=tissue, contact=contact
     )
 
 
