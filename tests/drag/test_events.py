@@ -339,6 +339,7 @@ def test_a_drag_plots_on_axes_is_short_to_print_and_can_be_pickled():
         ({"edge_radius": 20e-6}, "edge_radius is for a plain step"),
         ({"step_height": 20e-6}, "step_height is for a plain step"),
         ({"handle_mass": 0.1}, "for a handle that a pull moves"),
+        ({"speed": 1e-3, "pull": 1.0}, "speed must not be given beside pull"),
         ({"load": "3 m"}, "load must be a force"),
         ({"load": [1.0, 2.0]}, r"load must be one number \[N\], got list"),
         ({"x_range": (0.0, 1e-4)}, "x_range is for a profile"),

@@ -117,3 +117,10 @@ def test_a_tool_is_an_object_too():
 def test_what_is_no_law_is_one_clear_error(call, message):
     with pytest.raises(ContactError, match=message):
         call()
+
+
+@pytest.mark.parametrize("wrong", [math.nan, -0.1, math.inf])
+def test_a_law_that_gives_no_coefficient_on_the_way_is_an_error_and_no_locked_tip(wrong):
+    law = FrictionLaw(lambda speed, load, place, time: 0.1 if time < 2e-3 else wrong)
+    with pytest.raises(ContactError, match="all through the drag, got"):
+        drag_over("25 um", friction=law)

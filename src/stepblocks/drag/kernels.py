@@ -313,10 +313,8 @@ def integrate(
         ended = leaves or gauge > limit or n == steps - 1 or finished or over
         # ---- the ledger, by the very velocities that the step uses; where the run ends the last
         # kick counts to its middle only, and so does a kick at which the ledger is noted
-        for part in range(2):
-            if part == 1 and ended:
-                break
-            w = 0.5 * h
+        w = 0.5 * h
+        for part in range(1 if ended else 2):
             if driven:
                 ledger[0] += (spring + tug) * mh * w
                 ledger[7] += tug * (mh - mx) * w

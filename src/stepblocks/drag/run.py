@@ -302,6 +302,8 @@ def drag_over(
     usual = {"load": named.normal_load, "friction": named.friction} if named else {}
     given = usual | _read_values(values)
     settings = {name: given[name] for name in _OF_SETTINGS if name in given}
+    if "pull" in given and "speed" in given:
+        raise PipelineError("speed must not be given beside pull, which moves the handle")
     if pull := given.get("pull"):
         settings |= {
             "speed": 0.0,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact.energy import Status
-from stepblocks.contact.laws import compile_coefficient
+from stepblocks.contact.laws import FrictionLaw, compile_coefficient
 from stepblocks.drag import kernels
 from stepblocks.drag.catches import CatchPlaces, find_asked_place
 from stepblocks.drag.probe import DragSettings, Probe
@@ -212,8 +212,8 @@ def simulate_drag(
         ),
         None if own is None else compile_coefficient(own.coefficient),
     )
-    if not np.isfinite(rows[:count]).all():
-        raise ContactError("the law of friction returned no number during the drag")
+    if own is not None:
+        _check_law(own, rows[:count])
     events = tuple(_list_events(passed[:passes], places, needed, settings))
     trace = DragTrace(
         rows=rows[:count].copy(),
@@ -241,6 +241,18 @@ def simulate_drag(
     ):
         return trace
     return _report_asked_place(trace, wanted, places, needed)
+
+
+def _check_law(law: FrictionLaw, rows: NDArray[np.float64]) -> None:
+    # Refuse a law that gave no coefficient on the way: the tip would stick, or be driven
+    touching = rows[rows[:, kernels.COLUMNS.index("normal_n")] > 0.0]
+    for time, _, _, x, _, speed, _, _, load, _ in touching.tolist():
+        value = law.coefficient(speed, load, x, time)
+        if not 0.0 <= value < math.inf:
+            raise ContactError(
+                "a law of friction must give a finite coefficient of at least 0 all through the "
+                f"drag, got {value:g} at {speed:.3g} m/s, {load:.3g} N, {x:.4g} m and {time:.4g} s"
+            )
 
 
 def _list_events(

@@ -47,10 +47,10 @@ def resolve_subject(
             frame, {name: ([name], "length", None) for name in ("x", "z")}, path
         )
         try:
-            face = Profile(columns["x"], columns["z"])
+            profile = Profile(columns["x"], columns["z"])
         except ContactError as error:
             raise PipelineError(f"{error} [{path}]") from error
-        return _take_surface(format_file_name(path.name), face, values, f"[{path}]")
+        return _take_surface(format_file_name(path.name), profile, values, f"[{path}]")
     try:
         height = parse_quantity(str(given), "length")
     except QuantityError:
