@@ -148,7 +148,7 @@ def compare_ratings() -> Iterator[Row]:
     for name, frame in (("clmm tempwarm", rows), ("glmer tempwarm of two categories", two)):
         (effect,) = fit_ordinal_model(frame, "rating", "temp", "judge").effects
         assert (effect.first, effect.second) == ("warm", "cold")
-        yield from compare("levels of participants", name, [math.log(effect.ratio)])
+        yield from compare("levels of participants", name, [effect.difference])
 
 
 def compare_curves() -> Iterator[Row]:
@@ -160,14 +160,14 @@ def compare_curves() -> Iterator[Row]:
     }
     for who, (heights, hits, totals) in (tables | {"who lapses": LAPSED}).items():
         fit = fit_psychometric([h / 50.0 for h in heights], list(hits), list(totals))
-        ours = [math.log(fit.threshold), fit.spread, fit.lapse, fit.deviance]
+        ours = [math.log(fit.equal[0]), fit.spread, fit.lapse, fit.deviance]
         for row, scale in zip(
             compare("psychometric function", f"psyphy participant {who}", ours),
             (fit.spread, fit.spread, 0.1, fit.deviance),
             strict=True,
         ):
             yield *row[:4], scale
-        ends = [fit.threshold_low, fit.threshold_high, 1.0 + fit.weber_low, 1.0 + fit.weber_high]
+        ends = [*fit.equal[1:], 1.0 + fit.weber[1], 1.0 + fit.weber[2]]
         logs = [math.log(end) for end in ends]
         ours = [*logs[:2], *(math.log(value / Z75) for value in logs[2:])]
         name = f"optim participant {who}"

@@ -121,7 +121,7 @@ def judge_estimates(random: Random, effect: float, bad: bool) -> Found:
     frame = estimates(random, effect, bad=bad)
     analysed = experiments._analyse_estimates(frame, math.nan)
     ordinal = fit_ordinal_model(frame, "rating", "condition", "participant")
-    result = StudyResult("virtual", (), frame, ordinal=ordinal, **analysed)
+    result = StudyResult("virtual", (), frame, ordinal={"realism": ordinal}, **analysed)
     found: Found = {"p": {one.name: one.p for one in result.findings()}, "held": {}}
     if effect:
         for one in result.measures:
@@ -130,7 +130,7 @@ def judge_estimates(random: Random, effect: float, bad: bool) -> Found:
                 (gap,) = family
                 found["held"][f"{one.name}, {kind}"] = gap.low < truth < gap.high
         (odds,) = ordinal.effects
-        found["held"]["odds of ratings"] = odds.low < math.exp(GAIN) < odds.high
+        found["held"]["odds of ratings"] = odds.low < GAIN < odds.high
     return found
 
 
@@ -280,7 +280,7 @@ class Lean(Population):
     """A population without intervals of its own, of studies that ask for a change alone."""
 
     def estimate(self, index: int) -> Estimate:
-        return Estimate(math.nan, math.nan, math.nan, math.nan, math.nan)
+        return Estimate(*[math.nan] * 6)
 
 
 class Approximation:

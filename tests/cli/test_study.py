@@ -134,7 +134,7 @@ def test_filled_in_sheets_are_analysed_and_never_overwritten(folder, capsys):
         (
             ["--experiment", "virtual", "--repetitions", "1"],
             3,
-            "odds of a higher rating, vibration-on over vibration-off",
+            "realism: odds of a higher rating, vibration-on over vibration-off",
         ),
         (
             ["--experiment", "constant", "--standard", "step-050", "--repetitions", "2"],

@@ -88,9 +88,7 @@ def test_few_ratings_of_each_participant_do_not_enlarge_the_odds():
         latent = 1.5 * random.standard_normal(10)[who] + 1.2 * on + random.logistic(size=60)
         rating = np.clip(np.round(4.0 + latent), 1, 7)
         frames.append(pd.DataFrame({"rating": rating, "on": on, "who": who.astype(str)}))
-    found = [
-        np.log(fit_ordinal_model(one, "rating", "on", "who").effects[0].ratio) for one in frames
-    ]
+    found = [fit_ordinal_model(one, "rating", "on", "who").effects[0].difference for one in frames]
     assert np.mean(found) == pytest.approx(1.2, abs=2.0 * np.std(found) / np.sqrt(40.0))
     assert np.mean(found) < 1.34
 
@@ -111,14 +109,12 @@ def test_intervals_are_those_of_student_over_participants_and_the_test_is_the_sa
     fit = fit_ordinal_model(ratings(4, 7, 6, 0.4), "rating", "condition", "participant")
     (effect,) = fit.effects
     assert fit.participants["statistic"] == pytest.approx(
-        (np.log(effect.ratio) / effect.error) ** 2, rel=1e-9
+        (effect.difference / effect.error) ** 2, rel=1e-9
     )
     assert (fit.participants["df"], fit.participants["df_error"]) == (1.0, 6.0)
     # two-sided 95 % point of Student's t with 6 degrees of freedom: 2.4469 (any table)
-    assert np.log(effect.high / effect.low) == pytest.approx(
-        2.0 * 2.446912 * effect.error, rel=1e-6
-    )
-    assert (effect.low < 1.0 < effect.high) == (fit.participants["p"] > 0.05)
+    assert effect.high - effect.low == pytest.approx(2.0 * 2.446912 * effect.error, rel=1e-6)
+    assert (effect.low < 0.0 < effect.high) == (fit.participants["p"] > 0.05)
 
 
 def test_too_few_participants_are_refused():
@@ -141,3 +137,40 @@ def test_ratings_that_meet_in_one_category_have_no_finite_odds(seed):
     frame = pd.DataFrame({"who": who.astype(str), "on": vibration, "rating": draws.ravel()})
     with pytest.raises(StudyError, match="no finite odds fit"):
         fit_ordinal_model(frame, "rating", "on", "who")
+
+
+def test_each_of_several_factors_is_tested_beside_the_others_where_cells_outnumber_people():
+    # twelve cells, ten people: all cells at once left an F with no degree of freedom of the error.
+    # Odds of e per doubling of the amplitude, none of frequency and block.
+    shape = (10, 3, 2, 2, 6)
+    random, indices = np.random.default_rng(5), np.indices(shape)
+    who, amplitude, frequency, block, _ = (index.ravel() for index in indices)
+    latent = random.standard_normal(10)[who] + 1.0 * amplitude
+    rating = np.clip(np.round(3.0 + latent + random.logistic(size=who.size)), 1, 7)
+    names = np.array(["0.5", "1", "2"]), np.array(["150 Hz", "300 Hz"])
+    frame = pd.DataFrame(
+        {
+            "participant": who.astype(str),
+            "rating": rating,
+            "amplitude": names[0][amplitude],
+            "frequency": names[1][frequency],
+            "block": block.astype(str),
+        }
+    )
+    factors = ["amplitude", "frequency", "block"]
+    fits = {
+        name: fit_ordinal_model(
+            frame, "rating", name, "participant", [other for other in factors if other != name]
+        )
+        for name in factors
+    }
+    loud = fits["amplitude"]
+    assert (loud.participants["df"], loud.participants["df_error"]) == (2.0, 8.0)
+    assert loud.participants["p"] < 1e-3
+    assert min(fits["frequency"].participants["p"], fits["block"].participants["p"]) > 0.05
+    found = {(one.first, one.second): one for one in loud.effects}
+    for pair, logit in {("1", "0.5"): 1.0, ("2", "1"): 1.0, ("2", "0.5"): 2.0}.items():
+        assert found[pair].low < logit < found[pair].high
+    assert found["2", "0.5"].difference == pytest.approx(
+        found["2", "1"].difference + found["1", "0.5"].difference, abs=1e-9
+    )

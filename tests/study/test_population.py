@@ -3,7 +3,6 @@
 import json
 import math
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,6 +11,7 @@ from scipy import integrate, optimize, stats
 from scipy.special import ndtr
 
 from stepblocks.study.analysis.population import (
+    Estimate,
     Grid,
     Population,
     compare_between,
@@ -136,10 +136,10 @@ def test_a_spread_twice_as_wide_in_one_condition_is_found_and_none_is_not():
     assert none.low < 0.0 < none.high
     assert none.p > 0.05 > apart.p
     assert apart.low < 0.7 < apart.high
-    (difference, low, high), p = compare_between(wide.estimate(1), one.estimate(1))
-    assert low < 0.7 < high
-    assert difference == pytest.approx(apart.value, abs=0.1)
-    assert (p < 0.05) == (low > 0.0)
+    between = compare_between(wide.estimate(1), one.estimate(1))
+    assert between.low < 0.7 < between.high
+    assert between.value == pytest.approx(apart.value, abs=0.1)
+    assert (between.p < 0.05) == (between.low > 0.0)
 
 
 def test_a_lapse_rate_that_takes_from_the_spread_is_not_a_difference():
@@ -173,13 +173,50 @@ def test_the_order_of_conditions_changes_the_sign_alone():
     assert there.p == pytest.approx(back.p, rel=1e-3)
 
 
+def normal(middles, width):
+    """Likelihoods of participants that are normal, all with one width."""
+    axis = np.linspace(-3.0, 3.0, 301)
+    return Population(np.exp(-0.5 * ((axis - middles[:, np.newaxis]) / width) ** 2), (axis,))
+
+
+def test_participants_who_differ_give_student_s_interval_and_who_do_not_that_of_their_answers():
+    # With a narrow width scipy's ttest_1samp of the middles. With one of 0.6 they scatter by less
+    # than each is uncertain: their spread ends at its bound, and what is left is the known error
+    # of a mean, 0.6 / sqrt(8); a limit for an error that participants have to tell was too wide.
+    middles = np.array([-0.42, -0.1, 0.05, 0.16, 0.2, 0.31, 0.47, 0.65])
+    found, exact = normal(middles, 0.05).estimate(0), stats.ttest_1samp(middles, 0.0)
+    ends = exact.confidence_interval()
+    assert found.value == pytest.approx(middles.mean(), abs=2e-3)
+    assert (found.low, found.high) == pytest.approx((ends.low, ends.high), abs=2e-3)
+    assert found.p == pytest.approx(exact.pvalue, abs=1e-3)
+    alike, error = normal(middles, 0.6).estimate(0), 0.6 / math.sqrt(8)
+    known = stats.norm(middles.mean(), error)
+    assert (alike.low, alike.high) == pytest.approx(known.interval(0.95), abs=3e-3)
+    assert alike.p == pytest.approx(2.0 * stats.norm.sf(middles.mean() / error), abs=3e-3)
+
+
+def test_two_groups_of_unequal_size_and_spread_are_compared_as_welch_does():
+    # scipy's ttest_ind without equal variances
+    one = np.array([-0.4, -0.1, 0.1, 0.2, 0.6, 0.9, 0.3])
+    other = np.array([-0.1, 0.0, -0.05, 0.1, -0.2])
+    found = compare_between(normal(one, 0.05).estimate(0), normal(other, 0.05).estimate(0))
+    exact = stats.ttest_ind(one, other, equal_var=False)
+    ends = exact.confidence_interval()
+    assert (found.low, found.high) == pytest.approx((ends.low, ends.high), abs=5e-3)
+    assert found.p == pytest.approx(exact.pvalue, abs=2e-3)
+    assert found.df == pytest.approx(exact.df, rel=0.01)
+
+
 def test_the_order_of_two_groups_turns_their_difference_and_keeps_its_p():
-    one = SimpleNamespace(value=1.0, low=0.7, high=1.6)
-    other = SimpleNamespace(value=1.5, low=1.1, high=1.7)
-    (apart, low, high), p = compare_between(one, other)
-    (back, *ends), same = compare_between(other, one)
-    assert (back, *ends) == pytest.approx((-apart, -high, -low))
-    assert p == pytest.approx(same)
-    # Zou and Donner 2008: where the end that faces zero lies at it, p is 0.05
-    far = SimpleNamespace(value=2.0, low=2.0 - 0.8, high=2.5)
-    assert compare_between(one, far)[1] == pytest.approx(0.05)
+    one = Estimate(1.0, 0.7, 1.6, 0.1, 0.0, 9.0)
+    other = Estimate(1.5, 1.1, 1.7, 0.1, 0.0, 9.0)
+    there, back = compare_between(one, other), compare_between(other, one)
+    assert (back.value, back.low, back.high) == pytest.approx(
+        (-there.value, -there.high, -there.low)
+    )
+    assert there.p == pytest.approx(back.p)
+    assert (there.p < 0.05) == (there.high < 0.0)
+    # an end that the answers leave open is open in the difference as well
+    far = compare_between(one, Estimate(2.0, -math.inf, 2.1, 0.1, 0.0, 9.0))
+    assert far.high == math.inf > -far.low
+    assert far.p == 1.0

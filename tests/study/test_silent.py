@@ -85,11 +85,65 @@ def test_a_label_that_is_not_known_is_refused_with_those_that_are(tmp_path):
         ),
         ({"factors": {"probe": ("a",)}, "between": ("hand",)}, "between must name factors"),
         ({"reference": "wood"}, "reference must be one of bare, hard, soft, got 'wood'"),
+        (
+            {"experiment": "magnitude", "reference": "bare"},
+            "reference is an option of estimates, virtual, not of magnitude",
+        ),
+        (
+            {"experiment": "adaptive", "standard": "step-050", "repetitions": 5},
+            "repetitions is an option of estimates, virtual, constant, magnitude, not of adaptive",
+        ),
     ],
 )
 def test_an_option_that_a_design_does_not_follow_is_refused(tmp_path, options, said):
     with pytest.raises(StepblocksError, match=said):
         design_study(HEIGHTS, tmp_path, seed=1, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "primary", "others"),
+    [
+        ({}, "bias", "bias; absolute error; spread"),
+        (
+            {"experiment": "virtual", "factors": {"amplitude": ("1", "2"), "load": ("1 N", "2 N")}},
+            "realism, load",
+            "spread; realism, amplitude; realism, load",
+        ),
+        ({"experiment": "virtual"}, "realism", "bias; absolute error; spread; realism"),
+        (
+            {"experiment": "constant", "standard": "step-050", "probes": ("bare", "soft")},
+            "spread of comparisons, bare over soft",
+            "spread of comparisons, bare over soft; point of subjective equality, bare over soft",
+        ),
+        (
+            {
+                "experiment": "adaptive",
+                "standard": "step-050",
+                "factors": {"probe": ("bare", "soft"), "hand": ("left", "right")},
+                "between": ("hand",),
+            },
+            "point of subjective equality, bare/left over soft/left",
+            "point of subjective equality, bare/right over soft/right;",
+        ),
+        (
+            {"experiment": "magnitude", "probes": ("bare", "soft")},
+            "exponent, bare minus soft",
+            "exponent, bare minus soft",
+        ),
+        ({"experiment": "magnitude"}, "", "one of none"),
+    ],
+)
+def test_a_misspelt_primary_outcome_is_found_at_the_design(tmp_path, options, primary, others):
+    # of comparisons and magnitudes it was found when all participants had come
+    with pytest.raises(StudyError, match="primary must be one of ") as refused:
+        design_study(HEIGHTS, tmp_path / "one", seed=1, primary="biaas", **options)
+    assert others in str(refused.value)
+    assert not (tmp_path / "one").exists()
+    folder, answers = tmp_path / "two", tmp_path / "answers.csv"
+    design_study(HEIGHTS, folder, seed=1, primary=primary, **{"participants": 4} | options)
+    simulate_study(folder, None, answers, seed=1)
+    if primary:
+        assert analyse_study(folder, [answers]).findings()[0].name == primary
 
 
 def test_magnitudes_are_reported_by_condition(tmp_path):
@@ -274,8 +328,8 @@ def test_estimates_are_analysed_where_fewer_people_than_settings_rated(tmp_path)
     simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2)
     result = analyse_study(tmp_path, [tmp_path / "answers.csv"], tmp_path / "report")
     assert [one.name for one in result.measures] == ["bias", "absolute error"]
-    assert result.ordinal is None
-    assert any("Ratings are not analysed: more participants" in text for text in result.remarks)
+    # each factor by itself leaves the error degrees of freedom
+    assert list(result.ordinal) == ["realism, amplitude", "realism, frequency"]
 
 
 @pytest.mark.filterwarnings("ignore::scipy.linalg.LinAlgWarning")  # on the way to the error

@@ -149,7 +149,7 @@ def test_simulated_ratings_have_the_odds_that_the_observers_give_them():
     assert set(frame["rating"]) <= set(range(1, 8))
     (found,) = fit_ordinal_model(frame, "rating", "condition", "participant").effects
     # "soft" is the last condition, which is rated up
-    assert np.log(found.ratio) == pytest.approx(1.2, abs=3.0 * found.error)
+    assert found.difference == pytest.approx(1.2, abs=3.0 * found.error)
     assert found.error < 0.3
 
 

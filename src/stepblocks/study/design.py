@@ -18,9 +18,11 @@ from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.predict.perception import choose_energies
 from stepblocks.predict.predictions import predict_one
+from stepblocks.quantities import parse_quantity
 from stepblocks.select import matches_pattern
 from stepblocks.study import require
 
+REPETITIONS = 3  # of experiment 1
 MAX_CONDITIONS = 26  # that one participant may meet
 MAX_PARTICIPANTS = 1000
 MAX_TRIALS = 200_000
@@ -396,6 +398,23 @@ def choose_blocks(
     )
     items = tuple(Item(block.id, block.id.upper(), block.height.nominal) for block in blocks)
     return Blocks(items, {block.id: block.counterface() for block in blocks}, point)
+
+
+def check_virtual_factor(name: str, levels: Sequence[str]) -> None:
+    """Refuse a factor of virtual blocks that the program cannot change, or levels of no meaning."""
+    require(
+        name in VIRTUAL_FACTORS,
+        f"a factor of virtual blocks must be one of {', '.join(VIRTUAL_FACTORS)}, got {name!r}",
+    )
+    words = {"vibration": ("vibration-off", "vibration-on"), "block": (REAL, VIRTUAL)}
+    for level in levels:
+        if name in words:
+            require(
+                level in words[name],
+                f"{name} must be one of {', '.join(words[name])}, got {level!r}",
+            )
+        else:
+            require(parse_quantity(level, VIRTUAL_FACTORS[name]) > 0.0, f"{name} must be positive")
 
 
 def find_designed_blocks(

@@ -90,10 +90,10 @@ def read_foreign_judgements(
                 f"the unit of its column right? {at}",
             )
         one.setdefault("stimulus", f"step-{height:03.6g}")
-        one.setdefault("standard_height_um", one["height_um"])
         own, cell = (one["participant"],), (one["participant"], one["condition"], one["stimulus"])
         keys.update([own, cell])
-        planned.append({"trial": str(keys[own]), "repetition": str(keys[cell])} | one)
+        known = {"standard_height_um": one["height_um"], "trial": str(keys[own])}
+        planned.append(known | {"repetition": str(keys[cell])} | one)
     return sheet.join_rows(experiment, [(row, row) for row in planned], ratings)
 
 

@@ -26,9 +26,16 @@ from stepblocks.study.analysis.population import (
 )
 from stepblocks.study.analysis.psychometric import compute_weber, fit_psychometric
 from stepblocks.study.analysis.repeated import average_participants, compare_participants
-from stepblocks.study.analysis.results import Comparisons, Curve, PowerLaw
+from stepblocks.study.analysis.results import (
+    EXPONENT,
+    Comparisons,
+    Curve,
+    PowerLaw,
+    name_contrast,
+)
 from stepblocks.study.design import FACTOR, ORDERS
 from stepblocks.study.simulate import (
+    REALISM,
     Observer,
     estimate_heights,
     rate_realism,
@@ -42,6 +49,8 @@ Texts = Sequence[tuple[str, ...]]
 _Group = tuple[list[str], Population, Grid, tuple[Estimate, Estimate]]
 
 
+# of comparisons, and their axes in the model of a group
+_QUANTITIES = {"spread of comparisons": 1, "point of subjective equality": 0}
 LARGEST_ESTIMATE = 10_000.0  # um; the same for every study, so that it reveals no height
 
 Fields = dict[str, Any]  # of a `StudyResult`, by name
@@ -66,6 +75,8 @@ class Experiment:
         tidy table, in SI.
     simulate : callable
         Takes trials, observer and generator; returns texts for `answers`.
+    quantities : tuple of str
+        What is tested, beside the ratings.
     analyse : callable
         Takes the tidy table and the margin within which conditions count as equivalent [m];
         returns fields of `StudyResult`.
@@ -84,6 +95,7 @@ class Experiment:
     factors: Mapping[str, Sequence[str]]
     read: Callable[[Row, Row, tuple[int, int]], dict[str, float]]
     simulate: Callable[[Table, Observer, np.random.Generator], Texts]
+    quantities: tuple[str, ...]
     analyse: Callable[[Table, float], Fields]
     takes: tuple[str, ...] = ("factors",)
     paired: bool = False
@@ -172,12 +184,26 @@ def _analyse_estimates(frame: Table, margin: float) -> Fields:
     return {"measures": tuple(found), "remarks": tuple(lacking)}
 
 
+def _name_tests_of_ratings(frame: Table) -> dict[str, str]:
+    # Name the test of each column: of several factors each is tested beside the others, for there
+    # may be more cells than participants
+    factors = [str(name) for name in frame if str(name).startswith(FACTOR)]
+    named = {name: f"{REALISM}, {name.removeprefix(FACTOR)}" for name in factors}
+    return named or {"condition": REALISM}
+
+
 def _analyse_virtual(frame: Table, margin: float) -> Fields:
-    found = _analyse_estimates(frame, margin)
+    found, tests = _analyse_estimates(frame, margin), _name_tests_of_ratings(frame)
     try:
-        return found | {"ordinal": fit_ordinal_model(frame, "rating", "condition", "participant")}
+        fits = {
+            outcome: fit_ordinal_model(
+                frame, "rating", name, "participant", [other for other in tests if other != name]
+            )
+            for name, outcome in tests.items()
+        }
     except StudyError as error:  # the estimates stand by themselves
         return found | {"remarks": (*found["remarks"], f"Ratings are not analysed: {error}.")}
+    return found | {"ordinal": fits}
 
 
 def _read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
@@ -215,12 +241,8 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
         f"{', '.join(f'{value * 1e6:g} um' for value in sorted(frame['standard'].unique()))}",
     )
     standard = float(frame["standard"].iloc[0])
-    names = [name for name in frame if name == "group" or FACTOR in str(name)]
-    settings = (
-        frame[names].astype(str).agg("/".join, axis=1) if names else pd.Series("", frame.index)
-    )
     found, profiles = list[Comparisons](), dict[str, _Group]()
-    for setting, own in frame.groupby(settings):
+    for setting, own in frame.groupby(name_settings(frame)):
         curves = tuple(
             _fit_curve(str(name), one) for name, one in own.groupby("participant", sort=False)
         )
@@ -242,14 +264,31 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
             profiles[str(setting)] = (list(tables.index), model, grid, (equal, spread))
         found.append(one)
     pairs = list(itertools.combinations(profiles, 2))
-    quantities = {"spread of comparisons": 1, "point of subjective equality": 0} if pairs else {}
     return {
         "comparisons": tuple(found),
         "contrasts": {
             quantity: tuple(_compare_settings(index, *pair, profiles) for pair in pairs)
-            for quantity, index in quantities.items()
+            for quantity, index in _QUANTITIES.items()
+            if pairs
         },
     }
+
+
+def name_settings(frame: Table) -> pd.Series:
+    """Name the setting of each comparison: group, and levels of declared factors."""
+    names = [name for name in frame if name == "group" or FACTOR in str(name)]
+    return frame[names].astype(str).agg("/".join, axis=1) if names else pd.Series("", frame.index)
+
+
+def list_outcomes(experiment: str, frame: Table) -> list[str]:
+    """Name the planned tests of judgements, or of the trials of a design."""
+    kind = EXPERIMENTS[experiment]
+    if kind.value == "estimate":
+        ratings = _name_tests_of_ratings(frame) if "realism_rating" in kind.answers else {}
+        return [*kind.quantities, *ratings.values()]
+    names = name_settings(frame) if kind.paired else frame["condition"]
+    pairs = [*itertools.combinations(sorted(set(names)), 2)]
+    return [name_contrast(quantity, *pair) for quantity in kind.quantities for pair in pairs]
 
 
 def _compare_settings(
@@ -260,15 +299,24 @@ def _compare_settings(
         profiles[name] for name in (first, second)
     )
     both = sorted(set(people) & set(others))
-    axis, axis_same = ((found.middles, found.spreads)[index] for found in (grid, same))
+    axis, axis_same = ((each.middles, each.spreads)[index] for each in (grid, same))
     if len(both) > 1 and axis.shape == axis_same.shape and np.allclose(axis, axis_same):
         own = one.profile(index)[[people.index(who) for who in both]]
         facing = other.profile(index)[[others.index(who) for who in both]]
-        comparison = compare_within(own, facing, axis)
-        ends, p = (comparison.value, comparison.low, comparison.high), comparison.p
+        found = compare_within(own, facing, axis)
     else:
-        ends, p = compare_between(means[index], others_means[index])
-    return Interval(first, second, *ends, p, math.nan, math.nan, len(both) - 1.0)
+        found = compare_between(means[index], others_means[index])
+    return Interval(
+        first,
+        second,
+        found.value,
+        found.low,
+        found.high,
+        found.p,
+        effect_size=math.nan,
+        error=math.nan,
+        df=found.df,
+    )
 
 
 def _fit_curve(who: str, own: Table) -> Curve:
@@ -352,8 +400,17 @@ EXPERIMENTS: dict[str, Experiment] = {
         factors={"probe": ("bare", "hard", "soft")},
         read=_read_estimate,
         simulate=_simulate_estimates,
+        quantities=MEASURES,
         analyse=_analyse_estimates,
-        takes=("probes", "factors", "interleaved", "equivalent", "noise"),
+        takes=(
+            "probes",
+            "factors",
+            "interleaved",
+            "equivalent",
+            "noise",
+            "reference",
+            "repetitions",
+        ),
     ),
     "virtual": Experiment(
         title="Virtual blocks: errors and realism",
@@ -363,8 +420,17 @@ EXPERIMENTS: dict[str, Experiment] = {
         factors={"vibration": ("vibration-off", "vibration-on")},
         read=_read_virtual,
         simulate=_simulate_virtual,
+        quantities=MEASURES,
         analyse=_analyse_virtual,
-        takes=("factors", "interleaved", "equivalent", "ratings", "noise"),
+        takes=(
+            "factors",
+            "interleaved",
+            "equivalent",
+            "ratings",
+            "noise",
+            "reference",
+            "repetitions",
+        ),
     ),
     "constant": Experiment(
         title="Comparison with a standard",
@@ -374,8 +440,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         factors={},
         read=_read_comparison,
         simulate=_simulate_comparisons,
+        quantities=tuple(_QUANTITIES),
         analyse=_analyse_comparisons,
-        takes=("probes", "factors", "interleaved", "standard"),
+        takes=("probes", "factors", "interleaved", "standard", "repetitions"),
         paired=True,
     ),
     "magnitude": Experiment(
@@ -386,8 +453,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         factors={"modulus": ("free-modulus",)},
         read=_read_magnitude,
         simulate=_simulate_magnitudes,
+        quantities=(EXPONENT,),
         analyse=_analyse_magnitudes,
-        takes=("probes", "factors", "interleaved"),
+        takes=("probes", "factors", "interleaved", "repetitions"),
     ),
 }
 EXPERIMENTS["adaptive"] = replace(

@@ -4,18 +4,14 @@ import io
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from stepblocks.atomic import replace_bytes
 from stepblocks.page_file import render_page
-from stepblocks.study.analysis.figures import draw_study_figures
+from stepblocks.study.analysis.figures import Panels, draw_study_figures
 from stepblocks.study.analysis.results import FIGURES, StudyResult
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.prose import write_headline
 from stepblocks.tables import format_csv
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Sheets = Mapping[str, Sequence[Mapping[str, str]]]  # rows of a blinded run sheet by participant
 
@@ -51,7 +47,7 @@ def render_study(result: StudyResult) -> str:
         stimuli=frame["stimulus"].nunique(),
         measures=[one.name for one in result.measures],
         groups=any(one.groups for one in result.measures),
-        ordinal=result.ordinal is not None,
+        ordinal=bool(result.ordinal),
         comparisons=bool(result.comparisons),
         power_laws=bool(result.power_laws),
         tools=", ".join(
@@ -68,7 +64,7 @@ def write_figures(result: StudyResult, folder: Path) -> None:
         replace_bytes(folder / f"{name}.csv", format_csv(data, None, "%.8g").encode())
 
 
-def _save(figure: "Figure", form: str) -> bytes:
+def _save(figure: Panels, form: str) -> bytes:
     # Return a figure as a file: the same bytes from the same data
     import matplotlib as mpl
 

@@ -8,7 +8,7 @@ from stepblocks.study.analysis.accuracy import Measure
 from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.analysis.psychometric import compute_weber
 from stepblocks.study.analysis.repeated import compute_bayes_factor
-from stepblocks.study.analysis.results import Finding, StudyResult
+from stepblocks.study.analysis.results import EXPONENT, Finding, StudyResult
 
 _LEVEL = 0.05
 
@@ -33,23 +33,22 @@ def _describe_finding(result: StudyResult, finding: Finding) -> str:
     p = f"p {format_apa_p(finding.corrected)}"
     if (measure := result.measure(finding.name)) is not None:
         return _describe_measure(measure, finding, result.reference, p)
-    if finding.name == "realism" and result.ordinal:
+    if finding.name in result.ordinal:
+        pairs = result.ordinal[finding.name].effects
         ratios = "; ".join(
-            f"{one.ratio:.2g} (95 % {one.low:.2g} to {one.high:.2g}) with {one.first} over "
-            f"{one.second}"
-            for one in result.ordinal.effects
+            f"{math.exp(one.difference):.2g} (95 % {math.exp(one.low):.2g} to "
+            f"{math.exp(min(one.high, 700.0)):.2g}) with {one.first} over {one.second}"
+            for one in pairs
             if result.reference in ("", one.first, one.second)
+            and (len(pairs) == 1 or one.p < _LEVEL)
         )
-        return f"odds ratios of a higher rating of realism: {ratios} ({p})"
-    names = {
-        f"{quantity}, {one.first} over {one.second}": (one, math.exp)
-        for quantity, family in result.contrasts.items()
-        for one in family
-    } | {f"exponent, {one.first} minus {one.second}": (one, float) for one in result.exponents}
-    one, convert = names[finding.name]
+        return f"odds ratios of a higher rating of realism: {ratios or 'no pair differs'} ({p})"
+    one = result.differences()[finding.name]
+    convert = float if finding.name.startswith(EXPONENT) else math.exp
     middle, low, high = (convert(value) for value in (one.difference, one.low, one.high))
-    times = " times" if convert is math.exp else ""
-    return f"{middle:.3g}{times} (95 % {low:.3g} to {high:.3g}, {p})"
+    return (
+        f"{middle:.3g}{' times' if convert is math.exp else ''} (95 % {low:.3g} to {high:.3g}, {p})"
+    )
 
 
 def _describe_measure(measure: Measure, finding: Finding, reference: str, p: str) -> str:
@@ -104,8 +103,9 @@ def _describe_levels(result: StudyResult) -> Iterator[str]:
                 f"(95 % {least:.2g} to {most:.2g}), means over {len(found.people)} participants"
             )
         for curve in found.curves if not found.equal else ():
-            reason = curve.reason or "see the table"
-            yield f"{where}comparisons of participant {curve.who}: {reason}"
+            yield (
+                f"{where}comparisons of participant {curve.who}: {curve.reason or 'see the table'}"
+            )
     for law in result.power_laws:
         where = f"with {law.condition}, " if len(result.power_laws) > 1 else ""
         yield (

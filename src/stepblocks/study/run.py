@@ -14,23 +14,26 @@ import pandas as pd
 from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.page_file import render_page
-from stepblocks.quantities import parse_quantity
 from stepblocks.study import RATINGS, require, sheet
 from stepblocks.study.adaptive import complete_prior
-from stepblocks.study.analysis.accuracy import ANSWER, MEASURES
+from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import (
-    REAL,
-    VIRTUAL,
-    VIRTUAL_FACTORS,
+    REPETITIONS,
     Design,
+    check_virtual_factor,
     choose_blocks,
     design_trials,
     find_designed_blocks,
     name_setting,
 )
 from stepblocks.study.exchange import read_foreign_judgements
-from stepblocks.study.experiments import ALIASES, EXPERIMENTS, refuse_unused_options
+from stepblocks.study.experiments import (
+    ALIASES,
+    EXPERIMENTS,
+    list_outcomes,
+    refuse_unused_options,
+)
 from stepblocks.study.page import render_run_sheets, render_study, write_figures
 from stepblocks.study.simulate import (
     REALISM,
@@ -50,7 +53,7 @@ def design_study(
     seed: int,
     experiment: str = "estimates",
     participants: int = 10,
-    repetitions: int = 3,
+    repetitions: int = REPETITIONS,
     probes: Sequence[str] = (),
     factors: Mapping[str, Sequence[str]] = MappingProxyType({}),
     between: Sequence[str] = (),
@@ -127,6 +130,8 @@ def design_study(
         "standard": standard,
         "trials": trials,
         "prior": prior,
+        "reference": reference,
+        "repetitions": repetitions != REPETITIONS,
     }
     refuse_unused_options(experiment, {name: one for name, one in given.items() if one})
     blocks = choose_blocks(source, only=only)
@@ -155,9 +160,11 @@ def design_study(
         not reference or reference in conditions,
         f"reference must be one of {', '.join(conditions)}, got {reference!r}",
     )
-    names = {"estimates": MEASURES, "virtual": (*MEASURES, REALISM)}.get(experiment, (primary,))
-    rule = f"primary must be one of {'; '.join(names)}"
-    require(not primary or primary in names, f"{rule}, got {primary!r}")
+    tests = list_outcomes(experiment, sheet.split_groups(pd.DataFrame(design.trials)))
+    require(
+        not primary or primary in tests,
+        f"primary must be one of {'; '.join(tests) or 'none'}, got {primary!r}",
+    )
     plan: dict[str, object] = {
         "schema": 1,
         "primary": primary,
@@ -185,23 +192,6 @@ def design_study(
     }
     sheet.write_new_files(Path(folder), files)
     return design
-
-
-def check_virtual_factor(name: str, levels: Sequence[str]) -> None:
-    """Refuse a factor of virtual blocks that the program cannot change, or levels of no meaning."""
-    require(
-        name in VIRTUAL_FACTORS,
-        f"a factor of virtual blocks must be one of {', '.join(VIRTUAL_FACTORS)}, got {name!r}",
-    )
-    words = {"vibration": ("vibration-off", "vibration-on"), "block": (REAL, VIRTUAL)}
-    for level in levels:
-        if name in words:
-            require(
-                level in words[name],
-                f"{name} must be one of {', '.join(words[name])}, got {level!r}",
-            )
-        else:
-            require(parse_quantity(level, VIRTUAL_FACTORS[name]) > 0.0, f"{name} must be positive")
 
 
 def write_sheets(folder: str | Path) -> int:
@@ -290,8 +280,10 @@ def simulate_study(
         If a block has no energy there, a name is unknown, or the answers have no response noise.
     """
     design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
-    levels = (part for row in design for part in name_setting(row).split("/"))
-    known = sorted({row["condition"] for row in design} | {*levels} - {""})
+    known = sorted(
+        {row["condition"] for row in design}
+        | {part for row in design for part in name_setting(row).split("/")} - {""}
+    )
     for option, given in (("damping", damping), ("noise", noise)):
         unknown = sorted(set(given or {}) - set(known))
         if unknown:
@@ -379,7 +371,11 @@ def analyse_study(
             for row in sheet.read_answers(path, design[0]["experiment"])
         ]
         found, plan = sheet.join_answers(design, rows, ratings), sheet.read_plan(Path(folder))[0]
-    options = {"equivalent": not math.isnan(equivalent), "ratings": ratings != RATINGS}
+    options: dict[str, object] = {
+        "equivalent": not math.isnan(equivalent),
+        "ratings": ratings != RATINGS,
+        "reference": reference,
+    }
     refuse_unused_options(found.experiment, {name: one for name, one in options.items() if one})
     named = {"primary": primary, "reference": reference}
     plan |= {name: text for name, text in named.items() if text}
@@ -405,7 +401,7 @@ def study_power(
     measure: str = ANSWER,
     standard: str = "",
     participants: Sequence[int] = (10,),
-    repetitions: Sequence[int] = (3,),
+    repetitions: Sequence[int] = (REPETITIONS,),
     observer: Observer = TYPICAL_OBSERVER,
     analysis: str = "mixed",
     runs: int = 200,

@@ -114,10 +114,9 @@ class _Handler(BaseHTTPRequestHandler):
             if isinstance(run.hand, Mouse):
                 run.hand.post(min(max(float(asked["x"]), -1.0), 1.0), bool(asked["held"]))
             return run.sense()
-        if self.path == "/begin":
-            run.begin()
-        elif self.path == "/undo":
-            run.undo()
+        acts = {"/begin": run.begin, "/undo": run.undo}
+        if self.path in acts:
+            acts[self.path]()
         elif self.path == "/answer":
             run.answer(
                 str(asked["trial"]),

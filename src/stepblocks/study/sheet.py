@@ -21,7 +21,11 @@ from stepblocks.study.adaptive import complete_prior, order_trials
 from stepblocks.study.analysis.people import describe_unlike_participants
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import DESIGN_COLUMNS, FACTOR, WHEN, Item, name_setting
-from stepblocks.study.experiments import EXPERIMENTS, Row, read_number
+from stepblocks.study.experiments import (
+    EXPERIMENTS,
+    Row,
+    read_number,
+)
 from stepblocks.study.simulate import Observer
 from stepblocks.tables import format_csv
 from stepblocks.text_file import measure_file_size
@@ -169,8 +173,9 @@ class Judgements:
 
     def notes(self) -> list[str]:
         """Say what was done about what is missing."""
-        people = self.frame["participant"].nunique()
-        lines = [f"{len(self.frame)} judgements of {people} participants."]
+        lines = [
+            f"{len(self.frame)} judgements of {self.frame['participant'].nunique()} participants."
+        ]
         if self.left:
             lines.append(
                 "Left out entirely, for a condition without any answer: participant "
@@ -178,14 +183,13 @@ class Judgements:
             )
         if self.missing:
             shown = ", ".join(f"{participant}/{trial}" for participant, trial in self.missing[:20])
-            more = " and more" if len(self.missing) > 20 else ""
             lines.append(
-                f"{len(self.missing)} missing judgements (participant/trial {shown}{more}); the "
-                "models are fitted to the others, which is right if they are missing at random."
+                f"{len(self.missing)} missing judgements (participant/trial {shown}"
+                f"{' and more' if len(self.missing) > 20 else ''}); the models are fitted to the "
+                "others, which is right if they are missing at random."
             )
-        conditions = self.frame["condition"].unique()
         for name, own in self.frame.groupby("participant", sort=False):
-            lacking = sorted(set(conditions) - set(own["condition"]))
+            lacking = sorted(set(self.frame["condition"]) - set(own["condition"]))
             if lacking:
                 lines.append(f"Participant {name} has no judgement with {', '.join(lacking)}.")
         return lines + describe_unlike_participants(self.frame, EXPERIMENTS[self.experiment].value)
@@ -358,7 +362,7 @@ def join_rows(
     require(
         not frame.empty, "at least one participant must have answered in every condition, got none"
     )
-    frame = _split_groups(frame)
+    frame = split_groups(frame)
     cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
     for condition, stimulus in sorted(
         cells - set(zip(frame["condition"], frame["stimulus"], strict=True))
@@ -370,8 +374,8 @@ def join_rows(
     return Judgements(experiment, frame, missing, tuple(left))
 
 
-def _split_groups(frame: Table) -> Table:
-    # Drop factors of one level; those that vary between participants only are their group
+def split_groups(frame: Table) -> Table:
+    """Drop factors of one level; those that vary between participants only are their group."""
     names = [name for name in frame if str(name).startswith(FACTOR)]
     own = {name: frame.groupby("participant")[name].nunique().max() for name in names}
     between = [name for name in names if own[name] == 1 and frame[name].nunique() > 1]

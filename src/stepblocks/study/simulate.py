@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from stepblocks.errors import StudyError
 from stepblocks.study import RATINGS, Array, Table, require
@@ -82,10 +83,8 @@ def read_off_height(
         and (np.diff(y) > 0.0).all(),
         "energies must be at least two, positive, and rise with the height",
     )
-    query = np.log(np.asarray(energy, dtype=np.float64))
-    stretch = np.clip(np.searchsorted(x, query) - 1, 0, len(x) - 2)
-    slope = (y[stretch + 1] - y[stretch]) / (x[stretch + 1] - x[stretch])
-    return np.asarray(np.exp(y[stretch] + slope * (query - x[stretch])), dtype=np.float64)
+    line = make_interp_spline(x, y, k=1)  # beyond the ends it goes on
+    return np.asarray(np.exp(line(np.log(np.asarray(energy, dtype=np.float64)))))
 
 
 def simulate_sensation(

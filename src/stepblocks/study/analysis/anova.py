@@ -3,7 +3,7 @@
 import itertools
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,17 +126,15 @@ def run_f_test(
         name = ":".join(names[part.split("(")[1][0]] for part in str(label).split(":"))
         df, squares, f = (float(row[column]) for column in ("df", "sum_sq", "F"))
         terms.append(make_term(name, df, fit.df_resid, squares * scale**2, f))
-    family: Iterable[Interval] = ()
-    if intervals:
-        levels, parameters = (
-            sorted(data["a"].unique()),
-            (fit.params.to_numpy(), fit.cov_params().to_numpy()),
-        )
-        spread, rows = math.sqrt(fit.mse_resid), find_mean_rows(fit.model, data, levels)
-        family = compare_all_pairs(
-            levels, rows, parameters, lambda _: float(fit.df_resid), spread=spread, scale=scale
-        )
-    return FTest(tuple(terms), tuple(family))
+    levels, parameters = (
+        sorted(data["a"].unique()),
+        (fit.params.to_numpy(), fit.cov_params().to_numpy()),
+    )
+    spread, rows = math.sqrt(fit.mse_resid), find_mean_rows(fit.model, data, levels)
+    family = compare_all_pairs(
+        levels, rows, parameters, lambda _: float(fit.df_resid), spread=spread, scale=scale
+    )
+    return FTest(tuple(terms), tuple(family) if intervals else ())
 
 
 def standardise_response(frame: Table, response: str, **names: str) -> tuple[Table, float, float]:

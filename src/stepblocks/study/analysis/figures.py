@@ -2,20 +2,17 @@
 
 from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
 
-from stepblocks.figure_file import take_axes
+from stepblocks.figure_file import Axes, take_axes
 from stepblocks.quantities import format_column_label
 from stepblocks.study import Table
 from stepblocks.study.analysis.repeated import average_participants
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
+Panels: TypeAlias = Any  # a figure of matplotlib, which is loaded when it draws, or its axes
 Result: TypeAlias = Any  # a `StudyResult`, whose own method draws its first figure by this file
 
 _COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
@@ -26,7 +23,7 @@ _INK, _LINE = "#1d2a36", "#999999"
 _SIZE = (7.0, 3.0)  # of a figure across both columns of a journal [inch]
 
 
-def draw_study_figures(result: Result) -> "Iterator[tuple[str, str, Figure, Table]]":
+def draw_study_figures(result: Result) -> Iterator[tuple[str, str, Panels, Table]]:
     """Draw what a study found: name, caption, figure, and the data that are drawn."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -51,15 +48,14 @@ def draw_main_figure(result: Result, ax: "Axes | None" = None) -> "Axes":
     return axes
 
 
-def _draw_estimates(figure: "Figure | SimpleNamespace", result: Result) -> Table:
+def _draw_estimates(figure: Panels, result: Result) -> Table:
     axes, frame = figure.subplots(), result.frame
     groups = list(frame.groupby("condition"))
     top = float(max(frame["height"].max(), frame["estimate"].max())) * 1e6
     axes.plot([0, top], [0, top], color=_LINE, lw=1, label="true height")
     for index, (name, own) in enumerate(groups):
         cells = own.groupby("height")["estimate"].agg(["mean", "std"]).fillna(0.0) * 1e6
-        beside = (index - 0.5 * (len(groups) - 1)) * 0.006 * top
-        x, label = cells.index * 1e6 + beside, str(name)
+        x = cells.index * 1e6 + (index - 0.5 * (len(groups) - 1)) * 0.006 * top  # side by side
         axes.errorbar(
             x,
             cells["mean"],
@@ -68,7 +64,7 @@ def _draw_estimates(figure: "Figure | SimpleNamespace", result: Result) -> Table
             ms=4,
             lw=1.2,
             capsize=3,
-            label=label,
+            label=str(name),
         )
     axes.set(xlabel=format_column_label("height_um"), ylabel=format_column_label("estimate_um"))
     axes.legend(frameon=False)
@@ -81,7 +77,7 @@ def _convert_to_um(table: Table, names: Sequence[str]) -> Table:
     return table.assign(**{name: table[name] * 1e6 for name in names})
 
 
-def _draw_participants(figure: "Figure | SimpleNamespace", result: Result) -> Table:
+def _draw_participants(figure: Panels, result: Result) -> Table:
     rows = []
     panels = np.atleast_1d(figure.subplots(1, len(result.measures)))
     for axes, measure in zip(panels, result.measures, strict=True):
@@ -89,9 +85,8 @@ def _draw_participants(figure: "Figure | SimpleNamespace", result: Result) -> Ta
         table = average_participants(measure.frame) * factor + shift
         x = np.arange(table.shape[1])
         keys = measure.frame.groupby("participant").first()
-        names = sorted(keys["group"].unique()) if "group" in keys else []
-        for who, row in table.iterrows():
-            place = names.index(keys["group"][who]) if names else 0
+        places = pd.factorize(keys.get("group", keys.index == ""), sort=True)[0]
+        for place, (who, row) in zip(places, table.iterrows(), strict=True):
             colour = _COLOURS[place % len(_COLOURS)]
             style = _STYLES[place % len(_STYLES)]
             axes.plot(x, row, style, color=colour, ms=3, lw=0.8, alpha=0.7)
@@ -103,21 +98,27 @@ def _draw_participants(figure: "Figure | SimpleNamespace", result: Result) -> Ta
     return pd.concat(rows)
 
 
-def _draw_ratings(figure: "Figure | SimpleNamespace", result: Result) -> Table:
+def _draw_ratings(figure: Panels, result: Result) -> Table:
     axes, frame = figure.subplots(), result.frame
     shares = frame.groupby("condition")["rating"].value_counts(normalize=True).unstack(0).fillna(0)
     width = 0.8 / shares.shape[1]
     for index, name in enumerate(shares):
         x = shares.index + (index - 0.5 * (shares.shape[1] - 1)) * width
-        hatch = _HATCHES[index % len(_HATCHES)]
-        axes.bar(x, shares[name], width, label=str(name), hatch=hatch, edgecolor="white")
+        axes.bar(
+            x,
+            shares[name],
+            width,
+            label=str(name),
+            hatch=_HATCHES[index % len(_HATCHES)],
+            edgecolor="white",
+        )
     axes.set_xticks(shares.index)
     axes.set(xlabel="rating of realism", ylabel="share of the ratings")
     axes.legend(frameon=False)
     return shares.reset_index()
 
 
-def _draw_curves(figure: "Figure | SimpleNamespace", result: Result) -> Table:
+def _draw_curves(figure: Panels, result: Result) -> Table:
     from scipy.special import ndtr
 
     axes, rows = figure.subplots(), []
@@ -126,12 +127,18 @@ def _draw_curves(figure: "Figure | SimpleNamespace", result: Result) -> Table:
         levels = np.array(sorted({level for one in found.curves for level in one.levels}))
         x = np.geomspace(0.8 * levels.min(), 1.2 * levels.max(), 200)
         for curve in found.curves:
-            share = np.array(curve.hits) / np.array(curve.totals)
-            axes.plot(np.array(curve.levels) * 1e6, share, style[0], ms=3, alpha=0.5, color=colour)
+            axes.plot(
+                np.array(curve.levels) * 1e6,
+                np.array(curve.hits) / np.array(curve.totals),
+                style[0],
+                ms=3,
+                alpha=0.5,
+                color=colour,
+            )
             for level, hits, total in zip(curve.levels, curve.hits, curve.totals, strict=True):
                 rows.append((found.setting, curve.who, level * 1e6, hits, total))
             if fit := curve.fit:
-                rise = ndtr(np.log(x / fit.threshold) / fit.spread)
+                rise = ndtr(np.log(x / fit.equal[0]) / fit.spread)
                 y = fit.lapse + (1.0 - 2.0 * fit.lapse) * rise
                 axes.plot(x * 1e6, y, color=colour, lw=0.7, alpha=0.6)
                 axes.text(x[-1] * 1e6, y[-1], f" {curve.who}", fontsize=6, va="center")
@@ -151,19 +158,18 @@ def _draw_curves(figure: "Figure | SimpleNamespace", result: Result) -> Table:
     return pd.DataFrame(rows, columns=["setting", "participant", "height_um", "higher", "trials"])
 
 
-def _draw_magnitudes(figure: "Figure | SimpleNamespace", result: Result) -> Table:
+def _draw_magnitudes(figure: Panels, result: Result) -> Table:
     axes, keys = figure.subplots(), ["condition", "participant", "height"]
     logs = np.log(result.frame["magnitude"]).groupby([result.frame[key] for key in keys]).mean()
     means = np.exp(logs).reset_index()
-    conditions = list(means["condition"].unique())
-    for (condition, _), own in means.groupby(["condition", "participant"]):
-        place = conditions.index(condition) % len(_COLOURS)
-        x, look = own["height"] * 1e6, {"color": _COLOURS[place], "ms": 3, "lw": 1}
-        known = axes.get_legend_handles_labels()[1]
-        label = f"_{condition}" if condition in known else condition
-        axes.loglog(x, own["magnitude"], _STYLES[place], label=label, **look)
+    for index, (condition, some) in enumerate(means.groupby("condition")):
+        place = index % len(_COLOURS)
+        look = {"color": _COLOURS[place], "ms": 3, "lw": 1}
+        axes.plot([], [], _STYLES[place], label=condition, **look)
+        for _, own in some.groupby("participant"):
+            axes.loglog(own["height"] * 1e6, own["magnitude"], _STYLES[place], **look)
     axes.set(xlabel=format_column_label("height_um"), ylabel="geometric mean of magnitudes")
-    if len(conditions) > 1:
+    if means["condition"].nunique() > 1:
         axes.legend(frameon=False)
     return _convert_to_um(means, ["height"]).rename(columns={"height": "height_um"})
 

@@ -4,6 +4,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,34 +13,10 @@ from scipy import optimize, stats
 from scipy.special import expit, logsumexp
 
 from stepblocks.study import Array, Table, require
+from stepblocks.study.analysis.anova import Interval
 
 _FAR = 300.0  # logits beyond which no rating lies
 _LEVELS = np.linspace(-4.5, 4.5, 31)  # of participants, in their standard deviations
-
-
-@dataclass(frozen=True)
-class OddsRatio:
-    """Odds of a higher rating in one condition over those in another.
-
-    Attributes
-    ----------
-    first, second : str
-        Conditions.
-    ratio, low, high : float
-        Ratio of the odds, with its 95 % interval [1].
-    error : float
-        Standard error of its logarithm, over participants [1].
-    p : float
-        Probability under equal odds, Holm's correction over all pairs.
-    """
-
-    first: str
-    second: str
-    ratio: float
-    low: float
-    high: float
-    error: float
-    p: float
 
 
 @dataclass(frozen=True)
@@ -48,29 +25,34 @@ class OrdinalFit:
 
     Attributes
     ----------
-    effects : tuple of OddsRatio
-        Of every two conditions.
+    effects : tuple of Interval
+        ln(odds of a higher rating) of every two conditions, the later less the earlier; errors
+        over participants, p after Holm's correction over all pairs.
     participants : dict
         statistic, df, df_error and p of an F-test with the participants as independent units.
     """
 
-    effects: tuple[OddsRatio, ...]
+    effects: tuple[Interval, ...]
     participants: dict[str, float]
 
 
-def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: str) -> OrdinalFit:
-    """Fit a proportional-odds model in which participants' levels are normal."""
+def fit_ordinal_model(
+    frame: Table, rating: str, condition: str, participant: str, beside: Sequence[str] = ()
+) -> OrdinalFit:
+    """Fit a proportional-odds model in which participants' levels are normal.
+
+    The condition is tested; other factors `beside` it add to the same logit.
+    """
     # McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
     import pandas as pd
     from statsmodels.stats.multitest import multipletests
 
     require(frame[rating].nunique() > 1, f"{rating} must have at least two different values, got 1")
-    exog = pd.get_dummies(frame[[condition]], prefix="", prefix_sep="", drop_first=True).astype(
-        float
-    )
-    require(exog.shape[1], f"{condition} must have at least two levels")
+    number = frame[condition].nunique() - 1
+    require(number, f"{condition} must have at least two levels")
+    exog = pd.get_dummies(frame[[condition, *beside]], drop_first=True).astype(float)
     who = frame[participant].astype(str)
-    people, number = who.nunique(), exog.shape[1]
+    people = who.nunique()
     require(
         people > number,
         f"more participants than compared conditions must have rated, got {people} for {number}",
@@ -83,6 +65,7 @@ def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: st
         np.isfinite(covariance).all() and not ((np.abs(values) * exog.std() > 8.0).any()),
         f"{rating} must overlap between the levels of {condition}: no finite odds fit",
     )
+    values, covariance = values[:number], covariance[:number, :number]
     # Hotelling: as many independent values as participants estimate the covariance
     statistic = (
         float(values @ np.linalg.solve(covariance, values))
@@ -100,17 +83,19 @@ def fit_ordinal_model(frame: Table, rating: str, condition: str, participant: st
         2.0 * float(stats.t.sf(abs(a) / b, people - 1)) for a, b in zip(logs, errors, strict=True)
     ]
     effects = [
-        OddsRatio(
-            first=conditions[two],
-            second=conditions[one],
-            ratio=math.exp(value),
-            low=math.exp(value - reach * error),
-            high=math.exp(min(value + reach * error, 700.0)),
-            error=error,
-            p=float(p),
+        Interval(
+            conditions[two],
+            conditions[one],
+            value,
+            value - reach * error,
+            value + reach * error,
+            p,
+            math.nan,
+            error,
+            people - 1.0,
         )
         for (one, two), value, error, p in zip(
-            pairs, logs, errors, multipletests(single, method="holm")[1], strict=True
+            pairs, logs, errors, multipletests(single, method="holm")[1].tolist(), strict=True
         )
     ]
     return OrdinalFit(

@@ -10,23 +10,25 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.special import ndtr
-from scipy.stats import norm, t
+from scipy.stats import t
 
 from stepblocks.study import Array, require
-from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z975, find_crossing
+from stepblocks.study.analysis.psychometric import MAX_LAPSE, find_crossing
 
 _LAPSES = np.linspace(0.0, MAX_LAPSE, 6)
+_KNOWN = 1e6  # degrees of freedom of an error that no spread of participants has to tell
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean over participants, of a logarithm, with its 95 % interval by profile likelihood.
+    """A mean over participants, of a logarithm, or a difference of two, with its 95 % interval.
 
     Attributes
     ----------
@@ -36,6 +38,8 @@ class Estimate:
         Standard deviation between participants, of the same logarithm [1].
     p : float
         Probability of a value at least this far from zero if it is zero.
+    df : float
+        Degrees of freedom of its Student's t.
     """
 
     value: float
@@ -43,6 +47,7 @@ class Estimate:
     high: float
     spread: float
     p: float
+    df: float
 
 
 class Grid:
@@ -142,17 +147,22 @@ class Population:
 
     def estimate(self, index: int) -> Estimate:
         """Return the mean over participants along an axis."""
-        place, people, best = 2 * index, len(self._likelihood), self.best
+        place, best = 2 * index, self.best
         middle, spread, nearest = float(best.x[place]), math.exp(best.x[place + 1]), best.x
-        # The likelihood ratio of the mean of a normal sample is n ln(1 + t^2 / (n - 1)). With this
-        # limit the interval is Student's where participants differ much, and a little wider than
-        # that of chi squared where they are alike.
-        limit = people * math.log1p(float(t.ppf(0.975, people - 1)) ** 2 / (people - 1))
+        # The likelihood ratio of the mean of a normal sample is n ln(1 + t^2 / (n - 1)): the
+        # interval is Student's where participants differ. Where they seem alike, their spread
+        # ends at its bound, and the error left is that of their own answers, known from these.
+        alike = best.x[place + 1] < self._bounds[place + 1][0] + 0.01
+        df = _KNOWN if alike else len(self._likelihood) - 1.0
+        limit = (df + 1.0) * math.log1p(float(t.ppf(0.975, df)) ** 2 / df)
 
+        @cache
         def ratio(value: float) -> float:
             nonlocal nearest
-            found = self._maximise(nearest, place, value)
-            nearest = found.x  # the next value is close by
+            # the last optimum may be far away, where a climb can end on another hill
+            tried = [self._maximise(start, place, value) for start in (nearest, best.x)]
+            found = min(tried, key=lambda one: float(one.fun))
+            nearest = found.x
             return 2.0 * (float(found.fun) - float(best.fun))
 
         low, high = (
@@ -161,9 +171,9 @@ class Population:
         )
         p = math.nan
         if self._bounds[place][0] < 0.0 < self._bounds[place][1]:
-            at_zero = (people - 1) * math.expm1(max(ratio(0.0), 0.0) / people)
-            p = 2.0 * float(t.sf(math.sqrt(at_zero), people - 1))
-        return Estimate(middle, low, high, spread, p)
+            at_zero = df * math.expm1(max(ratio(0.0), 0.0) / (df + 1.0))
+            p = 2.0 * float(t.sf(math.sqrt(at_zero), df))
+        return Estimate(middle, low, high, spread, p, df)
 
     def predict_participants(self, index: int) -> Array:
         """Return the mean of each participant's posterior along an axis."""
@@ -200,12 +210,21 @@ def compare_within(one: Array, other: Array, axis: Array) -> Estimate:
     return Population(apart / apart.max(axis=(1, 2), keepdims=True), (steps, _LAPSES)).estimate(0)
 
 
-def compare_between(one: Estimate, other: Estimate) -> tuple[tuple[float, float, float], float]:
-    """Compare two groups of participants: the difference with its 95 % interval, and its p."""
-    # Zou, G. Y., Donner, A. (2008), Statistics in Medicine 27, 1693-1702, doi:10.1002/sim.3095.
-
-    apart = one.value - other.value
-    low = apart - math.hypot(one.value - one.low, other.high - other.value)
-    high = apart + math.hypot(one.high - one.value, other.value - other.low)
-    reach = apart - low if apart > 0.0 else high - apart  # of the end that faces zero
-    return (apart, low, high), 2.0 * float(norm.sf(Z975 * abs(apart) / reach))
+def compare_between(one: Estimate, other: Estimate) -> Estimate:
+    """Compare two groups of participants, `one` minus `other`."""
+    # Half widths of both intervals after Zou, G. Y., Donner, A. (2008), Statistics in Medicine 27,
+    # 1693-1702, doi:10.1002/sim.3095, taken as errors with the degrees of freedom of Welch, B. L.
+    # (1947), Biometrika 34, 28-35, doi:10.1093/biomet/34.1-2.28: of means this is his test.
+    apart, freedom = one.value - other.value, np.array([one.df, other.df])
+    widths = [
+        (one.value - one.low, other.high - other.value),
+        (one.high - one.value, other.value - other.low),
+    ]
+    squares = (np.array(widths) / t.ppf(0.975, freedom)) ** 2
+    with np.errstate(invalid="ignore"):  # an end that the answers leave open has all of the error
+        shares = np.nan_to_num(squares / squares.sum(axis=1, keepdims=True), nan=1.0)
+    errors, df = np.sqrt(squares.sum(axis=1)), 1.0 / (shares**2 @ (1.0 / freedom))
+    below, above = (errors * t.ppf(0.975, df)).tolist()
+    facing = 0 if apart > 0.0 else 1  # the end on the side of zero
+    p = 2.0 * float(t.sf(abs(apart) / errors[facing], df[facing]))
+    return Estimate(apart, apart - below, apart + above, math.nan, p, float(df[facing]))

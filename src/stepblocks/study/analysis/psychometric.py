@@ -18,6 +18,7 @@ MAX_LAPSE = 0.1
 Z75 = 0.6744897501960817  # standard normal quantile of 0.75
 Z975 = 1.959963984540054
 _ROOT = math.sqrt(2.0 * math.pi)
+Ends = tuple[float, float, float]  # estimate, low, high
 _CHI95 = 3.841458820694124  # 95 % point of chi squared with one degree of freedom
 
 
@@ -27,12 +28,12 @@ class Psychometric:
 
     Attributes
     ----------
-    threshold, threshold_low, threshold_high : float
-        Level in the middle between the asymptotes, in the unit of the levels, with its 95 %
-        interval by profile likelihood; of a comparison the point of subjective equality.
+    equal : tuple of float
+        Threshold: level in the middle between the asymptotes, in the unit of the levels, with its
+        95 % interval by profile likelihood; of a comparison the point of subjective equality.
     spread : float
         Standard deviation sigma of the normal, in natural logarithms of the level [1].
-    weber, weber_low, weber_high : float
+    weber : tuple of float
         Just noticeable difference over threshold, ``exp(0.6745 sigma) - 1``, from the middle to
         three quarters of the rise, with its interval [1]; an end that the answers leave open is
         0 or infinite.
@@ -42,24 +43,17 @@ class Psychometric:
         Twice the log likelihood by which the saturated model is better [1].
     df : int
         Levels minus parameters.
-    trials : int
-        Number of answers.
     dispersion, p_fit : float
         Pearson's chi squared over its degrees of freedom [1], and the share of simulated tables
         of the fitted function with a larger one; small where the function does not fit.
     """
 
-    threshold: float
-    threshold_low: float
-    threshold_high: float
+    equal: Ends
     spread: float
-    weber: float
-    weber_low: float
-    weber_high: float
+    weber: Ends
     lapse: float
     deviance: float
     df: int
-    trials: int
     dispersion: float
     p_fit: float
 
@@ -144,17 +138,16 @@ def fit_psychometric(
     )
     dispersion, p_fit = assess_fit(*predict(found.x), k, n)
     return Psychometric(
-        threshold=math.exp(found.x[0]),
-        threshold_low=math.exp(low),
-        threshold_high=math.exp(high),
+        equal=(math.exp(found.x[0]), math.exp(low), math.exp(high)),
         spread=math.exp(found.x[1]),
-        weber=compute_weber(found.x[1]),
-        weber_low=compute_weber(thin if 2.0 * sharper > _CHI95 else -math.inf),
-        weber_high=compute_weber(wide),
+        weber=(
+            compute_weber(found.x[1]),
+            compute_weber(thin if 2.0 * sharper > _CHI95 else -math.inf),
+            compute_weber(wide),
+        ),
         lapse=float(found.x[2]),
         deviance=2.0 * (float(found.fun) - float(miss(k / n))),
         df=len(x) - 3,
-        trials=int(n.sum()),
         dispersion=dispersion,
         p_fit=p_fit,
     )

@@ -33,6 +33,8 @@ _IN_UM = (
     "standard",
 )
 
+EXPONENT = "exponent"  # of magnitudes; all other quantities of contrasts are logarithms
+
 Row = Mapping[str, str | float]
 Ends = tuple[float, ...]  # estimate, low, high
 
@@ -146,8 +148,8 @@ class StudyResult:
         Judgements, one a row.
     measures : tuple of Measure
         Bias, absolute error and spread of estimates.
-    ordinal : OrdinalFit or None
-        Of the ratings of realism.
+    ordinal : mapping of OrdinalFit
+        By outcome: ratings of realism over all conditions, and by each of several factors.
     comparisons : tuple of Comparisons
         Psychometric functions by setting.
     contrasts : dict of tuple of Interval
@@ -165,7 +167,7 @@ class StudyResult:
     frame: Table
     measures: tuple[Measure, ...] = ()
     remarks: tuple[str, ...] = ()
-    ordinal: OrdinalFit | None = None
+    ordinal: Mapping[str, OrdinalFit] = field(default_factory=dict)
     comparisons: tuple[Comparisons, ...] = ()
     contrasts: Mapping[str, tuple[Interval, ...]] = field(default_factory=dict)
     power_laws: tuple[PowerLaw, ...] = ()
@@ -177,19 +179,21 @@ class StudyResult:
         """Return one measure of accuracy, if it was analysed."""
         return next((one for one in self.measures if one.name == name), None)
 
+    def differences(self) -> dict[str, Interval]:
+        """Return the planned tests of two settings by their names."""
+        return {
+            name_contrast(quantity, one.first, one.second): one
+            for quantity, family in {**self.contrasts, EXPONENT: self.exponents}.items()
+            for one in family
+        }
+
     def findings(self) -> tuple[Finding, ...]:
         """Return the planned tests, the primary one first."""
         from statsmodels.stats.multitest import multipletests
 
         tests = {one.name: one.corrected.p for one in self.measures if one.corrected}
-        if self.ordinal:
-            tests["realism"] = self.ordinal.participants["p"]
-        tests |= {
-            f"{quantity}, {one.first} over {one.second}": one.p
-            for quantity, family in self.contrasts.items()
-            for one in family
-        }
-        tests |= {f"exponent, {one.first} minus {one.second}": one.p for one in self.exponents}
+        tests |= {name: fit.participants["p"] for name, fit in self.ordinal.items()}
+        tests |= {name: one.p for name, one in self.differences().items()}
         chosen = self.primary if self.primary in tests else ""
         first = chosen or (ANSWER if ANSWER in tests else next(iter(tests), ""))
         rest = {name: p for name, p in tests.items() if name != first and math.isfinite(p)}
@@ -211,8 +215,8 @@ class StudyResult:
             )
             for one in self.findings()
         ]
-        others = [*_list_ratings(self), *_list_comparisons(self), *_list_magnitudes(self)]
-        others += _list_influence(self)
+        parts = (_list_ratings, _list_comparisons, _list_magnitudes, _list_influence)
+        others = [row for list_rows in parts for row in list_rows(self)]
         return pd.DataFrame([*tests, *accuracy, *others], columns=COLUMNS)
 
     def results_csv(self) -> str:
@@ -221,9 +225,10 @@ class StudyResult:
 
     def judgements_csv(self) -> str:
         """Write the judgements as they were analysed, lengths in micrometres."""
-        frame = self.frame.copy()
-        for name in frame.columns.intersection(_IN_UM):
-            frame[name] = [f"{value * 1e6:.9g}" for value in frame[name]]
+        lengths = self.frame[[*self.frame.columns.intersection(_IN_UM)]].map(
+            lambda value: f"{value * 1e6:.9g}"
+        )
+        frame = self.frame.assign(**lengths)
         return format_csv(frame.rename(columns={name: f"{name}_um" for name in _IN_UM}))
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
@@ -254,6 +259,11 @@ class StudyResult:
         return notes + str(
             self.table().to_html(index=False, na_rep="", float_format="{:.4g}".format)
         )
+
+
+def name_contrast(quantity: str, first: str, second: str) -> str:
+    """Name the planned test of a quantity between two settings."""
+    return f"{quantity}, {first} {'minus' if quantity == EXPONENT else 'over'} {second}"
 
 
 def _make_row(analysis: str, quantity: str, unit: str = "1", **figures: float) -> Row:
@@ -315,9 +325,15 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
         yield from _list_intervals("mixed model", mixed.intervals, log)
     if measure.corrected is not None and measure.sphericity is not None:
         yield _format_term("mixed model, Greenhouse and Geisser", measure.corrected)
-        found = measure.sphericity
-        yield _make_row("sphericity", "epsilon of Greenhouse and Geisser", estimate=found.epsilon)
-        yield _make_row("sphericity", "W of Mauchly", statistic=found.statistic, p=found.p)
+        yield _make_row(
+            "sphericity", "epsilon of Greenhouse and Geisser", estimate=measure.sphericity.epsilon
+        )
+        yield _make_row(
+            "sphericity",
+            "W of Mauchly",
+            statistic=measure.sphericity.statistic,
+            p=measure.sphericity.p,
+        )
     yield from _list_intervals("participants' differences", measure.paired, log)
     for one in measure.paired:
         factor = compute_bayes_factor(one.difference / one.error, one.df + 1.0)
@@ -364,17 +380,12 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
 
 
 def _list_ratings(result: StudyResult) -> Iterator[Row]:
-    fit, analysis = result.ordinal, "ordinal model"
-    if fit is None:
-        return
-    yield {**_make_row(analysis, "all predictors, F over participants"), **fit.participants}
-    for effect in fit.effects:
-        yield _make_interval_row(
-            analysis,
-            f"odds of a higher rating, {effect.first} over {effect.second}",
-            (effect.ratio, effect.low, effect.high),
-            p=effect.p,
-        )
+    for name, fit in result.ordinal.items():
+        yield {**_make_row("ordinal model", f"{name}, F over participants"), **fit.participants}
+        for one in fit.effects:
+            yield _format_interval(
+                "ordinal model", one, True, names=(f"{name}: odds of a higher rating, ", "")
+            )
 
 
 def _list_comparisons(result: StudyResult) -> Iterator[Row]:
@@ -415,10 +426,8 @@ def _list_curve(curve: Curve, name: str) -> Iterator[Row]:
     if (fit := curve.fit) is None:
         yield _make_row(_CURVE, f"{name}: not fitted, {curve.reason}")
         return
-    equal = (fit.threshold, fit.threshold_low, fit.threshold_high)
-    weber = (fit.weber, fit.weber_low, fit.weber_high)
-    yield _make_interval_row(_CURVE, f"{name}, point of subjective equality", equal, "um")
-    yield _make_interval_row(_CURVE, f"{name}, Weber fraction of the height", weber)
+    yield _make_interval_row(_CURVE, f"{name}, point of subjective equality", fit.equal, "um")
+    yield _make_interval_row(_CURVE, f"{name}, Weber fraction of the height", fit.weber)
     yield _make_row(_CURVE, f"{name}, lapse rate", estimate=fit.lapse)
     yield _make_row(_CURVE, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
     yield _make_row(
