@@ -210,6 +210,21 @@ def _polish(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     return changed, ({("contact_geometry", "passes_of_block")}, truth)
 
 
+def _jump(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    factor = float(np.exp(_sign(random) * random.uniform(0.15, 0.3)))
+    at = int(random.uniform(0.25, 0.75) * plan.trials)
+    truth = {"step_friction_run_order.step": math.log(factor)}
+    return replace(plan, change_at=at, change_friction=factor), ({("friction", "run_order")}, truth)
+
+
+def _few(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    return _rounded(random, replace(plan, trials=24))
+
+
+def _noisy(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    return _rounded(random, _bench(plan, noise=6.0 * plan.bench.noise))
+
+
 _GAIN = _constant("tangential_gain", 0.01, 0.06, "sensor_gain", "ln_gain", 1.0)
 
 FAMILIES: dict[str, Family] = {
@@ -245,6 +260,10 @@ FAMILIES: dict[str, Family] = {
     "spring hardens, 0.23 per N^2": _hard,
     "friction by speed over load": _hersey,
     "edges polished by passes": _polish,
+    "friction jumps at a trial": _jump,
+    "rounded edges, 24 trials": _few,
+    "rounded edges, six times the noise": _noisy,
+    "rounded edges, a tenth of the trials lost": _rounded,
 }
 
 
@@ -256,6 +275,9 @@ def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[s
         folder = Path(scratch) / "session"
         write_session(folder, plan, seed)
         features = measure_session(folder, jobs=1)
+        if "lost" in name:
+            kept = random.permutation(len(features))[len(features) // 10 :]
+            features = features.iloc[np.sort(kept)].reset_index(drop=True)
         blocks = sorted(set(features["block"].dropna()))
         scans, _ = scan_blocks(folder, "scans/{block}.csv", blocks)
         declared = open_session(folder)

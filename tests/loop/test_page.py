@@ -44,6 +44,27 @@ def test_the_page_holds_every_claim_and_its_grounds(result):
     assert page.count("data:image/png;base64,") == 1 + 3 + 1
 
 
+def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(result):
+    from dataclasses import replace
+
+    entry = result.document["effects"][0] | {
+        "id": "step_friction_pause_s",
+        "variant": "step_friction_pause_s",
+        "covariate": "pause_s",
+    }
+    asked = result.document["next_experiment"] | {"separates": [entry["variant"], "nothing"]}
+    page = render_loop_page(
+        replace(
+            result,
+            document=result.document | {"effects": [entry], "next_experiment": asked},
+        )
+    )
+    box = page.split('class="box"')[1].split("</section>")[0]
+    assert "step friction over the pause before a trial, mainly by" in box
+    assert "<h3>Step friction</h3>" in page
+    assert "pause s" not in page
+
+
 def test_a_title_from_a_session_cannot_break_the_page(result):
     from dataclasses import replace
 

@@ -56,7 +56,11 @@ def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
         agreement=_draw_agreement(result.found),
         residuals=[_draw_residuals(result.found, channel) for channel in _SHOWN_CHANNELS],
         curves=[
-            _draw_effect(result, finding.effect, str(entry["id"]).replace("_", " "))
+            _draw_effect(
+                result,
+                finding.effect,
+                str(entry["id"]).removesuffix(f"_{entry['covariate']}").replace("_", " "),
+            )
             # the names are those of the result: one that was withdrawn there is not claimed here
             for finding, entry in zip(
                 result.found.findings, result.document["effects"], strict=True

@@ -18,7 +18,7 @@ def build_grid(trials: Trials, extra: list[str]) -> Trials:
         numbers = trials.numeric(name)
         labels = sorted(set(trials.covariates[name].tolist()))
         if name == "run_order" and numbers is not None:
-            return list(np.linspace(numbers.min(), numbers.max(), 5).tolist())
+            return sorted({*np.round(np.linspace(numbers.min(), numbers.max(), 5)).tolist()})
         return labels if numbers is None else np.unique(numbers).tolist()
 
     seen = trials.covariates["height_um"]
