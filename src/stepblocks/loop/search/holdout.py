@@ -217,19 +217,24 @@ def deliver(
         return [*errors, trials.values - own]
 
     nominal, findings, extended = predict(()), found.findings, found.extended
-    errors = nominal
-    while findings:
+    # a law of one specimen says nothing of others, and cannot be judged by them
+    own = [f.effect for f in findings if f.effect.named and f.effect.covariate == "block"]
+    errors = base = predict(own, extended.values) if own else nominal
+    while len(findings) > len(own):
         effects = [f.effect for f in findings]
         errors = predict(effects, extended.values)
         if not any(
             _is_worse(old[:, j], new[:, j])
-            for old, new in zip(nominal, errors, strict=True)
+            for old, new in zip(base, errors, strict=True)
             for j in channels
         ):
             break
         # what was taken out along the run without a claim goes first
-        weakest = min(findings, key=lambda f: (f.effect.id not in found.walks, f.gain))
-        findings, errors = tuple(f for f in findings if f is not weakest), nominal
+        weakest = min(
+            (f for f in findings if f.effect not in own),
+            key=lambda f: (f.effect.id not in found.walks, f.gain),
+        )
+        findings, errors = tuple(f for f in findings if f is not weakest), base
     dropped = {f.effect.id for f in found.findings} - {f.effect.id for f in findings}
     if dropped:
         extended = fit(found.problem, [f.effect for f in findings], extended.values)
