@@ -162,12 +162,18 @@ def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     assert before > 1.8 * after
 
 
+@pytest.mark.parametrize("covariate", ["z", "block"])
 @pytest.mark.parametrize("rise", [0.0, 0.2])
-def test_what_raises_a_held_out_error_beyond_chance_is_not_delivered(rise: float) -> None:
+def test_what_raises_a_held_out_error_beyond_chance_is_not_delivered(
+    rise: float, covariate: str
+) -> None:
     # the square is true of the trials that were fitted; of those that are held out it is not
     trials = toy_trials(160, 7, square=0.3)
     found = explain(Toy(), trials, toy_effects(), _RULES)
     assert [f.effect.id for f in found.findings] == ["square_of_z"]
+    # a law of one block is not judged by other blocks, yet by other trials of its own
+    law = replace(found.findings[0].effect, covariate=covariate)
+    found = replace(found, findings=(replace(found.findings[0], effect=law),))
     rows = np.arange(0, 160, 2)
     turned = np.zeros((160, 2))
     turned[rows] = -rise * np.stack([trials.covariates["z"] ** 2] * 2, axis=1)[rows] * [1.0, 2.0]

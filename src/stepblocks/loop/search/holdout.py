@@ -173,7 +173,8 @@ def deliver(
     found : Explanation
         What all trials say.
     folds : sequence of sequences of rows
-        For each way of holding out, the rows of each fold.
+        For each way of holding out, the rows of each fold; first the way that leaves trials of
+        every specimen in.
     candidates : callable
         Effects that may be asked of a table: one of a specimen that a fold never saw is not.
     channels : sequence of int
@@ -220,6 +221,8 @@ def deliver(
     # a law of one specimen says nothing of others, and cannot be judged by them
     own = [f.effect for f in findings if f.effect.named and f.effect.covariate == "block"]
     errors = base = predict(own, extended.values) if own else nominal
+    if any(_is_worse(nominal[0][:, j], base[0][:, j]) for j in channels):
+        own, errors, base = [], nominal, nominal  # other trials of its specimen speak against it
     while len(findings) > len(own):
         effects = [f.effect for f in findings]
         errors = predict(effects, extended.values)
