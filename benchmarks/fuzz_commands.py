@@ -116,7 +116,7 @@ WHOLE = (
     "help export",
     "completion bash",
     "check part.step",
-    "measure session -o out/features.csv --jobs 1 --trials 1,2",
+    "measure session -o out/features.csv --jobs 1 --plots out/plots --trials 1,2",
     "simulate-session p.toml -o out/session",
 )
 

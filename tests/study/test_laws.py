@@ -95,7 +95,7 @@ def test_the_unit_of_heights_scales_a_threshold_and_no_weber_fraction(seed, unit
     share = 1.0 / (1.0 + np.exp(-6.0 * np.log(levels / 50.0)))
     hits = np.random.default_rng(seed).binomial(40, share)
     one, other = (fit_psychometric(levels * s, hits.tolist(), [40] * 6) for s in (1.0, unit))
-    assert other.equal[0] == pytest.approx(one.equal[0] * unit, rel=1e-4)
+    assert other.threshold[0] == pytest.approx(one.threshold[0] * unit, rel=1e-4)
     assert other.weber[0] == pytest.approx(one.weber[0], rel=1e-3)
 
 

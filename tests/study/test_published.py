@@ -170,7 +170,7 @@ def test_psychometric_fit_gives_the_published_probit_of_bliss_s_beetles():
     x, dead, total = BEETLES
     fit = fit_psychometric(np.exp(x), dead, total)
     assert 1 / fit.spread == pytest.approx(19.728, abs=5e-4)
-    assert np.log(fit.equal[0]) / fit.spread == pytest.approx(34.935, abs=5e-4)
+    assert np.log(fit.threshold[0]) / fit.spread == pytest.approx(34.935, abs=5e-4)
     assert fit.deviance == pytest.approx(10.12, abs=5e-3)
     assert fit.lapse == pytest.approx(0.0, abs=1e-6)
 
@@ -191,8 +191,10 @@ def test_threshold_and_its_error_are_those_of_dose_p():
     # the observed information, which ours inverts, is not the expected one of a probit, but near it
     error = np.sqrt(gradient @ np.asarray(glm.cov_params()) @ gradient)
     fit = fit_psychometric(np.exp(x), dead, total)
-    assert np.log(fit.equal[0]) == pytest.approx(dose, abs=1e-6)
-    assert np.log(fit.equal[2] / fit.equal[1]) / 2.0 / 1.959964 == pytest.approx(error, rel=0.02)
+    assert np.log(fit.threshold[0]) == pytest.approx(dose, abs=1e-6)
+    assert np.log(fit.threshold[2] / fit.threshold[1]) / 2.0 / 1.959964 == pytest.approx(
+        error, rel=0.02
+    )
 
 
 def test_ordinal_model_gives_stata_s_ologit():

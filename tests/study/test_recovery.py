@@ -46,7 +46,7 @@ def test_a_known_weber_fraction_is_recovered_without_bias():
         hits = generator.binomial(totals, ndtr(np.log(HEIGHTS / 50.0) / sigma))
         fit = fit_psychometric(HEIGHTS * 1e-6, hits, totals)
         found.append(
-            (math.log(fit.equal[0] / 50e-6), fit.weber[0], fit.weber[1] < 0.2 < fit.weber[2])
+            (math.log(fit.threshold[0] / 50e-6), fit.weber[0], fit.weber[1] < 0.2 < fit.weber[2])
         )
     middle, weber, covered = np.mean(found, axis=0)
     error = np.std(found, axis=0) / math.sqrt(len(found))
@@ -76,7 +76,7 @@ def test_a_lapse_rate_is_distinguished_from_a_shallow_slope():
     hits, totals = np.round(total * p).astype(int), [total] * 15
     fit = fit_psychometric(levels, hits, totals)
     assert (fit.lapse, fit.spread) == (pytest.approx(0.04, abs=2e-3), pytest.approx(0.3, rel=0.02))
-    assert fit.equal[0] == pytest.approx(45e-6, rel=0.01)
+    assert fit.threshold[0] == pytest.approx(45e-6, rel=0.01)
     assert fit.lapse <= MAX_LAPSE
 
 

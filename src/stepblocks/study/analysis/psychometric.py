@@ -28,8 +28,8 @@ class Psychometric:
 
     Attributes
     ----------
-    equal : tuple of float
-        Threshold: level in the middle between the asymptotes, in the unit of the levels, with its
+    threshold : tuple of float
+        Level in the middle between the asymptotes, in the unit of the levels, with its
         95 % interval by profile likelihood; of a comparison the point of subjective equality.
     spread : float
         Standard deviation sigma of the normal, in natural logarithms of the level [1].
@@ -48,7 +48,7 @@ class Psychometric:
         of the fitted function with a larger one; small where the function does not fit.
     """
 
-    equal: Ends
+    threshold: Ends
     spread: float
     weber: Ends
     lapse: float
@@ -138,7 +138,7 @@ def fit_psychometric(
     )
     dispersion, p_fit = assess_fit(*predict(found.x), k, n)
     return Psychometric(
-        equal=(math.exp(found.x[0]), math.exp(low), math.exp(high)),
+        threshold=(math.exp(found.x[0]), math.exp(low), math.exp(high)),
         spread=math.exp(found.x[1]),
         weber=(
             compute_weber(found.x[1]),

@@ -426,7 +426,7 @@ def _list_curve(curve: Curve, name: str) -> Iterator[Row]:
     if (fit := curve.fit) is None:
         yield _make_row(_CURVE, f"{name}: not fitted, {curve.reason}")
         return
-    yield _make_interval_row(_CURVE, f"{name}, point of subjective equality", fit.equal, "um")
+    yield _make_interval_row(_CURVE, f"{name}, point of subjective equality", fit.threshold, "um")
     yield _make_interval_row(_CURVE, f"{name}, Weber fraction of the height", fit.weber)
     yield _make_row(_CURVE, f"{name}, lapse rate", estimate=fit.lapse)
     yield _make_row(_CURVE, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
