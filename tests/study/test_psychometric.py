@@ -65,7 +65,7 @@ def test_four_times_the_trials_halve_the_interval():
 def test_levels_without_trials_say_nothing():
     fit = fit_psychometric([*LEVELS, 1.0], [*exact_hits(), 0], [*TOTALS, 0])
     assert fit.threshold[0] == pytest.approx(
-        fit_psychometric(LEVELS, exact_hits(), TOTALS).equal[0], rel=1e-12
+        fit_psychometric(LEVELS, exact_hits(), TOTALS).threshold[0], rel=1e-12
     )
 
 

@@ -178,6 +178,12 @@ def test_the_power_of_ratings_is_asked_of_virtual_blocks_alone():
             study_power(FOUR, **options | wrong)
 
 
+@pytest.mark.parametrize("experiment", ["magnitude", "adaptive", "estimate"])
+def test_power_of_an_experiment_that_is_not_known_is_refused(experiment):
+    with pytest.raises(StudyError, match=f"power is known of .*, got '{experiment}'"):
+        study_power(FOUR, seed=1, experiment=experiment, damping={"soft": 0.5}, runs=10)
+
+
 @pytest.mark.parametrize("name", ["x/../../../evil", "..\\\\evil", "/tmp/evil", "a b", "p" * 41])
 def test_a_participant_is_one_word_and_leads_no_sheet_out_of_its_folder(folder, name):
     design = Path(folder) / "design.csv"

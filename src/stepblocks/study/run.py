@@ -458,6 +458,11 @@ def study_power(
     heights = {item.identity: item.height for item in blocks.items}
     rows = []
     kind = ALIASES.get(experiment, experiment)
+    require(
+        kind in ("estimates", "virtual", "constant"),
+        "power is known of the experiments estimates, virtual, constant and 2afc, got "
+        f"{experiment!r}",
+    )
     vibration = tuple(EXPERIMENTS["virtual"].factors["vibration"]) if kind == "virtual" else ()
     names = tuple(dict.fromkeys((*vibration, *probes, *(damping or {}), *(noise or {}))))
     require(
