@@ -368,6 +368,22 @@ def test_a_truemap_file_is_read_whatever_its_comment(comment, tmp_path):
             read_scan(tmp_path / "b.tmd")
 
 
+def test_a_nanofocus_file_is_read_with_its_missing_points(tmp_path):
+    # its layout as SurfaceTopography's NMS.py describes it: ends of the heights in um, spacing in
+    # mm, and numbers of 16 bits of which the heights take all but the last
+    numbers = 780 * np.arange(84, dtype="<u2").reshape(7, 12)
+    numbers[0, 0], numbers[6, 11], numbers[3, 4] = 0, 65534, 65535
+    head = bytearray(3468)
+    struct.pack_into("<dd", head, 16, -2.0, 8.0)
+    struct.pack_into("<IIdd", head, 1368, 12, 7, 1e-3, 2e-3)
+    (tmp_path / "a.nms").write_bytes(bytes(head) + numbers.tobytes())
+    scan = read_scan(tmp_path / "a.nms")
+    assert (scan.dx, scan.dy) == pytest.approx((1e-6, 2e-6), rel=1e-9)
+    expected = -2e-6 + 10e-6 * numbers / 65534.0
+    expected[3, 4] = np.nan
+    np.testing.assert_allclose(scan.height, expected, atol=1e-15)
+
+
 def test_a_compressed_surface_file_has_the_heights_of_the_plain_one(tmp_path):
     # the plain file with its points in two deflated pieces behind a directory of their sizes
     WRITERS["c.sur"](tmp_path / "c.sur")

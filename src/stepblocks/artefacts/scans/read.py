@@ -40,7 +40,8 @@ POINT_ENDINGS = (
     ".json",
 )
 _NAMED = (
-    "x3p sdf sur plux gwy opdx nid opd datx al3d plu zon vk4 ezd ibw mi mnt tmd stp top frt spm di"
+    "x3p sdf sur plux gwy opdx nid opd datx al3d plu zon vk4 ezd ibw mi mnt tmd nms stp top frt "
+    "spm di"
 )
 # what the reader calls each ending
 FORMATS = {f".{name}": name for name in _NAMED.split()} | {
@@ -333,6 +334,11 @@ def _read_by_surfacetopography(
     raw = (
         np.ma.filled(np.ma.masked_invalid(surface.heights()).astype(np.float64), np.nan) / per_metre
     )
+    if form == "nms":
+        # heights are numbers from 0 to 65534 between two ends; the one above is no height
+        low, high = (channel.info["raw_metadata"][end] for end in ("zmin", "zmax"))
+        lost = (high - low) * (1.0 + 0.5 / 65534.0) + low
+        raw[raw > lost / per_metre] = np.nan
     others = (
         f", the first of {len(reader.channels)} that is named as heights"
         if len(reader.channels) > 1 and not wanted
