@@ -28,7 +28,7 @@ def test_an_internal_error_exits_with_70_and_keeps_its_details_in_a_file(
     def fail(*_):
         raise ZeroDivisionError("a\nb")
 
-    monkeypatch.setattr("stepblocks.select.find_stimulus_files", fail)
+    monkeypatch.setattr("stepblocks.declare.find_stimulus_files", fail)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert main(["predict", FOUR]) == 70
     line = one_line(capsys)
@@ -160,7 +160,7 @@ def test_too_little_memory_is_no_internal_error(monkeypatch, capsys):
     def fail(*_):
         raise MemoryError
 
-    monkeypatch.setattr("stepblocks.select.find_stimulus_files", fail)
+    monkeypatch.setattr("stepblocks.declare.find_stimulus_files", fail)
     assert main(["predict", FOUR]) == 2
     assert one_line(capsys) == "stepblocks: error: this needs more memory than there is"
 

@@ -26,6 +26,7 @@ def test_a_block_stands_at_the_middle_of_its_tolerances_or_at_its_nominal():
         "id": "step-050",
         "values": {"height": 50e-6, "edge_radius": 0.0},
         "spreads": {},
+        "tissue": [0.0, 0.0, 0.0],  # no gum is declared
     }
 
 
