@@ -90,3 +90,10 @@ def test_a_set_is_drawn_and_exported_as_its_file_is(declared, built, tmp_path):
 def test_what_is_no_set_is_refused_in_one_line(function, tmp_path):
     with pytest.raises(stepblocks.StepblocksError, match="a set must be a path or a StimulusSet"):
         function([3.0], tmp_path)
+
+
+def test_of_many_entries_that_are_no_parts_the_first_is_named():
+    # a mistake each would fill the memory: ten million ended the process in the validation
+    with pytest.raises(stepblocks.StepblocksError, match=r"stimuli\.0: .* Part, got 1") as error:
+        StimulusSet(name="mine", title="Mine", stimuli=[1, 2, 3])
+    assert "stimuli.1" not in str(error.value)

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import FailFast, Field, ValidationError, create_model
 
 from stepblocks.atomic import replace_text
 from stepblocks.contact.operating_point import PAPER
@@ -108,7 +108,8 @@ class StimulusSet(Table):
     title: Annotated[str, Field(min_length=1, max_length=200)]
     source: Annotated[str, Field(max_length=500)] = ""
     prediction: PredictionGrid = PredictionGrid()
-    stimuli: tuple[Part, ...]
+    # of entries that are no parts the first is enough: millions of mistakes fill the memory
+    stimuli: Annotated[tuple[Part, ...], FailFast()]
     order: OrderSpec = OrderSpec()
     probe: ProbeSpec | None = None
     damping_rig: DampingRig | None = None
