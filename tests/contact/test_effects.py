@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from oracles.learned import CONSTANTS
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
@@ -18,13 +19,6 @@ from stepblocks.contact.state import CHANNELS, DragState, compute_channels
 from stepblocks.law import Law
 
 _ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD = range(7)
-_VALUES = {
-    "friction": 0.17,
-    "ln_conversion": math.log(0.23),
-    "stiffness_ratio": 1.05,
-    "ln_ring_frequency": math.log(290.0),
-    "ln_decay_time": math.log(0.021),
-}
 _RANGES = (
     CovariateRange("temperature_c", 18.0, 26.0),
     CovariateRange("speed_mm_s", 2.0, 20.0, True, (), 4),
@@ -45,7 +39,7 @@ def _design() -> BenchDesign:
 
 
 def _state() -> DragState:
-    return build_nominal_state(_design(), _VALUES)
+    return build_nominal_state(_design(), CONSTANTS)
 
 
 def _covariate(law: Law, state: DragState) -> object:
@@ -136,7 +130,9 @@ def _law(name: str) -> Law:
 
 def test_tilt_is_friction_tan_of_atan_mu_plus_tilt() -> None:
     tilted = compute_channels(_law("block_tilt").apply(_state(), None, {"tilt_rad": 0.03}))
-    other = build_nominal_state(_design(), _VALUES | {"friction": math.tan(math.atan(0.17) + 0.03)})
+    other = build_nominal_state(
+        _design(), CONSTANTS | {"friction": math.tan(math.atan(0.17) + 0.03)}
+    )
     assert np.allclose(tilted, compute_channels(other), atol=1e-12)
 
 
@@ -232,10 +228,10 @@ def test_floor_and_edge_give_way_in_series_with_the_spring() -> None:
 def test_gain_squared_conversion_and_stiffness_act_on_energy_as_one_product() -> None:
     gain = compute_channels(_law("sensor_gain").apply(_state(), None, {"ln_gain": 0.1}))[:, _ENERGY]
     conversion = compute_channels(
-        build_nominal_state(_design(), _VALUES | {"ln_conversion": math.log(0.23) + 0.2})
+        build_nominal_state(_design(), CONSTANTS | {"ln_conversion": math.log(0.23) + 0.2})
     )[:, _ENERGY]
     stiffness = compute_channels(
-        build_nominal_state(_design(), _VALUES | {"stiffness_ratio": 1.05 * math.exp(-0.2)})
+        build_nominal_state(_design(), CONSTANTS | {"stiffness_ratio": 1.05 * math.exp(-0.2)})
     )[:, _ENERGY]
     assert gain == pytest.approx(conversion, abs=1e-12)
     assert gain == pytest.approx(stiffness, abs=1e-12)
@@ -308,7 +304,7 @@ def test_cross_talk_shows_the_pull_on_the_normal_gauge_and_a_fast_clock_slows_wh
 
 def test_friction_on_the_edge_moves_the_peak_and_not_the_sliding_force() -> None:
     edge = compute_channels(_law("edge_friction").apply(_state(), None, {"edge_over_face": 0.8}))
-    other = compute_channels(build_nominal_state(_design(), _VALUES | {"friction": 0.8 * 0.17}))
+    other = compute_channels(build_nominal_state(_design(), CONSTANTS | {"friction": 0.8 * 0.17}))
     assert edge[:, [_ENERGY, _FORCE]] == pytest.approx(other[:, [_ENERGY, _FORCE]])
     assert edge[:, _FRICTION] == pytest.approx(np.full(24, 0.17))
 
@@ -353,7 +349,7 @@ def test_a_slow_gauge_loses_what_the_ramp_makes_in_its_time_constant() -> None:
 
 def test_a_spring_that_hardens_rings_as_fast_as_duffings_oscillator() -> None:
     # no friction, so that it rings about the unloaded spring
-    values = _VALUES | {"friction": 0.0}
+    values = CONSTANTS | {"friction": 0.0}
     nominal = build_nominal_state(_design(), values)
     cubic = 0.05
     state = _law("hardening_spring").apply(
