@@ -160,14 +160,14 @@ def compare_curves() -> Iterator[Row]:
     }
     for who, (heights, hits, totals) in (tables | {"who lapses": LAPSED}).items():
         fit = fit_psychometric([h / 50.0 for h in heights], list(hits), list(totals))
-        ours = [math.log(fit.equal[0]), fit.spread, fit.lapse, fit.deviance]
+        ours = [math.log(fit.threshold[0]), fit.spread, fit.lapse, fit.deviance]
         for row, scale in zip(
             compare("psychometric function", f"psyphy participant {who}", ours),
             (fit.spread, fit.spread, 0.1, fit.deviance),
             strict=True,
         ):
             yield *row[:4], scale
-        ends = [*fit.equal[1:], 1.0 + fit.weber[1], 1.0 + fit.weber[2]]
+        ends = [*fit.threshold[1:], 1.0 + fit.weber[1], 1.0 + fit.weber[2]]
         logs = [math.log(end) for end in ends]
         ours = [*logs[:2], *(math.log(value / Z75) for value in logs[2:])]
         name = f"optim participant {who}"
