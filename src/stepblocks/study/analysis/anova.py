@@ -5,6 +5,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy import stats
@@ -164,6 +165,12 @@ def make_term(name: str, df: float, df_error: float, squares: float, f: float) -
     )
 
 
+@cache
+def _find_range_limit(levels: int, df: float) -> float:
+    # Return the limit of a family of pairs; it costs half a second
+    return float(stats.studentized_range.ppf(0.95, levels, df))
+
+
 def make_interval(
     names: tuple[str, str],
     found: tuple[float, float],
@@ -180,7 +187,7 @@ def make_interval(
         (stats.t.ppf(0.975, df), 2.0 * stats.t.sf(size, df))  # two levels: no integral is needed
         if levels == 2
         else (
-            stats.studentized_range.ppf(0.95, levels, df) / root,
+            _find_range_limit(levels, df) / root,
             stats.studentized_range.sf(size * root, levels, df),
         )
     )

@@ -10,7 +10,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
@@ -89,7 +89,9 @@ class Population:
     """
 
     def __init__(self, likelihood: Array, axes: Sequence[Array]) -> None:
-        self._likelihood, self._axes = likelihood, axes
+        # The last axis, of few lapse rates, comes first: long rows of memory are summed faster
+        self._likelihood = np.ascontiguousarray(np.moveaxis(likelihood, -1, 1))
+        self._axes = axes
         self._start, self._bounds = list[float](), list[tuple[float, float]]()
         for index, axis in enumerate(axes):
             others = tuple(n for n in range(1, likelihood.ndim) if n != index + 1)
@@ -113,20 +115,21 @@ class Population:
         weights = [np.exp(exponent - exponent.max()) for exponent in exponents]
         return [weight / weight.sum() for weight in weights], slopes
 
-    def integrate_others(self, index: int, priors: Sequence[Array]) -> Array:
-        """Return the likelihood along one axis, the others summed with their distributions."""
-        own, people = self._likelihood, len(self._likelihood)
-        for prior in priors[:index:-1]:
-            own = (own.reshape(-1, len(prior)) @ prior).reshape(own.shape[:-1])
-        for prior in priors[:index]:
-            own = prior @ own.reshape(people, len(prior), -1)
-        return own.reshape(people, -1)
+    def _integrate_others(self, priors: Sequence[Array]) -> list[Array]:
+        # Return the likelihood along each axis, the others summed with their distributions
+        own, people, along = self._likelihood, len(self._likelihood), list[Array]()
+        left = [priors[-1], *priors[:-1]]  # as they stand in memory
+        while len(left) > 1:
+            last = left.pop()
+            own = own.reshape(people, -1, len(last))
+            along.append(reduce(np.outer, left).ravel() @ own)
+            own = own.reshape(-1, len(last)) @ last
+        return [*along[::-1], own.reshape(people, -1)]
 
     def _loss(self, point: Array) -> tuple[float, Array]:
         # Return minus the log likelihood, and its gradient
         (priors, slopes), gradient = self._priors(point), list[float]()
-        for index, (prior, slope) in enumerate(zip(priors, slopes, strict=True)):
-            along = self.integrate_others(index, priors)
+        for prior, slope, along in zip(priors, slopes, self._integrate_others(priors), strict=True):
             whole = along @ prior
             posterior = (along / whole[:, np.newaxis]).sum(axis=0) * prior
             gradient += (slope @ (posterior - len(whole) * prior)).tolist()
@@ -178,13 +181,13 @@ class Population:
     def predict_participants(self, index: int) -> Array:
         """Return the mean of each participant's posterior along an axis."""
         priors = self._priors(self.best.x)[0]
-        posterior = self.integrate_others(index, priors) * priors[index]
+        posterior = self._integrate_others(priors)[index] * priors[index]
         return np.asarray(posterior @ self._axes[index] / posterior.sum(axis=1))
 
     def profile(self, index: int) -> Array:
         """Return the likelihood of each participant along one of two axes and the lapse rates."""
         prior = self._priors(self.best.x)[0][1 - index]
-        return np.tensordot(self._likelihood, prior, (2 - index, 0))
+        return np.tensordot(self._likelihood, prior, (3 - index, 0)).swapaxes(1, 2)
 
 
 def compare_within(one: Array, other: Array, axis: Array) -> Estimate:
