@@ -16,6 +16,12 @@ class StepblocksError(Exception):
 
     exit_code = 2
 
+    @classmethod
+    def require(cls, holds: object, rule: str) -> None:
+        """Refuse what breaks a rule; the rule says what was got instead."""
+        if not holds:
+            raise cls(rule)
+
 
 class QuantityError(StepblocksError, ValueError):
     """A quantity that cannot be read.

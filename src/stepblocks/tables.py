@@ -48,8 +48,7 @@ def read_table(path: Path) -> "pd.DataFrame":
         ) from error
     if len(set(names)) != len(names):
         raise PipelineError(f"table must not name a column twice [{path}]")
-    if frame.empty:
-        raise PipelineError(f"table has no rows [{path}]")
+    PipelineError.require(not frame.empty, f"table has no rows [{path}]")
     frame.columns = [str(name).strip() for name in frame.columns]
     return frame
 

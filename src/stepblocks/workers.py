@@ -28,8 +28,11 @@ def run_in_processes(
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    order = "generator" if in_order else "generator_unordered"
-    parallel = Parallel(n_jobs=jobs, return_as=order, initializer=die_with_parent)
+    parallel = Parallel(
+        n_jobs=jobs,
+        return_as="generator" if in_order else "generator_unordered",
+        initializer=die_with_parent,
+    )
     try:
         yield from parallel(delayed(function)(*call) for call in calls)
     except TerminatedWorkerError as error:

@@ -119,14 +119,13 @@ def read_as_built(path: str | Path) -> AsBuilt:
     raw = validate_data(
         _Record, read_document(path, "record", MetrologyError), path, MetrologyError
     )
-    surface = _read_surface(path, raw.profile, raw.profile_sha256)
     return AsBuilt(
         raw.stimulus,
         raw.scan,
         raw.scan_sha256,
         raw.convention,
         raw.values,
-        surface,
+        _read_surface(path, raw.profile, raw.profile_sha256),
         raw.edge_is_arc,
     )
 
@@ -145,8 +144,7 @@ def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
             raise PipelineError(
                 f"records must name each stimulus once, got {record.stimulus} twice [{file}]"
             )
-    if not records:
-        raise PipelineError("expected at least one record (*.as-built.toml), got none")
+    PipelineError.require(records, "expected at least one record (*.as-built.toml), got none")
     return records
 
 
@@ -168,14 +166,15 @@ def list_measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, floa
 def _read_surface(record: Path, name: str | None, digest: str) -> ScannedProfile | None:
     if name is None:
         return None
-    if not digest or Path(name).name != name:
-        raise MetrologyError(
-            "profile must be the name of a file beside the record, with profile_sha256, got "
-            f"{name!r} [{record}]"
-        )
+    MetrologyError.require(
+        digest and Path(name).name == name,
+        "profile must be the name of a file beside the record, with profile_sha256, got "
+        f"{name!r} [{record}]",
+    )
     path = record.with_name(name)
-    if not is_file(path):
-        raise MetrologyError(f"profile must lie beside the record, missing {name!r} [{record}]")
+    MetrologyError.require(
+        is_file(path), f"profile must lie beside the record, missing {name!r} [{record}]"
+    )
     surface = read_text_scan(path)
     if hashlib.sha256(path.read_bytes()).hexdigest() != digest or not isinstance(
         surface, ScannedProfile

@@ -90,8 +90,14 @@ def _check_step(stimulus: Part, path: Path) -> Iterator[Verdict]:
     for one, found in match_characteristics(report, stimulus):
         if one.kind not in FORM:
             measured = math.nan if found is None or found.geometry is None else found.geometry
-            quantity, angular = f"{one.label}, of its faces", one.quantity == "angle"
-            yield Finding(quantity, one.nominal, measured, ALLOWED, one.quantity, relative=angular)
+            yield Finding(
+                f"{one.label}, of its faces",
+                one.nominal,
+                measured,
+                ALLOWED,
+                one.quantity,
+                relative=one.quantity == "angle",
+            )
     first = f" ({findings[0]})" if findings else ""
     yield Finding(
         f"tolerances, material and types as asked for{first}",
@@ -203,8 +209,9 @@ def _check_mesh(part: Part, path: Path) -> Iterator[Verdict]:
     mesh = MeshMeasures(*read_mesh(path))
     body = part.bodies.index(path.stem) if path.stem in part.bodies else 0
     yield Finding("edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count")
-    wanted, found = part.volumes()[body], mesh.volume
-    yield Finding("volume", wanted, found, VOLUME_LIMIT, "volume", relative=True)
+    yield Finding(
+        "volume", part.volumes()[body], mesh.volume, VOLUME_LIMIT, "volume", relative=True
+    )
     yield from part.measure_mesh(body, mesh)
 
 
@@ -277,11 +284,11 @@ def _check_field(
     # outer thirds.
     if not isinstance(part, Block):
         raise MetrologyError(f"a height field belongs to a block, got {part.id} [{path}]")
-    if heights.ndim != 2 or list(heights.shape) != side["shape"]:
-        raise MetrologyError(
-            f"must have the rows and columns of its sidecar, {side['shape']}, got "
-            f"{list(heights.shape)} [{path}]"
-        )
+    MetrologyError.require(
+        heights.ndim == 2 and list(heights.shape) == side["shape"],
+        f"must have the rows and columns of its sidecar, {side['shape']}, got "
+        f"{list(heights.shape)} [{path}]",
+    )
     x = side["origin_x_m"] + side["spacing_x_m"] * np.arange(heights.shape[1])
     worst = np.abs(heights - [part.top(position) for position in x.tolist()]).max()
     yield Finding("largest error of a height", 0.0, float(worst), NANOMETRE)

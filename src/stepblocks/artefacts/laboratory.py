@@ -79,9 +79,9 @@ def read_laboratory(path: str | Path) -> Laboratory:
     found = validate_data(
         Laboratory, read_document(path, "laboratory", MetrologyError), path, MetrologyError
     )
-    if found.measured_to < found.measured_from:
-        raise MetrologyError(
-            f"measured_to must not lie before measured_from, got {found.measured_from} to "
-            f"{found.measured_to} [{path}]"
-        )
+    MetrologyError.require(
+        found.measured_to >= found.measured_from,
+        f"measured_to must not lie before measured_from, got {found.measured_from} to "
+        f"{found.measured_to} [{path}]",
+    )
     return found

@@ -73,10 +73,9 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
                 limits=_read_limits(definition, factor, target, path),
             )
         )
-    if not found:
-        raise MetrologyError(
-            f"QIF results must hold at least one measured value, got none [{path}]"
-        )
+    MetrologyError.require(
+        found, f"QIF results must hold at least one measured value, got none [{path}]"
+    )
     return found
 
 
@@ -93,10 +92,10 @@ def _parse_root(path: Path) -> etree._Element:
             f"QIF results must be a readable XML file: {error} [{path}]"
         ) from error
     version = root.get("versionQIF", "")
-    if root.tag != f"{_NS}QIFDocument" or not version.startswith("3."):
-        raise MetrologyError(
-            f"QIF results must be a QIFDocument of version 3, got {root.tag} {version} [{path}]"
-        )
+    MetrologyError.require(
+        root.tag == f"{_NS}QIFDocument" and version.startswith("3."),
+        f"QIF results must be a QIFDocument of version 3, got {root.tag} {version} [{path}]",
+    )
     return root
 
 

@@ -27,10 +27,10 @@ def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None
     from scipy.io import wavfile
 
     force = compute_ring_force(event, rate)
-    if not (math.isfinite(full) and full > 0.0 and np.isfinite(force).all()):
-        raise HapticsError(
-            f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]"
-        )
+    HapticsError.require(
+        math.isfinite(full) and full > 0.0 and np.isfinite(force).all(),
+        f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]",
+    )
     share = force / full
     whole = path.stem.endswith("int16")
     wavfile.write(

@@ -71,6 +71,5 @@ def read_filled_sheet(path: Path) -> list[QifResult]:
         )
     if mistakes:
         raise MetrologyError("\n".join(f"{one} [{path}]" for one in mistakes))
-    if not found:
-        raise MetrologyError(f"sheet must have at least one measured value filled in [{path}]")
+    MetrologyError.require(found, f"sheet must have at least one measured value filled in [{path}]")
     return found

@@ -38,8 +38,9 @@ def build_stimuli(
 ) -> Generator[BuiltStimulus]:
     """Make stimuli in as many processes as there are cores; give each when it is ready."""
     workers = min(jobs or os.cpu_count() or 1, max(len(wanted), 1))
-    calls = ((output, *one) for one in wanted)
-    return run_in_processes(build_stimulus, calls, workers, in_order=False)
+    return run_in_processes(
+        build_stimulus, ((output, *one) for one in wanted), workers, in_order=False
+    )
 
 
 def list_checkable_files(stimulus: Part, folder: Path) -> list[Path]:

@@ -143,8 +143,10 @@ def build_sets(
 
     sets = [load_set(one) if isinstance(one, Path) else one for one in sources.values()]
     learned = read_model(Path(model)) if model else None
-    alike = [f"{one.name}: {text}" for one in sets for text in one.describe_alike().values()]
-    report = BuildReport(str(folder), notes=alike)
+    report = BuildReport(
+        str(folder),
+        notes=[f"{one.name}: {text}" for one in sets for text in one.describe_alike().values()],
+    )
     with lock_folder(folder):
         _require_safe_output(folder, sets)
         selected = select_stimuli(sets, only)
@@ -189,8 +191,9 @@ def _list_sources(files: "Source | Sequence[Source] | None") -> "dict[str, Path 
 
 
 def _require_safe_output(output: Path, sets: "Sequence[StimulusSet]") -> None:
-    if not os.access(output, os.W_OK):
-        raise PipelineError(f"the output folder must be writable [{output}]")
+    PipelineError.require(
+        os.access(output, os.W_OK), f"the output folder must be writable [{output}]"
+    )
     for name in (
         "assets",
         *(f"{stimuli.name}/{stimulus.id}" for stimuli in sets for stimulus in stimuli.stimuli),
@@ -335,13 +338,11 @@ def _check_table(stimuli: "StimulusSet", folder: Path, name: str) -> "Verdict":
     manifest, path = load_json(folder / MANIFEST), folder / name
     if "--model" in manifest.get("inputs", {}):
         wrong = int(hash_file(path) != list_outputs(manifest).get(name))
-        quantity = "bytes as the manifest says"
-        return Verdict(path.name, quantity, 0.0, wrong, 0.0, "count")
+        return Verdict(path.name, "bytes as the manifest says", 0.0, wrong, 0.0, "count")
     found = path.read_text(encoding="utf-8", errors="replace") if is_file(path) else ""
     wanted = format_predictions_csv(predict_all(stimuli))
     lines = zip_longest(*(csv.reader(text.splitlines()) for text in (wanted, found)), fillvalue=())
     wrong = sum(
         not all(starmap(agree_to_last_digit, zip_longest(*pair, fillvalue=""))) for pair in lines
     )
-    quantity = "lines that differ from the prediction"
-    return Verdict(path.name, quantity, 0.0, wrong, 0.0, "count")
+    return Verdict(path.name, "lines that differ from the prediction", 0.0, wrong, 0.0, "count")

@@ -223,6 +223,5 @@ def read_step(path: Path) -> list[Body]:
         raise MetrologyError(f"must be a STEP file that the kernel can read [{path}]")
     reader.TransferRoots()
     found: list[Body] = cq.Shape.cast(reader.OneShape()).Solids() if reader.NbShapes() else []
-    if not found:
-        raise MetrologyError(f"must hold at least one solid, got none [{path}]")
+    MetrologyError.require(found, f"must hold at least one solid, got none [{path}]")
     return found

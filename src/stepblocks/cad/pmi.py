@@ -170,15 +170,13 @@ class _Document:
                 for edge in shape.Edges()
                 if any(edge.wrapped.IsSame(other) for other in others)
             ]
-            if not shared:
-                raise SolidError("two faces that carry an edge must meet in one")
+            SolidError.require(shared, "two faces that carry an edge must meet in one")
             shape = max(shared, key=lambda edge: float(edge.Length()))
         found = self._shapes.AddSubShape(label, shape.wrapped)
         if found.IsNull():  # it has been added before
             found = TDF_Label()
             self._shapes.FindSubShape(label, shape.wrapped, found)
-        if found.IsNull():
-            raise SolidError(f"face {item.face} must belong to body {item.body}")
+        SolidError.require(not found.IsNull(), f"face {item.face} must belong to body {item.body}")
         return found
 
     def add_dimension(self, dimension: PmiDimension) -> None:

@@ -117,8 +117,7 @@ def _plan_session(
         folder / "trials.csv": format_csv(rows),
     }
     _refuse_present(texts, force=force)
-    progress = make_progress("rehearsed", quiet=quiet, lines=10)
-    found = rehearse_session(planned, rehearsals, progress)
+    found = rehearse_session(planned, rehearsals, make_progress("rehearsed", quiet=quiet, lines=10))
     _write_new(texts, force=force)
     return Outcome(
         f"{folder}: {len(rows)} trials on {len(planned.blocks())} blocks; measure them, then "
@@ -153,10 +152,9 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
         folder / path.name: path.read_text(encoding="utf-8")
         for path in sorted(source.glob("*.toml"))
     }
-    if not texts:
-        raise PipelineError(
-            f"the shipped stimuli must lie in the installation, found none [{installed}]"
-        )
+    PipelineError.require(
+        texts, f"the shipped stimuli must lie in the installation, found none [{installed}]"
+    )
     _write_new(texts, force=force)
     then = f"stepblocks build {folder}"
     return Outcome(

@@ -312,12 +312,11 @@ def _list_channels(scan: Path) -> Outcome:
 
 def _summarise_many(together: "ManyScans", written: list[Path]) -> Outcome:
     findings = [f"{serial}: {one.conclusion}" for serial, one in together.reports.items()]
-    page = next((path for path in written if path.suffix == ".html"), None)
     return Outcome(
         "",
         together.shown,
         [*findings, *together.left_out],
-        page,
+        next((path for path in written if path.suffix == ".html"), None),
         together.verdict.exit_code,
         together.as_record(),
     )

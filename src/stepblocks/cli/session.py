@@ -83,8 +83,9 @@ def measure(
 
     if trials is not None and plots is None:
         raise PipelineError("--trials says which trials --plots draws: give --plots, too")
-    progress = make_progress("measured trials", quiet=quiet, lines=10)
-    summary = write_features(session, output, progress=progress, jobs=jobs)
+    summary = write_features(
+        session, output, progress=make_progress("measured trials", quiet=quiet, lines=10), jobs=jobs
+    )
     if plots is not None:
         from stepblocks.bench.figures import draw_trials
 
@@ -145,8 +146,7 @@ def loop(
         return _summarise_hierarchy(loop_sessions(session, output, **options))
     result = loop_session(session[0], output, **options)
     for scan in result.document["scans"]["left_out"]:
-        reason = f"scan of {scan['block']} left out: {scan['reason']}"
-        print(format_units(reason), file=sys.stderr)
+        print(format_units(f"scan of {scan['block']} left out: {scan['reason']}"), file=sys.stderr)
     excluded = len(result.document["excluded"])
     return Outcome(
         f"{result.document['finding']} ({result.verdict})",

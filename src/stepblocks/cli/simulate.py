@@ -46,8 +46,9 @@ def _read_shares(text: str) -> dict[str, float]:
         from stepblocks.predict.sheaths import find_damping
 
         return find_damping(text)
-    pairs = read_pairs(text, "name=share")
-    return {name: quantity("ratio")(value) for name, value in pairs.items()}
+    return {
+        name: quantity("ratio")(value) for name, value in read_pairs(text, "name=share").items()
+    }
 
 
 Damping = Annotated[

@@ -217,11 +217,10 @@ def design(
     )
     trials, people = len(plan.trials), int(plan.trials[-1]["participant"])
     chosen = "to choose from " if plan.experiment == "adaptive" else ""
-    summary = (
-        f"{output / 'design.csv'}: {trials} trials {chosen}of {people} participants; {plan.balance}"
-    )
     return Outcome(
-        summary, record={"trials": trials, "participants": people, "balance": plan.balance}
+        f"{output / 'design.csv'}: {trials} trials {chosen}of {people} participants; "
+        f"{plan.balance}",
+        record={"trials": trials, "participants": people, "balance": plan.balance},
     )
 
 
@@ -229,8 +228,10 @@ def design(
 def sheet(*, folder: Folder) -> Outcome:
     """Write blinded run sheets, to print and as CSV to fill in."""
     number = stepblocks.write_sheets(folder)
-    summary = f"{folder / 'sheets'}: {number} run sheets; print {folder / 'run-sheets.html'}"
-    return Outcome(summary, record={"sheets": number})
+    return Outcome(
+        f"{folder / 'sheets'}: {number} run sheets; print {folder / 'run-sheets.html'}",
+        record={"sheets": number},
+    )
 
 
 @command(study, "run", "study run study mine.toml --participant 1")
@@ -394,11 +395,11 @@ def analyse(
     """Analyse answers: results.csv and report.html."""
     from stepblocks.study.prose import write_headline
 
-    if bool(data) == bool(answers) or (data and folder):
-        raise PipelineError(
-            "a study's folder and its answers must be given, such as: stepblocks study analyse "
-            "my-study answers.csv; or --data with a table of your own"
-        )
+    PipelineError.require(
+        bool(data) != bool(answers) and not (data and folder),
+        "a study's folder and its answers must be given, such as: stepblocks study analyse "
+        "my-study answers.csv; or --data with a table of your own",
+    )
     place = output or (folder or Path("out/study")) / "report"
     result = stepblocks.analyse_study(
         folder,

@@ -83,10 +83,10 @@ StandardOption = Annotated[
 
 def choose_source(file: Path | None, heights: Heights | None) -> Path | Heights:
     """Return the stimulus file or the heights, of which one must be given."""
-    if (file is None) == (heights is None):
-        raise PipelineError(
-            "a stimulus FILE or --heights must be given, got " + ("both" if heights else "neither")
-        )
+    PipelineError.require(
+        (file is None) != (heights is None),
+        "a stimulus FILE or --heights must be given, got " + ("both" if heights else "neither"),
+    )
     source = file or heights
     assert source is not None
     return source

@@ -6,8 +6,6 @@ from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
 from stepblocks import cad
@@ -108,14 +106,21 @@ class Body(Table):
         half, room = 0.5 * min(length, width, thickness), length - 2.0 * chamfer
         yield check_below("edge_break", "be smaller than half the smallest side", chamfer, half)
         if self.engraving is not None:
-            deep, rule = self.engraving.depth.nominal, "be below a tenth of the width"
-            yield check_below("engraving.depth", rule, deep, 0.1 * width)
+            yield check_below(
+                "engraving.depth",
+                "be below a tenth of the width",
+                self.engraving.depth.nominal,
+                0.1 * width,
+            )
         if holes is None:
             return
         spacing, entry = holes.spacing.nominal, holes.entry_diameter
-        inside = spacing + entry < room
         yield check_rule(
-            inside, "mounting.spacing", "leave the holes inside the base", room - entry, spacing
+            spacing + entry < room,
+            "mounting.spacing",
+            "leave the holes inside the base",
+            room - entry,
+            spacing,
         )
         yield check_rule(entry < spacing, "mounting.spacing", "exceed the hole", entry, spacing)
         tip = (
@@ -196,11 +201,13 @@ class Block(Part):
         )
 
     def _engraved_volume(self) -> float:
-        engraving, area = self.body.engraving, 0.0
+        engraving = self.body.engraving
         if engraving is None:
             return 0.0
-        for outer, *inner in outline_text(self.id.upper(), engraving.height.nominal):
-            area += _compute_polygon_area(outer) - math.fsum(map(_compute_polygon_area, inner))
+        import shapely
+
+        outlines = outline_text(self.id.upper(), engraving.height.nominal)
+        area = math.fsum(shapely.Polygon(outer, inner).area for outer, *inner in outlines)
         return area * engraving.depth.nominal
 
     def extruded(self, crest: cad.door.Outline) -> cad.door.Body:
@@ -277,9 +284,16 @@ class Block(Part):
             self.face_demands, lower, upper, describe_plane(2, base)
         )
         if mounting is not None and mounting.kind == "tapped":
-            full, label = mounting.thread_depth, f"thread {mounting.thread}-6H, least full depth"
-            more, method = mounting.depth.nominal - full, "thread plug gauge 6H, go and no-go"
-            yield Characteristic("thread", label, "note", full, 0.0, more, method=method)
+            full = mounting.thread_depth
+            yield Characteristic(
+                "thread",
+                f"thread {mounting.thread}-6H, least full depth",
+                "note",
+                full,
+                lower=0.0,
+                upper=mounting.depth.nominal - full,
+                method="thread plug gauge 6H, go and no-go",
+            )
 
     def _hole_characteristics(
         self, mounting: Mounting, hole: FaceRule, lower: FaceRule
@@ -435,11 +449,6 @@ def compute_half_volume(body: Body, extent: float, top: float) -> float:
     corners_at_chamfer = c**3 / 6.0
     straight = height - 2.0 * c
     return straight * (extent * width - c * c) + 2.0 * (rectangle(c) - corners_at_chamfer)
-
-
-def _compute_polygon_area(points: NDArray[np.float64]) -> float:
-    x, y = points[:, 0], points[:, 1]
-    return 0.5 * abs(math.fsum((x * np.roll(y, -1) - y * np.roll(x, -1)).tolist()))
 
 
 def compute_strip_volume(body: Body, top: float, polygon: list[Point]) -> float:

@@ -146,12 +146,18 @@ def make_characteristic(
     # a caliper (u about 10 um) proves a tolerance of 0.2 mm, as rounded in metres, and no less
     wide = dimension.upper - dimension.lower >= 0.1999e-3 or dimension.quantity == "angle"
     method = method or (CALIPER if wide else MICROMETER)
-    name, limits = (
-        label or key.replace("_", " "),
-        (dimension.nominal, dimension.lower, dimension.upper),
-    )
     return Characteristic(
-        key, name, kind, *limits, body, faces, method, dimension.quantity, (dimension,)
+        key,
+        label or key.replace("_", " "),
+        kind,
+        dimension.nominal,
+        dimension.lower,
+        dimension.upper,
+        body,
+        faces,
+        method,
+        dimension.quantity,
+        states=(dimension,),
     )
 
 

@@ -43,10 +43,10 @@ def find_stations_confined(
     middle = around.mean(axis=0)
     draw = np.linalg.svd(around - middle, full_matrices=False)[2][2]
     draw *= math.copysign(1.0, float(draw @ towards))
-    if draw @ towards < 0.5 * np.linalg.norm(towards):
-        raise StimulusError(
-            f"crown_towards must leave the plane of the margin by 30 deg or more [{path.name}]"
-        )
+    StimulusError.require(
+        draw @ towards >= 0.5 * np.linalg.norm(towards),
+        f"crown_towards must leave the plane of the margin by 30 deg or more [{path.name}]",
+    )
     radii = np.linalg.norm(mesh.triangles - mesh.triangles_center[:, None], axis=2).max(axis=1)
     beside = cKDTree(around).query(mesh.triangles_center)[0] < 3.0 * _FITTED + radii
     mesh.update_faces(beside)
@@ -65,11 +65,11 @@ def find_stations_confined(
         hole, sides, level = _fit_sections(
             [_cut_section(mesh, near, *frame) for frame in frames], shows
         )
-        if hole:
-            raise StimulusError(
-                f"the scan must show a third of the {hole} within {_FITTED * 1e3:g} mm of the "
-                f"margin, got a hole at station {number + 1} [{path.name}]"
-            )
+        StimulusError.require(
+            not hole,
+            f"the scan must show a third of the {hole} within {_FITTED * 1e3:g} mm of the "
+            f"margin, got a hole at station {number + 1} [{path.name}]",
+        )
         # where the sides meet, the axis across and the axis outwards, both along the level tooth
         lying = level @ frames[_SECTIONS // 2][1][:2] + np.outer([1.0, 0.0, 0.0], place)
         found.append([*lying.ravel(), *sides])
@@ -91,18 +91,18 @@ def _load_tooth(path: Path, scale: float, margin: list[list[float]]) -> tuple[An
     from scipy.spatial import cKDTree
 
     mesh = trimesh.load_mesh(path, file_type=path.suffix[1:].lower())
-    if not 0 < len(mesh.faces) <= _MOST_TRIANGLES or not np.isfinite(mesh.vertices).all():
-        raise StimulusError(
-            f"a mesh must have 1 to {_MOST_TRIANGLES} triangles between finite points, got "
-            f"{len(mesh.faces)} triangles [{path.name}]"
-        )
+    StimulusError.require(
+        0 < len(mesh.faces) <= _MOST_TRIANGLES and np.isfinite(mesh.vertices).all(),
+        f"a mesh must have 1 to {_MOST_TRIANGLES} triangles between finite points, got "
+        f"{len(mesh.faces)} triangles [{path.name}]",
+    )
     mesh.apply_scale(scale)
     size = float(mesh.extents.max())
-    if not _SMALLEST <= size <= _LARGEST:
-        raise StimulusError(
-            f"unit must make the mesh a tooth of {_SMALLEST * 1e3:g} to {_LARGEST * 1e3:g} mm, "
-            f"got {size * 1e3:.4g} mm [{path.name}]"
-        )
+    StimulusError.require(
+        _SMALLEST <= size <= _LARGEST,
+        f"unit must make the mesh a tooth of {_SMALLEST * 1e3:g} to {_LARGEST * 1e3:g} mm, "
+        f"got {size * 1e3:.4g} mm [{path.name}]",
+    )
     mesh.update_faces(mesh.nondegenerate_faces())
     pieces = trimesh.graph.connected_components(
         mesh.face_adjacency, nodes=np.arange(len(mesh.faces))
@@ -111,11 +111,11 @@ def _load_tooth(path: Path, scale: float, margin: list[list[float]]) -> tuple[An
     longest = float(mesh.edges_unique_length.max())
     points = [mesh.vertices[np.unique(mesh.faces[piece])] for piece in pieces]
     beside = cKDTree(np.concatenate(points)).query(picked)[0] - longest
-    if beside.max() > _BESIDE:
-        raise StimulusError(
-            f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got "
-            f"{beside.max() * 1e3:.3g} mm off at point {int(beside.argmax()) + 1} [{path.name}]"
-        )
+    StimulusError.require(
+        beside.max() <= _BESIDE,
+        f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got "
+        f"{beside.max() * 1e3:.3g} mm off at point {int(beside.argmax()) + 1} [{path.name}]",
+    )
     line = _read_closed_line(picked, path)
     around = line(np.linspace(0.0, line.x[-1], 500))
     # debris and loose islands are no side of a margin: tooth and crown go along most of its line
@@ -134,11 +134,11 @@ def _read_closed_line(points: Array, path: Path) -> Any:
 
     line = np.vstack([points, points[:1]])
     chords = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    if len(points) < 3 or chords.min() == 0.0 or chords.max() > chords.sum() / 3.0:
-        raise StimulusError(
-            "margin must close round the tooth, no two neighbours further apart than a third "
-            f"of it, got {len(points)} points [{path.name}]"
-        )
+    StimulusError.require(
+        len(points) >= 3 and chords.min() != 0.0 and chords.max() <= chords.sum() / 3.0,
+        "margin must close round the tooth, no two neighbours further apart than a third "
+        f"of it, got {len(points)} points [{path.name}]",
+    )
     at = np.concatenate([[0.0], np.cumsum(chords)])
     if len(points) > _MOST_KNOTS:
         knots = np.linspace(0.0, at[-1], _MOST_KNOTS + 1)

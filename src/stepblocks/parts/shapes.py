@@ -146,11 +146,10 @@ def _lift_to_volume(
         if slope == 0.0 or abs(here - volume) <= 1e-12 * volume:
             break
         lift += (volume - here) / slope
-    if abs(lift) > COARSE_DEFLECTION:
-        raise HapticsError(
-            f"a mesh must keep its chordal error ({COARSE_DEFLECTION:g} m), got a lift of "
-            f"{lift:g} m"
-        )
+    HapticsError.require(
+        abs(lift) <= COARSE_DEFLECTION,
+        f"a mesh must keep its chordal error ({COARSE_DEFLECTION:g} m), got a lift of {lift:g} m",
+    )
     return raw.vertices + lift * direction
 
 

@@ -97,8 +97,7 @@ def plot_predictions(
     by = [name for name in _find_varying(frame) if name not in own]
     for condition, rows in frame.groupby(by, sort=False) if by else [((), frame)]:
         ordered = rows.sort_values(x)
-        label = ", ".join(map(str, condition))
-        axes.plot(ordered[x], ordered[y], marker="o", label=label or None)
+        axes.plot(ordered[x], ordered[y], marker="o", label=", ".join(map(str, condition)) or None)
     if by:
         titles = (format_column_label(name) for name in by)
         axes.legend(title=format_units("; ".join(titles)), fontsize=8)

@@ -84,10 +84,9 @@ def draw_energy_of_height(
     intervals = [estimate_interval(step, point, uncertainty, draws=4000) for step in steps]
     figure, axis = make_figure()
     released = np.array([one.status is Status.RELEASES for one in intervals])
-    if not released.any():
-        raise ContactError(
-            "a figure of energy against height needs a height that releases, got none"
-        )
+    ContactError.require(
+        released.any(), "a figure of energy against height needs a height that releases, got none"
+    )
     energy, low, high = (
         1e6 * np.array([getattr(one, name) for one in intervals])
         for name in ("energy", "energy_low", "energy_high")

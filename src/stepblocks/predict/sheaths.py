@@ -73,8 +73,9 @@ def find_damping(source: str | Path) -> dict[str, float]:
     from stepblocks.declare import load_set
 
     found = predict_conditions(load_set(Path(source)))
-    if not found:
-        raise PipelineError(f"damping needs a set with a probe and sheaths, got none [{source}]")
+    PipelineError.require(
+        found, f"damping needs a set with a probe and sheaths, got none [{source}]"
+    )
     held = {
         one.sheath.removeprefix("sheath-"): one.sensed / found[0].sensed
         for one in found
@@ -166,16 +167,16 @@ def plan_decay_test(
     ):
         require_positive(name, value)
     frequency, decay_time = tool.frequency, tool.decay_time
-    if rate < 4.0 * frequency:
-        raise ContactError(
-            f"rate must be at least four samples per period ({4.0 * frequency:.4g} Hz), got "
-            f"{rate:g} Hz"
-        )
-    if displacement <= 3.0 * noise:
-        raise ContactError(
-            f"displacement must exceed three times the noise ({3e6 * noise:g} um), got "
-            f"{displacement * 1e6:g} um"
-        )
+    ContactError.require(
+        rate >= 4.0 * frequency,
+        f"rate must be at least four samples per period ({4.0 * frequency:.4g} Hz), got "
+        f"{rate:g} Hz",
+    )
+    ContactError.require(
+        displacement > 3.0 * noise,
+        f"displacement must exceed three times the noise ({3e6 * noise:g} um), got "
+        f"{displacement * 1e6:g} um",
+    )
     count = max(math.ceil(_RECORD * decay_time * rate), 8)
     decrement = 1.0 / (decay_time * frequency)
     # the Cramer-Rao bound of a damped sine: least standard uncertainties of its angular frequency
@@ -189,11 +190,10 @@ def plan_decay_test(
     frequency_std, rate_std = float(least[0]) / math.tau, float(least[1])
     decrement_std = math.hypot(rate_std / frequency, decrement * frequency_std / frequency)
     releases = max(math.ceil((decrement_std / (wanted * decrement)) ** 2), 1)
-    if releases > _MOST_RELEASES:
-        raise ContactError(
-            f"an uncertainty of {wanted:g} would take {releases} releases, more than "
-            f"{_MOST_RELEASES}"
-        )
+    ContactError.require(
+        releases <= _MOST_RELEASES,
+        f"an uncertainty of {wanted:g} would take {releases} releases, more than {_MOST_RELEASES}",
+    )
     return {
         "displacement_um": displacement * 1e6,
         "holding_force_n": tool.stiffness * displacement,

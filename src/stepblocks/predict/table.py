@@ -178,10 +178,9 @@ def predict_with_model(
     used = {name for law in learned.extended.laws for name in list_covariate_columns(law.covariate)}
     needed = ("trial", "block", *_POSITIVE, *sorted(used))
     missing = [name for name in needed if name not in table.columns]
-    if missing:
-        raise PipelineError(
-            f"trials must have the columns {', '.join(missing)}, which the model needs"
-        )
+    PipelineError.require(
+        not missing, f"trials must have the columns {', '.join(missing)}, which the model needs"
+    )
     columns, invalid, outside = _read_conditions(table, learned, {*_POSITIVE, *used})
     tips = table["tip"].astype(str) if "tip" in table else [""] * len(table)
     columns["tip_radius_um"] = np.array(
@@ -359,8 +358,10 @@ def make_learned_drag(
 def apply_model(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
     """Put the constants of a session into a set: friction, spring and conversion."""
     values, grid = learned.extended.values, stimuli.prediction
-    stiffness = learned.tool.stiffness * values["stiffness_ratio"]
-    spring = {"stiffness": stiffness, "conversion": float(np.exp(values["ln_conversion"]))}
+    spring = {
+        "stiffness": learned.tool.stiffness * values["stiffness_ratio"],
+        "conversion": float(np.exp(values["ln_conversion"])),
+    }
     update = {"frictions": (values["friction"],), "tool": grid.tool.model_copy(update=spring)}
     return stimuli.model_copy(update={"prediction": grid.model_copy(update=update)})
 

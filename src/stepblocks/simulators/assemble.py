@@ -211,8 +211,11 @@ def _apply_learned_energy(
     if event.status is not Status.RELEASES:
         return event
     known = _predict_with_model(learned, surface, point, event.direction)
-    energy = known.energy[0] if math.isfinite(known.energy[0]) else event.energy
-    return replace(event, energy=energy, learned=known)
+    return replace(
+        event,
+        energy=known.energy[0] if math.isfinite(known.energy[0]) else event.energy,
+        learned=known,
+    )
 
 
 def _predict_with_model(
@@ -249,17 +252,17 @@ def simulate_ring_of(
         settings={"sample_rate": _RATE, "ring_time": _LENGTH},
     )
     name = f"[{event.stimulus} {event.drag}]"
-    if trace.status is not Status.RELEASES:
-        raise HapticsError(
-            f"the time-domain drag must release to give a ring, got {trace.status.value} {name}"
-        )
+    HapticsError.require(
+        trace.status is Status.RELEASES,
+        f"the time-domain drag must release to give a ring, got {trace.status.value} {name}",
+    )
     time, pull, level = trace.column("time_s"), trace.column("fx_n"), trace.settings.sliding_force
     after = np.flatnonzero((time >= trace.release_time) & (pull <= level))
-    if len(after) < 2:
-        raise HapticsError(
-            f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that "
-            f"low {name}"
-        )
+    HapticsError.require(
+        len(after) >= 2,
+        f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that "
+        f"low {name}",
+    )
     force, delay = level - pull[after[0] :], float(time[after[0]] - trace.release_time)
     factor = math.sqrt(event.energy / compute_ring_energy(force, _RATE, event.tool))
     own = measure_ring(trace, spectra=False)

@@ -94,17 +94,17 @@ def compare_record(
     start = _find_release(force, rate, event)
     length = math.ceil(_LENGTH * event.tool.decay_time * rate)
     tail = force[start : start + length]
-    if len(tail) < 0.8 * length:
-        raise HapticsError(
-            f"a record must go on for {1e3 * length / rate:.3g} ms after the release, got "
-            f"{1e3 * len(tail) / rate:.3g} ms [{place}]"
-        )
+    HapticsError.require(
+        len(tail) >= 0.8 * length,
+        f"a record must go on for {1e3 * length / rate:.3g} ms after the release, got "
+        f"{1e3 * len(tail) / rate:.3g} ms [{place}]",
+    )
     found, explained = _measure_ring(tail, rate, event)
-    if explained < _EXPLAINED:
-        raise HapticsError(
-            f"a record must hold a ring near {event.tool.frequency:g} Hz after the release, got "
-            f"none: a decaying sine explains {100.0 * explained:.0f} % of what follows [{place}]"
-        )
+    HapticsError.require(
+        explained >= _EXPLAINED,
+        f"a record must hold a ring near {event.tool.frequency:g} Hz after the release, got "
+        f"none: a decaying sine explains {100.0 * explained:.0f} % of what follows [{place}]",
+    )
     ideal, _ = _measure_ring(compute_ring_force(event, rate)[: len(tail)], rate, event)
     if has_pull:
         before = np.abs(force[max(0, start - math.ceil(_BEFORE * rate)) : start])
@@ -174,19 +174,19 @@ def _read_record(
     if len(steps) < 15 or not (steps > 0.0).all():
         raise HapticsError(f"time_s must rise in at least 16 rows, got {len(steps) + 1} [{place}]")
     step = float(np.median(steps))
-    if step * event.tool.frequency * _SAMPLES > 1.0:
-        raise HapticsError(
-            f"time_s must rise by at most {1e3 / (_SAMPLES * event.tool.frequency):.2g} ms to show "
-            f"a ring of {event.tool.frequency:g} Hz, got steps of {1e3 * step:.3g} ms; a column in "
-            f"milliseconds is called time_ms [{place}]"
-        )
+    HapticsError.require(
+        step * event.tool.frequency * _SAMPLES <= 1.0,
+        f"time_s must rise by at most {1e3 / (_SAMPLES * event.tool.frequency):.2g} ms to show "
+        f"a ring of {event.tool.frequency:g} Hz, got steps of {1e3 * step:.3g} ms; a column in "
+        f"milliseconds is called time_ms [{place}]",
+    )
     if accelerates:
-        values = frame["acceleration_m_s2"].to_numpy(dtype=np.float64)
-        force = values * event.tool.effective_mass
+        force = frame["acceleration_m_s2"].to_numpy(dtype=np.float64) * event.tool.effective_mass
     else:
         force = columns["force"]
-    if not np.isfinite(force).all():
-        raise HapticsError(f"the record must have finite samples, got others [{place}]")
+    HapticsError.require(
+        np.isfinite(force).all(), f"the record must have finite samples, got others [{place}]"
+    )
     return force, 1.0 / step, not accelerates
 
 

@@ -17,15 +17,10 @@ def check_overrides(overrides: Mapping[str, object]) -> None:
     for name, value in overrides.items():
         if name not in OVERRIDES:
             raise PipelineError(f"an option must be one of {', '.join(OVERRIDES)}, got {name!r}")
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not math.isfinite(value)
-        ):
-            raise PipelineError(
-                f"{name} must be a finite number in SI units, got "
-                f"{' '.join(repr(value).split()):.40}"
-            )
+        PipelineError.require(
+            not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value),
+            f"{name} must be a finite number in SI units, got {' '.join(repr(value).split()):.40}",
+        )
 
 
 def choose_operating_point(

@@ -123,8 +123,7 @@ def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
 def find_device(name: str, devices: tuple[Device, ...]) -> Device:
     """Find a device by its id, or say which there are."""
     found = {device.id: device for device in devices}
-    if name not in found:
-        raise HapticsError(f"device must be one of {', '.join(found)}, got {name!r}")
+    HapticsError.require(name in found, f"device must be one of {', '.join(found)}, got {name!r}")
     return found[name]
 
 

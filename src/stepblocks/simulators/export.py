@@ -161,8 +161,7 @@ def export_scenes(
                 for scan, stations in lay_out_teeth(scenes, Path(source).parent):
                     folder = draft / stimuli.name / scan.name / f"{name}-tooth"
                     write_tooth(folder, scan, stations, form)
-        if not done:
-            raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
+        PipelineError.require(done, f"--only must match at least one stimulus, got {only!r}")
         _move_into_place(draft, Path(output))
     return done
 

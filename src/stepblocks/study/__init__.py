@@ -8,9 +8,4 @@ from stepblocks.errors import StudyError
 __all__ = ["RATINGS", "Array", "Table", "require"]
 
 RATINGS = (1, 7)  # lowest and highest rating
-
-
-def require(holds: object, rule: str) -> None:
-    """Refuse what breaks a rule; the rule says what was got instead."""
-    if not holds:
-        raise StudyError(rule)
+require = StudyError.require

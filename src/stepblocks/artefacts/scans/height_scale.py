@@ -94,10 +94,10 @@ def check_height_scale(
         return f"{scale.field}: {scale.count:.6g} m, checked"
     counts = (finite[:20000] - finite[0]) / scale.count
     # float32 counts above 2^24 and offsets cost digits; a wrong factor misses by far more
-    if np.max(np.abs(counts - np.rint(counts))) > 0.02 + 1e-6 * float(np.max(np.abs(counts))):
-        raise MetrologyError(
-            f"heights must be multiples of {scale.count:g} m ({scale.field}) [{place}]"
-        )
+    MetrologyError.require(
+        np.max(np.abs(counts - np.rint(counts))) <= 0.02 + 1e-6 * float(np.max(np.abs(counts))),
+        f"heights must be multiples of {scale.count:g} m ({scale.field}) [{place}]",
+    )
     return f"{scale.field}: {scale.count:.6g} m per count, checked"
 
 

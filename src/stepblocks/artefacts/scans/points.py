@@ -78,11 +78,11 @@ def _find_axes(x: Array, y: Array) -> list[Array]:
             if uneven[fast] < _EVEN
             else np.sqrt(extents[0] * extents[1] / len(x))
         )
-        if not even > 0.0:
-            raise MetrologyError(
-                "points must lie on a grid: resample a free surface, as of a tooth, on one "
-                f"first, got {len(x)} points, most of them on one line"
-            )
+        MetrologyError.require(
+            even > 0.0,
+            "points must lie on a grid: resample a free surface, as of a tooth, on one "
+            f"first, got {len(x)} points, most of them on one line",
+        )
         counts[fast] = round(extents[fast] / float(even)) + 1
     counts = [count or max(round(len(x) / max(counts)), 1) for count in counts]
     pairs = zip(exact, counts, (x, y), strict=True)
@@ -119,11 +119,11 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
     The size of a stored 1 is given for each axis.
     """
     missing = [axis for axis in "xyz" if axis not in sizes]
-    if missing:
-        raise MetrologyError(
-            f"a unit must be given for a {path.suffix} file, which states none, as mm or "
-            f"x=mm,y=mm,z=um [{path.name}]"
-        )
+    MetrologyError.require(
+        not missing,
+        f"a unit must be given for a {path.suffix} file, which states none, as mm or "
+        f"x=mm,y=mm,z=um [{path.name}]",
+    )
     per = np.array([sizes[axis][0] / sizes[axis][1] for axis in "xyz"])
     if path.suffix.lower() == ".json":
         return _read_json_image(path, per)

@@ -102,11 +102,11 @@ def read_scan(
     path, form = _find_form(Path(path))
     if form == "text":
         return read_text_scan(path, unit, channel)
-    if unit is not None and form != "points":
-        raise MetrologyError(
-            f"unit must not be given for a {path.suffix.lower()} file, which says its own "
-            f"[{path.name}]"
-        )
+    MetrologyError.require(
+        unit is None or form == "points",
+        f"unit must not be given for a {path.suffix.lower()} file, which says its own "
+        f"[{path.name}]",
+    )
     found = read_confined(
         f"{__name__}:read_scan_confined", path, unit or "", channel or "", raises=MetrologyError
     )
@@ -156,15 +156,13 @@ def list_channels(path: str | Path) -> list[str]:
 
 def _find_form(path: Path) -> tuple[Path, str]:
     # Return by which reader a file is read: by its first bytes where its ending says little.
-    if not is_file(path):
-        raise MetrologyError(f"scan must be a file, got {str(path)!r}")
+    MetrologyError.require(is_file(path), f"scan must be a file, got {str(path)!r}")
     try:
         with path.open("rb") as file:
             begin = file.read(4)
     except OSError as error:
         raise MetrologyError(f"scan cannot be read: {error.strerror} [{path.name}]") from error
-    if not begin:
-        raise MetrologyError(f"scan must not be empty [{path.name}]")
+    MetrologyError.require(begin, f"scan must not be empty [{path.name}]")
     ending = path.suffix.lower()
     if begin in _MAGIC:
         return path, _MAGIC[begin]
@@ -184,11 +182,11 @@ def _check_archive(path: Path) -> None:
     # Refuse a zip bomb by its directory, before anything is unpacked.
     with zipfile.ZipFile(path) as archive:
         sizes = [entry.file_size for entry in archive.infolist()]
-    if sum(sizes) > _MOST_UNPACKED or len(sizes) > 10_000:
-        raise MetrologyError(
-            f"archive must unpack to at most {_MOST_UNPACKED >> 20} MiB in 10000 files, got "
-            f"{sum(sizes) >> 20} MiB in {len(sizes)} [{path.name}]"
-        )
+    MetrologyError.require(
+        sum(sizes) <= _MOST_UNPACKED and len(sizes) <= 10_000,
+        f"archive must unpack to at most {_MOST_UNPACKED >> 20} MiB in 10000 files, got "
+        f"{sum(sizes) >> 20} MiB in {len(sizes)} [{path.name}]",
+    )
 
 
 def read_scan_confined(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
@@ -222,18 +220,18 @@ def _unpack_sur(path: Path) -> io.BytesIO:
     sizes = [
         struct.unpack_from("<II", raw, begin + 4 + 8 * piece) for piece in range(min(pieces, 4096))
     ]
-    if sum(size for size, _ in sizes) > _MOST_UNPACKED:
-        raise MetrologyError(
-            f"file must unpack to at most {_MOST_UNPACKED >> 20} MiB [{path.name}]"
-        )
+    MetrologyError.require(
+        sum(size for size, _ in sizes) <= _MOST_UNPACKED,
+        f"file must unpack to at most {_MOST_UNPACKED >> 20} MiB [{path.name}]",
+    )
     at, plain = begin + 4 + 8 * len(sizes), [b"DIGITAL SURF" + raw[12:begin]]
     for size, packed in sizes:
         plain.append(zlib.decompressobj().decompress(raw[at : at + packed], size))
-        if len(plain[-1]) != size:
-            raise MetrologyError(
-                f"piece of compressed heights must unpack to {size} bytes, got "
-                f"{len(plain[-1])} [{path.name}]"
-            )
+        MetrologyError.require(
+            len(plain[-1]) == size,
+            f"piece of compressed heights must unpack to {size} bytes, got "
+            f"{len(plain[-1])} [{path.name}]",
+        )
         at += packed
     return io.BytesIO(b"".join(plain))
 
@@ -320,10 +318,10 @@ def _read_by_surfacetopography(
     if wanted == _LIST:
         return {"channels": [f"{one.name} [{one.unit}]" for one in reader.channels]}
     channel = _find_channel(list(reader.channels), wanted, place)
-    if channel.unit not in LENGTH_UNITS:
-        raise MetrologyError(
-            f"channel {channel.name!r} must say its unit of length, got {channel.unit!r} [{place}]"
-        )
+    MetrologyError.require(
+        channel.unit in LENGTH_UNITS,
+        f"channel {channel.name!r} must say its unit of length, got {channel.unit!r} [{place}]",
+    )
     if channel.physical_sizes is None:
         raise MetrologyError(
             f"channel {channel.name!r} must say its lateral size, got none [{place}]"

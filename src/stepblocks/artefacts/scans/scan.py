@@ -50,15 +50,15 @@ class ScannedProfile:
 
     def __post_init__(self) -> None:
         place = f" [{self.source}]" if self.source else ""
-        if self.position.ndim != 1 or self.position.shape != self.height.shape:
-            raise MetrologyError(
-                f"profile must be two equally long rows, got {self.position.shape} and "
-                f"{self.height.shape}{place}"
-            )
-        if len(self.position) < _LEAST_POINTS:
-            raise MetrologyError(
-                f"profile must have at least 3 points, got {len(self.position)}{place}"
-            )
+        MetrologyError.require(
+            self.position.ndim == 1 and self.position.shape == self.height.shape,
+            f"profile must be two equally long rows, got {self.position.shape} and "
+            f"{self.height.shape}{place}",
+        )
+        MetrologyError.require(
+            len(self.position) >= _LEAST_POINTS,
+            f"profile must have at least 3 points, got {len(self.position)}{place}",
+        )
         if not (np.isfinite(self.position).all() and (np.diff(self.position) > 0.0).all()):
             raise MetrologyError(f"positions must be finite and increase along the profile{place}")
         if not np.isfinite(self.height).any():
@@ -120,10 +120,10 @@ class HeightMap:
         for name, value in (("dx", self.dx), ("dy", self.dy)):
             if not (np.isfinite(value) and value > 0.0):
                 raise MetrologyError(f"{name} must be positive and finite, got {value:g} m{place}")
-        if not np.isfinite(self.height).any():
-            raise MetrologyError(
-                f"height map must hold at least one measured height, got none{place}"
-            )
+        MetrologyError.require(
+            np.isfinite(self.height).any(),
+            f"height map must hold at least one measured height, got none{place}",
+        )
         _require_reach("heights", self.height, place)
         _require_reach("sides", np.array(self.height.shape) * (self.dy, self.dx), place)
 

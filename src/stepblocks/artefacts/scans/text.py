@@ -105,8 +105,7 @@ def read_text_scan(
         raise MetrologyError(
             f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]"
         )
-    raw = path.read_bytes()
-    text = _decode(raw)
+    text = _decode(path.read_bytes())
     if "\0" in text[:4096]:
         raise MetrologyError(f"file must be text, got binary data [{path.name}]")
     head, values = _parse_table(text, path)
@@ -293,16 +292,16 @@ def _choose_columns(
         if channel is not None:
             alike = [i for i in lower if channel.lower() in lower[i]]
             named["z"] = [i for i in alike if lower[i] == channel.lower()] or alike
-        if len(named["z"]) != 1:
-            raise MetrologyError(
-                "channel must be a part of the name of one column, that of the heights, got "
-                f"{channel or 'none'} for {', '.join(names) or 'no names'} [{path.name}]"
-            )
-        if len(named["x"]) != 1 or len(named["y"]) > 1:
-            raise MetrologyError(
-                "table of more than 3 columns must name one x, and one y if it is a map, got "
-                f"{', '.join(names)} [{path.name}]"
-            )
+        MetrologyError.require(
+            len(named["z"]) == 1,
+            "channel must be a part of the name of one column, that of the heights, got "
+            f"{channel or 'none'} for {', '.join(names) or 'no names'} [{path.name}]",
+        )
+        MetrologyError.require(
+            len(named["x"]) == 1 and len(named["y"]) <= 1,
+            "table of more than 3 columns must name one x, and one y if it is a map, got "
+            f"{', '.join(names)} [{path.name}]",
+        )
         return {axis: found[0] for axis, found in named.items() if found}
     if len(left) == 2:
         return {"x": left[0], "z": left[1]}
@@ -332,11 +331,11 @@ def _find_factor(
     asked = given.get(axis)
     if found is not None:
         own = (1.0, LENGTH_UNITS[found.group(1)])
-        if asked not in (None, own):
-            raise MetrologyError(
-                f"unit given for {axis} is not that of column {name!r}, which says another "
-                f"[{path.name}]"
-            )
+        MetrologyError.require(
+            asked in (None, own),
+            f"unit given for {axis} is not that of column {name!r}, which says another "
+            f"[{path.name}]",
+        )
         return own
     if asked is None and common is None:
         rule = f"column {name!r} must name its unit" if name else "columns must name their unit"

@@ -87,8 +87,7 @@ def find_references(value: object) -> Iterator[str]:
 
 def read_exchange(path: Path) -> Exchange:
     """Parse a STEP file."""
-    if not is_file(path):
-        raise MetrologyError(f"STEP file must be a file, got {str(path)!r}")
+    MetrologyError.require(is_file(path), f"STEP file must be a file, got {str(path)!r}")
     if path.stat().st_size > _MOST_BYTES:
         raise MetrologyError(f"STEP file must not exceed {_MOST_BYTES >> 20} MiB [{path.name}]")
     try:

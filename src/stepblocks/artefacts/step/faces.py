@@ -52,8 +52,7 @@ def find_faces(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
         related = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
         if len(related) == 4 and related[2] == aspect and "DATUM" not in file.parts(related[3]):
             found += find_faces(file, related[3], depth + 1)
-    unique = {surface.ref: surface for surface in found if surface.kind}
-    return list(unique.values())
+    return list({surface.ref: surface for surface in found if surface.kind}.values())
 
 
 def _read_units(file: Exchange, representation: str) -> tuple[Unit, Unit]:

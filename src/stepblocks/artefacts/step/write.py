@@ -86,7 +86,6 @@ def write_step_ap242(
     demands = stimulus.face_demands if stimulus.has_working_faces else None
     if demands is not None and (defaults := describe_default_demands(stimulus)):
         notes.append(("defaults", defaults))
-    texture = None if demands is None else demands["roughness"].upper
     write_conforming(
         path,
         stimulus.id,
@@ -95,7 +94,7 @@ def write_step_ap242(
         dimensions,
         tolerances=tolerances,
         notes=notes,
-        texture=texture,
+        texture=None if demands is None else demands["roughness"].upper,
         order=order,
     )
 
@@ -201,8 +200,7 @@ def make_conforming(
         f"'stepblocks','stepblocks',{approval});"
     )
     pinned, count = _HEADER.subn(lambda _: named, text, count=1)
-    if count != 1:
-        raise MachiningError(f"header must have a FILE_NAME to pin [{identity}]")
+    MachiningError.require(count == 1, f"header must have a FILE_NAME to pin [{identity}]")
     head, _, rest = pinned.partition("DATA;")
     section, _, tail = rest.rpartition("ENDSEC;")
     pairs = (one.partition("=") for one in _INSTANCE.findall(section) if one.strip())
@@ -225,10 +223,10 @@ def make_conforming(
                 lambda one: one[1] + _quote(order.revision), data[ref], count=1
             )
     missing = [label for labels in pending_labels.values() for label in labels]
-    if missing:
-        raise MachiningError(
-            f"every named dimension must be written, missing {', '.join(missing)} [{identity}]"
-        )
+    MachiningError.require(
+        not missing,
+        f"every named dimension must be written, missing {', '.join(missing)} [{identity}]",
+    )
     # the kernel writes mass^3 length^2
     for element, (unit, power) in zip(
         _find_instances_holding(data, "DERIVED_UNIT_ELEMENT("),
@@ -292,8 +290,7 @@ def _add_property(
     # Write a property of a product or of the faces that have a tolerance
     kind, name, shown_as = names
     context = _find_instances_holding(data, "GEOMETRIC_REPRESENTATION_CONTEXT(3)")
-    if not owners or not context:
-        raise MachiningError(rule)
+    MachiningError.require(owners and context, rule)
     shown = _add_instance(
         data, f"REPRESENTATION('{shown_as}',({_add_instance(data, value)}),{context[0]})"
     )

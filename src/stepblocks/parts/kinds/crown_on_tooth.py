@@ -252,10 +252,14 @@ class CrownOnTooth(CrownMargin, Turned):
                 states=(root, height),
             )
         outside = replace(h, nominal=self.outer_radius)
-        at, label = FaceRule("CYLINDER", radius=self.outer_radius), "diameter of the crown"
         yield replace(
             make_characteristic(
-                "crown_diameter", "diameter", outside, at, label=label, body=1
+                "crown_diameter",
+                "diameter",
+                outside,
+                FaceRule("CYLINDER", radius=self.outer_radius),
+                label="diameter of the crown",
+                body=1,
             ).doubled,
             states=(h,),
         )

@@ -352,7 +352,10 @@ class MarginBlock(CrownMargin, Block):
             yield "working_faces.burr is for step blocks"
         deepest = abs(v - g) - h if v >= 0.0 else -h
         yield check_rule(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
-        covered = abs(h) < chamfer or chamfer == 0.0
         yield check_rule(
-            covered, "horizontal_discrepancy", "be smaller than body.edge_break", chamfer, abs(h)
+            abs(h) < chamfer or chamfer == 0.0,
+            "horizontal_discrepancy",
+            "be smaller than body.edge_break",
+            chamfer,
+            abs(h),
         )

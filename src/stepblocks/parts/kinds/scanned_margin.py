@@ -148,11 +148,10 @@ class ScannedMargin(CrownMargin):
         )
         for number, row in enumerate(rows, start=1):
             values = number, row[:3], row[3:6], row[6:9], *row[9:]
-            station = dict(zip(Station.model_fields, values, strict=True))
             yield {
                 **stanza,
                 "id": f"{one.id}-{number:0{len(str(one.stations))}}",
-                "station": station,
+                "station": dict(zip(Station.model_fields, values, strict=True)),
             }
 
     def read_tooth(self, folder: Path, scale: float = 1.0) -> Mesh:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar
 
 from stepblocks import cad
 from stepblocks.contact.rod import Sleeve
@@ -17,7 +17,6 @@ from stepblocks.parts.characteristics import (
 from stepblocks.parts.declared import (
     Material,
     Sourced,
-    Table,
     check_below,
     check_rule,
     make_rules_validator,
@@ -40,7 +39,6 @@ from stepblocks.quantities import format_quantity
 MASS_MATCH = 0.01
 MASS_LIMIT = 1e-6  # mass of a mesh against the declared one, relative
 _FLOAT32_LIMIT = 10e-9  # of lengths up to 100 mm, which GLB keeps as float32 in metres
-Model = TypeVar("Model", bound=Table)
 
 
 class SheathMaterial(Material):

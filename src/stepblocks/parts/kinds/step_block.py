@@ -188,10 +188,9 @@ class StepBlock(Block):
         near, lane = feature.distance.nominal, 0.5 * body.width.nominal - feature.lane.nominal
         if feature.kind == "ridge":
             y1 = 0.5 * body.width.nominal - body.edge_break.nominal
-            xs = (-near - feature.width.nominal, -near)
             ridge = [
                 (x, y, z)
-                for x in xs
+                for x in (-near - feature.width.nominal, -near)
                 for y, z in ((lane, 0.0), (lane, height), (y1, 0.0), (y1 - height, height))
             ]
             return [left, right, make_hull(ridge)]
@@ -253,13 +252,13 @@ class StepBlock(Block):
             f"{kind}_length", "distance", feature.lane, *ends, method=MICROSCOPE
         )
         if self.edge_radius.nominal < H:
-            at, name = (describe_plane(0, 0.0, y=-0.5 * back), walls[0]), f"{kind} from edge"
             yield make_characteristic(
                 f"{kind}_distance",
                 "distance",
                 feature.distance,
-                *at,
-                label=name,
+                describe_plane(0, 0.0, y=-0.5 * back),
+                walls[0],
+                label=f"{kind} from edge",
                 method="profilometer",
             )
 

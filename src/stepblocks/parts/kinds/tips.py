@@ -58,8 +58,6 @@ class Tip(Turned, HeldPart):
     cone_angle: Angle = declare_default("8 deg", "0.5 deg")
     shank_radius: PositiveLength  # at the end of the cone [m]
     material: MaterialField = declare_default("1.4301")
-    # of the vibration energy on the steps of the set, where the ball's tolerance shall follow from
-    # it
 
     @property
     def cone_start(self) -> tuple[float, float]:
@@ -93,13 +91,12 @@ class Tip(Turned, HeldPart):
         return CONTACT_DEFLECTION if face.kind == "SPHERE" else COARSE_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        method = "microscope or interferometer, sphere fit"
         yield make_characteristic(
             "ball_radius",
             "radius",
             self.ball_radius,
             FaceRule("SPHERE", radius=self.ball_radius.nominal),
-            method=method,
+            method="microscope or interferometer, sphere fit",
         )
         yield make_characteristic(
             "shank_diameter",
@@ -107,9 +104,13 @@ class Tip(Turned, HeldPart):
             self.shank_radius,
             FaceRule("CYLINDER", radius=self.shank_radius.nominal),
         ).doubled
-        cone, label = FaceRule("CONE"), "cone angle, included"
         yield make_characteristic(
-            "cone_angle", "angle", self.cone_angle, cone, label=label, method="microscope"
+            "cone_angle",
+            "angle",
+            self.cone_angle,
+            FaceRule("CONE"),
+            label="cone angle, included",
+            method="microscope",
         ).doubled
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:

@@ -154,10 +154,10 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
     shares: dict[str, float] = {}
     limits = dict(vars(SHIPPED_LIMITS))
     if "set" in head:
-        if "surface" in head:
-            raise PipelineError(
-                "surface must not be given beside set, which says what its stimuli are [sweep]"
-            )
+        PipelineError.require(
+            "surface" not in head,
+            "surface must not be given beside set, which says what its stimuli are [sweep]",
+        )
         tolerances = draws.get("tolerances", False)
         if not isinstance(head["set"], str) or not isinstance(tolerances, bool):
             raise PipelineError(
@@ -273,25 +273,25 @@ def _read_parameter(
     # Read a constant, a list, or a range into `values` or `ranges`
     if not isinstance(given, dict):
         listed = given if isinstance(given, list) else [given]
-        if not 0 < len(listed) <= _MOST_VALUES:
-            raise PipelineError(
-                f"{name} must list 1 to {_MOST_VALUES} values, got {len(listed)} [parameters]"
-            )
+        PipelineError.require(
+            0 < len(listed) <= _MOST_VALUES,
+            f"{name} must list 1 to {_MOST_VALUES} values, got {len(listed)} [parameters]",
+        )
         values[name] = [_read_quantity(name, item, dimension, "parameters") for item in listed]
     else:
         if unknown := find_unknown_names(given, ("from", "to", "count")):
             raise PipelineError(f"{name}: {unknown[0][1]} [parameters]")
-        if not {"from", "to"} <= set(given):
-            raise PipelineError(f"{name} must have from and to [parameters]")
-        if dimension == "direction":
-            raise PipelineError(
-                f"direction must be {' or '.join(DIRECTIONS)}, or a list of both [parameters]"
-            )
+        PipelineError.require(
+            {"from", "to"} <= set(given), f"{name} must have from and to [parameters]"
+        )
+        PipelineError.require(
+            dimension != "direction",
+            f"direction must be {' or '.join(DIRECTIONS)}, or a list of both [parameters]",
+        )
         low, high = (
             _read_quantity(name, given[end], dimension, "parameters") for end in ("from", "to")
         )
-        if not low < high:
-            raise PipelineError(f"{name} must rise from its from to its to [parameters]")
+        PipelineError.require(low < high, f"{name} must rise from its from to its to [parameters]")
         if kind == "random":
             ranges[name] = [low, high]
         else:
@@ -301,10 +301,10 @@ def _read_parameter(
 
 def _read_quantity(name: str, given: object, dimension: str, place: str) -> float:
     if dimension == "direction":
-        if given not in DIRECTIONS:
-            raise PipelineError(
-                f"direction must be {' or '.join(DIRECTIONS)}, got {given!r} [{place}]"
-            )
+        PipelineError.require(
+            given in DIRECTIONS,
+            f"direction must be {' or '.join(DIRECTIONS)}, got {given!r} [{place}]",
+        )
         return float(DIRECTIONS.index(given))
     try:
         return parse_quantity(given, dimension)
@@ -401,5 +401,9 @@ def _read_axis_point(part: Part, columns: dict[str, str], tolerances: bool, tool
     )
     wall = part.tissue(tool)
     # N/m, N s/m at 1 Hz, N: the damping falls with the frequency of the ring
-    tissue = [wall.stiffness, wall.damping * tool.frequency, wall.friction]
-    return {"id": part.id, "values": values, "spreads": spreads, "tissue": tissue}
+    return {
+        "id": part.id,
+        "values": values,
+        "spreads": spreads,
+        "tissue": [wall.stiffness, wall.damping * tool.frequency, wall.friction],
+    }

@@ -209,10 +209,13 @@ def _make_condition(
         if column in one and not math.isnan(one[column])
     }
     # the end of a crown is square where no vertical discrepancy is given
-    step = plan.surface == "step"
-    face = Step(**sizes) if step else Margin(**{"opening": sizes["gap"]} | sizes)
-    limits = Limits(**plan.limits)
-    tool = Tool(one["stiffness"], one["conversion"], frequency=one["frequency"], limits=limits)
+    face = Step(**sizes) if plan.surface == "step" else Margin(**{"opening": sizes["gap"]} | sizes)
+    tool = Tool(
+        one["stiffness"],
+        one["conversion"],
+        frequency=one["frequency"],
+        limits=Limits(**plan.limits),
+    )
     friction, contact = laws.get("friction", one["friction"]), laws.get("contact")
     tissue = Tissue()
     if plan.stimuli:
@@ -233,8 +236,7 @@ def _drag_rows(
     # Drag every row in time that the equations let slip or lock
     found = columns["status"].astype("U16")
     figures = np.full((len(_DRAG), len(found)), math.nan)
-    dragged = np.isin(found, [str(Status.RELEASES), str(Status.LOCKED)])
-    for row in np.flatnonzero(dragged):
+    for row in np.flatnonzero(np.isin(found, [str(Status.RELEASES), str(Status.LOCKED)])):
         try:
             trace, ring = drag_in_time(
                 *_make_condition(plan, inputs, int(row), laws),

@@ -143,8 +143,9 @@ def run_sweep(
         missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
         for k in missing:  # a damaged file is ours, whatever it holds: the plan beside it says so
             _find_path(folder, k).unlink(missing_ok=True)
-        calls = ((plan, k, folder.absolute()) for k in missing)
-        for number in run_in_processes(write_partition, calls, jobs, in_order=False):
+        for number in run_in_processes(
+            write_partition, ((plan, k, folder.absolute()) for k in missing), jobs, in_order=False
+        ):
             report(number)
     return SweepResult(folder, plan, len(missing), plan.partitions - len(missing))
 
@@ -194,16 +195,16 @@ def _claim_folder(plan: SweepPlan, folder: Path) -> None:
             raise PipelineError(
                 f"{PLAN_FILE} cannot be read; choose another folder [{folder}]"
             ) from error
-        if known != plan.digest:
-            raise PipelineError(
-                "folder holds the result of another sweep, or of another version of "
-                f"stepblocks; choose another folder [{folder}]"
-            )
-        return
-    if any(folder.glob("part-*.parquet")):
-        raise PipelineError(
-            f"folder holds partitions without {PLAN_FILE}; choose another folder [{folder}]"
+        PipelineError.require(
+            known == plan.digest,
+            "folder holds the result of another sweep, or of another version of "
+            f"stepblocks; choose another folder [{folder}]",
         )
+        return
+    PipelineError.require(
+        not any(folder.glob("part-*.parquet")),
+        f"folder holds partitions without {PLAN_FILE}; choose another folder [{folder}]",
+    )
     record = {"digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}
     replace_text(path, json.dumps(record, indent=1, sort_keys=True) + "\n")
 
