@@ -177,15 +177,17 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         ),
     )
     mistakes, found = list[Mistake](), dict[str, str]()
-    for name in dict.fromkeys(name for name in header if header.count(name) > 1):
-        mistakes.append(("", f"table of trials names the column {name!r} twice"))
+    mistakes += [
+        ("", f"table of trials names the column {name!r} twice")
+        for name in dict.fromkeys(name for name in header if header.count(name) > 1)
+    ]
     for part in told_of:
         with collect_mistakes(mistakes):
             found[part] = find_column(getattr(columns, part).column, header, part)
-    for name in sorted(set(header) & reserved - {found.get("trial")}):
-        mistakes.append(
-            ("", f"column `{name}` of the table of trials has a name that features use")
-        )
+    mistakes += [
+        ("", f"column `{name}` of the table of trials has a name that features use")
+        for name in sorted(set(header) & reserved - {found.get("trial")})
+    ]
     if mistakes:
         raise BenchError(format_mistakes(mistakes, session.table))
     key = found["trial"]

@@ -169,46 +169,35 @@ class PlantedEffect(Strict):
 
     def fault(self, plan: "SessionPlan", number: int) -> str:
         """Say which field breaks which rule; empty where all is well."""
-        if self.law:
-            laws = {law.id: law for law in list_named_laws(plan.blocks())}
-            if self.law not in laws:
-                return f"law of effect {number} must be one of {', '.join(laws)}, got {self.law!r}"
-            if self.law == "hardening_spring" and plan.source != "drag":
-                return (
-                    f"law of effect {number} bends ramp and ring: source must be 'drag', got "
-                    f"{plan.source!r}"
-                )
-            names = [p.name for p in laws[self.law].parameters]
-            unknown = sorted(set(self.parameters) - set(names))
-            if unknown or not self.parameters:
-                got = ", ".join(unknown) or "none"
-                return f"parameters of effect {number} must be among {', '.join(names)}, got {got}"
-            return (
-                f"slot of effect {number} must be left out where a law is named"
-                if self.slot
-                else ""
-            )
-        if self.slot is None:
-            return f"slot of effect {number} or law must be given"
-        if plan.source == "drag" and self.slot == "conversion":
-            return (
-                f"slot of effect {number} must not be conversion where the drag in time decides "
-                "what rings"
-            )
+        laws = {law.id: law for law in list_named_laws(plan.blocks())}
+        named = laws.get(self.law)
+        names = [p.name for p in named.parameters] if named else []
+        unknown = ", ".join(sorted(set(self.parameters) - set(names))) or "none"
         known = {"constant": ("none",), "levels": _LABELS}.get(self.form, NUMBERS)
-        if self.covariate not in known:
-            if self.covariate == "none":
-                return (
-                    f"covariate of effect {number} must have a covariate unless its form is "
-                    "constant"
-                )
-            return (
-                f"covariate of effect {number} must be one of {', '.join(known)} where its "
-                f"form is {self.form}, got {self.covariate!r}"
-            )
-        if self.span == 0.0 or (self.form == "power" and self.reference == 0.0):
-            return f"span and, of a power, reference of effect {number} must not be 0"
-        return ""
+        of_law = {
+            f"law of effect {number} must be one of {', '.join(laws)}, got {self.law!r}": not named,
+            f"law of effect {number} bends ramp and ring: source must be 'drag', got "
+            f"{plan.source!r}": self.law == "hardening_spring" and plan.source != "drag",
+            f"parameters of effect {number} must be among {', '.join(names)}, got {unknown}": (
+                not set() < set(self.parameters) <= set(names)
+            ),
+            f"slot of effect {number} must be left out where a law is named": bool(self.slot),
+        }
+        of_form = {
+            f"slot of effect {number} or law must be given": self.slot is None,
+            f"slot of effect {number} must not be conversion where the drag in time decides what "
+            "rings": plan.source == "drag" and self.slot == "conversion",
+            f"covariate of effect {number} must have a covariate unless its form is constant": (
+                self.covariate == "none" and "none" not in known
+            ),
+            f"covariate of effect {number} must be one of {', '.join(known)} where its form is "
+            f"{self.form}, got {self.covariate!r}": self.covariate not in known,
+            f"span and, of a power, reference of effect {number} must not be 0": (
+                self.span == 0.0 or (self.form == "power" and self.reference == 0.0)
+            ),
+        }
+        rules = of_law if self.law else of_form
+        return next((fault for fault, broken in rules.items() if broken), "")
 
 
 class SessionPlan(Strict):

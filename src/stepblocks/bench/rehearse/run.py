@@ -110,12 +110,10 @@ def write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
     }
     # the rounding that a scan would show: what is added to the contact geometry as a constant
     added = [
-        e.size
+        e.parameters.get("edge_radius_m", 0.0) if e.law else e.size
         for e in plan.effects
-        if e.slot == "contact_geometry" and (e.change, e.form) == ("add", "constant")
-    ]
-    added += [
-        e.parameters.get("edge_radius_m", 0.0) for e in plan.effects if e.law == "edge_rounding"
+        if e.law == "edge_rounding"
+        or (e.slot, e.change, e.form) == ("contact_geometry", "add", "constant")
     ]
     (folder / "scans").mkdir()
     for number, (nominal, true) in enumerate(heights.items()):
