@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.declare import load_set
+from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.result import propose_experiment, write_block_stimulus
 from stepblocks.loop.search.explain import Finding, Verdict
 from stepblocks.loop.search.fit import fit
@@ -21,21 +22,32 @@ def test_where_nothing_is_open_nothing_is_asked_for(found):
 
 
 def test_a_claim_without_a_rival_is_tried_against_nothing(found):
-    asked = propose_experiment(found)
-    assert asked["separates"] == ["running_in", "nothing"]
-    # the friction of an early drag is what running-in changes most, so the first trials tell most
-    earliest = float(np.min(found.problem.trials.covariates["run_order"]))
-    assert asked["trials"][0]["run_order"] == pytest.approx(earliest)
+    law = next(
+        e
+        for e in list_candidates(found.problem.trials, list_covariate_ranges(found.problem.trials))
+        if e.id == "load_dependent_friction"
+    )
+    claim = replace(found.findings[0], effect=law, rivals=())
+    extended = fit(found.problem, (law,), {"load_dependent_friction.exponent": 0.1})
+    asked = propose_experiment(replace(found, findings=(claim,), extended=extended))
+    assert asked["separates"] == ["load_dependent_friction", "nothing"]
     gains = [trial["expected_gain"] for trial in asked["trials"]]
     assert gains == sorted(gains, reverse=True)
     # origin: twice a log likelihood of 12 is odds of 400 to 1
     assert asked["repeats"] == int(np.ceil(12.0 / gains[0]))
 
 
+def test_no_trial_is_asked_for_at_an_hour_that_has_gone(found):
+    """What has run in stays so: the first trials would tell most, and do not come again."""
+    asked = propose_experiment(found)
+    assert asked["separates"] == ["running_in", "nothing"]
+    last = float(np.max(found.problem.trials.covariates["run_order"]))
+    assert all(trial["run_order"] == last + 1.0 for trial in asked["trials"])
+    assert asked["trials"] or "drag a fresh or cleaned block" in asked["calibration"][0]
+
+
 def test_rivals_are_asked_apart_from_each_other(found):
     (finding,) = found.findings
-    from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
-
     trials = found.problem.trials
     law = next(
         e

@@ -30,7 +30,7 @@ from stepblocks.loop.search.holdout import Holdout
 from stepblocks.loop.search.noise import compute_flexible_residual
 from stepblocks.loop.search.structure import bound_place
 from stepblocks.loop.session_table import Scans, SessionTable
-from stepblocks.loop.settings import MOST_SETTINGS, SHOWN, build_grid
+from stepblocks.loop.settings import COUNTED, GONE, MOST_SETTINGS, SHOWN, build_grid
 from stepblocks.text_file import Document
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
@@ -234,9 +234,10 @@ def _describe_constants(fitted: Fit, spring: float) -> dict[str, object]:
     found: dict[str, object] = {}
     for parameter in fitted.parameters:
         value, std = fitted.values[parameter.name], fitted.std[parameter.name]
-        name, unit = _READ.get(parameter.name, (parameter.name, parameter.unit))
-        scale = spring if parameter.name == "stiffness_ratio" else 1.0
-        found[name] = _describe_value(
+        own, mark, session = parameter.name.partition("[")
+        name, unit = _READ.get(own, (own, parameter.unit))
+        scale = spring if own == "stiffness_ratio" else 1.0
+        found[name + mark + session] = _describe_value(
             scale * value, unit, scale * std, log=parameter.name.startswith("ln_")
         )
     return found
@@ -390,10 +391,8 @@ def propose_experiment(found: Explanation) -> dict[str, object] | None:
 
     The result is None where nothing is open.
     """
-    laws = [
-        law for f in found.findings if f.rivals for law in (f.effect, *(r[0] for r in f.rivals))
-    ]
-    # what to do on the bench would settle a group of laws, each move once
+    laws = [law for f in found.findings for law in (f.effect, *(r[0] for r in f.rivals))]
+    # what to do on the bench would settle a group of laws, or show one again, each move once
     moves = list(dict.fromkeys(law.how_to_decide for law in laws if law.how_to_decide))
     pair = _choose_pair(found)
     if pair is None:
@@ -411,9 +410,9 @@ def propose_experiment(found: Explanation) -> dict[str, object] | None:
         & {
             n
             for n, column in trials.covariates.items()
-            if n == "run_order" or len(np.unique(column)) <= MOST_SETTINGS
+            if n in COUNTED or len(np.unique(column)) <= MOST_SETTINGS
         }
-        - set(SHOWN)
+        - {*SHOWN, *GONE}
     )
     grid = build_grid(trials, extra)
     model = found.problem.model
@@ -441,7 +440,7 @@ def propose_experiment(found: Explanation) -> dict[str, object] | None:
             "name": f"step-{best:03.0f}",
             "height": f"{best:g} um",
             "tip": f"{np.median(np.asarray(trials.covariates['tip_radius_um'], float)):g} um",
-            "friction": f"{np.clip(found.extended.values['friction'], 0.01, 0.9):.3f}",
+            "friction": f"{np.clip(np.median(state.friction), 0.01, 0.9):.3f}",
         }
     return document
 

@@ -235,6 +235,7 @@ _FRICTION = (
         covariate="run_order",
         shapes=tuple({"settling_trials": n} for n in (15.0, 40.0, 100.0, 400.0)),
         description="friction runs in: excess at first and trials to settle",
+        how_to_decide="drag a fresh or cleaned block: friction begins high again",
     ),
 )
 
