@@ -217,6 +217,15 @@ def _jump(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     return replace(plan, change_at=at, change_friction=factor), ({("friction", "run_order")}, truth)
 
 
+def _high_block(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
+    """One block off by 2.5 to 6 um, which nobody has scanned."""
+    block = int(random.choice(np.arange(20, 80, 10)))
+    off = _sign(random) * float(random.uniform(2.5e-6, 6e-6))
+    name = f"block_height_error~step-{block:03d}"
+    changed = replace(plan, scans=False, machined_off={block: off})
+    return changed, ({("contact_geometry", "block")}, {f"{name}.height_error_m": off})
+
+
 def _few(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     return _rounded(random, replace(plan, trials=24))
 
@@ -264,6 +273,10 @@ FAMILIES: dict[str, Family] = {
     "rounded edges, 24 trials": _few,
     "rounded edges, six times the noise": _noisy,
     "rounded edges, a tenth of the trials lost": _rounded,
+    "tangential gauge with hysteresis": _constant(
+        "tangential_hysteresis", 0.005, 0.015, "gauge_hysteresis", "rayleigh_per_n"
+    ),
+    "a block machined off": _high_block,
 }
 
 

@@ -67,6 +67,7 @@ class Bench:
     tangential_gain: float = 1.0  # shown over true
     normal_gain: float = 1.0
     tangential_square: float = 0.0  # q of a gauge that shows F (1 + q F) [1/N]
+    tangential_hysteresis: float = 0.0  # b of one that shows F + b F^2 on its first way up [1/N]
     let_go: float = 1.0  # share of the peak at which the tool springs free, with a `conversion`
     normal_in_tangential: float = (
         0.0  # cross-talk: share of the normal force that the tangential gauge shows too
@@ -346,6 +347,18 @@ def _ring_freely(
     return {"amplitude_n": float(ring[0]), "vibration_energy_j": energy, "flight_s": 0.0}
 
 
+@njit(cache=True)
+def _play(force: Floats, most: float, count: int) -> Floats:
+    """Mean of many backlashes, of half widths from 0 to `most`, that a force moves [N]."""
+    width = (np.arange(count) + 0.5) * most / count
+    state, shown = np.zeros(count), np.empty(force.size)
+    for n in range(force.size):
+        for i in range(count):
+            state[i] = min(max(state[i], force[n] - width[i]), force[n] + width[i])
+        shown[n] = state.mean()
+    return shown
+
+
 def _read(
     bench: Bench, fx: Floats, fy: Floats, random: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
@@ -354,6 +367,11 @@ def _read(
     """
     tangential, normal = fx[::_FINE], fy.reshape(-1, _FINE).mean(axis=1)
     tangential = tangential * (1.0 + bench.tangential_square * tangential)
+    if bench.tangential_hysteresis:
+        # backlashes of density 2 b make b F^2 on the first way up and loops after Rayleigh
+        most = 1.01 * float(np.abs(tangential).max())
+        backlash = _play(tangential, most, 400)
+        tangential = tangential + 2.0 * bench.tangential_hysteresis * most * backlash
     before = round(bench.unloaded * RATE)
     if before:
         still = np.zeros(before)

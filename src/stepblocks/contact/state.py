@@ -68,7 +68,8 @@ class DragState:
     normal_zero: Floats  # what that one reads without force [N]
     normal_cross_talk: Floats  # share of the tangential force that the normal gauge also shows [1]
     gauge_square: Floats  # q of a tangential gauge that shows F (1 + q F) [1/N]
-    normal_square: Floats  # the same of the normal gauge [1/N]
+    gauge_hysteresis: Floats  # b of one that shows F + b F^2 on its first way up [1/N]
+    normal_square: Floats  # the same of the normal gauge, which is loaded once [1/N]
     lag: Floats  # time constant of the tangential gauge [s]
     ln_clock: Floats  # shown over true time, its logarithm [1]
     frequency: Floats  # of the ring on the nominal spring [Hz]
@@ -160,10 +161,16 @@ def compute_channels(state: DragState) -> Floats:
         state.ring_stiffness * spring.pitch / state.nominal_stiffness,
         state.stiffness * spring.slope,
     )
-    if np.any(state.gauge_square):
+    # loops after Rayleigh: a swing of A shows A (1 + b A), late by 4 b A / 3 pi; a fit of the ring
+    # weighs b A exp(-t / T) by exp(-2 t / T): 8/9 of it at the release, and T shorter by 4/9
+    loop = state.gauge_hysteresis * np.sqrt(2.0 * state.nominal_stiffness * energy)
+    if np.any(state.gauge_square) or np.any(loop):
         # the ring swings about the sliding force, and the line of the ramp ends below the peak
-        bend, end = state.gauge_square, sliding + _LINE_SHARE * (force - sliding)
-        energy = energy * (1.0 + 2.0 * bend * sliding) ** 2
+        bend, end = (
+            state.gauge_square + state.gauge_hysteresis,
+            sliding + _LINE_SHARE * (force - sliding),
+        )
+        energy = energy * (1.0 + 2.0 * state.gauge_square * sliding + 8.0 / 9.0 * loop) ** 2
         ramp = ramp * (1.0 + bend * (sliding + end))
         peak, sliding = (one * (1.0 + bend * one) for one in (peak, sliding))
     shown = (
@@ -175,8 +182,10 @@ def compute_channels(state: DragState) -> Floats:
         / (1.0 + ramp * state.give)
         * np.exp(-state.ln_clock)
         / state.nominal_stiffness,
-        np.log(state.frequency * np.sqrt(ring)) - state.ln_clock,
-        np.log(state.decay_time / state.damping) + state.ln_clock,
+        np.log(state.frequency * np.sqrt(ring))
+        - state.ln_clock
+        + 8.0 / 27.0 / np.pi**2 * loop / (state.frequency * state.decay_time),
+        np.log(state.decay_time / state.damping) + state.ln_clock - 4.0 / 9.0 * loop,
         sensed / state.set_load,
     )
     return np.stack(shown, axis=1)

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from stepblocks.contact.state import DragState
+from stepblocks.contact.state import DragState, Floats
 from stepblocks.law import Law, Parameter
 
 _ZERO = Parameter("zero_n", "N", 0.0, -0.2, 0.2, 5e-3)
@@ -21,7 +21,7 @@ _LAG = Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4)
 
 
 def apply_instrument_constants(
-    state: DragState, _: object, values: Mapping[str, float]
+    state: DragState, _: object, values: Mapping[str, float | Floats]
 ) -> DragState:
     """Set whichever constants of the two gauges and of their clock are given."""
     given = values.get
@@ -33,6 +33,7 @@ def apply_instrument_constants(
         normal_cross_talk=state.normal_cross_talk + given("normal_cross_talk", 0.0),
         gain=state.gain * np.exp(given("ln_gain", 0.0)),
         gauge_square=state.gauge_square + given("square_per_n", 0.0),
+        gauge_hysteresis=state.gauge_hysteresis + given("rayleigh_per_n", 0.0),
         normal_square=state.normal_square + given("normal_square_per_n", 0.0),
         lag=state.lag + given("time_constant_s", 0.0),
         ln_clock=state.ln_clock + given("ln_clock", 0.0),
@@ -86,6 +87,17 @@ GAUGE_LAWS = (
         how_to_decide="hang five known weights on the tangential gauge",
     ),
     _gauge(
+        "gauge_hysteresis",
+        "F_x shown F_x + b F_x^2 at first, loops of amplitude A after Rayleigh: A (1 + b A)",
+        (Parameter("rayleigh_per_n", "1/N", 0.0, -0.2, 0.2, 5e-3),),
+        rank=1,
+        description="the tangential gauge has hysteresis: it shows F + b F^2 on its way up, with b "
+        "of",
+        how_to_decide="hang weights on the tangential gauge and take them off again",
+    ),
+    _gauge(
+        # of a force that only rises before it is read, a quadratic gauge and one with hysteresis
+        # show the same
         "normal_not_linear",
         "F_y shown F_y (1 + q F_y)",
         (Parameter("normal_square_per_n", "1/N", 0.0, -0.2, 0.2, 5e-3),),
