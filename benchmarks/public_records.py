@@ -1,13 +1,16 @@
 """What the search finds in public records of rigs that know nothing of teeth.
 
-Run ``python benchmarks/public_records.py FOLDER``. The folder holds files of two repositories,
+Run ``python benchmarks/public_records.py FOLDER``. The folder holds files of three repositories,
 which are no part of this project: ``sample_workspace_4.mat`` of
-KonradMnich/friction-identification (a rack and pinion that speeds up and slows down) and
+KonradMnich/friction-identification (a rack and pinion that speeds up and slows down),
 ``velstep*.txt`` of pgiacomel/steadystate, branch Demo-velocity-stepping-tests (sheared gouge whose
-speed is stepped, two laboratories). A file that is missing is left out. The search is given every
-second stretch of a record, and held out are the others. The published models beside are the four
-numbers in the file of the rack, which its authors fitted to the half that speeds up, and a
-rate-and-state law, fitted here to the stretches given.
+speed is stepped, two laboratories), and ``DATA_EMPS.mat`` with ``DATA_EMPS_PULSES.mat`` of the
+nonlinear benchmark EMPS (Janot, Gautier and Brunot 2019: a positioning axis, two records), as in
+forgi86/sysid-neural-continuous. A file that is missing is left out. The search is given every
+second stretch of a record, and held out are the others; of the axis the whole second record is
+held out. The published models beside are the four numbers in the file of the rack, which its
+authors fitted to the half that speeds up, the four of the axis (mass, viscous and dry friction,
+offset), and a rate-and-state law, fitted here to the stretches given.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.optimize import curve_fit
+from scipy.signal import butter, decimate, filtfilt
 
 from stepblocks import Law, Parameter, Trials, explain
 from stepblocks.law import Active
@@ -88,7 +92,7 @@ def _add(name: str, covariate: str, shape: Callable[..., Floats], **looked: Sequ
         name,
         (Parameter("size", "1", 0.0, -1e3, 1e3, 0.01), *more),
         apply,
-        "force",
+        name,  # a place of its own: two laws of friction along one speed may hold side by side
         covariate,
         tuple(dict(zip(looked, row, strict=True)) for row in itertools.product(*looked.values())),
     )
@@ -157,6 +161,40 @@ def explain_rack(path: Path) -> None:
     v = held.covariates["v"]
     stribeck = v * (most - dry) * np.e / speed * np.exp(-v / speed)
     _say("rack and pinion", found, held, dry + viscous * v + stribeck, "N")
+
+
+def _read_axis(path: Path) -> Trials:
+    """Force, place, speed and acceleration of the axis where it moves, 25 times a second."""
+    record = {k: v.ravel() for k, v in loadmat(path).items() if not k.startswith("__")}
+    # as its authors do: position below 100 Hz, forwards and backwards, and central differences
+    place = filtfilt(*butter(4, 0.2), record["qm"])
+    speed = np.gradient(place, 1e-3)
+    force = record["gtau"] * record["vir"]
+    rows = np.stack([place, speed, np.gradient(speed, 1e-3), force])[:, 50:-50]
+    rows = decimate(decimate(rows, 10), 4)
+    x, v, a, shown = rows[:, np.abs(rows[1]) > 2e-3]
+    columns = {"v": v, "a": a, "x": x}
+    error = np.full((len(x), 1), 0.5)
+    return Trials(columns, ("force_n",), shown[:, None], error, np.array([""] * len(x)))
+
+
+def explain_axis(learnt: Path, held_out: Path) -> None:
+    """Explain a positioning axis: mass and viscous friction, and what these two leave."""
+    train, held = _read_axis(learnt), _read_axis(held_out)
+    speeds = (0.005, 0.02, 0.06)
+    laws = [
+        _add("dry_friction", "v", lambda c: np.sign(c["v"])),
+        _add("viscous_friction_by_direction", "v", lambda c: np.abs(c["v"])),
+        _add("stribeck", "v", lambda c, w: np.sign(c["v"]) * np.exp(-np.abs(c["v"]) / w), w=speeds),
+        _add("quadratic_drag", "v", lambda c: c["v"] * np.abs(c["v"])),
+        _add("spring", "x", lambda c: c["x"]),
+        _add("middle_of_the_axis", "x", lambda c: (c["x"] - 0.12) ** 2),
+        _add("mass_by_direction", "a", lambda c: np.abs(c["a"])),
+    ]
+    found = explain(Line(("a", "v")), train, laws)
+    v, a = held.covariates["v"], held.covariates["a"]
+    published = 95.1089 * a + 203.5034 * v + 20.3935 * np.sign(v) - 3.1648
+    _say("positioning axis", found, held, published, "N")
 
 
 def _settle(slip: Floats, direct: float, evolved: float, length: float) -> Floats:
@@ -238,6 +276,9 @@ def main() -> None:
     folder = parser.parse_args().folder
     if (rack := folder / "sample_workspace_4.mat").is_file():
         explain_rack(rack)
+    axis = folder / "DATA_EMPS.mat", folder / "DATA_EMPS_PULSES.mat"
+    if all(path.is_file() for path in axis):
+        explain_axis(*axis)
     for path in sorted(folder.glob("velstep*.txt")):
         explain_gouge(path)
 
