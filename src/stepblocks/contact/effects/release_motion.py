@@ -110,7 +110,7 @@ def _integrate_climbs(cases: Array) -> Array:
     return found
 
 
-@lru_cache(maxsize=1)  # most parameters of a fit do not change the motion
+@lru_cache(maxsize=64)  # most parameters of a fit do not change the motion
 def _compute_climbs(cases: bytes) -> Array:
     return cast(Array, _integrate_climbs(np.frombuffer(cases).reshape(6, -1)))
 
