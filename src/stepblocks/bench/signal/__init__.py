@@ -84,22 +84,21 @@ def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -
 
 def _find_clock_fault(time: Array, sample_rate: float) -> str:
     steps = np.diff(time)
-    if float(steps.min()) <= 0.0:
-        where = int(np.argmax(steps <= 0.0))
-        return f"wrong clock: time does not ascend after {time[where]:.6g} s"
-    largest = float(steps.max())
-    if largest > _GAP_STEPS * float(np.median(steps)):
-        where = int(np.argmax(steps))
-        return f"gap: {largest * 1e3:.3g} ms without samples after {time[where]:.6g} s"
-    rate = 1.0 / float((time[-1] - time[0]) / steps.size)
-    if abs(rate / sample_rate - 1.0) > _RATE_TOLERANCE:
-        return f"wrong rate: {rate:.6g} Hz, declared are {sample_rate:.6g} Hz"
-    if rate < _LOWEST_RATE:
-        return (
-            f"wrong rate: {rate:.6g} Hz cannot show a ring, at least {_LOWEST_RATE:.0f} Hz are "
-            "needed"
-        )
-    return ""
+    back, widest = int(np.argmax(steps <= 0.0)), int(np.argmax(steps))
+    # of a clock that stands still the first rule speaks
+    rate = 1.0 / max(float((time[-1] - time[0]) / steps.size), 1e-300)
+    rules = {
+        f"wrong clock: time does not ascend after {time[back]:.6g} s": steps[back] <= 0.0,
+        f"gap: {steps[widest] * 1e3:.3g} ms without samples after {time[widest]:.6g} s": (
+            steps[widest] > _GAP_STEPS * float(np.median(steps))
+        ),
+        f"wrong rate: {rate:.6g} Hz, declared are {sample_rate:.6g} Hz": (
+            abs(rate / sample_rate - 1.0) > _RATE_TOLERANCE
+        ),
+        f"wrong rate: {rate:.6g} Hz cannot show a ring, at least {_LOWEST_RATE:.0f} Hz are "
+        "needed": rate < _LOWEST_RATE,
+    }
+    return next((fault for fault, broken in rules.items() if broken), "")
 
 
 def _find_saturation(name: str, values: Array, limit: float | None) -> str:

@@ -86,19 +86,21 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     level = float(np.median(lead))
     rise = float(force[peak]) - level
     # a start-up ring is as old as the record; a slip stands out over it
-    if rise < max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max())):
-        raise LandmarkError(
-            f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise "
-            f"{noise:.2g} N)"
-        )
-    if not np.any(smooth[: peak + 1] - level < 0.5 * rise):
-        raise LandmarkError("no sliding before the edge: the record begins under load")
-    if float(smooth[peak:].min()) > level + (1.0 - _FALL_SHARE) * rise:
-        raise LandmarkError("no release: the tangential force does not fall after its peak")
-    if time[-1] - time[peak] < _LEAST_RING:
-        raise LandmarkError(
-            f"truncated: the record ends {(time[-1] - time[peak]) * 1e3:.3g} ms after the slip"
-        )
+    least = max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max()))
+    left = float(time[-1] - time[peak])
+    rules = {
+        f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise "
+        f"{noise:.2g} N)": rise < least,
+        "no sliding before the edge: the record begins under load": not np.any(
+            smooth[: peak + 1] - level < 0.5 * rise
+        ),
+        "no release: the tangential force does not fall after its peak": (
+            float(smooth[peak:].min()) > level + (1.0 - _FALL_SHARE) * rise
+        ),
+        f"truncated: the record ends {left * 1e3:.3g} ms after the slip": left < _LEAST_RING,
+    }
+    if faults := [fault for fault, broken in rules.items() if broken]:
+        raise LandmarkError(faults[0])
     return _add_onset(time, smooth, Landmarks(math.nan, peak, level, rise, noise))
 
 

@@ -1,7 +1,7 @@
 """Traces in TDMS (LabVIEW): channel by channel; only the index of the file is held."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,8 +52,6 @@ def find_tdms_group(file: "TdmsFile", place: Place) -> "TdmsGroup":
     if place.own_file and len(groups := file.groups()) == 1:
         return groups[0]
     for name in place.groups:
-        try:
+        with suppress(KeyError):
             return file[name]
-        except KeyError:
-            continue
     raise TraceError(f"missing: no group {place.groups[0]!r} among the traces")

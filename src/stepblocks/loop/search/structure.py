@@ -115,11 +115,10 @@ def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
 
 def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
     # One cause shows in several tests: a walk has groups, too
-    kept = []
-    for name in dict.fromkeys(hint.quantity for hint in found):
-        own = [hint for hint in found if hint.quantity == name]
-        kept += [h for h in own if h.kind == "neighbours"] or own
-    return tuple(kept)
+    wandering = {hint.quantity for hint in found if hint.kind == "neighbours"}
+    kept = [h for h in found if h.kind == "neighbours" or h.quantity not in wandering]
+    names = [hint.quantity for hint in found]
+    return tuple(sorted(kept, key=lambda hint: names.index(hint.quantity)))
 
 
 def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | None:
