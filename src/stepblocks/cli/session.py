@@ -114,7 +114,7 @@ def loop(
         typer.Argument(
             metavar="SESSION",
             help="folder with session.toml, trials.csv and traces; several are fitted together, "
-            "by one hierarchical model",
+            "in one likelihood",
         ),
     ],
     output: Annotated[
@@ -143,7 +143,7 @@ def loop(
         progress=make_progress("measured trials", quiet=quiet),
     )
     if len(session) > 1:
-        return _summarise_hierarchy(loop_sessions(session, output, **options))
+        return _summarise_sessions(loop_sessions(session, output, **options), output)
     result = loop_session(session[0], output, **options)
     for scan in result.document["scans"]["left_out"]:
         print(format_units(f"scan of {scan['block']} left out: {scan['reason']}"), file=sys.stderr)
@@ -158,8 +158,8 @@ def loop(
     )
 
 
-def _summarise_hierarchy(document: Document) -> Outcome:
-    # Tabulate the parameters that several sessions share, and say each one's verdict
+def _summarise_sessions(document: Document, output: Path) -> Outcome:
+    # Tabulate the parameters that several sessions share, and say the verdict of all and of each
     rows = [
         {
             "parameter": name,
@@ -174,4 +174,10 @@ def _summarise_hierarchy(document: Document) -> Outcome:
     verdicts = "; ".join(
         f"{name}: {found['verdict']}" for name, found in document["sessions"].items()
     )
-    return Outcome(verdicts, {"in the next session, 95 %": rows}, record=document)
+    together = "{finding} ({verdict})".format(**document["together"])
+    return Outcome(
+        f"{together}; by themselves {verdicts}",
+        {"in the next session, 95 %": rows},
+        page=output / "report.html",
+        record=document,
+    )

@@ -143,8 +143,8 @@ def list_constants(
     return tuple(found)
 
 
-def build_nominal_state(design: BenchDesign, values: Mapping[str, float]) -> DragState:
-    """Fill the slots from the design and the constants."""
+def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats]) -> DragState:
+    """Fill the slots from the design and the constants, each one number or one of each trial."""
     names, inverse = design.members
     errors = np.array([values.get(name, 0.0) for name in names])
     one, zero = np.ones(len(design.block)), np.zeros(len(design.block))
@@ -180,7 +180,7 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float]) -> Dra
 
 
 def build_extended_state(
-    design: BenchDesign, values: Mapping[str, float], active: Active = ()
+    design: BenchDesign, values: Mapping[str, float | Floats], active: Active = ()
 ) -> DragState:
     """Fill the slots from the constants and apply the effects.
 

@@ -36,6 +36,8 @@ _COMMON = {
 _SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE, SPEED_OVER_LOAD)
 _INTERACTING = 3  # readings of the surroundings that are asked for pair by pair
 _SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
+# constants that each session has its own of, where several are explained together
+OF_A_DAY = ("friction", "ln_conversion", "ln_ring_frequency", "ln_decay_time")
 # friction imitates a tilt exactly; a search would only find the rounding between the two
 _SAME_BY_DEFINITION = frozenset({"block_tilt"})
 
@@ -67,6 +69,8 @@ class SessionModel:
         Certified or tared.
     friction : tuple of pairs
         A law of friction that is known beforehand: its name under ``law``, and its numbers.
+    own : Mapping[str, Mapping[str, float]]
+        Of several sessions, named in the column ``session``: what is known in each.
     quantities : ClassVar
         What scatters among trials, by its slot.
     """
@@ -77,6 +81,7 @@ class SessionModel:
     scanned_radius: tuple[float, float] | None = None
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     friction: tuple[tuple[str, Any], ...] = ()
+    own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     quantities: ClassVar = (
         "friction",
         "normal_load",
@@ -125,7 +130,14 @@ class SessionModel:
         if "load_bias_n" in self.known:
             known = self.known["load_bias_n"]
             own.append(Parameter("load_error", "N", known[0], -0.25, 0.6, 1e-3, known[1]))
-        return (*found, *own)
+        days = [
+            replace(one, name=f"{one.name}[{session}]")
+            for one in found
+            for session in self.own
+            if one.name in OF_A_DAY
+        ]
+        common = [one for one in (*found, *own) if not days or one.name not in OF_A_DAY]
+        return (*days, *common)
 
     def systematics(self, trials: Trials) -> list[Systematic]:
         """Errors that the evaluation of traces may share among trials.
@@ -144,12 +156,23 @@ class SessionModel:
             if channel in trials.channels and np.any(column)
         ]
 
-    def state(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> DragState:
-        """Fill all slots, effects applied."""
+    def state(
+        self, trials: Trials, values: Mapping[str, float | Floats], effects: Active = ()
+    ) -> DragState:
+        """Fill all slots, effects applied; of several sessions with the constants of each."""
+        constants: dict[str, float | Floats] = {name: one for name, (one, _) in self.known.items()}
+        if self.own:
+            days = trials.covariates["session"].tolist()
+            values = {**values} | {
+                name: np.array([values[f"{name}[{day}]"] for day in days]) for name in OF_A_DAY
+            }
+            constants = {
+                name: np.array([self.own[day].get(name, usual) for day in days])
+                for name, usual in constants.items()
+            }
         state = forward.build_extended_state(
             _find_design(trials, self.tool.stiffness, self.friction), values, effects
         )
-        constants = {name: value for name, (value, _) in self.known.items()}
         return apply_instrument_constants(state, None, constants) if constants else state
 
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
@@ -231,8 +254,10 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
         for place in found
         if not place.labels and place.distinct > 2 and place.name not in _SET
     ]
-    for one, other in combinations(climate[:_INTERACTING], 2):
-        found.append(CovariateRange(TOGETHER.join((one.name, other.name)), pair=(one, other)))
+    found += [
+        CovariateRange(TOGETHER.join((one.name, other.name)), pair=(one, other))
+        for one, other in combinations(climate[:_INTERACTING], 2)
+    ]
     blocks = tuple(str(block) for block in np.unique(trials.block))
     if 2 < len(blocks) <= len(trials) / 6:
         found.append(CovariateRange("block", labels=blocks, distinct=len(blocks)))

@@ -160,10 +160,17 @@ def analyse_features(
     `known` gives constants of the gauges that are known, if there are any, `friction` a law by its
     name and numbers whose size is fitted.
     """
-    rules = rules or Rules()
     table = build_session_table(features, spring_constant, tip_radius, scans, known, friction)
+    return analyse_table(table, scans or {}, jobs=jobs, rules=rules)
+
+
+def analyse_table(
+    table: SessionTable, scans: Scans, *, jobs: int = 1, rules: Rules | None = None
+) -> LoopResult:
+    """Find what the nominal model lacks for trials that can be analysed."""
+    rules = rules or Rules()
     found, holdouts = _explain_and_hold_out(table, rules, jobs)
-    document = build_document(table, found, holdouts, scans or {}, rules)
+    document = build_document(table, found, holdouts, scans, rules)
     model = build_learned_model(table, found, list_covariate_ranges(table.trials))
     return LoopResult("", table, found, *holdouts, document, model)
 

@@ -1,114 +1,172 @@
-"""Several sessions in one hierarchy.
+"""Several sessions in one likelihood.
 
-It says what days, tips and operators share and how they differ, and predicts the next session.
+Spring, tip, blocks and laws are common to all of them; friction and ring are those of a day. From
+the spread among days follows the next one.
 """
 
 import json
+import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy import stats
+from scipy.optimize import brentq
 
-from stepblocks.artefacts.model_file import LearnedFit, LearnedModel, build_model_document
+from stepblocks.artefacts.model_file import WIDE, LearnedFit
 from stepblocks.atomic import lock_folder, replace_text
+from stepblocks.bench.session import open_session
 from stepblocks.errors import PipelineError
+from stepblocks.loop.bench_model import OF_A_DAY
 from stepblocks.loop.result import LoopResult
-from stepblocks.loop.run import loop_session
-from stepblocks.loop.search.fit import fit
+from stepblocks.loop.run import analyse_table, loop_session, write_loop
+from stepblocks.loop.search.explain import Rules
+from stepblocks.loop.search.fit import Fit
+from stepblocks.loop.search.forward_model import Floats, Trials
+from stepblocks.loop.session_table import Scans, SessionTable
 from stepblocks.text_file import Document
 
 _LEVEL = 0.975  # quantile of a 95 % interval
 
 
-def pool_parameter(name: str, unit: str, sessions: Mapping[str, tuple[float, float]]) -> Document:
-    """Pool one parameter by its value and standard error in each session that has it.
+def join_tables(tables: Mapping[str, SessionTable]) -> SessionTable:
+    """Join sessions in their order, each under its name in the column ``session``.
 
-    The result is as sessions.json shows it.
+    The order of the run goes on from one to the next.
     """
-    # a draw from a distribution over sessions: an empirical-Bayes fit of random effects after Paule
-    # and Mandel
-    from statsmodels.stats.meta_analysis import combine_effects
+    first, *_ = parts = list(tables.values())
+    measured, models = [table.trials for table in parts], [table.model for table in parts]
+    model = replace(
+        first.model,
+        scanned={block: height for m in models for block, height in (m.scanned or {}).items()},
+        # what one session knows of a gauge is taken for that of a session which does not
+        known={
+            name: np.mean([m.known[name] for m in models if name in m.known], axis=0).tolist()
+            for name in dict.fromkeys(name for m in models for name in m.known)
+        },
+        own={s: {n: v for n, (v, _) in t.model.known.items()} for s, t in tables.items()},
+    )
+    orders = [model.order(trials) for trials in measured]
+    before = np.cumsum([0.0, *(order.max() for order in orders[:-1])])
+    shared = set(first.trials.covariates).intersection(*(one.covariates for one in measured))
+    trials = Trials(
+        {
+            name: np.concatenate([one.covariates[name] for one in measured])
+            for name in first.trials.covariates
+            if name in shared - {"day"} and not name.endswith("_elapsed_s")
+        }
+        | {
+            "run_order": np.concatenate([a + b for a, b in zip(orders, before, strict=True)]),
+            "session": np.repeat(list(tables), [len(one) for one in measured]),
+        },
+        first.trials.channels,
+        np.concatenate([one.values for one in measured]),
+        np.concatenate([one.std for one in measured]),
+        np.concatenate([one.block for one in measured]),
+        np.concatenate(
+            [one.values * np.nan if one.floor is None else one.floor for one in measured]
+        ),
+    )
+    return replace(
+        first,
+        trials=trials,
+        names=np.array([f"{s}/{name}" for s, table in tables.items() for name in table.names]),
+        excluded=[(f"{s}/{t}", why) for s, table in tables.items() for t, why in table.excluded],
+        regimes=dict(sum((Counter(table.regimes) for table in parts), Counter())),
+        model=model,
+        measured=np.concatenate([table.measured for table in parts]),
+    )
 
-    values, variances = np.array(
-        [(value, max(std, 1e-12) ** 2) for value, std in sessions.values()]
-    ).T
-    between = 0.0
-    ends: tuple[float | None, float | None] = (None, None)
-    # the height of a block is one number in all sessions and does not differ among them
-    if len(values) > 1 and not name.startswith("height_error"):
-        # in units of their errors: the iteration has an absolute tolerance
-        scale = float(np.sqrt(np.mean(variances)))
-        found = combine_effects(values / scale, variances / scale**2, method_re="iterated")
-        between = scale * float(np.sqrt(max(found.tau2, 0.0)))
-    weights = 1.0 / (variances + between**2)
-    mean, mean_std = (
-        float(np.sum(weights * values) / weights.sum()),
-        float(1.0 / np.sqrt(weights.sum())),
-    )
-    if len(values) > 1:
-        # of as many sessions, the spread among them is known no better (Higgins 2009,
-        # doi:10.1111/j.1467-985X.2008.00552.x)
-        reach = float(stats.t.ppf(_LEVEL, len(values) - 1)) * float(np.hypot(between, mean_std))
-        ends = mean - reach, mean + reach
+
+def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats) -> Document:
+    """Pool a parameter that each session has its own value of, as sessions.json shows it.
+
+    Parameters
+    ----------
+    unit : str
+    sessions : Mapping[str, float]
+        Session to the value that it has; one alone where it is common to all of them.
+    covariance : Floats
+        Shape (s, s), of the errors of these values.
+    """
+    from statsmodels.regression.linear_model import GLS
+
+    values, n = np.array(list(sessions.values())), len(sessions)
+    # in units of their errors: the search has an absolute tolerance
+    apart = np.eye(n) * max(float(np.mean(np.diag(covariance))), 1e-24)
+
+    # draws from a distribution over sessions: Paule and Mandel's estimate of random effects (1982),
+    # for errors that the sessions share
+    def misfit(ratio: float) -> float:
+        return float(GLS(values, np.ones(n), covariance + ratio * apart).fit().ssr) - n + 1.0
+
+    most = 1.0 + n * float(np.ptp(values)) ** 2 / apart[0, 0]
+    ratio = float(brentq(misfit, 0.0, most)) if misfit(0.0) > 0.0 else 0.0
+    pooled = GLS(values, np.ones(n), covariance + ratio * apart).fit()
+    mean, variance = float(pooled.params[0]), float(pooled.normalized_cov_params[0, 0])
+    # of as many sessions, the spread among them is known no better (Higgins 2009,
+    # doi:10.1111/j.1467-985X.2008.00552.x)
+    wide = stats.t.ppf(_LEVEL, n - 1) if n > 1 else WIDE
+    reach = float(wide * np.sqrt(ratio * apart[0, 0] + variance))
     # a session's own value with the others known is drawn to the mean as far as its error asks
-    shrunk = (
-        mean + between**2 / (between**2 + variances) * (values - mean)
-        if between
-        else np.full(len(values), mean)
-    )
-    own = zip(sessions.items(), shrunk.tolist(), strict=True)
+    shrunk = mean + ratio * apart @ np.linalg.solve(covariance + ratio * apart, values - mean)
+    own = zip(sessions.items(), np.sqrt(np.diag(covariance)).tolist(), shrunk.tolist(), strict=True)
     return {
         "unit": unit,
         "mean": mean,
-        "mean_std": mean_std,
-        "among_sessions_std": between,  # beyond what their own errors explain
-        "next": dict(
-            zip(("low", "high"), ends, strict=True)
-        ),  # 95 % interval in a session that is yet to come
-        "sessions": {session: {"value": v, "std": e, "shrunk": s} for (session, (v, e)), s in own},
+        "mean_std": float(np.sqrt(variance)),
+        "among_sessions_std": float(np.sqrt(ratio * apart[0, 0])),  # beyond their own errors
+        # 95 % interval in a session that is yet to come
+        "next": {"low": mean - reach, "high": mean + reach},
+        "sessions": {session: {"value": v, "std": e, "shrunk": s} for (session, v), e, s in own},
     }
 
 
-def fit_hierarchy(
-    results: Mapping[str, LoopResult],
-) -> tuple[dict[str, Document], LearnedModel]:
-    """Fit the hierarchy of some sessions by name.
+def list_shared(fitted: Fit, sessions: Sequence[str]) -> dict[str, Document]:
+    """List what sessions share and how they differ, by parameter of a fit of all of them."""
+    shared: dict[str, Document] = {}
+    at = {name: row for row, name in enumerate(fitted.values)}
+    for parameter in fitted.parameters:
+        own = parameter.name.partition("[")[0]
+        of_a_day = {one: f"{own}[{one}]" for one in sessions if own in OF_A_DAY}
+        names = of_a_day or {"": parameter.name}
+        rows = [at[name] for name in names.values()]
+        values = {session: fitted.values[name] for session, name in names.items()}
+        pooled = pool_parameter(parameter.unit, values, fitted.covariance[np.ix_(rows, rows)])
+        everywhere = pooled | {"sessions": dict.fromkeys(sessions, pooled["sessions"].get(""))}
+        shared[own if of_a_day else parameter.name] = pooled if of_a_day else everywhere
+    return shared
 
-    Beside it stands the model that predicts the next session.
+
+def explain_together(
+    tables: Mapping[str, SessionTable],
+    scans: Scans,
+    *,
+    jobs: int = 1,
+    rules: Rules | None = None,
+) -> tuple[LoopResult, dict[str, Document]]:
+    """Explain the trials of all sessions, by name, in one likelihood.
+
+    Beside the result stands what the sessions share. The model predicts the next one.
     """
-    wanted = dict.fromkeys(
-        f.effect.id for result in results.values() for f in result.found.findings
-    )
-    fits = {}
-    for name, result in results.items():
-        asked = {law.id: law for law in result.table.model.candidates(result.table.trials)}
-        fits[name] = fit(
-            result.found.problem,
-            [asked[effect] for effect in wanted if effect in asked],
-            result.found.extended.values,
+    result = analyse_table(join_tables(tables), scans, jobs=jobs, rules=rules)
+    fits = result.found.nominal, result.found.extended
+    pooled = [list_shared(fitted, list(tables)) for fitted in fits]
+    nominal, extended = (
+        LearnedFit(
+            {name: one["mean"] for name, one in shared.items()},
+            tuple(one["unit"] for one in shared.values()),
+            np.diag(
+                [one["mean_std"] ** 2 + one["among_sessions_std"] ** 2 for one in shared.values()]
+            ),
+            fitted.effects,
         )
-    units = {p.name: p.unit for fitted in fits.values() for p in fitted.parameters}
-    shared = {}
-    for parameter, unit in units.items():
-        own = {
-            s: (f.values[parameter], f.std[parameter])
-            for s, f in fits.items()
-            if parameter in f.values
-        }
-        shared[parameter] = pool_parameter(parameter, unit, own)
-    # the parameters of the last session become those of any session, with the doubt about the next
-    last = fits[name]
-    pooled = [shared[parameter] for parameter in last.values]
-    variance = [p["among_sessions_std"] ** 2 + p["mean_std"] ** 2 for p in pooled]
-    extended = LearnedFit(
-        {name: shared[name]["mean"] for name in last.values},
-        tuple(p["unit"] for p in pooled),
-        np.diag(variance),
-        last.effects,
+        for shared, fitted in zip(pooled, fits, strict=True)
     )
-    return shared, replace(results[name].model, verdict="several sessions", extended=extended)
+    model = replace(result.model, verdict="several sessions", nominal=nominal, extended=extended)
+    return replace(result, title=", ".join(tables), model=model), pooled[1]
 
 
 def loop_sessions(
@@ -120,58 +178,72 @@ def loop_sessions(
     as_built: Sequence[str | Path] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
-    """Explain every session in a folder of its own, and all of them in one hierarchy.
+    """Explain every session in a folder of its own, and all of them in one likelihood.
 
     Parameters
     ----------
     sessions : sequence of str or Path
         Folders, in the order in which they were run; their names must differ.
     output : str or Path
-        Folder for one folder per session, sessions.json, and model.json that predicts the next
-        session.
+        Folder for one folder per session; of all together result.json, report.html, sessions.json,
+        and model.json that predicts the next session.
     jobs, forces_only, as_built, progress
         As in `loop_session`.
 
     Returns
     -------
     dict
-        As in sessions.json: the verdict and finding of each session, and per parameter its values,
-        the mean, the standard deviation among sessions, and the 95 % interval in a session yet to
-        come (null where one session alone has it).
+        As in sessions.json: the verdict and finding of each session and of all together, and per
+        parameter its value in each session, the mean, the standard deviation among sessions, and
+        the 95 % interval in a session yet to come.
 
     Raises
     ------
     StepblocksError
-        If a session cannot be explained, two have one name, or the output cannot be written.
+        If a session cannot be explained, two have one name, their springs or laws of friction
+        differ, or the output cannot be written.
     """
-    folders = [Path(session) for session in sessions]
-    names = [folder.resolve().name for folder in folders]
+    folders = {Path(session).resolve().name: Path(session) for session in sessions}
+    names = [Path(session).resolve().name for session in sessions]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PipelineError(f"sessions must have names of their own, got {twice[0]!r} twice")
+    probes = {name: open_session(folder).probe for name, folder in folders.items()}
+    said = {name: f"{one.spring_constant:g} N/m, {one.friction}" for name, one in probes.items()}
+    if len(set(said.values())) > 1:
+        raise PipelineError(
+            "`probe.spring_constant` and `probe.friction` must be the same in sessions that are "
+            f"explained together, got {'; '.join(f'{said[name]} in {name}' for name in said)}"
+        )
     output = Path(output)
     with lock_folder(output):
         results = {
             name: loop_session(
-                one,
+                folder,
                 output / name,
                 jobs=jobs,
                 forces_only=forces_only,
                 as_built=as_built,
                 progress=progress,
             )
-            for name, one in zip(names, folders, strict=True)
+            for name, folder in folders.items()
         }
-        shared, model = fit_hierarchy(results)
+        together, shared = explain_together(
+            {name: result.table for name, result in results.items()},
+            {b: one for r in results.values() for b, one in r.document["scans"]["blocks"].items()},
+            jobs=jobs or len(os.sched_getaffinity(0)),
+        )
+        write_loop(together, output)
+        verdicts = {
+            name: {"verdict": str(result.verdict), "finding": result.document["finding"]}
+            for name, result in {"": together, **results}.items()
+        }
         document = {
-            "sessions": {
-                n: {"verdict": str(r.verdict), "finding": r.document["finding"]}
-                for n, r in results.items()
-            },
+            "together": verdicts.pop(""),
+            "sessions": verdicts,
             "parameters": shared,
         }
-        for file, content in (
-            ("sessions.json", {"schema": 1, **document}),
-            ("model.json", build_model_document(model)),
-        ):
-            replace_text(output / file, json.dumps(content, indent=2, allow_nan=False) + "\n")
+        replace_text(
+            output / "sessions.json",
+            json.dumps({"schema": 1, **document}, indent=2, allow_nan=False) + "\n",
+        )
     return document
