@@ -168,8 +168,12 @@ def _read_record(
     else:
         frame, place = record, "table"
     accelerates = "acceleration_m_s2" in frame
-    wanted = ["time"] if accelerates else ["time", "force"]
-    columns = read_si_columns(frame, {name: ([name], name, None) for name in wanted}, place)
+    wanted = (
+        {"time": ["time"]} if accelerates else {"time": ["time"], "force": ["force", "force_x"]}
+    )
+    columns = read_si_columns(
+        frame, {name: (names, name, None) for name, names in wanted.items()}, place
+    )
     steps = np.diff(columns["time"])
     if len(steps) < 15 or not (steps > 0.0).all():
         raise HapticsError(f"time_s must rise in at least 16 rows, got {len(steps) + 1} [{place}]")

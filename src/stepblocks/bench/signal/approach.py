@@ -128,7 +128,7 @@ def _find_peak_sample(force: Array, smooth: Array, noise: float) -> int:
 
 def _add_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
     # Put the onset where the line through the middle of the ramp meets the sliding level
-    climb = smooth[: marks.peak + 1] - marks.level
+    climb = smooth[: marks.peak - 1] - marks.level  # the last two samples have some of the fall
     low = int(np.flatnonzero(climb < 0.25 * marks.rise)[-1])
     high = max(int(np.flatnonzero(climb < 0.75 * marks.rise)[-1]) + 1, low + 2)
     slope = (smooth[high] - smooth[low]) / (time[high] - time[low])

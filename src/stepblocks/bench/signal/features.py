@@ -57,6 +57,7 @@ _TOP_SHARE = (
     0.06  # of the rise: a rounded peak is fitted where the force is within this of the highest
 )
 _TOP_REACH = 6e-3  # [s] at most this far from the highest sample
+_FALL_AT_ONCE = 0.5  # of the rise
 _ROUND_SPREAD = (
     1.3  # a cubic is not the law of a rounded peak: pulls on drags in time are wider by this
 )
@@ -174,6 +175,9 @@ def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Ap
     parts, _ = label(close & (np.abs(time - time[marks.peak]) < _TOP_REACH))
     top = np.flatnonzero(parts == parts[marks.peak])
     first, last = min(int(top[0]), marks.peak - 3), max(int(top[-1]), marks.peak + 3)
+    # no cubic follows a fall between two samples, as of a simulated tip without mass
+    if np.diff(clean[marks.peak : last + 1]).min() < -_FALL_AT_ONCE * marks.rise:
+        last = marks.peak
     t = time[first : last + 1] - time[marks.peak]
     reach = float(np.abs(t).max())
     weights, covariance = fit_with_covariance(

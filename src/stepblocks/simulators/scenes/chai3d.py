@@ -1,9 +1,11 @@
 """CHAI3D: meshes in millimetres, a program, and the decaying ring that CHAI3D lacks."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from stepblocks.artefacts.meshes.write import write_obj, write_stl
+from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
@@ -18,8 +20,11 @@ def _write(folder: Path, scene: Scene) -> None:
 def _write_set(folder: Path, scenes: Sequence[Scene], beside: str) -> None:
     # Write a program that switches the blocks of a set
     if not any(scene.stimulus.ball for scene in scenes):  # a tip drags over a step of its own
-        files = {f"../{scene.stimulus.id}/{beside}/block.obj": scene for scene in scenes}
-        _write_program(folder, folder.parent.name, files)
+        _write_program(
+            folder,
+            folder.parent.name,
+            {f"../{scene.stimulus.id}/{beside}/block.obj": scene for scene in scenes},
+        )
 
 
 def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None:
@@ -30,12 +35,21 @@ def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None
             # of the virtual hand where the formula knows no release [N]
             "pull": (0.5 if one.events[0].status is Status.NO_CATCH else 10.0)
             * one.point.normal_load,
+            "height": _find_height(one),
             "scene": one,
         }
         for file, one in scenes.items()
     ]
-    for file in ("CMakeLists.txt", "ReleaseRing.h", "StepBlock.h", "blocks.cpp"):
+    for file in ("CMakeLists.txt", "ReleaseRing.h", "SessionLog.h", "StepBlock.h", "blocks.cpp"):
         write_from_template(folder / file, name=name, blocks=blocks)
+
+
+def _find_height(scene: Scene) -> float:
+    # Of a step, or of the step that has the same critical angle [m]
+    face = scene.surface.counterface()
+    if isinstance(face, Step):
+        return face.height
+    return scene.point.ball_radius * max(1.0 - math.cos(e.critical_angle) for e in scene.events)
 
 
 CHAI3D = SceneFormat(
@@ -47,7 +61,9 @@ CHAI3D = SceneFormat(
     run=(
         "Build `blocks.cpp` against your CHAI3D (its second line says how); `echo 1 | "
         "build/blocks --blocks .` lets a virtual hand drag the proxy over the edge and prints the "
-        "peak beside the formula, `--device 0` takes a device. In a program of your own "
+        "peak beside the formula, `--device 0` takes a device, `--device demo` shows the program "
+        "without one. `--log NAME` writes every drag into a new session folder that `stepblocks "
+        "compare`, `measure` and `loop` read. In a program of your own "
         'load `block.obj` into a `cMultiMesh`, `#include "StepBlock.h"` and call '
         "`stepblock::prepare(object, tool)` once: it sets the contact and attaches the ring. "
         "`-blocks` beside the blocks of a set is the same program: keys switch the blocks."
@@ -64,12 +80,20 @@ CHAI3D = SceneFormat(
         "bears 3.3 N at its peak), or less where the device bears less; a block that needs more "
         "says so, `--limit` raises it; in a program of your own pass the force through "
         "`cForceGuard`",
+        "the log is HDF5 where CMake finds the C library of HDF5, CSV with the same columns "
+        "elsewhere, at the real size; the virtual hand has gauges with a noise of 1 mN (`--noise`) "
+        "and slides at 5 mm/s (`--speed`); a device is read at 4 kHz (`--rate`), and a tick that "
+        "comes late is a gap in the record",
+        "the proxy has no mass: below a load of k R (1.23 N for the paper's tool) it climbs down "
+        "behind the edge for a while, which `measure` calls climb-down; above, it snaps",
+        "where the tip meets the edge CHAI3D drops friction for a moment, so that `measure` finds "
+        "3 % less sliding friction than was set",
         "its own vibration effect is a steady sine; `ReleaseRing.h` is a decaying one, fired when "
         "the proxy leaves the notch",
     ),
     verified=(
         "OBJ and STL are read back and measured by the test suite; `blocks.cpp` was compiled "
-        "against CHAI3D 3.3 and run without device "
-        "or display for the table of docs/explanation/simulators.md; not run on a device."
+        "against CHAI3D 3.3 and run by the virtual hand and the demonstration, and its sessions "
+        "measured; not run on a device."
     ),
 )
