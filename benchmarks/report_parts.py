@@ -53,6 +53,7 @@ PARTS = [
             "tick-999": (r"ten blocks \| \d+ \| \S+ \| (\S+)", "{} µs"),
             "tick-interrupted": (r"ten blocks \| \d+ \| \S+ \| \S+ \| (\S+)", "{} µs"),
             "tick-worst": (r"ten blocks (?:\| \S+ ){5}\| (\S+)", "{} µs"),
+            "tick-native": (r"from C, .* (\S+) us at 99.9 %", "{} µs"),
         },
         timing=True,
     ),
