@@ -262,7 +262,7 @@ def test_the_edge_radius_of_a_map_bears_what_its_pixels_average(degrees, radius)
         "edge_radius"
     ]
     assert abs(found.value - radius) < found.expanded()
-    assert found.expanded() > 0.5 * UM  # a pixel is 1 um
+    assert found.expanded() > 0.44 * UM  # 95 % of a pixel of 1 um, turned
 
 
 @pytest.mark.parametrize("place", [-0.4, -0.2, 0.2, 0.4])

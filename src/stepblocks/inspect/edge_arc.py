@@ -30,7 +30,7 @@ _TEMPER = 1.2523383
 # least cosine of the slope by which a residual is divided [1]: steeper than 78 degrees the lateral
 # error decides
 _LEAST_COSINE = 0.2
-_UNRESOLVED = 3.0  # sampling intervals below which a radius is not resolved [1]
+RESOLVED = 3.0  # sampling intervals from which a radius is resolved [1]
 _BETWEEN = 25  # positions of the riser that are tried in a sampling interval about half the height
 _ALIKE = 1e-9  # difference of misfit that is none [1]: rounding
 _AT_ONCE = 10_000  # points that are evaluated at once, as many as stay near the processor
@@ -152,7 +152,7 @@ def fit_arc(window: Window) -> Arc:
     radii, risers, costs = _evaluate_unresolved(window)
     mean, _ = _compute_moments(radii, np.exp(costs.min() - costs).sum(axis=1))
     larger = min((cost for cost, radius, _ in starts if radius > radii[-1]), default=np.inf)
-    if mean >= _UNRESOLVED * window.spacing or larger < costs.min():
+    if mean >= RESOLVED * window.spacing or larger < costs.min():
         radii, risers, costs = _refine_grid(window, *_find_lowest_minimum(window, starts))
     # of places that are as likely the first, whatever the last bits say
     at = np.unravel_index(int(np.argmax(costs <= costs.min() + _ALIKE)), costs.shape)
@@ -169,7 +169,7 @@ def fit_arc(window: Window) -> Arc:
     weight /= weight.sum()
     mean, std = _compute_moments(radii, weight)
     limit = float(np.interp(0.95, np.cumsum(weight) - 0.5 * weight, radii))
-    if mean < _UNRESOLVED * window.spacing:
+    if mean < RESOLVED * window.spacing:
         # what lies between two samples is in the posterior; between two radii of its grid nothing
         # is known
         std = float(np.hypot(std, (radii[1] - radii[0]) / np.sqrt(3.0)))
@@ -188,7 +188,7 @@ def _evaluate_unresolved(window: Window) -> tuple[Array, Array, Array]:
     # Many places are as likely there, so nothing is sought: a search would end in one or another of
     # them by the last bits.
     spacing = window.spacing
-    radii = np.linspace(0.0, 2.0 * _UNRESOLVED * spacing, 49)
+    radii = np.linspace(0.0, 2.0 * RESOLVED * spacing, 49)
     # of an arc higher than half the step the riser lies before the half height
     over = max(float(radii[-1]) - 0.5 * window.height, 0.0)
     inset = float(radii[-1] - np.sqrt(radii[-1] ** 2 - over**2))

@@ -460,7 +460,7 @@ def judge_part(
     judged, missing = list[tuple[Characteristic, Decision]](), list[tuple[Characteristic, str]]()
     asked = frozenset(wanted)
     for one in part.characteristics():
-        reason = evaluation.missing.get(one.key, f"needs {one.method}")
+        reason = evaluation.missing.get(one.key, one.method)
         measured = evaluation.values.get(one.key)
         if measured is not None:
             whole = not (one.extent and one.key in evaluation.covered)
@@ -472,7 +472,7 @@ def judge_part(
                     " x ".join(f"{size * 1e3:.3g}" for size in both) for both in (seen, one.extent)
                 ]
                 reason = (
-                    f"scanned {sizes[0]} mm of {sizes[1]} mm; needs a map of {_LEAST_COVERED:.0%} "
+                    f"scanned {sizes[0]} mm of {sizes[1]} mm; a map of {_LEAST_COVERED:.0%} "
                     f"of either side, or {one.method}"
                 )
             found = judge(measured, one.nominal, one.lower, one.upper)

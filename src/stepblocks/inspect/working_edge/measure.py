@@ -18,7 +18,7 @@ from stepblocks.inspect.budget import (
     average_profiles,
 )
 from stepblocks.inspect.edge import Edge, find_position, fit_edge, fit_step
-from stepblocks.inspect.edge_arc import Flank, compute_edge_profile
+from stepblocks.inspect.edge_arc import RESOLVED, Flank, compute_edge_profile
 from stepblocks.inspect.form import (
     FaceForm,
     compute_flatness,
@@ -52,7 +52,6 @@ _WORN = 0.25  # of the radius of a stylus, that it may be off: a rectangle [1]
 # flanks that the styli of ISO 3274 show of a vertical riser: of a cone of 90 and of 60 deg [rad]
 _STEEPEST_SHOWN = math.radians(45.0), math.radians(60.0)
 _NEAR = math.radians(1.0)  # of the steepest flank that a stylus shows [rad]
-_RESOLVED = 3.0  # sampling intervals from which a radius is resolved [1]
 _LEVEL = 0.5e-3  # length of the level faces on either side of an edge that was seen [m]
 _WORTH = 0.02  # of the step, from which another feature in its scan is named [1]
 _OF_THE_EDGE = {"step_height", "edge_radius", "riser_angle", "riser_straightness"}
@@ -146,7 +145,7 @@ def _measure_along_rows(
         values |= faces
     if rejected := sum(one.rejected for one in edges):
         notes.append(f"{rejected} points missing or left out as spikes")
-    if not steps and any(one.radius.value < _RESOLVED * first.spacing for one in edges):
+    if not steps and any(one.radius.value < RESOLVED * first.spacing for one in edges):
         notes.append(
             "edge sharper than the sampling resolves; radius below "
             f"{max(one.radius_limit for one in edges) * 1e6:.2g} um at 95 %"
@@ -212,13 +211,20 @@ def _average_radius(
     sloped = 2 * sum(one.flank is not None for one in edges) > len(edges)
     corners = [one.radius for one in edges if (one.flank is not None) == sloped]
     tip, others = options.stylus_radius or 0.0, []
-    if is_map:
-        # its rows may lie alike between the samples: what that leaves open is the same in all
-        single = float(np.mean([one.std for one in corners]))
-        between = math.hypot(single, spacing / math.sqrt(12.0))
-        origin = "noise of one row, and one interval, which a pixel averages"
-        others.append(Component("sampling", between, how=origin))
-    corners = [Estimate(one.value - tip, 0.0 if is_map else one.std, one.dof) for one in corners]
+    single = float(np.mean([one.std for one in corners]))
+    sharp = float(np.mean([one.value for one in corners])) < RESOLVED * spacing and not sloped
+    if is_map or sharp:
+        # what lies between two samples lies anywhere there, alike in all rows unless the edge
+        # wanders over the samples: then a pixel and the noise of a row are not both at their ends
+        pixel = spacing / math.sqrt(12.0) if is_map else 0.0
+        wanders = is_map and float(np.std([one.middle for one in edges])) > pixel
+        between = max(single, pixel) if wanders else math.hypot(single, pixel)
+        origin = "what lies between two samples, rectangular"
+        if is_map:
+            origin = f"noise of one row, and one interval, which a pixel averages; {origin}"
+        others.append(Component("sampling", between, how=origin, bounded=True))
+        single = 0.0
+    corners = [Estimate(one.value - tip, single, one.dof) for one in corners]
     if options.stylus_radius is None:
         others.append(
             Component("stylus radius", math.nan, how=f"{UNSTATED}: the radius is at most this")
