@@ -117,42 +117,48 @@ def fill_in(sheet, target, left_out=()):
     return len(rows)
 
 
-def test_filled_sheets_and_a_scan_become_one_report_and_certificate_for_each_serial_number(
-    ordered, tmp_path
-):
-    sheet = ordered / "out" / "own" / "own-065" / "own-065.inspection-sheet.csv"
-    random, x = np.random.default_rng(8), np.arange(-600, 600) * 1e-6
-    z = edge_gauge(x, 65.2e-6, 0.0, 5e-4)
+def write_scan(path, height, seed):
+    """Write a profile across an edge of known height, with the noise of an instrument."""
+    random, x = np.random.default_rng(seed), np.arange(-400, 400) * 1e-6
+    z = edge_gauge(x, height, 0.0, 5e-4)
     z += correlated_noise(len(x), 1e-6, 5e-9, 10e-9, 2e-6, random)
     rows = np.stack([x, z], axis=1) * 1e6
-    np.savetxt(tmp_path / "one.csv", rows, "%.5f", ",", header="x_um,z_um", comments="")
-    by_scan = (
-        "step height",
-        "edge radius",
-        "burr over the upper face within 0.2 mm of the edge",
-    )
-    count = fill_in(sheet, tmp_path / "one-sheet.csv", left_out=by_scan)
-    fill_in(sheet, tmp_path / "two-sheet.csv")
-    (tmp_path / "scans.csv").write_text(
-        "scan,block,stimulus\none.csv,SN-1,own-065\none-sheet.csv,SN-1,own-065\n"
-        "two-sheet.csv,SN-2,own-065\n"
-    )
+    np.savetxt(path, rows, "%.5f", ",", header="x_um,z_um", comments="")
+
+
+def test_filled_sheets_and_scans_of_ten_blocks_become_a_report_and_a_certificate_for_each(
+    ordered, tmp_path
+):
+    by_scan = ("step height", "edge radius", "burr over the upper face within 0.2 mm of the edge")
+    blocks, lines, truth = load_set(ordered / "own.toml").stimuli, [], {}
+    for number, block in enumerate(blocks):
+        sheet = ordered / "out" / "own" / block.id / f"{block.id}.inspection-sheet.csv"
+        serial, count = f"SN-{number + 1:02}", 3 if block.id == "own-065" else 1
+        asked = fill_in(sheet, tmp_path / f"{block.id}-sheet.csv", left_out=by_scan)
+        truth[serial] = block, asked, block.height.nominal + (number - 4.5) * 5e-8
+        names = [f"{block.id}-sheet.csv", *(f"{block.id}-{one}.csv" for one in range(count))]
+        for name in names[1:]:
+            write_scan(tmp_path / name, truth[serial][2], 100 * number + len(lines))
+        lines += [f"{name},{serial},{block.id}" for name in names]
+    (tmp_path / "scans.csv").write_text("\n".join(["scan,block,stimulus", *lines, ""]))
     (tmp_path / "lab.toml").write_text(LAB)
-    out = tmp_path / "inspected"
     asked = ["inspect", str(tmp_path / "scans.csv"), "--set", str(ordered / "own.toml")]
-    code = main([*asked, "--lab", str(tmp_path / "lab.toml"), "-o", str(out)])
-    reports = {
-        serial: json.loads((out / serial / "own-065.inspection.json").read_text())
-        for serial in ("SN-1", "SN-2")
-    }
-    assert code == 0, [one["statement"] for one in reports.values()]
-    for report in reports.values():
-        assert report["statement"].startswith(f"{count} of {count} measured, all conform")
-    height = {one["key"]: one for one in reports["SN-1"]["characteristics"]}["step_height"]
-    low, high = height["interval_95_m"]
-    assert low < 65.2e-6 < high
-    for serial in reports:
-        certificate = (out / serial / "own-065.dcc.xml").read_text()
+    code = main([*asked, "--lab", str(tmp_path / "lab.toml"), "-o", str(tmp_path / "inspected")])
+    statements = {}
+    for serial, (block, count, height) in truth.items():
+        papers = tmp_path / "inspected" / serial
+        report = json.loads((papers / f"{block.id}.inspection.json").read_text())
+        statements[serial] = report["statement"]
+        assert report["statement"].startswith(f"{count} of {count} measured, all conform"), serial
+        step = {one["key"]: one for one in report["characteristics"]}["step_height"]
+        low, high = step["interval_95_m"]
+        assert low < height < high
+        certificate = (papers / f"{block.id}.dcc.xml").read_text()
+        pdf = (papers / f"{block.id}.certificate.pdf").read_bytes()
         for said in (serial, "C-2026-017", "A. Signer", "P-42", "440C, hardened and tempered"):
             assert said in certificate
-        assert (out / serial / "own-065.certificate.pdf").read_bytes()[:4] == b"%PDF"
+        assert pdf[:4] == b"%PDF"
+        # three scans show how they repeat, one does not
+        repeated = "standard uncertainty, repeatability" in certificate
+        assert repeated == (block.id == "own-065")
+    assert code == 0, statements
