@@ -74,7 +74,7 @@ def _format_requirement(one: Characteristic) -> str:
         return f"Ra {one.upper * 1e6:g}"
     return (
         format_zone(one.upper)
-        if one.kind in FORM
+        if one.kind in FORM or one.key == "riser_straightness"  # in a frame, as ISO 1101 has it
         else format_limits(one.nominal, one.lower, one.upper, one.quantity)
     )
 

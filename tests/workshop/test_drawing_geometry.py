@@ -119,6 +119,33 @@ def test_a_section_is_hatched_where_it_cuts_and_its_place_is_shown():
     assert any(one.dxf.text.startswith("C-C") for one in sheet.space.query("TEXT"))
 
 
+def test_lines_are_of_one_group_and_the_title_block_stands_in_its_corner():
+    # ISO 128-2, line group 0.5: wide 0.5, narrow 0.25, symbols 0.35 mm; ISO 7200: 180 mm wide
+    sheet = draw_part_sheet(StepBlock(id="step-050", height="50 um"), ORDER)
+    layers = ("OUTLINE", "HIDDEN", "CENTRE", "DIMENSION", "TEXT", "FRAME")
+    widths = [sheet.document.layers.get(name).dxf.lineweight for name in layers]
+    assert widths == [50, 25, 25, 25, 25, 35]
+    areas = [bbox.extents([one]) for one in sheet.space.query("LWPOLYLINE[layer=='FRAME']")]
+    corner = [one for one in areas if (one.extmax.x, one.extmin.y) == pytest.approx((410.0, 10.0))]
+    assert any(one.size.x == pytest.approx(180.0) for one in corner)
+
+
+def test_the_straightness_of_the_riser_stands_in_a_frame_that_points_at_it():
+    sheet = draw_part_sheet(StepBlock(id="step-050", height="50 um"), ORDER)
+    texts = sheet.space.query("TEXT")
+    (value,) = [
+        one
+        for one in texts
+        if one.has_xdata("STEPBLOCKS")
+        and one.get_xdata("STEPBLOCKS")[0].value == "riser_straightness"
+    ]
+    assert value.dxf.text == "0.020"
+    # the arrow lies on the line of the riser, which is drawn on over the faces
+    riser, level = 235.0, value.get_placement()[1].y
+    tips = [one.dxf.vtx0 for one in sheet.space.query("SOLID")]
+    assert any((tip.x, tip.y) == pytest.approx((riser, level)) for tip in tips)
+
+
 @pytest.mark.parametrize("opening", [None, "80 um", "-60 um", "20 um"])
 def test_nothing_on_the_drawing_of_a_margin_block_strikes_anything(opening):
     sizes = {} if opening is None else {"vertical_discrepancy": opening}

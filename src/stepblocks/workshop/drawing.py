@@ -136,7 +136,7 @@ def draw_part_sheet(
             (232.0 + 92.0 * (start // _MOST_ROWS), TOP_OF_TITLE - 1.0 + 5.0 * rows),
             lines[start : start + _MOST_ROWS],
         )
-    sheet.border(stimulus.kind_name.capitalize(), fields)
+    sheet.border(f"{stimulus.kind_name.capitalize()}, part drawing", fields)
     return sheet
 
 

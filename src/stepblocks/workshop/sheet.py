@@ -20,10 +20,10 @@ _TEXT = 2.5
 _LAYERS = {  # colour, weight of the lines [0.01 mm] and their type
     "OUTLINE": (7, 50, "Continuous"),
     "HIDDEN": (8, 25, "DASHED"),
-    "CENTRE": (8, 18, "CENTER"),
-    "DIMENSION": (7, 18, "Continuous"),
+    "CENTRE": (8, 25, "CENTER"),
+    "DIMENSION": (7, 25, "Continuous"),
     "FRAME": (7, 35, "Continuous"),
-    "TEXT": (7, 18, "Continuous"),
+    "TEXT": (7, 25, "Continuous"),
 }
 _STYLE = {
     "dimtxsty": "LETTERS",
@@ -296,6 +296,8 @@ class Sheet:
                 (x + 2.6, y + 4.2),
             ]
             self.polyline(corners, "FRAME", closed=True)
+        elif one.kind == "note":  # a single line: straightness
+            self.line((x + 1.4, y + 3.0), (x + 5.6, y + 3.0), "FRAME")
         else:
             for shift in (0.0, 1.8):
                 self.line((x + 1.8 + shift, y + 1.4), (x + 3.4 + shift, y + 4.6), "FRAME")
