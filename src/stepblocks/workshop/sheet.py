@@ -37,6 +37,13 @@ _STYLE = {
     **dict.fromkeys(("dimtad", "dimtofl"), 1),
     **dict.fromkeys(("dimzin", "dimtzin", "dimtih", "dimtoh"), 0),
 }
+# strokes of the symbols in tolerance frames (ISO 1101), from the lower left corner of their cell
+# [mm]; the only note in a frame is the straightness of a line
+_SYMBOLS = {
+    "flatness": [[(1.2, 1.8), (4.4, 1.8), (5.8, 4.2), (2.6, 4.2), (1.2, 1.8)]],
+    "parallelism": [[(1.8, 1.4), (3.4, 4.6)], [(3.6, 1.4), (5.2, 4.6)]],
+    "note": [[(1.4, 3.0), (5.6, 3.0)]],
+}
 _PREFIX = {"diameter": "⌀<>", "radius": "R<>"}  # of a dimension's text, by kind
 ELSEWHERE = 1.6e-6  # largest Ra of surfaces that no tip touches [m]
 TOP_OF_TITLE = 82.0  # y of the upper side of the title block [mm]
@@ -288,19 +295,8 @@ class Sheet:
         self.rectangle(at, (ends[-1], y + high), "FRAME")
         for end in ends[:-1]:
             self.line((end, y), (end, y + high), "FRAME")
-        if one.kind == "flatness":
-            corners = [
-                (x + 1.2, y + 1.8),
-                (x + 4.4, y + 1.8),
-                (x + 5.8, y + 4.2),
-                (x + 2.6, y + 4.2),
-            ]
-            self.polyline(corners, "FRAME", closed=True)
-        elif one.kind == "note":  # a single line: straightness
-            self.line((x + 1.4, y + 3.0), (x + 5.6, y + 3.0), "FRAME")
-        else:
-            for shift in (0.0, 1.8):
-                self.line((x + 1.8 + shift, y + 1.4), (x + 3.4 + shift, y + 4.6), "FRAME")
+        for stroke in _SYMBOLS[one.kind]:
+            self.polyline([(x + right, y + up) for right, up in stroke], "FRAME")
         self.text((x + cell + 0.5 * wide, y + 0.5 * high), value, _TEXT, "MIDDLE_CENTER", key)
         if datum:
             self.text((ends[-1] - 0.5 * cell, y + 0.5 * high), datum, _TEXT, "MIDDLE_CENTER")
