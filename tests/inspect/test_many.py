@@ -8,6 +8,7 @@ import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge
 from stepblocks.cli import main
+from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument, Outcome
 from stepblocks.inspect.many import (
     estimate_repeatability,
@@ -51,6 +52,11 @@ def batch(tmp_path_factory):
     return folder
 
 
+def test_a_text_is_one_path_and_not_a_scan_for_each_letter():
+    with pytest.raises(MetrologyError, match=f"got '{'9' * 50}"):
+        inspect_many("9" * 50, "step-050", stimuli="stimuli")
+
+
 def test_a_batch_gets_its_days_and_repeats_into_the_budget_and_a_page(batch, tmp_path):
     result = inspect_many(
         [batch],
@@ -68,8 +74,9 @@ def test_a_batch_gets_its_days_and_repeats_into_the_budget_and_a_page(batch, tmp
     # half of it stays in the mean over two days
     assert blocks.loc["B1", "u_um"] > 0.042 / np.sqrt(2.0) * 0.7
     assert result.verdict is Outcome.DOES_NOT_CONFORM  # rounded by 4 um
-    # a stylus that nobody stated leaves a bound of the radius, and the tables say so
-    unstated = inspect_many([batch / "B1-mon-0.csv"], "step-050", stimuli="stimuli").tables
+    # a stylus that nobody stated leaves a bound of the radius, and the tables say so; one path
+    # alone is no sequence of letters
+    unstated = inspect_many(batch / "B1-mon-0.csv", "step-050", stimuli="stimuli").tables
     for table in (unstated["blocks"], unstated["scans"]):
         bounds = table.set_index("characteristic")["bound"]
         assert (bounds["edge_radius"], bounds["step_height"]) == ("at most", "")

@@ -100,7 +100,7 @@ def _show_cell(key: str, cell: object) -> object:
 
 
 def inspect_many(
-    scans: Sequence[str | Path],
+    scans: str | Path | Sequence[str | Path],
     stimulus: str | None = None,
     *,
     standard: float | None = None,
@@ -110,7 +110,7 @@ def inspect_many(
 
     Parameters
     ----------
-    scans : sequence of str or Path
+    scans : str or Path, or a sequence of them
         Scans, filled inspection sheets and QIF results of one block; or a folder of them; or one
         table with a column ``scan`` (and a folder that holds ``scans.csv``), beside it ``stimulus``
         and ``block``, the serial number, where they differ, ``feature`` (edge or groove), and a
@@ -138,8 +138,9 @@ def inspect_many(
     """
     import pandas as pd
 
+    several = [scans] if isinstance(scans, str | Path) else scans
     asked = _list_scans(
-        [Path(one) for one in scans], stimulus or ("standard" if standard is not None else None)
+        [Path(one) for one in several], stimulus or ("standard" if standard is not None else None)
     )
     factors = [name for name in asked.columns if name not in _OWN]
     results, rows, left_out = list[tuple[str, InspectionResult]](), [], []
@@ -222,9 +223,8 @@ def inspect_many(
         "scans": _convert_to_um(table).drop(columns="measured"),
     }
     whole = combine_verdicts(one.verdict for one in reports.values())
-    if standard is not None:
-        reports = {}
-    return ManyScans(tables, tuple(left_out), whole, reports)
+    of_parts = reports if standard is None else {}
+    return ManyScans(tables, tuple(left_out), whole, of_parts)
 
 
 def _merge_reports(
