@@ -53,6 +53,9 @@ def test_a_table_of_pandas_is_taken_by_its_uncertainties():
 def test_a_table_in_which_nothing_was_measured_is_refused():
     with pytest.raises(PipelineError, match=r"such as period and period_std, got load_n, peak_n$"):
         Trials.from_table(pd.DataFrame({"load_n": [1.0], "peak_n": [2.0]}))
+    # an array has no columns: it is not searched for names, number by number
+    with pytest.raises(PipelineError, match=r"got <class 'numpy.ndarray'>$"):
+        Trials.from_table(np.zeros(10_000_000))
 
 
 def test_trials_without_a_row_keep_the_row_and_none_of_its_values():

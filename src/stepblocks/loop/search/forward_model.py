@@ -56,15 +56,20 @@ class Trials:
         PipelineError
             If no column has an uncertainty beside it.
         """
-        names = [str(name) for name in table if f"{name}_std" in table]
+        # an array has none, and is not searched number by number
+        columns = [str(name) for name in getattr(table, "columns", ())]
+        names = [name for name in columns if f"{name}_std" in columns]
         errors = [f"{name}_std" for name in names]
         if not names:
             raise PipelineError(
                 "table must have a column that was measured and its uncertainty, such as period "
-                f"and period_std, got {' '.join(', '.join(map(str, table)).split()):.300}"
+                f"and period_std, got {' '.join(', '.join(columns).split()) or type(table)!s:.300}"
             )
-        others = table.drop(columns=[*names, *errors, "block"], errors="ignore")
-        covariates = {str(name): column.to_numpy() for name, column in others.items()}
+        covariates = {
+            str(name): column.to_numpy()
+            for name, column in table.items()
+            if name not in (*names, *errors, "block")
+        }
         values, std = (table[part].to_numpy(dtype=np.float64) for part in (names, errors))
         block = np.array(table.get("block", [""] * len(table)), dtype=np.str_)
         return cls(covariates, tuple(names), values, std, block)
