@@ -219,12 +219,9 @@ def removed(found: Explanation, seed: int, truth: tuple[Planted, ...]) -> float 
     """
     columns = design_columns(len(found.problem.trials), seed + 777_000)
     exact = noise_free(columns, seed, truth)[:, 0]
-    ahead = Trials(
-        {n: c for n, c in columns.items() if n != "block"},
-        CHANNELS,
-        *[np.zeros((len(exact), 7))] * 2,
-        columns["block"],
-    )
+    none = np.zeros((len(exact), 7))  # measured: it is predicted
+    covariates = {name: column for name, column in columns.items() if name != "block"}
+    ahead = Trials(covariates, CHANNELS, none, none, columns["block"])
     start = {f"{e.id}.{name}": value for e, own in truth for name, value in own.items()}
     oracle = fit(found.problem, [e for e, _ in truth], found.nominal.values | start)
     errors = []
@@ -243,9 +240,8 @@ def group_named(found: Explanation) -> str:
         for e in list_candidates(table, list_covariate_ranges(table), True)
         if e.id == "block_tilt"
     ]
-    by = compare_directions(found.problem, found.nominal, effects)["imitated_by_constants"].get(
-        "block_tilt", ()
-    )
+    directions: dict[str, Any] = compare_directions(found.problem, found.nominal, effects)
+    by = directions["imitated_by_constants"].get("block_tilt", ())
     return "group named" if not found.findings and "friction" in by else "wrong"
 
 

@@ -12,6 +12,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import typer
 from faults import LOADED, run, tree
@@ -182,7 +183,7 @@ def _each(words: tuple[str, ...], command: TyperCommand) -> Iterator[list[str]]:
         yield [*words, *(word for other in (*asked, option) for word in _honest(other))]
 
 
-def _honest(parameter: object) -> list[str]:
+def _honest(parameter: Any) -> list[str]:
     """Words that give an option, or a place, what it takes."""
     named = [] if isinstance(parameter, TyperArgument) else list(parameter.opts[-1:])
     if getattr(parameter, "is_flag", False):

@@ -7,6 +7,7 @@ python benchmarks/install_size.py cadquery trimesh manifold3d numpy pyvista
 import argparse
 from collections import deque
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
+from pathlib import Path
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -41,7 +42,8 @@ def demanded(roots: list[str]) -> dict[str, tuple[Distribution, set[str]]]:
 
 def megabytes(one: Distribution) -> float:
     """Size of the files of a distribution, those that Python compiled left out."""
-    places = {one.locate_file(file) for file in one.files or () if file.suffix != ".pyc"}
+    files = [file for file in one.files or () if file.suffix != ".pyc"]
+    places = {Path(str(one.locate_file(file))) for file in files}
     return sum(place.stat().st_size for place in places if place.is_file()) / 1e6
 
 

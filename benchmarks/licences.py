@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from importlib.metadata import Distribution, distributions
+from typing import Any
 
 _TROVE = "License :: "
 # whose own licence is permissive, and whose wheels carry a library that is not: as that library
@@ -26,7 +27,7 @@ _CHOICE = re.compile(r"\bOR\b|dual|exception|or later;", re.IGNORECASE)
 
 def licence(one: Distribution) -> str:
     """Find what a distribution says of its licence, the shortest true form first."""
-    data = one.metadata
+    data: Any = one.metadata  # a message: its protocol does not promise `get`
     trove = [
         name.rsplit(" :: ", 1)[-1]
         for name in data.get_all("Classifier", [])

@@ -71,7 +71,9 @@ SCANS |= {
     "top-1.top": Known("groove", 3.0 * NM, 4.0 * NM, TOPOGRAPHY),
     # radii by Digital Surf's contour analysis, which stand beside the files
     **{
-        f"20230424/tooltip/D906-{one}.csv": Known("ball", *[radius * UM] * 2, UPM, "mm", 190 * UM)
+        f"20230424/tooltip/D906-{one}.csv": Known(
+            "ball", radius * UM, radius * UM, UPM, "mm", 190 * UM
+        )
         for one, radius in enumerate((189.2659, 190.0973, 190.5985, 191.9384, 191.8101), 1)
     },
     # plate and border of several rows, by their medians

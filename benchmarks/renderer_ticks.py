@@ -18,9 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.contact.event import compute_ring_energy, list_vibration_events
+from stepblocks.contact.event import VibrationEvent, compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
+from stepblocks.parts.kind import Part
 from stepblocks.simulators.assemble import build_scene, lay_out_teeth, resolve_contact
 from stepblocks.simulators.conditions import choose_operating_point
 from stepblocks.simulators.export import export_scenes
@@ -46,7 +47,7 @@ def main() -> None:
     print(f"\nC library called from C, block of 50 um: {in_c()}")
 
 
-def one(stimulus: object) -> np.ndarray:
+def one(stimulus: Part) -> np.ndarray:
     renderer = Renderer(stimulus.counterface().centre_path(POINT.ball_radius), POINT, rate=RATE)
     event = list_vibration_events(stimulus.counterface(), POINT)[0]
     runs = [drag(renderer, event) for _ in range(REPEATS)]
@@ -88,6 +89,8 @@ def tooth() -> np.ndarray:
             subprocess.run(["cmake", *command], cwd=folder, capture_output=True, check=True)
         path = folder / "stepblocks_native.py"
         spec = importlib.util.spec_from_file_location("tooth_binding", path)
+        assert spec is not None
+        assert spec.loader is not None
         binding = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(binding)
         times, clock = np.empty((REPEATS, 4000), dtype=np.int64), time.perf_counter_ns
@@ -102,7 +105,7 @@ def tooth() -> np.ndarray:
     return times
 
 
-def drag(renderer: Renderer, event: object) -> tuple[np.ndarray, float]:
+def drag(renderer: Renderer, event: VibrationEvent) -> tuple[np.ndarray, float]:
     """Pull over the edge at 2 mm/s, stop for the ring, and return; the load is held."""
     pull = 1.1 * event.critical_force / renderer.stiffness
     x = event.trigger_position - 20e-6

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
+from stepblocks.parts.kind import Part
 from stepblocks.quantities import parse_quantity
 from stepblocks.simulators.assemble import build_scene, resolve_contact
 from stepblocks.simulators.renderer import Renderer
@@ -58,9 +59,7 @@ def main() -> None:
                 row(Path(folder) / surface.id, surface, point, arguments)
 
 
-def row(
-    folder: Path, surface: object, point: OperatingPoint, arguments: argparse.Namespace
-) -> None:
+def row(folder: Path, surface: Part, point: OperatingPoint, arguments: argparse.Namespace) -> None:
     scene = build_scene(resolve_contact(surface, point))
     event = scene.events[0]
     formula = event.critical_force if event.status == "releases" else None

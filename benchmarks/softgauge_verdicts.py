@@ -107,14 +107,14 @@ def draw(number):
         step, reach, wall = UM, 1400 * UM, random.uniform(0.0, 2.0) * UM
     if kind in ("map", "turned", "patch"):
         turn = math.radians(random.uniform(-25.0, 25.0)) if kind == "turned" else 0.0
-        size, fine, step = (300, 60), 3, 1.5 * UM
-        x, y = ((np.arange(n * fine) + 0.5 - 0.5 * n * fine) * step / fine for n in size)
+        pixels, fine, step = (300, 60), 3, 1.5 * UM
+        x, y = ((np.arange(n * fine) + 0.5 - 0.5 * n * fine) * step / fine for n in pixels)
         x = x + random.uniform(-0.5, 0.5) * step
         across = x[np.newaxis, :] * math.cos(turn) + y[:, np.newaxis] * math.sin(turn)
         if kind == "patch":  # a parabola over a face lies within a quarter of its rise from a plane
             bow = random.uniform(4.0, 40.0) * UM * (500 * UM / 5e-3) ** 2
             truth |= dict.fromkeys(("flatness_lower", "flatness_upper"), 0.25 * bow * 100.0)
-        z = shape(across).reshape(size[1], fine, size[0], fine).mean(axis=(1, 3))
+        z = shape(across).reshape(pixels[1], fine, pixels[0], fine).mean(axis=(1, 3))
         z = z + correlated_map(z.shape, step, 5e-9, rough, length, random)
         scan = HeightMap(scale * z, lateral * step, lateral * step, kind)
     else:

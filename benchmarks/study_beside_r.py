@@ -232,9 +232,9 @@ def main() -> None:
     found: dict[tuple[str, str], list[float]] = {}
     for analysis, function, _, theirs, ours, scale in rows:
         found.setdefault((analysis, function), []).append(abs(ours - theirs) / scale)
-    for (analysis, function), apart in found.items():
+    for (analysis, function), all_apart in found.items():
         print(
-            f"| {analysis} | `{function}` | {len(apart)} | {max(apart):.1e} | "
+            f"| {analysis} | `{function}` | {len(all_apart)} | {max(all_apart):.1e} | "
             f"{TOLERANCES[analysis]:g} |"
         )
 

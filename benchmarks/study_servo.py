@@ -24,6 +24,7 @@ import numpy as np
 
 from stepblocks.contact.event import compute_ring_energy
 from stepblocks.study.conduct import Run, open_run
+from stepblocks.study.hands import Mouse
 from stepblocks.study.run import design_study
 from stepblocks.study.server import RunServer
 from stepblocks.study.servo import raise_priority
@@ -85,7 +86,7 @@ def main() -> None:
                 )
             for name, drive in (("a hand alone", by_hand), ("a page at 60 Hz", by_page)):
                 run = open_run(folder, "1")
-                while run.now["condition"] != "vibration-on":
+                while run.now is not None and run.now["condition"] != "vibration-on":
                     run.planned.pop(0)
                 server = RunServer(run)
                 threading.Thread(target=served, args=(server,), daemon=True).start()
@@ -126,11 +127,13 @@ def posting(port: int, token: str, seconds: float) -> None:
 
 def by_hand(server: RunServer, seconds: float) -> None:
     """Post from a thread of the server's priority, without a page."""
+    hand = server.experiment.hand
+    assert isinstance(hand, Mouse)
 
     def move() -> None:
         raise_priority(10)
         for x in places(seconds):
-            server.experiment.hand.post(x, True)
+            hand.post(x, True)
             time.sleep(1.0 / 60.0)
 
     mover = threading.Thread(target=move)
@@ -141,6 +144,8 @@ def by_hand(server: RunServer, seconds: float) -> None:
 def checked(run: Run) -> tuple[np.ndarray, float, float]:
     """Return lateness [s], deviation of logged forces [N], and the share of E_v in the ring."""
     servo = run._running
+    assert servo is not None
+    assert run.blocks is not None
     servo.stop()
     record, renderer = servo.record(), servo.renderer
     force, worst, before = np.zeros((servo.ticks, 3)), 0.0, 0.0

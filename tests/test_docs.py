@@ -253,6 +253,27 @@ def test_the_python_of_every_page_fits_the_types_of_the_library(tmp_path):
     assert re.fullmatch(rf'{wrong}:6: error: .* has no attribute "missing".*\n', said), said
 
 
+def test_a_benchmark_asks_for_nothing_that_is_not_there(tmp_path):
+    # four slips of a rename are among them, and a patched name, which is no slip
+    wrong = tmp_path / "wrong_benchmark.py"
+    wrong.write_text(
+        "from stepblocks.contact.operating_point import OperatingPoint\n"
+        "from stepblocks.study import experiments\n"
+        "from stepblocks.study.analysis.population import Nobody\n\n\n"
+        "def main():\n"
+        "    point = OperatingPoint(125e-6, 1.0, 0.15, normal=1.0)\n"
+        "    experiments.Population = None\n"
+        "    print(point.radius, undeclared)\n"
+    )
+    said = page_types.check_programs([*page_types.list_programs(), wrong])
+    assert re.findall(r"(\w+)\.py:(\d+): error: .*\[(.*)\]", said) == [
+        ("wrong_benchmark", "3", "attr-defined"),
+        ("wrong_benchmark", "7", "call-arg"),
+        ("wrong_benchmark", "9", "attr-defined"),
+        ("wrong_benchmark", "9", "name-defined"),
+    ], said
+
+
 def test_one_number_gives_a_number_and_an_array_gives_an_array_to_a_type_checker(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(

@@ -57,6 +57,14 @@ def test_the_programs_of_every_part_are_there(report):
                 assert (ROOT / words[1]).is_file(), line
 
 
+def test_every_benchmark_loads():
+    pytest.importorskip("mujoco")  # one of them drags in it
+    for path in sorted((ROOT / "benchmarks").glob("*.py")):
+        module = importlib.import_module(path.stem)
+        assert path.samefile(module.__file__)
+        assert callable(getattr(module, "main", str)), path
+
+
 def test_a_part_of_several_programs_reads_the_output_of_all(report, tmp_path):
     one, two = tmp_path / "one.py", tmp_path / "two.py"
     one.write_text("print('first: 0.1766')")

@@ -6,9 +6,9 @@ import json
 import sys
 from pathlib import Path
 
-import newton
+import newton  # type: ignore[import-not-found]  # it has an environment of its own
 import numpy as np
-import warp
+import warp  # type: ignore[import-not-found]
 
 TIME_STEP = 2e-5
 APPROACH = 30e-6  # before the notch, unscaled [m]
