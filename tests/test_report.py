@@ -144,10 +144,10 @@ def test_a_mutant_stands_only_while_its_tests_run(mutations, tmp_path, monkeypat
     assert {mutant.after for mutant in found} == {"(2 / x)", "3"}
     tests = mutations.tests_of(tmp_path, found[0])
     assert tests == ["tests/drag/test_one.py"]
-    assert tree.run(tests, 60.0) == "passed"
+    assert tree.run(tests, 600.0) == "passed"
     for mutant in found:
-        assert tree.run(tests, 60.0, mutant=mutant) == "failed"
-    assert tree.run(tests, 60.0) == "passed"
+        assert tree.run(tests, 600.0, mutant=mutant) == "failed"
+    assert tree.run(tests, 600.0) == "passed"
 
 
 def test_the_site_hooks_know_every_generated_page():

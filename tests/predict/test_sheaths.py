@@ -14,6 +14,7 @@ from stepblocks.predict.predictions import _find_stiffness_deviation, predict_by
 from stepblocks.predict.sheaths import (
     predict_conditions,
     tabulate_decay_test,
+    tabulate_rings,
     write_sheath_files,
 )
 
@@ -34,6 +35,23 @@ def test_a_build_leaves_rings_test_and_probe_and_the_page_links_them(shipped_out
     assert all(f'href="sheaths/{name}.csv"' in page for name in ("rings", "damping-test"))
     manifest = json.loads((shipped_output / "manifest.json").read_text())["outputs"]
     assert {"sheaths/rings.csv", "sheaths/damping-test.csv", "sheaths/probe.json"} <= set(manifest)
+
+
+def test_the_page_on_sheaths_says_what_is_predicted_of_the_shipped_ones():
+    page = SHIPPED.parents[1] / "docs" / "explanation" / "sheaths.md"
+    cells = [line.strip("| ").split(" | ") for line in page.read_text("utf-8").splitlines()]
+    said = [row for row in cells if len(row) == 8 and row[0] in ("none", "hard", "soft")]
+    table = tabulate_rings(SET)
+    assert [row[:5] for row in said] == [
+        [one["sheath"].removeprefix("sheath-"), one["use"]]
+        + [one[name] for name in ("frequency_hz", "decay_time_ms", "log_decrement")]
+        for one in table
+    ]
+    for row, one in zip(said, table, strict=True):
+        shown = [float(cell.rstrip(" %")) for cell in row[5:]]
+        energies = [float(one[name]) for name in ("ring_energy_ratio", "sensor_energy_ratio")]
+        assert shown[:2] == pytest.approx(energies, abs=0.006)
+        assert shown[2] == pytest.approx(100.0 * float(one["finger_share"]), abs=0.051)
 
 
 def test_equal_masses_differ_by_their_stiffness_alone():
