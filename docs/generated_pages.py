@@ -115,6 +115,10 @@ def messages():
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
                 if ast.unparse(node.exc.func).endswith("Error"):
                     texts = [node.exc.args[0]]
+            elif isinstance(node, ast.Call) and re.search(
+                r"(?:^|Error\.)require$", ast.unparse(node.func)
+            ):
+                texts = node.args[1:2]
             elif (
                 isinstance(node, ast.Call)
                 and isinstance(node.func, ast.Attribute)

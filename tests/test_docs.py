@@ -293,6 +293,10 @@ def test_messages_are_listed_from_the_source():
     text = GENERATED["messages_table"]()
     assert text.count("\n- `") > 300
     assert "must not exceed" in text
+    # a rule that is raised, one that is required, and one of the studies
+    assert "- `a mesh file must be at most" in text
+    assert "- `scan must be a file, got <path>`" in text
+    assert "- `standard must be one of <join>, got <standard>`" in text
 
 
 def test_the_paper_has_at_most_a_thousand_words():
