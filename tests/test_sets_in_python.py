@@ -1,6 +1,7 @@
 """Promise: a set declared in Python goes wherever the file of the same set goes."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import stepblocks
@@ -63,6 +64,36 @@ def test_a_scan_is_judged_against_a_part_of_a_set(declared):
         assert result.evaluation.values["step_height"].value == pytest.approx(25.2e-6, abs=20e-9)
 
 
+def test_a_scan_is_judged_from_whatever_holds_it(tmp_path, declared):
+    part = declared.step_block[0]
+    x = np.linspace(-1e-3, 1e-3, 1001)
+    z = np.where(x < 0.0, 0.0, 25.1e-6)
+    z[100] = np.nan
+    table = pd.DataFrame({"x_um": 1e6 * x, "z_um": 1e6 * z})
+    table.to_csv(tmp_path / "scan.csv", index=False, na_rep="nan")
+    held = [
+        tmp_path / "scan.csv",
+        table,
+        (x, z),
+        np.stack([x, z]),
+        stepblocks.ScannedProfile(x, z),
+    ]
+    found = [stepblocks.inspect_scan(one, part).evaluation.values["step_height"] for one in held]
+    for one in found:
+        assert one.value == pytest.approx(25.1e-6, abs=1e-10)
+        # arrays have no last digit, whose rounding is a share of the budget of a file
+        assert one.std == pytest.approx(found[0].std, rel=0.01)
+    assert found[1].std == found[0].std
+    grid = pd.DataFrame(
+        {"x_um": np.tile(1e6 * x, 3), "y_um": np.repeat([0.0, 5.0, 10.0], len(x)), "z_um": 0.0}
+    )
+    grid["z_um"] = np.where(grid["x_um"] < 0.0, 0.0, 25.1)
+    mapped = stepblocks.inspect_scan(grid, part).evaluation.values["step_height"]
+    assert mapped.value == pytest.approx(25.1e-6, abs=1e-10)
+    with pytest.raises(stepblocks.StepblocksError, match="unit"):
+        stepblocks.inspect_scan(pd.DataFrame({"x": x, "z": z}), part)
+
+
 def test_a_part_of_a_set_is_dragged_over_by_its_name(declared):
     by_name = stepblocks.drag_over("low", stimuli=declared)
     face = declared.step_block[0].counterface()
@@ -97,3 +128,26 @@ def test_of_many_entries_that_are_no_parts_the_first_is_named():
     with pytest.raises(stepblocks.StepblocksError, match=r"stimuli\.0: .* Part, got 1") as error:
         StimulusSet(name="mine", title="Mine", stimuli=[1, 2, 3])
     assert "stimuli.1" not in str(error.value)
+
+
+def test_a_study_has_the_blocks_of_a_set_as_of_its_file(tmp_path):
+    declared = StimulusSet.declare(
+        "mine", step_block=[{"id": name, "height": f"{name[1:]} um"} for name in ("h20", "h40")]
+    )
+    declared.to_toml(tmp_path / "mine.toml")
+    sources = {"set": declared, "file": tmp_path / "mine.toml"}
+    designs = []
+    for name, source in sources.items():
+        stepblocks.design_study(source, tmp_path / name, seed=7, participants=2)
+        stepblocks.write_sheets(tmp_path / name)
+        stepblocks.simulate_study(tmp_path / name, source, tmp_path / name / "answers.csv", seed=7)
+        designs.append({path.name: path.read_bytes() for path in (tmp_path / name).rglob("*.csv")})
+    assert "answers.csv" in designs[0]
+    assert designs[0] == designs[1]
+    powers = [
+        stepblocks.study_power(
+            source, seed=7, damping={"bare": 1.0, "soft": 0.5}, participants=(3,), runs=10
+        )
+        for source in sources.values()
+    ]
+    assert powers[0].equals(powers[1])

@@ -11,13 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stepblocks.artefacts.qif_read import QifResult, match_results, read_qif_results
-from stepblocks.artefacts.scans.read import read_scan
+from stepblocks.artefacts.scans.read import Scan, load_scan
 from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile, crop_map
 from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
-from stepblocks.contact import counterface
 from stepblocks.declare import Sets, load_sets
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import (
@@ -51,8 +49,6 @@ from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
 from stepblocks.text_file import format_file_name
 
-# what an inspection takes: a file, a scan in memory, or positions and heights [m]
-Scan = str | Path | ScannedProfile | HeightMap | counterface.Profile | tuple[ArrayLike, ArrayLike]
 Evaluator = Callable[
     [ScannedProfile | HeightMap, Instrument, Characteristic, EvaluationOptions], Evaluation
 ]
@@ -111,10 +107,11 @@ def inspect_scan(
 
     Parameters
     ----------
-    scan : str, Path, ScannedProfile, HeightMap or pair of arrays
-        A profile or a height map: a file of any format that `read_scan` reads, an object in memory,
-        or positions and heights [m], each of shape (n,). Or results of others: ``*.qif``, or an
-        inspection sheet that is filled in, ``*.csv`` or ``*.xlsx``.
+    scan : str, Path, DataFrame, ScannedProfile, HeightMap, Profile or pair of arrays
+        A profile or a height map: a file of any format that `read_scan` reads, a table with the
+        columns of such a file (``x_um``, ``z_um``), an object in memory, or positions and heights
+        [m], each of shape (n,). Or results of others: ``*.qif``, or an inspection sheet that is
+        filled in, ``*.csv`` or ``*.xlsx``.
     stimulus : str or part
         Identity of the part, such as ``"step-050"``, or the part itself.
     stimuli : str, Path, StimulusSet or sequence of them
@@ -192,19 +189,6 @@ def inspect_scan(
             f"{'; '.join(['none', *evaluation.notes])}"
         )
     return replace(result, energy_statement=describe_energy(result, prediction))
-
-
-def load_scan(
-    scan: Scan, unit: str | None = None, channel: str | None = None
-) -> ScannedProfile | HeightMap:
-    """Return a scan as an object: read from its file, taken as it is, or made of two arrays [m]."""
-    if isinstance(scan, ScannedProfile | HeightMap):
-        return scan
-    if isinstance(scan, str | Path):
-        return read_scan(scan, unit, channel)
-    arrays = (scan.x, scan.z) if isinstance(scan, counterface.Profile) else scan
-    position, height = (np.asarray(one, dtype=np.float64) for one in arrays)
-    return ScannedProfile(position, height, "arrays")
 
 
 def describe_source(scan: Scan) -> tuple[Path, str]:

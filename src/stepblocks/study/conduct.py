@@ -31,6 +31,7 @@ from stepblocks.study.design import (
     VIRTUAL_FACTORS,
     WHEN,
     Blocks,
+    Declared,
     find_designed_blocks,
 )
 from stepblocks.study.experiments import EXPERIMENTS, Row, read_number
@@ -381,7 +382,7 @@ def _give_feedback(row: Row, values: Mapping[str, float]) -> str:
 def open_run(
     folder: str | Path,
     participant: str,
-    source: str | Path | None = None,
+    source: Declared | None = None,
     *,
     device: str = "mouse",
     library: str = "",
@@ -399,7 +400,7 @@ def open_run(
         blocks to ``runs/participant-N``.
     participant : str
         Whose run it is, as in the design.
-    source : str or Path, optional
+    source : str, Path or StimulusSet, optional
         Stimulus file of the virtual blocks; without one they are sharp steps of the design's
         heights.
     device : str

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,14 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
+from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.perception import choose_energies
 from stepblocks.predict.predictions import predict_one
 from stepblocks.quantities import parse_quantity
 from stepblocks.select import matches_pattern
 from stepblocks.study import require
 
+Declared: TypeAlias = str | Path | StimulusSet  # a stimulus file, or the set of one
 REPETITIONS = 3  # of experiment 1
 MAX_CONDITIONS = 26  # that one participant may meet
 MAX_PARTICIPANTS = 1000
@@ -358,12 +360,12 @@ def _predict_felt(faces: Iterable[Counterface], point: OperatingPoint) -> list[f
 
 
 def choose_blocks(
-    source: str | Path | Sequence[float],
+    source: Declared | Sequence[float],
     felt: Mapping[str, float] = MappingProxyType({}),
     only: str | None = None,
 ) -> Blocks:
     """Choose the blocks of a study: those of a stimulus set, or sharp steps of some heights [m]."""
-    if not isinstance(source, str | Path):
+    if not isinstance(source, str | Path | StimulusSet):
         named = {f"step-{height * 1e6:03.6g}": height for height in source}
         items = tuple(Item(name, name.upper(), height) for name, height in named.items())
         return Blocks(
@@ -371,7 +373,7 @@ def choose_blocks(
             {name: Step(height) for name, height in named.items()},
             replace(PAPER, **dict[str, Any](felt)),
         )
-    stimuli = load_set(Path(source))
+    stimuli = source if isinstance(source, StimulusSet) else load_set(Path(source))
     blocks = [
         block
         for block in stimuli.step_block
@@ -418,7 +420,7 @@ def check_virtual_factor(name: str, levels: Sequence[str]) -> None:
 
 
 def find_designed_blocks(
-    design: Sequence[Mapping[str, str]], where: str | Path | None, felt: Mapping[str, float]
+    design: Sequence[Mapping[str, str]], where: Declared | None, felt: Mapping[str, float]
 ) -> Blocks:
     """Find the blocks of a design in a stimulus file; without one they are sharp steps."""
     heights = {

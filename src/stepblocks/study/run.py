@@ -20,6 +20,7 @@ from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import (
     REPETITIONS,
+    Declared,
     Design,
     check_virtual_factor,
     choose_blocks,
@@ -47,7 +48,7 @@ from stepblocks.tables import format_csv, write_table
 
 
 def design_study(
-    source: str | Path | Sequence[float],
+    source: Declared | Sequence[float],
     folder: str | Path,
     *,
     seed: int,
@@ -69,8 +70,8 @@ def design_study(
 
     Parameters
     ----------
-    source : str, Path or sequence of float
-        Stimulus file, or heights [m] of blocks that are not ours.
+    source : str, Path, StimulusSet or sequence of float
+        Stimulus file, its set, or heights [m] of blocks that are not ours.
     folder : str or Path
         Where design.csv, key.csv, plan.json and preregistration.md go.
     experiment : str
@@ -239,7 +240,7 @@ def write_sheets(folder: str | Path) -> int:
 
 def simulate_study(
     folder: str | Path,
-    source: str | Path | None,
+    source: Declared | None,
     output: str | Path,
     *,
     seed: int,
@@ -253,8 +254,8 @@ def simulate_study(
     Parameters
     ----------
     folder, source, output : str or Path
-        Folder with design.csv, stimulus file for the predicted energies (without one its blocks are
-        sharp steps), CSV of answers to write.
+        Folder with design.csv, stimulus file or StimulusSet for the predicted energies (without one
+        the blocks are sharp steps), CSV of answers to write.
     damping : mapping of float, optional
         Share of the energy that each condition lets through [1]; 1 for what is not named. A probe
         damps both blocks of a pair alike, which changes no comparison.
@@ -301,8 +302,7 @@ def simulate_study(
         noise or {},
     )
     if EXPERIMENTS[design[0]["experiment"]].adaptive:
-        prior = sheet.read_plan(Path(folder))[1]
-        answers = [*sheet.choose_answers(design, answers, prior)]
+        answers = [*sheet.choose_answers(design, answers, sheet.read_plan(Path(folder))[1])]
     sheet.write_new_files(output.parent, {output.name: format_csv(answers)})
     return len(answers)
 
@@ -390,7 +390,7 @@ def analyse_study(
 
 
 def study_power(
-    source: str | Path | Sequence[float],
+    source: Declared | Sequence[float],
     output: str | Path | None = None,
     *,
     seed: int,
@@ -413,8 +413,8 @@ def study_power(
 
     Parameters
     ----------
-    source : str, Path or sequence of float
-        Stimulus file, or heights [m].
+    source : str, Path, StimulusSet or sequence of float
+        Stimulus file, its set, or heights [m].
     output : str or Path, optional
         CSV to write.
     experiment : str

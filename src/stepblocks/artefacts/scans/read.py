@@ -11,9 +11,10 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stepblocks.artefacts.scans.height_scale import check_height_scale, read_height_scale
 from stepblocks.artefacts.scans.points import grid_points, read_points
@@ -22,14 +23,22 @@ from stepblocks.artefacts.scans.text import (
     LENGTH_UNITS,
     holds_matrix,
     parse_given_units,
+    read_table_scan,
     read_text_scan,
 )
 from stepblocks.confined import read_confined
+from stepblocks.contact.counterface import Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.text_file import is_file
 
 if TYPE_CHECKING:
+    import pandas as pd
     from SurfaceTopography.IO.Reader import ChannelInfo
+
+# what is scanned: a file, the table of one, a scan in memory, or positions and heights [m]
+Scan: TypeAlias = (
+    "str | Path | pd.DataFrame | ScannedProfile | HeightMap | Profile | tuple[ArrayLike, ArrayLike]"
+)
 
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".xyz", ".asc", ".dat")
 # numbers without a unit, which must be given
@@ -66,6 +75,24 @@ _NO_HEIGHT = re.compile(
 _LIST = "--list--"  # asked for as a channel, its answer is the names of all
 _MOST_POINTS = 64_000_000
 _MOST_UNPACKED = 2**30
+
+
+def load_scan(
+    scan: Scan, unit: str | None = None, channel: str | None = None
+) -> ScannedProfile | HeightMap:
+    """Return a scan as an object: read from its file or table, taken as it is, or made of arrays.
+
+    Arrays are two, or one of two rows [m].
+    """
+    if isinstance(scan, ScannedProfile | HeightMap):
+        return scan
+    if isinstance(scan, str | Path):
+        return read_scan(scan, unit, channel)
+    if hasattr(scan, "to_csv"):  # a table; pandas is not loaded to find out
+        return read_table_scan(scan, unit, channel)
+    arrays = (scan.x, scan.z) if isinstance(scan, Profile) else scan
+    position, height = (np.asarray(one, dtype=np.float64) for one in arrays)
+    return ScannedProfile(position, height, "arrays")
 
 
 def read_scan(

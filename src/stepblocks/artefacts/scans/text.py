@@ -7,12 +7,17 @@ import io
 import re
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stepblocks.artefacts.scans.points import grid_points
 from stepblocks.artefacts.scans.scan import Array, HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # units per metre
 LENGTH_UNITS = {
@@ -136,6 +141,16 @@ def read_text_scan(
         scale="; ".join([f"columns {units}", *notes]),
         count=_find_last_digit(values[:, columns["z"]], factors["z"]),
     )
+
+
+def read_table_scan(
+    table: "pd.DataFrame", unit: str | None = None, channel: str | None = None
+) -> ScannedProfile | HeightMap:
+    """Read a table in memory as the CSV of the same columns."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "table.csv"
+        table.to_csv(path, index=False, na_rep="nan")
+        return read_text_scan(path, unit, channel)
 
 
 def _find_last_digit(values: Array, unit: tuple[float, float], least: int = 0) -> float:
