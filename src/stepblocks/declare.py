@@ -52,12 +52,12 @@ def load_set(path: str | Path) -> StimulusSet:
     return make_set(path.stem, raw, path.parent, path, mistakes)
 
 
-def load_sets(given: Sets | None = None) -> list[tuple[StimulusSet, str]]:
+def load_sets(sources: Sets | None = None) -> list[tuple[StimulusSet, str]]:
     """Load sets from files, folders or as they are, each with where it comes from.
 
     Without any they are those of the folder ``stimuli``.
     """
-    several = [given] if isinstance(given, str | Path | StimulusSet) else list(given or ())
+    several = [sources] if isinstance(sources, str | Path | StimulusSet) else list(sources or ())
     if not all(isinstance(one, str | Path | StimulusSet) for one in several):
         raise PipelineError(f"a set must be a path or a StimulusSet, got {shorten_value(several)}")
     declared = [(one, one.name) for one in several if isinstance(one, StimulusSet)]

@@ -58,17 +58,17 @@ def test_the_rod_of_a_probe_rings_as_declared():
 
 def test_a_sheath_stiffens_the_probe_that_wears_it_and_nothing_else_does():
     hard, soft = SHEATHS.sheath
-    grid = SHEATHS.grid_of(hard)
+    grid = SHEATHS.find_conditions(hard)
     assert (
         grid.tool.stiffness
-        == SHEATHS.ring_of(hard).stiffness
-        > SHEATHS.grid_of(soft).tool.stiffness
+        == SHEATHS.predict_ring(hard).stiffness
+        > SHEATHS.find_conditions(soft).tool.stiffness
     )
     assert grid.tool.stiffness > SHEATHS.prediction.tool.stiffness
     assert grid.frictions == SHEATHS.prediction.frictions
     block = TEN.stimuli[0]
-    assert TEN.ring_of(block) is None
-    assert TEN.grid_of(block) is TEN.prediction
+    assert TEN.predict_ring(block) is None
+    assert TEN.find_conditions(block) is TEN.prediction
 
 
 def test_the_bending_stiffness_of_a_sleeve_is_that_of_a_tube():

@@ -104,7 +104,7 @@ def test_a_tip_brings_its_own_ball_to_the_steps_of_its_set():
 def test_under_a_sheath_the_probe_has_the_spring_and_the_ring_of_that_sheath():
     for p in predict_all(SHEATHS):
         part = next(part for part in SHEATHS.stimuli if part.id == p.stimulus)
-        ring = SHEATHS.ring_of(part)
+        ring = SHEATHS.predict_ring(part)
         assert (p.point.tool.stiffness, p.point.tool.frequency) == (ring.stiffness, ring.frequency)
         assert str(p.limits[0]) == str(p.limits[1])  # the tolerances of a sheath move no angle
 

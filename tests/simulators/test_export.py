@@ -111,7 +111,7 @@ def test_a_sheath_changes_how_the_probe_rings(tmp_path):
     ):
         event, ring = (
             json.loads((done.folder / "event.json").read_text())["events"][0],
-            stimuli.ring_of(part),
+            stimuli.predict_ring(part),
         )
         assert (event["frequency_hz"], event["stiffness_n_per_m"]) == pytest.approx(
             (ring.frequency, ring.stiffness)

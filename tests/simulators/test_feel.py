@@ -63,7 +63,7 @@ def test_every_stimulus_has_the_tip_load_friction_tool_and_limits_of_its_own_fil
                 grid.normal_loads[0],
                 grid.frictions[0],
             )
-            ring = stimuli.ring_of(part) or grid.tool
+            ring = stimuli.predict_ring(part) or grid.tool
             assert (one["frequency"], one["decay"]) == (ring.frequency, ring.decay_time)
             assert (one["limit"], one["limiter"]) == (9.87, "a hand pulls")
             assert len(one["variants"]) == (1 if part.crossed else len(grid.step_heights))

@@ -234,8 +234,8 @@ def _list_constants() -> tuple[Parameter, ...]:
     )[:-1]
 
 
-def _parse_numbers(name: str, given: object, shape: tuple[int, ...]) -> Floats:
-    numbers = np.asarray(given, dtype=np.float64)
+def _parse_numbers(name: str, raw: object, shape: tuple[int, ...]) -> Floats:
+    numbers = np.asarray(raw, dtype=np.float64)
     if numbers.shape != shape or not np.all(np.isfinite(numbers)):
         raise ValueError(f"{name} must be {' by '.join(map(str, shape))} finite numbers")
     return numbers

@@ -140,10 +140,10 @@ def load_record(folder: Path) -> Document:
     return record if list_outputs(record) else {}
 
 
-def find_unchanged(folder: Path, name: str, known: str) -> Path | None:
+def find_unchanged(folder: Path, name: str, digest: str) -> Path | None:
     """Return the file of a name if it lies in the folder and is as it was written."""
     path = resolve_inside(folder, name)
-    return path if path is not None and hash_file(path) == known else None
+    return path if path is not None and hash_file(path) == digest else None
 
 
 def are_intact(folder: Path, outputs: Mapping[str, str]) -> bool:

@@ -96,14 +96,16 @@ def _describe_written(written: Sequence[Path]) -> str:
     )
 
 
-def _print(shown: "RenderableType", style: str | None = None, width: int | None = None) -> None:
+def _print(content: "RenderableType", style: str | None = None, width: int | None = None) -> None:
     # Print through rich, but by our own stream, whose early end `main` handles
     from rich.console import Console
 
     console = Console(width=width, highlight=False, soft_wrap=width is None)
     with console.capture() as captured:
         console.print(
-            format_units(shown) if isinstance(shown, str) else shown, style=style, markup=False
+            format_units(content) if isinstance(content, str) else content,
+            style=style,
+            markup=False,
         )
     sys.stdout.write(captured.get())
 

@@ -34,11 +34,11 @@ def read_names(text: str) -> Names:
     return found
 
 
-def read_pairs(text: str, what: str = "name=value") -> dict[str, str]:
+def read_pairs(text: str, form: str = "name=value") -> dict[str, str]:
     """Read name=value, separated by commas."""
     parts = [part.strip().partition("=") for part in text.split(",")]
     if not all(name and equals and value for name, equals, value in parts):
-        raise ValueError(f"must be {what}, separated by commas, got {text!r:.60}")
+        raise ValueError(f"must be {form}, separated by commas, got {text!r:.60}")
     return {name: value for name, _, value in parts}
 
 

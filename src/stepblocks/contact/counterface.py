@@ -478,13 +478,13 @@ def _find_steepest_angles(
     )
 
 
-def take_counterface(given: Counterface | Scanned) -> Counterface:
+def take_counterface(surface: Counterface | Scanned) -> Counterface:
     """Take a counterface as it is, and a scanned profile over as one."""
-    if isinstance(given, Counterface):
-        return given
-    if not (hasattr(given, "position") and hasattr(given, "height")):
+    if isinstance(surface, Counterface):
+        return surface
+    if not (hasattr(surface, "position") and hasattr(surface, "height")):
         raise ContactError(
             "must be a counterface such as Step(25e-6), or a scanned profile, got "
-            f"{type(given).__name__}"
+            f"{type(surface).__name__}"
         )
-    return Profile.from_scan(given)
+    return Profile.from_scan(surface)

@@ -33,15 +33,15 @@ class Subject:
 
 
 def resolve_subject(
-    given: str | Path | Counterface | Scanned,
+    subject: str | Path | Counterface | Scanned,
     values: Mapping[str, float],
     backward: bool = False,
     stimuli: Sets | None = None,
 ) -> Subject:
     """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
-    if not isinstance(given, (str, Path)):
-        return _take_surface("a counterface", take_counterface(given), values)
-    if (path := Path(given)).suffix.lower() == ".csv":
+    if not isinstance(subject, (str, Path)):
+        return _take_surface("a counterface", take_counterface(subject), values)
+    if (path := Path(subject)).suffix.lower() == ".csv":
         frame = read_table(path)
         columns = read_si_columns(
             frame, {name: ([name], "length", None) for name in ("x", "z")}, path
@@ -52,11 +52,11 @@ def resolve_subject(
             raise PipelineError(f"{error} [{path}]") from error
         return _take_surface(format_file_name(path.name), profile, values, f"[{path}]")
     try:
-        height = parse_quantity(str(given), "length")
+        height = parse_quantity(str(subject), "length")
     except QuantityError:
-        return _resolve_declared_part(*_find_declared_part(str(given), stimuli), values, backward)
+        return _resolve_declared_part(*_find_declared_part(str(subject), stimuli), values, backward)
     if "step_height" in values:
-        raise PipelineError(f"step_height is for a declared tip, the step here is {given}")
+        raise PipelineError(f"step_height is for a declared tip, the step here is {subject}")
     face = Step(height, values.get("edge_radius", 0.0))
     return Subject(
         f"a step of {format_quantity(height, 'length')}", face, change_point(PAPER, values)
@@ -80,7 +80,7 @@ def _resolve_declared_part(
 ) -> Subject:
     # Drag over a part, or with it, under the first tip, load, friction and step of its set unless
     # `values` differ
-    grid = stimuli.grid_of(part)
+    grid = stimuli.find_conditions(part)
     own = {
         "edge_radius": "--edge-radius is for a plain step; a stimulus declares its own",
         "tip_radius": "--tip-radius must not be given for a tip, it declares its own"
@@ -96,7 +96,7 @@ def _resolve_declared_part(
     ball = grid.tip_radii[0] if part.ball is None else part.ball.nominal
     height = None if part.crossed else values.get("step_height", grid.step_heights[0])
     tool = grid.as_tool()
-    if ring := stimuli.ring_of(part):
+    if ring := stimuli.predict_ring(part):
         tool = ring.as_tool(tool)
     point = OperatingPoint(
         ball,

@@ -191,14 +191,14 @@ class StimulusSet(Table):
         """Return the set with other parts under the same conditions."""
         return self.model_copy(update={"stimuli": tuple(parts)})
 
-    def ring_of(self, part: Part) -> RodRing | None:
+    def predict_ring(self, part: Part) -> RodRing | None:
         """Predict how the probe rings with a part on its shank; None where it wears none."""
         sleeve = part.sleeve
         return None if sleeve is None or self.probe is None else self.probe.ring(sleeve)
 
-    def grid_of(self, part: Part) -> PredictionGrid:
+    def find_conditions(self, part: Part) -> PredictionGrid:
         """Return the conditions of a part; a sheath changes the stiffness of the probe."""
-        ring = self.ring_of(part)
+        ring = self.predict_ring(part)
         if ring is None:
             return self.prediction
         tool = self.prediction.tool.model_copy(update={"stiffness": ring.stiffness})

@@ -63,12 +63,12 @@ def prepare_surface_releases(
 
 
 def predict_from_surfaces(
-    predictions: Iterable[Prediction], stimuli: StimulusSet, known: Mapping[str, AsBuilt]
+    predictions: Iterable[Prediction], stimuli: StimulusSet, records: Mapping[str, AsBuilt]
 ) -> Iterator[Prediction]:
     """Predict a recorded edge that is no arc from its surface: its radius says little."""
-    scanned = prepare_surface_releases(stimuli, known)
+    scanned = prepare_surface_releases(stimuli, records)
     for one in predictions:
-        record = known.get(one.stimulus)
+        record = records.get(one.stimulus)
         release = None if record is None or record.arc else scanned(one)
         if release is not None:
             one = replace(

@@ -93,7 +93,7 @@ class Prediction:
 def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
     """Predict a set over its grid, in the order stimulus, tip, step, direction, friction, load."""
     for part in stimuli.stimuli:
-        grid, ring = stimuli.grid_of(part), stimuli.ring_of(part)
+        grid, ring = stimuli.find_conditions(part), stimuli.predict_ring(part)
         tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
         contact = grid.built_laws.get("contact")
         worn = convert_half_widths({"stiffness": _find_stiffness_deviation(stimuli, part)})[

@@ -223,7 +223,7 @@ def predict_with_model(
 
 
 def _read_conditions(
-    table: pd.DataFrame, learned: LearnedModel, wanted: set[str]
+    table: pd.DataFrame, learned: LearnedModel, names: set[str]
 ) -> tuple[dict[str, NDArray[np.generic]], NDArray[np.object_], NDArray[np.object_]]:
     # Read the columns to predict from. Also gives, for each trial, the names of columns that hold
     # no number, and of those beyond the range of the data.
@@ -234,7 +234,7 @@ def _read_conditions(
     def note(texts: NDArray[np.object_], rows: NDArray[np.bool_], name: str) -> None:
         texts[rows] = np.where(texts[rows] == "", name, texts[rows] + f"; {name}")
 
-    for name in sorted(wanted | (set(ranges) & set(table.columns))):
+    for name in sorted(names | (set(ranges) & set(table.columns))):
         place = ranges.get(name)
         if place is not None and place.labels:
             columns[name] = table[name].astype(str).to_numpy()
@@ -242,7 +242,7 @@ def _read_conditions(
             continue
         numbers = np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=np.float64)
         good = np.isfinite(numbers) & ((numbers > 0.0) | (name not in _POSITIVE))
-        if name in wanted:
+        if name in names:
             note(invalid, ~good, name)
         if place is not None:
             slack = 1e-9 * max(abs(place.low), abs(place.high))

@@ -100,8 +100,8 @@ def build_scene(
         point=point,
         scale=size,
         frame=frame,
-        whole=_join_meshes(surface.id, [frame.of(solid, size) for solid in solids]),
-        pieces=tuple(frame.of(piece, size) for piece in build_convex_pieces(surface)),
+        whole=_join_meshes(surface.id, [frame.place(solid, size) for solid in solids]),
+        pieces=tuple(frame.place(piece, size) for piece in build_convex_pieces(surface)),
         path=surface.counterface().centre_path(point.ball_radius).scaled(size),
         events=contact.events,
         plan=plan,
@@ -131,7 +131,7 @@ def _place_section(scene: Scene, part: ScannedMargin, width: float) -> Scene:
     size = np.array([1.0, width / part.width.nominal, 1.0]) / scene.scale
     pieces = [replace(one, vertices=one.vertices * size) for one in scene.pieces[1:-1]]
     return replace(
-        scene, frame=frame, pieces=tuple(frame.of(piece, scene.scale) for piece in pieces)
+        scene, frame=frame, pieces=tuple(frame.place(piece, scene.scale) for piece in pieces)
     )
 
 

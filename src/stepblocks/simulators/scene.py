@@ -49,7 +49,7 @@ class Frame:
     shift: NDArray[np.float64]
     words: str
 
-    def of(self, mesh: Mesh, scale: float) -> Mesh:
+    def place(self, mesh: Mesh, scale: float) -> Mesh:
         """Turn, shift and magnify a mesh."""
         return Mesh(
             mesh.name, (mesh.vertices @ self.turn.T + self.shift + 0.0) * scale, mesh.triangles

@@ -34,9 +34,9 @@ PRIOR = {
 }
 
 
-def complete_prior(given: Mapping[str, object]) -> dict[str, float]:
+def complete_prior(stated: Mapping[str, object]) -> dict[str, float]:
     """Check what is known before the first trial, and complete it by `PRIOR`."""
-    for name, value in given.items():
+    for name, value in stated.items():
         require(name in PRIOR, f"prior must name {', '.join(PRIOR)}, got {name!r}")
         least = 1.0 if name.endswith("factor") or name == "trials" else 0.0
         most = 10_000.0 if name == "trials" else 10.0
@@ -44,7 +44,7 @@ def complete_prior(given: Mapping[str, object]) -> dict[str, float]:
             least < read_number(str(value)) < most,
             f"{name} of a prior must be between {least:g} and {most:g}, got {value!r:.40}",
         )
-    return PRIOR | {name: float(str(value)) for name, value in given.items()}
+    return PRIOR | {name: float(str(value)) for name, value in stated.items()}
 
 
 @cache

@@ -102,9 +102,9 @@ class Experiment:
     adaptive: bool = False
 
 
-def refuse_unused_options(experiment: str, given: Mapping[str, object]) -> None:
+def refuse_unused_options(experiment: str, options: Mapping[str, object]) -> None:
     """Refuse options that a kind of experiment does not follow, with the kinds that do."""
-    for name in given:
+    for name in options:
         follow = [kind for kind, one in EXPERIMENTS.items() if name in one.takes]
         require(
             experiment in follow,

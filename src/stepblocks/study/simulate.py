@@ -97,16 +97,19 @@ def simulate_sensation(
 
 
 def estimate_heights(
-    trials: Table, known: tuple[Array, Array], observer: Observer, generator: np.random.Generator
+    trials: Table,
+    references: tuple[Array, Array],
+    observer: Observer,
+    generator: np.random.Generator,
 ) -> Array:
     """Let participants estimate heights [m].
 
-    `known` are heights [m] and undamped energies [J] that they connect.
+    `references` are heights [m] and undamped energies [J] that they connect.
     """
     person, setting = trials["person"].to_numpy(), trials["setting"].to_numpy()
     heights = trials["height"].to_numpy()
     estimates = read_off_height(
-        simulate_sensation(trials["energy"].to_numpy(), observer, generator), *known
+        simulate_sensation(trials["energy"].to_numpy(), observer, generator), *references
     )
     estimates += observer.participant_spread * generator.standard_normal(person.max() + 1)[person]
     own = generator.standard_normal((person.max() + 1, setting.max() + 1))

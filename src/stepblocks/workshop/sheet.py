@@ -49,13 +49,13 @@ ELSEWHERE = 1.6e-6  # largest Ra of surfaces that no tip touches [m]
 TOP_OF_TITLE = 82.0  # y of the upper side of the title block [mm]
 
 
-def choose_scale(wanted: float) -> float:
-    """Return the largest of 1, 2, 2.5, 4, 5 times a power of ten that does not exceed `wanted`."""
-    decade = 10.0 ** math.floor(math.log10(wanted))
+def choose_scale(largest: float) -> float:
+    """Return the largest of 1, 2, 2.5, 4, 5 times a power of ten that does not exceed `largest`."""
+    decade = 10.0 ** math.floor(math.log10(largest))
     return max(
         step * decade
         for step in (1.0, 2.0, 2.5, 4.0, 5.0)
-        if step * decade <= wanted * (1.0 + 1e-9)
+        if step * decade <= largest * (1.0 + 1e-9)
     )
 
 

@@ -74,10 +74,10 @@ def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
     return _draw_ball(sheet, tip, view, min(-r, *(y for line in bent for _, y in line)))
 
 
-def _draw_side_view(sheet: Sheet, tip: Tip, end: float, more: list[list[Point]]) -> View:
+def _draw_side_view(sheet: Sheet, tip: Tip, end: float, outlines: list[list[Point]]) -> View:
     # Draw ball, cone and shank about their axis, and more lines; return the view
     half = list_outline_points(tip.outline(), _CHORD)
-    lines = [*([(z, side * r) for r, z in half] for side in (1.0, -1.0)), *more]
+    lines = [*([(z, side * r) for r, z in half] for side in (1.0, -1.0)), *outlines]
     low, high = (
         [pick(point[k] for line in lines for point in line) for k in (0, 1)] for pick in (min, max)
     )

@@ -338,12 +338,12 @@ def _find_factor(
     name: str | None,
     axis: str,
     common: tuple[float, float] | None,
-    given: dict[str, tuple[float, float]],
+    stated: dict[str, tuple[float, float]],
     path: Path,
 ) -> tuple[float, float]:
     # Length of a stored 1 in a column: as its name says, as the head or the user does.
     found = _UNIT_IN_NAME.search(name.lower()) if name else None
-    asked = given.get(axis)
+    asked = stated.get(axis)
     if found is not None:
         own = (1.0, LENGTH_UNITS[found.group(1)])
         MetrologyError.require(
@@ -374,22 +374,24 @@ def _keep_forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[st
     return x[ahead], z[ahead], [f"{lost} points left out where the profile goes back"]
 
 
-def _read_matrix(values: Array, given: dict[str, tuple[float, float]], path: Path) -> HeightMap:
+def _read_matrix(values: Array, stated: dict[str, tuple[float, float]], path: Path) -> HeightMap:
     # Heights without a head: their unit and the step along x (and y) must be given, as
     # ``x=0.5um,z=nm``.
-    if not {"x", "z"} <= set(given):
+    if not {"x", "z"} <= set(stated):
         raise MetrologyError(
             "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a "
             f"step and a unit, as x=0.5um,z=nm, got {values.shape[1]} columns [{path.name}]"
         )
-    dx, dy, one = (size / per for size, per in (given["x"], given.get("y", given["x"]), given["z"]))
+    dx, dy, one = (
+        size / per for size, per in (stated["x"], stated.get("y", stated["x"]), stated["z"])
+    )
     return HeightMap(
         values * one,
         dx,
         dy,
         source=path.name,
         scale="matrix with the step and unit given",
-        count=_find_last_digit(values.ravel(), given["z"]),
+        count=_find_last_digit(values.ravel(), stated["z"]),
     )
 
 

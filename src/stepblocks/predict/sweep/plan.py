@@ -264,60 +264,60 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
 
 def _read_parameter(
     name: str,
-    given: object,
+    raw: object,
     dimension: str,
     kind: str,
     values: dict[str, list[float]],
     ranges: dict[str, list[float]],
 ) -> None:
     # Read a constant, a list, or a range into `values` or `ranges`
-    if not isinstance(given, dict):
-        listed = given if isinstance(given, list) else [given]
+    if not isinstance(raw, dict):
+        listed = raw if isinstance(raw, list) else [raw]
         PipelineError.require(
             0 < len(listed) <= _MOST_VALUES,
             f"{name} must list 1 to {_MOST_VALUES} values, got {len(listed)} [parameters]",
         )
         values[name] = [_read_quantity(name, item, dimension, "parameters") for item in listed]
     else:
-        if unknown := find_unknown_names(given, ("from", "to", "count")):
+        if unknown := find_unknown_names(raw, ("from", "to", "count")):
             raise PipelineError(f"{name}: {unknown[0][1]} [parameters]")
         PipelineError.require(
-            {"from", "to"} <= set(given), f"{name} must have from and to [parameters]"
+            {"from", "to"} <= set(raw), f"{name} must have from and to [parameters]"
         )
         PipelineError.require(
             dimension != "direction",
             f"direction must be {' or '.join(DIRECTIONS)}, or a list of both [parameters]",
         )
         low, high = (
-            _read_quantity(name, given[end], dimension, "parameters") for end in ("from", "to")
+            _read_quantity(name, raw[end], dimension, "parameters") for end in ("from", "to")
         )
         PipelineError.require(low < high, f"{name} must rise from its from to its to [parameters]")
         if kind == "random":
             ranges[name] = [low, high]
         else:
-            count = _read_count(f"count of {name}", given.get("count"), "parameters", _MOST_VALUES)
+            count = _read_count(f"count of {name}", raw.get("count"), "parameters", _MOST_VALUES)
             values[name] = np.linspace(low, high, count).tolist()
 
 
-def _read_quantity(name: str, given: object, dimension: str, place: str) -> float:
+def _read_quantity(name: str, raw: object, dimension: str, place: str) -> float:
     if dimension == "direction":
         PipelineError.require(
-            given in DIRECTIONS,
-            f"direction must be {' or '.join(DIRECTIONS)}, got {given!r} [{place}]",
+            raw in DIRECTIONS,
+            f"direction must be {' or '.join(DIRECTIONS)}, got {raw!r} [{place}]",
         )
-        return float(DIRECTIONS.index(given))
+        return float(DIRECTIONS.index(raw))
     try:
-        return parse_quantity(given, dimension)
+        return parse_quantity(raw, dimension)
     except QuantityError as error:
         raise PipelineError(f"{name} {error} [{place}]") from error
 
 
-def _read_count(name: str, given: object, place: str, most: int = _MOST_ROWS) -> int:
-    if not isinstance(given, int) or isinstance(given, bool) or not 1 <= given <= most:
+def _read_count(name: str, raw: object, place: str, most: int = _MOST_ROWS) -> int:
+    if not isinstance(raw, int) or isinstance(raw, bool) or not 1 <= raw <= most:
         raise PipelineError(
-            f"{name} must be a whole number from 1 to {most}, got {given!r} [{place}]"
+            f"{name} must be a whole number from 1 to {most}, got {raw!r} [{place}]"
         )
-    return given
+    return raw
 
 
 def _read_section(data: Document, name: str) -> Document:
@@ -328,22 +328,24 @@ def _read_section(data: Document, name: str) -> Document:
 
 
 def read_sweep_stimuli(
-    path: Path, wanted: object, tolerances: bool
+    path: Path, identities: object, tolerances: bool
 ) -> tuple[str, list[Document], PredictionGrid]:
     """Read the stimuli that a sweep goes over."""
     declared = load_set(path)
     known = {part.id: part for part in declared.stimuli}
-    if wanted is None:
-        wanted = [part.id for part in declared.stimuli if part.crossed]
+    if identities is None:
+        identities = [part.id for part in declared.stimuli if part.crossed]
     elif (
-        not isinstance(wanted, list)
-        or not wanted
-        or not all(isinstance(name, str) for name in wanted)
+        not isinstance(identities, list)
+        or not identities
+        or not all(isinstance(name, str) for name in identities)
     ):
-        raise PipelineError(f"stimulus must be a list of identities, got {wanted!r} [parameters]")
-    if missing := [name for name in wanted if name not in known]:
+        raise PipelineError(
+            f"stimulus must be a list of identities, got {identities!r} [parameters]"
+        )
+    if missing := [name for name in identities if name not in known]:
         raise PipelineError(f"stimulus must be declared in {path}, got {missing[0]!r} [parameters]")
-    chosen = [known[name] for name in wanted]
+    chosen = [known[name] for name in identities]
     kinds = {_find_surface(part) for part in chosen}
     if len(kinds) != 1:
         got = ", ".join(sorted(kinds)) or "none"

@@ -17,13 +17,13 @@ def _write(folder: Path, scene: Scene) -> None:
     _write_program(folder, scene.stimulus.id, {"block.obj": scene})
 
 
-def _write_set(folder: Path, scenes: Sequence[Scene], beside: str) -> None:
+def _write_set(folder: Path, scenes: Sequence[Scene], name: str) -> None:
     # Write a program that switches the blocks of a set
     if not any(scene.stimulus.ball for scene in scenes):  # a tip drags over a step of its own
         _write_program(
             folder,
             folder.parent.name,
-            {f"../{scene.stimulus.id}/{beside}/block.obj": scene for scene in scenes},
+            {f"../{scene.stimulus.id}/{name}/block.obj": scene for scene in scenes},
         )
 
 
