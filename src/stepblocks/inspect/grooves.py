@@ -35,7 +35,7 @@ from stepblocks.inspect.measure import (
     Shown,
     Window,
     evaluate_each,
-    keep_agreeing,
+    keep_profiles_that_agree,
     sample_profiles,
 )
 from stepblocks.inspect.noise import Array
@@ -327,7 +327,9 @@ def _measure_by_rows(
     sizes = np.array([[each.feature.height.value for each in one.seen] for _, one in same]).reshape(
         begins.shape
     )
-    kept = keep_agreeing(same, np.stack([sizes, begins, slack]), rows, refused + others, notes)
+    kept = keep_profiles_that_agree(
+        same, np.stack([sizes, begins, slack]), rows, refused + others, notes
+    )
     (first, best), found, count = kept[0], [one for _, one in kept], kind[0]
     spans = np.array([one.spans for one in found])
     single = not np.isfinite(spans).all()  # steps, which have neither width nor pitch

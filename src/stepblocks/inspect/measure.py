@@ -173,7 +173,7 @@ def sample_profiles(
     return rows, notes
 
 
-def keep_agreeing(
+def keep_profiles_that_agree(
     found: list[tuple[ScannedProfile, T]],
     crossed: Array,
     rows: list[ScannedProfile],
@@ -237,7 +237,7 @@ def measure_margin(
     rows, notes = sample_profiles(scan, options)
     found, refused = evaluate_each(lambda row: fit_margin(row.position, row.height), rows)
     openings = np.array([[one.opening.value] for _, one in found]).reshape(-1, 1)
-    results = keep_agreeing(
+    results = keep_profiles_that_agree(
         found, np.stack([openings, 0.0 * openings, 0.0 * openings]), rows, refused, notes
     )
     ones = [one for _, one in results]

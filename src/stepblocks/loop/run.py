@@ -28,7 +28,7 @@ from stepblocks.loop.search.explain import Explanation, Rules, explain
 from stepblocks.loop.search.holdout import (
     Holdout,
     check_claims,
-    deliver,
+    choose_delivered_effects,
     select_without,
     split_by_block,
     split_within_blocks,
@@ -193,7 +193,7 @@ def _explain_and_hold_out(
     )
     selected = list(run_in_processes(one_fold, ((rows,) for rows in (*inside, *outside)), jobs))
     found = check_claims(found, selected, model.cells(trials))
-    found, (within, between) = deliver(
+    found, (within, between) = choose_delivered_effects(
         add_heights(found, table), (inside, outside), model.candidates
     )
     holdouts = (

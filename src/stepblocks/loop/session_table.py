@@ -113,7 +113,7 @@ def build_session_table(
             f"tips of the table must agree with `probe.tip_radius`, {tip_radius * 1e6:g} um: their "
             f"labels say {', '.join(f'{one:g} um' for one in np.unique(radius))}; correct either"
         )
-    good, excluded = _select_good(features, radius, spring_constant)
+    good, excluded = _select_usable_trials(features, radius, spring_constant)
     if good.sum() < _FEWEST:
         raise PipelineError(
             f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}"
@@ -196,7 +196,7 @@ def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
     return (Hint("stick-slip", "friction", 0.0, sentence),)
 
 
-def _select_good(
+def _select_usable_trials(
     features: pd.DataFrame, radius_um: Floats, spring_constant: float
 ) -> tuple[NDArray[np.bool_], list[tuple[str, str]]]:
     # Which trials can be used, and why the others cannot: each for the first reason that holds

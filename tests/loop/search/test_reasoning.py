@@ -31,7 +31,7 @@ from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import Gate, score_candidates
 from stepblocks.loop.search.holdout import (
     Holdout,
-    deliver,
+    choose_delivered_effects,
     select_without,
     split_by_block,
     split_within_blocks,
@@ -153,7 +153,7 @@ def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     selected = [
         select_without(Toy(), trials, rows, lambda _: toy_effects(), _RULES) for rows in folds
     ]
-    _, ((nominal, extended),) = deliver(found, (folds,), lambda _: toy_effects())
+    _, ((nominal, extended),) = choose_delivered_effects(found, (folds,), lambda _: toy_effects())
     outcome = Holdout(nominal, extended, tuple(selected))
     before, after = outcome.rms(0)
     assert np.isfinite(outcome.nominal).all()
@@ -179,7 +179,7 @@ def test_what_raises_a_held_out_error_beyond_chance_is_not_delivered(
     turned[rows] = -rise * np.stack([trials.covariates["z"] ** 2] * 2, axis=1)[rows] * [1.0, 2.0]
     changed = replace(trials, values=trials.values + turned)
     problem = replace(found.problem, trials=changed)
-    delivered, ((nominal, extended),) = deliver(
+    delivered, ((nominal, extended),) = choose_delivered_effects(
         replace(found, problem=problem), ([rows],), lambda _: toy_effects()
     )
     assert np.mean(extended[rows] ** 2) <= np.mean(nominal[rows] ** 2)

@@ -39,7 +39,7 @@ from stepblocks.inspect.measure import (
     EvaluationOptions,
     Shown,
     evaluate_each,
-    keep_agreeing,
+    keep_profiles_that_agree,
     sample_profiles,
 )
 from stepblocks.inspect.noise import Array, Estimate
@@ -91,7 +91,7 @@ def _measure_along_rows(
     crossed = np.array(
         [(one.height.value, one.position, one.exclusion) for _, one in found]
     ).reshape(-1, 3, 1)
-    results = keep_agreeing(found, crossed.swapaxes(0, 1), rows, refused, notes)
+    results = keep_profiles_that_agree(found, crossed.swapaxes(0, 1), rows, refused, notes)
     edges = [edge for _, edge in results]
     form = Component(
         "form", _estimate_form(results), how="change with twice the exclusion, rectangular"

@@ -203,7 +203,7 @@ def explain(
         apart |= dict(zip(bad.tolist(), chance[bad].tolist(), strict=True))
         trials = trials.without(list(apart))
         grown = search_effects_and_structure(model, trials, candidates, rules, deployed)
-    return replace(_conclude(grown, candidates, rules), apart=tuple(sorted(apart.items())))
+    return replace(_judge_search(grown, candidates, rules), apart=tuple(sorted(apart.items())))
 
 
 def search_effects_and_structure(
@@ -368,7 +368,7 @@ def _exchange_or_drop_effect(
     return None
 
 
-def _conclude(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explanation:
+def _judge_search(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explanation:
     problem, current = grown.problem, grown.extended
     findings = tuple(_judge_effect(grown, e, candidates, rules) for e in current.effects)
     checks, adequate = check_residuals(problem, current)
@@ -428,7 +428,7 @@ def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: 
             or trial.criterion > current.criterion + rules.margin
         ):
             continue
-        if law.slot == effect.slot and _is_case_of(problem, current, effect, trial):
+        if law.slot == effect.slot and _is_special_case(problem, current, effect, trial):
             continue
         seen.add(family)
         rivals.append((law, trial, trial.criterion - current.criterion))
@@ -473,7 +473,7 @@ def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[
     )
 
 
-def _is_case_of(problem: Problem, current: Fit, effect: Law, rival: Fit) -> bool:
+def _is_special_case(problem: Problem, current: Fit, effect: Law, rival: Fit) -> bool:
     # Whether a law of one amplitude is another one whose amplitudes, of one label each, are alike,
     # or a column that changes its label at one time names a jump. Then it is no rival of its own.
     wider = rival.effects[-1]

@@ -160,7 +160,7 @@ def _is_worse(nominal: Floats, extended: Floats) -> bool:
     )
 
 
-def deliver(
+def choose_delivered_effects(
     found: Explanation,
     folds: Sequence[Sequence[Rows]],
     candidates: Asked,
